@@ -1,9 +1,9 @@
 //! The tokenizer on disk: one `tokenizer.json` that Hugging Face's loaders read too.
 //!
-//! To them it is a word-level model over single characters or, with merges, a byte-pair model. Our own part (settings, fitted ranges, version, SHA-256)
-//! stands inside the `decoder` object as `kinelm`: their loaders pass over keys that they don't know there, in the
-//! Rust crate as in Python, while at the top level they stop (tried with tokenizers 0.23). When they save the file again our part is
-//! lost, and [`Tokenizer::load`] says so.
+//! They load it as a word-level model over single characters or, with merges, as a byte-pair model. kinelm's own part
+//! (settings, fitted ranges, version, SHA-256) is the key `kinelm` of the `decoder` object, where their loaders ignore unknown
+//! keys, in the Rust crate and in Python; at the top level they refuse them (tokenizers 0.23). A file that they save again
+//! lacks that part, and [`Tokenizer::load`] reports it.
 
 use crate::scheme::Fitted;
 use crate::vocab::Special;
@@ -18,20 +18,16 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
-/// The version of our part of the file. Version 2, which has no mean pose and no heights above the floor, is read too, and
-/// written again as it was.
+/// The version of kinelm's part of the file; other versions are refused.
 pub const FORMAT_VERSION: u64 = 3;
 
-/// The oldest version that is read.
-const OLDEST_VERSION: u64 = 2;
-
-/// Files larger than this are no tokenizer of ours, even with as many bins as there are characters.
+/// Larger files are refused. A tokenizer with the most bins is far smaller.
 pub const MAX_FILE_BYTES: u64 = 64 << 20;
 
-/// Where the hash stands while it is computed.
+/// Takes the hash's place while it is computed.
 const NO_HASH: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
-/// Our part.
+/// kinelm's part.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Own {
@@ -42,16 +38,15 @@ struct Own {
     merges: Vec<(u32, u32)>,
     longest_word: usize,
     conditioning: Vec<String>,
-    /// Of the joints that are not coded, by ascending id: x, y, z, w. Since version 3.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    mean_pose: Option<Vec<[f64; 4]>>,
-    /// Where heights above the floor lie, metres. Since version 3.
+    /// Mean rotations of the uncoded joints, by ascending id: x, y, z, w.
+    mean_pose: Vec<[f64; 4]>,
+    /// Range of the heights above the floor, metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     height_range: Option<[f64; 2]>,
 }
 
-/// The whole file, in the order it is written. Structs and not `json!`, whose order of keys hangs on a feature of
-/// serde_json that any crate of a build may switch on.
+/// The whole file, in the order of its keys. Not `json!`, whose order depends on a feature of serde_json that any crate of a
+/// build can enable.
 #[derive(Serialize)]
 struct Whole<'a> {
     version: &'static str,
@@ -141,14 +136,14 @@ impl Tokenizer {
         self.render().0
     }
 
-    /// SHA-256 of the file: of its bytes with zeros for the 64 digits of the hash itself. Two tokenizers with the same
-    /// hash code alike.
+    /// SHA-256 of the file's bytes, with zeros in place of the hash's own 64 digits. Tokenizers with equal hashes encode
+    /// equally.
     pub fn hash(&self) -> String {
         self.render().1
     }
 
-    /// The hash of the tokenizer without its conditioning tokens: two with the same base hash code motion alike, whatever
-    /// labels were added to them.
+    /// The hash of the tokenizer without its conditioning tokens: tokenizers with equal base hashes encode motion equally,
+    /// whatever labels they have.
     pub fn base_hash(&self) -> String {
         if self.vocabulary.conditioning().is_empty() {
             return self.hash();
@@ -203,18 +198,14 @@ impl Tokenizer {
             decoder: Decoder {
                 r#type: "Fuse",
                 kinelm: Own {
-                    version: if self.mean_pose.is_some() || self.height_range.is_some() {
-                        FORMAT_VERSION
-                    } else {
-                        OLDEST_VERSION
-                    },
+                    version: FORMAT_VERSION,
                     sha256: NO_HASH.into(),
                     config: self.config.clone(),
                     fitted: self.fitted.clone(),
                     merges: self.vocabulary.merges().to_vec(),
                     longest_word: self.longest_word,
                     conditioning: self.vocabulary.conditioning().to_vec(),
-                    mean_pose: self.mean_pose.map(|pose| uncoded(&self.config).map(|j| pose[j].to_array()).collect()),
+                    mean_pose: uncoded(&self.config).map(|j| self.mean_pose[j].to_array()).collect(),
                     height_range: self.height_range,
                 },
             },
@@ -230,7 +221,7 @@ impl Tokenizer {
     /// Writes `tokenizer.json`, whole or not at all.
     ///
     /// # Errors
-    /// [`Error::Motion`] with the file and what the system said.
+    /// [`kinelm_store::Error::Io`] with the file.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         Ok(kinelm_store::files::write_whole(path.as_ref(), self.to_json().as_bytes())?)
     }
@@ -238,8 +229,8 @@ impl Tokenizer {
     /// Reads a `tokenizer.json`.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Io`], and [`Error::File`] for a file that is none of ours, of another version, or changed since it was
-    /// written.
+    /// [`kinelm_store::Error::Io`]; [`Error::File`] for another kind of file, another version, or a file that was changed
+    /// after it was written.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let mut text = String::new();
@@ -263,7 +254,7 @@ impl Tokenizer {
     /// The tokenizer of a `tokenizer.json`'s text.
     ///
     /// # Errors
-    /// [`Error::File`], with an empty path, for text that is none of ours, of another version, or changed since it was
+    /// [`Error::File`], with an empty path, for another kind of text, another version, or text that was changed after it was
     /// written.
     pub fn from_json(text: &str) -> Result<Self> {
         let wrong = |what: String| Error::File { path: Default::default(), what };
@@ -278,18 +269,16 @@ impl Tokenizer {
             ));
         };
         match own.get("version") {
-            Some(v) if v.as_u64().is_some_and(|v| (OLDEST_VERSION..=FORMAT_VERSION).contains(&v)) => {}
+            Some(v) if v.as_u64() == Some(FORMAT_VERSION) => {}
             found => {
                 let found = found.map_or("none".into(), Value::to_string);
                 return Err(wrong(format!(
-                    "version {found} of the tokenizer's format, expected {OLDEST_VERSION} to {FORMAT_VERSION}; fit it again with this program"
+                    "version {found} of the tokenizer's format, expected {FORMAT_VERSION}; fit it again with this program"
                 )));
             }
         }
         check_hash(text, own.get("sha256").and_then(Value::as_str).unwrap_or("")).map_err(wrong)?;
-        let mut own = own.clone();
-        state_old_form(&mut own);
-        let own: Own = serde_json::from_value(own).map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
+        let own: Own = serde_json::from_value(own.clone()).map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
         let tokenizer = own.build().map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
         if tokenizer.to_json() != text {
             return Err(wrong("its vocabulary is not what its settings give; fit it again".into()));
@@ -302,7 +291,7 @@ impl Own {
     fn build(self) -> Result<Tokenizer> {
         self.config.validate()?;
         let fitted = self.fitted.with_config(&self.config.scheme, &self.config.channels())?;
-        let mean_pose = self.mean_pose.map(|pose| mean_pose(&self.config, &pose)).transpose()?;
+        let mean_pose = mean_pose(&self.config, &self.mean_pose)?;
         let above_floor = self.config.above_floor();
         let good = |[low, high]: [f64; 2]| low <= high && low.abs().max(high.abs()) < 1e7;
         if self.height_range.is_some() != above_floor || !self.height_range.is_none_or(good) {
@@ -311,9 +300,8 @@ impl Own {
             let found = format!("{:?}", self.height_range);
             return Err(Error::Setting { field: "height_range", found, expected: expected.into() });
         }
-        let height_range = self.height_range;
-        let tokenizer = Tokenizer::new(self.config, fitted, &self.merges, self.longest_word)?;
-        let mut tokenizer = Tokenizer { mean_pose, height_range, ..tokenizer };
+        let (longest, heights) = (self.longest_word, self.height_range);
+        let mut tokenizer = Tokenizer::new(self.config, fitted, &self.merges, longest, mean_pose, heights)?;
         for token in &self.conditioning {
             let inner = token.strip_prefix('<').and_then(|t| t.strip_suffix('>')).and_then(|t| t.split_once(':'));
             let (field, value) = inner.unwrap_or((token, ""));
@@ -323,22 +311,12 @@ impl Own {
     }
 }
 
-/// Files that say nothing of heights or turns are older than the setting: they mean what was done then.
-fn state_old_form(own: &mut Value) {
-    if let Some(config) = own.get_mut("config").and_then(Value::as_object_mut) {
-        config.entry("root_rotation").or_insert_with(|| "absolute".into());
-    }
-    let Some(scheme) = own.pointer_mut("/config/scheme").and_then(Value::as_object_mut) else { return };
-    let old = if scheme.get("type").is_some_and(|t| t == "lapped") { "absolute" } else { "velocity" };
-    scheme.entry("height").or_insert_with(|| old.into());
-}
-
-/// The joints that are not coded.
+/// The uncoded joints, ascending.
 fn uncoded(config: &TokenizerConfig) -> impl Iterator<Item = usize> + '_ {
     (0..24).filter(|j| !config.joints.contains(j))
 }
 
-/// The pose (24) of a file's rotations.
+/// The pose (24) with the rotations of a file.
 fn mean_pose(config: &TokenizerConfig, rotations: &[[f64; 4]]) -> Result<[Quat; 24]> {
     let mut pose = [Quat::IDENTITY; 24];
     let joints: Vec<usize> = uncoded(config).collect();
@@ -351,7 +329,7 @@ fn mean_pose(config: &TokenizerConfig, rotations: &[[f64; 4]]) -> Result<[Quat; 
                 rotations.len(),
                 rotations.iter().filter(|q| unit(q)).count()
             ),
-            expected: format!("{} unit quaternions, of the joints that are not coded", joints.len()),
+            expected: format!("{} unit quaternions, of the uncoded joints", joints.len()),
         });
     }
     joints.into_iter().zip(rotations).for_each(|(j, q)| pose[j] = Quat::from_array(*q));
@@ -411,10 +389,10 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_pose_is_kept_and_version_2_has_none() {
+    fn the_mean_pose_is_stored() {
         let clip = bent(1, 40);
         let t = Tokenizer::fit([&clip], TokenizerConfig::uniform(&[0, 4], 20.0, 60)).unwrap();
-        let pose = t.mean_pose().unwrap();
+        let pose = t.mean_pose();
         assert_eq!((pose[0], pose[4]), (Quat::IDENTITY, Quat::IDENTITY), "coded");
         let off = |f: usize| kinelm_motion::rotation::angle_between(clip.pose(f)[16], pose[16]);
         let far: Vec<f64> = (0..40).map(off).collect();
@@ -424,28 +402,16 @@ mod tests {
         let words = t.encode(&clip).unwrap().words;
         let decoded = back.decode(&words, back.uncoded_pose()).unwrap();
         assert_eq!((decoded.pose(3)[16], decoded.pose(39)[9]), (pose[16], pose[9]));
-        // as it was written before there was a mean pose
-        let config = TokenizerConfig { scheme: old_form(), ..t.config().clone() };
-        let old = Tokenizer { mean_pose: None, ..Tokenizer::fit([&clip], config).unwrap() };
-        let text = old.to_json();
-        assert!(text.contains("\"version\": 2,") && !text.contains("mean_pose"));
-        let old = Tokenizer::from_json(&text).unwrap();
-        assert_eq!((old.mean_pose(), old.to_json()), (None, text));
-        assert!(matches!(old.uncoded_pose(), crate::UncodedPose::Identity));
         let all = TokenizerConfig { joints: (0..24).collect(), ..TokenizerConfig::default() };
         let all = Tokenizer::fit([&clip], all).unwrap();
         assert_eq!(Tokenizer::from_json(&all.to_json()).unwrap(), all);
     }
 
-    fn old_form() -> SchemeConfig {
-        SchemeConfig::Uniform(UniformConfig { bins: 60, height: Height::Velocity, ..Default::default() })
-    }
-
     #[test]
-    fn files_older_than_heights_above_the_floor_keep_their_form() {
+    fn heights_as_steps_or_in_the_world_have_no_range() {
         let velocity = Height::Velocity;
         let schemes = [
-            old_form(),
+            SchemeConfig::Uniform(UniformConfig { bins: 60, height: velocity, ..Default::default() }),
             SchemeConfig::Quantile(QuantileConfig { bins: 60, height: velocity, ..Default::default() }),
             SchemeConfig::Dct(DctConfig { tile: 15, height: velocity, ..Default::default() }),
             SchemeConfig::Lapped(LappedConfig { hop: 8, height: Height::Absolute, ..Default::default() }),
@@ -453,15 +419,12 @@ mod tests {
         for scheme in schemes {
             let clip = bent(1, 60);
             let config = TokenizerConfig { scheme, ..TokenizerConfig::uniform(&[0, 4], 20.0, 60) };
-            let old = Tokenizer { mean_pose: None, ..Tokenizer::fit([&clip], config.clone()).unwrap() };
-            let text = old.to_json();
-            assert!(text.contains("\"version\": 2,") && !text.contains("height_range"));
-            if !matches!(config.scheme, SchemeConfig::Uniform(_)) {
-                assert!(!text.contains("\"height\""), "not said then");
-            }
+            let tokenizer = Tokenizer::fit([&clip], config.clone()).unwrap();
+            let text = tokenizer.to_json();
+            assert!(text.contains("\"height\": ") && !text.contains("height_range"));
             let back = Tokenizer::from_json(&text).unwrap();
             assert_eq!((back.config(), back.height_range()), (&config, None));
-            assert_eq!(back.encode(&clip).unwrap(), old.encode(&clip).unwrap());
+            assert_eq!(back.encode(&clip).unwrap(), tokenizer.encode(&clip).unwrap());
         }
     }
 
@@ -493,8 +456,8 @@ mod tests {
         assert!(forged("\"bins\": 60", "\"bins\": 0").contains("bins"));
         assert!(forged("\"fps\": 20.0", "\"fps\": -1.0").contains("fps"));
         assert!(forged("\"zero\": ", "\"zero\": 6").contains("zero"));
-        assert!(forged("\"version\": 3", "\"version\": 2").contains("not what its settings give"));
-        let mean = format!("{:?}", small().mean_pose().unwrap()[1].w);
+        assert!(forged("\"version\": 3", "\"version\": 2").contains("version 2"));
+        let mean = format!("{:?}", small().mean_pose()[1].w);
         assert!(forged(&mean, "7.0").contains("mean_pose"));
         assert!(forged("\"conditioning\": []", "\"conditioning\": [\"<pad>\"]").contains("conditioning token"));
     }

@@ -1,4 +1,4 @@
-//! Learning a tokenizer from training clips, without holding them all.
+//! Fits a tokenizer to a stream of training clips, without holding them all in memory.
 
 use crate::mean_pose::PoseSum;
 use crate::sample::Sample;
@@ -8,22 +8,22 @@ use crate::scheme::{Fitted, SchemeConfig, WordLength, check_rate, check_skeleton
 use crate::{Channels, Error, Result, Tokenizer, TokenizerConfig, Words};
 use kinelm_motion::Clip;
 
-/// The range of heights reaches so much further on each side than the training clips', in parts of theirs.
-const BEYOND: f64 = 0.1;
+/// Margin of the height range on each side, as a fraction of the training clips' range.
+const MARGIN: f64 = 0.1;
 
-/// And so much at least, metres.
+/// The least margin, metres.
 const LEAST_MARGIN_M: f64 = 0.005;
 
-/// What has been learnt so far. Clips may be added in any order, and parts of a corpus fitted apart and merged: the
+/// A tokenizer being fitted. Clips may be added in any order, and parts of a corpus fitted separately and merged: the
 /// tokenizer is the same to the bit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     config: TokenizerConfig,
     channels: Channels,
     scheme: SchemeFit,
-    /// What is learnt from frames themselves, where the settings ask for it: tables, matrices, merges.
+    /// Frames for what can't be streamed: tables, matrices, merges.
     sample: Option<Sample>,
-    /// What joints do that are not coded.
+    /// Of the uncoded joints.
     poses: PoseSum,
     /// The least and the greatest height, metres.
     heights: [f64; 2],
@@ -33,14 +33,14 @@ pub struct Fit {
 
 #[derive(Debug, Clone, PartialEq)]
 enum SchemeFit {
-    /// Ranges, from every clip.
+    /// Ranges of every clip.
     Uniform(UniformFit),
-    /// All that needs the frames themselves, from the sample.
+    /// From the sample.
     Sampled,
 }
 
 impl Fit {
-    /// Nothing learnt yet.
+    /// No clips yet.
     ///
     /// # Errors
     /// [`Error::Setting`] for a setting outside its limits.
@@ -69,7 +69,7 @@ impl Fit {
         })
     }
 
-    /// Learns from a clip on the 24 SMPL joints at the tokenizer's rate. After an error nothing is learnt of it.
+    /// Adds a clip on the 24 SMPL joints at the tokenizer's rate. A clip with an error changes nothing.
     ///
     /// # Errors
     /// [`Error::Rate`], [`Error::Skeleton`], [`Error::Frame`].
@@ -90,7 +90,7 @@ impl Fit {
         Ok(())
     }
 
-    /// Adds what another part of the corpus taught.
+    /// Adds the fit of another part of the corpus.
     ///
     /// # Errors
     /// [`Error::Nothing`] when the two have different settings.
@@ -115,12 +115,12 @@ impl Fit {
         self.heights = [self.heights[0].min(low), self.heights[1].max(high)];
     }
 
-    /// Clips learnt from.
+    /// Clips added.
     pub fn clips(&self) -> u64 {
         self.clips
     }
 
-    /// Frames learnt from.
+    /// Frames added.
     pub fn frames(&self) -> u64 {
         self.frames
     }
@@ -128,20 +128,20 @@ impl Fit {
     /// The tokenizer.
     ///
     /// # Errors
-    /// [`Error::Nothing`] when there was no frame to learn from.
+    /// [`Error::Nothing`] when no clip had a frame.
     pub fn finish(self) -> Result<Tokenizer> {
         let sample = self.sample.map(Sample::into_clips).unwrap_or_default();
         let [low, high] = if self.frames > 0 { self.heights } else { [0.0; 2] };
-        let margin = (BEYOND * (high - low)).max(LEAST_MARGIN_M);
+        let margin = (MARGIN * (high - low)).max(LEAST_MARGIN_M);
         let heights = [low - margin, high + margin];
         let fitted = match self.scheme {
             SchemeFit::Uniform(u) => Fitted::Uniform(u.finish(heights)?),
-            SchemeFit::Sampled => Fitted::learnt(&self.config.scheme, &self.channels, &sample, heights)?,
+            SchemeFit::Sampled => Fitted::fit(&self.config.scheme, &self.channels, &sample, heights)?,
         };
         let wanted = self.config.merges;
-        let mean_pose = Some(self.poses.mean(&self.config.joints));
+        let mean_pose = self.poses.mean(&self.config.joints);
         let height_range = self.config.above_floor().then_some(heights);
-        let tokenizer = Tokenizer { mean_pose, height_range, ..Tokenizer::new(self.config, fitted, &[], 0)? };
+        let tokenizer = Tokenizer::new(self.config, fitted, &[], 0, mean_pose, height_range)?;
         if wanted == 0 && matches!(tokenizer.word_length(), WordLength::Fixed(_)) {
             return Ok(tokenizer);
         }
@@ -149,7 +149,7 @@ impl Fit {
     }
 }
 
-/// Adds what the words of the training clips teach: merges, and how long words are.
+/// Adds the merges, and the longest word of the training clips.
 fn learn_from_words(tokenizer: Tokenizer, sample: &[Clip], merges: u32) -> Result<Tokenizer> {
     let mut words = Words::new();
     for clip in sample {
@@ -163,7 +163,7 @@ fn learn_from_words(tokenizer: Tokenizer, sample: &[Clip], merges: u32) -> Resul
         n => crate::merges::learn(&tokenizer.vocabulary, &words, n)?,
     };
     let Tokenizer { config, fitted, mean_pose, height_range, .. } = tokenizer;
-    let tokenizer = Tokenizer { mean_pose, height_range, ..Tokenizer::new(config, fitted, &merges, 0)? };
+    let tokenizer = Tokenizer::new(config, fitted, &merges, 0, mean_pose, height_range)?;
     let ids = tokenizer.ids_of_words(&words)?;
     let longest = ids.split(|&id| id == crate::SPACE).map(<[u32]>::len).max().unwrap_or(0) + 1;
     Ok(Tokenizer { longest_word: longest, ..tokenizer })

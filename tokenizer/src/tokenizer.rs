@@ -11,10 +11,25 @@ use crate::{Channels, Error, Grammar, Result, SlotIds, TokenizerConfig, Vocabula
 use kinelm_motion::joints::Selection;
 use kinelm_motion::{Clip, Quat};
 
-/// A decoded height at the range's end is not beyond it.
+/// Heights beyond the range by less than this are rounding errors.
 const ROUNDING_M: f64 = 1e-6;
 
-/// Clips to words to ids, and back.
+/// Encodes clips as words and ids, and decodes them.
+///
+/// A tokenizer is fitted to training clips ([`Tokenizer::fit`]) or loaded ([`Tokenizer::load`]).
+///
+/// ```
+/// use kinelm_motion::{Clip, Quat, Vec3, smpl};
+/// use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+///
+/// let clip = Clip::new(smpl::neutral(), 20.0, vec![Vec3::Y; 4], vec![Quat::IDENTITY; 96])?;
+/// let tokenizer = Tokenizer::fit([&clip], TokenizerConfig::default())?;
+/// let ids = tokenizer.ids_of_words(&tokenizer.encode(&clip)?.words)?;
+/// assert_eq!(ids.len(), 4 * tokenizer.tokens_per_word().unwrap());
+/// let back = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, tokenizer.uncoded_pose())?;
+/// assert_eq!(back.frames(), 4);
+/// # Ok::<(), kinelm_tokenizer::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tokenizer {
     pub(crate) config: TokenizerConfig,
@@ -22,23 +37,24 @@ pub struct Tokenizer {
     pub(crate) vocabulary: Vocabulary,
     pub(crate) merges: Merges,
     pub(crate) longest_word: usize,
-    /// What joints do that are not coded; `None` in tokenizers that learnt none.
-    pub(crate) mean_pose: Option<[Quat; 24]>,
-    /// Where heights above the floor lie, metres; `None` where they are coded otherwise.
+    pub(crate) mean_pose: [Quat; 24],
+    /// Range of the heights above the floor, metres; `None` when heights are coded otherwise.
     pub(crate) height_range: Option<[f64; 2]>,
     pub(crate) channels: Channels,
 }
 
 impl Tokenizer {
-    /// `merges` are pairs of ids; `longest_word` is what the training words taught, in tokens with the space.
+    /// From fitted parts: `merges` are pairs of ids; `longest_word` is that of training, in tokens with the space.
     ///
     /// # Errors
-    /// [`Error::Setting`] for merges that can't be, and for more symbols than the alphabet has characters.
+    /// [`Error::Setting`] for invalid merges and for more symbols than the alphabet has characters.
     pub(crate) fn new(
         config: TokenizerConfig,
         fitted: Fitted,
         merges: &[(u32, u32)],
         longest_word: usize,
+        mean_pose: [Quat; 24],
+        height_range: Option<[f64; 2]>,
     ) -> Result<Self> {
         let channels = config.channels();
         let symbols = fitted.as_scheme().symbols();
@@ -51,20 +67,11 @@ impl Tokenizer {
         }
         let vocabulary = Vocabulary::new(symbols).with_merges(merges)?;
         let merges = Merges::new(vocabulary.merge_table());
-        Ok(Tokenizer {
-            config,
-            fitted,
-            vocabulary,
-            merges,
-            longest_word,
-            mean_pose: None,
-            height_range: None,
-            channels,
-        })
+        Ok(Tokenizer { config, fitted, vocabulary, merges, longest_word, mean_pose, height_range, channels })
     }
 
-    /// Learns from training clips on the 24 SMPL joints at the tokenizer's rate. For a corpus that doesn't fit into
-    /// memory see [`Fit`].
+    /// Fits a tokenizer to training clips on the 24 SMPL joints at the tokenizer's rate. [`Fit`] takes a corpus that doesn't
+    /// fit into memory.
     ///
     /// # Errors
     /// Those of [`Fit::new`], [`Fit::add`] and [`Fit::finish`].
@@ -75,8 +82,8 @@ impl Tokenizer {
         fit.finish()
     }
 
-    /// Where heights above the floor lie, metres: the range of the training clips, a tenth wider on each side. `None` where
-    /// heights are coded otherwise.
+    /// Range of the heights above the floor, metres: that of the training clips, 10 % wider on each side. `None` when heights
+    /// are coded otherwise.
     pub fn height_range(&self) -> Option<[f64; 2]> {
         self.height_range
     }
@@ -91,13 +98,13 @@ impl Tokenizer {
         self.config.fps
     }
 
-    /// What is coded of a frame. The places of a word hold these, one after the other, only in some schemes: see
+    /// The channels of a frame. Only in some schemes does each slot of a word hold one of them: see
     /// [`Scheme::slot_channels`].
     pub fn channels(&self) -> &Channels {
         &self.channels
     }
 
-    /// L, the frames that a word stands for: 1, or those of a tile.
+    /// L, the frames of a word: 1, or those of a tile.
     pub fn frames_per_word(&self) -> usize {
         self.scheme().frames_per_word()
     }
@@ -107,7 +114,7 @@ impl Tokenizer {
         self.scheme().word_length(&self.channels)
     }
 
-    /// W, the tokens of a word with its space; `None` where words vary or characters are merged.
+    /// W, the tokens of a word with its space; `None` when lengths vary or characters are merged.
     pub fn tokens_per_word(&self) -> Option<usize> {
         match self.word_length() {
             WordLength::Fixed(c) if self.vocabulary.merged() == 0 => Some(c + 1),
@@ -115,50 +122,50 @@ impl Tokenizer {
         }
     }
 
-    /// Tokens of the longest word in training, with its space: W where all words have as many. What a model counts
-    /// places in a word up to.
+    /// Tokens of the longest word of training, with its space; W when all words have the same length. Models number the slots
+    /// of a word up to it.
     pub fn longest_word(&self) -> usize {
         self.tokens_per_word().unwrap_or(self.longest_word)
     }
 
-    /// Tokens and ids.
+    /// The tokens and their ids.
     pub fn vocabulary(&self) -> &Vocabulary {
         &self.vocabulary
     }
 
-    /// Tokens and ids, to append conditioning tokens; [`Tokenizer::hash`] changes with them.
+    /// The vocabulary, to append conditioning tokens; they change [`Tokenizer::hash`].
     pub fn vocabulary_mut(&mut self) -> &mut Vocabulary {
         &mut self.vocabulary
     }
 
-    /// Which ids may stand where.
+    /// Which ids each slot of a word allows.
     pub fn grammar(&self) -> Grammar {
         Grammar::new(&self.vocabulary, self.word_length())
     }
 
-    /// What stands at each place of a word up to its space; nothing where words vary or characters are merged.
+    /// The ids of each slot of a word, its space not counted; empty when lengths vary or characters are merged.
     pub fn slot_ids(&self) -> Vec<SlotIds> {
-        let places = self.tokens_per_word().map_or(0, |word| word - 1);
+        let slots = self.tokens_per_word().map_or(0, |word| word - 1);
         let (first, count) = (FIRST_CHARACTER, self.vocabulary.characters());
-        (0..places).map(|place| SlotIds { first, count, circular: self.scheme().is_circular(place) }).collect()
+        (0..slots).map(|slot| SlotIds { first, count, circular: self.scheme().is_circular(slot) }).collect()
     }
 
-    /// A word that says nothing: no step, no turn.
+    /// The word of no movement: no step, no turn.
     pub fn neutral(&self) -> Vec<u16> {
         self.scheme().neutral(&self.channels)
     }
 
-    /// The places of a word that hold the selected joints' characters, ascending: what a prompt forces. Joints that are not
-    /// coded have none.
+    /// The slots of a word with the selected joints' characters, ascending: those that a prompt forces. Uncoded joints have
+    /// none.
     ///
     /// # Errors
-    /// [`Error::Joints`] with the reason, where a character doesn't belong to one joint.
+    /// [`Error::Joints`] with the reason when characters don't belong to single joints.
     pub fn slots_of(&self, selection: &Selection) -> Result<Vec<usize>> {
         if self.vocabulary.merged() > 0 {
             return Err(Error::Joints("merged tokens hold characters of several joints".into()));
         }
-        let places = self.scheme().slot_channels(&self.channels).map_err(Error::Joints)?;
-        Ok((0..places.len()).filter(|&i| places[i].is_of(selection)).collect())
+        let slots = self.scheme().slot_channels(&self.channels).map_err(Error::Joints)?;
+        Ok((0..slots.len()).filter(|&i| slots[i].is_of(selection)).collect())
     }
 
     /// The uniform scheme with its fitted ranges.
@@ -177,15 +184,14 @@ impl Tokenizer {
         }
     }
 
-    /// (24) The mean rotations of the joints that are not coded, over the training clips; identity for coded ones. `None`
-    /// of tokenizers of version 2, which learnt none.
-    pub fn mean_pose(&self) -> Option<&[Quat; 24]> {
-        self.mean_pose.as_ref()
+    /// (24) The mean rotations of the uncoded joints over the training clips; identity for coded ones.
+    pub fn mean_pose(&self) -> &[Quat; 24] {
+        &self.mean_pose
     }
 
-    /// What the joints that are not coded do where nobody knows better: [`Tokenizer::mean_pose`], else identity.
+    /// The default rotations of uncoded joints: [`Tokenizer::mean_pose`].
     pub fn uncoded_pose(&self) -> UncodedPose<'_> {
-        self.mean_pose().map_or(UncodedPose::Identity, UncodedPose::Pose)
+        UncodedPose::Pose(&self.mean_pose)
     }
 
     /// The scheme.
@@ -193,12 +199,12 @@ impl Tokenizer {
         self.fitted.as_scheme()
     }
 
-    /// The clip's words, ceil(F / L) of them, with the counts of what was clipped. Where heights are coded above the floor
-    /// ([`TokenizerConfig::above_floor`]), the clip's floor is at y = 0.
+    /// The clip's words, ceil(F / L) of them, and counts of clipped values. When heights are coded above the floor
+    /// ([`TokenizerConfig::above_floor`]), the clip's floor must be at y = 0.
     ///
     /// # Errors
     /// [`Error::Rate`](crate::Error::Rate) and [`Error::Skeleton`](crate::Error::Skeleton) for a clip that was not
-    /// resampled or retargeted, [`Error::Frame`](crate::Error::Frame) for a place that can't be.
+    /// resampled or retargeted, [`Error::Frame`](crate::Error::Frame) for an impossible position.
     pub fn encode(&self, clip: &Clip) -> Result<Encoded> {
         check_rate(clip, self.config.fps)?;
         check_skeleton(clip)?;
@@ -210,17 +216,17 @@ impl Tokenizer {
         Ok(encoded)
     }
 
-    /// The clip of words, L frames each, on the neutral skeleton, with `rest` for the joints that are not coded. Any codes
-    /// below the number of characters give a finite clip.
+    /// The clip of words, L frames each, on the neutral skeleton; `uncoded` gives the uncoded joints. Any codes below the
+    /// number of characters give a finite clip.
     ///
     /// # Errors
-    /// [`Error::Codes`](crate::Error::Codes) for a word of a length that the scheme doesn't have or a code that is too
-    /// large; [`Error::Skeleton`](crate::Error::Skeleton) when `rest` is a clip on another rig.
-    pub fn decode(&self, words: &Words, rest: UncodedPose<'_>) -> Result<Clip> {
+    /// [`Error::Codes`](crate::Error::Codes) for a word of the wrong length or a code that is too large;
+    /// [`Error::Skeleton`](crate::Error::Skeleton) when `uncoded` is a clip on another rig.
+    pub fn decode(&self, words: &Words, uncoded: UncodedPose<'_>) -> Result<Clip> {
         self.check(words)?;
-        if let UncodedPose::Clip(clip) = rest {
+        if let UncodedPose::Clip(clip) = uncoded {
             check_skeleton(clip)?;
         }
-        self.scheme().decode(&self.channels, words, self.config.fps, rest)
+        self.scheme().decode(&self.channels, words, self.config.fps, uncoded)
     }
 }

@@ -6,7 +6,7 @@ use super::record::{
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
 use crate::{Error, Result, ours};
 use kinelm_music::feature::CHANNELS;
-use kinelm_store::files::Hidden;
+use kinelm_store::files::PendingFolder;
 use kinelm_store::hash::hex;
 use kinelm_store::{FileRecord, input};
 use kinelm_tokenizer::{SPACE, Tokenizer};
@@ -29,7 +29,7 @@ pub struct NewClip {
 /// [`CorpusWriter::finish`], it leaves nothing.
 #[derive(Debug)]
 pub struct CorpusWriter {
-    work: Hidden,
+    work: PendingFolder,
     force: bool,
     tokens: HashingFile,
     clips: HashingFile,
@@ -58,7 +58,7 @@ impl CorpusWriter {
     ) -> Result<Self> {
         let dir = dir.as_ref().to_owned();
         check_place(&dir, tokenizer, force)?;
-        let work = Hidden::folder(&dir)?;
+        let work = PendingFolder::create(&dir)?;
         let coding = Coding::of(tokenizer);
         let token_type = TokenType::of_vocabulary(coding.vocabulary);
         work.write(TOKENIZER, tokenizer.to_json().as_bytes())?;
@@ -192,8 +192,8 @@ impl CorpusWriter {
         json.push('\n');
         self.work.write(MANIFEST, json.as_bytes())?;
         match self.force {
-            true => self.work.settle_over(&LAYOUT)?,
-            false => self.work.settle(HELP)?,
+            true => self.work.commit_over(&LAYOUT)?,
+            false => self.work.commit(HELP)?,
         }
         Ok(self.manifest)
     }

@@ -5,7 +5,7 @@
 //! and are written after it.
 
 use crate::{Error, Result};
-use kinelm_store::files::Hidden;
+use kinelm_store::files::PendingFolder;
 use kinelm_store::{FileRecord, files, hash, input, memory};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -166,7 +166,7 @@ impl Checkpoints {
         state.files = contents.iter().map(|(n, bytes)| (n.to_string(), FileRecord::of(bytes))).collect();
         let whole = read_state(&path).is_ok_and(|s| s == state) && check(&path, &state, &[]).is_ok();
         if !whole {
-            let work = Hidden::folder(&path)?;
+            let work = PendingFolder::create(&path)?;
             let json = serde_json::to_vec_pretty(&state).expect("a state is plain data");
             contents.iter().try_for_each(|(name, bytes)| work.write(name, bytes))?;
             work.write(STATE, &json)?;
@@ -174,7 +174,7 @@ impl Checkpoints {
                 // the same step again after a damaged one, or after going back
                 fs::remove_dir_all(&path).map_err(Error::io(&path))?;
             }
-            work.settle("")?;
+            work.commit("")?;
         }
         files::write_whole(&self.run.join("latest"), format!("{}\n", name(state.step)).as_bytes())?;
         if state.best.is_some_and(|b| b.step == state.step) {

@@ -41,26 +41,26 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
 /// Writes a new folder of these files, which is whole or not there; one that holds them already stays.
 ///
 /// # Errors
-/// Those of [`Hidden::settle`]; what the system refuses. What was written is gone then.
+/// Those of [`PendingFolder::commit`]; what the system refuses. What was written is gone then.
 pub fn write_folder(path: &Path, contents: &[(&str, Vec<u8>)]) -> Result<()> {
-    let hidden = Hidden::folder(path)?;
+    let hidden = PendingFolder::create(path)?;
     contents.iter().try_for_each(|(name, bytes)| hidden.write(name, bytes))?;
-    hidden.settle("give a folder that isn't there")
+    hidden.commit("give a folder that isn't there")
 }
 
 /// A folder that is made under a hidden name beside its place. Dropped before it has got there, it leaves nothing.
 #[derive(Debug)]
-pub struct Hidden {
+pub struct PendingFolder {
     path: PathBuf,
     place: PathBuf,
 }
 
-impl Hidden {
+impl PendingFolder {
     /// An empty one. The folders above its place are made; what killed calls left there is swept.
     ///
     /// # Errors
     /// A place that has no name; what the system refuses.
-    pub fn folder(place: &Path) -> Result<Hidden> {
+    pub fn create(place: &Path) -> Result<PendingFolder> {
         let parent = folder_of(place);
         fs::create_dir_all(parent).map_err(Error::io(parent))?;
         sweep(&[place]);
@@ -70,7 +70,7 @@ impl Hidden {
             fs::remove_dir_all(&path).map_err(Error::io(&path))?;
         }
         fs::create_dir(&path).map_err(Error::io(&path))?;
-        Ok(Hidden { path, place: place.into() })
+        Ok(PendingFolder { path, place: place.into() })
     }
 
     /// Where it is until then.
@@ -92,7 +92,7 @@ impl Hidden {
     ///
     /// # Errors
     /// [`Error::Taken`] with `help` where anything else stands there but an empty folder; what the system refuses.
-    pub fn settle(self, help: &str) -> Result<()> {
+    pub fn commit(self, help: &str) -> Result<()> {
         if is_empty(&self.place) {
             fs::remove_dir(&self.place).map_err(Error::io(&self.place))?;
         } else if fs::symlink_metadata(&self.place).is_ok() {
@@ -109,9 +109,9 @@ impl Hidden {
     ///
     /// # Errors
     /// What the system refuses: the first file is then still the old one, and tells that the others aren't its own.
-    pub fn settle_over(self, layout: &[&str]) -> Result<()> {
+    pub fn commit_over(self, layout: &[&str]) -> Result<()> {
         if !self.place.is_dir() || is_empty(&self.place) || holds(&self.place, &self.path) {
-            return self.settle("");
+            return self.commit("");
         }
         for name in layout.iter().rev() {
             let (new, old) = (self.path.join(name), self.place.join(name));
@@ -127,7 +127,7 @@ impl Hidden {
     }
 }
 
-impl Drop for Hidden {
+impl Drop for PendingFolder {
     fn drop(&mut self) {
         let _ = fs::remove_dir_all(&self.path); // gone already where it has got its name
     }
@@ -399,11 +399,11 @@ mod tests {
         fs::write(path.join("notes.txt"), "dear").unwrap();
         let then = std::time::SystemTime::now() - LOST;
         File::open(path.join("same")).unwrap().set_modified(then).unwrap();
-        let hidden = Hidden::folder(&path).unwrap();
+        let hidden = PendingFolder::create(&path).unwrap();
         for (name, bytes) in [("about", vec![3]), ("long", vec![4; 9]), ("same", vec![0; 200_000])] {
             hidden.write(name, &bytes).unwrap();
         }
-        hidden.settle_over(&layout).unwrap();
+        hidden.commit_over(&layout).unwrap();
         let read = |name: &str| fs::read(path.join(name)).ok();
         assert_eq!((read("about"), read("short"), read("long")), (Some(vec![3]), None, Some(vec![4; 9])));
         assert_eq!(read("notes.txt").unwrap(), b"dear");

@@ -7,7 +7,7 @@ use kinelm_model::checkpoint::Checkpoints;
 use kinelm_model::run::{CONFIG, LoadedRun, TOKENIZER, WEIGHTS};
 use kinelm_model::{exchange, weights};
 use kinelm_store::files;
-use kinelm_store::files::Hidden;
+use kinelm_store::files::PendingFolder;
 use kinelm_tokenizer::Tokenizer;
 use std::path::Path;
 
@@ -23,9 +23,9 @@ pub fn import(folder: &Path, run: &Path) -> Result<LoadedRun> {
     let found = exchange::load(folder)?;
     let tokenizer = found.load_tokenizer()?;
     let file = RunFile::imported(&found, &tokenizer);
-    let work = Hidden::folder(run)?;
+    let work = PendingFolder::create(run)?;
     write(work.path(), &found, &tokenizer, &file)?;
-    work.settle("give a folder that isn't there")?;
+    work.commit("give a folder that isn't there")?;
     // not among the files by which a folder that is there is told to be the same
     if !run.join(PROVENANCE).exists() {
         provenance::note(run)?;

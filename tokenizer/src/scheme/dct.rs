@@ -20,7 +20,6 @@
 use super::bins::Bins;
 use super::line::{Line, Scale};
 use super::mix::{JointTransform, Mix};
-use super::quantile::is_velocity;
 use super::runs::Runs;
 use super::series::{self, Anchor};
 use super::walk::{Height, check_height, check_places, one_of, start};
@@ -81,7 +80,6 @@ pub struct DctConfig {
     /// The most zeros that one character says, from 1. Default 256. Longer runs take several.
     pub longest_run: u32,
     /// How the path's height is told: above the clip's floor (default) or from the place at the end of the tile before.
-    #[serde(skip_serializing_if = "is_velocity")]
     pub height: Height,
 }
 

@@ -276,8 +276,23 @@ pub(super) fn sorted_columns(rows: &[f64], columns: usize) -> Vec<Vec<f64>> {
     (0..columns).map(column).collect()
 }
 
-/// The steps x y z of training clips, each sorted, seen from the heading that `poses` decodes, and the mean height of the
-/// clips' first frames, metres; `None` without a frame. The first frames' steps in height are among them.
+/// Calls `each` with the root's step from every frame of a clip to the next, relative to the heading that `poses` decodes from
+/// `length` characters.
+pub(super) fn each_step(clip: &Clip, length: usize, mut poses: impl Poses, mut each: impl FnMut(Vec3)) -> Result<()> {
+    check_places(clip)?;
+    let mut walk = Walk::new(0.0, Travel::Velocity, Height::Velocity);
+    let mut word = vec![0; length];
+    for (f, pair) in clip.root().windows(2).enumerate() {
+        if let Some(pelvis) = poses.encode(clip.pose(f), &mut word, &mut Encoded::default()) {
+            walk.face(pelvis);
+        }
+        each(walk.turned_in(pair[1] - pair[0]));
+    }
+    Ok(())
+}
+
+/// The steps x, y, z of training clips, each sorted, relative to the heading that `poses` decodes from `length` characters, and
+/// the mean height of the clips' first frames, metres; `None` without a frame. The first frames' steps in height are included.
 pub(super) fn training_steps<P: Poses>(
     clips: &[Clip],
     length: usize,
@@ -289,18 +304,10 @@ pub(super) fn training_steps<P: Poses>(
     }
     let first_height = firsts.iter().sum::<f64>() / firsts.len() as f64;
     let mut steps = [vec![0.0], firsts.iter().map(|y| y - first_height).collect(), vec![0.0]];
-    let mut word = vec![0; length];
     for clip in clips {
-        check_places(clip)?;
-        let mut walk = Walk::new(0.0, Travel::Velocity, Height::Velocity);
-        let mut poses = poses();
-        for (f, pair) in clip.root().windows(2).enumerate() {
-            if let Some(pelvis) = poses.encode(clip.pose(f), &mut word[3..], &mut Encoded::default()) {
-                walk.face(pelvis);
-            }
-            let step = walk.turned_in(pair[1] - pair[0]).to_array();
-            steps.iter_mut().zip(step).for_each(|(all, x)| all.push(x));
-        }
+        each_step(clip, length, poses(), |step| {
+            steps.iter_mut().zip(step.to_array()).for_each(|(all, x)| all.push(x));
+        })?;
     }
     steps.iter_mut().for_each(|all| all.sort_unstable_by(f64::total_cmp));
     Ok(Some((steps, first_height)))

@@ -4,6 +4,7 @@ pub mod angle;
 pub mod bins;
 pub mod dct;
 mod frame;
+mod frame_bins;
 pub mod lapped;
 pub mod line;
 pub mod mix;
@@ -96,12 +97,7 @@ impl Fitted {
 
     /// What a sample of training frames teaches; `heights`: the range of heights above the floor.
     #[cfg(feature = "fit")]
-    pub(crate) fn learnt(
-        config: &SchemeConfig,
-        channels: &Channels,
-        clips: &[Clip],
-        heights: [f64; 2],
-    ) -> Result<Self> {
+    pub(crate) fn fit(config: &SchemeConfig, channels: &Channels, clips: &[Clip], heights: [f64; 2]) -> Result<Self> {
         match config {
             SchemeConfig::Uniform(c) => Uniform::fit(c, channels, clips, heights).map(Fitted::Uniform),
             SchemeConfig::Quantile(c) => Quantile::fit(c, channels, clips, heights).map(Fitted::Quantile),

@@ -1,14 +1,14 @@
 //! Quantile bins: edges where the training values lie, fine where motion is and coarse where it seldom goes.
 
 use super::bins::Bins;
-use super::frame::{self, Coded, Each, LONGEST, Numbers, Poses, Vectors, sorted_columns, training_steps};
+use super::frame::{Coded, Each, LONGEST, Numbers, Vectors, sorted_columns, training_steps};
+use super::frame_bins::FrameBins;
 use super::line::Scale;
 use super::mix::{JointTransform, Mix};
-use super::mixed::{self, Mixed};
-use super::walk::{Height, Travel, Walk, check_height, one_of};
-use super::{Encoded, Scheme, UncodedPose, WordLength};
-use crate::channel::{Channel, Channels};
-use crate::{Error, Result, Words, alphabet};
+use super::mixed;
+use super::walk::{Height, Travel, Walk, check_bins, check_height, one_of};
+use crate::channel::Channels;
+use crate::{Error, Result};
 use kinelm_motion::rotation::{angle_between, exp_map};
 use kinelm_motion::{Clip, Quat, Vec3};
 use serde::{Deserialize, Serialize};
@@ -36,13 +36,7 @@ pub struct QuantileConfig {
     /// What is coded of a pose: its rotation vectors (default) or components of them.
     pub joint_transform: JointTransform,
     /// How the height is coded: above the clip's floor, in bins of one width (default), or as steps.
-    #[serde(skip_serializing_if = "is_velocity")]
     pub height: Height,
-}
-
-/// What tokenizers say that are older than the setting: nothing.
-pub(super) fn is_velocity(height: &Height) -> bool {
-    *height == Height::Velocity
 }
 
 impl Default for QuantileConfig {
@@ -62,12 +56,7 @@ impl QuantileConfig {
     /// # Errors
     /// [`Error::Setting`] naming the setting, its value and its limits.
     pub fn validate(&self) -> Result<()> {
-        let size = alphabet::SIZE;
-        (3..=size).contains(&self.bins).then_some(()).ok_or_else(|| Error::Setting {
-            field: "bins",
-            found: self.bins.to_string(),
-            expected: format!("3 to {size}"),
-        })?;
+        check_bins(self.bins, 3)?;
         one_of(self.height, &[Height::Floor, Height::Velocity])?;
         self.joint_transform.validate()
     }
@@ -114,10 +103,12 @@ impl Quantile {
         drop(rows);
         let unknown = [(); 3].map(|()| Bins::at_zero());
         let mut fitted = Quantile { config: config.clone(), steps: unknown, first_height: 0.0, rotations, mix };
-        let length = fitted.length(channels);
-        let steps = match &fitted.mix {
-            Some(mix) => training_steps(clips, length, || fitted.mixed(channels, mix)),
-            None => training_steps(clips, length, || Each::pelvis(channels, config.bins, fitted.vectors(channels))),
+        let length = fitted.length(channels) - 3;
+        let steps = match fitted.component_bins() {
+            Some((mix, bins)) => training_steps(clips, length, || fitted.mixed(channels, mix, bins)),
+            None => {
+                training_steps(clips, length, || Each::pelvis(channels, config.bins, fitted.rotation_bins(channels)))
+            }
         }?;
         if let Some((steps, first_height)) = steps {
             fitted.steps = steps.map(|sorted| Bins::fitted_to_steps(&sorted, config.bins));
@@ -176,87 +167,43 @@ impl Quantile {
             expected: format!("of {wanted}, for the joints and the joint transform of the settings"),
         })
     }
+}
 
-    fn length(&self, channels: &Channels) -> usize {
-        self.mix.as_ref().map_or(channels.len(), |mix| Mixed::<Bins>::length(channels, mix))
+impl FrameBins for Quantile {
+    type Bins = Bins;
+    type RotationBins<'a> = Quantiles<'a>;
+
+    fn codes(&self) -> u32 {
+        self.config.bins
+    }
+
+    fn translation_bins(&self) -> &[Bins; 3] {
+        &self.steps
     }
 
     fn walk(&self) -> Walk {
         Walk::new(self.first_height, Travel::Velocity, self.config.height)
     }
 
-    fn vectors(&self, channels: &Channels) -> Quantiles<'_> {
+    fn component_bins(&self) -> Option<(&Mix, &[Bins])> {
+        self.mix.as_ref().map(|mix| (mix, &*self.rotations))
+    }
+
+    fn rotation_bins(&self, channels: &Channels) -> Quantiles<'_> {
         Quantiles { bins: &self.rotations, none: Bins::at_zero(), tilts: channels.has_turn() }
     }
 
-    fn mixed<'a>(&'a self, channels: &'a Channels, mix: &'a Mix) -> Mixed<'a, Bins> {
-        Mixed::new(channels, self.config.bins, mix, &self.rotations)
+    fn circular_zero(&self) -> Option<u16> {
+        None
     }
 
-    fn each<'a>(&'a self, channels: &'a Channels) -> Each<'a, Quantiles<'a>> {
-        Each::new(channels, self.config.bins, self.vectors(channels))
-    }
-}
-
-impl Scheme for Quantile {
-    fn symbols(&self) -> u32 {
-        self.config.bins
-    }
-
-    fn frames_per_word(&self) -> usize {
-        1
-    }
-
-    fn word_length(&self, channels: &Channels) -> WordLength {
-        WordLength::Fixed(self.length(channels))
-    }
-
-    fn encode(&self, channels: &Channels, clip: &Clip) -> Result<Encoded> {
-        let (length, walk) = (self.length(channels), self.walk());
-        match &self.mix {
-            Some(mix) => frame::encode(clip, length, walk, &self.steps, self.mixed(channels, mix)),
-            None => frame::encode(clip, length, walk, &self.steps, self.each(channels)),
-        }
-    }
-
-    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: UncodedPose<'_>) -> Result<Clip> {
-        match &self.mix {
-            Some(mix) => frame::decode(words, fps, rest, self.walk(), &self.steps, self.mixed(channels, mix)),
-            None => frame::decode(words, fps, rest, self.walk(), &self.steps, self.each(channels)),
-        }
-    }
-
-    fn neutral(&self, channels: &Channels) -> Vec<u16> {
-        let mut word = vec![0; self.length(channels)];
-        let (head, behind) = word.split_at_mut(3);
-        head.iter_mut().zip(&self.steps).for_each(|(place, bins)| *place = bins.code(0.0).0);
-        let (pose, mut ignored) = ([Quat::IDENTITY; 24], Encoded::default());
-        match &self.mix {
-            Some(mix) => self.mixed(channels, mix).encode(&pose, behind, &mut ignored),
-            None => self.each(channels).encode(&pose, behind, &mut ignored),
-        };
-        word
-    }
-
-    fn slot_channels(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String> {
-        match self.mix {
-            Some(_) => Err(mixed::REASON.into()),
-            None => Ok(channels.iter().collect()),
-        }
-    }
-
-    fn numbers(&self, _: &Channels, word: &[u16], out: &mut Vec<i32>) {
-        out.extend(word.iter().map(|&k| i32::from(k)));
-    }
-
-    fn fitted_numbers(&self) -> u64 {
-        let bins: u64 = self.steps.iter().chain(&self.rotations).map(Bins::numbers).sum();
-        bins + 1 + self.mix.as_ref().map_or(0, Mix::numbers)
+    fn table_numbers(&self) -> u64 {
+        self.steps.iter().chain(&self.rotations).map(Bins::numbers).sum::<u64>() + 1
     }
 }
 
 /// The quantile bins of rotation vectors.
-struct Quantiles<'a> {
+pub(super) struct Quantiles<'a> {
     bins: &'a [Bins],
     /// Of a tilt's y.
     none: Bins,

@@ -5,6 +5,7 @@
 //! turn. They are told from an `Anchor`, the decoded root at the end of the tile before, so that errors never add up.
 
 use super::pelvis::{Split, about_y};
+use super::walk::Facing;
 use crate::channel::Channels;
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Clip, Quat, Vec3};
@@ -94,8 +95,7 @@ pub(crate) fn set_pose(channels: &Channels, turn: f64, series: &[f64], n: usize,
 pub(crate) struct Anchor {
     /// Metres.
     place: Vec3,
-    /// Sine and cosine of the heading.
-    facing: (f64, f64),
+    facing: Facing,
     /// Of the pelvis about the vertical, radians; 0 where it isn't coded.
     turn: f64,
     /// What heights are told from, metres; `None`: from the place's.
@@ -105,7 +105,7 @@ pub(crate) struct Anchor {
 impl Anchor {
     /// Where every clip starts: over the origin at this height, heading and turn 0.
     pub(crate) fn new(height: f64) -> Self {
-        Anchor { place: Vec3::new(0.0, height, 0.0), facing: (0.0, 1.0), turn: 0.0, base: None }
+        Anchor { place: Vec3::new(0.0, height, 0.0), facing: Facing::default(), turn: 0.0, base: None }
     }
 
     /// The same, but that heights are always told from where every clip starts: they can't drift.
@@ -132,7 +132,7 @@ impl Anchor {
         let mut turn = 0.0;
         for t in 0..n {
             let f = frames.start + t.min(frames.len() - 1);
-            let mut offset = self.turned_in(clip.root()[f] - start - self.place);
+            let mut offset = self.facing.turned_in(clip.root()[f] - start - self.place);
             offset.y = clip.root()[f].y - self.base.unwrap_or(self.place.y);
             (out[t], out[n + t], out[2 * n + t]) = (offset.x, offset.y, offset.z);
             if channels.has_turn() {
@@ -149,7 +149,7 @@ impl Anchor {
     pub(crate) fn apply(&self, channels: &Channels, closed: &[f64], n: usize, t: usize) -> (Vec3, f64) {
         let offset = Vec3::new(closed[t], closed[n + t], closed[2 * n + t]);
         let turn = if channels.has_turn() { self.turn + closed[3 * n + t] } else { 0.0 };
-        let mut place = self.place + self.turned_out(offset);
+        let mut place = self.place + self.facing.turned_out(offset);
         place.y = self.base.unwrap_or(self.place.y) + offset.y;
         (place, turn)
     }
@@ -159,21 +159,7 @@ impl Anchor {
     pub(crate) fn move_to(&mut self, place: Vec3, turn: f64, pelvis: Quat) {
         self.place = place;
         self.turn = turn - (turn / TAU).round() * TAU;
-        let z = pelvis * Vec3::Z;
-        let along = (z.x * z.x + z.z * z.z).sqrt();
-        if along > 1e-6 {
-            self.facing = (z.x / along, z.z / along);
-        }
-    }
-
-    fn turned_in(&self, v: Vec3) -> Vec3 {
-        let (s, c) = self.facing;
-        Vec3::new(v.x * c - v.z * s, v.y, v.x * s + v.z * c)
-    }
-
-    fn turned_out(&self, v: Vec3) -> Vec3 {
-        let (s, c) = self.facing;
-        Vec3::new(v.x * c + v.z * s, v.y, v.z * c - v.x * s)
+        self.facing.face(pelvis);
     }
 }
 

@@ -1,15 +1,15 @@
 //! Uniform bins: angles over a full turn, the root's translation as steps in closed loop or as places.
 
 use super::angle::Angles;
-use super::frame::{self, Coded, Each, Numbers, Poses, Vectors};
+use super::frame::{Coded, Each, Numbers, Poses, Vectors, each_step};
+use super::frame_bins::FrameBins;
 use super::line::Line;
 use super::mix::{JointTransform, Mix};
 use super::mixed::{self, Mixed};
 pub use super::walk::{Height, Travel};
-use super::walk::{Walk, check_height, check_places};
-use super::{Encoded, Scheme, UncodedPose, WordLength};
-use crate::channel::{Channel, Channels};
-use crate::{Error, Result, Words, alphabet};
+use super::walk::{Walk, check_bins, check_height};
+use crate::channel::Channels;
+use crate::{Error, Result};
 use kinelm_motion::{Clip, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -60,12 +60,7 @@ impl UniformConfig {
     /// # Errors
     /// [`Error::Setting`] naming the setting, its value and its limits.
     pub fn validate(&self) -> Result<()> {
-        let size = alphabet::SIZE;
-        (2..=size).contains(&self.bins).then_some(()).ok_or_else(|| Error::Setting {
-            field: "bins",
-            found: self.bins.to_string(),
-            expected: format!("2 to {size}"),
-        })?;
+        check_bins(self.bins, 2)?;
         self.joint_transform.validate()
     }
 
@@ -148,7 +143,7 @@ impl Uniform {
         let lines: Vec<Line> = (0..mix.components()).map(line).collect();
         let length = Mixed::<Line>::length(channels, &mix) - 3;
         for clip in clips {
-            fit.add_seen_from(clip, length, Mixed::new(channels, config.bins, &mix, &lines))?;
+            fit.add_steps(clip, length, Mixed::new(channels, config.bins, &mix, &lines))?;
         }
         Ok(Uniform { components: Some(Components { mix, lines }), ..fit.finish(heights)? })
     }
@@ -176,88 +171,39 @@ impl Uniform {
             expected: if mixes { "bins of each".into() } else { "none without a joint transform".into() },
         })
     }
+}
 
-    fn length(&self, channels: &Channels) -> usize {
-        self.components.as_ref().map_or(channels.len(), |c| Mixed::<Line>::length(channels, &c.mix))
+impl FrameBins for Uniform {
+    type Bins = Line;
+    type RotationBins<'a> = Angles;
+
+    fn codes(&self) -> u32 {
+        self.config.bins
+    }
+
+    fn translation_bins(&self) -> &[Line; 3] {
+        &self.translation
     }
 
     fn walk(&self) -> Walk {
         Walk::new(self.first_height, self.config.translation, self.config.height)
     }
 
-    fn each<'a>(&self, channels: &'a Channels) -> Each<'a, Angles> {
-        Each::new(channels, self.config.bins, self.angles())
+    fn component_bins(&self) -> Option<(&Mix, &[Line])> {
+        self.components.as_ref().map(|c| (&c.mix, &*c.lines))
     }
 
-    fn mixed<'a>(&self, channels: &'a Channels, c: &'a Components) -> Mixed<'a, Line> {
-        Mixed::new(channels, self.config.bins, &c.mix, &c.lines)
+    fn rotation_bins(&self, _: &Channels) -> Angles {
+        self.angles()
     }
 
-    fn absolute_y(&self) -> bool {
-        self.config.height == Height::Absolute
-    }
-}
-
-impl Scheme for Uniform {
-    fn symbols(&self) -> u32 {
-        self.config.bins
+    fn circular_zero(&self) -> Option<u16> {
+        Some((self.config.bins / 2) as u16)
     }
 
-    fn frames_per_word(&self) -> usize {
-        1
-    }
-
-    fn word_length(&self, channels: &Channels) -> WordLength {
-        WordLength::Fixed(self.length(channels))
-    }
-
-    fn encode(&self, channels: &Channels, clip: &Clip) -> Result<Encoded> {
-        let (length, walk) = (self.length(channels), self.walk());
-        match &self.components {
-            Some(c) => frame::encode(clip, length, walk, &self.translation, self.mixed(channels, c)),
-            None => frame::encode(clip, length, walk, &self.translation, self.each(channels)),
-        }
-    }
-
-    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: UncodedPose<'_>) -> Result<Clip> {
-        match &self.components {
-            Some(c) => frame::decode(words, fps, rest, self.walk(), &self.translation, self.mixed(channels, c)),
-            None => frame::decode(words, fps, rest, self.walk(), &self.translation, self.each(channels)),
-        }
-    }
-
-    fn neutral(&self, channels: &Channels) -> Vec<u16> {
-        let mut word = vec![(self.config.bins / 2) as u16; self.length(channels)];
-        for (i, line) in self.translation.iter().enumerate() {
-            word[i] = line.code(if i == 1 && self.absolute_y() { self.first_height } else { 0.0 }).0;
-        }
-        if let Some(c) = &self.components {
-            let pose = [Quat::IDENTITY; 24];
-            self.mixed(channels, c).encode(&pose, &mut word[3..], &mut Encoded::default());
-        }
-        word
-    }
-
-    fn slot_channels(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String> {
-        match self.components {
-            Some(_) => Err(mixed::REASON.into()),
-            None => Ok(channels.iter().collect()),
-        }
-    }
-
-    fn is_circular(&self, place: usize) -> bool {
-        // behind the translation stand angles, in bins of a full turn
-        place >= 3 && self.components.is_none()
-    }
-
-    fn numbers(&self, _: &Channels, word: &[u16], out: &mut Vec<i32>) {
-        out.extend(word.iter().map(|&k| i32::from(k)));
-    }
-
-    fn fitted_numbers(&self) -> u64 {
-        let components = self.components.as_ref().map_or(0, |c| 2 * c.lines.len() as u64 + c.mix.numbers());
-        // a value each; a width and a zero a coordinate (or component), and the first height
-        u64::from(self.config.bins) + 7 + components
+    fn table_numbers(&self) -> u64 {
+        // a value each; a width and a zero per coordinate or component, and the first height
+        u64::from(self.config.bins) + 7 + self.components.as_ref().map_or(0, |c| 2 * c.lines.len() as u64)
     }
 }
 
@@ -306,22 +252,14 @@ impl UniformFit {
     /// Learns from one clip, whose pelvis is coded or, if not, decodes to the identity.
     pub(crate) fn add(&mut self, channels: &Channels, clip: &Clip) -> Result<()> {
         let angles = Angles::new(self.config.form, self.config.bins);
-        self.add_seen_from(clip, 3, Each::pelvis(channels, self.config.bins, angles))
+        self.add_steps(clip, 3, Each::pelvis(channels, self.config.bins, angles))
     }
 
-    /// Learns the steps of one clip, seen from the heading that `poses` decodes from `length` characters.
-    fn add_seen_from(&mut self, clip: &Clip, length: usize, mut poses: impl Poses) -> Result<()> {
-        check_places(clip)?;
+    /// Learns the steps of one clip relative to the heading that `poses` decodes from `length` characters.
+    fn add_steps(&mut self, clip: &Clip, length: usize, poses: impl Poses) -> Result<()> {
+        let (low, high) = (&mut self.low, &mut self.high);
+        each_step(clip, length, poses, |step| (*low, *high) = (low.min(step), high.max(step)))?;
         let Some(first) = clip.root().first() else { return Ok(()) };
-        let mut walk = Walk::new(0.0, Travel::Velocity, Height::Velocity);
-        let mut word = vec![0; length];
-        for (f, pair) in clip.root().windows(2).enumerate() {
-            if let Some(pelvis) = poses.encode(clip.pose(f), &mut word, &mut Encoded::default()) {
-                walk.face(pelvis);
-            }
-            let step = walk.turned_in(pair[1] - pair[0]);
-            (self.low, self.high) = (self.low.min(step), self.high.max(step));
-        }
         self.first_low = self.first_low.min(first.y);
         self.first_high = self.first_high.max(first.y);
         self.first_sum += (first.y * UNITS_PER_M).round() as i128;

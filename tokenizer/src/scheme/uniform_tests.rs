@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::contract::{bent, check_scheme, wild};
-use crate::{Fit, Tokenizer, TokenizerConfig, Words};
+use crate::{Fit, Tokenizer, TokenizerConfig, UncodedPose, Words};
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rotation::{Axis, EulerOrder, angle_between, exp_map};
 use kinelm_motion::smpl;

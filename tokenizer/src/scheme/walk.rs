@@ -32,12 +32,45 @@ pub enum Height {
 /// A root further from the origin than this is no body's, metres.
 pub(crate) const FARTHEST: f64 = 1e6;
 
+/// A heading, as its sine and cosine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Facing(f64, f64);
+
+impl Default for Facing {
+    fn default() -> Self {
+        Facing(0.0, 1.0)
+    }
+}
+
+impl Facing {
+    /// Faces where a pelvis does: [`heading`](kinelm_motion::rotation::heading) without its angle. A pelvis whose +z points
+    /// straight up or down changes nothing.
+    pub(crate) fn face(&mut self, pelvis: Quat) {
+        let z = pelvis * Vec3::Z;
+        let along = (z.x * z.x + z.z * z.z).sqrt();
+        if along > 1e-6 {
+            *self = Facing(z.x / along, z.z / along);
+        }
+    }
+
+    /// A world vector relative to the heading: facing it is facing +z.
+    pub(crate) fn turned_in(self, v: Vec3) -> Vec3 {
+        let Facing(s, c) = self;
+        Vec3::new(v.x * c - v.z * s, v.y, v.x * s + v.z * c)
+    }
+
+    /// The inverse of [`Facing::turned_in`].
+    pub(crate) fn turned_out(self, v: Vec3) -> Vec3 {
+        let Facing(s, c) = self;
+        Vec3::new(v.x * c + v.z * s, v.y, v.z * c - v.x * s)
+    }
+}
+
 /// The decoded root on its way through a clip.
 #[derive(Debug, Clone)]
 pub(crate) struct Walk {
     at: Vec3,
-    /// Sine and cosine of the heading.
-    facing: (f64, f64),
+    facing: Facing,
     /// Of x and z.
     travel: Travel,
     /// Of y.
@@ -49,7 +82,7 @@ pub(crate) struct Walk {
 impl Walk {
     /// From x = z = 0 at this height, heading 0.
     pub(crate) fn new(base: f64, travel: Travel, height: Height) -> Self {
-        Walk { at: Vec3::new(0.0, base, 0.0), facing: (0.0, 1.0), travel, height, base }
+        Walk { at: Vec3::new(0.0, base, 0.0), facing: Facing::default(), travel, height, base }
     }
 
     /// The decoded place, metres.
@@ -69,29 +102,22 @@ impl Walk {
     /// Moves by decoded codes.
     pub(crate) fn follow(&mut self, bins: &[impl Scale; 3], codes: [u16; 3]) {
         let value = Vec3::from_array(std::array::from_fn(|i| bins[i].value(codes[i])));
-        self.at = self.each(self.at + self.turned_out(value), value, value.y + self.base);
+        self.at = self.each(self.at + self.facing.turned_out(value), value, value.y + self.base);
     }
 
-    /// Takes the heading of a decoded pelvis, [`heading`](kinelm_motion::rotation::heading) without its angle; one that
-    /// points straight up or down leaves it.
+    /// Faces where a decoded pelvis does.
     pub(crate) fn face(&mut self, pelvis: Quat) {
-        let z = pelvis * Vec3::Z;
-        let along = (z.x * z.x + z.z * z.z).sqrt();
-        if along > 1e-6 {
-            self.facing = (z.x / along, z.z / along);
-        }
+        self.facing.face(pelvis);
     }
 
-    /// A world vector seen by one who faces +z.
+    /// A world vector relative to the heading.
     pub(crate) fn turned_in(&self, v: Vec3) -> Vec3 {
-        let (s, c) = self.facing;
-        Vec3::new(v.x * c - v.z * s, v.y, v.x * s + v.z * c)
+        self.facing.turned_in(v)
     }
 
-    /// The inverse of [`Walk::turned_in`].
-    fn turned_out(&self, v: Vec3) -> Vec3 {
-        let (s, c) = self.facing;
-        Vec3::new(v.x * c + v.z * s, v.y, v.z * c - v.x * s)
+    /// The coded height of no movement: the base of absolute heights, else 0.
+    pub(crate) fn neutral_height(&self) -> f64 {
+        if self.height == Height::Absolute { self.base } else { 0.0 }
     }
 
     /// Each coordinate from the vector that its way of travelling means, of y perhaps its height about the base.
@@ -126,6 +152,16 @@ pub(crate) fn check_places(clip: &Clip) -> Result<()> {
     }
 }
 
+/// Refuses fewer bins than `least`, and more than the alphabet has characters.
+pub(crate) fn check_bins(bins: u32, least: u32) -> Result<()> {
+    let most = crate::alphabet::SIZE;
+    (least..=most).contains(&bins).then_some(()).ok_or_else(|| Error::Setting {
+        field: "bins",
+        found: bins.to_string(),
+        expected: format!("{least} to {most}"),
+    })
+}
+
 /// Refuses a mean height that a file says and nobody has.
 pub(crate) fn check_height(first_height: f64) -> Result<()> {
     (first_height.abs() <= FARTHEST).then_some(()).ok_or_else(|| Error::Setting {
@@ -157,9 +193,9 @@ mod tests {
         let mut walk = Walk::new(1.0, Travel::Velocity, Height::Velocity);
         walk.face(exp_map::from_vector(Vec3::new(0.3, 2.0, -0.4)));
         let v = Vec3::new(0.2, -0.3, 0.7);
-        assert!((walk.turned_out(walk.turned_in(v)) - v).length() < 1e-15);
+        assert!((walk.facing.turned_out(walk.turned_in(v)) - v).length() < 1e-15);
         walk.face(exp_map::from_vector(Vec3::Y * 0.5));
-        assert!((walk.turned_out(Vec3::Z) - Vec3::new(0.5f64.sin(), 0.0, 0.5f64.cos())).length() < 1e-15);
+        assert!((walk.facing.turned_out(Vec3::Z) - Vec3::new(0.5f64.sin(), 0.0, 0.5f64.cos())).length() < 1e-15);
         let before = walk.clone().facing;
         walk.face(exp_map::from_vector(Vec3::X * std::f64::consts::FRAC_PI_2));
         assert_eq!(walk.facing, before, "straight down");

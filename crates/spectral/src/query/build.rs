@@ -10,7 +10,8 @@ use crate::{Error, PcaBasis, Result, WindowSpec};
 pub use kinelm_corpus::build::{BuildOptions, Summary, Watch, check, each};
 use kinelm_corpus::load::{Wanted, item_options};
 use kinelm_corpus::{Gathered, Item};
-use kinelm_store::{FileRecord, files};
+use kinelm_store::FileRecord;
+use kinelm_store::files::{self, PendingFolder};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
@@ -250,8 +251,7 @@ fn write_part(
 ) -> Result<(Option<PartRecord>, usize)> {
     let (extractor, mut embedder) = FeatureExtractor::new(held, basis)?;
     let numbers = extractor.numbers(&embedder);
-    let (temporary, place) = work.part()?;
-    let mut writer = PartWriter::create(&temporary, numbers)?;
+    let mut writer = PartWriter::create(&work.part()?, numbers)?;
     let items: Vec<&Item> = gathered.items.iter().collect();
     let (mut known, mut otherwise, mut short, mut clips) = (0, 0, 0, 0);
     built.summary = each(
@@ -286,14 +286,14 @@ fn write_part(
     if clips == 0 {
         return Ok((None, numbers));
     }
-    Ok((Some(writer.finish(&place)?), numbers))
+    Ok((Some(writer.finish()?), numbers))
 }
 
 /// Where a build writes: into the index that is there, or into a new folder that is renamed at the end.
 struct Work {
     out: PathBuf,
-    /// The new folder, until it is renamed.
-    folder: Option<PathBuf>,
+    /// The new folder, until it has its name.
+    folder: Option<PendingFolder>,
     /// `index.json` when the work began.
     there: Option<Manifest>,
     known: Vec<ClipEntry>,
@@ -307,42 +307,26 @@ impl Work {
                 work.there = Some(index.manifest().clone());
                 work.known = index.database().clips().to_vec();
             }
-            None => {
-                let parent = files::folder_of(out);
-                std::fs::create_dir_all(parent).map_err(Error::io(parent))?;
-                files::sweep(&[out]);
-                let folder = files::beside(out, "writing")?;
-                if folder.exists() {
-                    // a process of this number died here
-                    std::fs::remove_dir_all(&folder).map_err(Error::io(&folder))?;
-                }
-                std::fs::create_dir(&folder).map_err(Error::io(&folder))?;
-                work.folder = Some(folder);
-            }
+            None => work.folder = Some(PendingFolder::create(out)?),
         }
         Ok(work)
     }
 
-    /// Where the next part is written, and where it comes to stand.
-    fn part(&self) -> Result<(PathBuf, PathBuf)> {
+    /// The folder of the next part.
+    fn part(&self) -> Result<PathBuf> {
         let number = 1 + self.there.as_ref().map_or(0, |m| m.parts.len());
-        let place = self.folder.as_deref().unwrap_or(&self.out).join(format!("part-{number:04}"));
+        let place = self.folder.as_ref().map_or(&*self.out, PendingFolder::path).join(format!("part-{number:04}"));
         if place.exists() {
-            // a build ended after it was renamed and before it was named: it is nobody's
+            // a build ended after it renamed this part and before index.json named it
             std::fs::remove_dir_all(&place).map_err(Error::io(&place))?;
         }
-        files::sweep(&[&place]);
-        let temporary = files::beside(&place, "writing")?;
-        if temporary.exists() {
-            std::fs::remove_dir_all(&temporary).map_err(Error::io(&temporary))?;
-        }
-        Ok((temporary, place))
+        Ok(place)
     }
 
     /// Names the parts, and puts a new index in its place.
     fn finish(&mut self, manifest: &Manifest, basis: Option<&[u8]>) -> Result<()> {
         let text = serde_json::to_string_pretty(manifest).expect("a manifest has text keys") + "\n";
-        let Some(folder) = &self.folder else {
+        let Some(folder) = self.folder.take() else {
             if Some(super::index::read_manifest(&self.out)?) != self.there {
                 let help = "another build added to it meanwhile: build again";
                 return Err(Error::file(
@@ -355,23 +339,9 @@ impl Work {
             return Ok(files::write_whole(&self.out.join(MANIFEST), text.as_bytes())?);
         };
         if let Some(basis) = basis {
-            files::write_whole(&folder.join(BASIS), basis)?;
+            folder.write(BASIS, basis)?;
         }
-        files::write_whole(&folder.join(MANIFEST), text.as_bytes())?;
-        files::sync_folder(folder)?;
-        if std::fs::symlink_metadata(&self.out).is_ok() {
-            return Err(Error::taken(&self.out, "was made meanwhile; build again to add to it"));
-        }
-        files::rename_new(folder, &self.out)?;
-        self.folder = None;
-        Ok(files::sync_folder(files::folder_of(&self.out))?)
-    }
-}
-
-impl Drop for Work {
-    fn drop(&mut self) {
-        if let Some(folder) = &self.folder {
-            let _ = std::fs::remove_dir_all(folder);
-        }
+        folder.write(MANIFEST, text.as_bytes())?;
+        Ok(folder.commit("build again to add to it")?)
     }
 }

@@ -4,7 +4,8 @@ use super::record::{ClipEntry, FileChecksum, PartRecord};
 use crate::{Error, Result};
 pub use kinelm_corpus::stored::Stored;
 use kinelm_engine::op::dots;
-use kinelm_store::{FileRecord, files};
+use kinelm_store::FileRecord;
+use kinelm_store::files::PendingFolder;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::fs::File;
@@ -157,38 +158,38 @@ fn stored<T: bytemuck::Pod + Send + Sync>(path: &Path, checksum: &FileChecksum, 
     checksum.open(path)
 }
 
-/// A part on its way to disk, in a folder of its own, which is gone if it isn't finished.
+/// Writes a part; dropped before it is finished, it leaves nothing.
 pub struct PartWriter {
-    folder: PathBuf,
+    name: String,
+    folder: PendingFolder,
     numbers: usize,
     features: Stream,
     halves: Stream,
     sizes: Stream,
     clips: Vec<u8>,
     windows: usize,
-    finished: bool,
     /// One feature over its length, and as half floats.
     unit: Vec<f32>,
     row: Vec<u16>,
 }
 
 impl PartWriter {
-    /// A part in `folder`, which isn't there yet, of features of D = `numbers`.
+    /// An empty part that will be the folder `place`, of features of D = `numbers`.
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`].
-    pub fn create(folder: &Path, numbers: usize) -> Result<PartWriter> {
-        std::fs::create_dir(folder).map_err(Error::io(folder))?;
-        let stream = |name: &str| Stream::create(folder.join(name));
+    pub fn create(place: &Path, numbers: usize) -> Result<PartWriter> {
+        let folder = PendingFolder::create(place)?;
+        let stream = |name: &str| Stream::create(folder.path().join(name));
         Ok(PartWriter {
             numbers,
             features: stream(FEATURES)?,
             halves: stream(HALVES)?,
             sizes: stream(SIZES)?,
-            folder: folder.to_owned(),
+            name: place.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+            folder,
             clips: Vec::new(),
             windows: 0,
-            finished: false,
             unit: vec![0.0; numbers],
             row: vec![0; numbers.next_multiple_of(dots::PAD)],
         })
@@ -229,37 +230,22 @@ impl PartWriter {
         self.windows
     }
 
-    /// Makes the part last, at `place` now.
+    /// Syncs the part and gives it its name.
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`].
-    pub fn finish(mut self, place: &Path) -> Result<PartRecord> {
-        let name = place.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        let path = self.folder.join(CLIPS);
-        File::create(&path)
-            .and_then(|mut f| f.write_all(&self.clips).and_then(|()| f.sync_all()))
-            .map_err(Error::io(&path))?;
+    pub fn finish(mut self) -> Result<PartRecord> {
+        self.folder.write(CLIPS, &self.clips)?;
         let record = PartRecord {
-            name,
+            name: self.name,
             windows: self.windows,
             features: self.features.finish()?,
             halves: self.halves.finish()?,
             sizes: self.sizes.finish()?,
             clips: FileRecord::of(&self.clips),
         };
-        files::sync_folder(&self.folder)?;
-        std::fs::rename(&self.folder, place).map_err(Error::io(place))?;
-        self.finished = true;
-        files::sync_folder(files::folder_of(place))?;
+        self.folder.commit("build again to add to the index")?;
         Ok(record)
-    }
-}
-
-impl Drop for PartWriter {
-    fn drop(&mut self) {
-        if !self.finished {
-            let _ = std::fs::remove_dir_all(&self.folder);
-        }
     }
 }
 

@@ -70,13 +70,13 @@ fn on_disk(dir: &Path, features: &[f32], clips: &[ClipEntry], numbers: usize) ->
     let mut rest = features;
     for (i, clips) in [&clips[..half], &clips[half..]].into_iter().enumerate() {
         let place = dir.join(format!("part{i}"));
-        let mut writer = part::PartWriter::create(&dir.join("writing"), numbers).unwrap();
+        let mut writer = part::PartWriter::create(&place, numbers).unwrap();
         for clip in clips {
             let (here, behind) = rest.split_at(clip.starts.len() * numbers);
             rest = behind;
             writer.push(clip, here).unwrap();
         }
-        let record = writer.finish(&place).unwrap();
+        let record = writer.finish().unwrap();
         parts.push(Part::open(&place, &record, numbers).unwrap());
     }
     Database::new(numbers, parts)

@@ -66,13 +66,7 @@ pub struct LappedConfig {
     /// A run of up to so many zeros is one character, 1 to 1000. Default 40.
     pub runs: u32,
     /// How the height is told: above the clip's floor (default) or as it is in the world (`absolute`).
-    #[serde(skip_serializing_if = "is_absolute")]
     pub height: Height,
-}
-
-/// What tokenizers say that are older than the setting: nothing.
-fn is_absolute(height: &Height) -> bool {
-    *height == Height::Absolute
 }
 
 impl Default for LappedConfig {

@@ -1,6 +1,12 @@
 //! The characters of the bins: `0-9 A-Z a-z`, then the CJK ideographs from U+4E00.
 //!
-//! None of them is blank or combining, and none is changed by Unicode normalisation or case mapping.
+//! None is white space or combining, and Unicode normalisation and case mapping change none of them.
+//!
+//! ```
+//! use kinelm_tokenizer::alphabet::{character, code};
+//!
+//! assert_eq!((character(10), code('A'), code(' ')), (Some('A'), Some(10), None));
+//! ```
 
 /// The characters of the first codes.
 const ASCII: &[u8; 62] = b"0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz";
@@ -8,7 +14,7 @@ const ASCII: &[u8; 62] = b"0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopq
 /// U+4E00, the character of code 62.
 const CJK: u32 = 0x4E00;
 
-/// How many characters there are: 62, and U+4E00 to U+9FFF.
+/// The number of characters: 62, and U+4E00 to U+9FFF.
 pub const SIZE: u32 = 62 + 0x5200;
 
 /// The character of a code; `None` from [`SIZE`] on.
@@ -20,7 +26,7 @@ pub fn character(code: u32) -> Option<char> {
     }
 }
 
-/// The code of a character, the inverse of [`character`].
+/// The code of a character; the inverse of [`character`].
 pub fn code(c: char) -> Option<u32> {
     match c {
         '0'..='9' => Some(c as u32 - '0' as u32),

@@ -1,4 +1,4 @@
-//! What stands at each place of a word.
+//! The channels of a frame.
 
 use kinelm_motion::joints::Selection;
 use kinelm_motion::rotation::Axis;
@@ -6,13 +6,13 @@ use kinelm_motion::smpl;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// What is coded of the pelvis's rotation.
+/// How the pelvis's rotation is coded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RootRotation {
-    /// The rotation vector in the world: every facing has words of its own, and it jumps where the angle passes half a turn.
+    /// The rotation vector in the world. Words depend on the heading, and the vector jumps when the angle passes half a turn.
     Absolute,
-    /// The turn about the vertical as a closed-loop step, and the tilt that is left: words don't depend on where one faces.
+    /// The turn about the vertical as a closed-loop step, and the remaining tilt. Words don't depend on the heading.
     #[default]
     HeadingDelta,
 }
@@ -75,7 +75,7 @@ impl Channels {
         Channels { joints, root_rotation }
     }
 
-    /// What is coded of the pelvis's rotation.
+    /// How the pelvis's rotation is coded.
     pub fn root_rotation(&self) -> RootRotation {
         self.root_rotation
     }
@@ -85,7 +85,7 @@ impl Channels {
         self.root_rotation == RootRotation::HeadingDelta && self.joints.first() == Some(&0)
     }
 
-    /// C, the number of channels: 3 and 3 for each joint.
+    /// C, the number of channels: 3, and 3 per joint.
     #[allow(clippy::len_without_is_empty, reason = "there are always three")]
     pub fn len(&self) -> usize {
         3 + 3 * self.joints.len()
@@ -96,7 +96,7 @@ impl Channels {
         &self.joints
     }
 
-    /// The channel at a place; `None` from C on (the space).
+    /// The channel of a slot; `None` from C on (the space).
     pub fn at(&self, place: usize) -> Option<Channel> {
         let axis = AXES[place % 3];
         match place / 3 {

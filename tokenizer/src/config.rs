@@ -6,7 +6,15 @@ use kinelm_motion::joints::EIGHTEEN;
 use kinelm_motion::resample::MOST_FPS;
 use serde::{Deserialize, Serialize};
 
-/// What is coded, at which rate, and how.
+/// The settings of a tokenizer: which joints it encodes, at which rate, and how.
+///
+/// ```
+/// use kinelm_tokenizer::TokenizerConfig;
+///
+/// let config: TokenizerConfig = serde_json::from_str(r#"{"joints": [0, 4, 5], "fps": 30}"#)?;
+/// assert_eq!((config.fps, config.merges, config.validate().is_ok()), (30.0, 0, true));
+/// # Ok::<(), serde_json::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TokenizerConfig {
@@ -14,15 +22,15 @@ pub struct TokenizerConfig {
     pub joints: Vec<usize>,
     /// Frames per second of every clip. Default 20.
     pub fps: f64,
-    /// What is coded of the pelvis's rotation. Default: its turn as steps, and its tilt.
+    /// How the pelvis's rotation is coded. Default: its turn as steps, and its tilt.
     pub root_rotation: RootRotation,
-    /// Byte-pair merges that are learnt on the training words, 0 to 40000. Default 0: a token is a character.
+    /// Byte-pair merges, fitted to the training words, 0 to 40000. Default 0: a token is a character.
     pub merges: u32,
     /// How numbers become codes. Default: uniform bins.
     pub scheme: SchemeConfig,
 }
 
-/// As many merged tokens as a corpus of 16-bit ids surely has room for.
+/// The most merged tokens: a corpus of 16-bit ids has room for them.
 const MOST_MERGES: u32 = 40_000;
 
 impl Default for TokenizerConfig {
@@ -38,7 +46,7 @@ impl Default for TokenizerConfig {
 }
 
 impl TokenizerConfig {
-    /// Uniform, centred bins for these joints at this rate, all else by default. Joints may come in any order.
+    /// Uniform, centred bins for joints, in any order, at a rate; other settings by default.
     pub fn uniform(joints: &[usize], fps: f64, bins: u32) -> Self {
         let mut joints = joints.to_vec();
         joints.sort_unstable();
@@ -47,12 +55,12 @@ impl TokenizerConfig {
         TokenizerConfig { joints, fps, scheme: SchemeConfig::Uniform(uniform), ..Default::default() }
     }
 
-    /// What is coded of a frame.
+    /// The channels of a frame.
     pub fn channels(&self) -> Channels {
         Channels::new(self.joints.clone(), self.root_rotation)
     }
 
-    /// Whether heights are coded above the clip's floor: then clips come with their floor at y = 0.
+    /// Whether heights are coded above the clip's floor, which must then be at y = 0.
     pub fn above_floor(&self) -> bool {
         self.scheme.height() == crate::Height::Floor
     }

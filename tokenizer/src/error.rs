@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Everything that fitting, encoding, decoding and the file on disk can fail with.
+/// Everything that fitting, encoding, decoding and reading a tokenizer can fail with.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -20,7 +20,7 @@ pub enum Error {
         field: &'static str,
         /// Its value.
         found: String,
-        /// What it may be.
+        /// The allowed values.
         expected: String,
     },
     /// A clip of another frame rate.
@@ -31,13 +31,13 @@ pub enum Error {
         /// The tokenizer's.
         expected: f64,
     },
-    /// A clip that isn't on the model's rig.
+    /// A clip on another rig than the 24 SMPL joints.
     #[error("a clip on another skeleton than the 24 SMPL joints: {found}; retarget it first (`map`)")]
     Skeleton {
-        /// What differs.
+        /// The difference.
         found: String,
     },
-    /// A number in a clip that can't be coded.
+    /// A number of a clip that can't be encoded.
     #[error("frame {frame}, {joint}: {what}")]
     Frame {
         /// Counted from 0.
@@ -50,35 +50,35 @@ pub enum Error {
     /// Words of a wrong length, or codes that are too large.
     #[error("{0}")]
     Codes(String),
-    /// Text that is no words of this tokenizer. Words and characters count from 1.
+    /// Text that this tokenizer can't parse. Words and characters count from 1.
     #[error("word {word}, character {character}: found {found}, expected {expected}")]
     Text {
         /// The word, from 1.
         word: usize,
         /// The character in it, from 1.
         character: usize,
-        /// What stands there.
+        /// What was found.
         found: String,
-        /// What may.
+        /// What was expected.
         expected: String,
     },
-    /// A conditioning token that can't be.
+    /// An invalid conditioning token.
     #[error("conditioning token <{field}:{value}>: {what}")]
     Conditioning {
-        /// Before the colon.
+        /// The part before the colon.
         field: String,
-        /// After it.
+        /// The part after the colon.
         value: String,
         /// What is wrong.
         what: String,
     },
-    /// A word's characters belong to no single joint.
+    /// A scheme whose characters don't belong to single joints.
     #[error("joints can't be given one by one: {0}")]
     Joints(String),
-    /// No motion to learn from.
+    /// Motion that nothing can be fitted to.
     #[error("nothing to fit: {0}")]
     Nothing(String),
-    /// A tokenizer file that can't be used.
+    /// An invalid tokenizer file.
     #[error("{path}: {what}")]
     File {
         /// The file.
@@ -86,7 +86,7 @@ pub enum Error {
         /// What was found, what was expected, what to do.
         what: String,
     },
-    /// A clip could not be made.
+    /// A clip could not be built.
     #[error(transparent)]
     Motion(#[from] kinelm_motion::Error),
 }

@@ -1,12 +1,12 @@
-//! Which ids may stand at a place of a word.
+//! Which ids each slot of a word allows.
 
 use crate::scheme::WordLength;
 use crate::vocab::{FIRST_CHARACTER, SPACE, Vocabulary};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// The ids that may follow one another inside a word: characters (and merged tokens) up to the word's length, then the
-/// space; in words of varying length the space at any place. Whatever keeps to it decodes.
+/// The ids that may follow one another in a word: characters (and merged tokens) up to the word's length, then the space; in
+/// words of varying length the space at any slot. Every stream of ids that the grammar allows decodes.
 ///
 /// ```
 /// use kinelm_tokenizer::{Grammar, Slot, SPACE, Vocabulary, WordLength};
@@ -27,53 +27,53 @@ pub struct Grammar {
     vocabulary: u32,
 }
 
-/// The ids that stand at a place of every word, as bins that ascend.
+/// The ids of a slot of words of one length, as ascending bins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SlotIds {
     /// The id of the first bin.
     pub first: u32,
-    /// How many bins.
+    /// The number of bins.
     pub count: u32,
-    /// Whether the last bin is the first one's neighbour, as with angles.
+    /// Whether the last bin is next to the first, as for angles.
     pub circular: bool,
 }
 
 impl SlotIds {
-    /// Its ids.
+    /// The ids.
     pub fn ids(self) -> Range<u32> {
         self.first..self.first + self.count
     }
 
-    /// The bin of an id; `None` for ids of other kinds.
+    /// The bin of an id; `None` for other ids.
     pub fn bin(self, id: u32) -> Option<u32> {
         id.checked_sub(self.first).filter(|&bin| bin < self.count)
     }
 }
 
-/// Where a stream of ids stands in its word.
+/// A slot of a word: the position of the next token.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 pub struct Slot {
-    /// Characters of the word so far.
+    /// Characters of the word before it.
     pub characters: usize,
-    /// Tokens of the word so far; as many as characters where none are merged.
+    /// Tokens of the word before it; as many as characters without merges.
     pub tokens: usize,
 }
 
 impl Grammar {
-    /// The grammar of words of this length, in characters.
+    /// The grammar of words of a length in characters.
     pub fn new(vocabulary: &Vocabulary, length: WordLength) -> Self {
         let merged = (0..vocabulary.merges().len() as u32)
             .map(|i| vocabulary.length_of_id(FIRST_CHARACTER + vocabulary.characters() + i) as u16);
         Grammar { length, characters: vocabulary.characters(), merged: merged.collect(), vocabulary: vocabulary.len() }
     }
 
-    /// V, the number of ids, those of no word included.
+    /// V, the number of ids, including those that no word contains.
     pub fn vocabulary(&self) -> u32 {
         self.vocabulary
     }
 
-    /// W, the tokens of a word with its space, where all words have as many.
+    /// W, the tokens of a word with its space; `None` when lengths vary or characters are merged.
     pub fn tokens_per_word(&self) -> Option<usize> {
         match self.length {
             WordLength::Fixed(c) if self.merged.is_empty() => Some(c + 1),
@@ -91,7 +91,7 @@ impl Grammar {
         FIRST_CHARACTER..FIRST_CHARACTER + self.characters + self.merged.len() as u32
     }
 
-    /// The characters an id stands for; 0 for the space and for ids of no word.
+    /// The characters of an id; 0 for the space and for ids that no word contains.
     fn length_of(&self, id: u32) -> usize {
         if self.characters().contains(&id) {
             return 1;
@@ -108,48 +108,48 @@ impl Grammar {
         }
     }
 
-    /// Whether an id may stand at a place.
-    pub fn allows(&self, place: Slot, id: u32) -> bool {
+    /// Whether a slot allows an id.
+    pub fn allows(&self, slot: Slot, id: u32) -> bool {
         match id {
-            SPACE => self.may_end(place),
-            _ => self.of_words().contains(&id) && place.characters + self.length_of(id) <= self.most(),
+            SPACE => self.may_end(slot),
+            _ => self.of_words().contains(&id) && slot.characters + self.length_of(id) <= self.most(),
         }
     }
 
-    fn may_end(&self, place: Slot) -> bool {
+    fn may_end(&self, slot: Slot) -> bool {
         match self.length {
-            WordLength::Fixed(c) => place.characters >= c,
+            WordLength::Fixed(c) => slot.characters >= c,
             WordLength::Varying { .. } => true,
         }
     }
 
-    /// The place behind an id; ids of no word leave it.
-    pub fn advance(&self, place: Slot, id: u32) -> Slot {
+    /// The slot after an id; ids that no word contains don't advance.
+    pub fn advance(&self, slot: Slot, id: u32) -> Slot {
         match self.length_of(id) {
             _ if id == SPACE => Slot::default(),
-            0 => place,
-            n => Slot { characters: place.characters + n, tokens: place.tokens + 1 },
+            0 => slot,
+            n => Slot { characters: slot.characters + n, tokens: slot.tokens + 1 },
         }
     }
 
-    /// The one id that may stand at a place, if it is one: the space behind a whole word.
-    pub fn only(&self, place: Slot) -> Option<u32> {
-        (place.characters >= self.most()).then_some(SPACE)
+    /// The space, if the slot allows nothing else.
+    pub fn only(&self, slot: Slot) -> Option<u32> {
+        (slot.characters >= self.most()).then_some(SPACE)
     }
 
-    /// The ids allowed at a place, as ranges that ascend; merged tokens too long for the rest of the word make holes.
-    pub fn allowed(&self, place: Slot) -> Vec<Range<u32>> {
+    /// The ids that a slot allows, as ascending ranges; merged tokens that are too long for the rest of the word are left out.
+    pub fn allowed(&self, slot: Slot) -> Vec<Range<u32>> {
         let mut ranges: Vec<Range<u32>> = Vec::new();
         let mut add = |range: Range<u32>| match ranges.last_mut() {
             Some(last) if last.end == range.start => last.end = range.end,
             _ => ranges.push(range),
         };
-        if self.may_end(place) {
+        if self.may_end(slot) {
             add(SPACE..SPACE + 1);
         }
-        if place.characters < self.most() {
+        if slot.characters < self.most() {
             add(self.characters());
-            let room = self.most() - place.characters;
+            let room = self.most() - slot.characters;
             for (id, &n) in (self.characters().end..).zip(&self.merged) {
                 if usize::from(n) <= room {
                     add(id..id + 1);
@@ -161,7 +161,7 @@ impl Grammar {
 }
 
 #[cfg(test)]
-#[allow(clippy::single_range_in_vec_init, reason = "the ids of a place often are one range")]
+#[allow(clippy::single_range_in_vec_init, reason = "the ids of a slot are often one range")]
 mod tests {
     use super::*;
 

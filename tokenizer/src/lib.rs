@@ -1,8 +1,8 @@
-//! Motion to words to ids, and back.
+//! Encodes motion as words and ids, and decodes them.
 //!
-//! A frame of motion is a *word*: C characters, one for each channel (the root's translation x y z, then the rotation
-//! vector of each joint by ascending id, x y z), then a space. A character stands for one of the bins of its channel.
-//! In tile schemes a word is a tile of frames, and its characters are the coefficients of a transform over time.
+//! A frame of motion is a *word*: C characters, one per channel (the root's translation x y z, then the rotation vector x y z of
+//! each coded joint by ascending id), then a space. A character is one of the bins of its channel. In tile schemes a word is a
+//! tile of frames, and its characters are coefficients of a transform over time.
 //!
 //! ```
 //! use kinelm_motion::{Clip, Quat, Vec3, smpl};
@@ -19,14 +19,13 @@
 //! ```
 //!
 //! From the outside in: [`Tokenizer`] is the artefact on disk; a [`scheme`] turns clips into [`Words`] of codes (integers
-//! below the number of symbols) and back; [`alphabet`] names the character of a code; [`Vocabulary`] gives every
-//! character, merged, special and conditioning token its id; [`Grammar`] says which ids may state at a place of a word.
+//! below the number of symbols) and back; [`alphabet`] maps codes to characters; [`Vocabulary`] gives every character,
+//! merged, special and conditioning token its id; [`Grammar`] defines which ids each slot of a word allows.
 //!
-//! **Features**: `fit` ([`Fit`], [`Tokenizer::fit`]) brings a matrix library in, `merges` Hugging
-//! Face's trainer of byte-pair merges; both are on by default, and a fitted tokenizer needs neither to code and decode.
-//! `ndarray` gives views of codes.
+//! **Features**: `fit` ([`Fit`], [`Tokenizer::fit`]) needs a matrix library, `merges` Hugging Face's trainer of byte-pair
+//! merges; both are on by default, and a fitted tokenizer needs neither. `ndarray` gives views of codes.
 #![forbid(unsafe_code)]
-// what only learning asks for
+// parts that only fitting uses
 #![cfg_attr(not(feature = "fit"), allow(dead_code, unused_imports))]
 
 pub mod alphabet;
@@ -73,7 +72,6 @@ pub use vocab::{SPACE, Special, Vocabulary};
 pub use word::Words;
 pub use words::ParsedWords;
 
-/// The examples of the README are tested with those of the code.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

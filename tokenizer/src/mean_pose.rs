@@ -1,11 +1,11 @@
-//! The mean pose of training clips: what joints do that are not coded.
+//! The mean pose of training clips, the default of uncoded joints.
 
 use kinelm_motion::{Clip, Quat};
 use std::array::from_fn;
 
 /// Sums of `q q^T` of the 24 joints, which are the same for q and -q.
 ///
-/// In units of 2^-40, whole numbers, so that clips add up to the same in every order.
+/// Integers in units of 2^-40, so that sums don't depend on the order of clips.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PoseSum([[i128; 10]; 24]);
 
@@ -41,13 +41,13 @@ impl PoseSum {
     }
 }
 
-/// The eigenvector with the largest eigenvalue of a sum of `q q^T`; identity where nothing was added.
+/// The eigenvector with the largest eigenvalue of a sum of `q q^T`; identity without clips.
 fn principal(sum: &[i128; 10]) -> Quat {
     let mut m = [[0.0; 4]; 4];
     for (&s, (i, j)) in sum.iter().zip(PAIRS) {
         (m[i][j], m[j][i]) = (s as f64 / UNIT, s as f64 / UNIT);
     }
-    // squared again and again only the largest eigenvalue's part is left
+    // repeated squaring leaves only the largest eigenvalue's part
     for _ in 0..40 {
         let trace: f64 = (0..4).map(|i| m[i][i]).sum();
         if !(trace.is_finite() && trace > 0.0) {

@@ -1,7 +1,7 @@
-//! Byte-pair merging: characters that often stand side by side in a word become one token.
+//! Byte-pair merging: characters that are often adjacent in a word become one token.
 //!
-//! Merges are learnt by the trainer of Hugging Face's `tokenizers` (Sennrich et al. 2016) on the words of training clips,
-//! never across a space. Encoding is our own and gives the ids of their encoder.
+//! The trainer of Hugging Face's `tokenizers` (Sennrich et al. 2016) learns merges on the words of training clips, never across
+//! a space. The encoder here gives the same ids as theirs.
 
 #[cfg(feature = "merges")]
 use crate::vocab::{FIRST_CHARACTER, Vocabulary};
@@ -13,7 +13,7 @@ use tokenizers::Trainer;
 #[cfg(feature = "merges")]
 use tokenizers::models::bpe::{BPE, BpeTrainer};
 
-/// Pairs of ids and what they become, the first learnt first.
+/// Pairs of ids and their merged ids, in the order of training.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Merges {
     /// Pair to rank and merged id.
@@ -24,13 +24,13 @@ pub struct Merges {
 const NONE: u32 = u32::MAX;
 
 impl Merges {
-    /// Pairs with the id that each becomes.
+    /// From pairs and their merged ids.
     pub(crate) fn new(merges: impl IntoIterator<Item = ((u32, u32), u32)>) -> Self {
         let table = merges.into_iter().enumerate().map(|(rank, (pair, into))| (pair, (rank as u32, into)));
         Merges { table: table.collect() }
     }
 
-    /// Merges the ids of one word in place, always the pair that was learnt first, of equal ones the first.
+    /// Merges the ids of one word in place: always the pair of lowest rank, leftmost first.
     pub(crate) fn apply(&self, ids: &mut Vec<u32>, ranks: &mut Vec<u32>) {
         if self.table.is_empty() {
             return;
@@ -53,22 +53,22 @@ impl Merges {
     }
 }
 
-/// Learns up to `wanted` merges on words: pairs of ids of `vocabulary`, which has none yet.
+/// Learns up to `count` merges on words: pairs of ids of `vocabulary`, which has no merges yet.
 ///
-/// Only pairs that stand together at least twice are merged, so few or short words give fewer.
+/// Only pairs that occur at least twice are merged, so few or short words give fewer merges.
 ///
 /// # Errors
-/// [`Error::Nothing`] with what the trainer said.
+/// [`Error::Nothing`] with the trainer's message.
 #[cfg(feature = "merges")]
-pub(crate) fn learn(vocabulary: &Vocabulary, words: &Words, wanted: u32) -> Result<Vec<(u32, u32)>> {
+pub(crate) fn learn(vocabulary: &Vocabulary, words: &Words, count: u32) -> Result<Vec<(u32, u32)>> {
     let failed = |e: String| Error::Nothing(format!("byte-pair merges: {e}"));
     let text = |word: &[u16]| word.iter().filter_map(|&k| alphabet::character(k.into())).collect::<String>();
-    // the vocabulary they count: characters that occur, then merges
+    // their vocabulary size counts the characters that occur, then merges
     let mut seen = vec![false; vocabulary.characters() as usize];
     words.codes().iter().for_each(|&k| seen[usize::from(k)] = true);
     let alphabet_size = seen.iter().filter(|&&s| s).count();
     let mut trainer =
-        BpeTrainer::builder().vocab_size(alphabet_size + wanted as usize).min_frequency(2).show_progress(false).build();
+        BpeTrainer::builder().vocab_size(alphabet_size + count as usize).min_frequency(2).show_progress(false).build();
     trainer.feed(words.iter().map(text), |word| Ok(vec![word.to_owned()])).map_err(|e| failed(e.to_string()))?;
     let mut model = BPE::default();
     trainer.train(&mut model).map_err(|e| failed(e.to_string()))?;

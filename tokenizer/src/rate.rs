@@ -1,4 +1,4 @@
-//! How much text a clip becomes: word length, seconds in a context, bytes, flicker.
+//! Rates of a text: word length, seconds in a context, bytes, bits, flicker.
 
 mod counts;
 mod text;
@@ -8,9 +8,15 @@ pub use text::TextCounts;
 
 use crate::{Tokenizer, Words};
 
-/// Seconds of motion in a context of `tokens`, words of `word` tokens (a mean) at `rate` words a second.
+/// Seconds of motion in a context of `tokens`, with words of `word` tokens on average, at `rate` words per second.
 ///
-/// The space is counted: `tokens / (word + 1) / rate`. At 13 joints, 20 frames per second and 1,024 tokens 1.191 s.
+/// Counts the space: `tokens / (word + 1) / rate`.
+///
+/// ```
+/// // 13 joints, 20 frames per second
+/// let seconds = kinelm_tokenizer::rate::seconds_in_context(1024, 42.0, 20.0);
+/// assert!((seconds - 1.191).abs() < 1e-3);
+/// ```
 pub fn seconds_in_context(tokens: usize, word: f64, rate: f64) -> f64 {
     tokens as f64 / (word + 1.0) / rate
 }
@@ -20,16 +26,16 @@ pub fn seconds_in_context_compat(tokens: usize, word: f64, rate: f64) -> f64 {
     tokens as f64 / word / rate
 }
 
-/// Sizes of a text against the numbers it was made of.
+/// Sizes of a text and of its motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bytes {
-    /// (72 + 3) f32 numbers a frame at the source's rate.
+    /// 72 + 3 f32 numbers per frame at the source's rate.
     pub smpl: u64,
     /// Characters of the text, spaces included.
     pub characters: u64,
     /// Bytes of the text in UTF-8.
     pub utf8: u64,
-    /// The alphabet in UTF-8, 4 bytes for each bin's value and for each number of a fitted table.
+    /// The alphabet in UTF-8, and 4 bytes per bin value and number of a fitted table.
     pub alphabet: u64,
 }
 
@@ -51,8 +57,8 @@ impl Bytes {
 }
 
 impl Tokenizer {
-    /// Share of characters that move by one and are back within 3 frames: in `0..=1`, `None` for fewer than 3 words and where
-    /// a word is no frame.
+    /// Share of characters that change by one and return within 3 frames, 0 to 1; `None` for fewer than 3 words and when words
+    /// are not frames.
     pub fn flicker_rate(&self, words: &Words) -> Option<f64> {
         let (frames, c) = (words.len(), words.length()?);
         if frames < 3 || self.frames_per_word() != 1 {

@@ -1,5 +1,4 @@
-//! How the codes of frames carry the root over the ground, told from outside of a clip: where it stands after a word, and what
-//! codes it takes to get somewhere else.
+//! The root's path over the ground by the codes of frames: its position after each word, and the codes of a step.
 
 use crate::scheme::angle::Angles;
 use crate::scheme::line::Line;
@@ -10,14 +9,13 @@ use kinelm_motion::Vec3;
 use kinelm_motion::rotation::exp_map;
 use std::f64::consts::{PI, TAU};
 
-/// The characters of a word that say what the root does: its step in x, its height, its step in z, its turn, its tilt in x
-/// and z.
+/// The slots of a word that code the root: its step in x, its height, its step in z, its turn, its tilt in x and z.
 pub const ROOT_SLOTS: usize = 6;
 
-/// Those of them that are steps from the frame before: in x, in z, in turn.
+/// The slots that are steps from the previous frame: in x, in z, in turn.
 pub const STEP_SLOTS: [usize; 3] = [0, 2, 3];
 
-/// The rule of a tokenizer.
+/// How a tokenizer's codes move the root.
 #[derive(Debug, Clone)]
 pub struct RootPath {
     translation: [Line; 3],
@@ -26,7 +24,7 @@ pub struct RootPath {
     start: Walk,
 }
 
-/// Where the root stands and which way it faces.
+/// Position and heading of the root.
 #[derive(Debug, Clone)]
 pub struct RootState {
     walk: Walk,
@@ -34,10 +32,10 @@ pub struct RootState {
 }
 
 impl RootPath {
-    /// That of a tokenizer whose words are frames of uniform bins, x and z steps, heights no steps, and turns coded as steps.
+    /// For a tokenizer with frames of uniform bins, x, z and turns coded as steps, and heights coded otherwise.
     ///
     /// # Errors
-    /// [`Error::Setting`]: the first setting of another tokenizer.
+    /// [`Error::Setting`] with the first setting of another tokenizer.
     pub fn of(tokenizer: &Tokenizer) -> Result<RootPath> {
         let refused =
             |field, found: String, expected: &str| Err(Error::Setting { field, found, expected: expected.into() });
@@ -65,15 +63,15 @@ impl RootPath {
         })
     }
 
-    /// Where every clip's words begin: at x = z = 0, turn 0.
+    /// The start of every clip: x = z = 0, turn 0.
     pub fn start(&self) -> RootState {
         RootState { walk: self.start.clone(), turns: self.turns }
     }
 
-    /// Moves by a word's codes, [`ROOT_SLOTS`] or more.
+    /// Moves by a word's codes, at least [`ROOT_SLOTS`].
     ///
     /// # Panics
-    /// Fewer codes.
+    /// When there are fewer codes.
     pub fn follow(&self, state: &mut RootState, word: &[u16]) {
         state.walk.follow(&self.translation, [word[0], word[1], word[2]]);
         state.turns.follow(word[3]);
@@ -81,7 +79,7 @@ impl RootPath {
         state.walk.face(about_y(state.turns.radians()) * exp_map::from_vector(tilt));
     }
 
-    /// The numbers, not yet whole, of the codes at [`STEP_SLOTS`] that make a step ([`RootState::step_to`]).
+    /// The codes at [`STEP_SLOTS`] of a step ([`RootState::step_to`]), not rounded.
     pub fn step_codes(&self, [x, z, turn]: [f64; 3]) -> [f64; 3] {
         let along = |line: &Line, step: f64| f64::from(line.zero) + (step - line.offset) / line.width;
         let bins = self.turns.bins();
@@ -90,12 +88,11 @@ impl RootPath {
 }
 
 impl RootState {
-    /// What lies between here and there: metres in x and z as seen by one who faces +z here, radians of turn, half a circle
-    /// either way.
+    /// The step to another state: metres in x and z relative to this heading, and the turn in radians, -PI to PI.
     pub fn step_to(&self, there: &RootState) -> [f64; 3] {
-        let way = self.walk.turned_in(there.walk.at() - self.walk.at());
+        let offset = self.walk.turned_in(there.walk.at() - self.walk.at());
         let turn = there.turns.radians() - self.turns.radians();
-        [way.x, way.z, (turn + PI).rem_euclid(TAU) - PI]
+        [offset.x, offset.z, (turn + PI).rem_euclid(TAU) - PI]
     }
 }
 

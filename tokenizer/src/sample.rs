@@ -1,10 +1,10 @@
-//! A sample of training frames that is the same in whatever order the clips come, and no larger than memory.
+//! A sample of training frames of bounded size, independent of the order of the clips.
 
 use kinelm_motion::Clip;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
-/// Frames that are kept at most: 100 MB of them.
+/// The most frames of a sample, about 100 MB.
 const MOST: usize = 131_072;
 
 /// A longer clip is sampled in pieces of this many frames.
@@ -15,11 +15,11 @@ const PIECE: usize = 1024;
 pub(crate) struct Sample {
     pieces: BTreeMap<Key, Clip>,
     frames: usize,
-    /// The smallest hash that found no room: nothing from there on is kept, whenever it comes.
+    /// The smallest hash that didn't fit; it and all larger ones are dropped.
     full_from: Option<Key>,
 }
 
-/// The hash of a piece, and which of several with that hash.
+/// The hash of a piece, and its number among equal pieces.
 type Key = ([u8; 32], u32);
 
 impl Sample {
@@ -27,7 +27,7 @@ impl Sample {
         Sample::default()
     }
 
-    /// Offers a clip.
+    /// Adds a clip.
     pub(crate) fn add(&mut self, clip: &Clip) {
         for start in (0..clip.frames()).step_by(PIECE) {
             let piece = clip.slice(start..clip.frames().min(start + PIECE));
@@ -68,7 +68,7 @@ impl Sample {
         }
     }
 
-    /// The pieces, in an order that hangs on their contents alone.
+    /// The pieces, in an order that depends only on their contents.
     pub(crate) fn into_clips(self) -> Vec<Clip> {
         self.pieces.into_values().collect()
     }

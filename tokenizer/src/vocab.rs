@@ -10,13 +10,13 @@ use std::collections::{HashMap, HashSet};
 pub enum Special {
     /// Fills a batch.
     Pad = 0,
-    /// In front of every window.
+    /// Begins every window.
     Bos = 1,
     /// Ends a clip.
     Eos = 2,
-    /// Stands for what is to be found.
+    /// A token to be predicted.
     Mask = 3,
-    /// A character that is none of ours.
+    /// An unknown character.
     Unk = 4,
 }
 
@@ -29,7 +29,7 @@ impl Special {
         self as u32
     }
 
-    /// As it is written.
+    /// Its text.
     pub const fn token(self) -> &'static str {
         ["<pad>", "<bos>", "<eos>", "<mask>", "<unk>"][self as usize]
     }
@@ -41,30 +41,39 @@ pub const SPACE: u32 = 5;
 /// The id of code 0's character.
 pub(crate) const FIRST_CHARACTER: u32 = 6;
 
-/// Tokens and ids. Ids never change once given: conditioning tokens are appended.
+/// Tokens and their ids. Ids never change: conditioning tokens are appended.
+///
+/// ```
+/// use kinelm_tokenizer::Vocabulary;
+///
+/// let mut vocabulary = Vocabulary::new(60);
+/// assert_eq!((vocabulary.id("<bos>"), vocabulary.id("A")), (Some(1), Some(6 + 10)));
+/// assert_eq!(vocabulary.add_conditioning("genre", "salsa")?, 66);
+/// # Ok::<(), kinelm_tokenizer::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Vocabulary {
     characters: u32,
-    /// Pairs of ids that stand together as one token, the first learnt first.
+    /// Pairs of ids that are merged, in the order of training.
     merges: Vec<(u32, u32)>,
     /// The codes of each merged token, by id.
     merged: Vec<Vec<u16>>,
     conditioning: Vec<String>,
 }
 
-/// A merged token is no longer than this: no word is.
+/// The longest merged token; no word is longer.
 const LONGEST_TOKEN: usize = 1 << 14;
 
 impl Vocabulary {
-    /// The vocabulary of so many characters, nothing merged.
+    /// The vocabulary of a number of characters, without merges.
     pub fn new(characters: u32) -> Self {
         Vocabulary { characters, merges: Vec::new(), merged: Vec::new(), conditioning: Vec::new() }
     }
 
-    /// Adds merged tokens. A pair whose characters make a token that is there already gives that token.
+    /// Adds merged tokens. A pair whose characters equal an existing token gives that token.
     ///
     /// # Errors
-    /// [`Error::Setting`] for a pair of ids that are not there yet, one given twice, and tokens longer than any word.
+    /// [`Error::Setting`] for a pair with unknown ids, a repeated pair, and tokens longer than any word.
     pub(crate) fn with_merges(mut self, merges: &[(u32, u32)]) -> Result<Self> {
         let (mut known, mut pairs) = (HashSet::new(), HashSet::new());
         for &(a, b) in merges {
@@ -85,17 +94,17 @@ impl Vocabulary {
         Ok(self)
     }
 
-    /// Pairs of ids that are merged, the first learnt first.
+    /// Pairs of ids that are merged, in the order of training.
     pub fn merges(&self) -> &[(u32, u32)] {
         &self.merges
     }
 
-    /// How many merged tokens there are; no more than merges, since two pairs may make one token.
+    /// The number of merged tokens; two pairs may give one token.
     pub fn merged(&self) -> u32 {
         self.merged.len() as u32
     }
 
-    /// What each pair becomes.
+    /// Each pair and its merged id.
     pub(crate) fn merge_table(&self) -> impl Iterator<Item = ((u32, u32), u32)> {
         let ids: HashMap<&[u16], u32> = self.merged.iter().map(Vec::as_slice).zip(self.first_merged()..).collect();
         self.merges.iter().map(move |&(a, b)| {
@@ -125,7 +134,7 @@ impl Vocabulary {
         }
     }
 
-    /// How many characters an id stands for: 0 for the space, specials and conditioning tokens.
+    /// The characters of an id: 0 for the space, specials and conditioning tokens.
     pub fn length_of_id(&self, id: u32) -> usize {
         if self.code_of_id(id).is_some() {
             return 1;
@@ -139,7 +148,7 @@ impl Vocabulary {
         self.first_conditioning() + self.conditioning.len() as u32
     }
 
-    /// How many characters there are, one a bin.
+    /// The number of characters.
     pub fn characters(&self) -> u32 {
         self.characters
     }
@@ -196,12 +205,12 @@ impl Vocabulary {
         &self.conditioning
     }
 
-    /// The id of the first conditioning token, given or not.
+    /// The id of the first conditioning token, whether there is one or not.
     pub fn first_conditioning(&self) -> u32 {
         self.first_merged() + self.merged()
     }
 
-    /// Takes the conditioning tokens out.
+    /// Removes the conditioning tokens.
     pub(crate) fn clear_conditioning(&mut self) {
         self.conditioning.clear();
     }

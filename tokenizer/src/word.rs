@@ -1,11 +1,11 @@
-//! Characters in words.
+//! Words of codes.
 
 use std::ops::Range;
 
-/// Codes, and where each word ends.
+/// Codes, split into words.
 ///
-/// A word stands for one frame or one tile of frames; its characters are codes below the scheme's number of symbols.
-/// The space that ends a word in a text is not among them.
+/// A word is one frame or one tile of frames; its characters are codes below the scheme's number of symbols, without the
+/// space that ends a word in a text.
 ///
 /// ```
 /// use kinelm_tokenizer::Words;
@@ -17,7 +17,7 @@ use std::ops::Range;
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
 pub struct Words {
     codes: Vec<u16>,
-    /// Per word: codes up to and with it.
+    /// Per word, the codes up to its end.
     ends: Vec<usize>,
 }
 
@@ -27,7 +27,7 @@ impl Words {
         Words::default()
     }
 
-    /// No words yet, with room for some.
+    /// No words, with capacity.
     pub fn with_capacity(words: usize, codes: usize) -> Self {
         Words { codes: Vec::with_capacity(codes), ends: Vec::with_capacity(words) }
     }
@@ -35,7 +35,7 @@ impl Words {
     /// Words of one length.
     ///
     /// # Panics
-    /// If `length` is 0, or the codes don't make whole words of it.
+    /// If `length` is 0 or the codes are not whole words.
     pub fn fixed(codes: Vec<u16>, length: usize) -> Self {
         assert!(codes.len().is_multiple_of(length), "{} codes are no whole words of {length}", codes.len());
         let ends = (1..=codes.len() / length).map(|i| i * length).collect();
@@ -58,12 +58,12 @@ impl Words {
         self.ends.push(self.codes.len());
     }
 
-    /// How many words.
+    /// The number of words.
     pub fn len(&self) -> usize {
         self.ends.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no words.
     pub fn is_empty(&self) -> bool {
         self.ends.is_empty()
     }
@@ -87,7 +87,7 @@ impl Words {
         &self.codes[..self.ends.last().copied().unwrap_or(0)]
     }
 
-    /// (words, characters of a word) the codes, without a copy; `None` where words differ in length.
+    /// A view of the codes, (words, characters of a word); `None` when lengths differ.
     #[cfg(feature = "ndarray")]
     pub fn view(&self) -> Option<ndarray::ArrayView2<'_, u16>> {
         let length = self.iter().next().map_or(0, <[u16]>::len);
@@ -98,7 +98,7 @@ impl Words {
     /// Some of the words.
     ///
     /// # Panics
-    /// If the range leaves them.
+    /// If the range is out of bounds.
     pub fn slice(&self, words: Range<usize>) -> Words {
         let start = if words.start == 0 { 0 } else { self.ends[words.start - 1] };
         let ends: Vec<usize> = self.ends[words].iter().map(|end| end - start).collect();
@@ -106,7 +106,7 @@ impl Words {
         Words { codes, ends }
     }
 
-    /// The one length that all words have; `None` when they differ or there is none.
+    /// The length of all words; `None` when lengths differ or there are no words.
     pub fn length(&self) -> Option<usize> {
         let first = self.iter().next()?.len();
         self.iter().all(|w| w.len() == first).then_some(first)

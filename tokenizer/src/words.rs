@@ -1,26 +1,25 @@
-//! Words, text and ids into one another.
+//! Converts between words, text and ids.
 
 use crate::scheme::WordLength;
 use crate::vocab::{FIRST_CHARACTER, SPACE, Special};
 use crate::{Error, Result, Tokenizer, Words, alphabet};
 
-/// Words read from ids that a model or a file gave.
+/// Words parsed from the ids of a model or a file.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ParsedWords {
     /// The words.
     pub words: Words,
-    /// Ids that their place doesn't allow and that were replaced, characters that were cut off or filled in.
+    /// Ids replaced because their slot doesn't allow them, and characters truncated or filled in.
     pub replaced: u64,
-    /// Characters left over behind the last whole word.
+    /// Characters after the last complete word.
     pub left_over: usize,
 }
 
 impl Tokenizer {
-    /// The text of words: their characters and a space each, also the last, so that text and
-    /// [ids](Tokenizer::ids_of_words) agree.
+    /// The text of words: their characters and a space after each, so that text and [ids](Tokenizer::ids_of_words) agree.
     ///
     /// # Errors
-    /// [`Error::Codes`] for a word of a length that the scheme doesn't have and for a code that is too large.
+    /// [`Error::Codes`] for a word of the wrong length or a code that is too large.
     pub fn text(&self, words: &Words) -> Result<String> {
         self.check(words)?;
         let mut text = String::with_capacity(words.codes().len() * 3);
@@ -31,12 +30,11 @@ impl Tokenizer {
         Ok(text)
     }
 
-    /// The words of a text. White space parts words of one length; in words of varying length, which may have no character
-    /// at all, each space ends one, and line ends are passed over.
+    /// The words of a text. White space separates words of one length. In words of varying length, which may be empty, each
+    /// space ends a word, and line ends are ignored.
     ///
     /// # Errors
-    /// [`Error::Text`] naming the word and the character, for a word that is too short or too long and for a character
-    /// that is none of the alphabet's.
+    /// [`Error::Text`] with the word and the character, for a word of the wrong length and for an unknown character.
     pub fn words_of_text(&self, text: &str) -> Result<Words> {
         let mut words = Words::with_capacity(text.len() / 64, text.len() / 2);
         match self.word_length() {
@@ -83,10 +81,10 @@ impl Tokenizer {
         Ok(())
     }
 
-    /// The ids of words, each with its space; characters are merged where the tokenizer has merges.
+    /// The ids of words, each with its space, with the tokenizer's merges applied.
     ///
     /// # Errors
-    /// [`Error::Codes`] for a word of a length that the scheme doesn't have and for a code that is too large.
+    /// [`Error::Codes`] for a word of the wrong length or a code that is too large.
     pub fn ids_of_words(&self, words: &Words) -> Result<Vec<u32>> {
         self.check(words)?;
         let mut ids = Vec::with_capacity(words.codes().len() + words.len());
@@ -101,9 +99,8 @@ impl Tokenizer {
         Ok(ids)
     }
 
-    /// The ids of text, as Hugging Face's loaders of our file give them: characters, merged where the tokenizer has merges,
-    /// `<unk>` for one that is none of ours (a line end too); special and conditioning tokens that are written out are
-    /// one id each.
+    /// The ids of text, equal to those of Hugging Face's loaders: characters, with merges applied; `<unk>` for unknown
+    /// characters, line ends included; one id for each special or conditioning token in the text.
     pub fn ids_of_text(&self, text: &str) -> Vec<u32> {
         let characters = self.vocabulary.characters();
         let mut ids = Vec::with_capacity(text.len());
@@ -131,25 +128,24 @@ impl Tokenizer {
         ids
     }
 
-    /// The id of the token whose `<` was just read, and the bytes that are left of it. No token holds another bracket.
+    /// The id of the token whose `<` was just read, and its remaining bytes. No token contains another bracket.
     fn token_after_bracket(&self, rest: &str) -> Option<(u32, usize)> {
         let length = rest.find('>')? + 1;
         let id = self.vocabulary.id(&format!("<{}", &rest[..length]))?;
         Some((id, length))
     }
 
-    /// The words of any ids.
+    /// The words of any stream of ids.
     ///
-    /// `<pad>`, `<bos>`, `<eos>` and conditioning tokens where a word would start are passed over. From there on:
-    /// - words of one length, nothing merged: each id takes its place in the word. One that its place doesn't allow is
-    ///   replaced by the code that stood there in the word before (in the first word by that of no step and no turn), at
-    ///   the end of a word by the space. A last word that lacks characters is left out.
-    /// - words of varying length and merged ones: each space ends a word; ids of no character are left out; a word that is
-    ///   too long is cut, one that is too short takes the characters that stood there in the word before (of varying
-    ///   length it stays as it is: what lacks are zeros). What stands behind the last space is left out, but for a whole
-    ///   word of fixed length.
+    /// Leading `<pad>`, `<bos>`, `<eos>` and conditioning tokens are skipped. Then:
+    /// - words of one length without merges: each id takes the next slot. An id that its slot doesn't allow is replaced by the
+    ///   previous word's code (in the first word that of no movement), at the end of a word by the space. An incomplete last
+    ///   word is dropped.
+    /// - other words: each space ends a word; ids of no character are dropped; a long word is truncated, a short one of fixed
+    ///   length is filled with the previous word's characters (one of varying length ends in zeros). Characters after the last
+    ///   space are dropped, unless they are a complete word of fixed length.
     ///
-    /// Everything that was replaced, cut or filled in is counted.
+    /// Replaced, truncated and filled characters are counted.
     pub fn words_of_ids(&self, ids: &[u32]) -> ParsedWords {
         match self.tokens_per_word() {
             Some(w) => self.words_by_count(ids, w - 1),
@@ -224,7 +220,7 @@ impl Tokenizer {
             || (first..self.vocabulary.len()).contains(&id)
     }
 
-    /// Refuses words of a length that the scheme doesn't have, and codes that are too large.
+    /// Refuses words of the wrong length and codes that are too large.
     pub(crate) fn check(&self, words: &Words) -> Result<()> {
         let symbols = self.vocabulary.characters();
         let length = self.word_length();

@@ -1,4 +1,4 @@
-//! What can go wrong with files.
+//! Errors of files, parameters, limits and stopped work.
 
 use std::fmt;
 use std::ops::Range;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Everything that reading and writing files can fail with, and what stops any work.
+/// Errors of reading and writing files, of parameters, of limits, and of stopped work.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -22,43 +22,43 @@ pub enum Error {
     /// A file is wrong.
     #[error(transparent)]
     File(Box<Fault>),
-    /// The user broke the work off; what was promised whole isn't there.
+    /// The user stopped the work; its output was not written.
     #[error("{0}")]
     Stopped(String),
-    /// Something stands where a file was to be written.
+    /// An output that must not be written.
     #[error("{path} {what}")]
     Taken {
         /// The output.
         path: PathBuf,
-        /// What stands there or would happen, and what to do.
+        /// The reason, and what to do.
         what: String,
     },
-    /// The work takes more than there is or than is allowed.
+    /// The work needs more than is available or allowed.
     #[error("{what} takes {needs}, the limit is {limit}{}{help}", if help.is_empty() { "" } else { "; " })]
     Limit {
         /// The work, or the input that is too large.
         what: String,
-        /// What it takes, with its unit.
+        /// What it needs, with the unit.
         needs: String,
-        /// What there is or is allowed, with its unit.
+        /// What is available or allowed, with the unit.
         limit: String,
         /// What the user can do; may be empty.
         help: String,
     },
-    /// A parameter, a key of a file or an input of a call has a value that it can't have.
+    /// A parameter, a key of a file or an input has an invalid value.
     #[error("{name} is {found}; expected {expected}")]
     Invalid {
-        /// What has the value. A parameter stands in backquotes, by its name in the library: `` `top_p` ``.
+        /// What has the value. A parameter has its library name in backquotes: `` `top_p` ``.
         name: String,
         /// Its value.
         found: String,
-        /// What it may be.
+        /// The allowed values.
         expected: String,
     },
     /// The inputs lack what the work needs.
     #[error("no {what}; {help}")]
     Missing {
-        /// What isn't there.
+        /// What is missing.
         what: String,
         /// Why it is needed, or what to do.
         help: String,
@@ -102,15 +102,15 @@ pub enum Kind {
     Failed,
 }
 
-/// What is wrong with a file.
+/// A fault of a file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{at}: found {found}, expected {expected}{}{help}", if help.is_empty() { "" } else { "; " })]
 pub struct Fault {
     /// Where.
     pub at: SourcePos,
-    /// What stands there.
+    /// What was found.
     pub found: String,
-    /// What should.
+    /// What was expected.
     pub expected: String,
     /// What the user can do; may be empty.
     pub help: String,
@@ -123,7 +123,7 @@ impl Error {
         move |source| Error::Io { path, source }
     }
 
-    /// A parameter, key or input with a value that it can't have: "`name` is `found`; expected `expected`".
+    /// A parameter, key or input with an invalid value: "`name` is `found`; expected `expected`".
     pub fn invalid(name: impl Into<String>, found: impl fmt::Display, expected: impl Into<String>) -> Error {
         Error::Invalid { name: name.into(), found: found.to_string(), expected: expected.into() }
     }
@@ -173,12 +173,12 @@ impl Error {
         Error::Option { option, what: what.into() }
     }
 
-    /// Work that the user broke off.
+    /// Work that the user stopped.
     pub fn stopped(what: impl Into<String>) -> Error {
         Error::Stopped(what.into())
     }
 
-    /// An output that must not be written: `what` goes on behind its name.
+    /// An output that must not be written: "`path` `what`".
     pub fn taken(path: impl AsRef<Path>, what: impl Into<String>) -> Error {
         Error::Taken { path: path.as_ref().to_owned(), what: what.into() }
     }
@@ -193,12 +193,12 @@ impl Error {
         Error::at(SourcePos::file(path), found, expected, help)
     }
 
-    /// A fault at a place of a file.
+    /// A fault at a position in a file.
     pub fn at(at: SourcePos, found: impl Into<String>, expected: impl Into<String>, help: impl Into<String>) -> Error {
         Error::File(Box::new(Fault { at, found: found.into(), expected: expected.into(), help: help.into() }))
     }
 
-    /// A fault at the bytes `span` of a file's text; of the file as a whole without one.
+    /// A fault at the byte range `span` of a file's text; of the whole file without one.
     pub fn in_text(
         (path, text): (&Path, &str),
         span: Option<Range<usize>>,
@@ -222,7 +222,7 @@ macro_rules! constructors {
                 move |source| at(source).into()
             }
 
-            /// A parameter, key or input with a value that it can't have: "`name` is `found`; expected `expected`".
+            /// A parameter, key or input with an invalid value: "`name` is `found`; expected `expected`".
             pub fn invalid(
                 name: impl Into<String>,
                 found: impl ::std::fmt::Display,
@@ -261,12 +261,12 @@ macro_rules! constructors {
                 $crate::Error::option(option, what).into()
             }
 
-            /// Work that the user broke off.
+            /// Work that the user stopped.
             pub fn stopped(what: impl Into<String>) -> $error {
                 $crate::Error::stopped(what).into()
             }
 
-            /// An output that must not be written: `what` goes on behind its name.
+            /// An output that must not be written: "`path` `what`".
             pub fn taken(path: impl AsRef<::std::path::Path>, what: impl Into<String>) -> $error {
                 $crate::Error::taken(path, what).into()
             }
@@ -281,7 +281,7 @@ macro_rules! constructors {
                 $crate::Error::file(path, found, expected, help).into()
             }
 
-            /// A fault at a place of a file.
+            /// A fault at a position in a file.
             pub fn at(
                 at: $crate::SourcePos,
                 found: impl Into<String>,
@@ -291,7 +291,7 @@ macro_rules! constructors {
                 $crate::Error::at(at, found, expected, help).into()
             }
 
-            /// A fault at the bytes `span` of a file's text; of the file as a whole without one.
+            /// A fault at the byte range `span` of a file's text; of the whole file without one.
             pub fn in_text(
                 file: (&::std::path::Path, &str),
                 span: Option<::std::ops::Range<usize>>,
@@ -305,14 +305,14 @@ macro_rules! constructors {
     };
 }
 
-/// A place in a file. Lines and columns count from 1; 0 means the file as a whole (binary formats).
+/// A position in a file. Lines and columns count from 1; 0 means the file as a whole (binary formats).
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SourcePos {
     /// The file as the user named it.
     pub path: PathBuf,
-    /// Line, from 1; 0 where a line means nothing.
+    /// Line, from 1; 0 for the whole file.
     pub line: usize,
-    /// Column in characters, from 1; 0 where a column means nothing.
+    /// Column in characters, from 1; 0 for the whole file.
     pub column: usize,
 }
 
@@ -333,7 +333,7 @@ impl fmt::Display for SourcePos {
     }
 }
 
-/// Line and column of a byte of a text.
+/// The position of a byte of a text.
 fn position(path: &Path, text: &str, byte: usize) -> SourcePos {
     let before = &text[..byte.min(text.len())];
     SourcePos {

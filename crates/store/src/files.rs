@@ -1,4 +1,4 @@
-//! Files that later steps depend on: whole or not there.
+//! Writes files and folders that later steps depend on: complete, or not at all.
 
 use crate::{Error, Result, input};
 use std::collections::{BTreeSet, HashSet};
@@ -8,15 +8,23 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Writes `bytes` to `path` so that a reader sees the old file or the new one: a temporary name in the same folder,
-/// fsync, rename, fsync of the folder. Folders that are missing are made.
+/// Writes `bytes` to `path` so that a reader sees the old file or the new one: to a temporary name in the same folder, then
+/// fsync, rename, and fsync of the folder. Creates missing folders.
+///
+/// ```
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("new/notes.txt");
+/// kinelm_store::files::write_whole(&path, b"one")?;
+/// assert_eq!(std::fs::read(&path)?, b"one");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
-/// [`Error::Io`] with the path at which the system refused; the temporary file is gone then.
+/// [`Error::Io`] with the path; the temporary file is removed.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let Some(name) = path.file_name() else {
-        return Err(Error::Call(format!("{} is no name for a file", path.display())));
+        return Err(Error::taken(path, "is no name for a file"));
     };
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(Error::io(folder))?;
@@ -28,7 +36,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
         file.write_all(bytes)?;
         file.sync_all()?;
         fs::rename(&temporary, path)?;
-        // some file systems can't sync a folder; the file itself is safe
+        // some file systems can't sync a folder; the file itself is synced
         let _ = File::open(folder).and_then(|f| f.sync_all());
         Ok(())
     })();
@@ -38,17 +46,30 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     })
 }
 
-/// Writes a new folder of these files, which is whole or not there; one that holds them already stays.
+/// Writes a new folder of these files, complete or not at all. A folder that already holds them is left alone.
 ///
 /// # Errors
-/// Those of [`PendingFolder::commit`]; what the system refuses. What was written is gone then.
+/// Those of [`PendingFolder::commit`]; I/O errors. Nothing is left then.
 pub fn write_folder(path: &Path, contents: &[(&str, Vec<u8>)]) -> Result<()> {
     let hidden = PendingFolder::create(path)?;
     contents.iter().try_for_each(|(name, bytes)| hidden.write(name, bytes))?;
     hidden.commit("give a folder that isn't there")
 }
 
-/// A folder that is made under a hidden name beside its place. Dropped before it has got there, it leaves nothing.
+/// A folder written under a hidden name beside its final path. Dropped before it is committed, it leaves nothing.
+///
+/// ```
+/// use kinelm_store::files::PendingFolder;
+///
+/// let parent = tempfile::tempdir()?;
+/// let path = parent.path().join("model");
+/// let folder = PendingFolder::create(&path)?;
+/// folder.write("about.txt", b"a model")?;
+/// assert!(!path.exists());
+/// folder.commit("give another folder")?;
+/// assert_eq!(std::fs::read(path.join("about.txt"))?, b"a model");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct PendingFolder {
     path: PathBuf,
@@ -56,42 +77,42 @@ pub struct PendingFolder {
 }
 
 impl PendingFolder {
-    /// An empty one. The folders above its place are made; what killed calls left there is swept.
+    /// An empty folder that will be `place`. Creates the folders above it and removes leftovers of killed processes.
     ///
     /// # Errors
-    /// A place that has no name; what the system refuses.
+    /// A path without a last name; I/O errors.
     pub fn create(place: &Path) -> Result<PendingFolder> {
         let parent = folder_of(place);
         fs::create_dir_all(parent).map_err(Error::io(parent))?;
         sweep(&[place]);
         let path = beside(place, "writing")?;
         if path.exists() {
-            // a process of this number died here
+            // a process with the same id died here
             fs::remove_dir_all(&path).map_err(Error::io(&path))?;
         }
         fs::create_dir(&path).map_err(Error::io(&path))?;
         Ok(PendingFolder { path, place: place.into() })
     }
 
-    /// Where it is until then.
+    /// Its current path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes a file of it and syncs it.
+    /// Writes and syncs a file in it.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         let path = self.path.join(name);
         let file = File::create(&path).and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()));
         file.map_err(Error::io(&path))
     }
 
-    /// Gives the folder its name. One that holds the same files already stays as it is.
+    /// Gives the folder its name. An existing folder with the same files is left alone.
     ///
     /// # Errors
-    /// [`Error::Taken`] with `help` where anything else stands there but an empty folder; what the system refuses.
+    /// [`Error::Taken`] with `help` when anything else but an empty folder is there; I/O errors.
     pub fn commit(self, help: &str) -> Result<()> {
         if is_empty(&self.place) {
             fs::remove_dir(&self.place).map_err(Error::io(&self.place))?;
@@ -104,11 +125,11 @@ impl PendingFolder {
         sync_folder(folder_of(&self.place))
     }
 
-    /// The same, but a folder that is there gets these files one by one in the place of those of the same `layout`, the one
-    /// named first last; its other files stay.
+    /// As [`PendingFolder::commit`], but in an existing folder the files of `layout` are replaced one by one, the first of them
+    /// last; other files stay.
     ///
     /// # Errors
-    /// What the system refuses: the first file is then still the old one, and tells that the others aren't its own.
+    /// I/O errors. The first file, which describes the others, is then still the old one.
     pub fn commit_over(self, layout: &[&str]) -> Result<()> {
         if !self.place.is_dir() || is_empty(&self.place) || holds(&self.place, &self.path) {
             return self.commit("");
@@ -129,14 +150,14 @@ impl PendingFolder {
 
 impl Drop for PendingFolder {
     fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.path); // gone already where it has got its name
+        let _ = fs::remove_dir_all(&self.path); // already gone once committed
     }
 }
 
-/// Gives a new folder its name.
+/// Renames a new folder.
 ///
 /// # Errors
-/// [`Error::Taken`] where another call has made something of that name since; what the system refuses.
+/// [`Error::Taken`] when something with that name was created in the meantime; I/O errors.
 pub fn rename_new(from: &Path, to: &Path) -> Result<()> {
     use std::io::ErrorKind::{AlreadyExists, DirectoryNotEmpty, NotADirectory};
     fs::rename(from, to).map_err(|e| match e.kind() {
@@ -147,12 +168,12 @@ pub fn rename_new(from: &Path, to: &Path) -> Result<()> {
     })
 }
 
-/// Whether this is a folder with nothing in it.
+/// Whether this is an empty folder.
 fn is_empty(path: &Path) -> bool {
     fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none())
 }
 
-/// Whether a folder holds all files of another, with the same bytes.
+/// Whether a folder has all files of another, with the same bytes.
 fn holds(place: &Path, new: &Path) -> bool {
     let each = |entry: std::io::Result<fs::DirEntry>| {
         let Ok(entry) = entry else { return false };
@@ -162,7 +183,7 @@ fn holds(place: &Path, new: &Path) -> bool {
     fs::read_dir(new).is_ok_and(|mut entries| entries.all(each))
 }
 
-/// Whether two files hold the same bytes. One that can't be read holds others.
+/// Whether two files have the same bytes; `false` when one can't be read.
 fn same_bytes(a: &Path, b: &Path) -> bool {
     let open = |path: &Path| -> std::io::Result<(u64, BufReader<File>)> {
         let file = input::peek(path)?;
@@ -181,12 +202,12 @@ fn same_bytes(a: &Path, b: &Path) -> bool {
         }
 }
 
-/// Makes renames and new names in `folder` last.
+/// Syncs renames and new names in `folder`.
 ///
 /// # Errors
 /// [`Error::Io`] when the system refuses.
 pub fn sync_folder(folder: &Path) -> Result<()> {
-    // only Unix opens folders; elsewhere a rename is as lasting as the system makes it
+    // only Unix opens folders
     if cfg!(unix) {
         File::open(folder).and_then(|f| f.sync_all()).map_err(Error::io(folder))?;
     }
@@ -196,21 +217,21 @@ pub fn sync_folder(folder: &Path) -> Result<()> {
 /// A hidden name for this process beside `path`: `.{name}.{purpose}-{process id}`.
 ///
 /// # Errors
-/// [`Error::Call`] when `path` ends in no name, as `/` and `..` do.
+/// [`Error::Taken`] when `path` has no last name, like `/` and `..`.
 pub fn beside(path: &Path, purpose: &str) -> Result<PathBuf> {
-    let what = || Error::Call(format!("{}: can't be written; expected a name to write to", path.display()));
+    let what = || Error::taken(path, "can't be written; expected a name to write to");
     let mut name = std::ffi::OsString::from(".");
     name.push(path.file_name().ok_or_else(what)?);
     name.push(format!(".{purpose}-{}", std::process::id()));
     Ok(folder_of(path).join(name))
 }
 
-/// How long what another process was writing must lie untouched before it is taken for lost: it may run on another machine
-/// that shares the folder.
-const LOST: Duration = Duration::from_secs(3600);
+/// Leftovers of other processes are removed after this time without changes: the process may run on another machine that
+/// shares the folder.
+const ABANDONED: Duration = Duration::from_secs(3600);
 
-/// Removes what calls that are no more left half-written under these names: `.NAME.writing-PID`, as [`beside`] names it, and
-/// `NAME.PID-COUNT.part`, as [`write_whole`] does, whose process is gone and which nobody has touched for an hour.
+/// Removes unfinished outputs of these names, `.NAME.writing-PID` ([`beside`]) and `NAME.PID-COUNT.part` ([`write_whole`]),
+/// whose process is gone and which haven't changed for an hour.
 pub fn sweep(outputs: &[&Path]) {
     let folders: BTreeSet<&Path> = outputs.iter().map(|path| folder_of(path)).collect();
     for folder in folders {
@@ -221,7 +242,7 @@ pub fn sweep(outputs: &[&Path]) {
             .collect();
         for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
             let (found, path) = (entry.file_name(), entry.path());
-            // where the system doesn't tell who runs, age alone does
+            // without /proc, age alone decides
             let runs = |id: u32| Path::new("/proc").join(id.to_string()).exists();
             let left = found.to_str().and_then(left_over).filter(|(name, id)| names.contains(name) && !runs(*id));
             let inside = || fs::read_dir(&path).into_iter().flatten().flatten().all(|e| is_old(&e.path()));
@@ -232,7 +253,7 @@ pub fn sweep(outputs: &[&Path]) {
     }
 }
 
-/// The name that a half-written file or folder was to have, and the process that was writing it.
+/// The final name of an unfinished file or folder, and the id of its process.
 pub fn left_over(found: &str) -> Option<(&str, u32)> {
     let (name, id) = match found.strip_suffix(".part") {
         Some(rest) => {
@@ -246,27 +267,27 @@ pub fn left_over(found: &str) -> Option<(&str, u32)> {
     Some((name, id.parse().ok()?))
 }
 
-/// Whether nobody has touched a file or folder for so long that it is lost.
+/// Whether a file or folder is abandoned.
 fn is_old(path: &Path) -> bool {
     let modified = fs::symlink_metadata(path).and_then(|m| m.modified());
-    modified.is_ok_and(|m| m.elapsed().is_ok_and(|age| age > LOST))
+    modified.is_ok_and(|m| m.elapsed().is_ok_and(|age| age > ABANDONED))
 }
 
-/// Whether this is the name of a file, and no path: without separators (of any system), not `.` or `..`.
+/// Whether this is a file name and not a path: without separators of any system, not `.` or `..`.
 pub fn is_plain(name: &str) -> bool {
     let path = Path::new(name);
     path.file_name().is_some_and(|file| file == name) && !name.contains(['/', '\\'])
 }
 
-/// The folder that `path` stands in; `.` for a bare name.
+/// The folder of `path`; `.` for a bare name.
 pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// A path as the files of `folder` name it, so that both can be moved together: from the folder on, or absolute where no way
-/// leads from one to the other. One that isn't there stays as [`path_in`] had it.
+/// A path relative to `folder`, so that both can be moved together; absolute when there is no relative path. A path that
+/// doesn't exist stays as [`path_in`] returned it.
 pub fn path_from(folder: &Path, path: &Path) -> PathBuf {
-    // without links, which `..` would lead out of
+    // without links, because `..` of a link is elsewhere
     let found = match (path.canonicalize(), folder.canonicalize()) {
         (Ok(whole), Ok(folder)) => pathdiff::diff_paths(whole, folder),
         _ => path.strip_prefix(folder).map(Path::to_owned).ok(),
@@ -274,13 +295,13 @@ pub fn path_from(folder: &Path, path: &Path) -> PathBuf {
     found.unwrap_or_else(|| std::path::absolute(path).unwrap_or_else(|_| path.into()))
 }
 
-/// Where a path leads that a file of `folder` names: [`path_from`] taken back.
+/// The path that a file of `folder` names; the inverse of [`path_from`].
 pub fn path_in(folder: &Path, path: &Path) -> PathBuf {
     let joined = folder.join(path);
     joined.canonicalize().unwrap_or(joined)
 }
 
-/// Refuses a file whose folder neither is there nor can be made, since a file stands in its way, before any work is done.
+/// Refuses, before any work, an output whose folder can't be created because a file has its name.
 ///
 /// # Errors
 /// [`Error::Taken`] then.
@@ -300,7 +321,7 @@ mod tests {
     #[test]
     fn what_dead_processes_left_long_ago_is_swept() {
         let dir = tempfile::tempdir().unwrap();
-        let then = std::time::SystemTime::now() - 2 * LOST;
+        let then = std::time::SystemTime::now() - 2 * ABANDONED;
         let folder = |name: String, old: bool| {
             let folder = dir.path().join(name);
             fs::create_dir(&folder).unwrap();
@@ -397,7 +418,7 @@ mod tests {
         let layout = ["about", "short", "long", "same"];
         write_folder(&path, &[("about", vec![1]), ("short", vec![2]), ("same", vec![0; 200_000])]).unwrap();
         fs::write(path.join("notes.txt"), "dear").unwrap();
-        let then = std::time::SystemTime::now() - LOST;
+        let then = std::time::SystemTime::now() - ABANDONED;
         File::open(path.join("same")).unwrap().set_modified(then).unwrap();
         let hidden = PendingFolder::create(&path).unwrap();
         for (name, bytes) in [("about", vec![3]), ("long", vec![4; 9]), ("same", vec![0; 200_000])] {

@@ -6,33 +6,39 @@ use sha2::{Digest, Sha256};
 use std::path::Path;
 
 /// Length and hash of a file.
+///
+/// ```
+/// let record = kinelm_store::FileRecord::of(b"abc");
+/// assert_eq!((record.bytes, &record.sha256[..8]), (3, "ba7816bf"));
+/// assert!(record.check("a.txt".as_ref(), b"abd").is_err());
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FileRecord {
-    /// Its length.
+    /// Length in bytes.
     pub bytes: u64,
-    /// SHA-256 of its bytes, hexadecimal.
+    /// SHA-256, hexadecimal.
     pub sha256: String,
 }
 
 impl FileRecord {
-    /// The record of a file that holds `bytes`.
+    /// The record of a file with these bytes.
     pub fn of(bytes: &[u8]) -> Self {
         FileRecord { bytes: bytes.len() as u64, sha256: of(bytes) }
     }
 
-    /// Whether `bytes` are the file's.
+    /// Refuses other bytes than the file's.
     ///
     /// # Errors
-    /// [`Error::File`] with what was found and expected.
+    /// [`Error::File`] with both records.
     pub fn check(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let found = FileRecord::of(bytes);
         if found == *self {
             return Ok(());
         }
-        let say = |r: &FileRecord| format!("{} bytes with SHA-256 {}", r.bytes, r.sha256);
+        let text = |r: &FileRecord| format!("{} bytes with SHA-256 {}", r.bytes, r.sha256);
         let help = "the file was changed after it was written: make the corpus again";
-        Err(Error::file(path, say(&found), say(self), help))
+        Err(Error::file(path, text(&found), text(self), help))
     }
 }
 
@@ -46,7 +52,7 @@ pub fn hex(hash: Sha256) -> String {
     hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// SHA-256 of a file, which is read in pieces.
+/// SHA-256 of a file, read in pieces.
 ///
 /// # Errors
 /// [`Error::Io`].

@@ -1,5 +1,5 @@
-//! Every file that is read is opened here: only what is a file, and text that is text. Which files were read is kept, so
-//! that no call writes over what it reads.
+//! Opens all inputs: refuses pipes, devices and text that isn't UTF-8, and records what was read, so that no call overwrites its
+//! inputs.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -7,41 +7,40 @@ use std::io::{Error, ErrorKind, Read, Result};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// What tells files apart: device and number; where the system has none, the path without links.
+/// Identity of a file: device and inode; on other systems the path without links.
 #[cfg(unix)]
 pub type Identity = (u64, u64);
-/// What tells files apart: device and number; where the system has none, the path without links.
+/// Identity of a file: device and inode; on other systems the path without links.
 #[cfg(not(unix))]
 pub type Identity = PathBuf;
 
 /// The files that this process has read, and the path of each.
 static READ: Mutex<Option<HashMap<Identity, PathBuf>>> = Mutex::new(None);
 
-/// Which file stands at `path`, links followed; `None` where there is none.
+/// The identity of the file at `path`, links followed; `None` without a file.
 #[cfg(unix)]
 pub fn identity(path: &Path) -> Option<Identity> {
     use std::os::unix::fs::MetadataExt;
     fs::metadata(path).map(|m| (m.dev(), m.ino())).ok()
 }
 
-/// Which file stands at `path`, links followed; `None` where there is none.
+/// The identity of the file at `path`, links followed; `None` without a file.
 #[cfg(not(unix))]
 pub fn identity(path: &Path) -> Option<Identity> {
     path.canonicalize().ok()
 }
 
-/// Opens an input. Pipes and devices, which may have no end, are refused before they are opened.
+/// Opens an input. Refuses pipes and devices, which may have no end, before they are opened.
 ///
 /// # Errors
-/// What is no file; what the system refuses.
+/// Something that is no file; I/O errors.
 pub fn open(path: &Path) -> Result<File> {
     let file = peek(path)?;
     note(path);
     Ok(file)
 }
 
-/// [`open`] of a file that is no input: an output that is looked at before it is replaced, or a file that the call itself
-/// goes on with.
+/// As [`open`], for a file that is no input: an output that may be replaced, or a file that the call itself continues.
 ///
 /// # Errors
 /// Those of [`open`].
@@ -50,7 +49,7 @@ pub fn peek(path: &Path) -> Result<File> {
     File::open(path)
 }
 
-/// Keeps that a file is an input, where another reader opens it.
+/// Records an input that is opened elsewhere.
 pub fn note(path: &Path) {
     if let Some(id) = identity(path).filter(|_| path.is_file()) {
         let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
@@ -58,11 +57,11 @@ pub fn note(path: &Path) {
     }
 }
 
-/// Whether the file at `path` was read as an input, under whatever name.
+/// Whether the file at `path` was read as an input, under any name.
 pub fn was_read(path: &Path) -> bool {
     let Some(id) = identity(path) else { return false };
     let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
-    // where the input is gone, its number may have become another file's
+    // if the input was deleted, another file may have its inode
     read.as_ref().and_then(|read| read.get(&id)).is_some_and(|input| identity(input) == Some(id))
 }
 
@@ -86,7 +85,7 @@ fn all(mut file: File) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let length = file.metadata()?.len();
     let length = usize::try_from(length).map_err(|_| ErrorKind::OutOfMemory)?;
-    // one more, so that the end is found without growing
+    // one more, so that the end is found without growing the buffer
     bytes.try_reserve_exact(length.saturating_add(1))?;
     file.read_to_end(&mut bytes)?;
     Ok(bytes)
@@ -95,17 +94,17 @@ fn all(mut file: File) -> Result<Vec<u8>> {
 /// The text of an input.
 ///
 /// # Errors
-/// As [`bytes`]; [`ErrorKind::InvalidData`] for bytes that are no UTF-8.
+/// As [`bytes`]; [`ErrorKind::InvalidData`] for bytes that are not UTF-8.
 pub fn text(path: &Path) -> Result<String> {
     let no_text =
         |_| Error::new(ErrorKind::InvalidData, "found bytes that are no UTF-8, expected text; save it as UTF-8");
     String::from_utf8(bytes(path)?).map_err(no_text)
 }
 
-/// Refuses pipes and devices; a folder's own error says that it is one.
+/// Refuses pipes and devices. Folders pass; opening them fails with its own message.
 ///
 /// # Errors
-/// What is no file; what the system refuses.
+/// Something that is no file; I/O errors.
 pub fn check(path: &Path) -> Result<()> {
     let kind = fs::metadata(path)?;
     match kind.is_file() || kind.is_dir() {

@@ -1,8 +1,8 @@
-//! Durable files and folders, hashes, random streams, and what a call may write over.
+//! Durable files and folders, hashes, random streams, errors, and which files a call may overwrite.
 //!
-//! Nothing here knows motion. Every file is read through [`input`], so that no call writes over what it has read
-//! ([`output`]); what later steps depend on is written whole or not at all ([`files`], [`sidecar`]); every random number
-//! comes from a stream of its own ([`random`]).
+//! This crate knows nothing of motion. All files are read through [`input`], so that no call overwrites its inputs
+//! ([`output`]); files that later steps depend on are written completely or not at all ([`files`], [`sidecar`]); every use of
+//! randomness has its own stream ([`random`]).
 #![forbid(unsafe_code)]
 
 pub mod error;
@@ -19,7 +19,7 @@ pub mod suggest;
 pub use error::{Error, Kind, Result, SourcePos};
 pub use hash::FileRecord;
 
-/// So many of what a word in the plural names: "1 clip", "2 clips".
+/// A count with its noun, given in the plural: "1 clip", "2 clips".
 ///
 /// ```
 /// assert_eq!(kinelm_store::counted(1, "clips"), "1 clip");

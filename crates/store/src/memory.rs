@@ -1,4 +1,4 @@
-//! How much memory this process can still have: what the system, its control groups and its own limits leave.
+//! The memory still available to this process within the system, its control groups and its own limits.
 //!
 //! Sources: proc(5) (`meminfo`, `limits`, `status`), the kernel's documentation of control groups, versions 1 and 2.
 
@@ -6,7 +6,7 @@ use crate::{Error, Result};
 use std::fs;
 use std::path::Path;
 
-/// Bytes that this process can still have; `None` where the system doesn't tell.
+/// Bytes available to this process; `None` when unknown.
 pub fn free() -> Option<u64> {
     let system = read("/proc/meminfo").and_then(|text| kilobytes(&text, "MemAvailable:"));
     let own =
@@ -15,10 +15,10 @@ pub fn free() -> Option<u64> {
     [system, own, groups].into_iter().flatten().min()
 }
 
-/// Refuses work that takes about so many bytes more than this process can still have, before it is begun.
+/// Refuses, before it begins, work that needs more than the available memory.
 ///
 /// # Errors
-/// [`Error::Limit`] with what it takes and what there is; none where the system doesn't tell.
+/// [`Error::Limit`] with the needed and the available memory; never when the latter is unknown.
 pub fn check(needed: u128, what: &str, help: &str) -> Result<()> {
     free().map_or(Ok(()), |free| compare(needed, free.into(), what, help))
 }
@@ -41,23 +41,23 @@ fn read(path: impl AsRef<Path>) -> Option<String> {
     fs::read_to_string(path).ok()
 }
 
-/// Bytes on the line that begins with `key`, which says kilobytes.
+/// Bytes of the line that begins with `key` and is in kilobytes.
 fn kilobytes(text: &str, key: &str) -> Option<u64> {
     let line = text.lines().find_map(|line| line.strip_prefix(key))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
-/// What the limits of the process (`ulimit -v`, `ulimit -d`) leave.
+/// Bytes left by the limits of the process (`ulimit -v`, `ulimit -d`).
 fn own(limits: &str, status: &str) -> Option<u64> {
     let left = |limit: &str, used: &str| {
         let line = limits.lines().find_map(|line| line.strip_prefix(limit))?;
-        let most: u64 = line.split_whitespace().next()?.parse().ok()?; // "unlimited" is no number
+        let most: u64 = line.split_whitespace().next()?.parse().ok()?; // "unlimited" doesn't parse
         Some(most.saturating_sub(kilobytes(status, used)?))
     };
     [left("Max address space", "VmSize:"), left("Max data size", "VmData:")].into_iter().flatten().min()
 }
 
-/// What the control groups of the process leave, each of which is within the next; `text` is `/proc/self/cgroup`.
+/// Bytes left by the nested control groups of the process; `text` is `/proc/self/cgroup`.
 fn groups(text: &str, root: &Path) -> Option<u64> {
     let mut least = None;
     for line in text.lines() {
@@ -71,7 +71,7 @@ fn groups(text: &str, root: &Path) -> Option<u64> {
             }
             _ => continue,
         };
-        // within a container the group may be named as outside of it, where there is no such folder
+        // in a container the group may have its outer name, for which there is no folder
         let group = root.join(group.trim_start_matches('/'));
         let all = group.ancestors().take_while(|folder| folder.starts_with(&root));
         least = all.filter_map(|folder| left_in(folder, names)).chain(least).min();
@@ -79,7 +79,7 @@ fn groups(text: &str, root: &Path) -> Option<u64> {
     least
 }
 
-/// What is left in one group: files that it read and doesn't use any more count as free.
+/// Bytes left in one group; inactive file cache counts as free.
 fn left_in(folder: &Path, [limit, used, unused]: [&str; 3]) -> Option<u64> {
     let number = |name: &str| read(folder.join(name))?.trim().parse::<u64>().ok();
     let stat = read(folder.join("memory.stat")).unwrap_or_default();

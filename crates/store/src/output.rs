@@ -1,16 +1,16 @@
-//! What a call may write over: never what it reads, and unasked only what is its own beyond doubt.
+//! Which files a call may overwrite: never its inputs, and without `force` only files that the program certainly made.
 //!
-//! | what stands at the output | what happens |
+//! | existing output | |
 //! |---|---|
-//! | nothing | it is written |
-//! | a file that the call reads, by whatever name or link, whoever named it | it is refused, with `--force` too |
-//! | a file of a run, a corpus, an index or a classifier | the same |
-//! | the very bytes that would be written | it is left as it is |
-//! | a dance whose hash stands in the file beside it; a page, picture or table with our mark | it is replaced |
-//! | anything else | it is refused; with `--force` it is replaced |
+//! | none | written |
+//! | an input of the call, under any name or link | refused, with `force` too |
+//! | a file of a run, a corpus, an index or a classifier | refused, with `force` too |
+//! | a file with the same bytes | left alone |
+//! | a dance whose sidecar has its hash; a page, picture or table with the program's mark | replaced |
+//! | anything else | refused; replaced with `force` |
 //!
-//! What a call reads is what it was given, which is refused before the work, and whatever it has opened by then
-//! ([`mod@input`]): what its run, its corpus, its plan or a file beside a clip has named.
+//! Inputs are the paths that the call was given, which are checked before the work, and all files that it has opened by then
+//! ([`mod@input`]).
 
 use crate::{
     Error, Result, files, hash, input,
@@ -22,44 +22,44 @@ use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-/// How a program tells its own files from those of others.
+/// How the program recognises its own files.
 #[derive(Debug, Clone, Copy)]
 pub struct Ours {
-    /// Whether files of this name carry the program's mark inside.
+    /// Whether files of this name contain the program's mark.
     pub is_marked: fn(&Path) -> bool,
-    /// Whether the program made this file, beyond doubt.
+    /// Whether the program certainly made this file.
     pub is_file: fn(&Path) -> Result<bool>,
-    /// The folder of the program's (a run, a corpus) that a path without links is a file of, and what that folder is.
+    /// The program's folder (a run, a corpus) that a path without links belongs to, and its kind.
     pub owner: for<'a> fn(&'a Path) -> Option<(&'a Path, &'static str)>,
 }
 
-/// What a call reads, and whether it may replace what isn't its own.
+/// The inputs of a call, and whether it may replace other files.
 #[derive(Debug, Clone)]
 pub struct Outputs {
     ours: Ours,
     inputs: Vec<PathBuf>,
     force: bool,
-    /// Of the inputs the files, and the folders by their paths without links; looked up once, where an output is there.
+    /// The inputs that are files, and those that are folders; looked up once, when an output exists.
     known: OnceLock<(HashSet<Identity>, Vec<Folder>)>,
 }
 
 /// A folder as it was given, and without links.
 type Folder = (PathBuf, PathBuf);
 
-/// What writing came to.
+/// What [`Outputs::write`] did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Written {
-    /// Nothing stood there.
+    /// A new file was written.
     New,
-    /// The very bytes stood there.
+    /// The file already had these bytes.
     Same,
-    /// Something else stood there.
+    /// Another file was replaced.
     Replaced,
 }
 
 impl Outputs {
-    /// For a call that reads these files, and of these folders the files that are no motion, page or picture. Inputs that
-    /// aren't there matter not.
+    /// For a call that reads these files, and in these folders all files but motion, pages and pictures. Missing inputs are
+    /// ignored.
     pub fn new(ours: Ours, inputs: impl IntoIterator<Item = impl Into<PathBuf>>, force: bool) -> Outputs {
         Outputs { ours, inputs: inputs.into_iter().map(Into::into).collect(), force, known: OnceLock::new() }
     }
@@ -72,11 +72,11 @@ impl Outputs {
         })
     }
 
-    /// Refuses, before any work, what [`Outputs::write`] would refuse whatever the bytes: an input, what is no file, a page
-    /// or a picture without our mark; and two outputs of one name. What killed calls left under these names is swept.
+    /// Refuses, before any work, what [`Outputs::write`] would refuse for any bytes: an input, something that is no file, a page
+    /// or a picture without the program's mark; and two outputs of one name. Removes leftovers of killed processes.
     ///
     /// # Errors
-    /// [`Error::Taken`] with what stands in the way.
+    /// [`Error::Taken`] with the reason.
     pub fn check<'a>(&self, outputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
         let outputs: Vec<&Path> = outputs.into_iter().collect();
         let mut names = HashSet::new();
@@ -94,7 +94,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// Refuses a folder whose files of these names would be replaced, where the call reads one of them or the folder itself.
+    /// Refuses an output folder when the call reads it or one of its files of `layout`.
     ///
     /// # Errors
     /// [`Error::Taken`] then.
@@ -102,13 +102,13 @@ impl Outputs {
         let parts = layout.iter().map(|name| folder.join(name)).chain([folder.to_owned()]);
         for part in parts {
             if self.is_input(&part) {
-                return Err(Error::taken(part, "would be written over, and this call reads it; give another --out"));
+                return Err(Error::taken(part, "would be written over, and this call reads it; give another `out`"));
             }
         }
         Ok(())
     }
 
-    /// Refuses what stands at `path` unless it is ours, has this SHA-256, or `--force` is given: before work that is long.
+    /// Refuses, before long work, an existing file unless the program made it, it has this SHA-256, or `force` is set.
     ///
     /// # Errors
     /// [`Error::Taken`] then.
@@ -118,16 +118,16 @@ impl Outputs {
         match standing.is_none() || self.force || is_it() || (self.ours.is_file)(path)? {
             true => Ok(()),
             false => {
-                let what = "is there already, with other contents; give --force to replace it, or another name";
+                let what = "is there already, with other contents; give `force` to replace it, or another name";
                 Err(Error::taken(path, what))
             }
         }
     }
 
-    /// Writes a file whole or not at all, where the table above allows it; the folders above it are made.
+    /// Writes a file, complete or not at all, if the table above allows it. Creates the folders above it.
     ///
     /// # Errors
-    /// [`Error::Taken`] with what stands in the way; what the system refuses.
+    /// [`Error::Taken`] with the reason; I/O errors.
     pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<Written> {
         let standing = self.standing(path)?;
         if let Some(file) = &standing {
@@ -140,7 +140,7 @@ impl Outputs {
         Ok(if standing.is_some() { Written::Replaced } else { Written::New })
     }
 
-    /// The file at `path`, of a link what it leads to (of one that leads nowhere itself).
+    /// The existing file at `path`, links followed; of a broken link the link itself.
     fn standing(&self, path: &Path) -> Result<Option<Metadata>> {
         use std::io::ErrorKind::NotFound;
         if path.file_name().is_none() {
@@ -171,19 +171,19 @@ impl Outputs {
         Ok(Some(found))
     }
 
-    /// Whether the call reads this file or folder, as far as is known by now.
+    /// Whether this file or folder is an input so far.
     fn is_input(&self, path: &Path) -> bool {
         identity(path).is_some_and(|id| self.known().0.contains(&id)) || input::was_read(path)
     }
 }
 
-/// Whether both are one file, links followed.
+/// Whether both paths are one file, links followed.
 pub fn is_same(a: &Path, b: &Path) -> bool {
     identity(a).is_some_and(|a| identity(b) == Some(a))
 }
 
-/// Which of the folders, a run, a corpus, an index or a classifier, may be made of this file. Of motion, pages and pictures
-/// none is.
+/// The input folder (a run, a corpus, an index, a classifier) that this file may be a part of; none for motion, pages and
+/// pictures.
 fn part_of<'a>(path: &Path, folders: &'a [Folder]) -> Option<&'a Path> {
     if folders.is_empty() || ["bvh", "npz", "html", "png", "svg"].contains(&extension(path).as_str()) {
         return None;
@@ -192,12 +192,12 @@ fn part_of<'a>(path: &Path, folders: &'a [Folder]) -> Option<&'a Path> {
     folders.iter().find(|(_, whole)| path.starts_with(whole)).map(|(folder, _)| &**folder)
 }
 
-/// Whether the file holds these bytes and no others. One that can't be read doesn't.
+/// Whether the file has exactly these bytes; `false` when it can't be read.
 fn holds(path: &Path, file: &Metadata, bytes: &[u8]) -> bool {
     file.len() == bytes.len() as u64 && input::peek_bytes(path).is_ok_and(|found| found == bytes)
 }
 
-/// What the name ends in, in small letters; empty where it ends in nothing.
+/// The extension in lower case; empty without one.
 pub fn extension(path: &Path) -> String {
     path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase).unwrap_or_default()
 }

@@ -1,6 +1,6 @@
-//! Settings that are compiled in, by the names of their files.
+//! Built-in settings, by the names of their files.
 //!
-//! A name that is built in means that; a file of the same name is meant by `./NAME`.
+//! A built-in name takes precedence; `./NAME` is a file of that name.
 
 use crate::suggest::did_you_mean;
 use crate::{Error, Result, input};
@@ -10,15 +10,15 @@ use std::path::Path;
 /// Names and texts of settings.
 pub type Presets = [(&'static str, &'static str)];
 
-/// The names of some settings, for a sentence.
+/// The names of settings, separated by commas.
 pub fn listed(presets: &Presets) -> String {
     presets.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
 }
 
-/// Settings by a name that is built in, else those of a TOML; `folder` of configs/ has examples of `what`.
+/// The built-in settings of a name, or those of a TOML file; `folder` of configs/ has examples of `what`.
 ///
 /// # Errors
-/// [`Error::Call`] when it is neither; a file that can't be read; keys that are unknown.
+/// [`Error::Unsupported`] when it is neither; a file that can't be read; unknown keys.
 pub fn read<T: DeserializeOwned>(
     presets: &'static Presets,
     name_or_path: &Path,
@@ -34,10 +34,10 @@ pub fn read<T: DeserializeOwned>(
     })
 }
 
-/// The text of a name that is built in, `None` for a file that is there.
+/// The text of a built-in name; `None` for an existing file.
 ///
 /// # Errors
-/// [`Error::Call`] with the names when it is neither.
+/// [`Error::Unsupported`] with the names when it is neither.
 pub fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Result<Option<&'static str>> {
     if let Some((_, text)) = presets.iter().find(|(name, _)| Path::new(name) == name_or_path) {
         return Ok(Some(text));
@@ -45,7 +45,10 @@ pub fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Resul
     if std::fs::symlink_metadata(name_or_path).is_ok() {
         return Ok(None);
     }
-    let wanted = name_or_path.display().to_string();
-    let meant = did_you_mean(&wanted, presets.iter().map(|(name, _)| *name));
-    Err(Error::call(format!("no {what} {wanted:?}: neither a file nor one of {}{meant}", listed(presets))))
+    let name = name_or_path.display().to_string();
+    let meant = did_you_mean(&name, presets.iter().map(|(name, _)| *name));
+    Err(Error::unsupported(
+        format!("no {what} {name:?}"),
+        format!("neither a file nor one of {}{meant}", listed(presets)),
+    ))
 }

@@ -1,12 +1,20 @@
-//! Randomness: one seed, and a stream of its own for every use.
+//! Random streams: one seed, and a separate stream for every use.
 //!
-//! No generator is shared, so the number of threads, resuming, and a new use elsewhere change nothing.
+//! No generator is shared, so results don't depend on the number of threads, on resuming, or on other uses.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
 use sha2::{Digest, Sha256};
 
-/// The stream of (`seed`, `purpose`, `step`, `index`); another purpose, step or index is another, unrelated stream.
+/// The stream of (`seed`, `purpose`, `step`, `index`); different values give unrelated streams.
+///
+/// ```
+/// use kinelm_store::random::{stream, unit};
+///
+/// let first = |index| unit(&mut stream(7, "example", 0, index));
+/// assert_eq!(first(1), first(1));
+/// assert_ne!(first(1), first(2));
+/// ```
 pub fn stream(seed: u64, purpose: &str, step: u64, index: u64) -> ChaCha8Rng {
     let mut hash = Sha256::new();
     hash.update(b"kinelm stream 1");
@@ -17,20 +25,19 @@ pub fn stream(seed: u64, purpose: &str, step: u64, index: u64) -> ChaCha8Rng {
     ChaCha8Rng::from_seed(hash.finalize().into())
 }
 
-/// A number in `0.0..1.0` of 53 random bits.
+/// A uniform number in `0.0..1.0`, of 53 random bits.
 pub fn unit(rng: &mut impl RngCore) -> f64 {
     (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// A number of the normal distribution, mean 0 and deviation 1, by Box and Muller's method.
+/// A number from the standard normal distribution, by the Box-Muller method.
 pub fn normal(rng: &mut impl RngCore) -> f64 {
     // 1 - u is above 0
     let radius = (-2.0 * (1.0 - unit(rng)).ln()).sqrt();
     radius * (std::f64::consts::TAU * unit(rng)).cos()
 }
 
-/// Brings `all` into a random order, by Fisher and Yates's method; for up to 2^32 of them, where the rest of a division of 64
-/// bits has no bias that could be seen.
+/// Shuffles `all` by the Fisher-Yates method. Up to 2^32 items, the bias of the 64-bit remainder is negligible.
 pub fn shuffle<T>(all: &mut [T], rng: &mut impl RngCore) {
     for last in (1..all.len()).rev() {
         all.swap(last, (rng.next_u64() % (last as u64 + 1)) as usize);

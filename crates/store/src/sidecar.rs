@@ -1,8 +1,8 @@
-//! The file beside a file: `dance.bvh.kinelm.json` says what `dance.bvh` was made from.
+//! Sidecars: `dance.bvh.kinelm.json` holds the request that generated `dance.bvh`.
 //!
-//! Every sidecar has one envelope: `schema` (the number of its layout), `kinelm` (the program's version), `output` (name and
-//! hash of the file that it stands beside), `replaces` (the hash of the file whose place that one takes, while it is being
-//! written), and one object that says how to make it again, under a key that names its kind.
+//! Every sidecar has one envelope: `schema` (the version of its layout), `kinelm` (the program's version), `output` (name and
+//! hash of its file), `replaces` (the hash of the file being replaced, while it is written), and the request, under a key that
+//! names its kind.
 
 use crate::output::Outputs;
 use crate::{Error, Result, files, hash, input};
@@ -10,10 +10,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// What the name of a sidecar ends in.
+/// The end of a sidecar's name.
 pub const ENDING: &str = "kinelm.json";
 
-/// A file of the same folder.
+/// A file in the same folder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FileHash {
@@ -23,7 +23,14 @@ pub struct FileHash {
     pub sha256: String,
 }
 
-/// The sidecar of `file`: `dance.bvh.kinelm.json`, so that each format has its own.
+/// The sidecar of `file`: `dance.bvh.kinelm.json`, one for each format.
+///
+/// ```
+/// use std::path::Path;
+///
+/// let sidecar = kinelm_store::sidecar::path_of(Path::new("a/dance.bvh"));
+/// assert_eq!(sidecar, Path::new("a/dance.bvh.kinelm.json"));
+/// ```
 pub fn path_of(file: &Path) -> PathBuf {
     let mut path = file.as_os_str().to_owned();
     path.push(format!(".{ENDING}"));
@@ -35,7 +42,7 @@ pub fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Whether the sidecar of `file` holds the hash of its bytes: whether it is as it was made.
+/// Whether `file` is unchanged: its sidecar has the hash of its bytes.
 ///
 /// # Errors
 /// [`Error::Io`] when the file can't be read.
@@ -48,7 +55,7 @@ pub fn has_hash_of(file: &Path) -> Result<bool> {
     Ok(!found.is_empty() && found.contains(&hash::of_file(file)?))
 }
 
-/// Whether `path` is a sidecar that stands beside the file it is named after.
+/// Whether `path` is a sidecar whose file has the matching name.
 pub fn is_beside_its_file(path: &Path) -> bool {
     let Some(envelope) = json(path).filter(|json| json["schema"].is_u64() && json["kinelm"].is_string()) else {
         return false;
@@ -57,21 +64,21 @@ pub fn is_beside_its_file(path: &Path) -> bool {
     output.is_some_and(|output| path_of(&path.with_file_name(&output.file)) == path && files::is_plain(&output.file))
 }
 
-/// Whether the sidecar at `path` says how its file is made under one of these keys.
+/// Whether the sidecar at `path` has its request under one of these keys.
 pub fn is_of_kind(path: &Path, keys: &[&str]) -> bool {
     json(path).is_some_and(|envelope| keys.iter().any(|key| envelope.get(key).is_some()))
 }
 
-/// Any JSON file that is no input.
+/// A JSON file, read without marking it as an input.
 fn json(path: &Path) -> Option<Value> {
     serde_json::from_slice(&input::peek_bytes(path).ok()?).ok()
 }
 
-/// Writes the sidecar of `file`, then the file: whenever this is cut short, what stands there is known by a hash. `text` makes
-/// the sidecar's text of the hash of the file that is replaced; `sha256` is that of the new `bytes`.
+/// Writes the sidecar of `file`, then the file. If this is interrupted, the sidecar has the hash of the old or of the new file.
+/// `text` builds the sidecar's text from the hash of the file being replaced; `sha256` is that of the new `bytes`.
 ///
 /// # Errors
-/// What [`Outputs::write`] refuses; a path that isn't UTF-8, which JSON can't hold.
+/// Those of [`Outputs::write`]; a path that isn't UTF-8, which JSON can't hold.
 pub fn write_beside(
     file: &Path,
     bytes: &[u8],
@@ -82,7 +89,7 @@ pub fn write_beside(
     outputs.check_replaceable(file, Some(sha256))?;
     let before = hash::of_file(file).ok().filter(|hash| hash != sha256);
     let text = text(before.filter(|_| has_hash_of(file).unwrap_or(false)));
-    let text = text.map_err(|e| Error::call(format!("{}: {e}", path_of(file).display())))?;
+    let text = text.map_err(|e| Error::unsupported(path_of(file).display().to_string(), e.to_string()))?;
     outputs.write(&path_of(file), (text + "\n").as_bytes())?;
     outputs.write(file, bytes)?;
     Ok(())

@@ -1,18 +1,22 @@
-//! The name that was meant.
+//! Suggestions for misspelt names.
 
 use strsim::osa_distance;
 
-/// `; did you mean NAME?`, to end an error's text with; empty where no name is near the one that was given.
+/// `; did you mean NAME?`, for the end of a message; empty when no name is similar.
 pub fn did_you_mean<'a>(given: &str, names: impl IntoIterator<Item = &'a str>) -> String {
     nearest(given, names).map_or_else(String::new, |name| format!("; did you mean {name}?"))
 }
 
-/// The name with the fewest edits to the one given, the first of several; none with more than one edit in three letters.
-/// Case, `_`, `-`, `.` and blanks count for nothing.
+/// The name with the fewest edits, the first of several; `None` with more than one edit per three letters. Case, `_`, `-`, `.`
+/// and white space are ignored.
+///
+/// ```
+/// assert_eq!(kinelm_store::suggest::nearest("rigth-arm", ["left_arm", "right_arm"]), Some("right_arm"));
+/// ```
 pub fn nearest<'a>(given: &str, names: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let given = plain(given);
     let most = given.chars().count().div_ceil(3);
-    // what is that long is no slip of the hand
+    // so long a text is no typing error
     if given.chars().count() > 64 {
         return None;
     }

@@ -114,7 +114,7 @@ struct Track {
 impl Track {
     fn new(figure: &Figure) -> Result<Self> {
         let (clip, title) = (figure.clip, &figure.title);
-        let fail = |what: String| Err(Error::call(format!("the figure {title:?}: {what}")));
+        let fail = |what: String| Err(Error::unsupported(format!("the figure {title:?}"), what));
         if clip.frames() == 0 {
             return fail("no frames; expected at least one".into());
         }

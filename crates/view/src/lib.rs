@@ -1,13 +1,12 @@
 //! A page to watch dances on: one HTML file with everything in it, for any browser with WebGL2, from `file://` and
 //! without a network.
 //!
-//! Figures stand side by side or on one spot. Those of one world stand to each other as their clips put them; if all are
-//! of one, Overlay is on from the start, and off they stand side by side. All play together by the clock whatever their
-//! rates and lengths, and show which joints were given in another colour; the bar of the time shows what was made anew. The fragment of the address sets the page up,
-//! `&` between the parts: `t=2.5` (seconds), `pause`, `yaw=`, `pitch=` (degrees), `zoom=`, `overlay`, `beside`, `trails`,
-//! `still` (the camera doesn't follow), `bare` (no controls), `light`, `dark`, `selftest` (the page tests itself and
-//! writes the result as JSON
-//! into `<pre id="selftest">`).
+//! Figures are side by side or overlaid. Figures of one world keep the relative positions of their clips; when all are of one
+//! world, the page starts overlaid. All play by the same clock whatever their rates and lengths. Given joints have another
+//! colour, and the time bar marks regenerated spans. The address's fragment configures the page, with parts separated by `&`:
+//! `t=2.5` (seconds), `pause`, `yaw=`, `pitch=` (degrees), `zoom=`, `overlay`, `beside`, `trails`, `still` (the camera doesn't
+//! follow), `bare` (no controls), `light`, `dark`, `selftest` (the page tests itself and writes JSON into
+//! `<pre id="selftest">`).
 #![forbid(unsafe_code)]
 
 mod data;
@@ -24,28 +23,38 @@ use std::ops::Range;
 use std::path::Path;
 
 /// A dance on the page.
+///
+/// ```
+/// use kinelm_motion::synth;
+/// use kinelm_view::{Figure, page};
+///
+/// let dance = synth::corpus(1, 1, 1.0, 30.0)?.remove(0);
+/// let html = page(&[Figure::new("synthetic", &dance.clip).note("one second")])?;
+/// assert!(html.contains("<title>synthetic</title>") && html.contains(kinelm_view::MARK));
+/// # Ok::<(), kinelm_motion::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Figure<'a> {
-    /// Stands above the dancer.
+    /// Shown above the dancer.
     pub title: String,
-    /// Stands under the title, smaller; may be empty.
+    /// Shown below the title, smaller; may be empty.
     pub note: String,
     /// The dance, any skeleton.
     pub clip: &'a Clip,
-    /// (J) the joints that were given and not generated, or empty: drawn in another colour.
+    /// (J) The given joints, drawn in another colour; empty for none.
     pub given: Vec<bool>,
-    /// The seconds in which they were; `None`: throughout.
+    /// The seconds in which they are given; `None`: throughout.
     pub given_s: Option<Range<f64>>,
-    /// Figures of one number stand to each other as their clips put them; `None`: alone.
+    /// Figures of one world keep the relative positions of their clips; `None`: a world of its own.
     pub world: Option<usize>,
-    /// Seconds in which something of it was made anew, each from and to: marked on the bar of the time.
+    /// Regenerated spans, from and to in seconds, marked on the time bar.
     pub regenerated_s: Vec<[f64; 2]>,
-    /// Which beats of the page's music it hits, one mark a beat: these are lit. `None`: nobody has looked.
+    /// Which beats of the page's music it hits, one mark per beat: these are highlighted. `None`: not measured.
     pub hits: Option<BeatHits>,
 }
 
 impl<'a> Figure<'a> {
-    /// A dance with no joints given.
+    /// A dance without given joints.
     pub fn new(title: impl Into<String>, clip: &'a Clip) -> Self {
         let (title, note) = (title.into(), String::new());
         Figure {
@@ -60,73 +69,71 @@ impl<'a> Figure<'a> {
         }
     }
 
-    /// The same with a line under the title.
+    /// Adds a line below the title.
     pub fn note(mut self, note: impl Into<String>) -> Self {
         self.note = note.into();
         self
     }
 
-    /// The same in a world with others.
+    /// Puts it into a world.
     pub fn in_world(mut self, world: Option<usize>) -> Self {
         self.world = world;
         self
     }
 
-    /// The same with the times at which it was made anew.
+    /// Adds regenerated spans, seconds.
     pub fn regenerated(mut self, regenerated_s: &[[f64; 2]]) -> Self {
         self.regenerated_s = regenerated_s.to_vec();
         self
     }
 
-    /// The same with what it hits of the page's music.
+    /// Adds the hits of the page's beats.
     pub fn hits(mut self, hits: Option<BeatHits>) -> Self {
         self.hits = hits;
         self
     }
 
-    /// The same with these joints given; ids beyond the skeleton are left out.
+    /// Marks joints as given; ids beyond the skeleton are ignored.
     pub fn given(mut self, joints: &[usize]) -> Self {
         self.given = (0..self.clip.joints()).map(|j| joints.contains(&j)).collect();
         self
     }
 
-    /// The same with them given from one second to another alone.
+    /// Limits the given joints to a time span.
     pub fn given_over(mut self, seconds: Range<f64>) -> Self {
         self.given_s = Some(seconds);
         self
     }
 }
 
-/// Stands in every page: who made it.
+/// The generator mark in every page.
 pub const MARK: &str = r#"<meta name="generator" content="kinelm view">"#;
 
-/// The page as text. About 200 bytes for each frame of 24 joints, and 45 KB.
+/// The page as text: about 200 bytes per frame of 24 joints, and 45 KB.
 ///
 /// # Errors
-/// [`crate::Error::Call`] when there is no figure, a clip has no frames, the marks of given joints are not as many as
-/// the joints, or a place is beyond any stage (1,000 km).
+/// [`Error::Unsupported`] without a figure, for a clip without frames, for marks of given joints of another number than the
+/// joints, and for positions beyond 1,000 km.
 pub fn page(figures: &[Figure]) -> Result<String> {
     page_with(figures, None)
 }
 
-/// The same with music, which plays in step with the dancers; the first frame stands at its `from_s`. Beats that a figure
-/// hits are lit in its colour.
+/// As [`page`], with music that plays in step with the dancers; the first frame is at its `from_s`. Beats that a figure hits are
+/// highlighted in its colour.
 ///
 /// # Errors
-/// As [`page`]; marks of hits that aren't as many as the beats of the music.
+/// As [`page`]; marks of hits of another number than the beats of the music.
 pub fn page_with(figures: &[Figure], music: Option<&Music>) -> Result<String> {
     if figures.is_empty() {
-        return Err(crate::Error::call("a page of no figures; expected at least one clip"));
+        return Err(Error::unsupported("a page of no figures", "expected at least one clip"));
     }
     let beats = music.map_or(0, |music| music.beats_s.len());
     let marked = |figure: &&Figure| figure.hits.as_ref().is_some_and(|hits| hits.each.len() != beats);
     if let Some(Figure { title, hits: Some(hits), .. }) = figures.iter().find(marked) {
-        let n = hits.each.len();
-        let what = format!("the figure {title:?}: {n} marks of hits for {beats} beats of music; expected as many");
-        return Err(crate::Error::call(what));
+        let why = format!("{} marks of hits for {beats} beats of music; expected as many", hits.each.len());
+        return Err(Error::unsupported(format!("the figure {title:?}"), why));
     }
-    let data = serde_json::to_string(&data::drawn(figures)?)
-        .map_err(|e| crate::Error::call(format!("the page's data: {e}")))?;
+    let data = serde_json::to_string(&data::drawn(figures)?).expect("plain data with text keys is JSON");
     let titles: Vec<&str> = figures.iter().map(|f| f.title.as_str()).collect();
     let parts = [
         ("title", escaped(&titles.join(", "))),
@@ -138,7 +145,7 @@ pub fn page_with(figures: &[Figure], music: Option<&Music>) -> Result<String> {
         ("selftest", include_str!("selftest.js").into()),
         // in JSON, `<` stands only inside strings: none is left that could end the element or open a comment
         ("data", data.replace('<', "\\u003c")),
-        ("music", music.map(Music::json).transpose()?.unwrap_or("null".into()).replace('<', "\\u003c")),
+        ("music", music.map_or("null".into(), Music::json).replace('<', "\\u003c")),
         ("media", if music.is_some() { "; media-src 'self' data: file:".into() } else { String::new() }),
     ];
     Ok(filled(include_str!("page.html"), &parts))
@@ -147,14 +154,14 @@ pub fn page_with(figures: &[Figure], music: Option<&Music>) -> Result<String> {
 /// Writes [`page`] to a file and returns its size in bytes.
 ///
 /// # Errors
-/// As [`page`], and when the file can't be written.
+/// As [`page`]; I/O errors.
 pub fn write_page(path: &Path, figures: &[Figure]) -> Result<usize> {
     let page = page(figures)?;
     files::write_whole(path, page.as_bytes())?;
     Ok(page.len())
 }
 
-/// The template with `{{name}}` replaced, once and in order, so that nothing inside a part is taken for a place.
+/// Replaces each `{{name}}` of the template in one pass, so that the contents of parts are not replaced.
 fn filled(template: &str, parts: &[(&str, String)]) -> String {
     let mut page = String::new();
     let mut rest = template;

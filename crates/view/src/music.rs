@@ -1,19 +1,18 @@
-//! Music on a page: in the page where it is small, else a file beside it.
+//! Music on a page: embedded if it is small, else a file beside the page.
 
 use super::data::base64;
-use crate::Result;
 use serde_json::json;
 use std::path::Path;
 
-/// Bytes up to which a file is put into the page.
+/// Bytes up to which a file is embedded.
 pub const EMBEDDED: u64 = 8 << 20;
 
 /// The music of a page.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Music {
-    /// What the page plays: a name beside it, or the sound itself as a `data:` address.
+    /// A file name beside the page, or a `data:` address with the sound.
     src: String,
-    /// Stands on its switch.
+    /// Label of its switch.
     name: String,
     /// The music's time when the dance begins, seconds; below 0 it begins later than the dance.
     pub from_s: f64,
@@ -22,7 +21,7 @@ pub struct Music {
 }
 
 impl Music {
-    /// A file that the page holds.
+    /// A file embedded in the page.
     pub fn embedded(path: &Path, bytes: &[u8], from_s: f64, beats_s: Vec<f64>) -> Music {
         let kind = match extension(path).as_str() {
             "mp3" => "audio/mpeg",
@@ -34,7 +33,7 @@ impl Music {
         Music { src: format!("data:{kind};base64,{}", base64(bytes)), name: name(path), from_s, beats_s }
     }
 
-    /// A file that lies beside the page, under its name.
+    /// A file beside the page.
     pub fn beside(path: &Path, from_s: f64, beats_s: Vec<f64>) -> Music {
         let coded = |b: u8| match b {
             b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' => char::from(b).to_string(),
@@ -44,10 +43,10 @@ impl Music {
         Music { src, name: name(path), from_s, beats_s }
     }
 
-    /// What the page's script reads.
-    pub(super) fn json(&self) -> Result<String> {
+    /// The JSON for the page's script.
+    pub(super) fn json(&self) -> String {
         let beats: Vec<f64> = self.beats_s.iter().map(|b| (b * 1e4).round() / 1e4).collect();
-        Ok(json!({ "src": self.src, "name": self.name, "from": self.from_s, "beats": beats }).to_string())
+        json!({ "src": self.src, "name": self.name, "from": self.from_s, "beats": beats }).to_string()
     }
 }
 
@@ -66,10 +65,10 @@ mod tests {
     #[test]
     fn a_name_is_an_address_and_a_sound_too() {
         let m = Music::beside(Path::new("a/my song#1.mp3"), 1.5, vec![0.123456]);
-        let told: serde_json::Value = serde_json::from_str(&m.json().unwrap()).unwrap();
-        assert_eq!(told["src"], "my%20song%231.mp3");
-        assert_eq!((told["from"].as_f64(), told["beats"][0].as_f64()), (Some(1.5), Some(0.1235)));
+        let json: serde_json::Value = serde_json::from_str(&m.json()).unwrap();
+        assert_eq!(json["src"], "my%20song%231.mp3");
+        assert_eq!((json["from"].as_f64(), json["beats"][0].as_f64()), (Some(1.5), Some(0.1235)));
         let m = Music::embedded(Path::new("x.OGG"), b"abc", 0.0, vec![]);
-        assert!(m.json().unwrap().contains("data:audio/ogg;base64,YWJj"));
+        assert!(m.json().contains("data:audio/ogg;base64,YWJj"));
     }
 }

@@ -1,27 +1,27 @@
-//! Static tables: the bits that numbers cost by how often they were seen in training.
+//! Static tables: the bits of numbers by their frequency in training.
 
 use std::collections::BTreeMap;
 
-/// Bits of a number that training never showed, beside those of the escape that announces it.
+/// Bits of a number that training lacks, after its escape symbol.
 pub const ESCAPED_BITS: f64 = 16.0;
 
-/// What a table gives a probability to.
+/// The symbols of a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Alphabet {
-    /// `0..n`, every one counted once more than it was seen.
+    /// `0..n`, with add-one counts.
     Known(u32),
-    /// The numbers seen at that place in training, and an escape.
+    /// The numbers of that slot in training, and an escape.
     Seen,
 }
 
-/// How often each number stood at each place. Adding and merging in any order gives the same counts.
+/// The frequency of each number in each slot. Adding and merging in any order gives the same counts.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Counts {
     places: Vec<BTreeMap<i32, u64>>,
 }
 
 impl Counts {
-    /// Counts the numbers of a word, one a place. Words may have different numbers of places.
+    /// Counts the numbers of a word, one per slot. Words may have different lengths.
     pub fn add(&mut self, numbers: &[i32]) {
         self.reach(numbers.len());
         for (place, &x) in self.places.iter_mut().zip(numbers) {
@@ -29,13 +29,13 @@ impl Counts {
         }
     }
 
-    /// Counts a number at a place.
+    /// Counts a number in a slot.
     pub fn add_at(&mut self, place: usize, number: i32) {
         self.reach(place + 1);
         *self.places[place].entry(number).or_insert(0) += 1;
     }
 
-    /// Adds what was counted apart.
+    /// Adds other counts.
     pub fn merge(&mut self, other: &Counts) {
         self.reach(other.places.len());
         for (place, counts) in self.places.iter_mut().zip(&other.places) {
@@ -51,18 +51,18 @@ impl Counts {
         }
     }
 
-    /// How many numbers were counted.
+    /// The number of counted numbers.
     pub fn total(&self) -> u64 {
         self.places.iter().flat_map(BTreeMap::values).sum()
     }
 
-    /// The bits of all these numbers under the tables of `train`, one table a place, with add-one counts.
+    /// The bits of all these numbers under the tables of `train`, one table per slot, with add-one counts.
     ///
-    /// With n(v) of the T numbers that training had at the place:
+    /// With n(v) of the T training numbers of the slot:
     /// - [`Alphabet::Known`] of A numbers: `p(v) = (n(v) + 1) / (T + A)`;
-    /// - [`Alphabet::Seen`], A the number of different ones seen: `p(v) = (n(v) + 1) / (T + A + 1)` for those, and
-    ///   `1 / (T + A + 1)` for the escape, which a number of [`ESCAPED_BITS`] follows. A place that training never had
-    ///   costs the escape's bits alone.
+    /// - [`Alphabet::Seen`], A the number of distinct ones: `p(v) = (n(v) + 1) / (T + A + 1)` for those, and
+    ///   `1 / (T + A + 1)` for the escape, followed by [`ESCAPED_BITS`]. A slot that training lacks costs only the bits after
+    ///   the escape.
     pub fn bits(&self, train: &Counts, alphabet: Alphabet) -> f64 {
         let empty = BTreeMap::new();
         let at = |place: usize| train.places.get(place).unwrap_or(&empty);
@@ -70,7 +70,7 @@ impl Counts {
     }
 }
 
-/// The bits of one place's numbers.
+/// The bits of one slot's numbers.
 fn bits_at(test: &BTreeMap<i32, u64>, train: &BTreeMap<i32, u64>, alphabet: Alphabet) -> f64 {
     let seen = train.values().sum::<u64>() as f64;
     let (whole, unseen) = match alphabet {

@@ -1,21 +1,21 @@
-//! The texts of many clips, counted.
+//! Counts of the texts of many clips.
 
 use super::{Alphabet, Bytes, Counts};
 use crate::{Encoded, Result, SPACE, Tokenizer, WordLength, alphabet};
 
-/// What the texts of clips come to: how long their words are, how many bytes, and how often each number stood where.
-/// Counts alone, so that adding and merging in any order gives the same.
+/// Word lengths, bytes and number frequencies of the texts of clips. All are counts, so adding and merging in any order gives
+/// the same.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct TextCounts {
     /// Clips.
     pub clips: u64,
-    /// Their frames, at the tokenizer's rate; without those that fill a last tile.
+    /// Frames at the tokenizer's rate, without the padding of last tiles.
     pub frames: u64,
-    /// Frames of the files they came from.
+    /// Frames of the source files.
     pub source_frames: u64,
     /// Words.
     pub words: u64,
-    /// Tokens without the spaces; as many as characters where nothing is merged.
+    /// Tokens without the spaces; as many as characters without merges.
     pub tokens: u64,
     /// Tokens of the longest word without its space.
     pub longest_word: u64,
@@ -23,11 +23,11 @@ pub struct TextCounts {
     pub characters: u64,
     /// Their bytes in UTF-8.
     pub utf8: u64,
-    /// Values that lay outside their bins and took the last one.
+    /// Values outside the bins, clipped to the last one.
     pub clipped: u64,
-    /// Rotations that took a second code.
+    /// Rotations with a second code.
     pub second_codes: u64,
-    /// Frames that were added to fill last tiles.
+    /// Frames of padding in last tiles.
     pub padded: u64,
     numbers: Counts,
     written: Counts,
@@ -36,10 +36,10 @@ pub struct TextCounts {
 }
 
 impl TextCounts {
-    /// Counts the words of a clip of `frames` frames, which were `source_frames` in its file.
+    /// Counts the words of a clip of `frames` frames and `source_frames` in its file.
     ///
     /// # Errors
-    /// [`Error::Codes`](crate::Error::Codes) for words that are not the tokenizer's.
+    /// [`Error::Codes`](crate::Error::Codes) for words of another tokenizer.
     pub fn add(&mut self, tokenizer: &Tokenizer, encoded: &Encoded, frames: u64, source_frames: u64) -> Result<()> {
         let words = &encoded.words;
         self.clips += 1;
@@ -96,7 +96,7 @@ impl TextCounts {
         Ok(())
     }
 
-    /// Adds what was counted apart, by the same tokenizer.
+    /// Adds other counts of the same tokenizer.
     pub fn merge(&mut self, other: &TextCounts) {
         for (own, others) in [
             (&mut self.clips, other.clips),
@@ -119,30 +119,30 @@ impl TextCounts {
         self.differences.merge(&other.differences);
     }
 
-    /// Tokens of a word without its space, mean.
+    /// Mean tokens of a word, without its space.
     pub fn mean_word(&self) -> f64 {
         if self.words == 0 { 0.0 } else { self.tokens as f64 / self.words as f64 }
     }
 
-    /// Order-0 bits a frame of the numbers that the words say: a static table a number of the word (a channel of a frame, a
-    /// coefficient of a tile), fitted on `train`, [`Alphabet::Seen`]. Runs and merges change nothing of it.
+    /// Order-0 bits per frame of the words' numbers: a static table per number of the word (a channel of a frame, a coefficient
+    /// of a tile), fitted on `train`, [`Alphabet::Seen`]. Runs and merges don't change it.
     pub fn order0_bits_per_frame(&self, train: &TextCounts) -> f64 {
         self.a_frame(self.numbers.bits(&train.numbers, Alphabet::Seen))
     }
 
-    /// Order-0 bits a frame of the text as it is written, static tables fitted on `train`, [`Alphabet::Known`]. Words of one
-    /// length without merges: a table a place over the characters, and the space costs nothing. Others: one table over all
-    /// tokens and the space.
+    /// Order-0 bits per frame of the text, static tables fitted on `train`, [`Alphabet::Known`]. Words of one length without
+    /// merges: a table per slot over the characters, and the space costs nothing. Others: one table over all tokens and the
+    /// space.
     pub fn written_bits_per_frame(&self, train: &TextCounts, tokenizer: &Tokenizer) -> f64 {
-        // ids of tokens begin behind the specials, which no text of a clip has; the space is one more
+        // the text of a clip has no specials; the space counts as one more symbol
         let vocabulary = tokenizer.vocabulary();
         let spaces = u32::from(!by_place(tokenizer));
         let alphabet = vocabulary.characters() + vocabulary.merged() + spaces;
         self.a_frame(self.written.bits(&train.written, Alphabet::Known(alphabet)))
     }
 
-    /// Order-0 bits a frame of the differences to the frame before, modulo the number of symbols; a clip's first frame costs
-    /// what its codes cost. Tables a channel, fitted on `train`, [`Alphabet::Known`]. `None` where a word is no frame.
+    /// Order-0 bits per frame of the differences to the previous frame, modulo the number of symbols; a clip's first frame costs
+    /// what its codes cost. A table per channel, fitted on `train`, [`Alphabet::Known`]. `None` when words are not frames.
     pub fn difference_bits_per_frame(&self, train: &TextCounts, tokenizer: &Tokenizer) -> Option<f64> {
         if tokenizer.frames_per_word() != 1 {
             return None;
@@ -156,7 +156,7 @@ impl TextCounts {
         if self.frames == 0 { 0.0 } else { bits / self.frames as f64 }
     }
 
-    /// The sizes of these texts, with those of the tokenizer's alphabet and tables.
+    /// The sizes of these texts, and of the tokenizer's alphabet and tables.
     pub fn bytes(&self, tokenizer: &Tokenizer) -> Bytes {
         let characters = tokenizer.vocabulary().characters();
         Bytes {
@@ -168,7 +168,7 @@ impl TextCounts {
     }
 }
 
-/// Whether the characters of a word have places of their own.
+/// Whether each character of a word has its own slot.
 fn by_place(tokenizer: &Tokenizer) -> bool {
     matches!(tokenizer.word_length(), WordLength::Fixed(_)) && tokenizer.vocabulary().merged() == 0
 }

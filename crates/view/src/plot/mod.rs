@@ -143,8 +143,8 @@ pub fn to_bytes(path: &Path, charts: &[Chart]) -> Result<Option<Vec<u8>>> {
     if charts.is_empty() {
         return Ok(None);
     }
-    with_font()?;
-    let failed = |e: String| Error::call(format!("{}: the chart could not be drawn: {e}", path.display()));
+    with_font();
+    let failed = |e: String| Error::io(path)(std::io::Error::other(format!("the chart could not be drawn: {e}")));
     let (rows, columns) = picture::grid_of(charts.len());
     let one = if rows > 1 { SMALL } else { SIZE };
     let size = (one.0 * columns as u32, one.1 * rows as u32);
@@ -195,15 +195,16 @@ fn kind(path: &Path) -> Result<Kind> {
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
         Some("png") => Ok(Kind::Png),
         Some("svg") => Ok(Kind::Svg),
-        _ => Err(Error::call(format!("{}: expected a name ending in .png or .svg", path.display()))),
+        _ => Err(Error::unsupported(path.display().to_string(), "expected a name ending in .png or .svg")),
     }
 }
 
-/// Makes the font known, once.
-fn with_font() -> Result<()> {
-    static KNOWN: OnceLock<bool> = OnceLock::new();
-    let known = KNOWN.get_or_init(|| register_font("sans-serif", FontStyle::Normal, FONT).is_ok());
-    if *known { Ok(()) } else { Err(Error::call("the font of the charts can't be read")) }
+/// Registers the built-in font, once.
+fn with_font() {
+    static REGISTERED: OnceLock<()> = OnceLock::new();
+    REGISTERED.get_or_init(|| {
+        register_font("sans-serif", FontStyle::Normal, FONT).unwrap_or_else(|_| panic!("the built-in font is valid"))
+    });
 }
 
 #[cfg(test)]

@@ -45,7 +45,7 @@ class Model:
     def build(self):
         """The model with its weights, on the CPU."""
         model = build(self.config, self.tokens)
-        model.load_state_dict({name: x.float() for name, x in whole(load_file(self.weights), model).items()})
+        model.load_state_dict({name: x.float() for name, x in load_file(self.weights).items()})
         return model
 
     def write(self, folder, model, step):
@@ -107,15 +107,6 @@ class Model:
 
 def weights_of(model):
     return {name: p.detach().cpu().float().contiguous() for name, p in sorted(model.named_parameters())}
-
-
-def whole(tensors, model):
-    """With zeros for what a file lacks where labels were told to the trunk alone, as models of two levels were until 2026-11-23:
-    its weights, moments or averages, by whatever name in front."""
-    for name in [name for name in tensors if name.endswith("frame.label.weight")]:
-        table = model.spell["label"].weight
-        tensors.setdefault(name.replace("frame.label", "spell.label"), torch.zeros_like(table, device="cpu"))
-    return tensors
 
 
 def stated(tokens):

@@ -137,7 +137,6 @@ class Trainer:
         if not steps:
             raise SystemExit(f"{self.out} has no checkpoint to go on from")
         weights, moments, state = self.checkpoints.read(steps[-1])
-        weights, moments = whole(weights, self.model), whole(moments, self.model)
         if state["seed"] != self.keys["seed"]:
             raise SystemExit(f"seed {self.keys['seed']}; the run was begun with {state['seed']}")
         self.model.load_state_dict(weights)

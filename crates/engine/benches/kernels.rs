@@ -169,12 +169,12 @@ fn ids() -> Vec<u32> {
 }
 
 fn cross_entropy() -> Case {
-    let ask = |target| cross_entropy::Asked { target, first: 0, count: V as u32, bins: Bins::NONE };
-    let asked: Vec<cross_entropy::Asked> = ids().into_iter().map(ask).collect();
+    let target_of = |target| cross_entropy::RowTarget { target, first: 0, count: V as u32, bins: Bins::NONE };
+    let targets: Vec<cross_entropy::RowTarget> = ids().into_iter().map(target_of).collect();
     let (logits, mut changed) = (numbers(N * V), zeros(N * V));
     case("GB/s", 8 * N * V, move || {
         changed.copy_from_slice(&logits);
-        black_box(cross_entropy::forward_backward(&mut changed, &asked, None, 0.01));
+        black_box(cross_entropy::forward_backward(&mut changed, &targets, None, 0.01));
     })
 }
 

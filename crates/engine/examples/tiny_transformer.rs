@@ -7,11 +7,11 @@ use kinelm_engine::arena::Floats;
 use kinelm_engine::bins::Bins;
 use kinelm_engine::block::{self, Linear, Norm, Rules, Saved, Shape, Tensors};
 use kinelm_engine::decode::{self, BlockParts, KvKind, Matrix, Run, Stack, StackDecoder, StackWeights, WeightKind};
-use kinelm_engine::head::{self, Exam};
+use kinelm_engine::head::{self, Targets};
 use kinelm_engine::linear::Products;
 use kinelm_engine::op::adamw::{self, Step};
 use kinelm_engine::op::attention::Mask;
-use kinelm_engine::op::cross_entropy::Asked;
+use kinelm_engine::op::cross_entropy::RowTarget;
 use kinelm_engine::op::embedding::{self, Lookup};
 use kinelm_engine::op::matmul::Store;
 
@@ -143,9 +143,9 @@ impl Trainer {
         let n = SHAPE.rows();
         let count = self.vocabulary as u32;
         let starts = (0..BATCH).map(|_| (rng.next() * (self.ids.len() - TOKENS) as f64) as usize);
-        let (inputs, asked): (Vec<u32>, Vec<Asked>) = starts
+        let (inputs, targets): (Vec<u32>, Vec<RowTarget>) = starts
             .flat_map(|start| start..start + TOKENS)
-            .map(|i| (self.ids[i], Asked { target: self.ids[i + 1], first: 0, count, bins: Bins::NONE }))
+            .map(|i| (self.ids[i], RowTarget { target: self.ids[i + 1], first: 0, count, bins: Bins::NONE }))
             .unzip();
         let places: Vec<u32> = (0..TOKENS as u32).collect();
         let rules = Rules { mask: Mask::Causal, dropout: None, rope: None };
@@ -159,10 +159,10 @@ impl Trainer {
         }
 
         let mut to = write(self.vocabulary, &mut self.gradients);
-        let exam = Exam { asked: &asked, smoothing: None, scale: 1.0 / n as f32 };
+        let targets = Targets { targets: &targets, smoothing: None, scale: 1.0 / n as f32 };
         let mut gradients = head::Gradients { dx: &mut self.dx, norm: to.norm, head: to.token };
         let last = &self.stream[LAYERS];
-        let nats = head::loss(last, weights.norm, weights.token, exam, &mut gradients, Store::Set, &mut self.head);
+        let nats = head::loss(last, weights.norm, weights.token, targets, &mut gradients, Store::Set, &mut self.head);
         for (layer, gradients) in to.blocks.iter_mut().enumerate().rev() {
             let (x, block, saved) = (&self.stream[layer], &weights.blocks[layer], &self.saved[layer]);
             block::backward(&mut self.dx, x, block, gradients, Store::Set, rules, saved, &mut self.block);

@@ -1,13 +1,13 @@
-//! Memory for numbers: taken from the system once, in large pages where there are some, and kept.
+//! Memory for numbers, allocated once, in large pages where there are some.
 
 use memmap2::MmapMut;
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 
-/// What a thread unwinds with that got no memory, without a panic's message: a program can catch it and say so.
+/// The payload with which a thread unwinds when it gets no memory, so that a program can catch and report it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NoMemory {
-    /// What was asked for.
+    /// Bytes requested.
     pub bytes: usize,
 }
 
@@ -19,7 +19,15 @@ impl fmt::Display for NoMemory {
 
 impl std::error::Error for NoMemory {}
 
-/// A row of numbers of fixed length, 0 at first, aligned to a page.
+/// A vector of fixed length, 0 at first, aligned to a page.
+///
+/// ```
+/// use kinelm_engine::arena::Floats;
+///
+/// let mut numbers = Floats::new(3);
+/// numbers[1] = 2.0;
+/// assert_eq!(*numbers, [0.0, 2.0, 0.0]);
+/// ```
 ///
 /// # Panics
 /// Making one unwinds with [`NoMemory`] where the system has no memory left.
@@ -29,7 +37,7 @@ pub struct Floats {
     len: usize,
 }
 
-/// From this size on, large pages are asked for.
+/// From this size on, large pages are requested.
 const LARGE: usize = 1 << 20;
 
 impl Floats {

@@ -1,15 +1,15 @@
-//! Neighbouring ids, or columns of logits, that stand for ascending numbers.
+//! Neighbouring ids, or columns of logits, of ascending numbers.
 
 use std::ops::Range;
 
-/// Bins that ascend: the ids that can stand at a place of every word, or the columns of logits that a target is one of.
+/// Ascending bins: the ids of a slot of every word, or the columns of logits that a target is one of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bins {
     /// The first id or column.
     pub first: u32,
     /// How many there are.
     pub count: u32,
-    /// Whether the last is the first one's neighbour.
+    /// Whether the last and the first are neighbours, as angles are.
     pub circular: bool,
 }
 

@@ -1,4 +1,4 @@
-//! A linear layer by itself, and a layer norm: `out = x weight + bias`, for what stands between stacks of blocks.
+//! A linear layer, `out = x weight + bias`, and a layer norm: the parts between stacks of blocks.
 //!
 //! Letters: N rows, K numbers of an input, M of an output.
 
@@ -10,7 +10,7 @@ use crate::op::{bias, layer_norm};
 use crate::pieces;
 use rayon::prelude::*;
 
-/// Memory for a layer (K, M) and up to so many rows; the backward part is there if it was asked for.
+/// Memory for a layer (K, M).
 pub struct Workspace {
     rows: usize,
     inputs: usize,
@@ -57,7 +57,7 @@ impl Workspace {
 /// `out` (N, M) becomes `x` (N, K) times the layer's weight, and its bias.
 ///
 /// # Panics
-/// Slices of other lengths than the workspace's.
+/// If slices have other lengths than the workspace's.
 pub fn forward(out: &mut [f32], x: &[f32], layer: Linear<&[f32]>, workspace: &mut Workspace) {
     workspace.check(x.len(), out.len(), layer.weight.len(), layer.bias.len());
     let Workspace { inputs: k, outputs: m, products, piece, ref mut panels, .. } = *workspace;
@@ -69,11 +69,11 @@ pub fn forward(out: &mut [f32], x: &[f32], layer: Linear<&[f32]>, workspace: &mu
     });
 }
 
-/// From the gradient `d_out` (N, M) of the output: `dx` (N, K) becomes that of the input `x`, where somebody wants it,
-/// `gradients` those of the layer.
+/// From the gradient `d_out` (N, M) of the output: `dx` (N, K) becomes that of the input `x`, if given, and `gradients` those
+/// of the layer.
 ///
 /// # Panics
-/// Slices of other lengths than the workspace's; one without its backward part.
+/// If slices have other lengths than the workspace's, or it is for the forward pass only.
 pub fn backward(
     dx: Option<&mut [f32]>,
     d_out: &[f32],
@@ -104,10 +104,10 @@ pub fn backward(
     products.weight_gradient(gradients.weight, x, k, (columns, piece), rows, Store::Set);
 }
 
-/// `out` (N, K) becomes the layer norm of `x` (N, K); `stats` (N, 2) is what [`norm_backward`] reads.
+/// `out` (N, K) becomes the layer norm of `x` (N, K); [`norm_backward`] reads `stats` (N, 2).
 ///
 /// # Panics
-/// Slices of other lengths.
+/// If slices have other lengths.
 pub fn norm(out: &mut [f32], stats: &mut [f32], x: &[f32], norm: Norm<&[f32]>) {
     let k = norm.weight.len();
     let piece = pieces::rows(x.len() / k);
@@ -118,10 +118,10 @@ pub fn norm(out: &mut [f32], stats: &mut [f32], x: &[f32], norm: Norm<&[f32]>) {
     parts.into_par_iter().for_each(one);
 }
 
-/// Back through [`norm`]: `dx` (N, K) becomes the gradient of `x`, `gradients` those of the norm, from `d_out` (N, K).
+/// The backward pass of [`norm`]: `dx` (N, K) becomes the gradient of `x`, `gradients` those of the norm, from `d_out` (N, K).
 ///
 /// # Panics
-/// Slices of other lengths.
+/// If slices have other lengths.
 pub fn norm_backward(
     dx: &mut [f32],
     d_out: &[f32],

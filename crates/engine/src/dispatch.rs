@@ -1,9 +1,9 @@
-//! Which vector instructions the kernels become, decided once, when the program runs.
+//! The choice of vector instructions, made once, when the program runs.
 //!
 //! A kernel is a struct of its operands that implements [`pulp::WithSimd`]: `with_simd` holds the loop, generic over the
 //! width of a vector, and [`run`] calls the instance for AVX-512, AVX2, NEON or plain floats. The environment variable
-//! `KINELM_KERNELS=portable`, `=avx2`, `=avx512` or `=amx` asks for no more than that, to compare or to look for an error; what the
-//! CPU does not have is not used, whatever it says.
+//! `KINELM_KERNELS=portable`, `=avx2`, `=avx512` or `=amx` limits the choice, to compare or to find an error; instructions that
+//! the CPU lacks are never used.
 
 use pulp::{Arch, WithSimd};
 use std::sync::OnceLock;
@@ -14,12 +14,16 @@ pub fn run<Op: WithSimd>(op: Op) -> Op::Output {
     arch().dispatch(op)
 }
 
-/// The variable that asks for kernels, and the names it may have.
+/// The environment variable that limits the kernels.
 pub const VARIABLE: &str = "KINELM_KERNELS";
-/// See [`VARIABLE`]; `auto` is as if it were not set.
+/// The values of [`VARIABLE`]; `auto` is no limit.
 pub const NAMES: [&str; 5] = ["auto", "amx", "avx512", "avx2", "portable"];
 
 /// The name of the instructions in use: `avx512`, `avx2`, `neon` or `portable`.
+///
+/// ```
+/// assert!(["avx512", "avx2", "neon", "portable"].contains(&kinelm_engine::dispatch::name()));
+/// ```
 pub fn name() -> &'static str {
     match arch() {
         #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]

@@ -1,12 +1,12 @@
 //! The end of a model: layer norm, the head's logits, cross-entropy. Logits exist for a stretch of rows at a time.
 //!
-//! Letters: N rows, D width, V what the logits are of: the vocabulary, or the steps from an id to the next. The head is (V, D),
-//! one row each, as the token embedding it may be tied to. Rows that different heads answer come one group after the other.
+//! Letters: N rows, D width, V columns of the logits: the vocabulary, or the steps from an id to the next. The head is (V, D),
+//! as the token embedding it may be tied to. Rows of different heads go through one group after the other.
 
 use crate::arena::Floats;
 use crate::block::Norm;
 use crate::linear::{Products, Sums};
-use crate::op::cross_entropy::{self, Asked};
+use crate::op::cross_entropy::{self, RowTarget};
 use crate::op::layer_norm;
 use crate::op::matmul::Store;
 use crate::op::smoothing::Smoothing;
@@ -14,10 +14,10 @@ use crate::per_thread::PerThread;
 use crate::pieces;
 use rayon::prelude::*;
 
-/// Numbers of logits that exist at a time, if more than a piece's rows have so many.
+/// Logits that exist at a time, unless one piece has more.
 const LOGITS: usize = 1 << 22;
 
-/// Memory for the head of batches of one shape; the backward part is there if it was asked for.
+/// Memory for the head of batches of one shape.
 pub struct Workspace {
     /// The most rows.
     rows: usize,
@@ -86,28 +86,28 @@ impl Workspace {
     }
 }
 
-/// What rows are asked in training.
+/// The targets of rows in training.
 #[derive(Debug, Clone, Copy)]
-pub struct Exam<'a> {
+pub struct Targets<'a> {
     /// (N).
-    pub asked: &'a [Asked],
+    pub targets: &'a [RowTarget],
     /// How targets are smoothed, in the gradients alone.
     pub smoothing: Option<&'a Smoothing>,
-    /// What gradients are multiplied with.
+    /// Factor of the gradients.
     pub scale: f32,
 }
 
-/// Sum of -ln p of what the rows of `x` (N, D) are asked, in nats, and its gradients times the exam's scale.
+/// Sum of -ln p of the targets of the rows `x` (N, D), in nats, and its gradients times the scale.
 ///
 /// # Panics
-/// Slices of other lengths, more rows than the workspace has room for, columns that are not there, a workspace without its
-/// backward part.
+/// If slices have other lengths, for more rows than the workspace has room for, targets outside the head, or a workspace
+/// for the forward pass only.
 #[allow(clippy::too_many_arguments)]
 pub fn loss(
     x: &[f32],
     norm: Norm<&[f32]>,
     head: &[f32],
-    Exam { asked, smoothing, scale }: Exam,
+    Targets { targets, smoothing, scale }: Targets,
     gradients: &mut Gradients,
     store: Store,
     workspace: &mut Workspace,
@@ -128,7 +128,7 @@ pub fn loss(
         back,
         ..
     } = workspace;
-    let (n, d, v, piece) = (asked.len(), *d, *v, *piece);
+    let (n, d, v, piece) = (targets.len(), *d, *v, *piece);
     let Some(back) = back else { panic!("a workspace for the forward pass only") };
     assert!(
         n <= *rows && x.len() == n * d && gradients.dx.len() == n * d,
@@ -144,21 +144,21 @@ pub fn loss(
         let parts = (
             (x[part.clone()].par_chunks(piece * d), gradients.dx[part].par_chunks_mut(piece * d)),
             stats[2 * first..][..2 * rows].par_chunks_mut(2 * piece),
-            asked[first..][..rows].par_chunks(piece),
+            targets[first..][..rows].par_chunks(piece),
             logits[..rows * v].par_chunks_mut(piece * v),
             back.normal.par_chunks_mut(products.panels_len(piece, d)).take(pieces),
             back.partial[first / piece * 2 * d..][..pieces * 2 * d].par_chunks_mut(2 * d),
             nats[first / piece..][..pieces].par_iter_mut(),
         );
         let (across, down) = (&*across, &*back.down);
-        parts.into_par_iter().for_each(|((x, dx), stats, asked, logits, panels, partial, nats)| {
+        parts.into_par_iter().for_each(|((x, dx), stats, targets, logits, panels, partial, nats)| {
             scratch.with(|scratch| {
                 let (normal, rest) = scratch.split_at_mut(x.len());
                 let d_normal = &mut rest[..x.len()];
                 layer_norm::forward(normal, stats, x, norm.weight, norm.bias);
-                products.pack(panels, normal, d, asked.len(), d);
+                products.pack(panels, normal, d, targets.len(), d);
                 products.times(logits, normal, d, across, v);
-                *nats = cross_entropy::forward_backward(logits, asked, smoothing, scale);
+                *nats = cross_entropy::forward_backward(logits, targets, smoothing, scale);
                 products.times(d_normal, logits, v, down, d);
                 dx.fill(0.0);
                 partial.fill(0.0);
@@ -176,10 +176,10 @@ pub fn loss(
     nats[..n.div_ceil(piece)].iter().sum()
 }
 
-/// The logits (N, V) of `x` (N, D), handed over a stretch of rows at a time: the first row's number, and its logits.
+/// Passes the logits (N, V) of `x` (N, D) to `take`, some rows at a time: the number of the first row, and their logits.
 ///
 /// # Panics
-/// Slices of other lengths, more rows than the workspace has room for.
+/// If slices have other lengths, or for more rows than the workspace has room for.
 pub fn logits(
     x: &[f32],
     norm: Norm<&[f32]>,

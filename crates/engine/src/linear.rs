@@ -1,7 +1,7 @@
-//! What every layer with weights is made of: the weight laid out in panels, products of a piece of rows, the gradients.
+//! The parts of every layer with weights: the weight packed in panels, products of a piece of rows, gradients.
 //!
-//! A layer (k, n) is packed once a pass. Its output is computed a piece of rows at a time ([`Products::times`]); so is the
-//! gradient of its input, with the transposed weight. The gradient of its output is packed by the same pieces, and
+//! A layer (k, n) is packed once per pass. Its output is computed piece by piece of rows ([`Products::times`]), as is the
+//! gradient of its input, with the transposed weight. The gradient of its output is packed in the same pieces, and
 //! [`Products::weight_gradient`] multiplies them all; biases and norms add up [`Sums`] over the pieces.
 
 use crate::op::bf16;
@@ -19,7 +19,7 @@ impl Products {
     /// As [`Products::pack`] of a weight (k, n), on all threads: some panels a piece.
     ///
     /// # Panics
-    /// Slices that are too short, here and below.
+    /// If slices are too short, here and below.
     pub fn pack_parallel(self, panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
         self.in_parts(panels, k, n, |part, first, columns| self.pack(part, &weight[first..], n, k, columns));
     }
@@ -76,7 +76,7 @@ pub struct Sums<'a> {
     pub partial: &'a [f32],
     /// Numbers of a row.
     pub width: usize,
-    /// Whether what is there is kept.
+    /// Whether the sums overwrite or add.
     pub store: Store,
 }
 

@@ -5,7 +5,7 @@ use super::config::{HeadKind, ModelConfig, ModelKind, TokenLayout};
 use super::previous::{Basis, PreviousFrames};
 use crate::{Error, Result};
 use kinelm_engine::bins::Bins;
-use kinelm_engine::op::cross_entropy::Asked;
+use kinelm_engine::op::cross_entropy::RowTarget;
 
 /// The tables over steps, in the order of the second and third group.
 pub(super) const STEPS: [&str; 2] = ["head.circular.weight", "head.clamped.weight"];
@@ -16,7 +16,7 @@ pub(super) struct Group {
     /// Their numbers in the batch, ascending.
     pub rows: Vec<u32>,
     /// The target of each.
-    pub asked: Vec<Asked>,
+    pub targets: Vec<RowTarget>,
 }
 
 /// The groups of ids, of circular and of clamped steps.
@@ -85,17 +85,17 @@ impl HeadGroups {
         targets: &[u32],
         groups: &mut Groups,
     ) -> Result<()> {
-        for Group { rows, asked } in groups.iter_mut() {
+        for Group { rows, targets } in groups.iter_mut() {
             rows.clear();
-            asked.clear();
+            targets.clear();
         }
         let mut row = 0;
         for window in windows {
             for (i, &target) in targets[row..row + window.len()].iter().enumerate() {
                 if target != self.pad {
-                    let (group, asked) = self.ask(window, i, target)?;
+                    let (group, targets) = self.target_of(window, i, target)?;
                     groups[group].rows.push((row + i) as u32);
-                    groups[group].asked.push(asked);
+                    groups[group].targets.push(targets);
                 }
             }
             row += window.len();
@@ -105,7 +105,7 @@ impl HeadGroups {
     }
 
     /// A row's group and target.
-    fn ask(&self, window: &[u32], i: usize, target: u32) -> Result<(usize, Asked)> {
+    fn target_of(&self, window: &[u32], i: usize, target: u32) -> Result<(usize, RowTarget)> {
         let bins = self.bins_at(i);
         if let (Some(previous_frames), Some(bins)) = (self.steps(), bins) {
             match previous_frames.basis(window, i) {
@@ -117,14 +117,14 @@ impl HeadGroups {
             }
         }
         let bins = bins.filter(|bins| bins.bin(target).is_some()).unwrap_or(Bins::NONE);
-        Ok((0, Asked { target, first: 0, count: self.vocabulary, bins }))
+        Ok((0, RowTarget { target, first: 0, count: self.vocabulary, bins }))
     }
 }
 
-fn step(previous_frames: &PreviousFrames, bins: Bins, from: usize, bin: usize) -> Asked {
+fn step(previous_frames: &PreviousFrames, bins: Bins, from: usize, bin: usize) -> RowTarget {
     let column = |to| previous_frames.steps().column(bins, from, to) as u32;
     let (first, count) = (if bins.circular { 0 } else { column(0) }, bins.count);
-    Asked { target: column(bin), first, count, bins: Bins { first, ..bins } }
+    RowTarget { target: column(bin), first, count, bins: Bins { first, ..bins } }
 }
 
 pub(super) fn no_bin(what: &str, id: u32, bins: Bins, i: usize) -> Error {
@@ -173,14 +173,14 @@ mod tests {
         assert_eq!([ids.rows, circular.rows, clamped.rows], [vec![0, 1, 2, 5], vec![3, 6], vec![4, 7]]);
         let circle = Bins { first: 0, count: 4, circular: true };
         // 3 to 1 are 2 steps round a circle of 4; 1 to 0 are 3
-        assert_eq!(circular.asked[0], Asked { target: 2, first: 0, count: 4, bins: circle });
-        assert_eq!(circular.asked[1].target, 3);
+        assert_eq!(circular.targets[0], RowTarget { target: 2, first: 0, count: 4, bins: circle });
+        assert_eq!(circular.targets[1].target, 3);
         // 2 to 0 is the lowest of 5 steps, 0 to 1 the fourth
         let from = |first| Bins { first, count: 3, circular: false };
-        assert_eq!(clamped.asked[0], Asked { target: 0, first: 0, count: 3, bins: from(0) });
-        assert_eq!(clamped.asked[1], Asked { target: 3, first: 2, count: 3, bins: from(2) });
-        assert_eq!(ids.asked[0].bins, Bins { first: 6, count: 4, circular: true });
-        assert_eq!(ids.asked[2], Asked { target: 5, first: 0, count: 13, bins: Bins::NONE });
+        assert_eq!(clamped.targets[0], RowTarget { target: 0, first: 0, count: 3, bins: from(0) });
+        assert_eq!(clamped.targets[1], RowTarget { target: 3, first: 2, count: 3, bins: from(2) });
+        assert_eq!(ids.targets[0].bins, Bins { first: 6, count: 4, circular: true });
+        assert_eq!(ids.targets[2], RowTarget { target: 5, first: 0, count: 13, bins: Bins::NONE });
     }
 
     #[test]
@@ -189,7 +189,7 @@ mod tests {
         let [ids, circular, clamped] = sort(&config, &[1, 4, 12, 5, 7, 4], &[0, 9, 0, 5, 0, 10]).unwrap();
         assert!(circular.rows.is_empty() && clamped.rows.is_empty());
         assert_eq!(ids.rows, [1, 3, 5]);
-        let bins: Vec<u32> = ids.asked.iter().map(|a| a.bins.first).collect();
+        let bins: Vec<u32> = ids.targets.iter().map(|a| a.bins.first).collect();
         assert_eq!(bins, [6, 0, 10]);
     }
 

@@ -6,7 +6,7 @@ use super::frames::{BACK, Frames, SPELT};
 use super::goal;
 use crate::words::Steps;
 use crate::{Error, Result};
-use candle_core::{DType, Device, Tensor};
+use candle_core::{Device, Tensor};
 use kinelm_store::random;
 use std::collections::BTreeMap;
 
@@ -170,16 +170,10 @@ pub fn checked(
     mut tensors: BTreeMap<String, Tensor>,
 ) -> Result<Vec<(Parameter, Tensor)>> {
     config.validate_for(tokens)?;
-    let some = tensors.values().next();
-    let (kind, device) = some.map_or((DType::F32, Device::Cpu), |t| (t.dtype(), t.device().clone()));
     let own = |p: Parameter| {
         let (name, shape) = (&p.name, &p.shape);
         let missing = || Error::Weights(format!("the weights have no tensor {name}; expected one of shape {shape:?}"));
-        let untold = || p.may_be_absent().then(|| Tensor::zeros(shape.as_slice(), kind, &device));
-        let tensor = match tensors.remove(name) {
-            Some(tensor) => tensor,
-            None => untold().ok_or_else(missing)??,
-        };
+        let tensor = tensors.remove(name).ok_or_else(missing)?;
         match tensor.dims() == shape {
             true => Ok((p, tensor)),
             false => {
@@ -232,12 +226,6 @@ fn linear(all: &mut Vec<Parameter>, name: &str, rows: usize, columns: usize, sd:
 }
 
 impl Parameter {
-    /// Whether files from before it was there lack it, and mean zeros: models of two levels told only the trunk of labels until
-    /// 2026-11-23.
-    pub fn may_be_absent(&self) -> bool {
-        self.name == SPELT_LABEL
-    }
-
     /// How many numbers it has.
     pub fn len(&self) -> usize {
         self.shape.iter().product()
@@ -303,21 +291,14 @@ mod tests {
     }
 
     #[test]
-    fn labels_that_only_the_trunk_was_told_of_are_read_and_other_gaps_are_named() {
+    fn a_missing_tensor_is_named() {
         let labelled = |(config, tokens): &(ModelConfig, TokenLayout)| {
             config.architecture == Architecture::TwoLevel && tokens.front > 1
         };
         let (config, tokens) = crate::fixtures::every(36).into_iter().find(labelled).unwrap();
         let mut tensors = initial(&config, &tokens, 1).unwrap();
-        tensors.remove(SPELT_LABEL).unwrap();
-        let read = checked(&config, &tokens, tensors.clone()).unwrap();
-        let (p, tensor) = read.iter().find(|(p, _)| p.name == SPELT_LABEL).unwrap();
-        assert_eq!(
-            (tensor.dims(), tensor.abs().unwrap().sum_all().unwrap().to_scalar::<f32>().unwrap()),
-            (&*p.shape, 0.0)
-        );
         tensors.remove(LABEL).unwrap();
-        let refused = checked(&config, &tokens, tensors).unwrap_err().to_string();
-        assert!(refused.contains("no tensor frame.label.weight; expected one of shape [26, 12]"), "{refused}");
+        let message = checked(&config, &tokens, tensors).unwrap_err().to_string();
+        assert!(message.contains("no tensor frame.label.weight; expected one of shape [26, 12]"), "{message}");
     }
 }

@@ -5,7 +5,7 @@
 //! gradient reaches what stands before them), the third has constants of seven digits in its gradient.
 
 use candle_core::{D, DType, Device, Result, Tensor};
-use kinelm_engine::op::cross_entropy::Asked;
+use kinelm_engine::op::cross_entropy::RowTarget;
 use kinelm_engine::op::smoothing::Smoothing;
 
 /// Stands for minus infinity in a mask: what it hides gets exactly 0, and a row that hides all is no NaN.
@@ -99,41 +99,41 @@ fn softmax(x: &Tensor) -> Result<Tensor> {
     e.broadcast_div(&e.sum_keepdim(D::Minus1)?)
 }
 
-/// -ln p of what every row of `logits` (N, C) is asked, in nats (N). With `smoothing` the numbers are the same, and their
+/// -ln p of the target of every row of `logits` (N, C), in nats (N). With `smoothing` the numbers are the same, and their
 /// gradient is that of the cross-entropy with the smoothed targets.
 ///
 /// # Errors
-/// Another number of questions than rows, columns that are not there.
-pub fn nats(logits: &Tensor, asked: &[Asked], smoothing: Option<&Smoothing>) -> Result<Tensor> {
+/// For another number of targets than rows, or targets outside the columns.
+pub fn nats(logits: &Tensor, targets: &[RowTarget], smoothing: Option<&Smoothing>) -> Result<Tensor> {
     let (rows, columns) = logits.dims2()?;
     let outside =
-        |a: &&Asked| (a.first + a.count) as usize > columns || !(a.first..a.first + a.count).contains(&a.target);
-    if let Some(a) = asked.iter().find(outside) {
+        |a: &&RowTarget| (a.first + a.count) as usize > columns || !(a.first..a.first + a.count).contains(&a.target);
+    if let Some(a) = targets.iter().find(outside) {
         candle_core::bail!("column {} of {} from {} on, of {columns} in all", a.target, a.count, a.first);
     }
-    let targets: Vec<u32> = asked.iter().map(|a| a.target).collect();
-    let targets = Tensor::from_vec(targets, (rows, 1), logits.device())?;
+    let columns_of_targets: Vec<u32> = targets.iter().map(|a| a.target).collect();
+    let columns_of_targets = Tensor::from_vec(columns_of_targets, (rows, 1), logits.device())?;
     let mut x = logits.clone();
-    if asked.iter().any(|a| a.count as usize != columns) {
-        let hide = |a: &Asked, c: usize| {
+    if targets.iter().any(|a| a.count as usize != columns) {
+        let hide = |a: &RowTarget, c: usize| {
             if c.wrapping_sub(a.first as usize) < a.count as usize { 0.0 } else { f32::NEG_INFINITY }
         };
-        let hide: Vec<f32> = asked.iter().flat_map(|a| (0..columns).map(move |c| hide(a, c))).collect();
+        let hide: Vec<f32> = targets.iter().flat_map(|a| (0..columns).map(move |c| hide(a, c))).collect();
         x = (x + Tensor::from_vec(hide, (rows, columns), logits.device())?.to_dtype(logits.dtype())?)?;
     }
     let x = x.broadcast_sub(&x.max_keepdim(1)?.detach())?;
     let sum = x.exp()?.sum_keepdim(1)?.log()?;
-    let nats = (&sum - x.gather(&targets, 1)?)?.squeeze(1)?;
+    let nats = (&sum - x.gather(&columns_of_targets, 1)?)?.squeeze(1)?;
     let Some(smoothing) = smoothing else { return Ok(nats) };
-    let smooth = (sum.squeeze(1)? - mean_of_neighbours(&x, asked, smoothing)?)?;
+    let smooth = (sum.squeeze(1)? - mean_of_neighbours(&x, targets, smoothing)?)?;
     nats.detach() + (&smooth - smooth.detach())?
 }
 
 /// Of every row of `x` (N, C), the mean over the columns that share the target's mass (N).
-fn mean_of_neighbours(x: &Tensor, asked: &[Asked], smoothing: &Smoothing) -> Result<Tensor> {
+fn mean_of_neighbours(x: &Tensor, targets: &[RowTarget], smoothing: &Smoothing) -> Result<Tensor> {
     let most = 2 * smoothing.reach() + 1;
     let (mut columns, mut shares) = (Vec::new(), Vec::new());
-    for (i, a) in asked.iter().enumerate() {
+    for (i, a) in targets.iter().enumerate() {
         smoothing.shares(a.target, a.bins, |column, share| {
             columns.push(column);
             shares.push(share);
@@ -141,8 +141,8 @@ fn mean_of_neighbours(x: &Tensor, asked: &[Asked], smoothing: &Smoothing) -> Res
         columns.resize((i + 1) * most, a.target);
         shares.resize((i + 1) * most, 0.0);
     }
-    let columns = Tensor::from_vec(columns, (asked.len(), most), x.device())?;
-    let shares = Tensor::from_vec(shares, (asked.len(), most), &Device::Cpu)?.to_dtype(x.dtype())?;
+    let columns = Tensor::from_vec(columns, (targets.len(), most), x.device())?;
+    let shares = Tensor::from_vec(shares, (targets.len(), most), &Device::Cpu)?.to_dtype(x.dtype())?;
     (x.gather(&columns, 1)? * shares.to_device(x.device())?)?.sum(1)
 }
 
@@ -151,17 +151,17 @@ fn mean_of_neighbours(x: &Tensor, asked: &[Asked], smoothing: &Smoothing) -> Res
 pub mod check {
     use candle_core::{Device, Result, Tensor};
     use kinelm_engine::bins::Bins;
-    use kinelm_engine::op::cross_entropy::Asked;
+    use kinelm_engine::op::cross_entropy::RowTarget;
     use rand_chacha::rand_core::RngCore;
 
     /// Sum of -ln p(target) over the rows of `logits` (N, V) whose target isn't `ignored`.
     pub fn loss_sum(logits: &Tensor, targets: &[u32], ignored: u32) -> Result<Tensor> {
         let count = logits.dim(1)? as u32;
         let counted = (0..).zip(targets).filter(|(_, t)| **t != ignored);
-        let ask = |(row, &target): (u32, &u32)| (row, Asked { target, first: 0, count, bins: Bins::NONE });
-        let (rows, asked): (Vec<u32>, Vec<Asked>) = counted.map(ask).unzip();
+        let target_of = |(row, &target): (u32, &u32)| (row, RowTarget { target, first: 0, count, bins: Bins::NONE });
+        let (rows, targets): (Vec<u32>, Vec<RowTarget>) = counted.map(target_of).unzip();
         let rows = Tensor::new(rows, logits.device())?;
-        super::nats(&logits.index_select(&rows, 0)?, &asked, None)?.sum_all()
+        super::nats(&logits.index_select(&rows, 0)?, &targets, None)?.sum_all()
     }
 
     /// Random f64 tensor of `shape` in -range..range.
@@ -194,9 +194,9 @@ mod tests {
         let (numbers, w1, b1) = (rows(&x), &rows(&w)[0], &rows(&b)[0]);
         let (normal, smooth) = (rows(&layer_norm(&x, &w, &b, 1e-5).unwrap()), rows(&gelu(&x).unwrap()));
         // all columns, the last three, the first two
-        let asked = [(4, 0, 5), (3, 2, 3), (0, 0, 2)];
-        let asked = asked.map(|(target, first, count)| Asked { target, first, count, bins: Bins::NONE });
-        let nats = super::nats(&x, &asked, None).unwrap().to_vec1::<f64>().unwrap();
+        let targets = [(4, 0, 5), (3, 2, 3), (0, 0, 2)];
+        let targets = targets.map(|(target, first, count)| RowTarget { target, first, count, bins: Bins::NONE });
+        let nats = super::nats(&x, &targets, None).unwrap().to_vec1::<f64>().unwrap();
         for (r, row) in numbers.iter().enumerate() {
             let mean = row.iter().sum::<f64>() / 5.0;
             let sd = (row.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 5.0 + 1e-5).sqrt();
@@ -205,7 +205,7 @@ mod tests {
                 let u = (2.0 / std::f64::consts::PI).sqrt() * (x + 0.044715 * x * x * x);
                 near(smooth[r][i], 0.5 * x * (1.0 + u.tanh()));
             }
-            let Asked { target, first, count, .. } = asked[r];
+            let RowTarget { target, first, count, .. } = targets[r];
             let sum: f64 = row[first as usize..][..count as usize].iter().map(|x| x.exp()).sum();
             near(nats[r], sum.ln() - row[target as usize]);
         }
@@ -240,9 +240,9 @@ mod tests {
     fn smoothed_targets_change_the_gradient_and_not_the_number() {
         let x = candle_core::Var::from_tensor(&random("x", &[1, 6], 2.0)).unwrap();
         let bins = Bins { first: 1, count: 4, circular: true };
-        let asked = [Asked { target: 1, first: 0, count: 6, bins }];
+        let targets = [RowTarget { target: 1, first: 0, count: 6, bins }];
         let gradient = |smoothing: Option<&Smoothing>| {
-            let nats = nats(x.as_tensor(), &asked, smoothing).unwrap().sum_all().unwrap();
+            let nats = nats(x.as_tensor(), &targets, smoothing).unwrap().sum_all().unwrap();
             let store = nats.backward().unwrap();
             (nats.to_scalar::<f64>().unwrap(), rows(store.get(x.as_tensor()).unwrap())[0].clone())
         };
@@ -261,7 +261,7 @@ mod tests {
     fn wrong_questions_are_refused() {
         let logits = random("logits", &[1, 5], 1.0);
         let said = |target, first, count| {
-            nats(&logits, &[Asked { target, first, count, bins: Bins::NONE }], None).unwrap_err().to_string()
+            nats(&logits, &[RowTarget { target, first, count, bins: Bins::NONE }], None).unwrap_err().to_string()
         };
         assert!(said(5, 0, 5).contains("column 5 of 5 from 0 on, of 5 in all"));
         assert!(said(1, 2, 3).contains("column 1 of 3 from 2 on"));

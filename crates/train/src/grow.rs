@@ -51,10 +51,10 @@ pub fn grow(
     let grown = layout::parameters(config, is).into_iter().map(|p| {
         let expected = before.iter().find(|b| b.name == p.name).map(|b| b.shape.as_slice());
         let name = p.name.as_str();
-        let may_come = GOAL.contains(&name) || MUSIC.contains(&name) || name == CLASS || p.may_be_absent();
+        let may_come = GOAL.contains(&name) || MUSIC.contains(&name) || name == CLASS;
         let comes_new = may_come && !weights.contains_key(name);
         if expected.is_none() || comes_new {
-            // what comes with the first labels, with being told what is ahead, or music, or with a classifier, or is younger
+            // what comes with the first labels, with being told what is ahead, or music, or with a classifier
             let tensor = Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?;
             return Ok((p.name, tensor));
         }

@@ -1,10 +1,41 @@
 //! A pre-norm transformer block: `middle = x + attention(norm1(x))`, `out = middle + mlp(norm2(middle))`.
 //!
-//! Forward and backward are explicit and share a [`Workspace`]; what the backward pass needs of the forward one is in
-//! [`Saved`]: ten numbers of width D a token, and the log-sums of the softmax. The normalised rows, the GELU and the
-//! attention weights are computed a second time, which costs less than reading them back.
+//! Forward and backward are explicit and share a [`Workspace`]; the backward pass reads [`Saved`]: ten numbers of width D per
+//! token, and the log-sums of the softmax. Normalised rows, GELU and attention weights are computed a second time, which
+//! costs less than reading them back.
 //!
 //! Letters: B batch, T tokens, N = B T rows, D width, H heads, M width of the hidden layer, R rows of a piece.
+//!
+//! ```
+//! use kinelm_engine::arena::Floats;
+//! use kinelm_engine::block::{self, Linear, Norm, Rules, Saved, Shape, Tensors, Workspace};
+//! use kinelm_engine::linear::Products;
+//! use kinelm_engine::op::attention::Mask;
+//! use kinelm_engine::op::matmul::Store;
+//!
+//! let shape = Shape { batch: 1, tokens: 3, width: 4, heads: 2, hidden: 16 };
+//! let norm = |weight| Norm { weight: Floats::of(&[weight; 4]), bias: Floats::new(4) };
+//! let linear = |k: usize, n: usize, weight| Linear { weight: Floats::of(&vec![weight; k * n]), bias: Floats::new(n) };
+//! let tensors = |norm_weight, weight| Tensors {
+//!     norm1: norm(norm_weight), qkv: linear(4, 12, weight), out: linear(4, 4, weight),
+//!     norm2: norm(norm_weight), up: linear(4, 16, weight), down: linear(16, 4, weight),
+//! };
+//! let (weights, mut gradients) = (tensors(1.0, 0.0), tensors(0.0, 0.0));
+//! let rules = Rules { mask: Mask::Causal, dropout: None, rope: None };
+//! let (mut saved, mut workspace) = (Saved::new(shape), Workspace::new(shape, Products::F32, true));
+//!
+//! // without weights a block adds nothing, and its gradient passes through
+//! let x: Vec<f32> = (0..12).map(|i| i as f32).collect();
+//! let mut out = vec![0.0; 12];
+//! block::forward(&mut out, &x, &weights.each_ref(), rules, &mut saved, &mut workspace);
+//! assert_eq!(out, x);
+//!
+//! let mut dx = vec![1.0; 12];
+//! let mut to = gradients.each_mut();
+//! block::backward(&mut dx, &x, &weights.each_ref(), &mut to, Store::Set, rules, &saved, &mut workspace);
+//! assert_eq!(dx, [1.0; 12]);
+//! assert_eq!(*gradients.down.bias, [3.0; 4]);
+//! ```
 
 mod backward;
 mod forward;
@@ -23,7 +54,7 @@ use crate::per_thread::PerThread;
 use crate::pieces;
 use std::ops::{Deref, Range};
 
-/// What a batch looks like.
+/// The shape of a batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
     /// B: sequences.
@@ -49,7 +80,7 @@ impl Shape {
         attention::Shape { batch, tokens, heads, width: width / heads }
     }
 
-    /// Holds a pass to the shape of its workspace: work is shared out by it, and rows that are not there would be skipped.
+    /// Checks a pass against the shape of its workspace, by which work is shared out.
     fn check<T: Deref<Target = [f32]>>(self, streams: [&[f32]; 2], tensors: &Tensors<T>, saved: &Saved) {
         let Shape { width: d, hidden: m, .. } = self;
         assert_eq!(saved.shape, self, "what another shape has saved");
@@ -83,13 +114,13 @@ pub struct Linear<T> {
 /// The tensors of a block: `&[f32]` for its weights, `&mut [f32]` for their gradients.
 #[derive(Clone, Copy)]
 pub struct Tensors<T> {
-    /// In front of the attention.
+    /// Before the attention.
     pub norm1: Norm<T>,
     /// (D, 3D): queries, keys, values.
     pub qkv: Linear<T>,
-    /// (D, D), behind the attention.
+    /// (D, D), after the attention.
     pub out: Linear<T>,
-    /// In front of the hidden layer.
+    /// Before the hidden layer.
     pub norm2: Norm<T>,
     /// (D, M).
     pub up: Linear<T>,
@@ -135,35 +166,34 @@ pub type Gradients<'a> = Tensors<&'a mut [f32]>;
 pub struct Dropout<'a> {
     /// Share of the numbers that is dropped, in `0.0..1.0`.
     pub share: f64,
-    /// (B) A key a sequence for the attention weights; row = head * T + query, column = key.
+    /// (B): a key per sequence for the attention weights; row = head * T + query, column = key.
     pub attention: &'a [u64],
-    /// (B) A key a sequence for what the attention adds; row = token, column = feature.
+    /// (B): a key per sequence for the attention's output; row = token, column = feature.
     pub out: &'a [u64],
-    /// (B) A key a sequence for what the hidden layer adds.
+    /// (B): a key per sequence for the hidden layer's output.
     pub mlp: &'a [u64],
 }
 
-/// How a block is passed through.
+/// Mask, dropout and rotary positions of a pass.
 #[derive(Clone, Copy)]
 pub struct Rules<'a> {
-    /// Which tokens a token sees.
+    /// Which tokens a token attends to.
     pub mask: attention::Mask<'a>,
-    /// What is dropped, in training.
+    /// Dropout, in training.
     pub dropout: Option<Dropout<'a>>,
-    /// How queries and keys are turned by their word.
+    /// Rotary positions of queries and keys.
     pub rope: Option<Rope<'a>>,
 }
 
 impl<'a> Rules<'a> {
-    /// For the attention.
     fn attention(&self) -> attention::Rules<'a> {
         let dropout = self.dropout.map(|p| attention::Dropout { share: p.share, keys: p.attention });
         attention::Rules { mask: self.mask, dropout }
     }
 }
 
-/// Calls `work` with the numbers (of rows of width D) and the mask of each sequence that rows `first..first + rows` touch;
-/// once, with nothing to drop, if there is no dropout.
+/// Calls `work` with the range of numbers (of rows of width D) and the dropout mask of each sequence that rows
+/// `first..first + rows` touch; once, with an empty mask, without dropout.
 pub fn dropped(
     shape: Shape,
     first: usize,
@@ -182,7 +212,7 @@ pub fn dropped(
     }
 }
 
-/// What the backward pass needs of the forward pass.
+/// Activations that the backward pass needs.
 pub struct Saved {
     shape: Shape,
     stats1: Floats, // (N, 2)
@@ -211,7 +241,7 @@ impl Saved {
     }
 }
 
-/// Memory that blocks of one shape share; the backward part is there if it was asked for.
+/// Memory that blocks of one shape share.
 pub struct Workspace {
     shape: Shape,
     products: Products,
@@ -230,7 +260,7 @@ struct PanelSet {
     down: Floats,
 }
 
-/// What only the backward pass uses.
+/// Memory for the backward pass.
 struct Back {
     // right factors of the weights' gradients, a block of panels a piece
     d_down: Floats,

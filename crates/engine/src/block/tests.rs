@@ -6,7 +6,7 @@ use crate::head;
 use crate::linear::Products;
 use crate::op::attention::Mask;
 use crate::op::check::numbers;
-use crate::op::cross_entropy::Asked;
+use crate::op::cross_entropy::RowTarget;
 use crate::op::matmul::Store;
 use crate::op::rope::{Angles, Rope};
 use crate::scalar::block as plain;
@@ -125,8 +125,8 @@ fn check(shape: Shape, mask: Mask, words: &[u32]) {
     };
     let angles = (!words.is_empty()).then(|| Angles::new(9, shape.width / shape.heads));
     let rules = Rules { mask, dropout: None, rope: angles.as_ref().map(|angles| Rope { angles, words }) };
-    let ask = |&target: &u32| Asked { target, first: 0, count: VOCABULARY as u32, bins: Bins::NONE };
-    let asked: Vec<Asked> = targets.iter().map(ask).collect();
+    let target_of = |&target: &u32| RowTarget { target, first: 0, count: VOCABULARY as u32, bins: Bins::NONE };
+    let targets: Vec<RowTarget> = targets.iter().map(target_of).collect();
 
     let (mut saved, mut space) = (Saved::new(shape), Workspace::new(shape, Products::F32, true));
     let mut head_space = head::Workspace::new(n, shape.width, VOCABULARY, Products::F32, true);
@@ -137,8 +137,8 @@ fn check(shape: Shape, mask: Mask, words: &[u32]) {
     let [mut dw, mut db] = [vec![f32::NAN; shape.width], vec![f32::NAN; shape.width]];
     let of_norm = Norm { weight: norm[0].as_slice(), bias: norm[1].as_slice() };
     let mut of_head = head::Gradients { dx: &mut dx, norm: Norm { weight: &mut dw, bias: &mut db }, head: &mut d_head };
-    let exam = head::Exam { asked: &asked, smoothing: None, scale: 1.0 };
-    let nats = head::loss(&out, of_norm, &head, exam, &mut of_head, Store::Set, &mut head_space);
+    let targets = head::Targets { targets: &targets, smoothing: None, scale: 1.0 };
+    let nats = head::loss(&out, of_norm, &head, targets, &mut of_head, Store::Set, &mut head_space);
     let mut each_gradient = gradients.each_mut();
     backward(&mut dx, &x, &weights.each_ref(), &mut each_gradient, Store::Set, rules, &saved, &mut space);
 

@@ -1,4 +1,4 @@
-//! Back through the sequence: gradients of the weights by those of the outputs.
+//! Backpropagation through time.
 
 use super::layer::TeacherForcing;
 use super::{Lstm, Sums, Wiring, stretches};
@@ -10,11 +10,12 @@ use crate::pieces;
 use rayon::prelude::*;
 
 impl Lstm {
-    /// Gradients of the weights, in the order of [`super::Shape::tensors`], by those of the outputs (T, B, C) of the last
+    /// Gradients of the weights, in the order of [`super::Shape::tensors`], from those of the outputs (T, B, C) of the last
     /// [`Lstm::forward`]. They go through outputs that were fed back, and end where the pass began.
     ///
     /// # Panics
-    /// No forward pass before it, or a second one behind it; memory for the forward pass only; slices of other numbers.
+    /// Without a forward pass since the last backward pass, with memory for the forward pass only, or if slices have other
+    /// lengths.
     pub fn backward(&mut self, outputs: &[f32], gradients: &mut [Floats]) {
         let (b, c, d, steps) = (self.batch, self.shape.channels, self.shape.width, self.given.len());
         let Some(back) = &mut self.back else { panic!("memory for the forward pass only") };
@@ -74,7 +75,7 @@ impl Sums {
         Sums { panels: Floats::new(pieces * matmul::panels_len(piece, widest)), partial: Floats::new(pieces * widest) }
     }
 
-    /// Gradients of weights (k, n) and of the bias (n) behind rows of gradients `d` (R, n): of each weight its input (R, k).
+    /// Gradients of weights (k, n), each with its input (R, k), and of the bias (n), from gradients `d` (R, n) of the output.
     pub fn gradients(
         &mut self,
         d: &[f32],

@@ -1,14 +1,14 @@
-//! The pass over a sequence.
+//! The forward pass over a sequence.
 
 use super::layer::TeacherForcing;
 use super::{Lstm, Wiring, stretches};
 
 impl Lstm {
-    /// Outputs (T, B, C) of up to as many steps as there is memory for: step t sees `inputs` (T, B, C) where `given[t]`,
-    /// else the output of the step before. It goes on from where [`Lstm::rest`] or [`Lstm::carry`] has put it.
+    /// Outputs (T, B, C) of up to as many steps as there is memory for: the input of step t is that of `inputs` (T, B, C) where
+    /// `given[t]`, else the previous output. It starts from the state that [`Lstm::rest`] or [`Lstm::carry`] set.
     ///
     /// # Panics
-    /// No steps, or more than there is memory for; inputs of other numbers.
+    /// If there are no steps or more than there is memory for, or for inputs of another length.
     pub fn forward(&mut self, inputs: &[f32], given: &[bool]) -> &[f32] {
         let (b, c, d) = (self.batch, self.shape.channels, self.shape.width);
         let (row, steps) = (b * c, given.len());

@@ -14,31 +14,31 @@ pub struct Layer {
     width: usize,
     batch: usize,
     slabs: Vec<Slab>,
-    /// (T + 1, B, D): outputs, behind the one before the first step.
+    /// (T + 1, B, D): the output before the first step, then those of all steps.
     pub h: Floats,
     pub back: Option<Back>,
 }
 
-/// What a layer sees in place of its own output of the step before.
+/// Teacher forcing: rows that replace a layer's own previous output at some steps.
 #[derive(Debug, Clone, Copy)]
 pub struct TeacherForcing<'a> {
-    /// At which steps of a pass; those behind the last are none.
+    /// Which steps of a pass are forced; steps after the last are not.
     pub steps: &'a [bool],
-    /// (T, B, D), read at these steps alone.
+    /// (T, B, D), read at forced steps alone.
     pub rows: &'a [f32],
 }
 
 impl TeacherForcing<'_> {
-    /// Nothing, at any step.
+    /// No forced steps.
     pub const NONE: TeacherForcing<'static> = TeacherForcing { steps: &[], rows: &[] };
 
-    /// Whether step `t` is told something.
+    /// Whether step `t` is forced.
     pub fn at(self, t: usize) -> bool {
         self.steps.get(t).is_some_and(|forced| *forced)
     }
 }
 
-/// What comes back to a step from the one behind it.
+/// What a step's backward pass gets from the next step.
 #[derive(Clone, Copy)]
 enum Behind<'a> {
     /// It is the last.
@@ -49,7 +49,7 @@ enum Behind<'a> {
     Both(&'a [f32]),
 }
 
-/// What a layer needs for its gradients.
+/// Memory for a layer's gradients.
 pub struct Back {
     /// (T, B, D), gradients of the outputs as far as they come from above.
     pub dh: Floats,
@@ -153,8 +153,7 @@ impl Layer {
         }
     }
 
-    /// A stretch of steps whose inputs (n, B, I) are known; at steps that are told something, the layer sees that in place
-    /// of its own output before.
+    /// A stretch of steps whose inputs (n, B, I) are known.
     pub fn forward(&mut self, stretch: Range<usize>, inputs: &[f32], forced: TeacherForcing) {
         let (b, d, i) = (self.batch, self.width, self.inputs);
         for t in stretch.clone() {
@@ -175,8 +174,8 @@ impl Layer {
         }
     }
 
-    /// The same stretch back: from `dh` and what stands behind it in `gates` to `gates`. It is the last one of a pass of
-    /// `steps` where it ends there. Nothing comes back through an output whose place something told has taken.
+    /// The backward pass of a stretch: `gates` become the gradients of the gates' sums, from `dh` and the gates of the next
+    /// stretch, if the pass of `steps` has one. A forced step stops the gradient of the output that it replaces.
     pub fn backward(&mut self, stretch: Range<usize>, steps: usize, forced: TeacherForcing) {
         let (b, d) = (self.batch, self.width);
         let Some(back) = &mut self.back else { panic!("memory for the forward pass only") };

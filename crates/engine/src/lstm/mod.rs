@@ -1,17 +1,33 @@
-//! Layers of LSTM with a linear output, over sequences in which the network is fed its own output, and back through time.
+//! LSTM layers with a linear output, over sequences in which the network is fed its own output, and backpropagation through
+//! time.
 //!
 //! Letters: T steps, B sequences, C channels of input and output, D units of a layer, L layers, I inputs of a layer (C or D).
 //! Rows lie step by step: (T, B, ..).
 //!
-//! A step's input is either given or the output of the step before, for all sequences alike ([`Lstm::forward`]). The sequence
+//! A step's input is either given or the previous step's output, for all sequences alike ([`Lstm::forward`]). The sequence
 //! falls into stretches whose inputs are all known when they begin: a given step joins the stretch before it, a fed one
-//! begins its own. In a stretch one layer follows the other, so that the products with its inputs are one; what a layer
-//! remembers takes a product a step, of all four gates at once. Gradients go the same stretches back, through fed outputs
-//! too; the gradients of weights are one product each over all steps.
+//! begins a new one. In a stretch each layer multiplies all its inputs in one product; its recurrence takes a product per
+//! step, of all four gates at once. Gradients go back through the same stretches and through fed outputs; the gradients of
+//! weights are one product each over all steps.
 //!
-//! [`Single`] is one such layer by itself, whose own output can be replaced at some steps: for networks of another build.
+//! [`Single`] is one such layer, with teacher forcing at some steps, for other networks.
 //!
-//! Threads share a step's columns, units of [`UNITS`] at a time, so that every number is summed by one thread.
+//! Threads share a step's columns, [`UNITS`] units at a time, so that every number is summed by one thread.
+//!
+//! ```
+//! use kinelm_engine::arena::Floats;
+//! use kinelm_engine::lstm::{Lstm, Shape, Wiring};
+//!
+//! let shape = Shape { channels: 2, width: 4, layers: 1, wiring: Wiring::Fixed };
+//! let weights: Vec<Floats> = shape.tensors().iter().map(|[rows, columns]| Floats::of(&vec![0.1; rows * columns])).collect();
+//! let mut network = Lstm::new(shape, 1, 3, false);
+//! network.pack(&weights);
+//! network.rest();
+//! // the first step is given, two are fed
+//! let outputs = network.forward(&[1.0, -1.0, 0.0, 0.0, 0.0, 0.0], &[true, false, false]).to_vec();
+//! assert_eq!(outputs.len(), 6);
+//! assert!(outputs[4] > outputs[2] && outputs[2] > outputs[0]);
+//! ```
 
 mod backward;
 mod columns;
@@ -32,18 +48,18 @@ pub use single::Single;
 /// Units of a layer that a thread computes at a time.
 pub const UNITS: usize = 64;
 
-/// How layers are joined.
+/// How layers are connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Wiring {
-    /// A layer sees the output of the one below at the same step.
+    /// A layer's input is the output of the one below at the same step.
     #[default]
     Fixed,
-    /// It sees that of the step before, so that an input reaches the output L - 1 steps late.
+    /// Its input is that of the previous step, so that an input reaches the output L - 1 steps late.
     Compat,
 }
 
-/// What a network is like.
+/// The shape of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
     /// C.
@@ -52,7 +68,7 @@ pub struct Shape {
     pub width: usize,
     /// L.
     pub layers: usize,
-    /// How layers are joined.
+    /// How layers are connected.
     pub wiring: Wiring,
 }
 
@@ -83,9 +99,9 @@ pub struct Lstm {
     /// Steps of the last pass, and which of them were given.
     given: Vec<bool>,
     layers: Vec<Layer>,
-    /// (T, B, C) inputs as the first layer saw them.
+    /// (T, B, C): inputs of the first layer.
     x: Floats,
-    /// (T + 1, B, C): outputs, behind the one before the first step.
+    /// (T + 1, B, C): the output before the first step, then those of all steps.
     y: Floats,
     output: Columns,
     bias: Floats,
@@ -102,7 +118,7 @@ struct Back {
     sums: Sums,
 }
 
-/// Gradients of rows in panels, and their columns' sums, a piece.
+/// Gradients of rows in panels, and the sums of their columns per piece.
 struct Sums {
     panels: Floats,
     partial: Floats,
@@ -112,7 +128,7 @@ impl Lstm {
     /// Memory for sequences of up to `steps` steps, `batch` side by side; `backward`: for gradients too.
     ///
     /// # Panics
-    /// A shape or batch with a 0.
+    /// If a size is 0.
     pub fn new(shape: Shape, batch: usize, steps: usize, backward: bool) -> Lstm {
         let Shape { channels: c, width: d, layers, .. } = shape;
         assert!(c * d * layers * batch * steps > 0, "{shape:?}, {batch} sequences of {steps} steps");
@@ -146,7 +162,7 @@ impl Lstm {
     /// Takes over weights, in the order of [`Shape::tensors`]: before the first pass and after every update.
     ///
     /// # Panics
-    /// Tensors of another shape.
+    /// If tensors have other shapes.
     pub fn pack(&mut self, weights: &[Floats]) {
         let sizes = weights.iter().map(|w| w.len());
         assert!(sizes.eq(self.sizes.iter().copied()), "expected tensors of {:?} numbers", self.sizes);
@@ -161,7 +177,7 @@ impl Lstm {
         }
     }
 
-    /// The next pass begins at rest: nothing remembered, and an output of 0 before it.
+    /// The next pass begins with a state and an output of 0.
     pub fn rest(&mut self) {
         let (b, c) = (self.batch, self.shape.channels);
         self.y[..b * c].fill(0.0);
@@ -175,7 +191,7 @@ impl Lstm {
         self.layers.iter_mut().for_each(|layer| layer.carry(steps));
     }
 
-    /// What output a fed first step would see, (B, C).
+    /// (B, C): the input of a fed first step.
     pub fn last_output(&self) -> &[f32] {
         &self.y[..self.batch * self.shape.channels]
     }

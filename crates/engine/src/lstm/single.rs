@@ -1,6 +1,6 @@
-//! One layer by itself: outputs are its units, and at some steps it sees something told in place of its own last output.
+//! One layer, whose outputs are its units, with teacher forcing: at some steps other rows replace its own previous output.
 //!
-//! The state goes on through such a step; the gradient of the output that was replaced ends there.
+//! The state goes on through such a step; the gradient of the replaced output ends there.
 
 use super::layer::{Layer, TeacherForcing};
 use super::{Floats, Sums};
@@ -11,10 +11,10 @@ pub struct Single {
     width: usize,
     batch: usize,
     steps: usize,
-    /// Steps of the last pass, and which of them were told something.
+    /// Steps of the last pass, and which of them were forced.
     forced: Vec<bool>,
     layer: Layer,
-    /// (T, B, D) outputs as each step saw the one before it, where something was told.
+    /// (T, B, D): each step's previous output, with those that were forced.
     seen: Floats,
     sums: Option<Sums>,
 }
@@ -23,7 +23,7 @@ impl Single {
     /// Memory for sequences of up to `steps` steps, `batch` side by side; `backward`: for gradients too.
     ///
     /// # Panics
-    /// A size of 0.
+    /// If a size is 0.
     pub fn new(inputs: usize, width: usize, (batch, steps): (usize, usize), backward: bool) -> Single {
         assert!(inputs * width * batch * steps > 0, "{inputs} inputs, {width} units, {batch} sequences, {steps} steps");
         Single {
@@ -47,7 +47,7 @@ impl Single {
     /// Takes over weights, in the order of [`Single::tensors`]: before the first pass and after every update.
     ///
     /// # Panics
-    /// Tensors of another shape.
+    /// If tensors have other shapes.
     pub fn pack(&mut self, weights: &[Floats]) {
         let expected = Single::tensors(self.inputs, self.width).map(|[rows, columns]| rows * columns);
         let [input, own, bias, own_bias] = weights else { panic!("{} tensors, expected 4", weights.len()) };
@@ -56,7 +56,7 @@ impl Single {
         self.layer.pack(all);
     }
 
-    /// The next pass begins at rest.
+    /// The next pass begins with a state and an output of 0.
     pub fn rest(&mut self) {
         self.layer.rest();
     }
@@ -69,7 +69,7 @@ impl Single {
     /// Outputs (T, B, D) of `inputs` (T, B, I), up to as many steps as there is memory for.
     ///
     /// # Panics
-    /// No steps, or more than there is memory for; slices of other numbers.
+    /// If there are no steps or more than there is memory for, or slices have other lengths.
     pub fn forward(&mut self, inputs: &[f32], forced: TeacherForcing) -> &[f32] {
         let row = self.batch * self.width;
         let steps = inputs.len() / (self.batch * self.inputs);
@@ -78,7 +78,7 @@ impl Single {
         let any = (0..steps).any(|t| forced.at(t));
         assert!(
             !any || forced.rows.len() == steps * row,
-            "{} numbers told, expected {}",
+            "{} forced numbers, expected {}",
             forced.rows.len(),
             steps * row
         );
@@ -98,7 +98,8 @@ impl Single {
     /// (T, B, I) that of its `inputs`.
     ///
     /// # Panics
-    /// No forward pass before it, or a second one behind it; memory for the forward pass only; slices of other numbers.
+    /// Without a forward pass since the last backward pass, with memory for the forward pass only, or if slices have other
+    /// lengths.
     pub fn backward(&mut self, outputs: &[f32], inputs: &[f32], dx: &mut [f32], gradients: &mut [Floats]) {
         let (rows, d, steps) = (self.forced.len() * self.batch, self.width, self.forced.len());
         assert!(steps > 0 && outputs.len() == rows * d, "gradients of {} numbers", outputs.len());

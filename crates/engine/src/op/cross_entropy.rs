@@ -1,8 +1,8 @@
-//! Cross-entropy of rows of logits with what each is asked. The gradient, (softmax - one-hot) scale, takes the logits'
-//! place, so a head can work through its rows chunk by chunk and needs no room for all of them.
+//! Cross-entropy of rows of logits. The gradient, (softmax - one-hot) scale, overwrites the logits, so a head can work
+//! through its rows chunk by chunk.
 //!
-//! A logit of -inf is an id that cannot come, and so is a column outside those that a row can have. Rows with NaN or +inf
-//! cost NaN.
+//! A logit of -inf is an id that can't follow, as is a column outside those that a row can have. Rows with NaN or +inf have
+//! a loss of NaN.
 
 use super::math::{exp_falling, lanes_below, largest, sum};
 use super::smoothing::Smoothing;
@@ -10,54 +10,54 @@ use crate::bins::Bins;
 use crate::dispatch;
 use pulp::{Simd, WithSimd};
 
-/// What a row of logits is asked.
+/// The target of a row of logits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Asked {
+pub struct RowTarget {
     /// The right column.
     pub target: u32,
-    /// The first of the columns that can come.
+    /// The first of the columns that can follow.
     pub first: u32,
-    /// How many can come; all others have probability 0.
+    /// How many can follow; all others have probability 0.
     pub count: u32,
-    /// The bins that the target is one of.
+    /// The bins among which the target may be smoothed.
     pub bins: Bins,
 }
 
-/// The sum of -ln p of what the rows of `logits` (R, C) are `asked` (R), in nats; `logits` become its gradient times `scale`,
-/// 0 in the columns that cannot come. With `smoothing` the gradient is that of the cross-entropy with the smoothed targets.
+/// The sum of -ln p of the `targets` (R) of the rows of `logits` (R, C), in nats; `logits` become its gradient times `scale`, 0
+/// in the columns that can't follow. With `smoothing` the gradient is that of the cross-entropy with the smoothed targets.
 ///
 /// # Panics
-/// Shapes that don't fit; columns that are not there, targets and bins outside those that can come.
-pub fn forward_backward(logits: &mut [f32], asked: &[Asked], smoothing: Option<&Smoothing>, scale: f32) -> f64 {
-    let columns = columns(logits.len(), asked.len());
-    check_asked(columns, asked);
-    dispatch::run(ForwardBackward { logits, columns, asked, smoothing, scale })
+/// If shapes don't fit, or targets or bins are outside the columns that can follow.
+pub fn forward_backward(logits: &mut [f32], targets: &[RowTarget], smoothing: Option<&Smoothing>, scale: f32) -> f64 {
+    let columns = columns(logits.len(), targets.len());
+    check_targets(columns, targets);
+    dispatch::run(ForwardBackward { logits, columns, targets, smoothing, scale })
 }
 
-/// Writes -ln p of what each row of `logits` (R, C) is `asked` (R), in nats.
+/// Writes -ln p of each of the `targets` (R) of the rows of `logits` (R, C), in nats.
 ///
 /// # Panics
 /// As [`forward_backward`], and where `nats` (R) has another length.
-pub fn nats_asked(nats: &mut [f64], logits: &[f32], asked: &[Asked]) {
-    let columns = columns(logits.len(), asked.len());
-    check_asked(columns, asked);
-    assert!(nats.len() == asked.len(), "cross-entropy: {} results for {} rows", nats.len(), asked.len());
-    dispatch::run(Nats { nats, logits, columns, asked: |row: usize| Some(asked[row]) });
+pub fn row_nats(nats: &mut [f64], logits: &[f32], targets: &[RowTarget]) {
+    let columns = columns(logits.len(), targets.len());
+    check_targets(columns, targets);
+    assert!(nats.len() == targets.len(), "cross-entropy: {} results for {} rows", nats.len(), targets.len());
+    dispatch::run(Nats { nats, logits, columns, targets: |row: usize| Some(targets[row]) });
 }
 
 /// Writes -ln p(target) for each row of `logits` (R, V), in nats, 0 for the rows whose target is `ignored`.
 ///
 /// # Panics
-/// Shapes that don't fit; a target that is neither below V nor `ignored`.
+/// If shapes don't fit, or a target is neither below V nor `ignored`.
 pub fn nats(nats: &mut [f64], logits: &[f32], targets: &[u32], ignored: u32) {
     let columns = columns(logits.len(), targets.len());
     if let Some(wrong) = targets.iter().find(|t| **t != ignored && **t as usize >= columns) {
         panic!("cross-entropy: target {wrong} outside the vocabulary of {columns} ids");
     }
     assert!(nats.len() == targets.len(), "cross-entropy: {} results for {} rows", nats.len(), targets.len());
-    let ask = |target| Asked { target, first: 0, count: columns as u32, bins: Bins::NONE };
-    let asked = |row: usize| (targets[row] != ignored).then(|| ask(targets[row]));
-    dispatch::run(Nats { nats, logits, columns, asked });
+    let target_of = |target| RowTarget { target, first: 0, count: columns as u32, bins: Bins::NONE };
+    let targets = |row: usize| (targets[row] != ignored).then(|| target_of(targets[row]));
+    dispatch::run(Nats { nats, logits, columns, targets });
 }
 
 /// C.
@@ -67,19 +67,19 @@ fn columns(logits: usize, rows: usize) -> usize {
         return 1;
     }
     assert!(logits.is_multiple_of(rows), "cross-entropy: {logits} logits for {rows} rows");
-    // what is ignored may have any id; without logits nothing else can be asked
+    // an ignored target may have any id
     (logits / rows).max(1)
 }
 
-fn check_asked(columns: usize, asked: &[Asked]) {
-    let inside = |Asked { target, first, count, bins }: &Asked| {
+fn check_targets(columns: usize, targets: &[RowTarget]) {
+    let inside = |RowTarget { target, first, count, bins }: &RowTarget| {
         let end = first + count;
         let bins_end = bins.first + bins.count;
         let neighbours =
             bins.count == 0 || (bins.first..bins_end).contains(target) && *first <= bins.first && bins_end <= end;
         end as usize <= columns && (*first..end).contains(target) && neighbours
     };
-    if let Some(wrong) = asked.iter().find(|a| !inside(a)) {
+    if let Some(wrong) = targets.iter().find(|a| !inside(a)) {
         panic!("cross-entropy: {wrong:?} of {columns} columns");
     }
 }
@@ -87,7 +87,7 @@ fn check_asked(columns: usize, asked: &[Asked]) {
 struct ForwardBackward<'a> {
     logits: &'a mut [f32],
     columns: usize,
-    asked: &'a [Asked],
+    targets: &'a [RowTarget],
     smoothing: Option<&'a Smoothing>,
     scale: f32,
 }
@@ -97,9 +97,9 @@ impl WithSimd for ForwardBackward<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
-        let ForwardBackward { logits, columns, asked, smoothing, scale } = self;
+        let ForwardBackward { logits, columns, targets, smoothing, scale } = self;
         let mut all = 0.0;
-        for (row, &Asked { target, first, count, bins }) in logits.chunks_exact_mut(columns).zip(asked) {
+        for (row, &RowTarget { target, first, count, bins }) in logits.chunks_exact_mut(columns).zip(targets) {
             let can = &mut row[first as usize..][..count as usize];
             let most = most(simd, can);
             let aim = can[(target - first) as usize];
@@ -123,19 +123,19 @@ struct Nats<'a, F> {
     nats: &'a mut [f64],
     logits: &'a [f32],
     columns: usize,
-    /// What a row is asked; `None`: nothing.
-    asked: F,
+    /// A row's target; `None` if it is ignored.
+    targets: F,
 }
 
-impl<F: Fn(usize) -> Option<Asked>> WithSimd for Nats<'_, F> {
+impl<F: Fn(usize) -> Option<RowTarget>> WithSimd for Nats<'_, F> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Nats { nats, logits, columns, asked } = self;
+        let Nats { nats, logits, columns, targets } = self;
         nats.fill(0.0);
         for (i, (nats, row)) in nats.iter_mut().zip(logits.chunks_exact(columns)).enumerate() {
-            if let Some(Asked { target, first, count, .. }) = asked(i) {
+            if let Some(RowTarget { target, first, count, .. }) = targets(i) {
                 let can = &row[first as usize..][..count as usize];
                 let most = most(simd, can);
                 *nats = cost(sum_of_powers(simd, can, most), most, row[target as usize]);
@@ -241,23 +241,28 @@ mod tests {
     const IGNORED: u32 = 900_001;
 
     /// Rows that can have all columns, or some in the middle; targets with neighbours round a circle, up to ends, or none.
-    fn asked(rows: usize, columns: usize) -> Vec<Asked> {
-        let ask = |r: usize| {
+    fn targets(rows: usize, columns: usize) -> Vec<RowTarget> {
+        let target_of = |r: usize| {
             let (first, last) = if r.is_multiple_of(2) { (0, columns) } else { (columns / 3, columns - columns / 5) };
             let (first, count) = (first as u32, (last - first) as u32);
             let target = first + (r * 7) as u32 % count;
             let bins = Bins { first, count, circular: r.is_multiple_of(3) };
-            Asked { target, first, count, bins: if r % 5 == 4 { Bins::NONE } else { bins } }
+            RowTarget { target, first, count, bins: if r % 5 == 4 { Bins::NONE } else { bins } }
         };
-        (0..rows).map(ask).collect()
+        (0..rows).map(target_of).collect()
     }
 
     /// Costs and gradients in f64.
-    fn expected(logits: &[f32], asked: &[Asked], smoothing: Option<&Smoothing>, scale: f64) -> (Vec<f64>, Vec<f64>) {
-        let rows = || logits.chunks(logits.len() / asked.len()).zip(asked);
-        let can = |row: &[f32], a: &Asked| row[a.first as usize..][..a.count as usize].to_vec();
-        let cost = |(row, a): (&[f32], &Asked)| scalar::nats(&can(row, a), a.target - a.first);
-        let gradient = |(row, a): (&[f32], &Asked)| {
+    fn expected(
+        logits: &[f32],
+        targets: &[RowTarget],
+        smoothing: Option<&Smoothing>,
+        scale: f64,
+    ) -> (Vec<f64>, Vec<f64>) {
+        let rows = || logits.chunks(logits.len() / targets.len()).zip(targets);
+        let can = |row: &[f32], a: &RowTarget| row[a.first as usize..][..a.count as usize].to_vec();
+        let cost = |(row, a): (&[f32], &RowTarget)| scalar::nats(&can(row, a), a.target - a.first);
+        let gradient = |(row, a): (&[f32], &RowTarget)| {
             let mut gradient = vec![0.0; row.len()];
             gradient[a.first as usize..][..a.count as usize].copy_from_slice(&scalar::probabilities(&can(row, a)));
             match smoothing {
@@ -277,15 +282,15 @@ mod tests {
             for (range, shift, smoothing) in [(1.0, 0.0, Some(&smooth)), (20.0, 1000.0, None), (0.1, -3e4, None)] {
                 let what = format!("{lanes:?} ({n}, {columns}) {range}");
                 let mut logits: Vec<f32> = numbers(3, n * columns, range).iter().map(|x| x + shift).collect();
-                let asked = asked(n, columns);
-                let (costs, gradient) = expected(&logits, &asked, smoothing, 0.7);
+                let targets = targets(n, columns);
+                let (costs, gradient) = expected(&logits, &targets, smoothing, 0.7);
                 let mut found = vec![7.0; n];
-                let ask = |row: usize| Some(asked[row]);
-                lanes.run(Nats { nats: &mut found, logits: &logits, columns, asked: ask });
+                let target_of = |row: usize| Some(targets[row]);
+                lanes.run(Nats { nats: &mut found, logits: &logits, columns, targets: target_of });
                 let single: Vec<f32> = found.iter().map(|&x| x as f32).collect();
                 near(&what, &single, &costs, BOUND);
-                let (logits, asked) = (&mut logits, &asked);
-                let sum = lanes.run(ForwardBackward { logits, columns, asked, smoothing, scale: 0.7 });
+                let (logits, targets) = (&mut logits, &targets);
+                let sum = lanes.run(ForwardBackward { logits, columns, targets, smoothing, scale: 0.7 });
                 assert_eq!(sum, found.iter().sum::<f64>(), "{what}");
                 near(&what, logits, &gradient, BOUND);
             }
@@ -298,8 +303,8 @@ mod tests {
         for (lanes, columns) in Lanes::ALL.iter().flat_map(|l| [8, 11, 64].map(|v| (l, v))) {
             let run = |row: &[f32], target| {
                 let mut logits = row.to_vec();
-                let asked = &[Asked { target, first: 0, count: columns as u32, bins: Bins::NONE }];
-                let op = ForwardBackward { logits: &mut logits, columns, asked, smoothing: None, scale: 1.0 };
+                let targets = &[RowTarget { target, first: 0, count: columns as u32, bins: Bins::NONE }];
+                let op = ForwardBackward { logits: &mut logits, columns, targets, smoothing: None, scale: 1.0 };
                 (lanes.run(op), logits)
             };
             let mut row = vec![OUT; columns];
@@ -324,8 +329,9 @@ mod tests {
     #[test]
     fn the_doors_count_and_check() {
         let mut logits = [0.0; 6];
-        let ask = |target, first, count| Asked { target, first, count, bins: Bins::NONE };
-        let two = forward_backward(&mut logits, &[ask(1, 0, 2), ask(0, 0, 2), ask(1, 1, 1)], None, 0.5);
+        let target_of = |target, first, count| RowTarget { target, first, count, bins: Bins::NONE };
+        let two =
+            forward_backward(&mut logits, &[target_of(1, 0, 2), target_of(0, 0, 2), target_of(1, 1, 1)], None, 0.5);
         assert!((two - 2.0 * 2f64.ln()).abs() < 1e-12);
         assert_eq!(logits, [0.25, -0.25, -0.25, 0.25, 0.0, 0.0]);
         assert_eq!(forward_backward(&mut [], &[], None, 1.0), 0.0);
@@ -338,8 +344,8 @@ mod tests {
         };
         let message = said(&|| nats(&mut [0.0], &[0.0; 4], &[4], IGNORED));
         assert_eq!(message, "cross-entropy: target 4 outside the vocabulary of 4 ids");
-        for wrong in [ask(4, 0, 4), ask(0, 1, 3), ask(3, 2, 3)] {
-            assert!(said(&|| nats_asked(&mut [0.0], &[0.0; 4], &[wrong])).ends_with("of 4 columns"));
+        for wrong in [target_of(4, 0, 4), target_of(0, 1, 3), target_of(3, 2, 3)] {
+            assert!(said(&|| row_nats(&mut [0.0], &[0.0; 4], &[wrong])).ends_with("of 4 columns"));
         }
     }
 }

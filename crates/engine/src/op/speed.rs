@@ -56,12 +56,13 @@ fn speed_of_heads_embeddings_and_updates() {
     let len = N * WIDTH;
     let logits = numbers(1, len, 5.0);
     let targets: Vec<u32> = (0..N).map(|r| (r * 7 % N) as u32).collect();
-    let ask = |&target: &u32| cross_entropy::Asked { target, first: 0, count: WIDTH as u32, bins: Bins::NONE };
-    let asked: Vec<cross_entropy::Asked> = targets.iter().map(ask).collect();
+    let target_of =
+        |&target: &u32| cross_entropy::RowTarget { target, first: 0, count: WIDTH as u32, bins: Bins::NONE };
+    let row_targets: Vec<cross_entropy::RowTarget> = targets.iter().map(target_of).collect();
     let (mut d, mut nats) = (logits.clone(), vec![0.0; N]);
     rate("cross-entropy with its gradient", len, || {
         d.copy_from_slice(&logits);
-        cross_entropy::forward_backward(&mut d, &asked, None, 0.1);
+        cross_entropy::forward_backward(&mut d, &row_targets, None, 0.1);
     });
     rate("cross-entropy", len, || cross_entropy::nats(&mut nats, &logits, &targets, u32::MAX));
     let places: Vec<u32> = (0..N as u32).collect();

@@ -5,9 +5,9 @@ use crate::{Architecture, Dropout, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::bins::Bins;
 use kinelm_engine::block::Norm;
-use kinelm_engine::head::{self, Exam, Workspace};
+use kinelm_engine::head::{self, Targets, Workspace};
 use kinelm_engine::linear::Products;
-use kinelm_engine::op::cross_entropy::Asked;
+use kinelm_engine::op::cross_entropy::RowTarget;
 use kinelm_engine::op::matmul::Store;
 
 /// What a row of a batch (N = B T rows) is asked.
@@ -111,8 +111,9 @@ impl Fast {
         for same in order.chunk_by(|a, b| (a.table, a.weight.to_bits()) == (b.table, b.weight.to_bits())) {
             let ClassRow { table, weight: scale, .. } = *same[0];
             let count = tables[table].len() / d;
-            let ask = |r: &&ClassRow| Asked { target: r.class, first: 0, count: count as u32, bins: Bins::NONE };
-            let asked: Vec<Asked> = same.iter().map(ask).collect();
+            let target_of =
+                |r: &&ClassRow| RowTarget { target: r.class, first: 0, count: count as u32, bins: Bins::NONE };
+            let targets: Vec<RowTarget> = same.iter().map(target_of).collect();
             let x: Vec<f32> = same.iter().flat_map(|r| &last[r.row * d..][..d]).copied().collect();
             let mut of_x = vec![0.0; x.len()];
             let mut space = Workspace::new(same.len(), d, count, Products::F32, true);
@@ -121,8 +122,8 @@ impl Fast {
             };
             let norm = Norm { weight: &mut **weight, bias: &mut **bias };
             let mut to = head::Gradients { dx: &mut of_x, norm, head: &mut of_tables[table] };
-            let exam = Exam { asked: &asked, smoothing: None, scale };
-            let found = head::loss(&x, self.vector_norm(), &tables[table], exam, &mut to, Store::Add, &mut space);
+            let targets = Targets { targets: &targets, smoothing: None, scale };
+            let found = head::loss(&x, self.vector_norm(), &tables[table], targets, &mut to, Store::Add, &mut space);
             nats += f64::from(scale) * found;
             for (r, of_x) in same.iter().zip(of_x.chunks(d)) {
                 dx[r.row * d..][..d].iter_mut().zip(of_x).for_each(|(dx, g)| *dx += g);
@@ -355,8 +356,8 @@ mod tests {
                 mask: mask(hiding.as_deref()),
                 conditioning: None,
             };
-            let asked = (tables.as_slice(), &rows[..]);
-            let found = fast.gradients_with_classes(windows, None, &mut gradients, asked, &mut of_tables).unwrap();
+            let targets = (tables.as_slice(), &rows[..]);
+            let found = fast.gradients_with_classes(windows, None, &mut gradients, targets, &mut of_tables).unwrap();
             let near = |found: f64, expected: &Tensor| {
                 let expected = expected.to_scalar::<f64>().unwrap();
                 (found - expected).abs() <= 1e-5 * expected.abs()

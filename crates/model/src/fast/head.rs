@@ -9,7 +9,7 @@ use crate::head_groups::{Groups, HeadGroups, STEPS};
 use crate::previous::Basis;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::Norm;
-use kinelm_engine::head::{self, Exam, Workspace};
+use kinelm_engine::head::{self, Targets, Workspace};
 use kinelm_engine::linear::Products;
 use kinelm_engine::op::cross_entropy;
 use kinelm_engine::op::embedding::{Lookup, NONE};
@@ -58,7 +58,7 @@ impl Heads {
         let mut groups = Groups::default();
         for (group, most) in groups.iter_mut().zip(most) {
             group.rows.reserve_exact(most);
-            group.asked.reserve_exact(most);
+            group.targets.reserve_exact(most);
         }
         Heads {
             groups,
@@ -78,7 +78,7 @@ impl Heads {
     ///
     /// # Errors
     /// As [`Questions::sort`].
-    pub fn ask(&mut self, inputs: &[u32], targets: &[u32], length: usize) -> Result<()> {
+    pub fn set_targets(&mut self, inputs: &[u32], targets: &[u32], length: usize) -> Result<()> {
         self.head_groups.sort(inputs.chunks(length), targets, &mut self.groups)?;
         self.places.fill(NONE);
         let rows = self.groups.iter().flat_map(|g| &g.rows);
@@ -108,9 +108,9 @@ impl Heads {
             };
             let norm = Norm { weight: &mut **weight, bias: &mut **bias };
             let mut to = head::Gradients { dx: &mut self.dx[part.clone()], norm, head: of_table };
-            let exam = Exam { asked: &self.groups[group].asked, smoothing: model.smoothing.as_ref(), scale };
+            let targets = Targets { targets: &self.groups[group].targets, smoothing: model.smoothing.as_ref(), scale };
             let x = &self.x[part];
-            nats += head::loss(x, model.norm(), &model.weights[table], exam, &mut to, Store::Add, space);
+            nats += head::loss(x, model.norm(), &model.weights[table], targets, &mut to, Store::Add, space);
         }
         collect(dx, d, &self.dx, &self.places);
         nats
@@ -120,7 +120,7 @@ impl Heads {
     pub fn nats(&mut self, model: &Fast, last: &[f32], out: &mut [f32]) {
         let (d, mut first) = (self.width, 0);
         for (group, name) in self.names.into_iter().enumerate() {
-            let (rows, asked) = (&self.groups[group].rows, &self.groups[group].asked);
+            let (rows, targets) = (&self.groups[group].rows, &self.groups[group].targets);
             let (Some(space), false) = (&mut self.spaces[group], rows.is_empty()) else { continue };
             let part = first * d..(first + rows.len()) * d;
             let nats = &mut self.nats[first..first + rows.len()];
@@ -128,10 +128,10 @@ impl Heads {
             collect(&mut self.x[part.clone()], d, last, rows);
             head::logits(&self.x[part], model.norm(), model.weight(name), space, &mut |first, logits| {
                 let columns = model.weight(name).len() / d;
-                let asked = asked[first..].par_chunks(ROWS);
+                let targets = targets[first..].par_chunks(ROWS);
                 let nats = nats[first..][..logits.len() / columns].par_chunks_mut(ROWS);
-                let parts = (logits.par_chunks(ROWS * columns), asked, nats).into_par_iter();
-                parts.for_each(|(logits, asked, nats)| cross_entropy::nats_asked(nats, logits, &asked[..nats.len()]));
+                let parts = (logits.par_chunks(ROWS * columns), targets, nats).into_par_iter();
+                parts.for_each(|(logits, targets, nats)| cross_entropy::row_nats(nats, logits, &targets[..nats.len()]));
             });
         }
         for (out, &place) in out.iter_mut().zip(&self.places) {

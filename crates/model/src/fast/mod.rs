@@ -164,7 +164,7 @@ impl Fast {
         let Windows { inputs, targets, length, .. } = windows;
         let pass = self.training.take().filter(|p| p.fits(inputs.len(), length, self.products));
         let mut pass = pass.unwrap_or_else(|| Pass::new(self, inputs.len(), length, self.products, true));
-        pass.ask(windows)?;
+        pass.set_targets(windows)?;
         let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
         let batch = inputs.len() / length;
         let keys = dropout.map(|dropout| {
@@ -290,7 +290,7 @@ impl Scores for Fast {
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
         let windows = Windows { inputs, targets, length, mask: self.mask(), conditioning };
         let mut pass = self.scored(windows)?;
-        pass.ask(windows)?;
+        pass.set_targets(windows)?;
         pass.forward(self, windows, None);
         pass.nats(self, out);
         self.scoring = Some(pass);

@@ -51,8 +51,8 @@ impl Pass {
     ///
     /// # Errors
     /// Targets that nothing answers.
-    pub fn ask(&mut self, windows: Windows) -> Result<()> {
-        self.heads.ask(windows.inputs, windows.targets, windows.length)
+    pub fn set_targets(&mut self, windows: Windows) -> Result<()> {
+        self.heads.set_targets(windows.inputs, windows.targets, windows.length)
     }
 
     pub fn forward(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {

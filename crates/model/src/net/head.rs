@@ -89,13 +89,13 @@ impl Head {
         let mut order = Vec::new();
         // what has no part in this batch still gets its gradient, 0
         let mut nothing = (hidden.narrow(0, 0, 1)?.sum_all()? * 0.0)?;
-        for (Group { rows, asked }, table) in groups.iter().zip(self.tables()) {
+        for (Group { rows, targets }, table) in groups.iter().zip(self.tables()) {
             match table {
                 None => continue,
                 Some(table) if rows.is_empty() => nothing = (nothing + (table.narrow(0, 0, 1)?.sum_all()? * 0.0)?)?,
                 Some(table) => {
                     let logits = of_rows(hidden, rows)?.matmul(&table.t()?)?;
-                    parts.push(ops::nats(&logits, asked, smoothing)?);
+                    parts.push(ops::nats(&logits, targets, smoothing)?);
                     order.extend_from_slice(rows);
                 }
             }

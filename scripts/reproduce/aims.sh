@@ -1,11 +1,11 @@
 #!/bin/sh
-# What a choreographer may ask of dances whose root and right arm are given, with feet held and without: the table "Aims" of
+# What a choreographer may ask of dances whose root and right arm are given, with feet locked and as decoded: the table "Aims" of
 # docs/results/two-level.md. Six held-out salsas, four variations each, 24 dances.
 #
 #     scripts/reproduce/aims.sh RUN CORPUS DATA SPLITS OUT
 #
 # RUN: a two-level run on 18 joints; CORPUS: cmu-dance as its tokenizer codes it. DATA and SPLITS as ../shared/data/unpack.sh
-# leaves them. What is there is not made again. Variables: SEED (5), STARTS (64 first frames), TOP_P (generate's own), THREADS
+# leaves them. What is there is not made again. Variables: SEED (5), FIRST_FRAMES (64 candidates), TOP_P (generate's own), THREADS
 # (1), KINELM. Needs numpy, scipy, scikit-learn.
 set -eu
 call="the call is: $0 RUN CORPUS DATA SPLITS OUT"
@@ -22,7 +22,7 @@ mkdir -p "$out/lock" "$out/off" "$out/real"
 for take in $takes; do
     for feet in lock off; do
         [ -e "$out/$feet/$take-4.bvh" ] || "$kinelm" generate --run "$run" --prompt "$data/$take.bvh" $read --joints root,right_arm \
-            --variations 4 --seed "${SEED:-5}" --first-frames "${STARTS:-64}" ${TOP_P:+--top-p "$TOP_P"} --feet $feet --out "$out/$feet/$take.bvh" $threads
+            --variations 4 --seed "${SEED:-5}" --first-frames "${FIRST_FRAMES:-64}" ${TOP_P:+--top-p "$TOP_P"} --feet $feet --out "$out/$feet/$take.bvh" $threads
     done
     real=$out/real/$take
     [ -e "$real.bvh" ] || {

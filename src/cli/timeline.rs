@@ -10,7 +10,7 @@ use std::path::PathBuf;
 pub enum Command {
     /// Read a timeline and draw it as text: what each clip gives, and what will be generated
     Check {
-        /// The timeline file, docs/plans.md
+        /// The timeline file, docs/timelines.md
         #[arg(value_name = "TIMELINE.toml")]
         timeline: PathBuf,
     },

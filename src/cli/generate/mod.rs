@@ -55,7 +55,7 @@ enum Command {
 
 #[derive(Debug, clap::Args)]
 struct TimelineArgs {
-    /// A file with a timeline of clips, docs/plans.md
+    /// A file with a timeline of clips, docs/timelines.md
     #[arg(id = "prompt", value_name = "TIMELINE.toml")]
     timeline: PathBuf,
     #[command(flatten)]

@@ -174,56 +174,6 @@ proptest! {
     }
 }
 
-/// What the sampler of candle-transformers drew of the same logits: `scripts/reference/sampler`.
-#[derive(Deserialize)]
-struct Golden {
-    draws: u32,
-    logits: Vec<f32>,
-    cases: Vec<GoldenCase>,
-}
-
-#[derive(Deserialize)]
-struct GoldenCase {
-    rule: Sampling,
-    counts: Vec<u32>,
-}
-
-/// The statistic that two equally large samples of `ids` ids exceed one time in 10,000 if they are drawn alike; by Wilson and
-/// Hilferty (1931).
-fn chi_square_bound(ids: usize) -> f64 {
-    let (df, z) = ((ids - 1) as f64, 3.719);
-    let part = 2.0 / (9.0 * df);
-    df * (1.0 - part + z * part.sqrt()).powi(3)
-}
-
-#[test]
-fn ids_kept_and_drawn_are_those_of_candle_transformers() {
-    let golden: Golden = serde_json::from_str(include_str!("../../tests/golden/sampler.json")).unwrap();
-    for GoldenCase { rule, counts } in golden.cases {
-        let mut sampling = rule;
-        if let (Some(k), Some(p)) = (rule.top_k, rule.top_p) {
-            // theirs counts p of all ids, ours of the k that are left
-            let mut all: Vec<f64> = golden.logits.iter().map(|l| (f64::from(*l) / rule.temperature).exp()).collect();
-            all.sort_by(|a, b| b.total_cmp(a));
-            sampling.top_p = Some(p * all.iter().sum::<f64>() / all[..k].iter().sum::<f64>());
-        }
-        let theirs: Vec<u32> = (0..).zip(&counts).filter(|(_, n)| **n > 0).map(|(id, _)| id).collect();
-        let logits: Vec<f64> = golden.logits.iter().map(|l| f64::from(*l)).collect();
-        assert_eq!(kept(&logits, |c| sampling.truncate(c)), theirs, "{rule:?}");
-        if theirs.len() < 2 {
-            continue;
-        }
-        let (mut rng, mut ours, all) = (rng(), vec![0u32; counts.len()], 0..counts.len() as u32);
-        for _ in 0..golden.draws {
-            ours[sampling.sample(&golden.logits, std::slice::from_ref(&all), &[], &mut rng).unwrap() as usize] += 1;
-        }
-        let off = |(a, b): (&u32, &u32)| (f64::from(*a) - f64::from(*b)).powi(2) / f64::from((a + b).max(1));
-        let statistic: f64 = ours.iter().zip(&counts).map(off).sum();
-        let bound = chi_square_bound(theirs.len());
-        assert!(statistic < bound, "{rule:?}: chi-square {statistic:.1}, expected below {bound:.1}");
-    }
-}
-
 #[test]
 #[allow(clippy::single_range_in_vec_init, reason = "the ids of a place often are one range")]
 fn the_probability_of_an_id_is_its_share_of_those_that_are_allowed() {
@@ -237,4 +187,82 @@ fn the_probability_of_an_id_is_its_share_of_those_that_are_allowed() {
     assert_eq!([0, 3, 4, 7].map(p), [0.0; 4]);
     assert_eq!(log_probability(&[f32::NAN], &[0..1], 0), f64::NEG_INFINITY);
     assert_eq!(log_probability(&[-1e30, 1e30], &[0..2], 0), f64::from(-1e30f32) - f64::from(1e30f32));
+}
+
+/// The rules compared with candle-transformers' sampler: which ids they leave, and how often each is sampled.
+#[cfg(feature = "oracle")]
+mod oracle {
+    use super::*;
+    use candle_core::{Device, Tensor};
+    use candle_transformers::generation::{LogitsProcessor, Sampling as Theirs};
+
+    const SEED: u64 = 299_792_458;
+    const SAMPLES: usize = 20_000;
+    const IDS: u32 = 24;
+
+    /// Neither even nor in order. Even the least likely id is sampled some tens of times, so that an id that never is has been
+    /// truncated.
+    fn logits() -> Vec<f32> {
+        (0..IDS).map(|i| ((i * 37 + 11) % 101) as f32 / 101.0 * 3.0 - 1.5).collect()
+    }
+
+    /// The statistic that two equally large samples of `ids` ids exceed one time in 10,000 if their distribution is the same; by
+    /// Wilson and Hilferty (1931).
+    fn chi_square_bound(ids: usize) -> f64 {
+        let (df, z) = ((ids - 1) as f64, 3.719);
+        let part = 2.0 / (9.0 * df);
+        df * (1.0 - part + z * part.sqrt()).powi(3)
+    }
+
+    fn check(theirs: Theirs, ours: Sampling) {
+        let logits = logits();
+        let tensor = Tensor::new(logits.as_slice(), &Device::Cpu).unwrap();
+        let (mut processor, mut rng) = (LogitsProcessor::from_sampling(SEED, theirs), rng());
+        let (mut counts, mut own) = (vec![0u32; IDS as usize], vec![0u32; IDS as usize]);
+        for _ in 0..SAMPLES {
+            counts[processor.sample(&tensor).unwrap() as usize] += 1;
+            own[ours.sample(&logits, std::slice::from_ref(&(0..IDS)), &[], &mut rng).unwrap() as usize] += 1;
+        }
+        let left: Vec<u32> = (0..).zip(&counts).filter(|(_, n)| **n > 0).map(|(id, _)| id).collect();
+        let wide: Vec<f64> = logits.iter().map(|l| f64::from(*l)).collect();
+        assert_eq!(kept(&wide, |c| ours.truncate(c)), left, "{ours:?}");
+        if left.len() > 1 {
+            let term = |(a, b): (&u32, &u32)| (f64::from(*a) - f64::from(*b)).powi(2) / f64::from((a + b).max(1));
+            let (statistic, bound) = (own.iter().zip(&counts).map(term).sum::<f64>(), chi_square_bound(left.len()));
+            assert!(statistic < bound, "{ours:?}: chi-square {statistic:.1}, expected below {bound:.1}");
+        }
+    }
+
+    #[test]
+    fn temperature_samples_as_candle_transformers() {
+        for temperature in [0.7, 1.0, 1.5] {
+            check(Theirs::All { temperature }, Sampling::temperature(temperature));
+        }
+    }
+
+    #[test]
+    fn top_k_leaves_the_ids_of_candle_transformers() {
+        for (k, temperature) in [(1, 1.0), (5, 0.8), (23, 1.0)] {
+            check(Theirs::TopK { k, temperature }, Sampling { top_k: Some(k), ..Sampling::temperature(temperature) });
+        }
+    }
+
+    #[test]
+    fn top_p_leaves_the_ids_of_candle_transformers() {
+        for (p, temperature) in [(0.05, 1.0), (0.5, 1.0), (0.9, 0.7), (0.9, 1.5)] {
+            check(Theirs::TopP { p, temperature }, Sampling { top_p: Some(p), ..Sampling::temperature(temperature) });
+        }
+    }
+
+    #[test]
+    fn top_p_after_top_k_leaves_the_ids_of_candle_transformers() {
+        for (k, p, temperature) in [(10, 0.4, 1.0), (6, 0.3, 0.7)] {
+            // their p is of all ids, ours of the k that are left
+            let mut all: Vec<f64> = logits().iter().map(|l| (f64::from(*l) / temperature).exp()).collect();
+            all.sort_by(|a, b| b.total_cmp(a));
+            let share = p * all.iter().sum::<f64>() / all[..k].iter().sum::<f64>();
+            let ours = Sampling { top_k: Some(k), top_p: Some(share), ..Sampling::temperature(temperature) };
+            check(Theirs::TopKThenTopP { k, p, temperature }, ours);
+        }
+    }
 }

@@ -2,13 +2,11 @@
 
 use super::{ForceArgs, Odd, Say, TrustArgs, print, read::ReadArgs};
 use crate::classify::baselines::compare;
-use crate::classify::predict::Told;
 use crate::classify::{Classifier, Only, TrainOptions, report, train};
 use crate::corpus::{Corpus, Split};
 use crate::model::exchange;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use kinelm_motion::format::RestFrame;
-use std::fmt::Write;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
@@ -218,29 +216,7 @@ fn named(args: &PredictArgs, say: Say) -> Result<()> {
         if args.json {
             return print(&(serde_json::to_string(&found)? + "\n"));
         }
-        let mut text = format!("{} ({:.1} s)\n", file.display(), found.seconds);
-        for told in &found.fields {
-            text += &lines(told).context("no text")?;
-        }
-        print(&text)
+        let fields: String = found.fields.iter().map(ToString::to_string).collect();
+        print(&format!("{} ({:.1} s)\n{fields}", file.display(), found.seconds))
     })
-}
-
-/// `genre: salsa 91.2 %, martial 6.0 %` and a letter a second.
-fn lines(told: &Told) -> Result<String> {
-    let mut text = String::new();
-    let shares: Vec<String> = told.probabilities.iter().map(|(c, p)| format!("{c} {:.1} %", 100.0 * p)).collect();
-    writeln!(text, "  {}: {}", told.field, shares.join(", "))?;
-    let letter = |class: &str| {
-        let at = told.probabilities.iter().position(|(c, _)| c == class).unwrap_or(0);
-        (b'a' + (at % 26) as u8) as char
-    };
-    let strip: String =
-        told.strip.iter().map(|(c, p)| if *p > 0.5 { letter(c).to_ascii_uppercase() } else { letter(c) }).collect();
-    let mut shown: Vec<&String> = told.strip.iter().map(|(c, _)| c).collect();
-    shown.sort_by_key(|c| letter(c));
-    shown.dedup();
-    let legend: Vec<String> = shown.iter().map(|c| format!("{} {c}", letter(c).to_ascii_uppercase())).collect();
-    writeln!(text, "  a letter a second, large above 50 %: {strip}   ({})", legend.join(", "))?;
-    Ok(text)
 }

@@ -1,7 +1,7 @@
 //! `kinelm convert`.
 
-use super::many::{self, Pair};
 use super::{ForceArgs, Odd, Say, WrongCall, extension, read::ReadArgs};
+use crate::corpus::in_out::{self, Pair};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
@@ -142,7 +142,7 @@ fn wanted_rig(args: &Args) -> Result<Option<TargetRig>> {
 fn pairs(args: &Args) -> Result<Vec<Pair>> {
     let (out, given) = args.paths.split_last().context("no files")?;
     let format = args.format.as_deref().or(args.positions.then_some("npz"));
-    if !many::is_folder(given, out) {
+    if !in_out::is_folder(given, out) {
         if let Some(format) = format.filter(|format| *format != extension(out)) {
             let out = out.display();
             let what = match args.positions {
@@ -155,10 +155,10 @@ fn pairs(args: &Args) -> Result<Vec<Pair>> {
         }
         return Ok(vec![Pair { input: given[0].clone(), output: out.clone() }]);
     }
-    many::into_folder(given, out, |own| match (format, own) {
+    Ok(in_out::into_folder(given, out, |own| match (format, own) {
         (Some(format), _) => format.into(),
-        (None, own) => many::written_for(own).into(),
-    })
+        (None, own) => in_out::written_for(own).into(),
+    })?)
 }
 
 /// What can be known to be wrong before anything is read.

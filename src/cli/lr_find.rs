@@ -1,10 +1,9 @@
 //! `kinelm lr-find`.
 
 use super::{ComputeArgs, ForceArgs, Say, TrustArgs, print};
-use crate::train::lr_find::{Found, LrFindOptions, Tried, lr_find};
+use crate::train::lr_find::{Found, LrFindOptions, lr_find};
 use crate::train::{CorpusPart, TrainFile};
 use anyhow::Result;
-use std::fmt::Write;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -70,25 +69,5 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         }
         return print(&(serde_json::to_string(&Line { schema: 1, found: &found })? + "\n"));
     }
-    print(&table(&found)?)
-}
-
-/// A row every quarter of a decade, and what it comes to.
-fn table(found: &Found) -> Result<String> {
-    let mut text = format!("{:>6}  {:>9}  {:>9}  {:>9}\n", "step", "rate", "loss", "smoothed");
-    let mut next = f64::MIN;
-    for (i, Tried { step, rate, loss, smoothed }) in found.steps.iter().enumerate() {
-        if rate.log10() >= next || i + 1 == found.steps.len() {
-            writeln!(text, "{step:>6}  {rate:>9.2e}  {loss:>9.4}  {smoothed:>9.4}")?;
-            next = rate.log10() + 0.25;
-        }
-    }
-    match (found.turn, found.suggestion) {
-        (Some(turn), Some(suggestion)) => {
-            writeln!(text, "turn {turn:.2e}: from there on the smoothed loss rises")?;
-            writeln!(text, "suggestion {suggestion:.2e}: a tenth of it")?;
-        }
-        _ => writeln!(text, "no turn: the smoothed loss did not fall and then rise; try other --from and --to")?,
-    }
-    Ok(text)
+    print(&found.table())
 }

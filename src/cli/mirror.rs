@@ -1,7 +1,8 @@
 //! `kinelm mirror`.
 
-use super::many::{InOut, Pair};
+use super::many::InOut;
 use super::{ForceArgs, Odd, Say, read::ReadArgs};
+use crate::corpus::in_out::Pair;
 use anyhow::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};

@@ -1,6 +1,5 @@
 //! `kinelm view`.
 
-use super::many;
 use super::{
     ForceArgs, Odd, Say, WrongCall,
     read::ReadArgs,
@@ -8,6 +7,7 @@ use super::{
     view_files::{Named, Shown, named, shown},
 };
 use crate::baselines::music_lstm;
+use crate::corpus::in_out;
 use crate::evaluate::dance::beats::BeatPair;
 use crate::generate::provenance;
 use crate::generate::request::Span;
@@ -72,17 +72,17 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let outputs = |clips: &[PathBuf]| {
         args.force.outputs(clips.iter().cloned().chain(args.read.files()).chain(args.music.clone()))
     };
-    if !args.out.is_dir() && !many::ends_as_folder(&args.out) {
+    if !args.out.is_dir() && !in_out::ends_as_folder(&args.out) {
         let mut clips = Vec::new();
         for place in &given {
-            let found = many::files(std::slice::from_ref(&place.path))?;
+            let found = in_out::files(std::slice::from_ref(&place.path))?;
             clips.extend(found.into_iter().map(|(clip, _)| place.of(clip)));
         }
         let outputs = outputs(&clips.iter().map(|clip| clip.path.clone()).collect::<Vec<_>>());
         outputs.check([&*args.out])?;
         return one(&args, &clips, &args.out, &outputs, say);
     }
-    let pairs = many::into_folder(&paths, &args.out, |_| "html".into())?;
+    let pairs = in_out::into_folder(&paths, &args.out, |_| "html".into())?;
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let outputs = outputs(&clips);
     outputs.check(pairs.iter().map(|p| &*p.output))?;

@@ -20,6 +20,7 @@ pub mod error;
 #[doc(hidden)]
 pub mod fixture;
 pub mod gather;
+pub mod in_out;
 pub mod labels;
 pub mod left_out;
 pub mod load;

@@ -174,6 +174,22 @@ pub fn item_options(item: &Item, options: &ReadOptions) -> ReadOptions {
     }
 }
 
+/// A file of a dataset on SMPL-24 at its own rate, lowered onto its floor where `wanted` codes heights above it, with the doubt
+/// of its rate.
+///
+/// # Errors
+/// What reading and retargeting fail with.
+pub fn load_at_own_rate(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<(Clip, Option<RateDoubt>)> {
+    let options = item_options(item, options);
+    let mut motion = format::read(&item.path, &options)?;
+    let doubt = RateDoubt::in_reading(&motion);
+    if wanted.above_floor {
+        let floor = resolve_floor(&mut motion, &options)?;
+        motion.clip = motion.clip.raised(-floor);
+    }
+    Ok((retarget::to_smpl(&motion, options.map.as_deref())?, doubt))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

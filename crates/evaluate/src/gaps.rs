@@ -111,6 +111,33 @@ pub struct GapReport {
     pub within: [f64; 2],
 }
 
+impl GapReport {
+    /// A table for a terminal.
+    pub fn table(&self) -> String {
+        let found = self;
+        let head = ["middle, cm", "95 %", "root, cm", "of slerp's", "border jerk, of real"];
+        let mut table =
+            format!("{:<28} {:>10} {:>16} {:>9} {:>11} {:>21}\n", "", head[0], head[1], head[2], head[3], head[4]);
+        let slerp = found.rows.first().map_or(1.0, |row| row.mean.global_cm);
+        for row in &found.rows {
+            let interval = format!("{:.1} to {:.1}", row.interval[0], row.interval[1]);
+            let (ratio, jerk) = (row.mean.global_cm / slerp, row.mean.border_jerk / found.real_jerk);
+            table += &format!(
+                "{:<28} {:>10.2} {interval:>16} {:>9.2} {ratio:>11.2} {jerk:>21.2}\n",
+                row.method, row.mean.global_cm, row.mean.root_cm
+            );
+        }
+        let ([cm, cm90], [degrees, degrees90], [all, kept]) = (found.closing_cm, found.closing_degrees, found.within);
+        table
+            + &format!(
+                "\nbefore they were closed, draws ended {cm:.1} cm and {degrees:.0} degrees off (median; {cm90:.1} and {degrees90:.0} \
+             in the worst tenth);\nwithin 10 cm and 10 degrees: {:.0} % of the draws, {:.0} % of those that end nearest\n",
+                100.0 * all,
+                100.0 * kept
+            )
+    }
+}
+
 /// A model that fills gaps.
 pub struct Filler<'a> {
     /// Reads as many sequences as there are samples, times those of a dance.

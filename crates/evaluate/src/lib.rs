@@ -6,6 +6,7 @@ pub mod dance;
 pub mod floors;
 pub mod gap_bits;
 pub mod gaps;
+pub mod likelihood;
 pub mod music;
 pub mod per_joint;
 pub mod prediction;

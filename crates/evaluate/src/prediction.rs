@@ -10,6 +10,7 @@ use kinelm_generate::sampling::Sampling;
 use kinelm_generate::{NextToken, SamplingPlan, sample, variation_seed};
 use kinelm_motion::metric::ShortTerm;
 use kinelm_motion::metric::short_term::HorizonMetrics;
+use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Quat};
 use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 use serde::Serialize;
@@ -202,6 +203,56 @@ impl Predictor<'_> {
         };
         danced.ids.iter().map(clip).collect()
     }
+}
+
+/// Frames per second of the protocol.
+pub const PROTOCOL_FPS: f64 = 60.0;
+
+/// The windows of a clip at the model's rate, if there is a model, and at `fps` where the clip has that many frames a second
+/// and the model another rate.
+///
+/// # Errors
+/// Those of [`resample`].
+pub fn windows_at(clip: &Clip, model_fps: Option<f64>, fps: f64) -> Result<[Vec<Window>; 2]> {
+    let at = |fps: f64| Ok::<_, Error>(windows(&resample(clip, fps, Method::Auto)?));
+    let own = model_fps.map(at).transpose()?.unwrap_or_default();
+    let is_protocol = model_fps.is_none_or(|model| model != fps) && clip.fps() >= fps;
+    Ok([own, if is_protocol { at(fps)? } else { Vec::new() }])
+}
+
+/// `most` of the windows, spread evenly; 0: all.
+pub fn spread(all: Vec<Window>, most: usize) -> Vec<Window> {
+    match most {
+        0 => all,
+        most if most >= all.len() => all,
+        most => (0..most).map(|i| all[i * all.len() / most].clone()).collect(),
+    }
+}
+
+/// A table of rows at a rate for a terminal.
+pub fn table(rows: &[Row], fps: f64) -> String {
+    let first = &rows[0];
+    let mut text = format!("{} windows, {} of the protocol's 15 joints", first.windows, first.joints);
+    if fps != PROTOCOL_FPS {
+        text += &format!("; at {fps} fps, sums as {fps} fps x {:.3}", PROTOCOL_FPS / fps);
+    }
+    text += "\nsums up to a time: Euler angles rad (compat, and fixed: differences around the circle), global angle rad, \
+             place thigh lengths; area under the curve of correct places\n";
+    text += &format!("{:<42}", "ms");
+    for what in ["Euler", "fixed", "angle", "place", "AUC"] {
+        for ms in TIMES_MS {
+            text += &format!(" {:>9}", format!("{what} {ms}"));
+        }
+    }
+    for row in rows {
+        text += &format!("\n{:<42}", row.name);
+        let columns: [fn(&HorizonMetrics) -> f64; 5] =
+            [|u| u.euler, |u| u.euler_fixed, |u| u.angle, |u| u.position, |u| u.auc];
+        for of in columns {
+            row.up_to.iter().for_each(|u| text += &format!(" {:>9.3}", of(u)));
+        }
+    }
+    text + "\n"
 }
 
 #[cfg(test)]

@@ -168,6 +168,24 @@ impl Test {
 }
 
 impl Found {
+    /// A table for a terminal: a row every quarter of a decade, the turn and the suggestion.
+    pub fn table(&self) -> String {
+        let mut text = format!("{:>6}  {:>9}  {:>9}  {:>9}\n", "step", "rate", "loss", "smoothed");
+        let mut next = f64::MIN;
+        for (i, Tried { step, rate, loss, smoothed }) in self.steps.iter().enumerate() {
+            if rate.log10() >= next || i + 1 == self.steps.len() {
+                text += &format!("{step:>6}  {rate:>9.2e}  {loss:>9.4}  {smoothed:>9.4}\n");
+                next = rate.log10() + 0.25;
+            }
+        }
+        text + &match (self.turn, self.suggestion) {
+            (Some(turn), Some(suggestion)) => format!(
+                "turn {turn:.2e}: from there on the smoothed loss rises\nsuggestion {suggestion:.2e}: a tenth of it\n"
+            ),
+            _ => "no turn: the smoothed loss did not fall and then rise; try other `from` and `to`\n".into(),
+        }
+    }
+
     /// Loss against rate, turn and suggestion marked.
     pub fn chart(&self) -> Chart {
         let series = |name: &str, look, y: fn(&Tried) -> f64| Series {

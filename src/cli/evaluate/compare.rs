@@ -3,7 +3,7 @@
 use super::dance::{held_to_prompt, read_dance, told_of};
 use crate::baselines::aclstm;
 use crate::cli::read::ReadArgs;
-use crate::cli::{Odd, Say, WrongCall, many, print, readable};
+use crate::cli::{Odd, Say, WrongCall, print, readable};
 use crate::corpus::Corpus;
 use crate::evaluate::dance::Reference;
 use crate::evaluate::dance::compare::{Comparison, MeasuredDance, Side, take_of};
@@ -65,7 +65,8 @@ fn side(corpus: &Corpus, folder: &PathBuf, read: &ReadArgs, say: Say) -> Result<
     if !folder.exists() {
         return Err(WrongCall(format!("--compare {}: there is no such folder", folder.display())).into());
     }
-    let files: Vec<PathBuf> = many::files(std::slice::from_ref(folder))?.into_iter().map(|(path, _)| path).collect();
+    let files: Vec<PathBuf> =
+        crate::corpus::in_out::files(std::slice::from_ref(folder))?.into_iter().map(|(path, _)| path).collect();
     let (options, odd) = (read.of_files(&files, RestFrame::Drop, say), Odd::new(say));
     let dances = files.iter().zip(&options).map(|(path, options)| measured(corpus, path, options, (&odd, say)));
     let dances = readable(dances, say)?.into_iter().map(|(_, dance)| dance).collect();

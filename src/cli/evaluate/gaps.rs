@@ -3,7 +3,7 @@
 use crate::cli::draw::DrawArgs;
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::Split;
-use crate::evaluate::gaps::{Filler, GapReport, frames_before, gaps};
+use crate::evaluate::gaps::{Filler, frames_before, gaps};
 use crate::generate::open::GOAL_GUIDANCE;
 use crate::generate::open::check_goal_guidance;
 use crate::generate::reader;
@@ -72,9 +72,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     // a second reading, which is told nothing
     let streams = if ahead.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
     let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.draws)))?;
-    let wrong = |e: crate::Error| WrongCall(e.to_string());
-    let before = frames_before(model.context(), conditions.len(), &tokenizer, args.frames.into()).map_err(wrong)?;
-    let gaps = gaps(&corpus, args.split, (before, args.frames.into()), args.gaps.into()).map_err(wrong)?;
+    let before = frames_before(model.context(), conditions.len(), &tokenizer, args.frames.into())?;
+    let gaps = gaps(&corpus, args.split, (before, args.frames.into()), args.gaps.into())?;
     let bar = progress::bar(gaps.len() as u64, "gaps", say);
     let mut filler = Filler {
         model: &mut *model,
@@ -90,7 +89,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     if args.json {
         return print(&format!("{}\n", serde_json::to_value(&found)?));
     }
-    print(&table(&found))?;
+    print(&found.table())?;
     let (frames, seconds) = (found.frames, found.frames as f64 / tokenizer.fps());
     say.line(format_args!(
         "{} gaps of {frames} frames ({seconds:.1} s) of {} recordings, {before} frames before each, {} draws",
@@ -102,29 +101,6 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
 /// How the model is told ahead, if it is.
 fn ahead(asked: Option<f64>, run: &LoadedRun, tokenizer: &Tokenizer) -> Result<Option<(GoalEncoder, f64)>> {
     let scale = asked.unwrap_or(if run.config.goal { GOAL_GUIDANCE } else { 0.0 });
-    check_goal_guidance(scale, run).map_err(|e| WrongCall(e.to_string()))?;
+    check_goal_guidance(scale, run)?;
     Ok(if scale == 0.0 { None } else { Some((GoalEncoder::of(tokenizer)?, scale)) })
-}
-
-fn table(found: &GapReport) -> String {
-    let head = ["middle, cm", "95 %", "root, cm", "of slerp's", "border jerk, of real"];
-    let mut table =
-        format!("{:<28} {:>10} {:>16} {:>9} {:>11} {:>21}\n", "", head[0], head[1], head[2], head[3], head[4]);
-    let slerp = found.rows.first().map_or(1.0, |row| row.mean.global_cm);
-    for row in &found.rows {
-        let interval = format!("{:.1} to {:.1}", row.interval[0], row.interval[1]);
-        let (ratio, jerk) = (row.mean.global_cm / slerp, row.mean.border_jerk / found.real_jerk);
-        table += &format!(
-            "{:<28} {:>10.2} {interval:>16} {:>9.2} {ratio:>11.2} {jerk:>21.2}\n",
-            row.method, row.mean.global_cm, row.mean.root_cm
-        );
-    }
-    let ([cm, cm90], [degrees, degrees90], [all, kept]) = (found.closing_cm, found.closing_degrees, found.within);
-    table
-        + &format!(
-            "\nbefore they were closed, draws ended {cm:.1} cm and {degrees:.0} degrees off (median; {cm90:.1} and {degrees90:.0} \
-             in the worst tenth);\nwithin 10 cm and 10 degrees: {:.0} % of the draws, {:.0} % of those that end nearest\n",
-            100.0 * all,
-            100.0 * kept
-        )
 }

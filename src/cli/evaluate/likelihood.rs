@@ -3,14 +3,12 @@
 use super::{Fitted, FloorsArgs};
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::{ClipRecord, Corpus, Split};
-use crate::evaluate::Floors;
-use crate::evaluate::floors::figure_row;
-use crate::evaluate::gap_bits::{GapBits, gap_bits};
-use crate::evaluate::per_joint::{SlotBits, by_part, by_slot, slots};
-use crate::model::likelihood::{Likelihood, likelihood_by_token};
+use crate::evaluate::gap_bits::gap_bits;
+use crate::evaluate::likelihood::LikelihoodReport;
+use crate::evaluate::per_joint::{by_slot, slots};
+use crate::model::likelihood::likelihood_by_token;
 use crate::model::{CheckpointChoice, LoadedRun, ReaderOptions, load_run};
 use anyhow::Result;
-use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -58,22 +56,6 @@ enum ConditionsArg {
     None,
 }
 
-/// What is known of a model on a split.
-struct Measured {
-    checkpoint: String,
-    split: Split,
-    found: Likelihood,
-    /// Of each place of a word, where it was asked for.
-    places: Option<Vec<SlotBits>>,
-    /// Of gaps of every length that was asked for.
-    gaps: Vec<GapBits>,
-    /// Or why there are none.
-    floors: std::result::Result<Floors, String>,
-    /// Frames of the split, scored or not.
-    all_frames: usize,
-    fps: f64,
-}
-
 pub fn run(args: &Args, say: Say) -> Result<()> {
     let run = load_run(&args.run, CheckpointChoice::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
@@ -88,14 +70,14 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let fitted = args.floors.fitted(&corpus, args.trust)?;
     let measured = measure(args, &run, &corpus, &fitted, say)?;
     if args.json {
-        return print(&format!("{}\n", measured.line()?));
+        return print(&format!("{}\n", measured.to_json()));
     }
     print(&measured.table())?;
-    measured.tell(say);
+    measured.notes().iter().for_each(|note| say.line(note));
     Ok(())
 }
 
-fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: Say) -> Result<Measured> {
+fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: Say) -> Result<LikelihoodReport> {
     let clips: Vec<_> = corpus.split(args.split).collect();
     let reading = args.reading.get(1);
     let mut model = match reading == ReaderOptions::default() {
@@ -131,7 +113,7 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
         let found = gap_bits(&mut *model, corpus, &clips, frames, &conditions);
         gaps.extend(found.map_err(|e| WrongCall(format!("--gaps {frames}: {e}")))?);
     }
-    Ok(Measured {
+    Ok(LikelihoodReport {
         checkpoint: run.checkpoint.display().to_string(),
         split: args.split,
         found,
@@ -141,93 +123,4 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
         all_frames: clips.iter().map(|c| c.frames).sum(),
         fps: corpus.manifest().fps,
     })
-}
-
-impl Measured {
-    /// Bits of all frames of the split.
-    fn in_all(&self, bits_per_frame: f64) -> f64 {
-        bits_per_frame * self.all_frames as f64
-    }
-
-    /// `--json`.
-    fn line(&self) -> Result<Value> {
-        let Measured { found, all_frames, .. } = self;
-        let floors = self.floors.as_ref().ok();
-        let in_all = |bits: f64| self.in_all(bits);
-        let mut line = json!({
-            "schema": 1, "checkpoint": self.checkpoint, "split": self.split.to_string(),
-            "bits_per_frame": found.bits_per_frame, "bits_per_s": found.bits_per_frame * self.fps,
-            "nats_per_token": found.nats_per_token, "tokens": found.tokens, "frames": found.frames,
-            "windows": found.windows, "all_windows": found.all_windows, "pseudo": found.pseudo, "floors": floors.map(Floors::to_json),
-            "all_frames": all_frames,
-            "bits": {
-                "model": in_all(found.bits_per_frame), "order0": floors.map(|f| in_all(f.order0())),
-                "xz9": floors.and_then(Floors::xz).map(in_all),
-            },
-        });
-        if let Some(places) = &self.places {
-            line["places"] = serde_json::to_value(places)?;
-            line["parts"] =
-                by_part(places).into_iter().map(|(part, bits)| (part, bits.into())).collect::<Map<_, _>>().into();
-        }
-        if !self.gaps.is_empty() {
-            line["gaps"] = serde_json::to_value(&self.gaps)?;
-        }
-        Ok(line)
-    }
-
-    fn table(&self) -> String {
-        let Measured { split, found, places, gaps, floors, all_frames, .. } = self;
-        let name = if found.pseudo { "the model (pseudo)" } else { "the model" };
-        let beside = match floors {
-            Ok(floors) => floors.to_string(),
-            Err(why) => {
-                format!("{:<32} {:>12}\n{:<32} {:>12}   {why}", "bits/frame", "all frames", "static models", "n/a")
-            }
-        };
-        let mut table = format!("{beside}\n{}\n", figure_row(name, found.bits_per_frame, None));
-        let floors = floors.as_ref().ok();
-        let of = format!("{all_frames} frames of {split}");
-        table += &format!("\n{of:<32} {:>12} {:>14}\n", "bits/frame", "bits in all");
-        let [order0, xz] = [floors.map(Floors::order0), floors.and_then(Floors::xz)];
-        let rows = [("order 0", order0), ("xz -9", xz), (name, Some(found.bits_per_frame))];
-        for (name, bits) in rows.into_iter().filter_map(|(name, bits)| Some((name, bits?))) {
-            table += &format!("{name:<32} {bits:>12.2} {:>14.0}\n", self.in_all(bits));
-        }
-        if !gaps.is_empty() {
-            table += &format!("\n{:<32} {:>12} {:>14}\n", "in gaps, bits/frame", "untold", "told the end");
-        }
-        for gap in gaps {
-            let name = format!("{} of {} frames", gap.gaps, gap.frames);
-            table += &format!("{name:<32} {:>12.2} {:>14.2}\n", gap.unconditioned, gap.conditioned);
-            let (untold, told) = (gap.unconditioned_end, gap.conditioned_end);
-            table += &format!("{:<32} {untold:>12.2} {told:>14.2}\n", "  their last quarter");
-        }
-        if let Some(places) = places {
-            table += &format!("\n{:<32} {:>12} {:>14}\n", "under the model", "bits/frame", "share %");
-            for (part, bits) in by_part(places) {
-                table += &format!("{part:<32} {bits:>12.2} {:>14.1}\n", 100.0 * bits / found.bits_per_frame);
-            }
-        }
-        table
-    }
-
-    /// What stands beside the table.
-    fn tell(&self, say: Say) {
-        let Measured { checkpoint, found, floors, fps, .. } = self;
-        let (tokens, frames, windows, of) = (found.tokens, found.frames, found.windows, found.all_windows);
-        let per_s = found.bits_per_frame * fps;
-        say.line(format_args!(
-            "{checkpoint}: {per_s:.1} bits/s; {tokens} tokens of {frames} frames scored once, in {windows} of {of} windows"
-        ));
-        if found.pseudo {
-            say.line(
-                "a masked model sees both sides of what it is asked: its bits are no likelihood and stand beside no other",
-            );
-        } else if let Some(best) = floors.as_ref().ok().map(Floors::best).filter(|best| found.bits_per_frame >= *best) {
-            say.line(format_args!(
-                "the model is not below the best static model of its own tokens, {best:.2} bits/frame"
-            ));
-        }
-    }
 }

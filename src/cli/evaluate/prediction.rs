@@ -3,23 +3,17 @@
 use crate::cli::data::DataArgs;
 use crate::cli::draw::DrawArgs;
 use crate::cli::read::{ReadArgs, rate};
-use crate::cli::{ComputeArgs, Odd, Say, WrongCall, print};
-use crate::corpus::gather::Item;
-use crate::corpus::load::{Wanted, item_options};
+use crate::cli::{ComputeArgs, Odd, Say, print, wrong_call};
+use crate::corpus::load::{Wanted, load_at_own_rate};
 use crate::corpus::{Split, gather::Gathered};
-use crate::evaluate::prediction::{Predictor, Row, TIMES_MS, Window, baselines, windows};
+use crate::evaluate::prediction::{PROTOCOL_FPS, Predictor, Window, baselines, spread, table, windows_at};
 use crate::generate::sampling::Sampling;
 use crate::generate::{NextToken, reader};
 use crate::model::{CheckpointChoice, ReaderOptions, load_run};
 use anyhow::Result;
-use kinelm_motion::format::{self, RateDoubt, ReadOptions, RestFrame, resolve_floor};
-use kinelm_motion::metric::short_term::{HorizonMetrics, MAJOR};
-use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::{Clip, retarget};
+use kinelm_motion::format::RestFrame;
+use kinelm_motion::metric::short_term::MAJOR;
 use std::path::{Path, PathBuf};
-
-/// Frames per second of the protocol.
-const PROTOCOL_FPS: f64 = 60.0;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -58,9 +52,9 @@ pub struct Args {
 pub fn run(args: &Args, say: Say) -> Result<()> {
     let draw = args.draw.get()?;
     if draw.greedy && args.samples > 0 {
-        let what =
-            "--greedy with samples: the greedy continuation always is a row; add --samples 0, or leave --greedy out";
-        return Err(WrongCall(what.into()).into());
+        wrong_call!(
+            "--greedy with samples: the greedy continuation is always a row; add --samples 0, or leave --greedy out"
+        );
     }
     match &args.run {
         Some(run) => of_model(args, run, draw, say),
@@ -135,61 +129,17 @@ fn measured(args: &Args, gathered: &Gathered, model: Option<Wanted>, say: Say) -
     let wanted = model.unwrap_or(Wanted::in_world(args.fps));
     let (mut own, mut protocol, odd) = (Vec::new(), Vec::new(), Odd::new(say));
     for item in gathered.items.iter().filter(|item| item.split == args.split) {
-        let clip = match load(item, &options, wanted, &odd) {
+        let (clip, doubt) = match load_at_own_rate(item, &options, wanted) {
             Err(e) if !args.data.strict => {
                 say.left_out(e);
                 continue;
             }
             other => other?,
         };
-        if let Some(model) = model {
-            own.extend(windows(&resample(&clip, model.fps, Method::Auto)?));
-        }
-        if model.is_none_or(|model| model.fps != args.fps) && clip.fps() >= args.fps {
-            protocol.extend(windows(&resample(&clip, args.fps, Method::Auto)?));
-        }
+        odd.doubt(&item.file_name(), doubt);
+        let [at_model, at_fps] = windows_at(&clip, model.map(|model| model.fps), args.fps)?;
+        own.extend(at_model);
+        protocol.extend(at_fps);
     }
-    let spread = |all: Vec<Window>| match args.windows {
-        0 => all,
-        most if most >= all.len() => all,
-        most => (0..most).map(|i| all[i * all.len() / most].clone()).collect(),
-    };
-    Ok((spread(own), spread(protocol)))
-}
-
-/// A file on SMPL-24 at its own rate.
-fn load(item: &Item, options: &ReadOptions, wanted: Wanted, odd: &Odd) -> Result<Clip> {
-    let options = item_options(item, options);
-    let mut motion = format::read(&item.path, &options)?;
-    odd.doubt(&item.file_name(), RateDoubt::in_reading(&motion));
-    if wanted.above_floor {
-        let floor = resolve_floor(&mut motion, &options)?;
-        motion.clip = motion.clip.raised(-floor);
-    }
-    Ok(retarget::to_smpl(&motion, options.map.as_deref())?)
-}
-
-fn table(rows: &[Row], fps: f64) -> String {
-    let first = &rows[0];
-    let mut text = format!("{} windows, {} of the protocol's 15 joints", first.windows, first.joints);
-    if fps != PROTOCOL_FPS {
-        text += &format!("; at {fps} fps, sums as {fps} fps x {:.3}", PROTOCOL_FPS / fps);
-    }
-    text += "\nsums up to a time: Euler angles rad (compat, and fixed: differences around the circle), global angle rad, \
-             place thigh lengths; area under the curve of correct places\n";
-    text += &format!("{:<42}", "ms");
-    for what in ["Euler", "fixed", "angle", "place", "AUC"] {
-        for ms in TIMES_MS {
-            text += &format!(" {:>9}", format!("{what} {ms}"));
-        }
-    }
-    for row in rows {
-        text += &format!("\n{:<42}", row.name);
-        let columns: [fn(&HorizonMetrics) -> f64; 5] =
-            [|u| u.euler, |u| u.euler_fixed, |u| u.angle, |u| u.position, |u| u.auc];
-        for of in columns {
-            row.up_to.iter().for_each(|u| text += &format!(" {:>9.3}", of(u)));
-        }
-    }
-    text + "\n"
+    Ok((spread(own, args.windows), spread(protocol, args.windows)))
 }

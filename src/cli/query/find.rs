@@ -2,9 +2,8 @@
 
 use crate::cli::read::{ReadArgs, count, time};
 use crate::cli::{ForceArgs, Say, print};
-use crate::spectral::query::{Distance, Exclude, Index, Query, SearchResult};
+use crate::spectral::query::{Distance, Exclude, Index, Query};
 use anyhow::Result;
-use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
 use serde_json::json;
@@ -88,24 +87,5 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         answer.windows,
         exclude.name()
     ));
-    print(&table(&answer, distance))
-}
-
-fn table(answer: &SearchResult, distance: Distance) -> String {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_content_arrangement(ContentArrangement::Disabled);
-    table.set_header(["", distance.name(), "clip", "seconds", "labels"]);
-    for found in &answer.matches {
-        let window = &found.window;
-        table.add_row([
-            found.rank.to_string(),
-            format!("{:.4}", found.value),
-            window.clip.clone(),
-            format!("{:.2} to {:.2}", window.start_s, window.end_s),
-            window.labelled(),
-        ]);
-    }
-    table.column_iter_mut().take(2).for_each(|c| c.set_cell_alignment(CellAlignment::Right));
-    format!("{table}\n")
+    print(&answer.table(distance))
 }

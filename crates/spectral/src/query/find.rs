@@ -6,6 +6,7 @@ use super::index::Index;
 use super::record::ClipEntry;
 use super::search::{Distance, SearchOptions};
 use crate::{Error, Result};
+use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use kinelm_corpus::load::parse_clip;
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::{Clip, Vec3};
@@ -228,6 +229,26 @@ impl ClipWindow {
 }
 
 impl SearchResult {
+    /// A row for each match, by the `distance` of the query, for a terminal.
+    pub fn table(&self, distance: Distance) -> String {
+        let mut table = Table::new();
+        table.load_style(presets::UTF8_FULL_CONDENSED);
+        table.set_content_arrangement(ContentArrangement::Disabled);
+        table.set_header(["", distance.name(), "clip", "seconds", "labels"]);
+        for found in &self.matches {
+            let window = &found.window;
+            table.add_row([
+                found.rank.to_string(),
+                format!("{:.4}", found.value),
+                window.clip.clone(),
+                format!("{:.2} to {:.2}", window.start_s, window.end_s),
+                window.labelled(),
+            ]);
+        }
+        table.column_iter_mut().take(2).for_each(|c| c.set_cell_alignment(CellAlignment::Right));
+        format!("{table}\n")
+    }
+
     /// A page that plays the query beside what was found, all on the model's body, each beginning on its own spot; and what
     /// was wrong with files that are gone or not as they were when the index was built, which are left
     /// out.

@@ -3,7 +3,9 @@
 pub mod curves;
 pub mod list;
 pub mod log;
+mod table;
 
 pub use curves::{Metric, Over, chart};
 pub use list::{Listed, Status, list};
 pub use log::Log;
+pub use table::{names, table};

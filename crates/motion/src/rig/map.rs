@@ -46,8 +46,8 @@ impl SkeletonMap {
     /// ```
     /// use kinelm_motion::rig::SkeletonMap;
     ///
-    /// let map = SkeletonMap::builtin("mixamo").expect("a built-in map");
-    /// assert_eq!(map.joint(4), Some("LeftLeg"), "the left knee");
+    /// let map = SkeletonMap::builtin("bandai").expect("a built-in map");
+    /// assert_eq!(map.joint(4), Some("LowerLeg_L"), "the left knee");
     /// ```
     pub fn builtin(name: &str) -> Option<Self> {
         let (_, text) = SHIPPED.iter().find(|(n, _)| *n == name)?;

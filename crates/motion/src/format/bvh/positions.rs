@@ -1,4 +1,4 @@
-//! Places of every joint and end site by the file's own channels.
+//! Positions of all joints and end sites by the file's own channels.
 
 use super::interpret;
 use crate::format::ReadOptions;
@@ -9,13 +9,13 @@ use crate::{Quat, Result, Source, Vec3};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Every joint and end site of the root that is read, in the file's order, nothing folded or averaged; metres, y up.
+/// Positions of all joints and end sites of the root that is read, in file order, with no joint folded or averaged; metres,
+/// y up.
 ///
-/// `options.skip` and `options.fps_source` are honoured, and `options.rest`: with [`crate::format::RestFrame::Drop`] a
-/// leading rest-pose frame is left out.
+/// Applies `options.skip`, `options.fps_source` and `options.rest`.
 ///
 /// # Errors
-/// As [`super::read`].
+/// Those of [`super::read`].
 pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Positions> {
     let mut motion = super::read(path, bytes, options)?;
     if drops_rest_frame(options) && has_rest_frame(&motion) {

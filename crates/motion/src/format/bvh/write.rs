@@ -1,4 +1,4 @@
-//! Clips to BVH: back onto the rig they came from, or onto a plain one.
+//! Writing clips as BVH: on the rig they came from, or on a default rig.
 
 use super::frame_time;
 use super::print::print;
@@ -7,12 +7,13 @@ use crate::{Clip, Error, Motion, Result, Source};
 use kinelm_store::files;
 use std::path::Path;
 
-/// Writes a motion: on the rig of its BVH source where the joints are still the same, else on a plain one in centimetres.
+/// Writes a motion: on the rig of its BVH source if the joints are the same, else on a default rig in centimetres.
 ///
-/// A clip untouched since reading is written from the file's own numbers. The file appears whole or not at all.
+/// A clip unchanged since reading is written with the file's own numbers. Writing is atomic.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Io`], and [`Invalid`](kinelm_store::Error::Invalid) for a clip that no BVH can hold (nesting, a rate below 1).
+/// [`kinelm_store::Error::Io`]; [`Invalid`](kinelm_store::Error::Invalid) or [`Limit`](kinelm_store::Error::Limit) for a clip
+/// that a BVH can't hold (nesting, a rate below 1).
 pub fn write(path: &Path, motion: &Motion) -> Result<()> {
     Ok(files::write_whole(path, &to_bytes(motion)?)?)
 }
@@ -20,7 +21,7 @@ pub fn write(path: &Path, motion: &Motion) -> Result<()> {
 /// The bytes that [`write()`] writes.
 ///
 /// # Errors
-/// [`Invalid`](kinelm_store::Error::Invalid) for a clip that no BVH can hold (nesting, a rate below 1).
+/// [`Invalid`](kinelm_store::Error::Invalid) or [`Limit`](kinelm_store::Error::Limit) for a clip that a BVH can't hold.
 pub fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
     match &motion.source {
         Source::Bvh(source) if source.fits(&motion.clip) => source.to_bytes(&motion.clip),
@@ -28,7 +29,7 @@ pub fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
     }
 }
 
-/// A motion as a BVH in which 1 means so many metres; joints, orders and turns are those of [`to_bytes`].
+/// Like [`to_bytes`], in a unit of `metres`.
 ///
 /// # Errors
 /// Those of [`to_bytes`].
@@ -40,7 +41,7 @@ pub fn to_bytes_in(motion: &Motion, metres: f64) -> Result<Vec<u8>> {
 }
 
 impl BvhSource {
-    /// The same in another unit: OFFSETs and positions are other numbers, angles the same.
+    /// The same rig in another unit: scales OFFSETs and positions.
     fn in_unit(&self, metres: f64) -> BvhSource {
         let scale = self.rig.unit_m / metres;
         let mut other = self.clone();
@@ -58,20 +59,20 @@ impl BvhSource {
         other
     }
 
-    /// Whether a clip has this rig's joints: the same names and parents.
+    /// Whether a clip has this rig's joint names and parents.
     pub fn fits(&self, clip: &Clip) -> bool {
         let (own, its) = (&self.rig.skeleton, clip.skeleton());
         own.names() == its.names() && own.parents() == its.parents()
     }
 
-    /// Writes any clip with this rig's joints, at the clip's own rate and with as many frames as it has.
+    /// Writes a clip with this rig's joints, at the clip's own rate and with any number of frames.
     ///
-    /// Header, names, orders, end sites, unit, axes and line ends are the rig's. Where a clip needs what the rig lacks (another
-    /// OFFSET, a turn about an axis that a joint has no channel for, a place for a root without position channels), that
-    /// is added to the header, so that the motion is never cut. Of other roots the rows nearest in time are kept.
+    /// Header, names, orders, end sites, unit, axes and line ends are the rig's. What the rig lacks for the clip (another
+    /// OFFSET, a rotation channel, position channels of the root) is added to the header, so that no motion is lost. Other
+    /// roots keep the rows nearest in time.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Io`]; [`Invalid`](kinelm_store::Error::Invalid) when the joints are others or the rate is below 1.
+    /// [`kinelm_store::Error::Io`]; [`Invalid`](kinelm_store::Error::Invalid) when the joints differ or the rate is below 1.
     pub fn write_clip(&self, path: &Path, clip: &Clip) -> Result<()> {
         Ok(files::write_whole(path, &self.to_bytes(clip)?)?)
     }
@@ -79,7 +80,7 @@ impl BvhSource {
     /// The bytes that [`BvhSource::write_clip`] writes.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the joints are others or the rate is below 1.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the joints differ or the rate is below 1.
     pub fn to_bytes(&self, clip: &Clip) -> Result<Vec<u8>> {
         if !self.fits(clip) {
             let (own, its) = (self.rig.skeleton.joints(), clip.joints());
@@ -120,7 +121,7 @@ mod tests {
             let (a, b) = (own.clip.positions(), other.clip.positions());
             let far = a.iter().zip(&b).map(|(a, b)| (*a - *b).length()).fold(0.0, f64::max);
             assert!(a.len() == b.len() && far < 2e-5, "{unit:?}: {far}");
-            // judged by the leg, not told
+            // inferred from the leg, not given
             assert!(
                 (read(&to_bytes_in(&own, metres).unwrap(), Unit::Auto).clip.root()[0] - own.clip.root()[0]).length()
                     < 2e-5

@@ -1,33 +1,33 @@
-//! A body of tapered capsules around the bones of a skeleton, each turned by one joint.
+//! A mesh of tapered capsules around the bones of a skeleton, each moved by one joint.
 
 use crate::capsules::{CapsuleBody, standing_height_m};
 use crate::{Clip, GlobalPose, Quat, Result, Skeleton, Vec3};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Sides of a capsule.
+/// Vertices around a capsule.
 const SIDES: usize = 10;
-/// Where the rings of a cap lie, in radii before the bone's end, and how wide they are.
+/// The rings of a cap: distance from the bone's end and radius, as multiples of the bone's radius.
 const CAP: [(f64, f64); 2] = [(0.71, 0.71), (0.0, 1.0)];
 
-/// Triangles in the rest pose, metres, y up.
+/// A triangle mesh in the rest pose, metres, y up.
 #[derive(Debug, Default)]
 pub struct Mesh {
-    /// (V) places.
+    /// Positions (V).
     pub places: Vec<Vec3>,
-    /// (V) unit normals.
+    /// Unit normals (V).
     pub normals: Vec<Vec3>,
-    /// (V) the joint that turns each.
+    /// The joint of each vertex (V).
     pub joints: Vec<usize>,
-    /// (T, 3) corners, seen from outside against the clock.
+    /// Triangles (T, 3), counterclockwise from outside.
     pub corners: Vec<[u32; 3]>,
 }
 
 impl Mesh {
-    /// Around the bones of a skeleton, its root at 0.
+    /// The mesh of a skeleton with its root at 0.
     ///
     /// # Errors
-    /// None that a skeleton brings about.
+    /// None for a valid skeleton.
     pub fn of(skeleton: &Arc<Skeleton>) -> Result<Mesh> {
         let rest = Clip::new(skeleton.clone(), 1.0, vec![Vec3::ZERO], vec![Quat::IDENTITY; skeleton.joints()])?;
         let height = standing_height_m(skeleton).unwrap_or_else(|| extent(&rest));
@@ -79,7 +79,7 @@ impl Mesh {
     }
 }
 
-/// How high a body without a head stands in its rest pose, metres.
+/// Height of the rest pose, metres, for a body without a head.
 fn extent(rest: &Clip) -> f64 {
     let heights = || rest.positions().into_iter().map(|p| p.y);
     let (low, high) = (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
@@ -97,7 +97,7 @@ mod tests {
         let (a, b) = (Vec3::new(0.1, 0.2, 0.3), Vec3::new(0.1, 0.8, 0.5));
         mesh.add_capsule(a, b, (0.1, 0.05), 3);
         assert_eq!((mesh.places.len(), mesh.corners.len()), (2 + 4 * SIDES, 2 * SIDES + 2 * 3 * SIDES));
-        // every edge is walked once each way
+        // each edge occurs once in each direction
         let mut edges: Vec<(u32, u32)> = mesh.corners.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
         edges.sort_unstable();
         assert!(edges.windows(2).all(|pair| pair[0] != pair[1]));

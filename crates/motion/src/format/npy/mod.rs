@@ -13,13 +13,13 @@ use std::borrow::Cow;
 use std::path::Path;
 
 impl<'a> Array<'a> {
-    /// An `.npy` file: its header, then its elements. What follows them is left alone.
+    /// Parses an `.npy` file: header and elements. Bytes after the elements are ignored.
     ///
-    /// An array of Python objects is read if they are all plain text.
+    /// An array of Python objects is accepted if all are plain text.
     ///
     /// # Errors
-    /// [`FaultKind::NotThisFormat`], [`FaultKind::Dtype`], [`FaultKind::Truncated`] (see [`parse_header`]); [`FaultKind::ObjectArray`] for
-    /// Python objects other than text.
+    /// [`FaultKind::NotThisFormat`], [`FaultKind::Dtype`], [`FaultKind::Truncated`] (see [`parse_header`]);
+    /// [`FaultKind::ObjectArray`] for Python objects other than text.
     pub fn parse(path: &Path, key: &str, bytes: &'a [u8]) -> Result<Self> {
         let header = parse_header(path, key, bytes)?;
         let data = bytes.get(header.length..).unwrap_or_default();
@@ -32,7 +32,7 @@ impl<'a> Array<'a> {
     }
 }
 
-/// An array of Python objects, which is a pickle: read if it holds text alone.
+/// An array of Python objects, which is a pickle; only text is accepted.
 fn objects(path: &Path, key: &str, header: &Header, data: &[u8]) -> Result<Array<'static>> {
     let refused = |found: String| {
         let found = format!("{key}: {found}");

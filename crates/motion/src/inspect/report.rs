@@ -1,4 +1,4 @@
-//! The report of a motion: as text for a reader, as JSON for a script.
+//! The report of a motion: as text for readers, as JSON for scripts.
 
 use super::stats::{ClipStats, clip_stats};
 use crate::format::bvh::{BvhSource, NodeKind};
@@ -8,12 +8,12 @@ use crate::{Motion, Skeleton, Source, Vec3, Warning};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
-/// What `kinelm inspect` says of one file.
+/// The report that `kinelm inspect` prints of one file.
 #[derive(Debug, Clone)]
 pub struct Report {
     path: String,
     format: &'static str,
-    /// What the file says of itself beyond the clip: lines of text.
+    /// Lines about the file's own properties.
     source: Vec<String>,
     fps: f64,
     frames: usize,
@@ -22,24 +22,24 @@ pub struct Report {
     names: Vec<String>,
     parents: Vec<Option<usize>>,
     offsets: Vec<[f64; 3]>,
-    /// Metres that 1 means in a BVH.
+    /// The unit of a BVH, metres.
     unit_m: Option<f64>,
     axes: Axes,
     joints: usize,
     ends: usize,
     map: Option<String>,
-    /// Where the floor is, metres; `None` on a rig that no map knows.
+    /// The floor, metres; `None` on a rig that no map fits.
     floor_m: Option<f64>,
     stats: ClipStats,
     still: Vec<String>,
     doubts: Vec<Warning>,
 }
 
-/// The report of a motion as it was read.
+/// Makes the report of a motion as it was read.
 pub fn report(motion: &Motion) -> Report {
     let (clip, skeleton) = (&motion.clip, motion.clip.skeleton());
     let stats = clip_stats(clip);
-    // which axis is up is no doubt where it could be judged; the report says it anyway
+    // an inferred up axis is part of the report, not a doubt
     let mut doubts: Vec<Warning> = motion.warnings.iter().filter(|w| w.kind != "up_axis").cloned().collect();
     doubts.extend(doubts_of(&stats, skeleton));
     let (format, source) = source_lines(&motion.source);
@@ -70,12 +70,12 @@ pub fn report(motion: &Motion) -> Report {
 }
 
 impl Report {
-    /// With the floor that was found or told, metres.
+    /// Adds the given or detected floor, metres.
     pub fn with_floor(self, floor_m: Option<f64>) -> Self {
         Report { floor_m, ..self }
     }
 
-    /// Lines for a reader, the last ended too.
+    /// The report as lines of text.
     pub fn text(&self) -> String {
         let mut t = String::new();
         let f = &self.stats;
@@ -113,7 +113,7 @@ impl Report {
         t
     }
 
-    /// One JSON object in one line, without the line's end.
+    /// The report as one line of JSON, without a line end.
     pub fn json(&self) -> String {
         let f = &self.stats;
         let doubts: Vec<Value> = self.doubts.iter().map(|d| json!({"kind": d.kind, "what": d.what})).collect();
@@ -140,7 +140,7 @@ fn round(x: f64, digits: i32) -> f64 {
     (x * k).round() / k
 }
 
-/// What the stats say against the file.
+/// Doubts that follow from the statistics.
 fn doubts_of(f: &ClipStats, skeleton: &Skeleton) -> Vec<Warning> {
     let mut doubts = Vec::new();
     let mut doubt = |kind, what| doubts.push(Warning { kind, what });
@@ -175,7 +175,7 @@ fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
     }
 }
 
-/// Which of the file's axes is up, and who says so.
+/// The up axis of the file, and how it was determined.
 fn axes_line(axes: &Axes) -> String {
     let why = match axes.by {
         UpSource::Given => "",
@@ -187,14 +187,14 @@ fn axes_line(axes: &Axes) -> String {
     format!("up {}{turned}{why}", axes.up)
 }
 
-/// Whose bones these are, and what was added to `trans`.
+/// The origin of the bones and of the rest pelvis.
 fn body_line(rest_pelvis: Vec3, body_model: bool) -> String {
     let body = if body_model { "the body model's" } else { "the neutral skeleton's, not the subject's" };
     let Vec3 { x, y, z } = rest_pelvis;
     format!("bones are {body}; pelvis = trans + J0 with J0 = ({x:.3}, {y:.3}, {z:.3}) m in the file's axes")
 }
 
-/// Unit, rate as printed, position channels and roots of a BVH.
+/// Unit, frame time, position channels and roots of a BVH.
 fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
     let rig = &bvh.rig;
     let how = if rig.unit_judged { "judged by the leg" } else { "as told" };
@@ -236,10 +236,10 @@ fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
     lines
 }
 
-/// A line a joint, drawn as a tree, with its offset in centimetres.
+/// The tree of joints, one per line, with offsets in centimetres.
 fn tree(skeleton: &Skeleton) -> Vec<String> {
     let mut lines = Vec::with_capacity(skeleton.joints());
-    // (joint, drawing in front of it, drawing in front of its children)
+    // (joint, prefix of its line, prefix of its children's lines)
     let mut stack = vec![(0, String::new(), String::new())];
     while let Some((joint, lead, below)) = stack.pop() {
         let o = skeleton.offsets()[joint] * 100.0;

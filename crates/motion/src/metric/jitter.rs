@@ -1,17 +1,16 @@
-//! How much a motion shakes.
+//! Jitter of a motion.
 
 use crate::Clip;
 
-/// Mean jerk of the joints: `|p(t+3) - 3 p(t+2) + 3 p(t+1) - p(t)| fps^3` over all joints and frames, m/s^3; `None` of fewer
-/// than four frames.
+/// Mean jerk of the joints: `|p(t+3) - 3 p(t+2) + 3 p(t+1) - p(t)| fps^3` over all joints and frames, m/s^3; `None` for
+/// fewer than four frames.
 ///
-/// It grows with the rate, which says how fast shaking may be: only clips of one rate can be compared. See
-/// docs/measures.md, "Floor and feet".
+/// It grows with the rate, so only clips of one rate are comparable. See docs/measures.md, "Floor and feet".
 pub fn jitter(clip: &Clip) -> Option<f64> {
     jitter_of(clip, &(0..clip.joints()).collect::<Vec<_>>())
 }
 
-/// The same over these joints alone; `None` also of no joint.
+/// [`jitter`] of these joints only; also `None` without joints.
 ///
 /// # Panics
 /// If the clip lacks one of the joints.

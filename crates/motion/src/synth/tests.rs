@@ -73,7 +73,7 @@ fn a_dance_ends_in_a_stand() {
     }
 }
 
-/// Mean speed of a joint against the pelvis, m/s.
+/// Mean speed of a joint relative to the pelvis, m/s.
 fn speed(clip: &Clip, joint: usize) -> f64 {
     let p = clip.positions();
     let seen = |f: usize| p[24 * f + joint] - p[24 * f];
@@ -96,7 +96,7 @@ fn genres_and_dancers_differ() {
     assert!(hands("ash") > 1.1 * hands("birch"), "{} {}", hands("ash"), hands("birch"));
 }
 
-/// How far the body faced away from the front, at most, radians, whole turns counted.
+/// The largest heading away from the front, radians, including whole turns.
 fn turned(clip: &Clip) -> f64 {
     let mut facing = 0.0;
     let mut far = 0.0f64;

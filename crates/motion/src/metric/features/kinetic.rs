@@ -1,4 +1,4 @@
-//! How fast joints move and how hard they speed up.
+//! Kinetic features: speeds and accelerations of joints.
 //!
 //! Source: Onuma, Faloutsos, Hodgins, "FMDistance: a fast and effective distance function for motion capture data" (2008);
 //! the code of fairmotion and its descendants.
@@ -6,14 +6,13 @@
 use super::{COMPAT_FPS, Formulas, JointPositions};
 use crate::Vec3;
 
-/// Three a joint: mean square speed over the ground, mean square speed up and down, mean size of the acceleration.
+/// Three per joint: mean square of the horizontal speed, of the vertical speed, and mean acceleration.
 pub const KINETIC: usize = 72;
 
-/// Frames on each side that a speed is a mean over.
+/// Frames on each side over which a speed is averaged.
 const REACH: i64 = 2;
 
-/// The features, joint by joint. `compat` takes frames as a sixtieth of a second, whatever their rate; `fixed` gives
-/// ln(x + 0.001) of each.
+/// The features, joint by joint. `Compat` takes a frame as 1/60 s at any rate; `Fixed` returns ln(x + 0.001).
 pub fn kinetic(places: &JointPositions, form: Formulas) -> [f64; KINETIC] {
     let mut features = [0.0; KINETIC];
     let fps = if form == Formulas::Compat { COMPAT_FPS } else { places.fps };
@@ -34,7 +33,7 @@ pub fn kinetic(places: &JointPositions, form: Formulas) -> [f64; KINETIC] {
     features
 }
 
-/// The mean of what `of` says of the frames around `frame` whose neighbours from `-1` to `ahead` are in the clip.
+/// The mean of `of` over the frames around `frame` whose neighbours from `-1` to `ahead` are in the clip.
 fn mean(places: &JointPositions, frame: usize, ahead: i64, of: impl Fn(usize) -> Vec3) -> Vec3 {
     let around = (-REACH..=REACH).map(|d| frame as i64 + d);
     let within = around.filter(|i| *i >= 1 && i + ahead < places.frames() as i64);
@@ -42,7 +41,7 @@ fn mean(places: &JointPositions, frame: usize, ahead: i64, of: impl Fn(usize) ->
     sum / f64::max(n, 1.0)
 }
 
-/// Metres a frame.
+/// Speed in metres per frame.
 fn speed(places: &JointPositions, joint: usize, frame: usize) -> Vec3 {
     mean(places, frame, 0, |i| places.at(i, joint) - places.at(i - 1, joint))
 }
@@ -51,7 +50,7 @@ fn acceleration(places: &JointPositions, joint: usize, frame: usize, fps: f64, f
     mean(places, frame, 1, |i| {
         let [before, now, next] = [i - 1, i, i + 1].map(|i| places.at(i, joint));
         match form {
-            // a bracket too early: the place before alone is divided, so that places count, not changes
+            // published code misplaces a bracket: only the position before is divided, so positions count instead of differences
             Formulas::Compat => ((next - now) * fps - (now - before * fps)) * fps,
             Formulas::Fixed => (next - now * 2.0 + before) * fps * fps,
         }

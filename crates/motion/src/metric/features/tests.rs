@@ -1,4 +1,4 @@
-//! Against numpy (scripts/reference/features.py), and by hand.
+//! Comparison with numpy (scripts/reference/features.py), and values by hand.
 
 use super::*;
 use crate::synth;
@@ -33,7 +33,7 @@ fn features_are_those_of_numpy() {
     }
 }
 
-/// A dance moved, turned and at another rate.
+/// A dance moved, rotated and resampled.
 fn changed(clip: &Clip, by: Vec3, turn: f64) -> Clip {
     let turn = crate::Quat::from_rotation_y(turn);
     let root = clip.root().iter().map(|p| turn * *p + by).collect();

@@ -47,9 +47,9 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         return Err(scaling.fault(FaultKind::ScaleBad, scale.to_string(), "a number above 0"));
     }
     let vectors = Vectors::new(&poses, &[72])?;
-    let places = translations(&trans, vectors.frames)?;
+    let positions = translations(&trans, vectors.frames)?;
     let body = body_model::body(options, &[])?;
-    let root = places.iter().map(|&t| body.rest_pelvis + t / scale).collect();
+    let root = positions.iter().map(|&t| body.rest_pelvis + t / scale).collect();
     let mut rotations = Vec::with_capacity(vectors.frames * 24);
     for f in 0..vectors.frames {
         for j in 0..24 {

@@ -40,7 +40,7 @@ const TURN: Quat = Quat::from_xyzw(-FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let npz = Npz::open(path, bytes)?;
     let (rotations, frames, width) = poses(path, &npz)?;
-    let places = translations(&npz.array("trans")?, frames)?;
+    let positions = translations(&npz.array("trans")?, frames)?;
     let fps = match options.fps_source {
         Some(fps) => fps,
         None => rate(&npz)?,
@@ -56,7 +56,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     };
     let betas = betas(&npz)?;
     let body = body_model::body(options, &betas)?;
-    let root = places.iter().map(|&t| ours(body.rest_pelvis + t)).collect();
+    let root = positions.iter().map(|&t| ours(body.rest_pelvis + t)).collect();
     let clip = Clip::new(body.skeleton, fps, root, rotations)?;
     let (rest_pelvis, body_model) = (body.rest_pelvis, body.from_model);
     let source = Source::Amass { model, gender, betas: betas.len(), rest_pelvis, body_model };
@@ -122,8 +122,8 @@ fn poses(path: &Path, npz: &Npz) -> Result<(Vec<Quat>, usize, usize)> {
     }
     let e = FileError::new(SourcePos::file(path), FaultKind::NoMotion, list(npz.keys()), "poses");
     let stills = "shape.npz and neutral_stagei.npz hold a body and no motion";
-    let places = "positions alone hold no rotations";
-    Err(e.help(if npz.has("positions") { places } else { stills }).into())
+    let positions = "positions alone hold no rotations";
+    Err(e.help(if npz.has("positions") { positions } else { stills }).into())
 }
 
 /// Rotations (F, 24) in a clip's axes: the first `joints` from the file, the others identity.

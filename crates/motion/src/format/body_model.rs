@@ -96,7 +96,7 @@ impl BodyModel {
             return bad(format!("kintree_table: joint {j} on joint {}", p[j]), "SMPL's joints in their order");
         }
         if let Some(j) = joints.iter().chain(&directions).position(|p| !p.is_finite()) {
-            return bad(format!("joint {} at no finite place", j % n), "places in metres");
+            return bad(format!("joint {} at no finite place", j % n), "positions in metres");
         }
         let hand = |wrist: i64| match &parents {
             _ if n == 24 => vec![wrist as usize + 2],
@@ -123,17 +123,17 @@ impl BodyModel {
             let shape = betas.iter().zip(self.directions.get(j * self.shapes..).unwrap_or_default());
             shape.take(self.shapes).fold(self.joints[j], |p, (&b, &d)| p + d * b)
         };
-        let mut places: Vec<Vec3> = (0..22).map(place).collect();
+        let mut positions: Vec<Vec3> = (0..22).map(place).collect();
         for (side, amid) in self.hands.iter().enumerate() {
             let sum = amid.iter().fold(Vec3::ZERO, |p, &j| p + place(j));
-            let neutral = places[20 + side] + smpl::neutral().offsets()[22 + side];
-            places.push(if amid.is_empty() { neutral } else { sum / amid.len() as f64 });
+            let neutral = positions[20 + side] + smpl::neutral().offsets()[22 + side];
+            positions.push(if amid.is_empty() { neutral } else { sum / amid.len() as f64 });
         }
         let parents: Vec<Option<usize>> = smpl::PARENTS.iter().map(|&p| usize::try_from(p).ok()).collect();
-        let offset = |j: usize| parents[j].map_or(Vec3::ZERO, |p| places[j] - places[p]);
+        let offset = |j: usize| parents[j].map_or(Vec3::ZERO, |p| positions[j] - positions[p]);
         let offsets = (0..24).map(offset).collect();
         let names = smpl::NAMES.map(String::from).to_vec();
-        let rest_pelvis = places[0];
+        let rest_pelvis = positions[0];
         if !rest_pelvis.is_finite() {
             return Err(Error::invalid(
                 "the pelvis of the body model with these betas",
@@ -226,7 +226,7 @@ fn sparse(npz: &Npz) -> Result<Weights> {
     if rows.len() != weights.len() || columns.len() != weights.len() || !rows.iter().zip(&columns).all(inside) {
         return Err(data.fault(
             FaultKind::Shape,
-            "places that don't fit",
+            "positions that don't fit",
             format!("one in ({joints}, {vertices}) a weight"),
         ));
     }

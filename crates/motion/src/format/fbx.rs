@@ -72,8 +72,8 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         return Err(fault(FaultKind::TooLarge, found, "268,435,456 rotations at most").into());
     }
     let rest: Vec<(Quat, Vec3)> = figure.iter().map(|joint| placed(&bind(joint.node))).collect();
-    let places: Vec<Vec3> = rest.iter().map(|(_, place)| *place).collect();
-    let offset = |(j, joint): (usize, &Joint)| joint.parent.map_or(Vec3::ZERO, |p| places[j] - places[p]);
+    let positions: Vec<Vec3> = rest.iter().map(|(_, place)| *place).collect();
+    let offset = |(j, joint): (usize, &Joint)| joint.parent.map_or(Vec3::ZERO, |p| positions[j] - positions[p]);
     let offsets: Vec<Vec3> = figure.iter().enumerate().map(offset).collect();
     let names = figure.iter().map(|joint| joint.name.clone()).collect();
     let parents = figure.iter().map(|joint| joint.parent).collect();
@@ -136,11 +136,11 @@ fn figure<'a>(
         figures.push(joints);
     }
     let roots: Vec<String> = figures.iter().map(|joints| joints[0].name.clone()).collect();
-    let wanted = match root {
+    let chosen = match root {
         Some(root) => figures.into_iter().find(|joints| joints[0].name == root),
         None => figures.into_iter().rev().max_by_key(Vec::len),
     };
-    let found = wanted.ok_or_else(|| match root.filter(|_| !roots.is_empty()) {
+    let found = chosen.ok_or_else(|| match root.filter(|_| !roots.is_empty()) {
         Some(root) => (format!("no figure {root}"), format!("one of {}", roots.join(", "))),
         None => ("no bones".to_owned(), "a figure; export the armature with its animation".to_owned()),
     })?;

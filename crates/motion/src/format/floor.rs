@@ -11,9 +11,9 @@ use crate::{Error, Result};
 /// Those of [`map_for`] and [`Feet::new`](crate::rig::Feet::new); [`Invalid`](kinelm_store::Error::Invalid) for a given floor
 /// that isn't finite.
 pub fn resolve_floor(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
-    if let Some(told) = options.floor {
-        let fault = || Error::invalid("`floor`", told, "a height in metres");
-        return if told.is_finite() { Ok(told) } else { Err(fault()) };
+    if let Some(given) = options.floor {
+        let fault = || Error::invalid("`floor`", given, "a height in metres");
+        return if given.is_finite() { Ok(given) } else { Err(fault()) };
     }
     let map = map_for(motion.clip.skeleton(), options.map.as_deref())?;
     let floor = floor(&motion.clip, &map)?;

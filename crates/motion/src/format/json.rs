@@ -74,7 +74,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     }
     let map = map_if_any(clip.skeleton().names(), options.map.as_deref())?;
     let (axes, _) = Axes::of(&clip, options.up, map.as_ref());
-    let clip = axes.stand(clip)?;
+    let clip = axes.to_y_up(clip)?;
     Ok(Motion { path: path.to_owned(), clip, source: Source::Json(axes), warnings: vec![] })
 }
 

@@ -243,7 +243,7 @@ fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
         Format::Bvh | Format::Json | Format::Glb => return Ok(()),
         Format::Npz => "an AMASS file has z up",
         Format::Pickle => "an AIST++ file has y up",
-        Format::Fbx => "an FBX says itself which axis is up",
+        Format::Fbx => "an FBX states its up axis",
     };
     if options.up == Up::Auto {
         return Ok(());
@@ -273,7 +273,7 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
         #[cfg(not(feature = "amass"))]
         Format::Npz => Err(left_out(path, "amass")),
         Format::Json => match motion.source {
-            Source::Json(axes) => Ok(json::write(axes.lay_back(&motion.clip)?.as_ref())),
+            Source::Json(axes) => Ok(json::write(axes.from_y_up(&motion.clip)?.as_ref())),
             _ => Ok(json::write(&motion.clip)),
         },
         Format::Glb => glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)]),
@@ -301,17 +301,17 @@ mod tests {
             path
         };
         let options = ReadOptions { unit: Unit::Metre, ..Default::default() };
-        let says = |path: &Path| read(path, &options).unwrap_err().to_string();
+        let message = |path: &Path| read(path, &options).unwrap_err().to_string();
         assert_eq!(read(&file("a.BvH", BVH.as_bytes()), &options).unwrap().clip.frames(), 2);
-        let e = says(&file("a.txt", BVH.as_bytes()));
+        let e = message(&file("a.txt", BVH.as_bytes()));
         assert!(
             e.contains("not_this_format") && e.contains(".bvh, .npz, .pkl or .json") && e.contains("looks like a BVH"),
             "{e}"
         );
-        let e = says(&file("b.bvh", b"PK\x03\x04poses.npy"));
+        let e = message(&file("b.bvh", b"PK\x03\x04poses.npy"));
         assert!(e.contains("not_bvh") && e.contains("an npz archive"), "{e}");
         for name in ["c.npz", "c.pkl", "c.json"] {
-            let e = says(&file(name, BVH.as_bytes()));
+            let e = message(&file(name, BVH.as_bytes()));
             assert!(e.contains("BVH") || e.contains("HIERARCHY"), "{name}: {e}");
         }
         assert!(matches!(
@@ -342,8 +342,8 @@ mod tests {
         assert!(text.ends_with("Frames: 1\nFrame Time: 0.0166666667\n2.000000\n"), "{text}");
         let markers = folder.path().join("a.C3D");
         std::fs::write(&markers, [2, 0x50]).unwrap();
-        let told = read(&markers, &ReadOptions::default()).unwrap_err().to_string();
-        assert!(told.contains("a C3D holds markers, not joints"), "{told}");
+        let message = read(&markers, &ReadOptions::default()).unwrap_err().to_string();
+        assert!(message.contains("a C3D holds markers, not joints"), "{message}");
         assert!(write(&folder.path().join("b.fbx"), &m).is_err());
     }
 }

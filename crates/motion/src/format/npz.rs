@@ -100,7 +100,7 @@ impl<'a> Npz<'a> {
         let mut bytes = Vec::new();
         entry.by_ref().take(npy::MAX_HEADER as u64).read_to_end(&mut bytes).map_err(|e| cut(&e))?;
         let header = npy::parse_header(&self.path, key, &bytes)?;
-        let wanted = match byte_count(&header.shape, &header.dtype) {
+        let expected = match byte_count(&header.shape, &header.dtype) {
             // the entry contains a pickle; texts are short
             _ if header.dtype.element == Element::Object => 1 << 20,
             Some(n) => n + header.length as u64,
@@ -109,12 +109,12 @@ impl<'a> Npz<'a> {
                 return Err(self.fault(FaultKind::Truncated, found, "a shape that fits its bytes"));
             }
         };
-        if wanted.max(bytes.len() as u64) > self.left.get() {
-            let found = format!("{key}: an array of {wanted} bytes");
+        if expected.max(bytes.len() as u64) > self.left.get() {
+            let found = format!("{key}: an array of {expected} bytes");
             let expected = format!("at most {} in all, by the size of the archive", self.budget);
             return Err(self.fault(FaultKind::TooLarge, found, expected));
         }
-        let more = wanted.saturating_sub(bytes.len() as u64);
+        let more = expected.saturating_sub(bytes.len() as u64);
         entry.by_ref().take(more).read_to_end(&mut bytes).map_err(|e| cut(&e))?;
         // the checksum is compared at the end of the entry
         entry.read(&mut [0]).map_err(|e| cut(&e))?;

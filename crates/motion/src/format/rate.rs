@@ -129,11 +129,11 @@ pub(crate) fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
     let h = (0.05 * clip.fps()).round().max(1.0) as usize;
     let seconds = h as f64 / clip.fps();
     let y = clip.root();
-    let mut ahead = jumps.iter().map(|&(at, _)| at).peekable();
+    let mut upcoming = jumps.iter().map(|&(at, _)| at).peekable();
     // jumps are ascending: the first one that isn't more than h frames ago decides
     let mut near_jump = |f: usize| {
-        while ahead.next_if(|at| at + h < f).is_some() {}
-        ahead.peek().is_some_and(|&at| at <= f + h)
+        while upcoming.next_if(|at| at + h < f).is_some() {}
+        upcoming.peek().is_some_and(|&at| at <= f + h)
     };
     let falls: Vec<f64> = (h..y.len().saturating_sub(h))
         .filter(|&f| !near_jump(f))
@@ -189,16 +189,16 @@ pub(crate) mod tests {
         doubts.add("a.bvh", None);
         assert_eq!(doubts.line(), None);
         doubts.add("b.bvh", doubt(3.2));
-        let said = "1 of 2 files doubts its rate: b.bvh falls at 3.2 g; if all were exported alike, `--fps-source 60` is for all";
-        assert_eq!(doubts.line().as_deref(), Some(said));
+        let line = "1 of 2 files doubts its rate: b.bvh falls at 3.2 g; if all were exported alike, `--fps-source 60` is for all";
+        assert_eq!(doubts.line().as_deref(), Some(line));
         doubts.add("c.bvh", doubt(2.0));
         assert!(doubts.line().unwrap().starts_with("2 of 3 files doubt their rates, b.bvh most: it falls at 3.2 g;"));
         // an outlier doesn't change the summary's rate
         doubts.add("d.bvh", doubt(9.5));
-        let said = doubts.line().unwrap();
+        let line = doubts.line().unwrap();
         assert!(
-            said.starts_with("3 of 4 files doubt their rates, d.bvh most") && said.contains("`--fps-source 60`"),
-            "{said}"
+            line.starts_with("3 of 4 files doubt their rates, d.bvh most") && line.contains("`--fps-source 60`"),
+            "{line}"
         );
         let mut one = RateDoubts::default();
         one.add("b.bvh", doubt(3.2));

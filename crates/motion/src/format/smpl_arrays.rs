@@ -58,11 +58,11 @@ pub(super) fn translations(array: &Array, frames: usize) -> Result<Vec<Vec3>> {
     if array.shape() != [frames, 3] {
         return Err(array.shape_fault(&format!("({frames}, 3)")));
     }
-    let places: Vec<Vec3> = array.reals()?.chunks_exact(3).map(Vec3::from_slice).collect();
-    match places.iter().position(|p| !p.is_finite()) {
-        None => Ok(places),
+    let positions: Vec<Vec3> = array.reals()?.chunks_exact(3).map(Vec3::from_slice).collect();
+    match positions.iter().position(|p| !p.is_finite()) {
+        None => Ok(positions),
         Some(f) => {
-            let found = format!("({}, {}, {}) at frame {f}", places[f].x, places[f].y, places[f].z);
+            let found = format!("({}, {}, {}) at frame {f}", positions[f].x, positions[f].y, positions[f].z);
             Err(array.fault(FaultKind::NotFinite, found, "a place in metres"))
         }
     }

@@ -145,7 +145,7 @@ impl Axes {
     ///
     /// # Errors
     /// None for a finite clip.
-    pub(crate) fn stand(&self, clip: Clip) -> Result<Clip> {
+    pub(crate) fn to_y_up(&self, clip: Clip) -> Result<Clip> {
         if self.up == Up::Y { Ok(clip) } else { self.turned(&clip, self.up.turn()) }
     }
 
@@ -153,7 +153,7 @@ impl Axes {
     ///
     /// # Errors
     /// None for a finite clip.
-    pub(crate) fn lay_back<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
+    pub(crate) fn from_y_up<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
         if self.up == Up::Y {
             return Ok(Cow::Borrowed(clip));
         }
@@ -164,7 +164,7 @@ impl Axes {
     ///
     /// # Errors
     /// None for a finite skeleton.
-    pub(crate) fn skeleton_laid_back(&self, own: &Arc<Skeleton>) -> Result<Arc<Skeleton>> {
+    pub(crate) fn skeleton_from_y_up(&self, own: &Arc<Skeleton>) -> Result<Arc<Skeleton>> {
         if self.up == Up::Y || !self.rest_too {
             return Ok(own.clone());
         }
@@ -172,7 +172,7 @@ impl Axes {
     }
 
     /// Rotates a position of the file's world to y up.
-    pub(crate) fn stand_place(&self, place: Vec3) -> Vec3 {
+    pub(crate) fn position_to_y_up(&self, place: Vec3) -> Vec3 {
         self.up.turn() * place
     }
 
@@ -203,7 +203,7 @@ fn skeleton(skeleton: &Skeleton, turn: Mat3) -> Result<Skeleton> {
 
 /// The axis along which a body stands, and how well.
 #[derive(Debug, Clone, Copy)]
-struct Stand {
+struct Uprightness {
     up: Up,
     /// The smaller of two cosines with the axis: ankles to pelvis, pelvis to head.
     cosine: f64,
@@ -241,15 +241,15 @@ impl Body {
     }
 
     /// Directions from the ankles to the pelvis and from the pelvis to the head; zero for a body without length.
-    fn bones(&self, places: &[Vec3]) -> [Vec3; 2] {
-        let mean = |joints: &[usize]| joints.iter().map(|&j| places[j]).sum::<Vec3>() / joints.len() as f64;
-        let pelvis = places[self.pelvis];
+    fn bones(&self, positions: &[Vec3]) -> [Vec3; 2] {
+        let mean = |joints: &[usize]| joints.iter().map(|&j| positions[j]).sum::<Vec3>() / joints.len() as f64;
+        let pelvis = positions[self.pelvis];
         [pelvis - mean(&self.ankles), mean(&self.top) - pelvis].map(Vec3::normalize_or_zero)
     }
 }
 
 /// How the reference pose would stand if it were rotated for each axis.
-fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Stand> {
+fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Uprightness> {
     let body = Body::of(rig, map)?;
     let mut local = vec![Quat::IDENTITY; rig.joints()];
     for (name, rotation) in map.reference() {
@@ -259,9 +259,9 @@ fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Stand> {
     }
     let stands = |up: Up| {
         let turned = skeleton(rig, up.turn()).ok()?;
-        let places = GlobalPose::new(&turned, Vec3::ZERO, &local).positions;
-        let cosine = body.bones(&places).into_iter().map(|b| b.y).fold(1.0, f64::min);
-        let left = (places[body.hips[0]] - places[body.hips[1]]).normalize_or_zero();
+        let positions = GlobalPose::new(&turned, Vec3::ZERO, &local).positions;
+        let cosine = body.bones(&positions).into_iter().map(|b| b.y).fold(1.0, f64::min);
+        let left = (positions[body.hips[0]] - positions[body.hips[1]]).normalize_or_zero();
         Some((cosine, left.x))
     };
     let stands = Up::AXES.map(|up| (up, stands(up).unwrap_or((-1.0, 0.0))));
@@ -271,11 +271,11 @@ fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Stand> {
         let (cosine, left) = of(up);
         if cosine < STANDS { cosine } else { 2.0 + cosine + left }
     });
-    Some(Stand { up, cosine: of(up).0 })
+    Some(Uprightness { up, cosine: of(up).0 })
 }
 
 /// How a body stands in the median of a clip's frames; `None` for a clip without frames.
-fn motion(clip: &Clip, map: &SkeletonMap) -> Option<Stand> {
+fn motion(clip: &Clip, map: &SkeletonMap) -> Option<Uprightness> {
     let body = Body::of(clip.skeleton(), map)?;
     let mut pose = GlobalPose::default();
     let step = clip.frames().div_ceil(FRAMES).max(1);
@@ -294,5 +294,5 @@ fn motion(clip: &Clip, map: &SkeletonMap) -> Option<Stand> {
     };
     let cosine = |up: Up| median(0, up.axis()).min(median(1, up.axis()));
     let up = best(cosine);
-    Some(Stand { up, cosine: cosine(up) })
+    Some(Uprightness { up, cosine: cosine(up) })
 }

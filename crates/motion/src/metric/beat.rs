@@ -48,8 +48,8 @@ pub fn beats_s(clip: &Clip, joints: &[usize], rule: BeatRule) -> Result<Vec<f64>
 fn speeds(clip: &Clip, joints: &[usize]) -> Result<Vec<f64>> {
     let at_60 = if clip.fps() == FPS { None } else { Some(resample(clip, FPS, Method::Smooth)?) };
     let clip = at_60.as_ref().unwrap_or(clip);
-    let (places, j) = (clip.positions(), clip.joints());
-    let frames: Vec<_> = places.chunks_exact(j).collect();
+    let (positions, j) = (clip.positions(), clip.joints());
+    let frames: Vec<_> = positions.chunks_exact(j).collect();
     let speed = |pair: &[&[Vec3]]| {
         joints.iter().map(|&joint| (pair[1][joint] - pair[0][joint]).length()).sum::<f64>() / joints.len().max(1) as f64
     };
@@ -323,15 +323,15 @@ mod tests {
     fn beats_of_a_speed_are_scipy_s() {
         let golden: Value = serde_json::from_str(include_str!("../../tests/golden/beats.json")).unwrap();
         let numbers = |key: &str| -> Vec<f64> { serde_json::from_value(golden[key].clone()).unwrap() };
-        let places = |key: &str| -> Vec<usize> { serde_json::from_value(golden[key].clone()).unwrap() };
+        let positions = |key: &str| -> Vec<usize> { serde_json::from_value(golden[key].clone()).unwrap() };
         let speed = numbers("speed");
         let smooth = smoothed(&speed);
         for (found, expected) in smooth.iter().zip(numbers("smooth")) {
             assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }
-        assert_eq!(minima(&speed, ORDER), places("compat_a"));
-        assert_eq!(minima(&smooth, 1), places("compat_b"));
-        assert_eq!(minima(&smooth, ORDER), places("fixed"));
+        assert_eq!(minima(&speed, ORDER), positions("compat_a"));
+        assert_eq!(minima(&smooth, 1), positions("compat_b"));
+        assert_eq!(minima(&smooth, ORDER), positions("fixed"));
         for (x, expected) in [0.0, 0.1, 0.5, 1.0, 2.0, 4.0].iter().zip(numbers("erf")) {
             assert!((erf(*x) - expected).abs() < 2e-7, "{x}");
         }

@@ -41,12 +41,12 @@ impl BorderJerk {
     /// [`Invalid`](kinelm_store::Error::Invalid) when the numbers of positions differ, or they make no whole frames.
     pub fn add_positions(&mut self, original: &[Vec3], decoded: &[Vec3], joints: usize) -> Result<()> {
         check_places(original, decoded, joints)?;
-        for (places, tallies) in [(original, &mut self.original), (decoded, &mut self.decoded)] {
-            let last = (places.len() / joints).saturating_sub(3);
+        for (positions, tallies) in [(original, &mut self.original), (decoded, &mut self.decoded)] {
+            let last = (positions.len() / joints).saturating_sub(3);
             for t in 0..last {
                 let touches = (t + 3) / self.hop > t / self.hop;
                 for j in 0..joints {
-                    let p = |k: usize| places[(t + k) * joints + j];
+                    let p = |k: usize| positions[(t + k) * joints + j];
                     let jerk = p(3) - p(2) * 3.0 + p(1) * 3.0 - p(0);
                     tallies[usize::from(touches)].add(jerk.length());
                 }

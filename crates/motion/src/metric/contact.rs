@@ -20,8 +20,8 @@ const FEET: [[usize; 2]; 2] = [[7, 10], [8, 11]];
 /// Those of [`resample`].
 pub fn physical_foot_contact(clip: &Clip) -> Result<Option<f64>> {
     let clip = resample(clip, FPS, Method::Auto)?;
-    let (places, j) = (clip.positions(), clip.joints());
-    let at = |frame: usize, joint: usize| places[frame * j + joint];
+    let (positions, j) = (clip.positions(), clip.joints());
+    let at = |frame: usize, joint: usize| positions[frame * j + joint];
     let frames = clip.frames().saturating_sub(2);
     let speeding: Vec<f64> = (0..frames)
         .map(|f| {
@@ -45,9 +45,9 @@ mod tests {
     use crate::{Quat, Vec3, smpl};
 
     /// A body at rest that moves along x and y by these metres.
-    fn going(way: &[(f64, f64)]) -> Clip {
-        let root = way.iter().map(|&(x, y)| Vec3::new(x, y, 0.0)).collect();
-        Clip::new(smpl::neutral(), FPS, root, vec![Quat::IDENTITY; 24 * way.len()]).unwrap()
+    fn going(path: &[(f64, f64)]) -> Clip {
+        let root = path.iter().map(|&(x, y)| Vec3::new(x, y, 0.0)).collect();
+        Clip::new(smpl::neutral(), FPS, root, vec![Quat::IDENTITY; 24 * path.len()]).unwrap()
     }
 
     #[test]

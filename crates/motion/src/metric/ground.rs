@@ -113,8 +113,8 @@ mod tests {
 
     const FPS: f64 = 60.0;
 
-    fn near(found: Option<f64>, wanted: f64) -> bool {
-        found.is_some_and(|x| (x - wanted).abs() < 1e-9)
+    fn near(found: Option<f64>, expected: f64) -> bool {
+        found.is_some_and(|x| (x - expected).abs() < 1e-9)
     }
 
     #[test]

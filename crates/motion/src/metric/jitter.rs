@@ -15,9 +15,9 @@ pub fn jitter(clip: &Clip) -> Option<f64> {
 /// # Panics
 /// If the clip lacks one of the joints.
 pub fn jitter_of(clip: &Clip, joints: &[usize]) -> Option<f64> {
-    let (places, j) = (clip.positions(), clip.joints());
+    let (positions, j) = (clip.positions(), clip.joints());
     let last = clip.frames().checked_sub(3).filter(|n| *n > 0 && !joints.is_empty())?;
-    let third = |i: usize| places[i + 3 * j] - places[i + 2 * j] * 3.0 + places[i + j] * 3.0 - places[i];
+    let third = |i: usize| positions[i + 3 * j] - positions[i + 2 * j] * 3.0 + positions[i + j] * 3.0 - positions[i];
     let sum: f64 =
         (0..last).flat_map(|f| joints.iter().map(move |joint| f * j + joint)).map(|i| third(i).length()).sum();
     Some(sum / (last * joints.len()) as f64 * clip.fps().powi(3))

@@ -173,8 +173,8 @@ impl ShortTerm {
         let moving: Vec<bool> = (0..c).map(moves).collect();
         let norm = |(a, b): (&[f64], &[f64])| {
             let parts = a.iter().zip(b).zip(&moving).filter(|(_, moving)| **moving).map(|((a, b), _)| {
-                let apart = a - b;
-                if around { (apart + PI).rem_euclid(TAU) - PI } else { apart }
+                let difference = a - b;
+                if around { (difference + PI).rem_euclid(TAU) - PI } else { difference }
             });
             parts.map(|x| x * x).sum::<f64>().sqrt()
         };

@@ -23,9 +23,9 @@ impl Skate {
     /// # Panics
     /// If the clip is not on the rig of these feet.
     pub fn of(feet: &Feet, clip: &Clip) -> Skate {
-        let (places, j) = (clip.positions(), clip.joints());
+        let (positions, j) = (clip.positions(), clip.joints());
         let mut skate = Skate::default();
-        for pair in places.chunks_exact(j).collect::<Vec<_>>().windows(2) {
+        for pair in positions.chunks_exact(j).collect::<Vec<_>>().windows(2) {
             for &(foot, rest_m) in &feet.joints {
                 let [a, b] = [pair[0][foot], pair[1][foot]];
                 if a.y - rest_m < LOW_M && b.y - rest_m < LOW_M {

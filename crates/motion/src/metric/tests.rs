@@ -160,14 +160,14 @@ fn a_jump_at_a_border_is_seen() {
 #[test]
 fn what_cannot_be_compared_is_refused() {
     let (a, b) = (straight(2), straight(3));
-    let said = |e: Result<()>| e.unwrap_err().to_string();
+    let message = |e: Result<()>| e.unwrap_err().to_string();
     let expected = "the second clip is one of 3 frames and 3 joints; expected 2 frames and 3 joints, as the first has";
-    assert_eq!(said(Mpjpe::default().add(&a, &b)), expected);
-    assert_eq!(said(GeodesicError::new(vec![0]).add(&a, &b)), expected);
-    assert_eq!(said(VectorAngle::new(vec![0]).add(&a, &b)), expected);
-    assert_eq!(said(BorderJerk::new(1).add(&a, &b)), expected);
-    assert!(said(GeodesicError::new(vec![3]).add(&a, &a)).contains("a joint to measure is 3; expected less than 3"));
-    assert!(said(Mpjpe::default().add_positions(&[Vec3::ZERO; 4], &[Vec3::ZERO; 4], 3)).contains("whole frames"));
+    assert_eq!(message(Mpjpe::default().add(&a, &b)), expected);
+    assert_eq!(message(GeodesicError::new(vec![0]).add(&a, &b)), expected);
+    assert_eq!(message(VectorAngle::new(vec![0]).add(&a, &b)), expected);
+    assert_eq!(message(BorderJerk::new(1).add(&a, &b)), expected);
+    assert!(message(GeodesicError::new(vec![3]).add(&a, &a)).contains("a joint to measure is 3; expected less than 3"));
+    assert!(message(Mpjpe::default().add_positions(&[Vec3::ZERO; 4], &[Vec3::ZERO; 4], 3)).contains("whole frames"));
 }
 
 #[test]

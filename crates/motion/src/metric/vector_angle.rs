@@ -103,10 +103,10 @@ fn angle(a: &[Vec3], b: &[Vec3]) -> Option<f64> {
     if m < SHORTEST || n < SHORTEST {
         return None;
     }
-    let (mut apart, mut together) = (0.0, 0.0);
+    let (mut difference, mut sum) = (0.0, 0.0);
     for (&v, &w) in a.iter().zip(b) {
-        apart += (v / m - w / n).length_squared();
-        together += (v / m + w / n).length_squared();
+        difference += (v / m - w / n).length_squared();
+        sum += (v / m + w / n).length_squared();
     }
-    Some(2.0 * apart.sqrt().atan2(together.sqrt()))
+    Some(2.0 * difference.sqrt().atan2(sum.sqrt()))
 }

@@ -103,11 +103,12 @@ impl Retarget {
                 joint.is_some_and(|j| id == 0 || rig.offsets()[j].distance(smpl.offsets()[id]) < 1e-6)
             });
         let scale = if alike { 1.0 } else { scale };
-        let mut way = Retarget { rig: Arc::new(rig.clone()), smpl, links, rest, scale, rise: 0.0, floor: 0.0, same };
+        let mut retarget =
+            Retarget { rig: Arc::new(rig.clone()), smpl, links, rest, scale, rise: 0.0, floor: 0.0, same };
         if !alike {
-            way.rise = way.rise(&pose)?;
+            retarget.rise = retarget.rise(&pose)?;
         }
-        Ok(way)
+        Ok(retarget)
     }
 
     /// Scales the path about a floor at this height, metres. The default is 0.
@@ -383,9 +384,9 @@ pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
         return on_neutral(motion);
     }
     let retargeted = || {
-        let way = Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?;
-        let floor_m = if way.same { 0.0 } else { floor_height(motion, map)? };
-        way.with_floor(floor_m).to_smpl(&motion.clip)
+        let retarget = Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?;
+        let floor_m = if retarget.same { 0.0 } else { floor_height(motion, map)? };
+        retarget.with_floor(floor_m).to_smpl(&motion.clip)
     };
     retargeted().map_err(|e| e.in_clip(&motion.path))
 }

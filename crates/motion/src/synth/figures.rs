@@ -16,7 +16,7 @@ pub struct Landing {
     pub beats: f64,
     pub height_m: f64,
     pub out: f64,
-    pub ahead: f64,
+    pub forward: f64,
 }
 
 /// A dance figure.
@@ -137,8 +137,8 @@ fn v(x: f64, y: f64, z: f64) -> Vec3 {
     Vec3::new(x, y, z)
 }
 
-const fn land(foot: usize, beat: f64, beats: f64, height_m: f64, out: f64, ahead: f64) -> Landing {
-    Landing { foot, beat, beats, height_m, out, ahead }
+const fn land(foot: usize, beat: f64, beats: f64, height_m: f64, out: f64, forward: f64) -> Landing {
+    Landing { foot, beat, beats, height_m, out, forward }
 }
 
 const DRIFT_STEPS: &[Landing] = &[
@@ -380,11 +380,11 @@ const CHASE_STEPS: &[Landing] = &[
 fn spin_chase(b: f64) -> Control {
     // a three-step turn to the left and back while the arms describe a large circle
     let (s, c) = (wave(b / 4.0), wave(b / 4.0 + 0.25));
-    let way = between(b, 0.0, 3.4) - between(b, 4.0, 7.4);
+    let path = between(b, 0.0, 3.4) - between(b, 4.0, 7.4);
     let lean = wave(b / 8.0);
     Control {
         wrists: [v(0.42 + 0.36 * s, 0.12 - 0.55 * c, 0.4), v(0.42 - 0.36 * s, 0.12 - 0.55 * c, 0.4)],
-        travel: v(0.55 * way, -0.02 - 0.02 * (TAU * b).cos(), 0.0),
+        travel: v(0.55 * path, -0.02 - 0.02 * (TAU * b).cos(), 0.0),
         turn: TAU * (between(b, 0.1, 3.5) - between(b, 4.1, 7.5)),
         hips: v(0.0, 0.15 * lean, 0.05 * wave(b / 2.0)),
         spine: v(0.02, 0.2 * s, -0.14 * s),

@@ -26,7 +26,7 @@ use dancers::{DANCERS, Dancer};
 use figures::{GENRES, Genre};
 use rng::Rng;
 use score::Score;
-use solve::Wishes;
+use solve::Targets;
 use steps::{Foot, Steps};
 
 /// A synthetic dance with its labels.
@@ -121,19 +121,19 @@ const PIVOT: f64 = 0.75;
 fn perform(score: &Score, seconds: f64, fps: f64) -> Result<Clip> {
     let skeleton = smpl::neutral();
     let times: Vec<f64> = (0..(seconds * fps).round() as usize).map(|f| f as f64 / fps).collect();
-    let controls = followed(score, &times, fps);
+    let controls = smoothed_controls(score, &times, fps);
     let steps = score.steps();
     let weight: Vec<f64> = times.iter().map(|&t| steps.weight(t)).collect();
     let weight = smooth(&weight, 0.11 * fps);
     let feet: Vec<[Foot; 2]> =
-        (0..times.len()).map(|f| [0, 1].map(|foot| stand(&steps, foot, times[f], &controls[f], weight[f]))).collect();
-    let pelvis = carried(score, &controls, &feet, &weight, fps);
+        (0..times.len()).map(|f| [0, 1].map(|foot| foot_at(&steps, foot, times[f], &controls[f], weight[f]))).collect();
+    let pelvis = pelvis_path(score, &controls, &feet, &weight, fps);
     let (mut root, mut rotations) = (Vec::new(), Vec::new());
     for f in 0..times.len() {
         let (before, after) = (&controls[f.saturating_sub(1)], &controls[(f + 1).min(times.len() - 1)]);
         let wrist_velocity = [0, 1].map(|side| (after.wrists[side] - before.wrists[side]) * (0.5 * fps));
-        let wishes = Wishes { control: controls[f], feet: feet[f], pelvis: pelvis[f], wrist_velocity };
-        let pose = solve::solve(&skeleton, &wishes);
+        let targets = Targets { control: controls[f], feet: feet[f], pelvis: pelvis[f], wrist_velocity };
+        let pose = solve::solve(&skeleton, &targets);
         root.push(pose.root);
         rotations.extend(pose.local);
     }
@@ -141,7 +141,7 @@ fn perform(score: &Score, seconds: f64, fps: f64) -> Result<Clip> {
 }
 
 /// The controls after the low pass that stands for the body's inertia.
-fn followed(score: &Score, times: &[f64], fps: f64) -> Vec<Control> {
+fn smoothed_controls(score: &Score, times: &[f64], fps: f64) -> Vec<Control> {
     let raw: Vec<[f64; CHANNELS]> = times.iter().map(|&t| score.control(t).channels()).collect();
     let columns: Vec<Vec<f64>> = (0..CHANNELS)
         .map(|c| smooth(&raw.iter().map(|r| r[c]).collect::<Vec<_>>(), score.softness_s() * fps))
@@ -150,7 +150,7 @@ fn followed(score: &Score, times: &[f64], fps: f64) -> Vec<Control> {
 }
 
 /// The foot as planned, pivoted on its ball if the body has turned too far, with its heel up when unweighted.
-fn stand(steps: &Steps, foot: usize, time_s: f64, c: &Control, weight: f64) -> Foot {
+fn foot_at(steps: &Steps, foot: usize, time_s: f64, c: &Control, weight: f64) -> Foot {
     let planned = steps.foot(foot, time_s);
     let away = planned.heading - c.turn;
     let turned = PIVOT * (away / PIVOT).tanh();
@@ -161,7 +161,7 @@ fn stand(steps: &Steps, foot: usize, time_s: f64, c: &Control, weight: f64) -> F
 }
 
 /// The path of the pelvis: between the feet by weight, displaced by the figure; its height is not limited by the legs yet.
-fn carried(score: &Score, controls: &[Control], feet: &[[Foot; 2]], weight: &[f64], fps: f64) -> Vec<Vec3> {
+fn pelvis_path(score: &Score, controls: &[Control], feet: &[[Foot; 2]], weight: &[f64], fps: f64) -> Vec<Vec3> {
     let under = |foot: &Foot| foot.toe - Vec3::new(foot.heading.sin(), 0.0, foot.heading.cos()) * 0.085;
     let between: Vec<Vec3> = feet
         .iter()
@@ -173,7 +173,7 @@ fn carried(score: &Score, controls: &[Control], feet: &[[Foot; 2]], weight: &[f6
     let place = |f: usize| {
         let c = &controls[f];
         let shift = crate::Quat::from_rotation_y(c.turn) * c.shift;
-        Vec3::new(x[f] + shift.x, score.carriage_m() + c.travel.y, z[f] + shift.z)
+        Vec3::new(x[f] + shift.x, score.hip_height_m() + c.travel.y, z[f] + shift.z)
     };
     (0..controls.len()).map(place).collect()
 }

@@ -186,9 +186,9 @@ impl Score {
     }
 
     /// The footprint of a foot for the controls `c`.
-    fn print(&self, foot: usize, c: &Control, out: f64, ahead: f64) -> Footprint {
+    fn print(&self, foot: usize, c: &Control, out: f64, forward: f64) -> Footprint {
         let side = if foot == 0 { 1.0 } else { -1.0 };
-        let place = Vec3::new(side * (self.dancer.stance_m + out), 0.0, 0.09 + ahead);
+        let place = Vec3::new(side * (self.dancer.stance_m + out), 0.0, 0.09 + forward);
         let toe = Vec3::new(c.travel.x, 0.0, c.travel.z) + Quat::from_rotation_y(c.turn) * place;
         Footprint { toe: Vec3::new(toe.x, 0.0, toe.z), heading: c.turn + side * 0.16 }
     }
@@ -206,7 +206,7 @@ impl Score {
                     start_s: self.time_s(beat - landing.beats),
                     land_s: self.time_s(beat),
                     height_m: landing.height_m * self.amplitude,
-                    to: self.print(foot, &c, landing.out * self.amplitude, landing.ahead * self.amplitude),
+                    to: self.print(foot, &c, landing.out * self.amplitude, landing.forward * self.amplitude),
                 });
             }
         }
@@ -226,7 +226,7 @@ impl Score {
     }
 
     /// Height of the hips before the figures' changes, metres.
-    pub fn carriage_m(&self) -> f64 {
+    pub fn hip_height_m(&self) -> f64 {
         crate::smpl::STANDING_PELVIS_M - self.genre.crouch_m
     }
 }

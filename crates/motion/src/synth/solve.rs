@@ -14,7 +14,7 @@ pub struct Pose {
 }
 
 /// The targets of the body at one moment.
-pub struct Wishes {
+pub struct Targets {
     pub control: Control,
     pub feet: [Foot; 2],
     /// Pelvis position: x and z between the feet, y its height, metres.
@@ -36,13 +36,13 @@ const SPINE: [(usize, f64); 3] = [(3, 0.3), (6, 0.35), (9, 0.35)];
 const STRAIGHTEST: f64 = 0.988;
 
 /// The pose that meets the targets as far as the limbs reach.
-pub fn solve(skeleton: &Skeleton, wishes: &Wishes) -> Pose {
-    let c = &wishes.control;
+pub fn solve(skeleton: &Skeleton, targets: &Targets) -> Pose {
+    let c = &targets.control;
     let heading = Quat::from_rotation_y(c.turn);
     let mut body = Body::new(skeleton);
     body.turn_to(0, heading * from_vector(c.hips));
-    body.place[0] = wishes.pelvis;
-    body.place[0].y = reachable_height(skeleton, wishes, body.global[0]);
+    body.place[0] = targets.pelvis;
+    body.place[0].y = reachable_height(skeleton, targets, body.global[0]);
     for (joint, share) in SPINE {
         body.turn(joint, from_vector(c.spine * share));
     }
@@ -51,21 +51,21 @@ pub fn solve(skeleton: &Skeleton, wishes: &Wishes) -> Pose {
     body.turn(12, neck);
     body.turn(15, neck);
     for side in 0..2 {
-        body.arm(side, c.wrists[side], wishes.wrist_velocity[side]);
-        body.leg(side, &wishes.feet[side]);
+        body.arm(side, c.wrists[side], targets.wrist_velocity[side]);
+        body.leg(side, &targets.feet[side]);
     }
     Pose { root: body.place[0], local: body.local }
 }
 
 /// The pelvis height at which both legs reach their feet without locking a knee.
-fn reachable_height(skeleton: &Skeleton, wishes: &Wishes, pelvis: Quat) -> f64 {
-    let mut height = wishes.pelvis.y;
-    for (side, foot) in wishes.feet.iter().enumerate() {
+fn reachable_height(skeleton: &Skeleton, targets: &Targets, pelvis: Quat) -> f64 {
+    let mut height = targets.pelvis.y;
+    for (side, foot) in targets.feet.iter().enumerate() {
         let length = leg_length(skeleton, side) * STRAIGHTEST;
         let hip = pelvis * skeleton.offsets()[HIP[side]];
-        let away = ankle(skeleton, side, foot) - wishes.pelvis - hip;
+        let away = ankle(skeleton, side, foot) - targets.pelvis - hip;
         let across = away.x * away.x + away.z * away.z;
-        let highest = wishes.pelvis.y + away.y + (length * length - across).max(0.01).sqrt();
+        let highest = targets.pelvis.y + away.y + (length * length - across).max(0.01).sqrt();
         height = soft_min(height, highest, 0.012);
     }
     height
@@ -186,9 +186,9 @@ impl<'a> Body<'a> {
         // knees point half-way between body and foot, slightly outward
         let facing = self.global[0] * Vec3::new(if side == 0 { 0.12 } else { -0.12 }, 0.0, 1.0);
         let pole = facing.normalize() + Vec3::new(foot.heading.sin(), 0.0, foot.heading.cos());
-        let Bend { middle: knee, along, across: ahead } = bend(target, thigh, shin, pole);
+        let Bend { middle: knee, along, across: forward } = bend(target, thigh, shin, pole);
         let y = -along;
-        self.turn_to(HIP[side], Quat::from_mat3(&DMat3::from_cols(y.cross(ahead), y, ahead)));
+        self.turn_to(HIP[side], Quat::from_mat3(&DMat3::from_cols(y.cross(forward), y, forward)));
         let shin = self.global[HIP[side]].conjugate() * (target - knee);
         let rest = self.skeleton.offsets()[ANKLE[side]];
         let flexion = (-shin.z).atan2(-shin.y) - (-rest.z).atan2(-rest.y);
@@ -202,9 +202,9 @@ mod tests {
     use super::*;
     use crate::{GlobalPose, smpl};
 
-    fn wishes() -> Wishes {
+    fn targets() -> Targets {
         let foot = |x: f64| Foot { toe: Vec3::new(x, 0.0, 0.1), heading: 0.0, pitch: 0.0 };
-        Wishes {
+        Targets {
             control: Control::REST,
             feet: [foot(0.1), foot(-0.12)],
             pelvis: Vec3::new(0.0, 0.92, 0.0),
@@ -212,14 +212,14 @@ mod tests {
         }
     }
 
-    fn places(w: &Wishes) -> Vec<Vec3> {
+    fn positions(w: &Targets) -> Vec<Vec3> {
         let pose = solve(&smpl::neutral(), w);
         GlobalPose::new(&smpl::neutral(), pose.root, &pose.local).positions
     }
 
     #[test]
     fn hands_and_feet_arrive() {
-        let mut w = wishes();
+        let mut w = targets();
         w.control.wrists = [Vec3::new(0.5, 0.4, 0.3), Vec3::new(-0.1, -0.2, 0.6)];
         w.control.spine = Vec3::new(0.2, 0.3, -0.1);
         w.feet[0] = Foot { toe: Vec3::new(0.2, 0.15, 0.3), heading: 0.4, pitch: 0.5 };
@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn knees_bend_forward_elbows_back() {
-        let p = places(&wishes());
+        let p = positions(&targets());
         for side in 0..2 {
             assert!(p[KNEE[side]].z > p[HIP[side]].z && p[KNEE[side]].z > p[ANKLE[side]].z);
             assert!(p[ELBOW[side]].z < p[WRIST[side]].z);
@@ -244,9 +244,9 @@ mod tests {
 
     #[test]
     fn hips_come_down_when_a_foot_is_far() {
-        let mut w = wishes();
+        let mut w = targets();
         w.feet[0].toe.x = 0.7;
-        let p = places(&w);
+        let p = positions(&w);
         assert!(p[0].y < 0.85);
         assert!((p[TOE[0]] - w.feet[0].toe).length() < 1e-9);
     }

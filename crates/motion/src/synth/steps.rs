@@ -76,11 +76,11 @@ impl Steps {
         let (from, step) = (self.print_before(foot, n), self.steps[n]);
         let t = ((time_s - step.start_s) / (step.land_s - step.start_s)).clamp(0.0, 1.0);
         // the horizontal path starts and ends smoothly; the height peaks a little late, so that feet fall
-        let way = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
+        let progress = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
         let late = t.powf(1.15);
         let arch = 16.0 * (late * (1.0 - late)).powi(2);
-        let toe = from.toe.lerp(step.to.toe, way) + Vec3::Y * (step.height_m * arch);
-        let heading = from.heading + (step.to.heading - from.heading) * way;
+        let toe = from.toe.lerp(step.to.toe, progress) + Vec3::Y * (step.height_m * arch);
+        let heading = from.heading + (step.to.heading - from.heading) * progress;
         Foot { toe, heading, pitch: (2.0 + 4.0 * step.height_m).min(2.6) * 0.25 * arch }
     }
 

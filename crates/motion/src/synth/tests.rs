@@ -131,8 +131,8 @@ fn at_another_rate_it_is_the_same_dance() {
         let (p, q) = (a.clip.positions(), b.clip.positions());
         for f in 0..b.clip.frames() {
             for j in 0..24 {
-                let apart = (p[24 * 2 * f + j] - q[24 * f + j]).length();
-                assert!(apart < 0.02, "{} frame {f} {}: {apart} m", a.name(), smpl::NAMES[j]);
+                let distance = (p[24 * 2 * f + j] - q[24 * f + j]).length();
+                assert!(distance < 0.02, "{} frame {f} {}: {distance} m", a.name(), smpl::NAMES[j]);
             }
         }
     }

@@ -51,10 +51,10 @@ impl<'a> Array<'a> {
         let array = Array { path: path.to_owned(), key: key.to_owned(), dtype, shape, order, bytes };
         match byte_count(&array.shape, &array.dtype) {
             Some(n) if n == array.bytes.len() as u64 && array.order_fits() => Ok(array),
-            wanted => {
-                let wanted = wanted.map_or("fewer than 2^63".into(), |n| n.to_string());
+            expected => {
+                let expected = expected.map_or("fewer than 2^63".into(), |n| n.to_string());
                 let found = format!("{} bytes for {} {:?}", array.bytes.len(), array.dtype, array.shape);
-                Err(array.fault(FaultKind::Truncated, found, format!("{wanted} bytes")))
+                Err(array.fault(FaultKind::Truncated, found, format!("{expected} bytes")))
             }
         }
     }

@@ -49,7 +49,7 @@ impl BvhSource {
 
     fn lack(&self, clip: &Clip) -> Result<Lack> {
         let (nodes, rig, skeleton) = (&self.head.nodes, &self.rig, clip.skeleton());
-        let own = rig.axes.skeleton_laid_back(&rig.skeleton)?;
+        let own = rig.axes.skeleton_from_y_up(&rig.skeleton)?;
         let mut lack = Lack { offsets: Vec::new(), channels: Vec::new() };
         for (j, &node) in rig.joints.iter().enumerate().skip(1) {
             let want = skeleton.offsets()[j];

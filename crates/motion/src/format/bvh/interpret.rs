@@ -63,10 +63,10 @@ impl Frames<'_> {
         if !self.moves(node) || self.frames == 0 {
             return (Vec3::from_array(self.nodes[node].offset), 0.0);
         }
-        let places = || (0..self.frames).map(|f| self.place(node, self.row(f)));
+        let positions = || (0..self.frames).map(|f| self.place(node, self.row(f)));
         let first = self.place(node, self.row(0));
-        let mean = first + places().map(|p| p - first).sum::<Vec3>() / self.frames as f64;
-        (mean, places().map(|p| p.distance(mean)).fold(0.0, f64::max))
+        let mean = first + positions().map(|p| p - first).sum::<Vec3>() / self.frames as f64;
+        (mean, positions().map(|p| p.distance(mean)).fold(0.0, f64::max))
     }
 }
 

@@ -126,7 +126,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
         warnings.push(Warning { kind: "up_axis", what });
     }
     source.rig.axes = axes;
-    let clip = axes.stand(clip)?;
+    let clip = axes.to_y_up(clip)?;
     source.rig.skeleton = clip.skeleton().clone();
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
 }
@@ -142,8 +142,8 @@ impl BvhSource {
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) for numbers beyond a finite clip, or a rate that is not positive.
     pub fn clip(&self, fps: f64) -> Result<Clip> {
-        let skeleton = self.rig.axes.skeleton_laid_back(&self.rig.skeleton)?;
-        self.rig.axes.stand(interpret::clip(&self.rig, skeleton, &self.as_frames(), fps)?)
+        let skeleton = self.rig.axes.skeleton_from_y_up(&self.rig.skeleton)?;
+        self.rig.axes.to_y_up(interpret::clip(&self.rig, skeleton, &self.as_frames(), fps)?)
     }
 
     /// Frames per second by the frame time in the file, whatever rate the clip was read at.

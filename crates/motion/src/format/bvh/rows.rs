@@ -91,7 +91,7 @@ impl Slow<'_> {
     /// Continues with row `frames` at byte `at`, after the rows parsed so far.
     fn rest(&self, mut numbers: Vec<f64>, frames: usize, mut at: usize) -> Result<Rows, FileError> {
         let (bytes, width) = (self.text.bytes, self.head.width);
-        let wanted = self.declared.saturating_mul(width);
+        let expected = self.declared.saturating_mul(width);
         let mut bad: Option<BadLine> = None;
         let (mut row, mut whole) = (frames, numbers.len());
         loop {
@@ -124,7 +124,7 @@ impl Slow<'_> {
             }
             row += 1;
         }
-        self.judge(numbers, bad, whole, row, wanted, at)
+        self.judge(numbers, bad, whole, row, expected, at)
     }
 
     /// The word at a byte offset; braces have no meaning here.
@@ -140,12 +140,12 @@ impl Slow<'_> {
         bad: Option<BadLine>,
         whole: usize,
         lines: usize,
-        wanted: usize,
+        expected: usize,
         at: usize,
     ) -> Result<Rows, FileError> {
         let width = self.head.width;
         if let Some(bad) = bad {
-            if numbers.len() == wanted {
+            if numbers.len() == expected {
                 let what = format!("rows are wrapped over lines, from row {} on: read by count", bad.row);
                 let warnings = vec![Warning { kind: "rows_wrapped", what }];
                 return Ok(Rows { numbers, frames: self.declared, warnings });
@@ -160,7 +160,7 @@ impl Slow<'_> {
         if width == 0 || whole / width < self.declared {
             return self.short(numbers, whole, 0);
         }
-        numbers.truncate(wanted);
+        numbers.truncate(expected);
         let warnings = extra(self.text, self.head, at, self.lenient)?;
         Ok(Rows { numbers, frames: self.declared, warnings })
     }

@@ -32,12 +32,12 @@ impl BvhSource {
             let found = format!("{frames} frames of {joints} joints with {flags} flags");
             return Err(Error::invalid("the clip to splice", found, format!("the rig's {own} joints, a flag each")));
         }
-        let clip = self.rig.axes.lay_back(clip)?;
+        let clip = self.rig.axes.from_y_up(clip)?;
         let rig = self.for_clip(&clip)?;
         let (width, own) = (rig.head.width, self.head.width);
-        let kept = |frame: usize| self.kept(frame, changed, &rig);
+        let copied = |frame: usize| self.copied(frame, changed, &rig);
         let numbers = rig.rows_with(&clip, self, |frame, row| {
-            for (number, from) in row.iter_mut().zip(kept(frame)) {
+            for (number, from) in row.iter_mut().zip(copied(frame)) {
                 *number = from.map_or(*number, |column| self.numbers[(changed.before + frame) * own + column]);
             }
         });
@@ -46,13 +46,13 @@ impl BvhSource {
         let time = if self.fps() == clip.fps() { self.head.frame_time.clone() } else { frame_time::text(clip.fps())? };
         let mut out = print_head(&rig.head, &time, frames, numbers.len());
         for (frame, row) in numbers.chunks_exact(width.max(1)).enumerate() {
-            let kept = kept(frame);
+            let copied = copied(frame);
             let of_file = changed.before + frame;
             match words.get(of_file * own..(of_file + 1) * own) {
-                Some([first, .., last]) if width == own && kept.iter().all(Option::is_some) => {
+                Some([first, .., last]) if width == own && copied.iter().all(Option::is_some) => {
                     out.extend_from_slice(&text[first.start..last.end]);
                 }
-                words => print_row(&mut out, row, &kept, words.unwrap_or_default(), text),
+                words => print_row(&mut out, row, &copied, words.unwrap_or_default(), text),
             }
             out.extend_from_slice(rig.head.style.line_end.as_bytes());
         }
@@ -60,10 +60,10 @@ impl BvhSource {
     }
 
     /// For each column of `rig`, the unchanged column of this file that it copies (C).
-    fn kept(&self, frame: usize, changed: &Changed, rig: &BvhSource) -> Vec<Option<usize>> {
-        let mut kept = vec![None; rig.head.width];
+    fn copied(&self, frame: usize, changed: &Changed, rig: &BvhSource) -> Vec<Option<usize>> {
+        let mut copied = vec![None; rig.head.width];
         if changed.before + frame >= self.frames {
-            return kept;
+            return copied;
         }
         let joints = self.rig.joints.len();
         let mut new = vec![false; self.head.width];
@@ -71,11 +71,11 @@ impl BvhSource {
         for (was, is) in self.head.nodes.iter().zip(&rig.head.nodes) {
             for (i, channel) in was.channels.iter().enumerate().filter(|(i, _)| !new[was.column + i]) {
                 if let Some(at) = is.channels.iter().position(|c| c == channel) {
-                    kept[is.column + at] = Some(was.column + i);
+                    copied[is.column + at] = Some(was.column + i);
                 }
             }
         }
-        kept
+        copied
     }
 
     /// Marks the channels that are new in a frame (C).
@@ -97,8 +97,8 @@ impl BvhSource {
 }
 
 /// Prints a row, with the file's text for unchanged numbers.
-fn print_row(out: &mut Vec<u8>, row: &[f64], kept: &[Option<usize>], words: &[Range<usize>], text: &[u8]) {
-    for (i, (&number, column)) in row.iter().zip(kept).enumerate() {
+fn print_row(out: &mut Vec<u8>, row: &[f64], copied: &[Option<usize>], words: &[Range<usize>], text: &[u8]) {
+    for (i, (&number, column)) in row.iter().zip(copied).enumerate() {
         if i > 0 {
             out.push(b' ');
         }

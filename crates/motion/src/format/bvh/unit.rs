@@ -149,14 +149,14 @@ mod tests {
     #[test]
     fn what_tells_nothing_is_an_error_with_its_place() {
         let names = ["LeftHip", "LeftKnee", "LeftAnkle"];
-        for (text, says) in [
+        for (text, expected) in [
             (file(5.0, names, ""), "a leg of 4.1000"),
             (file(1.0, ["a", "b", "c"], ""), "no joints whose names"),
             (file(1.0, names, "0 0 0"), "`bvh_position` add"),
         ] {
             let e = read(&text, &ReadOptions::default()).unwrap_err();
             assert_eq!(e.fault(), Some(FaultKind::UnitUnknown));
-            assert!(e.to_string().contains("x.bvh:2:1") && e.to_string().contains(says), "{e}");
+            assert!(e.to_string().contains("x.bvh:2:1") && e.to_string().contains(expected), "{e}");
         }
         let options = ReadOptions { bvh_position: BvhPosition::Add, ..Default::default() };
         assert!(read(&file(1.0, names, "0 0 0"), &options).is_ok());

@@ -14,7 +14,7 @@ const CAP: [(f64, f64); 2] = [(0.71, 0.71), (0.0, 1.0)];
 #[derive(Debug, Default)]
 pub struct Mesh {
     /// Positions (V).
-    pub places: Vec<Vec3>,
+    pub positions: Vec<Vec3>,
     /// Unit normals (V).
     pub normals: Vec<Vec3>,
     /// The joint of each vertex (V).
@@ -32,11 +32,11 @@ impl Mesh {
         let rest = Clip::new(skeleton.clone(), 1.0, vec![Vec3::ZERO], vec![Quat::IDENTITY; skeleton.joints()])?;
         let height = standing_height_m(skeleton).unwrap_or_else(|| extent(&rest));
         let body = CapsuleBody::new(skeleton, height, &[]);
-        let mut places = Vec::new();
-        body.points(&rest, 0, &mut GlobalPose::default(), &mut places);
+        let mut positions = Vec::new();
+        body.points(&rest, 0, &mut GlobalPose::default(), &mut positions);
         let mut mesh = Mesh::default();
         for bone in &body.bones {
-            mesh.add_capsule(places[bone.a], places[bone.b], (bone.ra, bone.rb), bone.a);
+            mesh.add_capsule(positions[bone.a], positions[bone.b], (bone.ra, bone.rb), bone.a);
         }
         Ok(mesh)
     }
@@ -45,12 +45,12 @@ impl Mesh {
         let along = (b - a).normalize_or(Vec3::Y);
         let across = along.any_orthonormal_vector();
         let other = along.cross(across);
-        let first = self.places.len() as u32;
+        let first = self.positions.len() as u32;
         let mut rings = 0;
         let before = CAP.into_iter().map(|(back, wide)| (a - along * back * ra, wide * ra, -back));
-        let behind = CAP.into_iter().rev().map(|(back, wide)| (b + along * back * rb, wide * rb, back));
+        let after = CAP.into_iter().rev().map(|(back, wide)| (b + along * back * rb, wide * rb, back));
         self.add(a - along * ra, -along, joint);
-        for (middle, radius, tilt) in before.chain(behind) {
+        for (middle, radius, tilt) in before.chain(after) {
             for side in 0..SIDES {
                 let (sin, cos) = (TAU * side as f64 / SIDES as f64).sin_cos();
                 let out = across * cos + other * sin;
@@ -73,7 +73,7 @@ impl Mesh {
     }
 
     fn add(&mut self, place: Vec3, normal: Vec3, joint: usize) {
-        self.places.push(place);
+        self.positions.push(place);
         self.normals.push(normal);
         self.joints.push(joint);
     }
@@ -96,7 +96,7 @@ mod tests {
         let mut mesh = Mesh::default();
         let (a, b) = (Vec3::new(0.1, 0.2, 0.3), Vec3::new(0.1, 0.8, 0.5));
         mesh.add_capsule(a, b, (0.1, 0.05), 3);
-        assert_eq!((mesh.places.len(), mesh.corners.len()), (2 + 4 * SIDES, 2 * SIDES + 2 * 3 * SIDES));
+        assert_eq!((mesh.positions.len(), mesh.corners.len()), (2 + 4 * SIDES, 2 * SIDES + 2 * 3 * SIDES));
         // each edge occurs once in each direction
         let mut edges: Vec<(u32, u32)> = mesh.corners.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
         edges.sort_unstable();
@@ -104,7 +104,7 @@ mod tests {
         assert!(edges.iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok()));
         let middle = (a + b) / 2.0;
         for corners in &mesh.corners {
-            let [p, q, r] = corners.map(|at| mesh.places[at as usize]);
+            let [p, q, r] = corners.map(|at| mesh.positions[at as usize]);
             let out = (q - p).cross(r - p);
             assert!(out.dot((p + q + r) / 3.0 - middle) > 0.0);
             assert!(corners.iter().all(|&at| out.dot(mesh.normals[at as usize]) > 0.0));
@@ -114,7 +114,7 @@ mod tests {
     #[test]
     fn every_bone_of_a_body_has_its_joint() {
         let mesh = Mesh::of(&smpl::neutral()).unwrap();
-        assert_eq!(mesh.places.len(), 24 * (2 + 4 * SIDES));
+        assert_eq!(mesh.positions.len(), 24 * (2 + 4 * SIDES));
         assert!(mesh.joints.iter().all(|&joint| joint < 24) && mesh.joints.contains(&18));
         assert!(mesh.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-9));
     }

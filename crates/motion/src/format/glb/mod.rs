@@ -123,12 +123,12 @@ impl Scene {
         let matrices = self.buffer.floats(&matrices, ("MAT4", 16), Target::None, false);
         let nodes: Vec<usize> = (first..first + joints).collect();
         let mesh = Mesh::of(skeleton)?;
-        if mesh.places.is_empty() {
+        if mesh.positions.is_empty() {
             return Ok(()); // a single point
         }
         self.skins.push(json!({"name": name, "inverseBindMatrices": matrices, "joints": nodes, "skeleton": first - 1}));
         let vectors = |of: &[Vec3]| -> Vec<f32> { of.iter().flat_map(|p| place(*p)).collect() };
-        let places = self.buffer.floats(&vectors(&mesh.places), ("VEC3", 3), Target::Vertices, true);
+        let positions = self.buffer.floats(&vectors(&mesh.positions), ("VEC3", 3), Target::Vertices, true);
         let normals = self.buffer.floats(&vectors(&mesh.normals), ("VEC3", 3), Target::Vertices, false);
         let turned_by: Vec<[u16; 4]> = mesh.joints.iter().map(|&joint| [joint as u16, 0, 0, 0]).collect();
         let turned_by = self.buffer.joints(&turned_by);
@@ -138,7 +138,7 @@ impl Scene {
         let [r, g, b] = colour;
         self.materials.push(json!({"name": name, "pbrMetallicRoughness":
             {"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.7}}));
-        let attributes = json!({"POSITION": places, "NORMAL": normals, "JOINTS_0": turned_by, "WEIGHTS_0": weights});
+        let attributes = json!({"POSITION": positions, "NORMAL": normals, "JOINTS_0": turned_by, "WEIGHTS_0": weights});
         let material = self.materials.len() - 1;
         let primitive = json!({"attributes": attributes, "indices": corners, "material": material});
         self.meshes.push(json!({"name": name, "primitives": [primitive]}));

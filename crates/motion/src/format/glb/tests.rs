@@ -40,8 +40,8 @@ fn nodes_and_keys_are_the_clip() {
                 assert_eq!(numbers[3 * f..3 * f + 3], place(clip.root()[f]));
             } else {
                 let [x, y, z, w] = [0, 1, 2, 3].map(|i| f64::from(numbers[4 * f + i]));
-                let apart = crate::rotation::angle_between(Quat::from_xyzw(x, y, z, w), clip.pose(f)[joint]);
-                assert!(apart < 1e-6, "joint {joint}, frame {f}: {apart}");
+                let distance = crate::rotation::angle_between(Quat::from_xyzw(x, y, z, w), clip.pose(f)[joint]);
+                assert!(distance < 1e-6, "joint {joint}, frame {f}: {distance}");
                 turned += 1;
             }
         }

@@ -26,8 +26,8 @@ impl<'a> Array<'a> {
         if header.dtype.element == Element::Object {
             return objects(path, key, &header, data);
         }
-        let wanted = byte_count(&header.shape, &header.dtype).and_then(|n| usize::try_from(n).ok());
-        let data = wanted.and_then(|n| data.get(..n)).unwrap_or(data);
+        let expected = byte_count(&header.shape, &header.dtype).and_then(|n| usize::try_from(n).ok());
+        let data = expected.and_then(|n| data.get(..n)).unwrap_or(data);
         Array::new(path, key, header.dtype, header.shape, header.order, Cow::Borrowed(data))
     }
 }

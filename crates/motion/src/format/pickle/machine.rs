@@ -210,31 +210,31 @@ impl<'a> Machine<'a> {
     }
 
     fn put(&mut self, opcode: u8) -> Step {
-        let place = match opcode {
+        let index = match opcode {
             0x94 => self.memo.len() as u32,
-            _ => self.memo_place(opcode == b'p', opcode == b'q')?,
+            _ => self.memo_index(opcode == b'p', opcode == b'q')?,
         };
         let top = self.peek()?;
         if self.memo.len() >= MAX_STACK {
-            return Err(self.large(format!("more than {MAX_STACK} memo places")));
+            return Err(self.large(format!("more than {MAX_STACK} memo entries")));
         }
-        self.memo.insert(place, top);
+        self.memo.insert(index, top);
         Ok(())
     }
 
     fn get(&mut self, opcode: u8) -> Step {
-        let place = self.memo_place(opcode == b'g', opcode == b'h')?;
-        match self.memo.get(&place) {
+        let index = self.memo_index(opcode == b'g', opcode == b'h')?;
+        match self.memo.get(&index) {
             Some(&id) => self.push_id(id),
-            None => Err(self.bad(format!("memo place {place}, which is empty"), "one that was filled")),
+            None => Err(self.bad(format!("memo index {index}, which is empty"), "one that was filled")),
         }
     }
 
-    fn memo_place(&mut self, line: bool, short: bool) -> Step<u32> {
+    fn memo_index(&mut self, line: bool, short: bool) -> Step<u32> {
         match (line, short) {
             (true, _) => {
                 let line = self.line()?;
-                self.parsed(line, "a memo place")
+                self.parsed(line, "a memo index")
             }
             (_, true) => self.byte().map(u32::from),
             _ => self.le(4).map(|n| n as u32),

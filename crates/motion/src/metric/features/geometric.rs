@@ -37,35 +37,35 @@ const NO_NORMAL: f64 = 1e-8;
 const COMPAT_RATE: f64 = 120.0;
 
 /// The fraction of frames, from the second on, in which each relation holds.
-pub fn geometric(places: &JointPositions, form: Formulas) -> [f64; GEOMETRIC] {
+pub fn geometric(positions: &JointPositions, form: Formulas) -> [f64; GEOMETRIC] {
     let (lengths, fps) = match form {
         Formulas::Compat => (Lengths::COMPAT, COMPAT_RATE),
-        Formulas::Fixed => (places.lengths, places.fps),
+        Formulas::Fixed => (positions.lengths, positions.fps),
     };
     let mut shares = [0.0; GEOMETRIC];
-    for frame in 1..places.frames() {
-        let holds = At { places, frame, fps }.relations(lengths, form);
+    for frame in 1..positions.frames() {
+        let holds = At { positions, frame, fps }.relations(lengths, form);
         shares.iter_mut().zip(holds).for_each(|(share, holds)| *share += f64::from(u8::from(holds)));
     }
-    let frames = (places.frames() - 1) as f64;
+    let frames = (positions.frames() - 1) as f64;
     shares.map(|share| share / frames)
 }
 
 /// A frame.
 struct At<'a> {
-    places: &'a JointPositions,
+    positions: &'a JointPositions,
     frame: usize,
     fps: f64,
 }
 
 impl At<'_> {
     fn p(&self, joint: usize) -> Vec3 {
-        self.places.at(self.frame, joint)
+        self.positions.at(self.frame, joint)
     }
 
     /// Velocity, m/s.
     fn u(&self, joint: usize) -> Vec3 {
-        (self.p(joint) - self.places.at(self.frame - 1, joint)) * self.fps
+        (self.p(joint) - self.positions.at(self.frame - 1, joint)) * self.fps
     }
 
     fn relations(

@@ -26,7 +26,7 @@ pub enum Formulas {
 /// Positions of the 24 SMPL joints (F, 24), metres, y up, with the rate and the body's rest lengths.
 #[derive(Debug, Clone)]
 pub struct JointPositions {
-    places: Vec<Vec3>,
+    positions: Vec<Vec3>,
     fps: f64,
     lengths: Lengths,
 }
@@ -59,9 +59,9 @@ impl JointPositions {
             return Err(Error::invalid("a clip for features", found, "SMPL's 24 joints and at least two frames"));
         }
         let at_rest = crate::GlobalPose::new(clip.skeleton(), Vec3::ZERO, &[crate::Quat::IDENTITY; 24]).positions;
-        let apart = |a: usize, b: usize| (at_rest[a] - at_rest[b]).length();
-        let lengths = Lengths { humerus: apart(16, 18), shoulders: apart(16, 17), hips: apart(1, 2) };
-        Ok(JointPositions { places: clip.positions(), fps: clip.fps(), lengths })
+        let distance = |a: usize, b: usize| (at_rest[a] - at_rest[b]).length();
+        let lengths = Lengths { humerus: distance(16, 18), shoulders: distance(16, 17), hips: distance(1, 2) };
+        Ok(JointPositions { positions: clip.positions(), fps: clip.fps(), lengths })
     }
 
     /// A range of frames.
@@ -69,17 +69,17 @@ impl JointPositions {
     /// # Panics
     /// If the range leaves the frames.
     pub fn slice(&self, frames: std::ops::Range<usize>) -> JointPositions {
-        JointPositions { places: self.places[frames.start * 24..frames.end * 24].to_vec(), ..*self }
+        JointPositions { positions: self.positions[frames.start * 24..frames.end * 24].to_vec(), ..*self }
     }
 
     /// The frames in reverse order.
     pub fn reversed(&self) -> JointPositions {
-        JointPositions { places: self.places.chunks(24).rev().flatten().copied().collect(), ..*self }
+        JointPositions { positions: self.positions.chunks(24).rev().flatten().copied().collect(), ..*self }
     }
 
     /// Maps every position.
     pub fn changed(&self, change: impl FnMut(Vec3) -> Vec3) -> JointPositions {
-        JointPositions { places: self.places.iter().copied().map(change).collect(), ..*self }
+        JointPositions { positions: self.positions.iter().copied().map(change).collect(), ..*self }
     }
 
     /// Frames per second.
@@ -89,11 +89,11 @@ impl JointPositions {
 
     /// F, the number of frames.
     pub fn frames(&self) -> usize {
-        self.places.len() / 24
+        self.positions.len() / 24
     }
 
     fn at(&self, frame: usize, joint: usize) -> Vec3 {
-        self.places[frame * 24 + joint]
+        self.positions[frame * 24 + joint]
     }
 }
 

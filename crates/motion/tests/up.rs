@@ -144,7 +144,7 @@ fn every_shared_file_stands_however_it_is_turned() {
             let lies = bvh::to_bytes(&lies).unwrap();
             let m = read(&lies, &options(Up::Auto));
             assert_eq!((source(&m).rig.axes.up, kinds(&m)), (Up::Y, vec!["up_unsure"]), "{what}, motion alone");
-            assert!(m.warnings.iter().any(|w| w.what.contains("--up")), "{what}");
+            assert!(m.warnings.iter().any(|w| w.what.contains("`up`")), "{what}");
             let m = read(&lies, &options(*up));
             assert_same(&own.clip, &m.clip, 1e-5, 1e-6, &format!("{what}, motion alone"));
         }

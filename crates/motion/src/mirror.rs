@@ -20,11 +20,7 @@ use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 /// # Ok::<(), kinelm_motion::Error>(())
 /// ```
 pub fn mirror(clip: &Clip) -> Result<Clip> {
-    if !clip.skeleton().names().iter().map(String::as_str).eq(smpl::NAMES) {
-        let names = clip.skeleton().names();
-        let found = format!("one of {} joints from {}", names.len(), names[0]);
-        return Err(Error::invalid("the clip to mirror", found, "SMPL's 24 joints; retarget it first"));
-    }
+    smpl::check_rig("the clip to mirror", clip.skeleton())?;
     let root = clip.root().iter().map(|p| reflect(*p)).collect();
     let rotations =
         (0..clip.frames()).flat_map(|f| smpl::MIRROR.iter().map(move |&j| turned(clip.pose(f)[j]))).collect();

@@ -70,11 +70,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
 /// # Errors
 /// [`Invalid`](kinelm_store::Error::Invalid) when the joints are not SMPL's 24: retarget the clip first.
 pub fn write(clip: &Clip) -> Result<Vec<u8>> {
-    let names = clip.skeleton().names();
-    if !names.iter().map(String::as_str).eq(smpl::NAMES) {
-        let found = format!("one of {} joints from {}", names.len(), names[0]);
-        return Err(Error::invalid("a clip for AMASS", found, "SMPL's 24 joints; retarget it first"));
-    }
+    smpl::check_rig("a clip for AMASS", clip.skeleton())?;
     let frames = clip.frames();
     let mut poses = vec![0.0; frames * SMPLH];
     let mut trans = Vec::with_capacity(frames * 3);

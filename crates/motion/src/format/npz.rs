@@ -19,9 +19,6 @@ use zip::{CompressionMethod, ZipArchive, ZipWriter};
 /// Most bytes read from one archive. An hour of AMASS at 120 frames per second takes half of it.
 pub const MAX_BYTES: u64 = 1 << 30;
 
-/// The first bytes of a zip archive with entries.
-pub const MAGIC: &[u8] = b"PK\x03\x04";
-
 /// An archive in memory.
 #[derive(Debug)]
 pub struct Npz<'a> {

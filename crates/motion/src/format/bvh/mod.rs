@@ -24,7 +24,7 @@ pub use compose::Piece;
 pub use frame_time::USUAL_FPS;
 pub use positions::positions;
 pub use splice::Changed;
-pub use write::{to_bytes, to_bytes_in, write};
+pub use write::{to_bytes, to_bytes_in};
 
 use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpSource};
 use crate::rig::map_if_any;

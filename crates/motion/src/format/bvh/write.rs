@@ -4,29 +4,16 @@ use super::frame_time;
 use super::print::print;
 use crate::format::source::bvh::{BvhSource, Channel};
 use crate::{Clip, Error, Motion, Result, Source};
-use kinelm_store::files;
-use std::path::Path;
+use std::borrow::Cow;
 
-/// Writes a motion: on the rig of its BVH source if the joints are the same, else on a default rig in centimetres.
-///
-/// A clip unchanged since reading is written with the file's own numbers. Writing is atomic.
+/// The bytes of a motion as BVH: on the rig of its BVH source if the joints are the same, else on a default rig in
+/// centimetres. A clip unchanged since reading is written with the file's own numbers.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Io`]; [`Invalid`](kinelm_store::Error::Invalid) or [`Limit`](kinelm_store::Error::Limit) for a clip
-/// that a BVH can't hold (nesting, a rate below 1).
-pub fn write(path: &Path, motion: &Motion) -> Result<()> {
-    Ok(files::write_whole(path, &to_bytes(motion)?)?)
-}
-
-/// The bytes that [`write()`] writes.
-///
-/// # Errors
-/// [`Invalid`](kinelm_store::Error::Invalid) or [`Limit`](kinelm_store::Error::Limit) for a clip that a BVH can't hold.
+/// [`Invalid`](kinelm_store::Error::Invalid) or [`Limit`](kinelm_store::Error::Limit) for a clip that a BVH can't hold
+/// (nesting, a rate below 1).
 pub fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
-    match &motion.source {
-        Source::Bvh(source) if source.fits(&motion.clip) => source.to_bytes(&motion.clip),
-        _ => BvhSource::for_skeleton(motion.clip.skeleton())?.to_bytes(&motion.clip),
-    }
+    rig_of(motion)?.to_bytes(&motion.clip)
 }
 
 /// Like [`to_bytes`], in a unit of `metres`.
@@ -34,9 +21,13 @@ pub fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
 /// # Errors
 /// Those of [`to_bytes`].
 pub fn to_bytes_in(motion: &Motion, metres: f64) -> Result<Vec<u8>> {
+    rig_of(motion)?.in_unit(metres).to_bytes(&motion.clip)
+}
+
+fn rig_of(motion: &Motion) -> Result<Cow<'_, BvhSource>> {
     match &motion.source {
-        Source::Bvh(source) if source.fits(&motion.clip) => source.in_unit(metres).to_bytes(&motion.clip),
-        _ => BvhSource::for_skeleton(motion.clip.skeleton())?.in_unit(metres).to_bytes(&motion.clip),
+        Source::Bvh(source) if source.fits(&motion.clip) => Ok(Cow::Borrowed(source)),
+        _ => BvhSource::for_skeleton(motion.clip.skeleton()).map(Cow::Owned),
     }
 }
 
@@ -65,19 +56,11 @@ impl BvhSource {
         own.names() == its.names() && own.parents() == its.parents()
     }
 
-    /// Writes a clip with this rig's joints, at the clip's own rate and with any number of frames.
+    /// The bytes of a clip on this rig, at the clip's own rate and with any number of frames.
     ///
     /// Header, names, orders, end sites, unit, axes and line ends are the rig's. What the rig lacks for the clip (another
     /// OFFSET, a rotation channel, position channels of the root) is added to the header, so that no motion is lost. Other
     /// roots keep the rows nearest in time.
-    ///
-    /// # Errors
-    /// [`kinelm_store::Error::Io`]; [`Invalid`](kinelm_store::Error::Invalid) when the joints differ or the rate is below 1.
-    pub fn write_clip(&self, path: &Path, clip: &Clip) -> Result<()> {
-        Ok(files::write_whole(path, &self.to_bytes(clip)?)?)
-    }
-
-    /// The bytes that [`BvhSource::write_clip`] writes.
     ///
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) when the joints differ or the rate is below 1.
@@ -105,6 +88,7 @@ mod tests {
     use super::*;
     use crate::format::{ReadOptions, Unit, bvh};
     use crate::{Clip, synth};
+    use std::path::Path;
 
     #[test]
     fn another_unit_is_the_same_motion() {

@@ -1,8 +1,8 @@
-//! What reads bytes that others wrote, each as a function that must come back from any of them: with what was read, or with
-//! an error. Memory that a few bytes ask for is bounded by the readers themselves.
+//! The readers of foreign bytes, each as a function that must return for any input: with a value or with an error. The
+//! readers themselves bound the memory that an input can take.
 //!
-//! `cargo +nightly fuzz run NAME` drives one of them, guided by what they cover; `tests/fuzz.rs` of the workspace drives all
-//! for a moment, on stable Rust.
+//! `cargo +nightly fuzz run NAME` drives one of them, guided by coverage; `tests/fuzz.rs` of the workspace drives all of
+//! them briefly on stable Rust.
 
 use kinelm::corpus::music::beats;
 use kinelm::corpus::settings::Settings;
@@ -23,10 +23,10 @@ use kinelm_tokenizer::{LappedConfig, SchemeConfig, Tokenizer, TokenizerConfig, U
 use std::path::Path;
 use std::sync::LazyLock;
 
-/// A reader by its name.
+/// The name and the function of a reader.
 pub type Target = (&'static str, fn(&[u8]));
 
-/// All of them; a file of `fuzz_targets/` has the name of each.
+/// All readers; each has a file of its name in `fuzz_targets/`.
 pub const TARGETS: [Target; 18] = [
     ("bvh", bvh),
     ("amass", amass),
@@ -48,7 +48,7 @@ pub const TARGETS: [Target; 18] = [
     ("beats", beats),
 ];
 
-/// A BVH, read strictly or leniently, its places too; what was read is written and read again.
+/// A BVH, strict or lenient, and its positions. What is read is written and read again.
 pub fn bvh(data: &[u8]) {
     let path = Path::new("a.bvh");
     let options = ReadOptions { lenient: data.len().is_multiple_of(2), ..ReadOptions::default() };
@@ -61,7 +61,7 @@ pub fn bvh(data: &[u8]) {
     }
 }
 
-/// An `.npz` and AMASS in it.
+/// An `.npz`, also as AMASS.
 pub fn amass(data: &[u8]) {
     let path = Path::new("a.npz");
     let _ = amass::read(path, data, &ReadOptions::default());
@@ -70,14 +70,14 @@ pub fn amass(data: &[u8]) {
     }
 }
 
-/// A body model, and the body of a shape.
+/// A body model, and its body for a shape.
 pub fn body_model(data: &[u8]) {
     if let Ok(model) = BodyModel::parse(Path::new("b.npz"), data) {
         let _ = model.body(&[0.5; 10]);
     }
 }
 
-/// A pickle and AIST++ in it.
+/// A pickle, also as AIST++.
 pub fn aist(data: &[u8]) {
     let path = Path::new("a.pkl");
     let _ = Pickle::parse(path, data);
@@ -89,17 +89,17 @@ pub fn json(data: &[u8]) {
     let _ = json::read(Path::new("a.json"), data, &ReadOptions::default());
 }
 
-/// The TOML of a skeleton map.
+/// A skeleton map.
 pub fn skeleton_map(data: &[u8]) {
     with_text(data, |text| drop(SkeletonMap::parse(text, Path::new("map.toml"))));
 }
 
-/// What `--joints` takes.
+/// A joint list.
 pub fn joint_list(data: &[u8]) {
     with_text(data, |text| drop(joints::parse(text)));
 }
 
-/// A `tokenizer.json`; one that is read codes and decodes.
+/// A `tokenizer.json`; a valid one decodes ids.
 pub fn tokenizer(data: &[u8]) {
     with_text(data, |text| {
         if let Ok(tokenizer) = Tokenizer::from_json(text) {
@@ -109,7 +109,7 @@ pub fn tokenizer(data: &[u8]) {
     });
 }
 
-/// Words as text, of words of one length and of any.
+/// Words as text, of fixed and of varying length.
 pub fn text(data: &[u8]) {
     static TOKENIZERS: LazyLock<[Tokenizer; 2]> = LazyLock::new(|| {
         let dances = synth::corpus(1, 2, 4.0, 20.0).expect("made-up dances");
@@ -131,7 +131,7 @@ pub fn text(data: &[u8]) {
     });
 }
 
-/// The TOML of a tokenizer's settings.
+/// Tokenizer settings.
 pub fn settings(data: &[u8]) {
     with_text(data, |text| {
         if let Ok(settings) = Settings::parse(text, Path::new("tokenizer.toml")) {
@@ -140,27 +140,27 @@ pub fn settings(data: &[u8]) {
     });
 }
 
-/// A CSV of labels.
+/// A labels CSV.
 pub fn labels(data: &[u8]) {
     let _ = labels::Table::parse(Path::new("labels.csv"), data);
 }
 
-/// The TOML of a training.
+/// A training file.
 pub fn train_file(data: &[u8]) {
     with_text(data, |text| drop(TrainFile::parse(text, Path::new("train.toml"))));
 }
 
-/// Tensors as safetensors.
+/// A safetensors file.
 pub fn weights(data: &[u8]) {
     let _ = weights::from_bytes(Path::new("model.safetensors"), data);
 }
 
-/// Codes of `evaluate baselines --tokens`.
+/// The codes of `evaluate baselines --tokens`.
 pub fn codes(data: &[u8]) {
     in_folder("codes.npz", data, |folder| drop(CodeSplits::load_npz(&folder.join("codes.npz"), 360, Extent::Sample)));
 }
 
-/// What stands beside a dance.
+/// The sidecar of a dance.
 pub fn sidecar(data: &[u8]) {
     in_folder("a.bvh.kinelm.json", data, |folder| {
         drop(Provenance::load(&folder.join("a.bvh.kinelm.json")));
@@ -168,14 +168,14 @@ pub fn sidecar(data: &[u8]) {
     });
 }
 
-/// The first file that is read of a corpus, an index and a run.
+/// The first files of a corpus, an index and a run.
 pub fn folders(data: &[u8]) {
     in_folder("corpus.json", data, |folder| drop(Corpus::open(folder)));
     in_folder("index.json", data, |folder| drop(Index::open(folder)));
     in_folder("config.toml", data, |folder| drop(load_run(folder, CheckpointChoice::Auto)));
 }
 
-/// A music file, whatever it is of, heard for its beats.
+/// A music file of any format, and its beats.
 pub fn music(data: &[u8]) {
     in_folder("song", data, |folder| {
         if let Ok(found) = kinelm_music::beat::beats(&folder.join("song")) {
@@ -185,7 +185,7 @@ pub fn music(data: &[u8]) {
     });
 }
 
-/// Beats as text.
+/// A beats file.
 pub fn beats(data: &[u8]) {
     with_text(data, |text| {
         if let Ok(times) = beats::parse(Path::new("beats.txt"), text) {
@@ -200,7 +200,7 @@ fn with_text(data: &[u8], read: impl FnOnce(&str)) {
     }
 }
 
-/// Calls `read` with a folder that holds `data` under a name.
+/// Calls `read` with a folder that contains `data` under a name.
 fn in_folder(name: &str, data: &[u8], read: impl FnOnce(&Path)) {
     let folder = tempfile::tempdir().expect("a folder for temporary files");
     std::fs::write(folder.path().join(name), data).expect("room for a temporary file");

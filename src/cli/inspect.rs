@@ -28,7 +28,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             Ok(mut motion) => {
                 // a rig that no map knows has no feet to go by, which is said as its rig
                 let floor = resolve_floor(&mut motion, options).ok();
-                let report = report(&motion).with_floor(floor);
+                let report = report(&motion, floor);
                 print(&if args.json { report.json() + "\n" } else { report.text() })?;
             }
             // the one file's format says how the call is wrong

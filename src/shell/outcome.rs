@@ -128,7 +128,12 @@ pub fn chain(e: &Error) -> String {
             text = format!("{text}: {cause}");
         }
     }
-    with_flags(&text, FLAGS.get().unwrap_or(&Flags::new()))
+    by_flags(&text)
+}
+
+/// A message in which parameters have the names of the call's flags.
+pub fn by_flags(text: &str) -> String {
+    FLAGS.get().map_or_else(|| text.to_owned(), |flags| with_flags(text, flags))
 }
 
 #[cfg(test)]

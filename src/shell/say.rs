@@ -1,5 +1,6 @@
 //! What is said on stderr, and data on stdout.
 
+use super::outcome::by_flags;
 use super::progress;
 use anyhow::Result;
 use kinelm_motion::Motion;
@@ -53,7 +54,7 @@ impl Say {
 
 /// A line on stderr, of a length that can be read.
 pub fn tell(text: impl std::fmt::Display) {
-    let text = text.to_string();
+    let text = by_flags(&text.to_string());
     // a closed stderr is no reason to stop
     let _ = writeln!(std::io::stderr(), "kinelm: {}", plain(&clipped(&text)));
 }

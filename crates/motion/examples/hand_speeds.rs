@@ -1,14 +1,14 @@
-//! How fast the hands of a motion file move: the mean and the largest speed, metres a second.
+//! Prints the mean and the largest speed of the hands in a motion file, metres per second.
 //!
 //!     cargo run -p kinelm-motion --example hand_speeds -- DANCE.bvh
 //!
-//! Without a file it takes a made-up dance.
+//! Without a file it uses a synthetic dance.
 
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::{Clip, retarget, smpl, synth};
 use std::path::Path;
 
-/// On the 24 SMPL joints, whatever the file's own are called.
+/// The file's motion on the 24 SMPL joints.
 fn clip() -> kinelm_motion::Result<Clip> {
     match std::env::args_os().nth(1) {
         Some(file) => {
@@ -23,10 +23,10 @@ fn clip() -> kinelm_motion::Result<Clip> {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let clip = clip()?;
     println!("{} frames, {:.1} s at {} frames a second", clip.frames(), clip.duration_s(), clip.fps());
-    let places = clip.positions(); // (F, J)
+    let positions = clip.positions(); // (F, J)
     for name in ["left_wrist", "right_wrist"] {
         let joint = smpl::NAMES.iter().position(|n| *n == name).expect("an SMPL joint");
-        let place = |frame: usize| places[frame * clip.joints() + joint];
+        let place = |frame: usize| positions[frame * clip.joints() + joint];
         let speeds: Vec<f64> = (1..clip.frames()).map(|f| place(f).distance(place(f - 1)) * clip.fps()).collect();
         let mean = speeds.iter().sum::<f64>() / speeds.len().max(1) as f64;
         println!(

@@ -73,10 +73,10 @@ mod tests {
         let clip = Clip::new(smpl::neutral(), 20.0, root, vec![q; 72]).unwrap();
         assert_eq!(clip.root_view()[(2, 0)], 2.0);
         assert_eq!(clip.rotations_view()[(1, 7, 1)], q.y);
-        let places = Positions::from_clip(&clip);
-        assert_eq!(places.view().shape(), [3, 24, 3]);
+        let positions = Positions::from_clip(&clip);
+        assert_eq!(positions.view().shape(), [3, 24, 3]);
         let pose = clip.global_pose(2);
-        assert_eq!(pose.positions_view()[(23, 2)], places.view()[(2, 23, 2)]);
+        assert_eq!(pose.positions_view()[(23, 2)], positions.view()[(2, 23, 2)]);
         assert_eq!(pose.positions_view()[(23, 2)], pose.positions[23].z);
     }
 

@@ -89,14 +89,14 @@ impl CapsuleBody {
     }
 
     /// Computes the positions of all points in a frame, metres.
-    pub fn points(&self, clip: &Clip, frame: usize, pose: &mut GlobalPose, places: &mut Vec<Vec3>) {
+    pub fn points(&self, clip: &Clip, frame: usize, pose: &mut GlobalPose, positions: &mut Vec<Vec3>) {
         pose.set(clip.skeleton(), clip.root()[frame], clip.pose(frame));
-        places.clear();
-        places.extend_from_slice(&pose.positions);
-        places.extend(pose.ends(clip.skeleton()));
+        positions.clear();
+        positions.extend_from_slice(&pose.positions);
+        positions.extend(pose.ends(clip.skeleton()));
         if let Some(h) = &self.head {
-            let (neck, joint) = (places[h.neck], places[h.joint]);
-            places.push(joint + (joint - neck).normalize_or(Vec3::Y) * h.further);
+            let (neck, joint) = (positions[h.neck], positions[h.joint]);
+            positions.push(joint + (joint - neck).normalize_or(Vec3::Y) * h.further);
         }
     }
 }

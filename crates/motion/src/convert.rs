@@ -79,19 +79,19 @@ pub struct ConvertOptions {
 /// assert_eq!(slow.clip.pose(7)[4], kinelm_motion::Quat::IDENTITY, "the knee is at rest");
 /// # Ok::<(), kinelm_motion::Error>(())
 /// ```
-pub fn convert(motion: Motion, wanted: &ConvertOptions, map: Option<&str>) -> Result<Motion> {
+pub fn convert(motion: Motion, options: &ConvertOptions, map: Option<&str>) -> Result<Motion> {
     let mut motion = motion;
     let rest = motion.warnings.iter().any(|w| w.kind == "rest_frame") && format::has_rest_frame(&motion);
-    let neutral = wanted.joints.is_some().then(|| TargetRig::Smpl(smpl::neutral()));
-    if let Some(selection) = &wanted.joints {
+    let neutral = options.joints.is_some().then(|| TargetRig::Smpl(smpl::neutral()));
+    if let Some(selection) = &options.joints {
         let floor_m = format::floor_height(&motion, map)?;
         motion.clip = keep_joints(&retarget::to_smpl(&motion, map)?, selection)?;
         motion.source = Source::Retargeted { floor_m };
     }
-    if let Some(rig) = wanted.rig.as_ref().or(neutral.as_ref()) {
+    if let Some(rig) = options.rig.as_ref().or(neutral.as_ref()) {
         motion = on_rig(motion, rig, map)?;
     }
-    if let Some(fps) = wanted.fps {
+    if let Some(fps) = options.fps {
         motion.clip = if rest { after_rest(&motion.clip, fps)? } else { resample(&motion.clip, fps, Method::Smooth)? };
     }
     Ok(motion)
@@ -179,8 +179,8 @@ mod tests {
             format::write(&path, &motion).unwrap();
             let motion = format::read(&path, &ReadOptions { rest: RestFrame::Keep, ..Default::default() }).unwrap();
             assert!(motion.warnings.iter().any(|w| w.kind == "rest_frame"), "{name}: {:?}", motion.warnings);
-            let wanted = ConvertOptions { fps: Some(20.0), ..Default::default() };
-            let slow = convert(motion.clone(), &wanted, None).unwrap().clip;
+            let options = ConvertOptions { fps: Some(20.0), ..Default::default() };
+            let slow = convert(motion.clone(), &options, None).unwrap().clip;
             assert_eq!((slow.root()[0], slow.pose(0)), (motion.clip.root()[0], motion.clip.pose(0)), "{name}");
             let without = resample(&motion.clip.slice(1..motion.clip.frames()), 20.0, Method::Auto).unwrap();
             assert_eq!(slow.slice(1..slow.frames()), without, "{name}");

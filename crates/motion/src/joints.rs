@@ -69,7 +69,7 @@ pub fn parse(list: &str) -> Result<Selection> {
     }
     let mut selection = Selection { joints: Vec::new(), translation: false };
     for part in parts(list) {
-        let found = exactly(part).or_else(|| of_smpl(part, str::eq_ignore_ascii_case));
+        let found = by_exact_name(part).or_else(|| parse_part(part, str::eq_ignore_ascii_case));
         let found = found.ok_or_else(|| unknown(part, &[]))?;
         selection.joints.extend(found.joints);
         selection.translation |= found.translation;
@@ -82,15 +82,15 @@ pub fn parse(list: &str) -> Result<Selection> {
 /// Splits a list at its commas, but not inside the quotes of `rig:"NAME"`.
 fn parts(list: &str) -> impl Iterator<Item = &str> {
     let mut quoted = false;
-    let apart = move |c: char| {
+    let separates = move |c: char| {
         quoted ^= c == '"';
         c == ',' && !quoted
     };
-    list.split(apart).map(str::trim)
+    list.split(separates).map(str::trim)
 }
 
 /// The NAME in `rig:"NAME"` or `rig:NAME`.
-fn of_rig_alone(part: &str) -> Option<&str> {
+fn rig_name(part: &str) -> Option<&str> {
     let name = part.strip_prefix(RIG)?;
     Some(name.strip_prefix('"').and_then(|name| name.strip_suffix('"')).unwrap_or(name))
 }
@@ -99,7 +99,7 @@ fn of_rig_alone(part: &str) -> Option<&str> {
 const RIG: &str = "rig:";
 
 /// The names of the rig's joints with the ids of the SMPL joints that they map to.
-fn own_names<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, Option<usize>)>> {
+fn rig_joints<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, Option<usize>)>> {
     let map = map_for(rig, map).ok()?;
     let map = map.bind(rig.names()).unwrap_or(map);
     let stands_for = |name: &str| (0..24).find(|&id| map.joint(id) == Some(name));
@@ -115,18 +115,18 @@ fn own_names<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, O
 /// # Errors
 /// As [`parse`]; a joint of the rig that maps to no SMPL joint; a name that fits two joints.
 pub fn to_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<String> {
-    let is_plain = matches!(list.trim(), "13" | "18" | "24") || parts(list).all(|part| exactly(part).is_some());
-    let own = match own_names(rig, map) {
+    let is_plain = matches!(list.trim(), "13" | "18" | "24") || parts(list).all(|part| by_exact_name(part).is_some());
+    let own = match rig_joints(rig, map) {
         Some(own) if !is_plain => own,
         _ => return parse(list).map(|_| list.to_owned()),
     };
-    Ok(parts(list).map(|part| in_smpl(part, &own)).collect::<Result<Vec<_>>>()?.join(","))
+    Ok(parts(list).map(|part| part_to_smpl(part, &own)).collect::<Result<Vec<_>>>()?.join(","))
 }
 
 /// Translates one part, given the rig's joints and their SMPL ids.
-fn in_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
-    let (alone, name) = (of_rig_alone(part), of_rig_alone(part).unwrap_or(part));
-    if alone.is_none() && exactly(part).is_some() {
+fn part_to_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
+    let (alone, name) = (rig_name(part), rig_name(part).unwrap_or(part));
+    if alone.is_none() && by_exact_name(part).is_some() {
         return Ok(part.to_owned());
     }
     let with: Vec<&str> = own.iter().filter(|(_, id)| id.is_some()).map(|(n, _)| *n).collect();
@@ -163,8 +163,8 @@ fn in_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
     match of_rig(is_but_for_case)? {
         Some(found) => Ok(found),
         None if alone.is_some() => {
-            let meant = did_you_mean(name, with.iter().copied());
-            let why = format!("not in the rig{meant}; its joints are {}", with.join(" "));
+            let hint = did_you_mean(name, with.iter().copied());
+            let why = format!("not in the rig{hint}; its joints are {}", with.join(" "));
             Err(Error::unsupported(format!("joint {name:?}"), why))
         }
         None => Err(unknown(name, &with)),
@@ -186,8 +186,8 @@ pub fn find_in_rig(rig: &Skeleton, name: &str) -> Result<usize> {
             }
         }
     }
-    let meant = did_you_mean(name, rig.names().iter().map(String::as_str));
-    let why = format!("unknown; there are {}{meant}", rig.names().join(", "));
+    let hint = did_you_mean(name, rig.names().iter().map(String::as_str));
+    let why = format!("unknown; there are {}{hint}", rig.names().join(", "));
     Err(Error::unsupported(format!("joint {name:?}"), why))
 }
 
@@ -204,7 +204,7 @@ fn is_but_for_case(a: &str, b: &str) -> bool {
 }
 
 /// Parses one part of a list without a rig, comparing names by `is`.
-fn of_smpl(part: &str, is: impl Fn(&str, &str) -> bool) -> Option<Selection> {
+fn parse_part(part: &str, is: impl Fn(&str, &str) -> bool) -> Option<Selection> {
     if let Some((name, ids)) = GROUPS.iter().find(|(group, _)| is(group, part)) {
         return Some(Selection { joints: ids.to_vec(), translation: matches!(*name, "root" | "all") });
     }
@@ -214,17 +214,17 @@ fn of_smpl(part: &str, is: impl Fn(&str, &str) -> bool) -> Option<Selection> {
 }
 
 /// Parses one part by exact names.
-fn exactly(part: &str) -> Option<Selection> {
-    of_smpl(part, |a, b| a == b)
+fn by_exact_name(part: &str) -> Option<Selection> {
+    parse_part(part, |a, b| a == b)
 }
 
 /// The parts of a list that name both an SMPL joint or group and a different joint of the rig, as
 /// `(part, SMPL name of the rig's joint)`.
 pub fn ambiguous_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(String, &'static str)> {
-    let own = own_names(rig, map).unwrap_or_default();
+    let own = rig_joints(rig, map).unwrap_or_default();
     let other = |part: &str| {
         let (_, id) = own.iter().find(|(name, _)| *name == part)?;
-        let meant = exactly(part)?.joints;
+        let meant = by_exact_name(part)?.joints;
         id.filter(|id| meant != [*id]).map(|id| (part.to_owned(), smpl::NAMES[id]))
     };
     parts(list).filter_map(other).collect()
@@ -239,10 +239,10 @@ pub fn ambiguity_note(part: &str, own: &str) -> String {
 fn unknown(part: &str, own: &[&str]) -> Error {
     let groups: Vec<_> = GROUPS.iter().map(|(n, _)| *n).collect();
     let names = groups.iter().chain(&smpl::NAMES).chain(own).copied();
-    let meant = did_you_mean(part, names);
+    let hint = did_you_mean(part, names);
     let own = if own.is_empty() { String::new() } else { format!("; joints of the rig are {}", own.join(" ")) };
     let (groups, joints) = (groups.join(" "), smpl::NAMES.join(" "));
-    let why = format!("unknown{meant}; groups are {groups}; joints are {joints}{own}");
+    let why = format!("unknown{hint}; groups are {groups}; joints are {joints}{own}");
     Error::unsupported(format!("joint or group {part:?}"), why)
 }
 
@@ -357,10 +357,10 @@ mod tests {
         let of = |list: &str| to_smpl_names(list, &two, None);
         assert_eq!(of("LeftArm").unwrap(), "left_shoulder");
         assert_eq!(find_in_rig(&two, "leftarm").unwrap(), 23);
-        for (name, said) in
+        for (name, message) in
             [("LEFTARM", "\"LEFTARM\": may be LeftArm or leftarm"), ("Prop", "\"Prop\": may be Bob:Prop or Tom:Prop")]
         {
-            assert!(find_in_rig(&two, name).unwrap_err().to_string().contains(said));
+            assert!(find_in_rig(&two, name).unwrap_err().to_string().contains(message));
         }
         assert!(of("leftarm").unwrap_err().to_string().contains("joint leftarm: maps to no SMPL joint"));
         let both = named("", &["Left_Knee"]);

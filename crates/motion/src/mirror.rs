@@ -20,11 +20,7 @@ use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 /// # Ok::<(), kinelm_motion::Error>(())
 /// ```
 pub fn mirror(clip: &Clip) -> Result<Clip> {
-    if !clip.skeleton().names().iter().map(String::as_str).eq(smpl::NAMES) {
-        let names = clip.skeleton().names();
-        let found = format!("one of {} joints from {}", names.len(), names[0]);
-        return Err(Error::invalid("the clip to mirror", found, "SMPL's 24 joints; retarget it first"));
-    }
+    smpl::check_rig("the clip to mirror", clip.skeleton())?;
     let root = clip.root().iter().map(|p| reflect(*p)).collect();
     let rotations =
         (0..clip.frames()).flat_map(|f| smpl::MIRROR.iter().map(move |&j| turned(clip.pose(f)[j]))).collect();
@@ -133,13 +129,13 @@ fn partners(rig: &Skeleton, reference: &ReferencePose) -> Vec<Option<usize>> {
         }
         let Some(across) = rig.parents()[j].and_then(|p| partners[p]) else { continue };
         let mine = reflect(from_parent(j));
-        let wanted = swapped(&rig.names()[j]);
+        let expected = swapped(&rig.names()[j]);
         let free = rig.children(across).filter(|&k| !named[k] && partners[k].is_none());
         // a name without a side says nothing: only the position counts
-        let sided = wanted != rig.names()[j];
-        let apart = |k: usize| (sided && rig.names()[k] != wanted, (from_parent(k) - mine).length());
+        let sided = expected != rig.names()[j];
+        let distance = |k: usize| (sided && rig.names()[k] != expected, (from_parent(k) - mine).length());
         let nearest = free.min_by(|&a, &b| {
-            let ((other_a, a), (other_b, b)) = (apart(a), apart(b));
+            let ((other_a, a), (other_b, b)) = (distance(a), distance(b));
             other_a.cmp(&other_b).then(a.total_cmp(&b))
         });
         if let Some(k) = nearest {
@@ -182,7 +178,7 @@ fn swapped(name: &str) -> String {
 mod tests {
     use super::*;
     use crate::retarget::Retarget;
-    use crate::retarget::tests::{rig as made_rig, stand};
+    use crate::retarget::tests::{reference_positions, rig as made_rig};
     use crate::rotation::tests::any_quat;
     use crate::rotation::{angle_between, exp_map};
     use proptest::prelude::*;
@@ -265,7 +261,7 @@ mod tests {
             droop in 0.0..1.2f64,
             extra: bool,
         ) {
-            let (rig, map) = made_rig(&stand(droop, &[1.0; 24]), &axes, extra, &[]);
+            let (rig, map) = made_rig(&reference_positions(droop, &[1.0; 24]), &axes, extra, &[]);
             let m = Mirror::new(&rig, &map).unwrap();
             for j in 0..rig.joints() {
                 prop_assert_eq!(m.partner(m.partner(j).unwrap()), Some(j));
@@ -282,8 +278,8 @@ mod tests {
                 prop_assert!(angle_between(*a, *b) < 1e-9);
             }
             // mirroring on the rig agrees with mirroring after retargeting to SMPL
-            let way = Retarget::new(clip.skeleton(), &map, smpl::neutral()).unwrap();
-            let (a, b) = (mirror(&way.to_smpl(&clip).unwrap()).unwrap(), way.to_smpl(&once).unwrap());
+            let retarget = Retarget::new(clip.skeleton(), &map, smpl::neutral()).unwrap();
+            let (a, b) = (mirror(&retarget.to_smpl(&clip).unwrap()).unwrap(), retarget.to_smpl(&once).unwrap());
             for (a, b) in a.rotations().iter().zip(b.rotations()) {
                 prop_assert!(angle_between(*a, *b) < 1e-7);
             }

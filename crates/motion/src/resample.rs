@@ -111,9 +111,9 @@ fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip>
             if (a / b - step).abs() > 1e-6 * step || step < 1.0 {
                 return Err(Error::invalid("the ratio of the rates", a / b, "a whole number to take every n-th frame"));
             }
-            gather(clip, times.map(|t| (t.round() as usize, 0.0)))
+            interpolate(clip, times.map(|t| (t.round() as usize, 0.0)))
         }
-        Method::Slerp => gather(clip, times.map(between)),
+        Method::Slerp => interpolate(clip, times.map(between)),
         Method::Curve => curve(clip, times.map(between)),
         Method::Filtered | Method::Auto | Method::Smooth => filtered(clip, 0.45 * b / a, times),
     };
@@ -131,10 +131,10 @@ fn between(time: f64) -> (usize, f64) {
 }
 
 /// Interpolates linearly at times `i + t` between frames `i` and `i + 1`.
-fn gather(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>, Vec<Quat>) {
+fn interpolate(clip: &Clip, samples: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>, Vec<Quat>) {
     let last = clip.frames() - 1;
     let (mut root, mut rotations) = (Vec::new(), Vec::new());
-    for (i, t) in places {
+    for (i, t) in samples {
         let (i, next) = (i.min(last), (i + 1).min(last));
         root.push(clip.root()[i].lerp(clip.root()[next], t));
         rotations.extend(clip.pose(i).iter().zip(clip.pose(next)).map(|(&p, &q)| slerp(p, q, t)));
@@ -143,13 +143,13 @@ fn gather(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>
 }
 
 /// Evaluates natural cubic splines at times `i + t`.
-fn curve(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>, Vec<Quat>) {
+fn curve(clip: &Clip, samples: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>, Vec<Quat>) {
     let (last, j) = (clip.frames() - 1, clip.joints());
     let signed = continuous(clip);
-    let bends = bends(clip.root(), 1, Vec3::ZERO);
-    let turns = self::bends(&signed, j, Quat::from_xyzw(0.0, 0.0, 0.0, 0.0));
+    let bends = second_derivatives(clip.root(), 1, Vec3::ZERO);
+    let turns = second_derivatives(&signed, j, Quat::from_xyzw(0.0, 0.0, 0.0, 0.0));
     let (mut root, mut rotations) = (Vec::new(), Vec::new());
-    for (i, t) in places {
+    for (i, t) in samples {
         let (i, next) = (i.min(last), (i + 1).min(last));
         // weights of the second derivatives at both ends of the cubic segment
         let (a, b) = (1.0 - t, t);
@@ -172,7 +172,7 @@ fn curve(clip: &Clip, places: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>,
 
 /// Second derivatives (F, J) of natural cubic splines through `values` (F, J) at unit steps: solves the tridiagonal
 /// system m[i-1] + 4 m[i] + m[i+1] = 6 (y[i+1] - 2 y[i] + y[i-1]), with 0 at both ends.
-fn bends<T>(values: &[T], joints: usize, zero: T) -> Vec<T>
+fn second_derivatives<T>(values: &[T], joints: usize, zero: T) -> Vec<T>
 where
     T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T>,
 {

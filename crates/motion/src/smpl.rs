@@ -1,6 +1,6 @@
 //! The model rig: SMPL's 24 joints with the bone lengths of a neutral body of this project.
 
-use crate::{Skeleton, Vec3};
+use crate::{Error, Result, Skeleton, Vec3};
 use std::sync::{Arc, LazyLock};
 
 /// Joint names, by id.
@@ -70,6 +70,24 @@ pub const STANDING_PELVIS_M: f64 = 0.97;
 
 /// Position of the rest pelvis in SMPL's axes, metres, used without a body model.
 pub const REST_PELVIS: Vec3 = Vec3::new(0.00, -0.21, 0.03);
+
+/// Whether a skeleton has SMPL's joints: names and parents.
+pub fn is_rig(skeleton: &Skeleton) -> bool {
+    let parents = skeleton.parents().iter().map(|p| p.map_or(-1, |p| p as i32));
+    skeleton.names() == NAMES && parents.eq(PARENTS)
+}
+
+/// Checks that `what` has SMPL's joints.
+///
+/// # Errors
+/// [`Invalid`](kinelm_store::Error::Invalid) for another skeleton.
+pub(crate) fn check_rig(what: &str, skeleton: &Skeleton) -> Result<()> {
+    if is_rig(skeleton) {
+        return Ok(());
+    }
+    let found = format!("one of {} joints from {}", skeleton.joints(), skeleton.names()[0]);
+    Err(Error::invalid(what, found, "SMPL's 24 joints; retarget it first"))
+}
 
 /// The neutral skeleton: 24 joints, no end sites.
 pub fn neutral() -> Arc<Skeleton> {

@@ -1,4 +1,4 @@
-//! Every fault that a BVH can have, each with its place; and bytes of every kind without a panic.
+//! Every fault of a BVH with its position, and arbitrary bytes without a panic.
 
 use kinelm_motion::format::{ReadOptions, Unit, bvh};
 use kinelm_motion::{Error, FaultKind, Motion, Result, Source};
@@ -191,7 +191,7 @@ fn names_may_be_latin_1_and_are_written_back_as_found() {
     assert_eq!(m.clip.skeleton().names()[1], "Hüfte");
     assert!(bvh::to_bytes(&m).unwrap().windows(5).any(|w| w == b"H\xFCfte"));
     assert_eq!(good(&GOOD.replace("left leg", "Hüfte")).clip.skeleton().names()[1], "Hüfte");
-    // columns count characters
+    // columns count characters, not bytes
     let e = read(&[&bytes[..], b"\xFC\xFC x"].concat(), &options()).unwrap_err().to_string();
     assert!(e.starts_with("x.bvh:22:1: unexpected_word: found \"üü\""), "{e}");
 }
@@ -261,7 +261,7 @@ fn every_cut_gives_an_error_or_a_clip() {
         for end in 0..text.len() {
             let cut = &text.as_bytes()[..end];
             match read(cut, &options()) {
-                // nothing is missing but the end of the last number or of its line
+                // only the end of the last number or line is missing
                 Ok(m) => assert!(m.clip.frames() == 3 && end + 4 > text.len(), "{end}"),
                 Err(Error::File(e)) => assert!(e.at.line > 0 && !e.found.is_empty() && !e.expected.is_empty()),
                 Err(e) => panic!("{end}: {e}"),
@@ -332,7 +332,7 @@ proptest! {
     }
 }
 
-/// Whatever the bytes: no panic, and what is read can be written and read again.
+/// Arbitrary bytes don't panic, and what is read can be written and read again.
 fn check(bytes: &[u8], lenient: bool) {
     let options = ReadOptions { lenient, ..options() };
     if let Ok(m) = read(bytes, &options) {

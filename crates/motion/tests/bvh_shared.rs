@@ -1,11 +1,11 @@
-//! The BVH reader and writer on real files.
+//! The BVH reader and writer on recorded motion.
 
 use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Motion, Source};
 use std::path::{Path, PathBuf};
 
-/// The files of a set, every `step`-th; all of them where the variable is set.
+/// Every `step`-th file of a set; all of them if the variable is set.
 fn files(folder: &Path, step: usize) -> Vec<PathBuf> {
     fn walk(folder: &Path, all: &mut Vec<PathBuf>) {
         for entry in std::fs::read_dir(folder).unwrap() {
@@ -28,22 +28,22 @@ fn parse(name: &str, bytes: &[u8]) -> Motion {
     bvh::read(Path::new(name), bytes, &ReadOptions::default()).unwrap()
 }
 
-/// Largest distance of joints, metres, and largest angle of local rotations, degrees.
+/// Largest distance of joints, metres, and largest angle between local rotations, degrees.
 fn differences(a: &Clip, b: &Clip) -> (f64, f64) {
     assert_eq!((a.frames(), a.joints(), a.fps()), (b.frames(), b.joints(), b.fps()));
-    let apart = a.positions().iter().zip(b.positions()).map(|(p, q)| p.distance(q)).fold(0.0, f64::max);
+    let distance = a.positions().iter().zip(b.positions()).map(|(p, q)| p.distance(q)).fold(0.0, f64::max);
     let turned = a.rotations().iter().zip(b.rotations()).map(|(p, q)| angle_between(*p, *q)).fold(0.0, f64::max);
-    (apart, turned.to_degrees())
+    (distance, turned.to_degrees())
 }
 
-/// Read, write, read: from the file's own numbers, and by way of rotations.
+/// Read, write, read: with the file's own numbers, and through rotations.
 fn round_trip(path: &Path) {
     let name = path.display().to_string();
     let first = parse(&name, &std::fs::read(path).unwrap());
     let written = bvh::to_bytes(&first).unwrap();
     let again = parse(&name, &written);
-    let (apart, turned) = differences(&first.clip, &again.clip);
-    assert!(apart < 1e-4 && turned < 1e-4, "{name}: own numbers {apart} m {turned} degrees");
+    let (distance, turned) = differences(&first.clip, &again.clip);
+    assert!(distance < 1e-4 && turned < 1e-4, "{name}: own numbers {distance} m {turned} degrees");
     assert!(bvh::to_bytes(&again).unwrap() == written, "{name}: write, read, write");
 
     let mut touched = first.clone();
@@ -51,8 +51,8 @@ fn round_trip(path: &Path) {
     touched.clip = Clip::new(first.clip.skeleton().clone(), first.clip.fps(), first.clip.root().to_vec(), q).unwrap();
     let written = bvh::to_bytes(&touched).unwrap();
     let again = parse(&name, &written);
-    let (apart, turned) = differences(&first.clip, &again.clip);
-    assert!(apart < 1e-4 && turned < 1e-4, "{name}: rotations {apart} m {turned} degrees");
+    let (distance, turned) = differences(&first.clip, &again.clip);
+    assert!(distance < 1e-4 && turned < 1e-4, "{name}: rotations {distance} m {turned} degrees");
     assert!(bvh::to_bytes(&again).unwrap() == written, "{name}: write, read, write of rotations");
 }
 
@@ -113,9 +113,9 @@ fn positions_are_those_of_the_clip_where_both_have_a_joint() {
             for (j, name) in m.clip.skeleton().names().iter().enumerate() {
                 let n = p.joints.iter().position(|n| n == name).unwrap();
                 for f in 0..m.clip.frames() {
-                    let apart = clip[f * m.clip.joints() + j].distance(p.positions[f * count + n]);
-                    // the clip has one length for a bone whose channels round to another in each frame
-                    assert!(apart < 0.001, "{} frame {f} {name}: {apart}", path.display());
+                    let distance = clip[f * m.clip.joints() + j].distance(p.positions[f * count + n]);
+                    // a bone has one length in the clip, while its channels round differently in each frame
+                    assert!(distance < 0.001, "{} frame {f} {name}: {distance}", path.display());
                 }
             }
         }

@@ -1,10 +1,10 @@
-//! The floor under the shared motion data: people who dance on a floor are found to.
+//! Floor detection on recorded motion of people who dance on a floor.
 
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::rig::{floor, map_for};
 use std::path::PathBuf;
 
-/// Every `nth` clip of a set, in the order of their paths.
+/// Every `nth` clip of a set, in path order.
 fn clips(set: &str, nth: usize) -> Vec<PathBuf> {
     let Some(folder) = kinelm_shared_data::set(set, "floor_shared") else { return Vec::new() };
     let (mut found, mut folders) = (Vec::new(), vec![folder]);

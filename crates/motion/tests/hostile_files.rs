@@ -1,4 +1,4 @@
-//! Files made to harm: refused by name, never run, never a panic, never much memory.
+//! Malicious files: refused with a named fault, never executed, without a panic or much memory.
 
 use kinelm_motion::format::array::Array;
 use kinelm_motion::format::pickle::{MAX_MARKS, MAX_STACK, MAX_VALUES, Pickle};
@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use zip::write::SimpleFileOptions;
 
-/// What this whole test program may have taken at once, MiB. The plain files are a few KiB; the largest trap may come to
-/// 64 MiB and some copies.
+/// Most memory of this test program, MiB. Ordinary files are a few KiB; the largest zip bomb may take 64 MiB and some
+/// copies.
 const PEAK_MIB: u64 = 256;
 
-/// The largest memory this program had so far, where the system tells it.
+/// The peak memory of this program, if the system tells it.
 fn check_peak() {
     let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return };
     let kib = status.lines().find_map(|l| l.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<u64>().ok());
@@ -37,7 +37,7 @@ fn read_npz(bytes: &[u8]) -> Result<(), Error> {
     amass::read(Path::new("a.npz"), bytes, &ReadOptions::default()).map(drop)
 }
 
-/// Which fault it was.
+/// The fault of an error.
 fn kind(result: Result<(), Error>) -> FaultKind {
     result.unwrap_err().fault().expect("an error of the file")
 }
@@ -56,7 +56,7 @@ fn forbidden_names_are_refused_by_name() {
         (b"cnumpy\nload\n(S'x'\ntR.", "numpy.load"),
         (b"cnumpy.core.multiarray\nfromfile\n.", "numpy.core.multiarray.fromfile"),
         (b"cnumpy\ndtype\n(S'f8'\nI0\nI1\ntRcos\nsystem\n.", "os.system"),
-        // names that are allowed, used for what they are not for
+        // allowed names, misused
         (b"cnumpy\nndarray\n(I1000000000\ntR.", "ndarray"),
         (b"\x80\x02cnumpy\nndarray\n)\x81.", "making of an object"),
         (b"c_codecs\nencode\nVx\nVzlib\n\x86R.", "encoding other than latin1"),
@@ -83,10 +83,10 @@ fn nesting_costs_nothing() {
     }
     let marks = [&b"("[..]].concat().repeat(MAX_MARKS + 1);
     assert_eq!(kind(read_pickle(&marks)), FaultKind::TooLarge);
-    // lists within lists up to the limit, closed in order: read, then found to be no motion
+    // lists nested up to the limit and closed in order: read, but no motion
     let deep = [b"]".repeat(10_000), b"a".repeat(9_999), b".".to_vec()].concat();
     assert_eq!(kind(read_pickle(&deep)), FaultKind::NoMotion);
-    // a list that holds itself
+    // a list that contains itself
     assert_eq!(kind(read_pickle(b"]q\x00h\x00a.")), FaultKind::NoMotion);
     assert_eq!(kind(read_pickle(b"}q\x00X\x0a\x00\x00\x00smpl_posesh\x00s.")), FaultKind::Dtype);
     check_peak();
@@ -94,7 +94,7 @@ fn nesting_costs_nothing() {
 
 #[test]
 fn the_memo_and_the_stack_stay_small() {
-    // far places cost nothing
+    // large memo indices cost no memory
     assert_eq!(kind(read_pickle(b"Nr\xff\xff\xff\xffj\xff\xff\xff\xff.")), FaultKind::NoMotion);
     assert_eq!(kind(read_pickle(b"j\xff\xff\xff\xff.")), FaultKind::PickleBad);
     let twice = [b"N".to_vec(), b"2\x86".repeat(100_000), b".".to_vec()].concat();
@@ -102,13 +102,13 @@ fn the_memo_and_the_stack_stay_small() {
     assert_eq!(kind(read_pickle(&b"N".repeat(MAX_STACK + 1))), FaultKind::TooLarge);
     assert_eq!(kind(read_pickle(&b"N0".repeat(MAX_VALUES + 1))), FaultKind::TooLarge);
     assert_eq!(kind(read_pickle(&[b"N".to_vec(), b"\x94".repeat(MAX_STACK + 1)].concat())), FaultKind::TooLarge);
-    // one text encoded again and again
+    // one text encoded repeatedly
     let mut bytes = b"\x80\x02X\x00\x00\x01\x00".to_vec();
     bytes.extend(b"a".repeat(1 << 16));
     bytes.extend(b"q\x00X\x06\x00\x00\x00latin1q\x01c_codecs\nencode\nq\x02".iter());
     bytes.extend(b"h\x02h\x00h\x01\x86R".repeat(10_000));
     assert_eq!(kind(read_pickle(&bytes)), FaultKind::TooLarge);
-    // many keys that are one long text
+    // many keys that share one long text
     let mut bytes = b"\x80\x02}(B\x00\x00\x01\x00".to_vec();
     bytes.extend(b"a".repeat(1 << 16));
     bytes.extend(b"q\x00N".iter());
@@ -151,7 +151,7 @@ fn arrays_are_as_large_as_their_bytes() {
     for shape in shapes {
         assert_eq!(kind(read_pickle(&pickled(shape, "f8", &[0; 576]))), FaultKind::PickleBad, "{shape:?}");
     }
-    // elements of no bytes, as many as one likes
+    // any number of elements of no bytes
     assert_eq!(kind(read_pickle(&pickled(b"J\x00\x00\x00\x40\x85", "U0", b""))), FaultKind::PickleBad);
     assert_eq!(kind(read_pickle(&pickled(b"K\x00J\x00\x00\x00\x40\x86", "f8", b""))), FaultKind::KeyMissing);
     assert_eq!(kind(read_pickle(&pickled(b"K\x01\x85", "c8", &[0; 8]))), FaultKind::Dtype);
@@ -173,7 +173,7 @@ static PICKLES: LazyLock<Files> = LazyLock::new(|| golden("aist", "pkl"));
 
 // archives
 
-/// An archive of raw entries, stored, with right checksums.
+/// An archive of stored raw entries with correct checksums.
 fn archive(entries: &[(&str, &[u8])], method: zip::CompressionMethod) -> Vec<u8> {
     let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
     for (name, bytes) in entries {
@@ -264,7 +264,7 @@ fn damage_is_seen_by_the_checksum() {
     assert_eq!(kind(read_npz(&bytes)), FaultKind::Truncated);
 }
 
-/// Names and bytes.
+/// Names and contents.
 type Files = Vec<(String, Vec<u8>)>;
 
 /// The entries of the golden archives, unpacked.
@@ -286,7 +286,7 @@ static ENTRIES: LazyLock<Vec<Files>> = LazyLock::new(|| {
 static ARCHIVES: LazyLock<Files> =
     LazyLock::new(|| golden("amass", "npz").into_iter().chain(golden("body", "npz")).collect());
 
-/// Places, as parts of the whole, and what is put there.
+/// Positions, as fractions of the file, and the bytes put there.
 fn edits() -> impl Strategy<Value = Vec<(f64, u8)>> {
     prop::collection::vec((0.0..1.0f64, any::<u8>()), 1..5)
 }
@@ -331,7 +331,7 @@ proptest! {
         check_peak();
     }
 
-    /// Behind the checksum, in the arrays themselves; mostly in their headers.
+    /// After the checksum, in the arrays themselves; mostly in their headers.
     #[test]
     fn edited_arrays(which: prop::sample::Index, entry: prop::sample::Index, edits in edits()) {
         let mut entries = which.get(&ENTRIES).clone();

@@ -1,4 +1,4 @@
-//! AMASS, AIST++ and body models against files that numpy wrote and values that numpy and SciPy computed
+//! AMASS, AIST++ and body models, compared with files and values made by numpy and SciPy
 //! (`scripts/reference/motion_files.py`).
 
 use kinelm_motion::format::{
@@ -9,7 +9,7 @@ use kinelm_motion::{Clip, Motion, Quat, Result, Source, Vec3, smpl};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// Rounding of f64 through a rotation vector and back.
+/// Rounding error of f64 through a rotation vector and back.
 const ANGLE: f64 = 1e-9;
 const METRES: f64 = 1e-9;
 
@@ -129,7 +129,7 @@ fn body_models() {
         let model = BodyModel::load(&golden("body").join(name)).unwrap_or_else(|e| panic!("{e}"));
         for (betas, want) in [(&[][..], &about["mean"]), (&betas, &about["shaped"])] {
             let body = model.body(betas).unwrap();
-            // J alone is float32
+            // only J is float32
             let tolerance = if name == "joints.npz" { 1e-6 } else { 1e-12 };
             let near =
                 |a: Vec3, w: &[f64]| assert!((a - Vec3::from_slice(w)).length() < tolerance, "{name}: {a} {w:?}");
@@ -147,7 +147,7 @@ fn a_body_model_moves_the_pelvis_and_the_bones() {
     let all = expected("body");
     let shaped = &all["files"]["dense.npz"]["shaped"];
     let rest = Vec3::from_slice(&numbers(&shaped["rest_pelvis"]));
-    // these two draw their betas from different streams, so the model is asked by itself
+    // these two have different betas, so the model is tested by itself
     let motion = read_amass("deflated.npz", &options).unwrap();
     let (path, raw) = bytes("amass", "deflated.npz");
     let betas = Npz::open(&path, &raw).unwrap().array("betas").unwrap().reals().unwrap();
@@ -172,10 +172,10 @@ fn any_dance() -> Clip {
     let motion = read_aist("protocol5.pkl", &ReadOptions::default()).unwrap();
     let mut rotations = motion.clip.rotations().to_vec();
     for f in 0..motion.clip.frames() {
-        // AMASS has no place for these two
+        // AMASS doesn't store these two
         rotations[f * 24 + 22..f * 24 + 24].fill(Quat::IDENTITY);
     }
-    // half turns, where rotation vectors jump
+    // half turns, where rotation vectors are discontinuous
     rotations[0] = exp_map::from_vector(Vec3::new(0.0, std::f64::consts::PI, 0.0));
     rotations[5] = Quat::from_xyzw(-1.0, 0.0, 0.0, 0.0);
     Clip::new(smpl::neutral(), 59.94, motion.clip.root().to_vec(), rotations).unwrap()
@@ -204,7 +204,7 @@ fn amass_write_and_read_gives_the_clip_back() {
     assert!(amass::write(&other).unwrap_err().to_string().contains("retarget"));
 }
 
-/// What we write, read by another program's reader (the npyz crate's).
+/// Our arrays, read by an independent reader (the npyz crate).
 #[test]
 fn npyz_reads_our_arrays() {
     use std::io::{Cursor, Read};
@@ -254,7 +254,7 @@ fn files_by_their_names() {
     assert!(format::read(&json, &none).unwrap_err().to_string().contains("there are 2"));
     let pickle = format::write(&folder.path().join("a.pkl"), &dance).unwrap_err();
     assert!(pickle.to_string().contains("expected a .bvh, .npz, .json or .glb to write"), "{pickle}");
-    // a file under another's name
+    // a file with the wrong extension
     let wrong = folder.path().join("b.pkl");
     std::fs::copy(&npz, &wrong).unwrap();
     let e = format::read(&wrong, &ReadOptions::default()).unwrap_err().to_string();
@@ -280,7 +280,7 @@ fn for_numpy() {
 #[test]
 fn an_archive_of_still_frames_is_read_back() {
     use kinelm_motion::format::npz::{Npz, Values, Writer};
-    // 100,000 frames of a pose: deflated, they would look like a trap
+    // 100,000 equal frames: deflated, they would look like a zip bomb
     let poses = vec![0.25; 100_000 * 156];
     let mut writer = Writer::new();
     writer.add("poses", &[100_000, 156], Values::F64(&poses)).unwrap();

@@ -1,4 +1,4 @@
-//! Retargeting on the shared motion data: bones point alike, nothing jumps, people stand, and the way back leads back.
+//! Retargeting of recorded motion: bone directions agree, nothing jumps, bodies stand, and the inverse is exact.
 
 use kinelm_motion::convert::{self, TargetRig};
 use kinelm_motion::format::{self, ReadOptions};
@@ -10,18 +10,18 @@ use kinelm_motion::{Clip, Motion, Skeleton, Vec3, smpl};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Hip to knee and so on, by SMPL ids.
+/// Limb bones, by SMPL ids.
 const LIMBS: [(usize, usize); 8] = [(1, 4), (2, 5), (4, 7), (5, 8), (16, 18), (17, 19), (18, 20), (19, 21)];
 
-/// What the issue allows, degrees; ours is exact, and the tests hold it to rounding.
+/// Tolerance in degrees. Retargeting is exact, so the tests use the rounding error.
 const MEAN_LIMB_ERROR_DEG: f64 = 1e-5;
 
-/// Whether every frame of every file is asked for.
+/// Whether all frames of all files are tested.
 fn all() -> bool {
     std::env::var_os("KINELM_ALL_SHARED_FILES").is_some()
 }
 
-/// Every `nth` clip of a set, in the order of their paths.
+/// Every `nth` clip of a set, in path order.
 fn clips(set: &str, test: &str, nth: usize) -> Vec<PathBuf> {
     let Some(folder) = kinelm_shared_data::set(set, test) else { return Vec::new() };
     let mut found = Vec::new();
@@ -40,36 +40,36 @@ fn clips(set: &str, test: &str, nth: usize) -> Vec<PathBuf> {
     found.into_iter().step_by(if all() { 1 } else { nth }).collect()
 }
 
-/// A file of a set; the CMU dances without the ten frames in which they settle.
+/// A file of a set; CMU dances without the first ten frames, in which they settle.
 fn read(path: &Path) -> Motion {
     let skip = if path.to_string_lossy().contains("cmu-dance") { 10 } else { 0 };
     format::read(path, &ReadOptions { skip, ..Default::default() }).unwrap()
 }
 
-fn way(motion: &Motion) -> Retarget {
+fn retarget(motion: &Motion) -> Retarget {
     let rig = motion.clip.skeleton();
     Retarget::new(rig, &map_for(rig, None).unwrap(), smpl::neutral()).unwrap()
 }
 
-/// Every `nth` frame: for what is judged frame by frame.
+/// Every `nth` frame, for tests of single frames.
 fn thin(clip: &Clip, nth: usize) -> Clip {
     let kept = || (0..clip.frames()).step_by(if all() { 1 } else { nth });
     let root = kept().map(|f| clip.root()[f]).collect();
     Clip::new(clip.skeleton().clone(), clip.fps(), root, kept().flat_map(|f| clip.pose(f).to_vec()).collect()).unwrap()
 }
 
-/// Angle between directions, radians, exact also when small.
+/// Angle between directions, radians, accurate at small angles.
 fn between(a: Vec3, b: Vec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b))
 }
 
 /// Sum and count of the angles between a rig's limb bones and their images, radians.
-fn limb_errors(way: &Retarget, on_rig: &Clip, on_smpl: &Clip) -> (f64, usize) {
+fn limb_errors(retarget: &Retarget, on_rig: &Clip, on_smpl: &Clip) -> (f64, usize) {
     let (mut sum, mut n) = (0.0, 0);
     for f in 0..on_rig.frames() {
         let (a, b) = (on_rig.global_pose(f).positions, on_smpl.global_pose(f).positions);
         for (upper, lower) in LIMBS {
-            let bone = a[way.joint(lower).unwrap()] - a[way.joint(upper).unwrap()];
+            let bone = a[retarget.joint(lower).unwrap()] - a[retarget.joint(upper).unwrap()];
             sum += between(bone, b[lower] - b[upper]);
             n += 1;
         }
@@ -81,15 +81,15 @@ fn check_limbs(paths: &[PathBuf], nth_frame: usize) {
     let (mut there, mut back, mut n) = (0.0, 0.0, 0);
     for path in paths {
         let motion = read(path);
-        let way = way(&motion);
+        let retarget = retarget(&motion);
         let clip = thin(&motion.clip, nth_frame);
-        let on_smpl = way.to_smpl(&clip).unwrap();
-        let (sum, count) = limb_errors(&way, &clip, &on_smpl);
+        let on_smpl = retarget.to_smpl(&clip).unwrap();
+        let (sum, count) = limb_errors(&retarget, &clip, &on_smpl);
         there += sum;
         n += count;
-        back += limb_errors(&way, &way.to_rig(&on_smpl).unwrap(), &on_smpl).0;
-        // the rig has every joint that moves in these files, so its motion comes back whole
-        let again = way.to_rig_over(&on_smpl, Some(&clip)).unwrap();
+        back += limb_errors(&retarget, &retarget.to_rig(&on_smpl).unwrap(), &on_smpl).0;
+        // the rig has all joints that move in these files, so its motion is recovered entirely
+        let again = retarget.to_rig_over(&on_smpl, Some(&clip)).unwrap();
         for (a, b) in clip.positions().iter().zip(again.positions()) {
             assert!((*a - b).length() < 1e-9, "{}: {a} came back as {b}", path.display());
         }
@@ -98,7 +98,7 @@ fn check_limbs(paths: &[PathBuf], nth_frame: usize) {
         return;
     }
     let [there, back] = [there, back].map(|sum| (sum / n as f64).to_degrees());
-    println!("{} clips, {n} bones: mean limb error {there:.2e} degrees, on the way back {back:.2e}", paths.len());
+    println!("{} clips, {n} bones: mean limb error {there:.2e} degrees, on the retarget back {back:.2e}", paths.len());
     assert!(there < MEAN_LIMB_ERROR_DEG && back < MEAN_LIMB_ERROR_DEG, "{there} {back}");
 }
 
@@ -109,21 +109,21 @@ fn limb_bones_point_alike() {
     check_limbs(&clips("bandai-2", "limb_bones_point_alike", 60), 5);
 }
 
-/// No SMPL joint turns further in a frame than the rig's joints on the way from its parent's counterpart to its own.
+/// No SMPL joint rotates more in a frame than the rig's joints between its parent's counterpart and its own.
 fn check_steps(path: &Path) {
     let motion = read(path);
-    let way = way(&motion);
+    let retarget = retarget(&motion);
     let clip = motion.clip.slice(0..motion.clip.frames().min(if all() { usize::MAX } else { 200 }));
-    let image = way.to_smpl(&clip).unwrap();
-    let rig = way.rig();
-    // the joints whose local rotations make up the rotation of `j` seen from `above`, an ancestor
+    let image = retarget.to_smpl(&clip).unwrap();
+    let rig = retarget.rig();
+    // the joints whose local rotations make up the rotation of `j` relative to its ancestor `above`
     let between = |j: usize, above: Option<usize>| {
         std::iter::successors(Some(j), |&j| rig.parents()[j]).take_while(move |&j| Some(j) != above)
     };
     for id in 0..24 {
-        let Some(joint) = way.joint(id) else { continue };
+        let Some(joint) = retarget.joint(id) else { continue };
         let above = |id: usize| usize::try_from(smpl::PARENTS[id]).ok();
-        let parent = std::iter::successors(above(id), |&p| above(p)).find_map(|p| way.joint(p));
+        let parent = std::iter::successors(above(id), |&p| above(p)).find_map(|p| retarget.joint(p));
         for f in 1..clip.frames() {
             let allowed: f64 =
                 between(joint, parent).map(|j| angle_between(clip.pose(f - 1)[j], clip.pose(f)[j])).sum();
@@ -142,37 +142,37 @@ fn nothing_jumps_that_did_not() {
     }
 }
 
-/// Heading of hips and shoulders, radians; `None` where they lie flat.
+/// Heading of hips and shoulders, radians; `None` if they are vertical.
 fn heading([left_hip, right_hip, left_shoulder, right_shoulder]: [Vec3; 4]) -> Option<f64> {
     let forward = (left_hip - right_hip + left_shoulder - right_shoulder).cross(Vec3::Y);
     (forward.length() > 0.1).then(|| forward.x.atan2(forward.z))
 }
 
-/// A person stays one: faces the same way, bends knees and elbows as people do, carries the head as high as before.
+/// Bodies stay plausible: same heading, knees and elbows bend the right way, same head height.
 fn check_stand(path: &Path) {
     let motion = read(path);
-    let way = way(&motion);
+    let retarget = retarget(&motion);
     let clip = thin(&motion.clip, 10);
-    let image = way.to_smpl(&clip).unwrap();
+    let image = retarget.to_smpl(&clip).unwrap();
     let file = path.display();
     let (mut bends, mut turned, mut n) = ([0.0; 4], 0.0, 0);
     for f in 0..clip.frames() {
         let (a, b) = (clip.global_pose(f).positions, image.global_pose(f).positions);
-        let on_rig = |id: usize| a[way.joint(id).unwrap()];
+        let on_rig = |id: usize| a[retarget.joint(id).unwrap()];
         let ids = [1, 2, 16, 17];
         if let (Some(a), Some(b)) = (heading(ids.map(on_rig)), heading(ids.map(|id| b[id]))) {
             turned += angle_between(about_y(a), about_y(b));
             n += 1;
         }
-        // against the hinge's own axis a knee bends backward (+x), a left elbow forward (-y), a right one (+y)
+        // about the hinge's own axis a knee bends backward (+x), a left elbow forward (-y), a right one (+y)
         let vector = |id: usize| kinelm_motion::rotation::exp_map::to_vector(image.pose(f)[id]);
         let bend = [vector(4).x, vector(5).x, -vector(18).y, vector(19).y];
         bends = std::array::from_fn(|k| bends[k] + bend[k] / clip.frames() as f64);
-        let (rise, height) = (b[15].y - b[0].y, (on_rig(15).y - on_rig(0).y) * way.scale());
+        let (rise, height) = (b[15].y - b[0].y, (on_rig(15).y - on_rig(0).y) * retarget.scale());
         assert!((rise - height).abs() < 0.2, "{file}: the head rises {rise} m in frame {f}, {height} m on the rig");
     }
     assert!(n == 0 || (turned / n as f64).to_degrees() < 5.0, "{file}: turned by {turned} over {n} frames");
-    // some actors stand with a knee pressed through, by up to 4 degrees
+    // some actors overextend a knee by up to 4 degrees
     assert!(bends.iter().all(|&b| b > -0.1), "{file}: knees and elbows bend by {bends:?} on the mean");
 }
 
@@ -195,18 +195,18 @@ fn a_dance_survives_a_file_on_its_own_rig() {
     for (set, nth) in [("cmu-dance", 14), ("bandai-1", 60), ("bandai-2", 600)] {
         for path in clips(set, test, nth) {
             let motion = read(&path);
-            let way = way(&motion);
-            let x = way.to_smpl(&motion.clip.slice(0..motion.clip.frames().min(60))).unwrap();
-            // other arms than the file's: what a generated dance is
+            let retarget = retarget(&motion);
+            let x = retarget.to_smpl(&motion.clip.slice(0..motion.clip.frames().min(60))).unwrap();
+            // other arms than the file's, as in a generated dance
             let mixed = mirror::mirror(&x).unwrap();
             let file = folder.path().join("out.bvh");
-            let out = Motion { clip: way.to_rig(&mixed).unwrap(), ..motion.clone() };
+            let out = Motion { clip: retarget.to_rig(&mixed).unwrap(), ..motion.clone() };
             format::write(&file, &out).unwrap();
-            // the same way: what stands in a file doesn't tell its floor to the last digit
-            let again = way.to_smpl(&format::read(&file, &ReadOptions::default()).unwrap().clip).unwrap();
+            // the same retargeting, because a written file doesn't give its floor to the last digit
+            let again = retarget.to_smpl(&format::read(&file, &ReadOptions::default()).unwrap().clip).unwrap();
             assert_eq!(again.frames(), mixed.frames());
             for f in 0..mixed.frames() {
-                // six decimals of a degree, summed over the joints on the way
+                // six decimals of a degree, summed over the chain of joints
                 assert!((again.root()[f] - mixed.root()[f]).length() < 1e-6, "{}", path.display());
                 for id in 0..24 {
                     let off = angle_between(again.pose(f)[id], mixed.pose(f)[id]);
@@ -217,8 +217,8 @@ fn a_dance_survives_a_file_on_its_own_rig() {
     }
 }
 
-/// A rig's mirror image: exact where the sides are equally long, else to what they differ by; and the mirror of the rig
-/// is the mirror of the SMPL body.
+/// Mirroring on a rig: exact if both sides are equally long, else within their difference; and consistent with mirroring
+/// on the SMPL body.
 #[test]
 fn rigs_are_mirrored_through_their_reference_pose() {
     let test = "rigs_are_mirrored_through_their_reference_pose";
@@ -228,24 +228,24 @@ fn rigs_are_mirrored_through_their_reference_pose() {
     {
         for path in clips(set, test, nth) {
             let motion = read(&path);
-            let way = way(&motion);
+            let retarget = retarget(&motion);
             let clip = thin(&motion.clip, 20);
             let mirror = Mirror::new(clip.skeleton(), &map_for(clip.skeleton(), None).unwrap()).unwrap();
             let once = mirror.apply(&clip).unwrap();
             let joints = clip.joints();
             let (a, b) = (clip.positions(), once.positions());
-            let mut apart: f64 = 0.0;
-            // all but the head, which sits 2.4 mm beside the CMU dances' neck
-            for (id, joint) in (0..24).filter(|&id| id != 15).filter_map(|id| Some((id, way.joint(id)?))) {
-                assert_eq!(mirror.partner(joint), way.joint(smpl::MIRROR[id]));
-                let partner = way.joint(smpl::MIRROR[id]).unwrap();
+            let mut distance: f64 = 0.0;
+            // all but the head, which is 2.4 mm beside the CMU dances' neck
+            for (id, joint) in (0..24).filter(|&id| id != 15).filter_map(|id| Some((id, retarget.joint(id)?))) {
+                assert_eq!(mirror.partner(joint), retarget.joint(smpl::MIRROR[id]));
+                let partner = retarget.joint(smpl::MIRROR[id]).unwrap();
                 for f in (0..a.len()).step_by(joints) {
                     let image = a[f + partner];
-                    apart = apart.max((b[f + joint] - Vec3::new(-image.x, image.y, image.z)).length());
+                    distance = distance.max((b[f + joint] - Vec3::new(-image.x, image.y, image.z)).length());
                 }
             }
-            assert!(apart < bound_m, "{}: the image is {apart} m off", path.display());
-            let images = [mirror::mirror(&way.to_smpl(&clip).unwrap()).unwrap(), way.to_smpl(&once).unwrap()];
+            assert!(distance < bound_m, "{}: the image is {distance} m off", path.display());
+            let images = [mirror::mirror(&retarget.to_smpl(&clip).unwrap()).unwrap(), retarget.to_smpl(&once).unwrap()];
             let off = images[0].rotations().iter().zip(images[1].rotations()).map(|(a, b)| angle_between(*a, *b));
             let off = off.fold(0.0, f64::max);
             assert!(off < bound_rad, "{}: SMPL's mirror image is {off} off", path.display());
@@ -253,7 +253,7 @@ fn rigs_are_mirrored_through_their_reference_pose() {
     }
 }
 
-/// 5th and 50th percentile of the least height of a foot above the floor, metres.
+/// 5th and 50th percentile of the foot clearance above the floor, metres.
 fn heights(clip: &Clip, map: Option<&str>, floor_m: f64) -> [f64; 2] {
     let feet = Feet::new(clip.skeleton(), &map_for(clip.skeleton(), map).unwrap()).unwrap();
     let mut least = feet.clearance(clip);
@@ -272,7 +272,7 @@ fn feet_stay_on_the_ground_from_and_to_every_rig() {
     let mut rigs: Vec<TargetRig> = sets.iter().filter_map(|(set, _)| first(set)).collect();
     rigs.push(TargetRig::Smpl(smpl::neutral()));
     let mut tall = smpl::neutral().offsets().to_vec();
-    // another body: longer shins, lower ankles, hips further down
+    // another body: longer shins, lower ankles, lower hips
     for (joint, times) in [(4, 1.2), (5, 1.2), (7, 1.3), (8, 1.3), (10, 0.7), (11, 0.7), (1, 1.4), (2, 1.4)] {
         tall[joint] *= times;
     }
@@ -292,10 +292,10 @@ fn feet_stay_on_the_ground_from_and_to_every_rig() {
             let moved = (0..2).map(|q| (after[q] - before[q]).abs()).fold(0.0, f64::max);
             assert!(moved <= 0.03, "{} on rig {i}: {before:?} m above the floor became {after:?}", path.display());
             worst = worst.max(moved);
-            // and back: the floor travels with it
+            // and back: the floor is known from before
             assert_eq!(format::floor_height(&on, None).unwrap(), floor_m);
             let back = convert::on_rig(on, &TargetRig::OfFile(Box::new(motion.clone())), None).unwrap();
-            let pelvis = way(&motion).joint(0).unwrap();
+            let pelvis = retarget(&motion).joint(0).unwrap();
             let joints = motion.clip.joints();
             for (a, b) in motion.clip.positions().chunks(joints).zip(back.clip.positions().chunks(joints)) {
                 assert!(

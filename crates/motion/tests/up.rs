@@ -1,4 +1,4 @@
-//! Files whose world has another axis up: read as if y were, and written back in their own.
+//! Files with another up axis: read with y up, and written back in their own axes.
 
 use kinelm_motion::format::bvh::{self, Channel};
 use kinelm_motion::format::{self, ReadOptions, Unit, Up, UpSource};
@@ -6,7 +6,7 @@ use kinelm_motion::rotation::{Axis, angle_between};
 use kinelm_motion::{Clip, Motion, Quat, Source, Vec3, inspect, smpl, synth};
 use std::path::{Path, PathBuf};
 
-/// The axes that aren't y: what a place (x, y, z) of a y-up file is in a file with that axis up, as axes and signs.
+/// The axes other than y: a position (x, y, z) with y up in a file with that up axis, as axes and signs.
 const TURNS: [(Up, [(Axis, f64); 3]); 5] = [
     (Up::Z, [(Axis::X, 1.0), (Axis::Z, -1.0), (Axis::Y, 1.0)]),
     (Up::NegZ, [(Axis::X, 1.0), (Axis::Z, 1.0), (Axis::Y, -1.0)]),
@@ -32,10 +32,10 @@ fn kinds(m: &Motion) -> Vec<&'static str> {
     m.warnings.iter().map(|w| w.kind).filter(|k| k.starts_with("up_")).collect()
 }
 
-/// A y-up file's text turned whole: offsets, names of channels and signs, nothing of which passes through a rotation.
+/// Rotates the text of a y-up file: offsets, channel names and signs, without computing any rotation.
 fn whole(m: &Motion, turn: &[(Axis, f64); 3]) -> Vec<u8> {
     let (head, numbers) = (&source(m).head, &source(m).numbers);
-    // own axis a lies along an axis of the file, with a sign
+    // own axis a is an axis of the file, up to its sign
     let goes = |a: Axis| {
         let i = turn.iter().position(|(from, _)| *from == a).unwrap();
         ([Axis::X, Axis::Y, Axis::Z][i], turn[i].1)
@@ -77,13 +77,13 @@ fn whole(m: &Motion, turn: &[(Axis, f64); 3]) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// The turn as a rotation of places.
+/// The rotation of positions.
 fn rotation(turn: &[(Axis, f64); 3]) -> Quat {
     let to = |p: Vec3| Vec3::from_array(turn.map(|(from, sign)| sign * p[from.index()]));
     Quat::from_mat3(&kinelm_motion::rotation::Mat3::from_cols(to(Vec3::X), to(Vec3::Y), to(Vec3::Z)))
 }
 
-/// A clip whose motion is turned, and whose bones aren't.
+/// A clip with rotated motion and unrotated bones.
 fn turned(clip: &Clip, by: Quat) -> Clip {
     let root = clip.root().iter().map(|&p| by * p).collect();
     let at_root = |(i, &q): (usize, &Quat)| if i % clip.joints() == 0 { by * q } else { q };
@@ -91,17 +91,17 @@ fn turned(clip: &Clip, by: Quat) -> Clip {
     Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations).unwrap()
 }
 
-/// Largest differences of places in metres and of rotations in radians.
-fn apart(a: &Clip, b: &Clip) -> (f64, f64) {
+/// Largest differences of positions in metres and of rotations in radians.
+fn distance(a: &Clip, b: &Clip) -> (f64, f64) {
     assert_eq!((a.frames(), a.joints()), (b.frames(), b.joints()));
-    let places = a.positions().iter().zip(b.positions()).map(|(a, b)| a.distance(b)).fold(0.0, f64::max);
+    let positions = a.positions().iter().zip(b.positions()).map(|(a, b)| a.distance(b)).fold(0.0, f64::max);
     let turns = a.rotations().iter().zip(b.rotations()).map(|(a, b)| angle_between(*a, *b)).fold(0.0, f64::max);
-    (places, turns)
+    (positions, turns)
 }
 
 fn assert_same(a: &Clip, b: &Clip, metres: f64, radians: f64, what: &str) {
-    let (places, turns) = apart(a, b);
-    assert!(places < metres && turns < radians, "{what}: {places} m, {turns} rad");
+    let (positions, turns) = distance(a, b);
+    assert!(positions < metres && turns < radians, "{what}: {positions} m, {turns} rad");
 }
 
 /// Every `nth` clip of a set.
@@ -144,14 +144,14 @@ fn every_shared_file_stands_however_it_is_turned() {
             let lies = bvh::to_bytes(&lies).unwrap();
             let m = read(&lies, &options(Up::Auto));
             assert_eq!((source(&m).rig.axes.up, kinds(&m)), (Up::Y, vec!["up_unsure"]), "{what}, motion alone");
-            assert!(m.warnings.iter().any(|w| w.what.contains("--up")), "{what}");
+            assert!(m.warnings.iter().any(|w| w.what.contains("`up`")), "{what}");
             let m = read(&lies, &options(*up));
             assert_same(&own.clip, &m.clip, 1e-5, 1e-6, &format!("{what}, motion alone"));
         }
     }
 }
 
-/// A dance of our own as a y-up BVH on SMPL's rig.
+/// A synthetic dance as a y-up BVH on SMPL's rig.
 fn dance() -> Motion {
     let clip = synth::corpus(3, 1, 2.0, 30.0).unwrap().remove(0).clip;
     let plain = Motion { path: "x".into(), clip, source: Source::Plain, warnings: vec![] };
@@ -164,9 +164,9 @@ fn what_was_read_is_written_in_its_own_axes() {
     for (up, turn) in &TURNS {
         let m = read(&whole(&own, turn), &options(Up::Auto));
         let bytes = bvh::to_bytes(&m).unwrap();
-        // untouched: the file's own numbers
+        // unchanged: the file's own numbers
         assert_eq!(source(&read(&bytes, &options(Up::Auto))).numbers, source(&m).numbers, "{up}");
-        // touched: other numbers, the same axes
+        // changed: other numbers, the same axes
         let moved = m.clip.root().iter().map(|p| *p + Vec3::new(0.5, 0.01, -0.25)).collect();
         let clip = Clip::new(m.clip.skeleton().clone(), 30.0, moved, m.clip.rotations().to_vec()).unwrap();
         let bytes = bvh::to_bytes(&Motion { clip: clip.clone(), ..m.clone() }).unwrap();
@@ -174,7 +174,7 @@ fn what_was_read_is_written_in_its_own_axes() {
         assert_eq!(source(&back).rig.axes.up, *up);
         assert_eq!(source(&back).head.nodes, source(&m).head.nodes);
         assert_same(&clip, &back.clip, 1e-6, 1e-6, &format!("{up}"));
-        // places alone, too
+        // positions too
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.bvh");
         std::fs::write(&path, &bytes).unwrap();
@@ -182,7 +182,7 @@ fn what_was_read_is_written_in_its_own_axes() {
         let hips = points.joints.iter().position(|j| *j == clip.skeleton().names()[0]).unwrap();
         assert!(points.positions[hips].distance(clip.root()[0]) < 1e-6, "{up}");
 
-        // the motion alone, said by the flag
+        // the motion alone, with the axis given
         let lies = Motion { clip: turned(&own.clip, rotation(turn)), ..own.clone() };
         let m = read(&bvh::to_bytes(&lies).unwrap(), &options(*up));
         let clip = turned(&m.clip, Quat::from_rotation_y(0.3));
@@ -267,8 +267,8 @@ fn options_of_before_have_no_up() {
     }
 }
 
-/// A movement of scripts/reference/blender.py, and what Blender's importer and exporter made of it, read as `up` tells;
-/// they are the same movement at `fps`, and what Blender wrote is written back as it wrote it.
+/// A movement of scripts/reference/blender.py, and Blender's export of its import, read as `up` says. They are the same
+/// movement at `fps`, and Blender's file is written back unchanged.
 fn through_blender(name: &str, up: Up, fps: f64) -> [Motion; 2] {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
     let own = format::read(&golden.join(format!("{name}_y_up.bvh")), &options(Up::Auto)).unwrap();
@@ -284,13 +284,13 @@ fn through_blender(name: &str, up: Up, fps: f64) -> [Motion; 2] {
 
 #[test]
 fn a_dance_through_blender_and_back_is_the_same() {
-    // who dances upright needs no flag, and leaves no doubt: of the axis, of the floor, of anything
+    // an upright dance needs no option and leaves no doubt about axis or floor
     let floors = through_blender("blender_dance", Up::Auto, 20.0).map(|mut m| {
         assert_eq!(source(&m).rig.axes.by, UpSource::Inferred);
-        let said = if source(&m).rig.axes.up == Up::Y { vec![] } else { vec!["up_axis"] };
+        let message = if source(&m).rig.axes.up == Up::Y { vec![] } else { vec!["up_axis"] };
         let floor = format::resolve_floor(&mut m, &options(Up::Auto)).unwrap();
-        assert_eq!(m.warnings.iter().map(|w| w.kind).collect::<Vec<_>>(), said, "{:?}", m.warnings);
-        let report = inspect::report(&m).text();
+        assert_eq!(m.warnings.iter().map(|w| w.kind).collect::<Vec<_>>(), message, "{:?}", m.warnings);
+        let report = inspect::report(&m, None).text();
         assert!(report.contains("no doubts"), "{report}");
         floor
     });
@@ -299,6 +299,6 @@ fn a_dance_through_blender_and_back_is_the_same() {
 
 #[test]
 fn a_tumble_through_blender_and_back_is_the_same() {
-    // all joints turn every way, no body stands: which axis is up is for the caller to say
+    // with all joints rotated arbitrarily no body stands, and the caller must give the axis
     through_blender("blender", Up::Z, 60.0);
 }

@@ -13,16 +13,16 @@ const SMOOTH_S: f64 = 0.15;
 /// Horizontal displacements of the body (F), metres, that cancel the movement of the stance foot, with the floor at
 /// `floor_m`. Foot joints near the floor are weighted by how slow they are. The first `given` frames stay.
 pub fn offsets(clip: &Clip, legs: &[Leg; 2], floor_m: f64, given: usize) -> Vec<Vec3> {
-    let (places, j, frames) = (clip.positions(), clip.joints(), clip.frames());
+    let (positions, j, frames) = (clip.positions(), clip.joints(), clip.frames());
     let feet: Vec<(usize, f64)> = legs.iter().flat_map(|leg| leg.foot.iter().copied()).collect();
     let step = |f: usize| {
         let (mut sum, mut weight, mut sure) = (Vec3::ZERO, 0.0, 0.0f64);
         for &(joint, rest) in &feet {
-            let [a, b] = [places[f * j + joint], places[(f + 1) * j + joint]];
+            let [a, b] = [positions[f * j + joint], positions[(f + 1) * j + joint]];
             let low = (1.0 - (a.y.max(b.y) - floor_m - rest) / LOW_M).clamp(0.0, 1.0);
-            let way = Vec3::new(b.x - a.x, 0.0, b.z - a.z);
-            let slow = SLOW_M_S / (SLOW_M_S + way.length() * clip.fps());
-            sum += way * (low * slow * slow);
+            let displacement = Vec3::new(b.x - a.x, 0.0, b.z - a.z);
+            let slow = SLOW_M_S / (SLOW_M_S + displacement.length() * clip.fps());
+            sum += displacement * (low * slow * slow);
             weight += low * slow * slow;
             sure = sure.max(low);
         }

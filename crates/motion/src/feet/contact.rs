@@ -54,28 +54,28 @@ impl Contact {
 
 /// The contacts of a leg in temporal order, with the floor at `floor_m`.
 pub fn contacts(clip: &Clip, leg: &Leg, side: usize, floor_m: f64) -> Vec<Contact> {
-    let (places, j, frames) = (clip.positions(), clip.joints(), clip.frames());
-    let at = |f: usize, joint: usize| places[f * j + joint];
+    let (positions, j, frames) = (clip.positions(), clip.joints(), clip.frames());
+    let at = |f: usize, joint: usize| positions[f * j + joint];
     let speed = |f: usize, joint: usize| {
         let (a, b) = (f.saturating_sub(1), (f + 1).min(frames - 1));
         if b > a { (at(b, joint) - at(a, joint)).length() * clip.fps() / (b - a) as f64 } else { 0.0 }
     };
     // the foot is in contact as long as one of its joints is
-    let stands = |f: usize, (height, fast): (f64, f64)| {
+    let in_contact = |f: usize, (height, fast): (f64, f64)| {
         leg.foot.iter().any(|&(joint, rest)| at(f, joint).y - floor_m - rest < height && speed(f, joint) < fast)
     };
     let mut found: Vec<Contact> = Vec::new();
     let mut f = 0;
     while f < frames {
-        if !stands(f, BEGINS) {
+        if !in_contact(f, BEGINS) {
             f += 1;
             continue;
         }
         let mut from = f;
-        while from > 0 && found.last().is_none_or(|c| c.to < from) && stands(from - 1, ENDS) {
+        while from > 0 && found.last().is_none_or(|c| c.to < from) && in_contact(from - 1, ENDS) {
             from -= 1;
         }
-        while f < frames && stands(f, ENDS) {
+        while f < frames && in_contact(f, ENDS) {
             f += 1;
         }
         split(&|frames| best(&at, leg, (side, floor_m), frames), &speed, from..f, SHORTEST_S * clip.fps(), &mut found);
@@ -85,7 +85,7 @@ pub fn contacts(clip: &Clip, leg: &Leg, side: usize, floor_m: f64) -> Vec<Contac
 
 /// Adds a range as a contact. If the foot moves too far, the range is split at a step within it, if there is one.
 fn split(
-    stand: &dyn Fn(Range<usize>) -> Option<(f64, Contact)>,
+    fit: &dyn Fn(Range<usize>) -> Option<(f64, Contact)>,
     speed: &dyn Fn(usize, usize) -> f64,
     frames: Range<usize>,
     shortest: f64,
@@ -94,7 +94,7 @@ fn split(
     if (frames.len() as f64) < shortest.max(2.0) {
         return;
     }
-    let Some((spread, contact)) = stand(frames.clone()) else { return };
+    let Some((spread, contact)) = fit(frames.clone()) else { return };
     if spread <= FURTHEST_M {
         found.push(contact);
         return;
@@ -110,8 +110,8 @@ fn split(
     let in_step = |i: &usize| speeds[*i] > IN_STEP * peak;
     let first = (0..fastest).rev().find(|i| !in_step(i)).map_or(0, |i| i + 1);
     let last = (fastest..speeds.len()).find(|i| !in_step(i)).unwrap_or(speeds.len());
-    split(stand, speed, frames.start..frames.start + first, shortest, found);
-    split(stand, speed, frames.start + last..frames.end, shortest, found);
+    split(fit, speed, frames.start..frames.start + first, shortest, found);
+    split(fit, speed, frames.start + last..frames.end, shortest, found);
 }
 
 /// The foot joint that moves least during contact, and its largest distance from its mean position.
@@ -126,8 +126,8 @@ fn best(
         // toes in the air move as little as the heel on the floor: only joints near the floor count
         (least - floor_m - rest < ENDS.0).then(|| {
             let mean = frames.clone().map(|f| at(f, joint)).sum::<Vec3>() / frames.len() as f64;
-            let apart = |f: usize| (at(f, joint).x - mean.x).hypot(at(f, joint).z - mean.z);
-            let furthest = frames.clone().map(apart).fold(0.0, f64::max);
+            let distance = |f: usize| (at(f, joint).x - mean.x).hypot(at(f, joint).z - mean.z);
+            let furthest = frames.clone().map(distance).fold(0.0, f64::max);
             let place = [mean.x, mean.z];
             (furthest, Contact { side, from: frames.start, to: frames.end, joint, place, turn: 0.0 })
         })
@@ -147,15 +147,15 @@ pub struct Moves {
 /// The corrections of a leg's foot: to its locked position in contacts, out of the floor elsewhere, blended over
 /// [`BLEND_S`]. The first `given` frames stay.
 pub fn moves(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f64, usize)) -> Moves {
-    let (places, j, frames) = (clip.positions(), clip.joints(), clip.frames());
-    let at = |f: usize, joint: usize| places[f * j + joint];
+    let (positions, j, frames) = (clip.positions(), clip.joints(), clip.frames());
+    let at = |f: usize, joint: usize| positions[f * j + joint];
     // position of a foot joint after the pitch correction
     let turned = |f: usize, joint: usize, turn: f64| {
         let foot = at(f, joint) - at(f, leg.ankle);
         at(f, leg.ankle) + flatten::toes_up(foot, turn) * foot
     };
     let mut out = Moves { by: vec![Vec3::ZERO; frames], turn: vec![0.0; frames] };
-    let mut held: Vec<bool> = (0..frames).map(|f| f < given).collect();
+    let mut locked: Vec<bool> = (0..frames).map(|f| f < given).collect();
     for contact in contacts {
         let [x, z] = contact.place;
         let least = |&(joint, rest): &(usize, f64)| {
@@ -167,18 +167,18 @@ pub fn moves(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f6
             let by = Vec3::new(x, 0.0, z) - turned(f, contact.joint, contact.turn);
             out.by[f] = Vec3::new(by.x, floor_m - lowest, by.z);
             out.turn[f] = contact.turn;
-            held[f] = true;
+            locked[f] = true;
         }
     }
     let n = ((BLEND_S * clip.fps()).round() as usize).max(1);
-    let before: Vec<Option<usize>> = last_held(held.iter().copied());
-    let mut behind: Vec<Option<usize>> = last_held(held.iter().rev().copied());
-    behind.reverse();
+    let before: Vec<Option<usize>> = frames_since_locked(locked.iter().copied());
+    let mut after: Vec<Option<usize>> = frames_since_locked(locked.iter().rev().copied());
+    after.reverse();
     let ends = out.clone();
     let end = |f: usize| (ends.by[f], ends.turn[f]);
-    for f in (0..frames).filter(|&f| !held[f]) {
+    for f in (0..frames).filter(|&f| !locked[f]) {
         let a = before[f].map(|back| (back, end(f - back)));
-        let b = behind[f].map(|ahead| (ahead, end(f + ahead)));
+        let b = after[f].map(|next| (next, end(f + next)));
         (out.by[f], out.turn[f]) = match (a, b) {
             // blend between two contacts that are near each other
             (Some((i, a)), Some((k, b))) if i + k <= 2 * n => {
@@ -202,13 +202,14 @@ pub fn moves(clip: &Clip, leg: &Leg, contacts: &[Contact], (floor_m, given): (f6
 }
 
 /// For each frame, how many frames ago the last locked one was.
-fn last_held(held: impl Iterator<Item = bool>) -> Vec<Option<usize>> {
+fn frames_since_locked(locked: impl Iterator<Item = bool>) -> Vec<Option<usize>> {
     let mut back = None;
-    held.map(|held| {
-        back = if held { Some(0) } else { back.map(|b: usize| b + 1) };
-        back
-    })
-    .collect()
+    locked
+        .map(|locked| {
+            back = if locked { Some(0) } else { back.map(|b: usize| b + 1) };
+            back
+        })
+        .collect()
 }
 
 /// Smoothstep: from 0 to 1 with zero slope at both ends.

@@ -17,8 +17,8 @@ const SLACK: f64 = 0.05;
 /// rig with ankles only.
 pub fn turn(clip: &Clip, leg: &Leg, contact: &Contact) -> f64 {
     let Some((ball, flat)) = flat(leg) else { return 0.0 };
-    let (places, j) = (clip.positions(), clip.joints());
-    let up = |f: usize| pitch(places[f * j + ball] - places[f * j + leg.ankle], flat);
+    let (positions, j) = (clip.positions(), clip.joints());
+    let up = |f: usize| pitch(positions[f * j + ball] - positions[f * j + leg.ankle], flat);
     let mean = contact.frames().map(up).sum::<f64>() / contact.frames().len().max(1) as f64;
     if mean.abs() > STEEP {
         return 0.0;

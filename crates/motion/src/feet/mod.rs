@@ -67,7 +67,7 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> 
     let legs = Leg::both(&pose, &feet);
     let mut locked = FootLock::default();
     let mut root = clip.root().to_vec();
-    let ups = hangs(clip, &feet, floor_m, fixed);
+    let ups = floating_m(clip, &feet, floor_m, fixed);
     if !fixed.root {
         for (root, up) in root.iter_mut().zip(&ups) {
             root.y -= up;
@@ -114,7 +114,7 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> 
 }
 
 /// How far the body floats above the floor (F), metres.
-fn hangs(clip: &Clip, feet: &Feet, floor_m: f64, fixed: FixedParts) -> Vec<f64> {
+fn floating_m(clip: &Clip, feet: &Feet, floor_m: f64, fixed: FixedParts) -> Vec<f64> {
     let (least, others) = (feet.clearance(clip), feet.other_heights(clip));
     let least: Vec<f64> =
         least.iter().zip(&others).map(|(y, other)| settle::height(y - floor_m, other - floor_m)).collect();
@@ -127,7 +127,7 @@ fn hangs(clip: &Clip, feet: &Feet, floor_m: f64, fixed: FixedParts) -> Vec<f64> 
 fn bent(clip: &Clip, legs: &[Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip, [Vec<f64>; 2])> {
     let frames = clip.frames();
     let mut rotations = clip.rotations().to_vec();
-    let mut apart: [Vec<f64>; 2] = [vec![0.0; frames], vec![0.0; frames]];
+    let mut error: [Vec<f64>; 2] = [vec![0.0; frames], vec![0.0; frames]];
     let mut pose = GlobalPose::default();
     for f in 0..frames {
         let local: &mut [Quat] = &mut rotations[f * clip.joints()..][..clip.joints()];
@@ -138,11 +138,11 @@ fn bent(clip: &Clip, legs: &[Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip,
                 let turn = flatten::flat(leg).map_or(Quat::IDENTITY, |(ball, _)| {
                     flatten::toes_up(pose.positions[ball] - pose.positions[leg.ankle], turn[f])
                 });
-                apart[*side][f] = leg.bend(clip.skeleton(), &pose, (by[f], turn), local);
+                error[*side][f] = leg.bend(clip.skeleton(), &pose, (by[f], turn), local);
             }
         }
     }
-    Ok((Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations)?, apart))
+    Ok((Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations)?, error))
 }
 
 /// The blend from given frames to corrected ones.
@@ -193,8 +193,8 @@ fn hold(
     let lowered = Clip::new(clip.skeleton().clone(), fps, root, clip.rotations().to_vec())?;
     // the foot's target doesn't move with the lowered body
     moves.iter_mut().for_each(|(_, moves)| moves.by.iter_mut().zip(&lower).for_each(|(by, down)| by.y += down));
-    let (done, apart) = bent(&lowered, legs, &moves)?;
-    let far = found.iter().flatten().filter(|c| apart[c.side][c.frames()].iter().any(|apart| *apart > REACH_M));
+    let (done, error) = bent(&lowered, legs, &moves)?;
+    let far = found.iter().flatten().filter(|c| error[c.side][c.frames()].iter().any(|error| *error > REACH_M));
     Ok((done, far.cloned().collect()))
 }
 

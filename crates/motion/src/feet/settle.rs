@@ -26,12 +26,12 @@ pub fn height(foot: f64, other: f64) -> f64 {
 /// pelvis is in free fall for at least half of that time. The result is averaged over 0.2 s; 1 cm is tolerated.
 pub fn offsets(least: &[f64], pelvis: &[f64], fps: f64) -> Vec<f64> {
     let [half, smooth] = [HALF_S, SMOOTH_S].map(|s| (s * fps).round() as usize);
-    let mut stands = least.to_vec();
+    let mut heights = least.to_vec();
     let jumps = aloft(least, pelvis, fps).into_iter().filter(|Aloft { frames, falls }| 2 * falls >= frames.len());
-    jumps.for_each(|jump| stands[jump.frames].fill(0.0));
+    jumps.for_each(|jump| heights[jump.frames].fill(0.0));
     let lowest = |around: &[f64]| around.iter().copied().fold(f64::INFINITY, f64::min);
-    let hangs = over(&over(&stands, half, lowest), half, highest);
-    mean(&hangs, smooth).into_iter().map(|h| h - h.clamp(-SLACK_M, SLACK_M)).collect()
+    let floating = over(&over(&heights, half, lowest), half, highest);
+    mean(&floating, smooth).into_iter().map(|h| h - h.clamp(-SLACK_M, SLACK_M)).collect()
 }
 
 fn highest(around: &[f64]) -> f64 {
@@ -71,9 +71,9 @@ mod tests {
         assert!(of(&[-0.10; 40]).iter().all(|x| (x + 0.09).abs() < 1e-12));
         // a step from one foot to the other, and feet that float as long as a jump lasts
         let up = |from: usize, to: usize| (0..60).map(|f| if (from..to).contains(&f) { 0.2 } else { 0.0 }).collect();
-        let (step, hangs): (Vec<f64>, Vec<f64>) = (up(20, 24), up(20, 32));
+        let (step, floating): (Vec<f64>, Vec<f64>) = (up(20, 24), up(20, 32));
         assert!(of(&step).iter().all(|x| *x == 0.0));
-        assert!((of(&hangs)[26] - 0.19).abs() < 1e-12 && of(&hangs)[10] == 0.0);
+        assert!((of(&floating)[26] - 0.19).abs() < 1e-12 && of(&floating)[10] == 0.0);
         // thrown up at 3 m/s, 0.6 s in the air
         let thrown = |f: usize| (4.905 * (f as f64 / fps - 1.0) * (1.6 - f as f64 / fps)).max(0.0);
         let least: Vec<f64> = (0..60).map(thrown).collect();

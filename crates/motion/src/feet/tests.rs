@@ -50,12 +50,12 @@ fn a_dance_that_slides_and_hangs_stands() {
         assert!(skate(&done) < 0.5 * skate(&settled), "{} of {}", skate(&done), skate(&settled));
         assert!(jitter(&done).unwrap() < jitter(&bad).unwrap() + 15.0);
         // locked feet keep their position
-        let places = done.positions();
+        let positions = done.positions();
         for contact in &locked.locked {
             for f in contact.frames() {
-                let p = places[f * 24 + contact.joint];
-                let apart = (p.x - contact.place[0]).hypot(p.z - contact.place[1]);
-                assert!(apart < REACH_M + 1e-9, "{apart}");
+                let p = positions[f * 24 + contact.joint];
+                let distance = (p.x - contact.place[0]).hypot(p.z - contact.place[1]);
+                assert!(distance < REACH_M + 1e-9, "{distance}");
             }
         }
         // only hips, knees and ankles change, and feet rotate only by their pitch correction
@@ -136,8 +136,8 @@ fn feet_that_stand_lie_flat_and_who_stands_on_the_balls_goes_on() {
         clip.raised(-least)
     };
     let pitch = |clip: &Clip, f: usize, leg: &Leg| {
-        let (places, (ball, flat)) = (clip.global_pose(f).positions, flatten::flat(leg).unwrap());
-        flatten::pitch(places[ball] - places[leg.ankle], flat)
+        let (positions, (ball, flat)) = (clip.global_pose(f).positions, flatten::flat(leg).unwrap());
+        flatten::pitch(positions[ball] - positions[leg.ankle], flat)
     };
     for (before, after) in [(0.0, 0.0), (0.04, 0.04), (-0.2, -0.05), (0.25, 0.05), (-0.6, -0.3), (0.9, 0.9)] {
         let clip = stands(before);
@@ -216,8 +216,8 @@ fn a_leg_bends_to_a_place_and_says_what_is_too_far() {
                 let mut local = clip.pose(f).to_vec();
                 let far = leg.bend(clip.skeleton(), &before, (offset, Quat::IDENTITY), &mut local);
                 let after = GlobalPose::new(clip.skeleton(), clip.root()[f], &local);
-                let apart = (after.positions[leg.ankle] - before.positions[leg.ankle] - offset).length();
-                assert!((apart - far).abs() < 1e-6, "{apart} {far}");
+                let distance = (after.positions[leg.ankle] - before.positions[leg.ankle] - offset).length();
+                assert!((distance - far).abs() < 1e-6, "{distance} {far}");
                 assert!(after.rotations[leg.ankle].angle_between(before.rotations[leg.ankle]) < 1e-6);
             }
         }
@@ -234,11 +234,11 @@ fn what_is_behind_given_frames_begins_where_they_end() {
     let given = 60;
     let (done, _) = lock(&bad, &map(), 0.0, FixedParts { frames: given, ..FixedParts::default() }).unwrap();
     assert_eq!(done.slice(0..given), bad.slice(0..given));
-    let (places, before) = (done.positions(), bad.positions());
+    let (positions, before) = (done.positions(), bad.positions());
     let speed = |all: &[Vec3], f: usize, j: usize| (all[(f + 1) * 24 + j] - all[f * 24 + j]).length() * done.fps();
     for f in given - 1..given + 30 {
         for j in [0, 7, 8] {
-            assert!(speed(&places, f, j) < speed(&before, f, j) + 1.0, "joint {j} of frame {f}");
+            assert!(speed(&positions, f, j) < speed(&before, f, j) + 1.0, "joint {j} of frame {f}");
         }
     }
     assert!(ground(&done.slice(90..done.frames())).floating_share().unwrap() < 0.05);

@@ -1,6 +1,6 @@
 //! AIST++: a pickled dict of numpy arrays, 60 frames per second, y up.
 //!
-//! Metres are `smpl_trans / smpl_scaling`; the pelvis lies at the body's rest pelvis plus that, as in AMASS.
+//! `smpl_trans / smpl_scaling` is in metres; the pelvis is at the body's rest pelvis plus that, as in AMASS.
 
 use super::npz::list;
 use super::pickle::{Pickle, Value};
@@ -11,7 +11,7 @@ use crate::{Clip, Error, Motion, Result, Source};
 use kinelm_store::SourcePos;
 use std::path::Path;
 
-/// AIST++'s rate.
+/// AIST++'s rate, frames per second.
 pub const FPS: f64 = 60.0;
 
 /// Reads a motion: `smpl_poses` (F, 72) or (F, 24, 3), `smpl_trans` (F, 3), `smpl_scaling` of one element.
@@ -19,10 +19,10 @@ pub const FPS: f64 = 60.0;
 /// The clip is on SMPL-24, at [`FPS`] or the rate in the options.
 ///
 /// # Errors
-/// [`FaultKind::PickleRefused`] for a pickle that names or calls anything but numpy's arrays, [`FaultKind::PickleBad`] for a damaged
-/// one; [`FaultKind::KeyMissing`], [`FaultKind::Shape`], [`FaultKind::Dtype`], [`FaultKind::ObjectArray`], [`FaultKind::NotFinite`];
-/// [`FaultKind::ScaleBad`]; [`FaultKind::NoMotion`] for a pickle of something else than a dict; [`FaultKind::NotThisFormat`]; those of a
-/// body model.
+/// [`FaultKind::PickleRefused`] for a pickle that names or calls anything but numpy's arrays; [`FaultKind::PickleBad`] for a
+/// damaged one; [`FaultKind::KeyMissing`], [`FaultKind::Shape`], [`FaultKind::Dtype`], [`FaultKind::ObjectArray`],
+/// [`FaultKind::NotFinite`], [`FaultKind::ScaleBad`]; [`FaultKind::NoMotion`] for a pickle of anything but a dict;
+/// [`FaultKind::NotThisFormat`]; those of a body model.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     if [&b"PK\x03\x04"[..], b"\x93NUMPY", b"HIERARCHY", b"{"].iter().any(|start| bytes.starts_with(start)) {
         let found = super::sniff(bytes);
@@ -47,9 +47,9 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         return Err(scaling.fault(FaultKind::ScaleBad, scale.to_string(), "a number above 0"));
     }
     let vectors = Vectors::new(&poses, &[72])?;
-    let places = translations(&trans, vectors.frames)?;
+    let positions = translations(&trans, vectors.frames)?;
     let body = body_model::body(options, &[])?;
-    let root = places.iter().map(|&t| body.rest_pelvis + t / scale).collect();
+    let root = positions.iter().map(|&t| body.rest_pelvis + t / scale).collect();
     let mut rotations = Vec::with_capacity(vectors.frames * 24);
     for f in 0..vectors.frames {
         for j in 0..24 {
@@ -61,12 +61,12 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     Ok(Motion { path: path.to_owned(), clip, source, warnings: vec![] })
 }
 
-/// Whether an `ignore_list.txt` beside the file, or beside its folder as in the data set, names it.
+/// Whether an `ignore_list.txt` in the file's folder or the folder above it lists this file.
 ///
-/// The list has a name a line, without extension; AIST++ publishes one of sequences whose reconstruction failed.
+/// The list has one name per line, without extension. AIST++ publishes one of sequences whose reconstruction failed.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Io`] when a list is there and can't be read.
+/// [`kinelm_store::Error::Io`] when a list exists and can't be read.
 pub fn ignored(path: &Path) -> Result<bool> {
     let Some(name) = path.file_stem() else { return Ok(false) };
     let folder = path.parent().unwrap_or(Path::new(""));

@@ -1,8 +1,8 @@
-//! AMASS: SMPL+H and SMPL-X motions in `.npz`, read; SMPL+H written.
+//! AMASS: reads SMPL, SMPL+H and SMPL-X motions in `.npz`; writes SMPL+H.
 //!
-//! AMASS's world is z up; (x, y, z) becomes (x, z, -y). `trans` is not the pelvis: SMPL turns the body about its pelvis at
-//! rest and then adds `trans`, so the pelvis lies at `rest_pelvis + trans`. Without a body model the rest pelvis is
-//! [`smpl::REST_PELVIS`] and the bones are the neutral skeleton's. Fingers, jaw and eyes are left out.
+//! AMASS has z up: (x, y, z) becomes (x, z, -y). `trans` is not the pelvis: SMPL rotates the body about its rest pelvis and
+//! then adds `trans`, so the pelvis is at `rest_pelvis + trans`. Without a body model the rest pelvis is
+//! [`smpl::REST_PELVIS`] and the bones are the neutral skeleton's. Fingers, jaw and eyes are dropped.
 
 use super::array::Array;
 use super::body_model;
@@ -17,30 +17,30 @@ use kinelm_store::SourcePos;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;
 
-/// Numbers in a row of SMPL+H's `poses`.
+/// Columns of SMPL+H's `poses`.
 const SMPLH: usize = 156;
-/// Numbers in a row of SMPL-X's `poses`.
+/// Columns of SMPL-X's `poses`.
 const SMPLX: usize = 165;
-/// Numbers in a row of SMPL's `poses`, whose hands are joints.
+/// Columns of SMPL's `poses`, which has hand joints.
 const SMPL: usize = 72;
 
-/// From AMASS's world to ours: -90 degrees about x.
+/// From AMASS's axes to a clip's: -90 degrees about x.
 const TURN: Quat = Quat::from_xyzw(-FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);
 
-/// Reads a motion file: `poses` of (F, 156), (F, 165) or (F, 72), or SMPL-X's `root_orient` (F, 3) and `pose_body`
-/// (F, 63); `trans` (F, 3); `mocap_framerate` or `mocap_frame_rate`; optional `betas`, `gender`, `surface_model_type`.
+/// Reads a motion: `poses` of (F, 156), (F, 165) or (F, 72), or SMPL-X's `root_orient` (F, 3) and `pose_body` (F, 63);
+/// `trans` (F, 3); `mocap_framerate` or `mocap_frame_rate`; optional `betas`, `gender`, `surface_model_type`.
 ///
-/// The clip is on SMPL-24; where the file's hands are fingers, joints 22 and 23 are identity. A rate in the options makes
-/// the file's needless.
+/// The clip is on SMPL-24. If the file has fingers instead of hand joints, joints 22 and 23 are identity. The file may lack
+/// its rate if the options give one.
 ///
 /// # Errors
-/// [`FaultKind::NoMotion`] for a file without poses (`shape.npz`, `neutral_stagei.npz`); [`FaultKind::KeyMissing`], [`FaultKind::Shape`],
-/// [`FaultKind::Dtype`], [`FaultKind::Truncated`], [`FaultKind::ObjectArray`], [`FaultKind::RateBad`], [`FaultKind::NotFinite`]; those of a body
-/// model.
+/// [`FaultKind::NoMotion`] for a file without poses (`shape.npz`, `neutral_stagei.npz`); [`FaultKind::KeyMissing`],
+/// [`FaultKind::Shape`], [`FaultKind::Dtype`], [`FaultKind::Truncated`], [`FaultKind::ObjectArray`],
+/// [`FaultKind::RateBad`], [`FaultKind::NotFinite`]; those of a body model.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let npz = Npz::open(path, bytes)?;
     let (rotations, frames, width) = poses(path, &npz)?;
-    let places = translations(&npz.array("trans")?, frames)?;
+    let positions = translations(&npz.array("trans")?, frames)?;
     let fps = match options.fps_source {
         Some(fps) => fps,
         None => rate(&npz)?,
@@ -56,7 +56,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     };
     let betas = betas(&npz)?;
     let body = body_model::body(options, &betas)?;
-    let root = places.iter().map(|&t| ours(body.rest_pelvis + t)).collect();
+    let root = positions.iter().map(|&t| ours(body.rest_pelvis + t)).collect();
     let clip = Clip::new(body.skeleton, fps, root, rotations)?;
     let (rest_pelvis, body_model) = (body.rest_pelvis, body.from_model);
     let source = Source::Amass { model, gender, betas: betas.len(), rest_pelvis, body_model };
@@ -64,17 +64,13 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
 }
 
 /// An AMASS SMPL+H file of a clip on SMPL-24: `poses` (F, 156) f64 with the fingers 0, `trans` (F, 3), `betas` 16 zeros,
-/// `gender` neutral, `mocap_framerate`. [`read`] gives rotations and places back to 1e-9, but for joints 22 and 23, which
-/// the format has no place for, and the bones, which it has no lengths of.
+/// `gender` neutral, `mocap_framerate`. [`read`] reproduces rotations and positions to 1e-9, except for joints 22 and 23
+/// and the bone lengths, which the format doesn't store.
 ///
 /// # Errors
-/// [`Error::Clip`] when the clip's joints are not SMPL's 24: retarget it first.
+/// [`Invalid`](kinelm_store::Error::Invalid) when the joints are not SMPL's 24: retarget the clip first.
 pub fn write(clip: &Clip) -> Result<Vec<u8>> {
-    let names = clip.skeleton().names();
-    if !names.iter().map(String::as_str).eq(smpl::NAMES) {
-        let found = format!("one of {} joints from {}", names.len(), names[0]);
-        return Err(Error::invalid("a clip for AMASS", found, "SMPL's 24 joints; retarget it first"));
-    }
+    smpl::check_rig("a clip for AMASS", clip.skeleton())?;
     let frames = clip.frames();
     let mut poses = vec![0.0; frames * SMPLH];
     let mut trans = Vec::with_capacity(frames * 3);
@@ -102,7 +98,7 @@ fn theirs(p: Vec3) -> Vec3 {
     Vec3::new(p.x, -p.z, p.y)
 }
 
-/// (F, 24) rotations, F, and the row's width.
+/// Rotations (F, 24), F, and the number of columns.
 fn poses(path: &Path, npz: &Npz) -> Result<(Vec<Quat>, usize, usize)> {
     if npz.has("poses") {
         let array = npz.array("poses")?;
@@ -122,11 +118,11 @@ fn poses(path: &Path, npz: &Npz) -> Result<(Vec<Quat>, usize, usize)> {
     }
     let e = FileError::new(SourcePos::file(path), FaultKind::NoMotion, list(npz.keys()), "poses");
     let stills = "shape.npz and neutral_stagei.npz hold a body and no motion";
-    let places = "positions alone hold no rotations";
-    Err(e.help(if npz.has("positions") { places } else { stills }).into())
+    let positions = "positions alone hold no rotations";
+    Err(e.help(if npz.has("positions") { positions } else { stills }).into())
 }
 
-/// (F, 24) rotations in our axes: of the first `joints` from the file, of the others identity.
+/// Rotations (F, 24) in a clip's axes: the first `joints` from the file, the others identity.
 fn rows(frames: usize, joints: usize, rotation: impl Fn(usize, usize) -> Result<Quat>) -> Result<Vec<Quat>> {
     let mut rotations = Vec::with_capacity(frames * 24);
     for f in 0..frames {
@@ -152,7 +148,7 @@ fn rate(npz: &Npz) -> Result<f64> {
     }
 }
 
-/// The first row of `betas`; none if the file has none.
+/// The first row of `betas`; empty if the file has none.
 fn betas(npz: &Npz) -> Result<Vec<f64>> {
     let Some(array) = npz.optional("betas")? else { return Ok(vec![]) };
     let mut values = array.reals()?;
@@ -163,7 +159,7 @@ fn betas(npz: &Npz) -> Result<Vec<f64>> {
     }
 }
 
-/// What says nothing about the motion need not stop its reading.
+/// Text that doesn't concern the motion: a fault is only a warning.
 fn optional_text(npz: &Npz, key: &str, warnings: &mut Vec<Warning>) -> String {
     match npz.optional(key).and_then(|a| a.as_ref().map(Array::text).transpose()) {
         Ok(text) => text.unwrap_or_default(),

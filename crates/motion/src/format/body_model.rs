@@ -1,21 +1,21 @@
-//! A user's own body model: bone lengths and the pelvis at rest instead of the neutral skeleton's.
+//! Body models: a user's own bone lengths and rest pelvis instead of the neutral skeleton's.
 //!
-//! No body model comes with this project or is needed by it. The licensed ones of the SMPL family are read from an `.npz`
-//! with these keys, all as plain number arrays (n joints, V vertices, B shape directions):
+//! This project includes and needs no body model. Licensed models of the SMPL family are read from an `.npz` with these
+//! keys, all arrays of numbers (n joints, V vertices, B shape directions):
 //!
 //! | key | shape | |
 //! |---|---|---|
 //! | `v_template` | (V, 3) | the mean body's vertices, metres, y up, left side +x |
 //! | `J_regressor` | (n, V) | joints from vertices, dense |
-//! | or `J_regressor_data`, `_indices`, `_indptr`, `_shape` | | the same as scipy's CSR or CSC parts (`_format` says which, or the length of `_indptr`) |
-//! | or `J_regressor_data`, `_row`, `_col`, `_shape` | | the same as scipy's COO parts |
-//! | `shapedirs` | (V, 3, B) | optional: what each shape number adds |
-//! | `betas` | (b) | optional: the user's own shape; a motion file's is used if it is missing |
+//! | or `J_regressor_data`, `_indices`, `_indptr`, `_shape` | | the same in scipy's CSR or CSC form (by `_format`, or the length of `_indptr`) |
+//! | or `J_regressor_data`, `_row`, `_col`, `_shape` | | the same in scipy's COO form |
+//! | `shapedirs` | (V, 3, B) | optional: what each shape coefficient adds |
+//! | `betas` | (b) | optional: the shape; without it a motion file's is used |
 //! | `kintree_table` | (2, n) | optional: parents in row 0 |
-//! | `J` | (n, 3) | joints at rest; used where the regressor or `v_template` is missing, then no shape is applied |
+//! | `J` | (n, 3) | rest joints; used without a regressor or `v_template`, and then no shape is applied |
 //!
-//! n is 24 (SMPL) or more (SMPL+H 52, SMPL-X 55): then joints 0 to 21 are taken, and each hand lies amid the wrist's
-//! children, or as far from the wrist as on the neutral skeleton if there are none.
+//! n is 24 (SMPL) or more (SMPL+H 52, SMPL-X 55). Of more than 24, joints 0 to 21 are used; each hand is the mean of the
+//! wrist's children, or as far from the wrist as on the neutral skeleton if there are none.
 
 use super::ReadOptions;
 use super::array::Array;
@@ -27,38 +27,38 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
-/// Most joints and most shape directions of a model.
+/// Most joints and shape directions of a model.
 const MAX_JOINTS: usize = 256;
 const MAX_DIRECTIONS: usize = 1024;
 
-/// Rest offsets and the pelvis at rest.
+/// Rest offsets and rest pelvis of a body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
     /// SMPL's 24 joints.
     pub skeleton: Arc<Skeleton>,
-    /// Where the pelvis lies at rest, metres, in the model's axes.
+    /// The rest pelvis, metres, in the model's axes.
     pub rest_pelvis: Vec3,
-    /// Whether a body model made it.
+    /// Whether it comes from a body model.
     pub from_model: bool,
 }
 
-/// A body model, as far as joints at rest need it.
+/// A body model, reduced to its rest joints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyModel {
-    /// (n) joints of the mean body, metres.
+    /// Joints of the mean body (n), metres.
     joints: Vec<Vec3>,
-    /// (n, B) what each shape number adds to them.
+    /// What each shape coefficient adds to the joints (n, B).
     directions: Vec<Vec3>,
     /// B.
     shapes: usize,
-    /// The user's shape.
+    /// The shape stored in the model.
     betas: Option<Vec<f64>>,
-    /// Joints that each hand (22, 23) lies amid.
+    /// The joints whose mean is each hand (22, 23).
     hands: [Vec<usize>; 2],
 }
 
 impl BodyModel {
-    /// Reads a model from its file.
+    /// Loads a model from a file.
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`], and those of [`BodyModel::parse`].
@@ -66,11 +66,11 @@ impl BodyModel {
         BodyModel::parse(path, &kinelm_store::input::bytes(path).map_err(Error::io(path))?)
     }
 
-    /// Reads a model; `path` is for messages.
+    /// Parses a model; `path` is used in messages.
     ///
     /// # Errors
-    /// [`FaultKind::KeyMissing`] without joints, [`FaultKind::BodyModelBad`] for another skeleton than SMPL's or joints that are not
-    /// finite, [`FaultKind::Shape`] for arrays that don't fit each other, and those of [`Npz::open`] and [`Npz::array`].
+    /// [`FaultKind::KeyMissing`] without joints; [`FaultKind::BodyModelBad`] for a skeleton other than SMPL's or joints that are
+    /// not finite; [`FaultKind::Shape`] for arrays that don't fit each other; those of [`Npz::open`] and [`Npz::array`].
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self> {
         let npz = Npz::open(path, bytes)?;
         let (joints, directions, shapes) = match regressor(&npz)? {
@@ -96,7 +96,7 @@ impl BodyModel {
             return bad(format!("kintree_table: joint {j} on joint {}", p[j]), "SMPL's joints in their order");
         }
         if let Some(j) = joints.iter().chain(&directions).position(|p| !p.is_finite()) {
-            return bad(format!("joint {} at no finite place", j % n), "places in metres");
+            return bad(format!("joint {} at no finite place", j % n), "positions in metres");
         }
         let hand = |wrist: i64| match &parents {
             _ if n == 24 => vec![wrist as usize + 2],
@@ -107,33 +107,33 @@ impl BodyModel {
         Ok(BodyModel { hands: [hand(20), hand(21)], joints, directions, shapes, betas })
     }
 
-    /// B, how many shape numbers the model knows; 0 when its joints are fixed.
+    /// B, the number of shape coefficients; 0 if the joints are fixed.
     pub fn shapes(&self) -> usize {
         self.shapes
     }
 
-    /// The body of a shape: the model's own `betas` if it holds any, else those given. Numbers beyond the model's are
-    /// left out; missing ones are 0.
+    /// The body with a shape: the model's own `betas` if it has any, else the given ones. Coefficients beyond the model's are
+    /// ignored; missing ones are 0.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the shape makes places that are not finite.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when a position is not finite.
     pub fn body(&self, betas: &[f64]) -> Result<Body> {
         let betas = self.betas.as_deref().unwrap_or(betas);
         let place = |j: usize| {
             let shape = betas.iter().zip(self.directions.get(j * self.shapes..).unwrap_or_default());
             shape.take(self.shapes).fold(self.joints[j], |p, (&b, &d)| p + d * b)
         };
-        let mut places: Vec<Vec3> = (0..22).map(place).collect();
+        let mut positions: Vec<Vec3> = (0..22).map(place).collect();
         for (side, amid) in self.hands.iter().enumerate() {
             let sum = amid.iter().fold(Vec3::ZERO, |p, &j| p + place(j));
-            let neutral = places[20 + side] + smpl::neutral().offsets()[22 + side];
-            places.push(if amid.is_empty() { neutral } else { sum / amid.len() as f64 });
+            let neutral = positions[20 + side] + smpl::neutral().offsets()[22 + side];
+            positions.push(if amid.is_empty() { neutral } else { sum / amid.len() as f64 });
         }
         let parents: Vec<Option<usize>> = smpl::PARENTS.iter().map(|&p| usize::try_from(p).ok()).collect();
-        let offset = |j: usize| parents[j].map_or(Vec3::ZERO, |p| places[j] - places[p]);
+        let offset = |j: usize| parents[j].map_or(Vec3::ZERO, |p| positions[j] - positions[p]);
         let offsets = (0..24).map(offset).collect();
         let names = smpl::NAMES.map(String::from).to_vec();
-        let rest_pelvis = places[0];
+        let rest_pelvis = positions[0];
         if !rest_pelvis.is_finite() {
             return Err(Error::invalid(
                 "the pelvis of the body model with these betas",
@@ -146,9 +146,9 @@ impl BodyModel {
     }
 }
 
-/// The body that the options and a motion file's shape ask for: the neutral skeleton without a body model.
+/// The body for the options and a motion file's shape: the neutral one without a body model.
 ///
-/// The model read last is kept, so that a folder of motions reads its body model once.
+/// The last model is cached, so that a folder of motions reads it once.
 ///
 /// # Errors
 /// Those of [`BodyModel::load`] and [`BodyModel::body`].
@@ -173,14 +173,14 @@ pub fn body(options: &ReadOptions, betas: &[f64]) -> Result<Body> {
     model.body(betas)
 }
 
-/// Weights of a joint regressor, as (joint, vertex, weight).
+/// The weights of a joint regressor as (joint, vertex, weight).
 struct Weights {
     joints: usize,
     vertices: usize,
     entries: Vec<(usize, usize, f64)>,
 }
 
-/// The regressor in any of its forms; `None` if there is none, or only as Python objects while `J` is there.
+/// The regressor in any of its forms; `None` without one, or if it is a Python object and `J` exists.
 fn regressor(npz: &Npz) -> Result<Option<Weights>> {
     if npz.has("J_regressor_data") {
         return sparse(npz).map(Some);
@@ -226,7 +226,7 @@ fn sparse(npz: &Npz) -> Result<Weights> {
     if rows.len() != weights.len() || columns.len() != weights.len() || !rows.iter().zip(&columns).all(inside) {
         return Err(data.fault(
             FaultKind::Shape,
-            "places that don't fit",
+            "positions that don't fit",
             format!("one in ({joints}, {vertices}) a weight"),
         ));
     }
@@ -234,7 +234,7 @@ fn sparse(npz: &Npz) -> Result<Weights> {
     Ok(Weights { joints, vertices, entries })
 }
 
-/// The row of each entry, from where each row starts.
+/// The row of each entry, from the starts of the rows.
 fn unpacked(starts: &[usize], entries: usize) -> Option<Vec<usize>> {
     if starts.first() != Some(&0) || starts.last() != Some(&entries) || !starts.is_sorted() {
         return None;
@@ -254,7 +254,7 @@ fn points(array: &Array) -> Result<Vec<Vec3>> {
     }
 }
 
-/// Joints of the mean body (n), what each shape number adds (n, B), and B.
+/// Joints of the mean body (n), what each shape coefficient adds (n, B), and B.
 fn regress(npz: &Npz, weights: &Weights) -> Result<(Vec<Vec3>, Vec<Vec3>, usize)> {
     let template = npz.array("v_template")?;
     if template.shape() != [weights.vertices, 3] || weights.joints > MAX_JOINTS {

@@ -1,8 +1,8 @@
-//! FBX, read by ufbx (crate `ufbx`, MIT or Unlicense): the bones of one figure and what moves them.
+//! FBX, read by ufbx (crate `ufbx`, MIT or Unlicense): the bones of one figure and their animation.
 //!
-//! A file's bones are turned at rest as its program likes. Here, as in a BVH, all rotations are 0 at rest: of each joint the
-//! turn that it has in the bind pose (or as the file was saved, where there is none) is taken off. Lengths are in metres and
-//! y is up, whatever the file's unit and axes, which it states.
+//! Bones of a file may be rotated at rest. In the clip, as in a BVH, all rotations are 0 at rest: the rotation of the bind
+//! pose (or, without one, of the saved pose) is removed from each joint. Lengths are in metres and y is up; the file states
+//! its unit and axes.
 
 use super::options::{ReadOptions, is_rate};
 use crate::error::{FaultKind, FileError};
@@ -13,21 +13,22 @@ use std::path::Path;
 use std::sync::Arc;
 use ufbx::{EvaluateOpts, LoadOpts, Matrix, Node, Scene};
 
-/// Frames that are read at most: at 120 a second more than a day.
+/// Most frames: more than a day at 120 per second.
 const MOST_FRAMES: f64 = 1e7;
-/// Frames times bones at most: 8 GiB.
+/// Most frames times bones: 8 GiB.
 const MOST_ROTATIONS: f64 = (1u64 << 28) as f64;
-/// Bones that are read at most.
+/// Most bones.
 const MOST_JOINTS: usize = 4096;
-/// Bones in bones at most.
+/// Deepest nesting of bones.
 const DEEPEST: u32 = 512;
-/// A joint that comes nearer to its parent, or goes further from it, than at rest by more than this, metres, is told.
+/// A change of a bone's length above this is reported, metres.
 const STILL_M: f64 = 0.01;
 
-/// Reads the figure with most bones, or the one that `root` names.
+/// Reads the figure with the most bones, or the one whose root bone is `root`.
 ///
 /// # Errors
-/// [`FaultKind::NotThisFormat`] for a file that ufbx doesn't take or that has no bones; [`FaultKind::TooLarge`]; an unknown root.
+/// [`FaultKind::NotThisFormat`] for a file that ufbx refuses, without bones, or without the requested root;
+/// [`FaultKind::TooLarge`].
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let fault =
         |kind: FaultKind, found: String, expected: &str| FileError::new(SourcePos::file(path), kind, found, expected);
@@ -47,7 +48,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     if figure.len() > MOST_JOINTS {
         return Err(fault(FaultKind::TooLarge, format!("{} bones", figure.len()), "4,096 at most").into());
     }
-    // of several takes the longest
+    // the longest of several takes
     let length = |stack: &ufbx::AnimStack| stack.time_end - stack.time_begin;
     let stack = scene.anim_stacks.iter().max_by(|a, b| length(a).total_cmp(&length(b)));
     if scene.anim_stacks.len() > 1
@@ -71,8 +72,8 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         return Err(fault(FaultKind::TooLarge, found, "268,435,456 rotations at most").into());
     }
     let rest: Vec<(Quat, Vec3)> = figure.iter().map(|joint| placed(&bind(joint.node))).collect();
-    let places: Vec<Vec3> = rest.iter().map(|(_, place)| *place).collect();
-    let offset = |(j, joint): (usize, &Joint)| joint.parent.map_or(Vec3::ZERO, |p| places[j] - places[p]);
+    let positions: Vec<Vec3> = rest.iter().map(|(_, place)| *place).collect();
+    let offset = |(j, joint): (usize, &Joint)| joint.parent.map_or(Vec3::ZERO, |p| positions[j] - positions[p]);
     let offsets: Vec<Vec3> = figure.iter().enumerate().map(offset).collect();
     let names = figure.iter().map(|joint| joint.name.clone()).collect();
     let parents = figure.iter().map(|joint| joint.parent).collect();
@@ -107,14 +108,14 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
 }
 
-/// A bone of a figure, and the place of its parent among them.
+/// A bone of a figure, and the index of its parent.
 struct Joint<'a> {
     node: &'a Node,
     parent: Option<usize>,
     name: String,
 }
 
-/// The bones from a root on, parents before children; found and expected where there are none.
+/// The bones below a root, parents before children; `Err((found, expected))` without any.
 fn figure<'a>(
     scene: &'a Scene,
     root: Option<&str>,
@@ -135,11 +136,11 @@ fn figure<'a>(
         figures.push(joints);
     }
     let roots: Vec<String> = figures.iter().map(|joints| joints[0].name.clone()).collect();
-    let wanted = match root {
+    let chosen = match root {
         Some(root) => figures.into_iter().find(|joints| joints[0].name == root),
         None => figures.into_iter().rev().max_by_key(Vec::len),
     };
-    let found = wanted.ok_or_else(|| match root.filter(|_| !roots.is_empty()) {
+    let found = chosen.ok_or_else(|| match root.filter(|_| !roots.is_empty()) {
         Some(root) => (format!("no figure {root}"), format!("one of {}", roots.join(", "))),
         None => ("no bones".to_owned(), "a figure; export the armature with its animation".to_owned()),
     })?;
@@ -151,29 +152,29 @@ fn figure<'a>(
     Ok(found)
 }
 
-/// A name that none of these has.
+/// A name that no other joint has.
 fn unique(name: &str, joints: &[Joint]) -> String {
     let is_taken = |name: &str| joints.iter().any(|joint| joint.name == name);
     let numbered = (2..).map(|n| format!("{name}.{n}"));
     std::iter::once(name.to_owned()).chain(numbered).find(|name| !is_taken(name)).unwrap_or_default()
 }
 
-/// Where a bone is at rest: in its bind pose, or as the file was saved.
+/// The rest transform of a bone: in its bind pose, or as the file was saved.
 fn bind(node: &Node) -> Matrix {
     posed(node).unwrap_or(node.node_to_world)
 }
 
-/// Where its bind pose has a bone.
+/// The transform of a bone in its bind pose.
 fn posed(node: &Node) -> Option<Matrix> {
     let of_node = |pose: &&ufbx::BonePose| pose.bone_node.element.element_id == node.element.element_id;
     Some(node.bind_pose.as_ref()?.bone_poses.iter().find(of_node)?.bone_to_world)
 }
 
-/// The turn and the place of a matrix; scale is left out.
+/// Rotation and position of a matrix, without its scale.
 fn placed(m: &Matrix) -> (Quat, Vec3) {
     let column = |x: f64, y: f64, z: f64| Vec3::new(x, y, z).normalize_or_zero();
     let turn = DMat3::from_cols(column(m.m00, m.m10, m.m20), column(m.m01, m.m11, m.m21), column(m.m02, m.m12, m.m22));
-    // a mirror is no turn
+    // a reflection is no rotation
     let turn = if turn.determinant() < 0.0 { -turn } else { turn };
     (Quat::from_mat3(&turn).normalize(), Vec3::new(m.m03, m.m13, m.m23))
 }
@@ -218,7 +219,7 @@ mod tests {
         assert!(read(b"HIERARCHY", None).contains("an FBX of version 6 or 7"));
         let whole = fs::read(golden("blender_dance.fbx")).unwrap();
         assert!(read(&whole, Some("nobody")).contains("one of pelvis"));
-        // cut short and spoilt files fail, or are read: none panics
+        // truncated and corrupted files must not panic
         for cut in (0..whole.len()).step_by(997) {
             let _ = super::read(Path::new("a.fbx"), &whole[..cut], &ReadOptions::default());
             let mut spoilt = whole.clone();

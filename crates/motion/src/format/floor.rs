@@ -1,17 +1,19 @@
-//! Where the floor of a motion is, as it was read: said by the caller or the source, else found by the feet.
+//! The floor of a motion as it was read: given by the caller or the source, else detected from the feet.
 
 use super::{Motion, ReadOptions, Source};
 use crate::rig::{floor, map_for};
 use crate::{Error, Result};
 
-/// Where the floor of a motion is, as `options` tell it or as its feet do; in doubt the doubts join its warnings.
+/// Resolves the floor of a motion, metres: the one in `options`, else the one detected from the feet. Doubts are added to
+/// the motion's warnings.
 ///
 /// # Errors
-/// As [`map_for`] and [`Feet::new`](crate::rig::Feet::new); [`Invalid`](kinelm_store::Error::Invalid) for a floor that is told and isn't finite.
+/// Those of [`map_for`] and [`Feet::new`](crate::rig::Feet::new); [`Invalid`](kinelm_store::Error::Invalid) for a given floor
+/// that isn't finite.
 pub fn resolve_floor(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
-    if let Some(told) = options.floor {
-        let fault = || Error::invalid("`floor`", told, "a height in metres");
-        return if told.is_finite() { Ok(told) } else { Err(fault()) };
+    if let Some(given) = options.floor {
+        let fault = || Error::invalid("`floor`", given, "a height in metres");
+        return if given.is_finite() { Ok(given) } else { Err(fault()) };
     }
     let map = map_for(motion.clip.skeleton(), options.map.as_deref())?;
     let floor = floor(&motion.clip, &map)?;
@@ -19,11 +21,11 @@ pub fn resolve_floor(motion: &mut Motion, options: &ReadOptions) -> Result<f64> 
     Ok(floor.height_m)
 }
 
-/// Where a motion's floor is, metres: found by the feet ([`mod@crate::rig::floor`]) on the file's own rig; of a motion that
-/// was put on another body, where it was found before.
+/// The floor of a motion, metres: detected from the feet on the file's own rig ([`mod@crate::rig::floor`]), or known from
+/// before the motion was retargeted.
 ///
 /// # Errors
-/// A rig that no skeleton map knows, and those of [`Feet::new`](crate::rig::Feet::new).
+/// Those of [`map_for`] and [`Feet::new`](crate::rig::Feet::new).
 pub fn floor_height(motion: &Motion, map: Option<&str>) -> Result<f64> {
     match &motion.source {
         Source::Retargeted { floor_m } => return Ok(*floor_m),

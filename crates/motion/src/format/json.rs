@@ -1,11 +1,11 @@
-//! The clip as JSON, every number in full.
+//! Clips as JSON, with all digits of every number.
 //!
 //! ```json
 //! {"schema": 1, "fps": 20.0, "names": ["pelvis"], "parents": [-1], "offsets": [[0.0, 0.0, 0.0]],
 //!  "root": [[0.0, 0.97, 0.0]], "rotations": [[[1.0, 0.0, 0.0, 0.0]]]}
 //! ```
-//! `root` is (F, 3) in metres, `rotations` (F, J, 4) in the order w, x, y, z; the root's parent is -1. `ends`, a list of
-//! `{"parent": j, "offset": [x, y, z]}`, may be missing.
+//! `root` is (F, 3) in metres, `rotations` (F, J, 4) in the order w, x, y, z; the root's parent is -1. `ends` is an optional
+//! list of `{"parent": j, "offset": [x, y, z]}`.
 
 use super::{Axes, ReadOptions, Up};
 use crate::error::{FaultKind, FileError};
@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 
-/// The version that is read and written.
+/// The version of the format.
 pub const SCHEMA: u64 = 1;
 
 #[derive(Deserialize)]
@@ -41,11 +41,11 @@ struct End {
     offset: [f64; 3],
 }
 
-/// Reads a clip: bit for bit the one that [`write()`] was given, at the rate in the options if there is one, turned to y up where
-/// the options say that another axis is.
+/// Reads a clip: bit for bit the one that [`write()`] was given, at the rate in the options if there is one, and rotated to
+/// y up if the options give another axis.
 ///
 /// # Errors
-/// [`FaultKind::JsonBad`] with line and column where the text is no such JSON, without them where its numbers make no clip.
+/// [`FaultKind::JsonBad`], with line and column for a syntax error or unknown key, without them for impossible values.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     check_schema(path, bytes)?;
     let Document { fps, names, parents, offsets, ends, root, rotations, .. } =
@@ -74,11 +74,11 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     }
     let map = map_if_any(clip.skeleton().names(), options.map.as_deref())?;
     let (axes, _) = Axes::of(&clip, options.up, map.as_ref());
-    let clip = axes.stand(clip)?;
+    let clip = axes.to_y_up(clip)?;
     Ok(Motion { path: path.to_owned(), clip, source: Source::Json(axes), warnings: vec![] })
 }
 
-/// The clip as JSON, a line for each field and each frame.
+/// A clip as JSON, one line per field and per frame.
 pub fn write(clip: &Clip) -> Vec<u8> {
     let skeleton = clip.skeleton();
     let parents: Vec<i64> = skeleton.parents().iter().map(|p| p.map_or(-1, |p| p as i64)).collect();
@@ -117,11 +117,11 @@ fn rows(out: &mut Vec<u8>, name: &str, rows: impl Iterator<Item = impl Serialize
 }
 
 fn put(out: &mut Vec<u8>, value: &impl Serialize) {
-    // a clip's numbers are finite, and memory doesn't refuse
+    // the numbers of a clip are finite, and writing to memory can't fail
     serde_json::to_writer(out, value).expect("plain values");
 }
 
-/// A later version may have any fields, so that it is asked for by itself first.
+/// Checks the version first, because other versions may have any fields.
 fn check_schema(path: &Path, bytes: &[u8]) -> Result<()> {
     #[derive(Deserialize)]
     struct Version {

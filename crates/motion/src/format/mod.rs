@@ -1,7 +1,6 @@
-//! Motion files: found by name and first bytes, read into a [`Motion`], written back.
+//! Motion files: detected by name and first bytes, read into a [`Motion`], and written.
 //!
-//! BVH and JSON always; `.npz` by the feature `amass`, `.pkl` by `aist`, `.fbx` by `fbx`. Without them these files are refused
-//! by name.
+//! BVH, JSON and GLB are always available, `.npz` with the feature `amass`, `.pkl` with `aist`, `.fbx` with `fbx`.
 
 #[cfg(feature = "aist")]
 pub mod aist;
@@ -59,7 +58,7 @@ pub enum Format {
     Npz,
     /// `.pkl`: AIST++.
     Pickle,
-    /// `.json`: a clip of our own.
+    /// `.json`: a clip in this crate's own format.
     Json,
     /// `.glb`: written, not read.
     Glb,
@@ -68,7 +67,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format that a file's name says, in any letter case.
+    /// The format by the file's extension, in any letter case.
     pub fn of_name(path: &Path) -> Option<Format> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         Some(match extension.as_str() {
@@ -82,10 +81,10 @@ impl Format {
         })
     }
 
-    /// The format of a file by its name, or an error that lists the names there are.
+    /// The format by the file's extension.
     ///
     /// # Errors
-    /// `not_this_format`.
+    /// [`FaultKind::NotThisFormat`] with the supported extensions.
     pub fn of(path: &Path) -> Result<Format> {
         let found = match path.extension() {
             Some(e) => format!("the extension .{}", e.to_string_lossy()),
@@ -107,16 +106,27 @@ impl Format {
 
 /// Reads a motion file.
 ///
-/// The format goes by the extension, and the first bytes must agree. Then, in this order: the rate is overruled
-/// (`fps_source`), the first frames are left out (`skip`), and, where `skip` is 0, a leading rest-pose frame is looked for;
-/// found, it is reported as the warning `rest_frame` and kept or dropped as `rest` says. A rate that nobody stated is
-/// doubted where the body falls too fast ([`RateDoubt`]).
+/// The extension decides the format, and the first bytes must agree. Then `fps_source` replaces the rate, `skip` drops
+/// frames, and, if `skip` is 0, a leading rest-pose frame is detected, reported as the warning `rest_frame`, and kept or
+/// dropped as `rest` says. If the rate was not given, it is doubted when the body falls too fast ([`RateDoubt`]).
 ///
 /// # Errors
-/// [`kinelm_store::Error::Io`]; [`Error::File`] with place and kind for a file that is wrong; [`Invalid`](kinelm_store::Error::Invalid) for a rate that is not
-/// above 0 and at most [`MOST_FPS`]; [`Unsupported`](kinelm_store::Error::Unsupported) for `up` where the format itself says which axis that is;
-/// [`Error::Clip`] when
-/// skipping leaves nothing.
+/// [`kinelm_store::Error::Io`]; [`Error::File`] with position and kind for a faulty file;
+/// [`Invalid`](kinelm_store::Error::Invalid) for a rate out of range; [`Unsupported`](kinelm_store::Error::Unsupported) for
+/// `up` if the format defines its own axes; [`Error::Clip`] when no frame is left after `skip`.
+///
+/// ```
+/// use kinelm_motion::format::{self, ReadOptions};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("two.bvh");
+/// std::fs::write(&path, "HIERARCHY\nROOT hips { OFFSET 0 0 0 CHANNELS 1 Xrotation End Site { OFFSET 0 1 0 } }\n\
+///                        MOTION\nFrames: 2\nFrame Time: 0.05\n0\n90\n")?;
+/// let options = ReadOptions { unit: format::Unit::Metre, ..ReadOptions::default() };
+/// let motion = format::read(&path, &options)?;
+/// assert_eq!((motion.clip.frames(), motion.clip.fps()), (2, 20.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path).map_err(|e| with_content_kind(e, path))?;
     check_rate(options)?;
@@ -124,10 +134,10 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     parse(path, &input::bytes(path).map_err(Error::io(path))?, options)
 }
 
-/// [`read`] of a file's bytes, for those who need the bytes too; `path` says the format, and where faults are.
+/// Reads a motion from the bytes of a file. `path` gives the format and is used in messages.
 ///
 /// # Errors
-/// Those of [`read`], but for the system's.
+/// Those of [`read`] except for I/O errors.
 pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path)?;
     check_rate(options)?;
@@ -174,7 +184,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     Ok(motion)
 }
 
-/// The error of a format that this build leaves out.
+/// The error of a format that this build doesn't include.
 #[cfg(not(all(feature = "amass", feature = "aist", feature = "fbx")))]
 fn left_out(path: &Path, feature: &str) -> Error {
     let expected = format!("a build of kinelm-motion with its feature `{feature}`");
@@ -182,7 +192,7 @@ fn left_out(path: &Path, feature: &str) -> Error {
         .into()
 }
 
-/// An error of a name that says no format, with what the file looks like.
+/// Adds the detected kind of content to the error of an unknown extension.
 fn with_content_kind(error: Error, path: &Path) -> Error {
     let mut head = [0; 512];
     match (error, input::open(path).and_then(|mut file| file.read(&mut head))) {
@@ -193,11 +203,11 @@ fn with_content_kind(error: Error, path: &Path) -> Error {
     }
 }
 
-/// Where every joint and end site of a motion file is: of a BVH by the file's own channels, in its own order, nothing
-/// folded; of all others by the clip's skeleton, for AMASS and AIST++ the neutral one (or the body model's).
+/// Positions of all joints and end sites of a motion file. For BVH they follow the file's own channels and order, with no
+/// joint folded; for other formats, the clip's skeleton (for AMASS and AIST++ the neutral one or the body model's).
 ///
 /// # Errors
-/// As [`read`].
+/// Those of [`read`].
 pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
     check_rate(options)?;
     let format = Format::of(path)?;
@@ -208,7 +218,7 @@ pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
     }
 }
 
-/// A motion without the first frames that are to be left out.
+/// Drops the first `skip` frames.
 fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
     if options.skip == 0 {
         return Ok(motion);
@@ -218,7 +228,7 @@ fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
     Ok(motion.slice(options.skip..frames))
 }
 
-/// Fails for a source rate that is none.
+/// Checks that the source rate is in range.
 fn check_rate(options: &ReadOptions) -> Result<()> {
     if let Some(fps) = options.fps_source.filter(|f| !is_rate(*f)) {
         let (found, expected) = (compact(fps), format!("frames per second, {FEWEST_FPS} to {MOST_FPS}"));
@@ -227,13 +237,13 @@ fn check_rate(options: &ReadOptions) -> Result<()> {
     Ok(())
 }
 
-/// Fails for an axis asked of a format that has its own.
+/// Refuses `up` for formats that define their own axes.
 fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
     let own = match format {
         Format::Bvh | Format::Json | Format::Glb => return Ok(()),
         Format::Npz => "an AMASS file has z up",
         Format::Pickle => "an AIST++ file has y up",
-        Format::Fbx => "an FBX says itself which axis is up",
+        Format::Fbx => "an FBX states its up axis",
     };
     if options.up == Up::Auto {
         return Ok(());
@@ -242,18 +252,19 @@ fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
     Err(Error::unsupported(format!("`up` {} of {}", options.up, path.display()), why))
 }
 
-/// Writes a motion file in the format of its name, whole or not at all.
+/// Writes a motion file in the format of its extension, atomically.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Io`], and those of [`to_bytes`].
+/// [`kinelm_store::Error::Io`] and those of [`to_bytes`].
 pub fn write(path: &Path, motion: &Motion) -> Result<()> {
     Ok(files::write_whole(path, &to_bytes(path, motion)?)?)
 }
 
-/// The bytes that [`write()`] writes.
+/// The content that [`write()`] writes.
 ///
 /// # Errors
-/// `not_this_format` for a name that says no format that is written; [`Invalid`](kinelm_store::Error::Invalid) for a clip that the format can't hold.
+/// [`FaultKind::NotThisFormat`] for an extension that can't be written; [`Invalid`](kinelm_store::Error::Invalid) for a clip
+/// that the format can't hold.
 pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
     match Format::of(path)? {
         Format::Bvh => bvh::to_bytes(motion),
@@ -262,7 +273,7 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
         #[cfg(not(feature = "amass"))]
         Format::Npz => Err(left_out(path, "amass")),
         Format::Json => match motion.source {
-            Source::Json(axes) => Ok(json::write(axes.lay_back(&motion.clip)?.as_ref())),
+            Source::Json(axes) => Ok(json::write(axes.from_y_up(&motion.clip)?.as_ref())),
             _ => Ok(json::write(&motion.clip)),
         },
         Format::Glb => glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)]),
@@ -290,17 +301,17 @@ mod tests {
             path
         };
         let options = ReadOptions { unit: Unit::Metre, ..Default::default() };
-        let says = |path: &Path| read(path, &options).unwrap_err().to_string();
+        let message = |path: &Path| read(path, &options).unwrap_err().to_string();
         assert_eq!(read(&file("a.BvH", BVH.as_bytes()), &options).unwrap().clip.frames(), 2);
-        let e = says(&file("a.txt", BVH.as_bytes()));
+        let e = message(&file("a.txt", BVH.as_bytes()));
         assert!(
             e.contains("not_this_format") && e.contains(".bvh, .npz, .pkl or .json") && e.contains("looks like a BVH"),
             "{e}"
         );
-        let e = says(&file("b.bvh", b"PK\x03\x04poses.npy"));
+        let e = message(&file("b.bvh", b"PK\x03\x04poses.npy"));
         assert!(e.contains("not_bvh") && e.contains("an npz archive"), "{e}");
         for name in ["c.npz", "c.pkl", "c.json"] {
-            let e = says(&file(name, BVH.as_bytes()));
+            let e = message(&file(name, BVH.as_bytes()));
             assert!(e.contains("BVH") || e.contains("HIERARCHY"), "{name}: {e}");
         }
         assert!(matches!(
@@ -324,15 +335,15 @@ mod tests {
         for fps in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(read(&path, &with(Some(fps), 0)).unwrap_err().kind(), kinelm_store::Kind::Call);
         }
-        // a rate that was overruled is the one that is written, the numbers are still the file's own
+        // a replaced rate is written; the numbers are still the file's own
         let out = folder.path().join("b.bvh");
         write(&out, &m).unwrap();
         let text = std::fs::read_to_string(&out).unwrap();
         assert!(text.ends_with("Frames: 1\nFrame Time: 0.0166666667\n2.000000\n"), "{text}");
         let markers = folder.path().join("a.C3D");
         std::fs::write(&markers, [2, 0x50]).unwrap();
-        let told = read(&markers, &ReadOptions::default()).unwrap_err().to_string();
-        assert!(told.contains("a C3D holds markers, not joints"), "{told}");
+        let message = read(&markers, &ReadOptions::default()).unwrap_err().to_string();
+        assert!(message.contains("a C3D holds markers, not joints"), "{message}");
         assert!(write(&folder.path().join("b.fbx"), &m).is_err());
     }
 }

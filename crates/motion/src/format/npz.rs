@@ -1,9 +1,8 @@
 //! `.npz`: a zip of `.npy` files, read entry by entry and written.
 //!
-//! Stored and deflated entries, zip64, any of numpy's header versions. An archive's claims about sizes are not believed:
-//! an entry grows as its bytes come, up to what its own array's header needs, and all that is taken out of one archive
-//! stays within [`MAX_BYTES`] and, beyond 64 MiB, within 64 times the archive: recorded motion shrinks by 2 or 3, a trap by
-//! 1,000.
+//! Stored and deflated entries, zip64, and all of numpy's header versions are read. Declared sizes are not trusted: an entry
+//! is read up to the size in its array's header, and the total stays within [`MAX_BYTES`] and, beyond 64 MiB, within 64
+//! times the archive. Recorded motion compresses by 2 or 3, a zip bomb by 1,000.
 
 use super::array::{Array, Element, byte_count, padded, tuple};
 use super::{npy, sniff};
@@ -17,11 +16,8 @@ use zip::result::{ZipError, ZipResult};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
-/// Bytes that may be taken out of one archive, in all. An hour of AMASS at 120 frames a second is half of it.
+/// Most bytes read from one archive. An hour of AMASS at 120 frames per second takes half of it.
 pub const MAX_BYTES: u64 = 1 << 30;
-
-/// The first bytes of a zip archive with entries.
-pub const MAGIC: &[u8] = b"PK\x03\x04";
 
 /// An archive in memory.
 #[derive(Debug)]
@@ -34,10 +30,10 @@ pub struct Npz<'a> {
 }
 
 impl<'a> Npz<'a> {
-    /// Opens the archive in `bytes`; `path` is for messages.
+    /// Opens the archive in `bytes`; `path` is used in messages.
     ///
     /// # Errors
-    /// [`FaultKind::NotThisFormat`] without a zip's first bytes, [`FaultKind::Truncated`] for a cut or damaged archive.
+    /// [`FaultKind::NotThisFormat`] without a zip's first bytes, [`FaultKind::Truncated`] for a truncated or damaged archive.
     pub fn open(path: &Path, bytes: &'a [u8]) -> Result<Self> {
         let fault = |kind, found: String, expected: &str| FileError::new(SourcePos::file(path), kind, found, expected);
         if !bytes.starts_with(b"PK") {
@@ -57,29 +53,29 @@ impl<'a> Npz<'a> {
         Ok(Npz { path: path.to_owned(), zip: RefCell::new(zip), keys, budget, left: Cell::new(budget) })
     }
 
-    /// The arrays' names, sorted.
+    /// The names of the arrays, sorted.
     pub fn keys(&self) -> &[String] {
         &self.keys
     }
 
-    /// Whether there is an array of this name.
+    /// Whether an array of this name exists.
     pub fn has(&self, key: &str) -> bool {
         self.keys.iter().any(|k| k == key)
     }
 
-    /// The array of this name.
+    /// Reads the array of this name.
     ///
     /// # Errors
-    /// [`FaultKind::KeyMissing`], which lists the keys there are; [`FaultKind::Truncated`] for a damaged entry; those of
+    /// [`FaultKind::KeyMissing`], which lists the existing keys; [`FaultKind::Truncated`] for a damaged entry; those of
     /// [`Array::parse`]; [`FaultKind::TooLarge`] beyond [`MAX_BYTES`].
     pub fn array(&self, key: &str) -> Result<Array<'static>> {
         self.optional(key)?.ok_or_else(|| self.missing(key))
     }
 
-    /// The array of this name, if there is one.
+    /// Reads the array of this name, if it exists.
     ///
     /// # Errors
-    /// As [`Npz::array`], but for the missing key.
+    /// Those of [`Npz::array`], except for the missing key.
     pub fn optional(&self, key: &str) -> Result<Option<Array<'static>>> {
         if !self.has(key) {
             return Ok(None);
@@ -88,12 +84,12 @@ impl<'a> Npz<'a> {
         Ok(Some(Array::parse(&self.path, key, &bytes)?.into_owned()))
     }
 
-    /// [`FaultKind::KeyMissing`] for `key`, with the keys there are.
+    /// [`FaultKind::KeyMissing`] for `key`, with the existing keys.
     pub fn missing(&self, key: &str) -> Error {
         FileError::new(SourcePos::file(&self.path), FaultKind::KeyMissing, list(&self.keys), key).into()
     }
 
-    /// The bytes of an entry: its header, then as many as its array needs.
+    /// Reads an entry: its header, then as many bytes as its array needs.
     fn entry(&self, key: &str) -> Result<Vec<u8>> {
         let cut = |e: &dyn std::fmt::Display| self.fault(FaultKind::Truncated, format!("{key}: {e}"), "a whole array");
         let mut zip = self.zip.borrow_mut();
@@ -101,8 +97,8 @@ impl<'a> Npz<'a> {
         let mut bytes = Vec::new();
         entry.by_ref().take(npy::MAX_HEADER as u64).read_to_end(&mut bytes).map_err(|e| cut(&e))?;
         let header = npy::parse_header(&self.path, key, &bytes)?;
-        let wanted = match byte_count(&header.shape, &header.dtype) {
-            // a pickle stands there; text is short
+        let expected = match byte_count(&header.shape, &header.dtype) {
+            // the entry contains a pickle; texts are short
             _ if header.dtype.element == Element::Object => 1 << 20,
             Some(n) => n + header.length as u64,
             None => {
@@ -110,14 +106,14 @@ impl<'a> Npz<'a> {
                 return Err(self.fault(FaultKind::Truncated, found, "a shape that fits its bytes"));
             }
         };
-        if wanted.max(bytes.len() as u64) > self.left.get() {
-            let found = format!("{key}: an array of {wanted} bytes");
+        if expected.max(bytes.len() as u64) > self.left.get() {
+            let found = format!("{key}: an array of {expected} bytes");
             let expected = format!("at most {} in all, by the size of the archive", self.budget);
             return Err(self.fault(FaultKind::TooLarge, found, expected));
         }
-        let more = wanted.saturating_sub(bytes.len() as u64);
+        let more = expected.saturating_sub(bytes.len() as u64);
         entry.by_ref().take(more).read_to_end(&mut bytes).map_err(|e| cut(&e))?;
-        // the checksum is compared where the entry ends
+        // the checksum is compared at the end of the entry
         entry.read(&mut [0]).map_err(|e| cut(&e))?;
         self.left.set(self.left.get() - bytes.len() as u64);
         Ok(bytes)
@@ -128,12 +124,12 @@ impl<'a> Npz<'a> {
     }
 }
 
-/// What the arrays of an archive of so many bytes may take.
+/// Most bytes that the arrays of an archive of this size may take.
 fn budget(archive: usize) -> u64 {
     (archive as u64).saturating_mul(64).saturating_add(1 << 26).min(MAX_BYTES)
 }
 
-/// Names for a message.
+/// A list of keys for a message.
 pub(super) fn list(keys: &[String]) -> String {
     let short = |k: &String| k.chars().take(60).collect::<String>();
     let shown: Vec<String> = keys.iter().take(30).map(short).collect();
@@ -144,9 +140,8 @@ pub(super) fn list(keys: &[String]) -> String {
     }
 }
 
-/// Refuses zip64 directories that claim more entries than fit into the file: the zip crate makes room for as many.
-///
-/// Looks wherever it may find one: at each place where a locator (20 bytes) stands right before an end record.
+/// Refuses zip64 directories that claim more entries than the file has room for, because the zip crate reserves memory for
+/// them. Checks wherever a locator (20 bytes) precedes an end record.
 fn check_zip64(bytes: &[u8]) -> std::result::Result<(), &'static str> {
     let number = |at: usize| bytes.get(at..at + 8).map(|b| u64::from_le_bytes(b.try_into().expect("8 bytes")));
     for at in memory_find(bytes, b"PK\x06\x07").filter(|at| bytes[at + 4..].get(16..20) == Some(b"PK\x05\x06")) {
@@ -163,7 +158,7 @@ fn memory_find<'a>(bytes: &'a [u8], pattern: &'a [u8; 4]) -> impl Iterator<Item 
     bytes.windows(4).enumerate().filter(move |(_, w)| w == pattern).map(|(i, _)| i)
 }
 
-/// What is written into an archive.
+/// The values of an array to be written.
 #[derive(Debug, Clone, Copy)]
 pub enum Values<'a> {
     /// `<f8`.
@@ -172,11 +167,11 @@ pub enum Values<'a> {
     F32(&'a [f32]),
     /// `<i4`.
     I32(&'a [i32]),
-    /// `<U`, as wide as the longest.
+    /// `<U`, as wide as the longest text.
     Text(&'a [String]),
 }
 
-/// An archive being written: deflated, or as it is where it would shrink so far that it looked like a trap to the reader.
+/// Writes an archive: deflated, or stored if it would compress so well that the reader took it for a zip bomb.
 #[derive(Default)]
 pub struct Writer {
     entries: Vec<(String, Vec<u8>)>,
@@ -191,7 +186,8 @@ impl Writer {
     /// Adds an array; an empty shape is a 0-d array of one element. The same arrays give the same bytes.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the shape doesn't fit the values, a value isn't finite, or a key stands twice.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the shape doesn't fit the values, a value isn't finite, or a key occurs
+    /// twice.
     pub fn add(&mut self, key: &str, shape: &[usize], values: Values) -> Result<()> {
         let (descr, count) = match values {
             Values::F64(v) => ("<f8".into(), v.len()),
@@ -228,7 +224,7 @@ impl Writer {
     /// The archive's bytes.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the archive can't be closed.
+    /// [`kinelm_store::Error::Io`] when the zip library fails.
     pub fn finish(self) -> Result<Vec<u8>> {
         let small = self.zipped(CompressionMethod::Deflated).map_err(unwritten)?;
         let whole: u64 = self.entries.iter().map(|(_, bytes)| bytes.len() as u64).sum();
@@ -238,7 +234,7 @@ impl Writer {
     fn zipped(&self, method: CompressionMethod) -> ZipResult<Vec<u8>> {
         let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
         for (key, bytes) in &self.entries {
-            // a fixed date, so that bytes don't depend on the day; sizes above 4 GiB need zip64 from the start
+            // a fixed date for reproducible bytes; sizes above 4 GiB need zip64 from the start
             let options = SimpleFileOptions::default()
                 .compression_method(method)
                 .last_modified_time(zip::DateTime::default())
@@ -250,17 +246,17 @@ impl Writer {
     }
 }
 
-/// The error of an archive that the zip library refuses.
+/// The error of the zip library.
 fn unwritten(e: ZipError) -> Error {
     Error::io("the npz in memory")(e.into())
 }
 
-/// Characters of the longest text; numpy has no type of width 0 here.
+/// Characters of the longest text, at least 1.
 fn width(texts: &[String]) -> usize {
     texts.iter().map(|t| t.chars().count()).max().unwrap_or(0).max(1)
 }
 
-/// An `.npy` header of version 1.0, filled up to a multiple of 64 bytes.
+/// An `.npy` header of version 1.0, padded to a multiple of 64 bytes.
 fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {}, }}", tuple(shape));
     while (10 + text.len() + 1) % 64 != 0 {

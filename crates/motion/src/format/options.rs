@@ -1,4 +1,4 @@
-//! What a caller says of a file that is to be read.
+//! Options of reading motion files.
 
 use super::Up;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
@@ -6,41 +6,41 @@ use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// What a file's bytes are to be read as; the same on every command.
+/// How a motion file is to be read; the same for all commands.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ReadOptions {
-    /// The true rate, where the file states it wrongly.
+    /// The true rate, if the file states a wrong one.
     pub fps_source: Option<f64>,
     /// The unit of a BVH.
     pub unit: Unit,
-    /// The axis that points up in a BVH or a JSON.
+    /// The up axis of a BVH or JSON file.
     pub up: Up,
-    /// A skeleton TOML by its shipped name or its path, for a rig whose names no shipped one knows.
+    /// A skeleton map by its built-in name or its path, for rigs that no built-in map fits.
     pub map: Option<String>,
     /// What position channels do to a joint's OFFSET.
     pub bvh_position: BvhPosition,
-    /// The ROOT to read, of several.
+    /// The ROOT to read, if there are several.
     pub root: Option<String>,
-    /// Keep the whole rows of a cut file.
+    /// Read the whole rows of a truncated file.
     pub lenient: bool,
     /// What to do with a leading rest-pose frame.
     pub rest: RestFrame,
-    /// Source frames left out, counted from the file's first. Above 0 no rest frame is looked for.
+    /// Frames to drop at the start. Above 0, no rest-pose frame is looked for.
     pub skip: usize,
-    /// A body model (`SMPL_*.npz`) whose rest offsets replace the neutral skeleton's, for AMASS and AIST++.
+    /// A body model (`SMPL_*.npz`) whose rest offsets replace the neutral skeleton's in AMASS and AIST++ files.
     pub body_model: Option<PathBuf>,
-    /// Where the floor is, metres, world, for what codes heights above it; `None`: found by the feet.
+    /// The height of the floor, metres, world; `None` detects it from the feet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub floor: Option<f64>,
 }
 
-/// The length that 1 in a BVH means.
+/// The unit of length of a BVH.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Unit {
-    /// Judged by the leg's length.
+    /// Inferred from the leg length.
     #[default]
     Auto,
     /// Metres.
@@ -64,7 +64,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// Metres; `None` for [`Unit::Auto`].
+    /// The unit in metres; `None` for [`Unit::Auto`].
     pub fn metres(self) -> Option<f64> {
         Some(match self {
             Unit::Auto => return None,
@@ -77,12 +77,12 @@ impl Unit {
     }
 }
 
-/// The two conventions of BVH position channels.
+/// The two meanings of BVH position channels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum BvhPosition {
-    /// A channel takes the place of its component of the OFFSET.
+    /// A channel replaces its component of the OFFSET.
     #[default]
     Replace,
     /// A channel is added to its component of the OFFSET.
@@ -93,22 +93,22 @@ pub enum BvhPosition {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RestFrame {
-    /// Leave it.
+    /// Keep it.
     #[default]
     Keep,
-    /// Leave it out, and say so.
+    /// Drop it and report that.
     Drop,
 }
 
-/// Whether a rate is one that motion is captured at: what is faster is a slip, and no rate that could be written again.
+/// Whether a rate is plausible and can be written again.
 pub(crate) fn is_rate(fps: f64) -> bool {
     (FEWEST_FPS..=MOST_FPS).contains(&fps)
 }
 
-/// Fails when `skip` leaves none of `frames`.
+/// Fails if `skip` leaves no frame.
 pub(crate) fn check_skip(path: &Path, skip: usize, frames: usize) -> Result<()> {
     if skip < frames {
         return Ok(());
     }
-    Err(Error::invalid("`skip`", skip, format!("fewer than the {frames} frames that there are")).in_clip(path))
+    Err(Error::invalid("`skip`", skip, format!("fewer than all frames; there are {frames}")).in_clip(path))
 }

@@ -1,4 +1,4 @@
-//! Where every joint and end site is, frame by frame, for programs that want places and no rotations.
+//! Positions of joints and end sites, for programs that need no rotations.
 
 #[cfg(feature = "amass")]
 use super::npz::{Values, Writer};
@@ -11,21 +11,20 @@ use std::path::Path;
 /// World positions of N joints and end sites over F frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Positions {
-    /// (N) names; an end site is `{parent}_end`.
+    /// Names (N); an end site is `{parent}_end`.
     pub joints: Vec<String>,
-    /// (N) parents, of a root -1.
+    /// Parents (N); -1 for a root.
     pub parents: Vec<i32>,
     /// Frames per second.
     pub fps: f64,
-    /// (F, N) metres.
+    /// Positions (F, N), metres.
     pub positions: Vec<Vec3>,
 }
 
 impl Positions {
-    /// The places of a clip's joints on its own skeleton, then of its end sites.
+    /// The positions of a clip's joints, then of its end sites.
     ///
-    /// For AMASS and AIST++ these are the 24 SMPL joints on the neutral skeleton, or on the body model's if one was given.
-    /// A second end site on the same joint is `{parent}_end2`, and so on.
+    /// A second end site of the same joint is named `{parent}_end2`, and so on.
     pub fn from_clip(clip: &Clip) -> Self {
         let skeleton = clip.skeleton();
         let mut joints = skeleton.names().to_vec();
@@ -51,7 +50,7 @@ impl Positions {
         self.positions.len().checked_div(self.joints.len()).unwrap_or(0)
     }
 
-    /// [`Positions::write`] into a file, whole or not at all.
+    /// Saves [`Positions::write`] to a file, atomically.
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`], and those of [`Positions::write`].
@@ -63,7 +62,7 @@ impl Positions {
     /// An `.npz` of `positions` (F, N, 3) float32 in metres, `joints` (N) text, `parents` (N) int32, `fps` a 0-d float64.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the lengths don't fit each other.
+    /// [`Invalid`](kinelm_store::Error::Invalid) for positions beyond 32-bit floats, and when the lengths don't fit.
     #[cfg(feature = "amass")]
     pub fn write(&self) -> Result<Vec<u8>> {
         let n = self.joints.len();

@@ -1,4 +1,4 @@
-//! Whether a rate can be right: nobody falls faster than a stone.
+//! Plausibility of a frame rate: nobody falls faster than gravity allows.
 
 use super::Motion;
 use super::bvh::USUAL_FPS;
@@ -8,24 +8,24 @@ use crate::{Clip, Warning};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Nobody's pelvis falls faster than gravity; beyond this many g the rate is doubted.
+/// The rate is doubted if the pelvis falls with more than this, in g.
 pub const FALL_LIMIT_G: f64 = 1.8;
-/// The kind of the warning that a doubt is.
+/// The kind of the warning.
 const KIND: &str = "rate_doubted";
 
 const GRAVITY: f64 = 9.81;
 
-/// A rate that is doubted.
+/// A doubted frame rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RateDoubt {
-    /// How fast the body falls at it, in g.
+    /// The acceleration of the body's fall at that rate, in g.
     pub fall_g: f64,
-    /// The rate, frames a second.
+    /// The rate, frames per second.
     pub fps: f64,
 }
 
 impl RateDoubt {
-    /// What a clip's fall says against the rate that it has.
+    /// Checks the rate of a clip by its fastest fall.
     pub fn of(clip: &Clip) -> Option<RateDoubt> {
         RateDoubt::of_fall(fall_g(clip, &root_jumps(clip)), clip.fps())
     }
@@ -34,31 +34,31 @@ impl RateDoubt {
         (fall_g > FALL_LIMIT_G).then_some(RateDoubt { fall_g, fps })
     }
 
-    /// The doubt of a motion as it was read; none where the rate was stated.
+    /// The doubt that reading a motion reported, if any. A rate that was given is not doubted.
     pub fn in_reading(motion: &Motion) -> Option<RateDoubt> {
         let warned = motion.warnings.iter().any(RateDoubt::is_warning);
         warned.then(|| RateDoubt::of(&motion.clip)).flatten()
     }
 
-    /// Whether a warning is such a doubt.
+    /// Whether a warning is a rate doubt.
     pub fn is_warning(warning: &Warning) -> bool {
         warning.kind == KIND
     }
 
-    /// The rate at which the fall would be free fall.
+    /// The rate at which the fall would be a free fall.
     pub fn free_fall_fps(&self) -> f64 {
         self.fps / self.fall_g.sqrt()
     }
 
-    /// The highest of the usual rates at which it falls at 1 g at most; below all of them a whole number.
+    /// The highest usual rate at which it falls with at most 1 g; below all usual rates a whole number.
     pub fn likely_fps(&self) -> f64 {
-        // a fall is measured to a percent
+        // the measured fall is accurate to a percent
         let free = 1.005 * self.free_fall_fps();
         let mut usual = USUAL_FPS.iter().map(|&fps| fps as f64).filter(|fps| *fps <= free);
         usual.next_back().unwrap_or_else(|| free.floor().max(1.0))
     }
 
-    /// As a warning of the motion that it is of.
+    /// The doubt as a warning.
     pub fn warning(&self) -> Warning {
         Warning { kind: KIND, what: self.to_string() }
     }
@@ -76,23 +76,23 @@ impl fmt::Display for RateDoubt {
     }
 }
 
-/// A rate without the digits of a frame time that was cut.
+/// A rate rounded to three decimals.
 fn in_short(fps: f64) -> f64 {
     (fps * 1e3).round() / 1e3
 }
 
-/// The doubts of the files of a call, to be told in one line.
+/// Rate doubts of several files, summarised in one line.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RateDoubts {
     files: usize,
-    /// How many of them are likely to have which whole rate.
+    /// Likely rates, with the number of files.
     likely: BTreeMap<u64, usize>,
-    /// The one that falls fastest.
+    /// The file that falls fastest.
     worst: Option<(String, RateDoubt)>,
 }
 
 impl RateDoubts {
-    /// A file that was read.
+    /// Adds a file with its doubt, if there is one.
     pub fn add(&mut self, name: &str, doubt: Option<RateDoubt>) {
         self.files += 1;
         let Some(doubt) = doubt else { return };
@@ -102,11 +102,11 @@ impl RateDoubts {
         }
     }
 
-    /// What there is to say of all; `None` where no rate is doubted.
+    /// The summary; `None` if no rate is doubted.
     pub fn line(&self) -> Option<String> {
         let (name, worst) = self.worst.as_ref()?;
         let (files, g) = (self.files, worst.fall_g);
-        // most files', of several the highest
+        // the rate of most files; of several the highest
         let (likely, _) = self.likely.iter().max_by_key(|(_, files)| **files)?;
         Some(match self.likely.values().sum::<usize>() {
             _ if files == 1 => format!("{name}: {}", worst.warning()),
@@ -122,18 +122,18 @@ impl RateDoubts {
     }
 }
 
-/// The fastest fall of the root, in g; `jumps` as [`root_jumps`] finds them are left out.
+/// The fastest fall of the root, in g, without the frames around `jumps` ([`root_jumps`]).
 ///
-/// Second difference of the root's height over steps of 0.05 s: noise of a millimetre is then 0.1 g.
+/// It is the second difference of the root's height over steps of 0.05 s; noise of 1 mm then adds 0.1 g.
 pub(crate) fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
     let h = (0.05 * clip.fps()).round().max(1.0) as usize;
     let seconds = h as f64 / clip.fps();
     let y = clip.root();
-    let mut ahead = jumps.iter().map(|&(at, _)| at).peekable();
-    // jumps rise as frames do: the first that isn't more than h behind decides
+    let mut upcoming = jumps.iter().map(|&(at, _)| at).peekable();
+    // jumps are ascending: the first one that isn't more than h frames ago decides
     let mut near_jump = |f: usize| {
-        while ahead.next_if(|at| at + h < f).is_some() {}
-        ahead.peek().is_some_and(|&at| at <= f + h)
+        while upcoming.next_if(|at| at + h < f).is_some() {}
+        upcoming.peek().is_some_and(|&at| at <= f + h)
     };
     let falls: Vec<f64> = (h..y.len().saturating_sub(h))
         .filter(|&f| !near_jump(f))
@@ -149,7 +149,7 @@ pub(crate) mod tests {
     use crate::{Quat, Vec3, smpl};
     use std::path::PathBuf;
 
-    /// Half the time hanging, half in free fall.
+    /// Suspended for half the time, then in free fall.
     pub(crate) fn height(t: f64) -> f64 {
         if t < 1.5 { 20.0 } else { 20.0 - 0.5 * GRAVITY * (t - 1.5) * (t - 1.5) }
     }
@@ -189,16 +189,16 @@ pub(crate) mod tests {
         doubts.add("a.bvh", None);
         assert_eq!(doubts.line(), None);
         doubts.add("b.bvh", doubt(3.2));
-        let said = "1 of 2 files doubts its rate: b.bvh falls at 3.2 g; if all were exported alike, `--fps-source 60` is for all";
-        assert_eq!(doubts.line().as_deref(), Some(said));
+        let line = "1 of 2 files doubts its rate: b.bvh falls at 3.2 g; if all were exported alike, `--fps-source 60` is for all";
+        assert_eq!(doubts.line().as_deref(), Some(line));
         doubts.add("c.bvh", doubt(2.0));
         assert!(doubts.line().unwrap().starts_with("2 of 3 files doubt their rates, b.bvh most: it falls at 3.2 g;"));
-        // one that jumps about doesn't say what all are
+        // an outlier doesn't change the summary's rate
         doubts.add("d.bvh", doubt(9.5));
-        let said = doubts.line().unwrap();
+        let line = doubts.line().unwrap();
         assert!(
-            said.starts_with("3 of 4 files doubt their rates, d.bvh most") && said.contains("`--fps-source 60`"),
-            "{said}"
+            line.starts_with("3 of 4 files doubt their rates, d.bvh most") && line.contains("`--fps-source 60`"),
+            "{line}"
         );
         let mut one = RateDoubts::default();
         one.add("b.bvh", doubt(3.2));

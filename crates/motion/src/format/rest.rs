@@ -4,11 +4,11 @@ use super::{ReadOptions, RestFrame};
 use crate::rotation::angle_between;
 use crate::{Motion, Quat, Source, Warning};
 
-/// A root that is turned by less is unturned, radians: a file with z up has it turned there and back, some in single
+/// A root rotation below this counts as none, radians: files with z up rotate the root there and back, some in single
 /// precision.
 const UNTURNED: f64 = 1e-6;
 
-/// The rest-pose frame of a motion that was read with `options`: reported, and kept or dropped.
+/// Reports the rest-pose frame of a motion read with `options`, and keeps or drops it.
 pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Motion {
     if options.skip > 0 || !has_rest_frame(&motion) {
         return motion;
@@ -25,16 +25,16 @@ pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Mo
     motion
 }
 
-/// Whether a rest-pose frame is to be looked for and left out.
+/// Whether a rest-pose frame is looked for and dropped.
 pub(crate) fn drops_rest_frame(options: &ReadOptions) -> bool {
     options.skip == 0 && options.rest == RestFrame::Drop
 }
 
-/// Whether frame 0 is a rest pose put before the motion, as many CMU conversions have it.
+/// Whether frame 0 is a rest pose before the motion, as in many CMU conversions.
 ///
-/// So it is if the root's rotation is nothing (of a BVH: all its rotation channels are 0; else to rounding) and the step
-/// from frame 0 to frame 1 is above 10 times the median step. A step is the largest angle that a joint turns between two
-/// frames (the mean over the joints misses a clip of cmu-dance). Fewer than 3 frames have no median to compare with.
+/// It is if the root is not rotated (in a BVH: all its rotation channels are 0) and the step from frame 0 to frame 1 is
+/// more than 10 times the median step. A step is the largest rotation of a joint between two frames; the mean over joints
+/// misses a clip of cmu-dance. Clips of fewer than 3 frames have no rest frame.
 pub fn has_rest_frame(motion: &Motion) -> bool {
     let clip = &motion.clip;
     let unturned = match &motion.source {
@@ -62,7 +62,7 @@ mod tests {
     use crate::format::{Unit, bvh};
     use std::path::Path;
 
-    /// A root and a child that turn 1 degree a frame after the first frame, which has these angles.
+    /// A root and a child that rotate by 1 degree per frame after a first frame with these angles.
     fn file(first: [f64; 2], frames: usize) -> Motion {
         let rows: String = (1..frames).map(|f| format!("{f} {f}\n")).collect();
         let text = format!(

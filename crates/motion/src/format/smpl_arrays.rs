@@ -1,25 +1,25 @@
-//! What AMASS and AIST++ share: rotation vectors and translations of SMPL's joints in arrays whose first axis is frames.
+//! Shared by AMASS and AIST++: arrays of SMPL's rotation vectors and translations.
 
 use super::array::Array;
 use crate::error::FaultKind;
 use crate::rotation::exp_map;
 use crate::{Quat, Result, Vec3, smpl};
 
-/// F rows of rotation vectors.
+/// Rotation vectors, one row per frame.
 pub(super) struct Vectors<'a> {
     array: &'a Array<'a>,
-    /// F.
+    /// F, the number of frames.
     pub frames: usize,
-    /// Numbers in a row.
+    /// Columns.
     pub width: usize,
     values: Vec<f64>,
 }
 
 impl<'a> Vectors<'a> {
-    /// An array of shape (F, W) or (F, W/3, 3), W one of `widths`.
+    /// Checks for the shape (F, W) or (F, W/3, 3), with W one of `widths`.
     ///
     /// # Errors
-    /// [`FaultKind::Shape`] for any other shape, [`FaultKind::Dtype`] for what are no numbers.
+    /// [`FaultKind::Shape`] for any other shape, [`FaultKind::Dtype`] for elements that are no numbers.
     pub fn new(array: &'a Array, widths: &[usize]) -> Result<Self> {
         let (frames, width) = match *array.shape() {
             [f, w] if widths.contains(&w) => (f, w),
@@ -33,7 +33,7 @@ impl<'a> Vectors<'a> {
         Ok(Vectors { array, frames, width, values: array.reals()? })
     }
 
-    /// The rotation in columns `column .. column + 3` of a frame; vectors of any length are taken. `joint` is for messages.
+    /// The rotation in columns `column .. column + 3` of a frame, of any vector length. `joint` is used in messages.
     ///
     /// # Errors
     /// [`FaultKind::NotFinite`] with frame and joint.
@@ -41,7 +41,7 @@ impl<'a> Vectors<'a> {
         let at = frame * self.width + column;
         let v = Vec3::from_slice(&self.values[at..at + 3]);
         let q = exp_map::from_vector(v);
-        // a vector so long that its angle overflows has no direction left either
+        // a vector so long that its angle overflows has no direction either
         if v.is_finite() && q.is_finite() {
             return Ok(q);
         }
@@ -50,7 +50,7 @@ impl<'a> Vectors<'a> {
     }
 }
 
-/// The (F, 3) translations of `frames` frames.
+/// Translations (F, 3).
 ///
 /// # Errors
 /// [`FaultKind::Shape`], [`FaultKind::Dtype`], [`FaultKind::NotFinite`] with the frame.
@@ -58,11 +58,11 @@ pub(super) fn translations(array: &Array, frames: usize) -> Result<Vec<Vec3>> {
     if array.shape() != [frames, 3] {
         return Err(array.shape_fault(&format!("({frames}, 3)")));
     }
-    let places: Vec<Vec3> = array.reals()?.chunks_exact(3).map(Vec3::from_slice).collect();
-    match places.iter().position(|p| !p.is_finite()) {
-        None => Ok(places),
+    let positions: Vec<Vec3> = array.reals()?.chunks_exact(3).map(Vec3::from_slice).collect();
+    match positions.iter().position(|p| !p.is_finite()) {
+        None => Ok(positions),
         Some(f) => {
-            let found = format!("({}, {}, {}) at frame {f}", places[f].x, places[f].y, places[f].z);
+            let found = format!("({}, {}, {}) at frame {f}", positions[f].x, positions[f].y, positions[f].z);
             Err(array.fault(FaultKind::NotFinite, found, "a place in metres"))
         }
     }

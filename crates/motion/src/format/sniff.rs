@@ -1,6 +1,6 @@
-//! What a file is that is not what its name promised.
+//! Content sniffing: what a file is when it is not what its name says.
 
-/// What the bytes of a file look like, in words; for messages when they are not what the name promised.
+/// Describes the kind of a file's content, for messages.
 pub fn sniff(bytes: &[u8]) -> &'static str {
     let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let start = text.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(text.len());

@@ -1,4 +1,4 @@
-//! Which way is up in a file: said by the caller, or judged by how the body stands.
+//! The up axis of a file: given by the caller, or inferred from how the body stands.
 
 use crate::rig::SkeletonMap;
 use crate::rotation::Mat3;
@@ -8,16 +8,16 @@ use std::borrow::Cow;
 use std::fmt;
 use std::sync::Arc;
 
-/// A body stands along an axis if the cosine between them is at least this.
+/// A body stands along an axis if their cosine is at least this.
 const STANDS: f64 = 0.7;
-/// Frames that are looked at, evenly spaced.
+/// Frames that are examined, evenly spaced.
 const FRAMES: usize = 600;
 
-/// The axis of a file's world that points up.
+/// The up axis of a file's world.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Up {
-    /// Of a BVH judged by how the body stands; of all others what their format says.
+    /// Inferred from how the body stands for a BVH; defined by the format for other files.
     #[default]
     #[serde(rename = "auto")]
     Auto,
@@ -59,14 +59,14 @@ impl fmt::Display for Up {
 }
 
 impl Up {
-    /// The six axes; of two along which a body stands alike the first is taken.
+    /// The six axes; of two that fit equally well the first is used.
     const AXES: [Up; 6] = [Up::Y, Up::Z, Up::X, Up::NegZ, Up::NegX, Up::NegY];
 
-    /// The turn by quarters that brings this axis to +y: x to (-y, x, z), -x to (y, -x, z), -y to (x, -y, -z), z to
+    /// The rotation by quarter turns that brings this axis to +y: x to (-y, x, z), -x to (y, -x, z), -y to (x, -y, -z), z to
     /// (x, z, -y), -z to (x, -z, y).
     fn turn(self) -> Mat3 {
         let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
-        // columns: where the file's x, y and z go
+        // the columns are the images of the file's x, y and z
         let [a, b, c] = match self {
             Up::Auto | Up::Y => [x, y, z],
             Up::NegY => [x, -y, -z],
@@ -78,46 +78,46 @@ impl Up {
         Mat3::from_cols(a, b, c)
     }
 
-    /// The axis itself.
+    /// The axis as a vector.
     fn axis(self) -> Vec3 {
         self.turn().transpose() * Vec3::Y
     }
 }
 
-/// How a file's axes are turned to make a clip's, where y is up.
+/// How a file's axes are rotated to a clip's, where y is up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Axes {
-    /// The file's axis that points up, never [`Up::Auto`].
+    /// The file's up axis, never [`Up::Auto`].
     pub up: Up,
-    /// Whether the bones of the rest pose stand along that axis too, as where a program turned all of a file; if not,
-    /// they stand along y, and the motion alone was turned.
+    /// Whether the bones of the rest pose stand along that axis too, as when a program rotated the whole file. If not, they
+    /// stand along y and only the motion was rotated.
     pub rest_too: bool,
-    /// Who says so.
+    /// Where the up axis is known from.
     pub by: UpSource,
 }
 
-/// Who says which axis is up.
+/// How an up axis was determined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UpSource {
-    /// The caller, or a format that has no other.
+    /// Given by the caller or the format.
     Given,
-    /// The rest pose and the motion, which agree.
+    /// Inferred: rest pose and motion agree.
     Inferred,
-    /// Nobody: the rest pose and the motion disagree, or nobody stands.
+    /// Ambiguous: rest pose and motion disagree, or the body doesn't stand.
     Ambiguous,
-    /// Nobody: no skeleton map knows the joints.
+    /// Unknown: no skeleton map fits the joints.
     Unknown,
 }
 
 impl Axes {
-    /// y up, as a clip is.
+    /// y up, as in a clip.
     pub const OWN: Axes = Axes { up: Up::Y, rest_too: true, by: UpSource::Given };
 
-    /// The axes of a clip that is in its file's own, `up` being what the caller says; and the doubt, if there is one.
+    /// The axes of a clip in its file's own axes, given the requested `up`; with a doubt if they are ambiguous.
     pub(crate) fn of(clip: &Clip, up: Up, map: Option<&SkeletonMap>) -> (Axes, Option<String>) {
         let rest = map.and_then(|map| rest(clip.skeleton(), map));
         if up != Up::Auto {
-            // whoever turns a file turns the rest pose too, unless that still stands along y
+            // a program that rotates a file rotates its rest pose too, unless that still stands along y
             let rest_too = !rest.is_some_and(|rest| rest.up == Up::Y && rest.cosine >= STANDS);
             return (Axes { up, rest_too, by: UpSource::Given }, None);
         }
@@ -128,7 +128,7 @@ impl Axes {
         if motion.cosine >= STANDS && motion.up == rest.up {
             return (Axes { up: motion.up, rest_too: true, by: UpSource::Inferred }, None);
         }
-        // a rest pose that is no stand says nothing against a motion that stands along y
+        // a rest pose that doesn't stand doesn't contradict a motion along y
         if motion.cosine >= STANDS && motion.up == Up::Y && rest.cosine < STANDS {
             return (Axes { by: UpSource::Inferred, ..Axes::OWN }, None);
         }
@@ -141,38 +141,38 @@ impl Axes {
         (Axes { by: UpSource::Ambiguous, ..Axes::OWN }, Some(doubt))
     }
 
-    /// A clip in the file's axes, with y up.
+    /// Rotates a clip from the file's axes to y up.
     ///
     /// # Errors
     /// None for a finite clip.
-    pub(crate) fn stand(&self, clip: Clip) -> Result<Clip> {
+    pub(crate) fn to_y_up(&self, clip: Clip) -> Result<Clip> {
         if self.up == Up::Y { Ok(clip) } else { self.turned(&clip, self.up.turn()) }
     }
 
-    /// A clip with y up, in the file's axes.
+    /// Rotates a clip with y up to the file's axes.
     ///
     /// # Errors
     /// None for a finite clip.
-    pub(crate) fn lay_back<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
+    pub(crate) fn from_y_up<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
         if self.up == Up::Y {
             return Ok(Cow::Borrowed(clip));
         }
         self.turned(clip, self.up.turn().transpose()).map(Cow::Owned)
     }
 
-    /// A clip's skeleton as the file has it.
+    /// Rotates a clip's skeleton to the file's axes.
     ///
     /// # Errors
     /// None for a finite skeleton.
-    pub(crate) fn skeleton_laid_back(&self, own: &Arc<Skeleton>) -> Result<Arc<Skeleton>> {
+    pub(crate) fn skeleton_from_y_up(&self, own: &Arc<Skeleton>) -> Result<Arc<Skeleton>> {
         if self.up == Up::Y || !self.rest_too {
             return Ok(own.clone());
         }
         Ok(Arc::new(skeleton(own, self.up.turn().transpose())?))
     }
 
-    /// A place in the file's world, with y up.
-    pub(crate) fn stand_place(&self, place: Vec3) -> Vec3 {
+    /// Rotates a position of the file's world to y up.
+    pub(crate) fn position_to_y_up(&self, place: Vec3) -> Vec3 {
         self.up.turn() * place
     }
 
@@ -194,22 +194,22 @@ impl Axes {
     }
 }
 
-/// A skeleton with all its bones turned.
+/// A skeleton with all bones rotated.
 fn skeleton(skeleton: &Skeleton, turn: Mat3) -> Result<Skeleton> {
     let ends = skeleton.ends().iter().map(|e| EndSite { parent: e.parent, offset: turn * e.offset });
     let offsets = skeleton.offsets().iter().map(|&o| turn * o).collect();
     Skeleton::new(skeleton.names().to_vec(), skeleton.parents().to_vec(), offsets, ends.collect())
 }
 
-/// Along which axis a body stands, and how well.
+/// The axis along which a body stands, and how well.
 #[derive(Debug, Clone, Copy)]
-struct Stand {
+struct Uprightness {
     up: Up,
-    /// The smaller of two cosines between the axis and the body: ankles to pelvis, pelvis to head.
+    /// The smaller of two cosines with the axis: ankles to pelvis, pelvis to head.
     cosine: f64,
 }
 
-/// The axis that is best by `how_well`.
+/// The axis with the highest score.
 fn best(how_well: impl Fn(Up) -> f64) -> Up {
     let mut best = (Up::Y, how_well(Up::Y));
     for up in Up::AXES {
@@ -221,7 +221,7 @@ fn best(how_well: impl Fn(Up) -> f64) -> Up {
     best.0
 }
 
-/// The joints that say how a body stands.
+/// The joints that show how a body stands.
 struct Body {
     pelvis: usize,
     hips: [usize; 2],
@@ -240,16 +240,16 @@ impl Body {
         Some(Body { pelvis: joint(0)?, hips: [joint(1)?, joint(2)?], ankles: [joint(7)?, joint(8)?], top })
     }
 
-    /// From the ankles to the pelvis, from the pelvis to the head: directions, zero where a body has no length.
-    fn bones(&self, places: &[Vec3]) -> [Vec3; 2] {
-        let mean = |joints: &[usize]| joints.iter().map(|&j| places[j]).sum::<Vec3>() / joints.len() as f64;
-        let pelvis = places[self.pelvis];
+    /// Directions from the ankles to the pelvis and from the pelvis to the head; zero for a body without length.
+    fn bones(&self, positions: &[Vec3]) -> [Vec3; 2] {
+        let mean = |joints: &[usize]| joints.iter().map(|&j| positions[j]).sum::<Vec3>() / joints.len() as f64;
+        let pelvis = positions[self.pelvis];
         [pelvis - mean(&self.ankles), mean(&self.top) - pelvis].map(Vec3::normalize_or_zero)
     }
 }
 
-/// How the map's reference pose stands, were the rest pose turned with each axis.
-fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Stand> {
+/// How the reference pose would stand if it were rotated for each axis.
+fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Uprightness> {
     let body = Body::of(rig, map)?;
     let mut local = vec![Quat::IDENTITY; rig.joints()];
     for (name, rotation) in map.reference() {
@@ -259,23 +259,23 @@ fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Stand> {
     }
     let stands = |up: Up| {
         let turned = skeleton(rig, up.turn()).ok()?;
-        let places = GlobalPose::new(&turned, Vec3::ZERO, &local).positions;
-        let cosine = body.bones(&places).into_iter().map(|b| b.y).fold(1.0, f64::min);
-        let left = (places[body.hips[0]] - places[body.hips[1]]).normalize_or_zero();
+        let positions = GlobalPose::new(&turned, Vec3::ZERO, &local).positions;
+        let cosine = body.bones(&positions).into_iter().map(|b| b.y).fold(1.0, f64::min);
+        let left = (positions[body.hips[0]] - positions[body.hips[1]]).normalize_or_zero();
         Some((cosine, left.x))
     };
     let stands = Up::AXES.map(|up| (up, stands(up).unwrap_or((-1.0, 0.0))));
     let of = |up: Up| stands.iter().find(|(u, _)| *u == up).map_or((-1.0, 0.0), |s| s.1);
-    // where all bones lie along one axis of the joints, turns about it stand alike, but only one has its left at +x
+    // if all bones lie along one axis, rotations about it stand equally well, but only one has the left side at +x
     let up = best(|up| {
         let (cosine, left) = of(up);
         if cosine < STANDS { cosine } else { 2.0 + cosine + left }
     });
-    Some(Stand { up, cosine: of(up).0 })
+    Some(Uprightness { up, cosine: of(up).0 })
 }
 
 /// How a body stands in the median of a clip's frames; `None` for a clip without frames.
-fn motion(clip: &Clip, map: &SkeletonMap) -> Option<Stand> {
+fn motion(clip: &Clip, map: &SkeletonMap) -> Option<Uprightness> {
     let body = Body::of(clip.skeleton(), map)?;
     let mut pose = GlobalPose::default();
     let step = clip.frames().div_ceil(FRAMES).max(1);
@@ -294,5 +294,5 @@ fn motion(clip: &Clip, map: &SkeletonMap) -> Option<Stand> {
     };
     let cosine = |up: Up| median(0, up.axis()).min(median(1, up.axis()));
     let up = best(cosine);
-    Some(Stand { up, cosine: cosine(up) })
+    Some(Uprightness { up, cosine: cosine(up) })
 }

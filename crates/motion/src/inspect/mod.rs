@@ -1,4 +1,4 @@
-//! What a clip is, and what looks wrong in it: figures, and the report of them.
+//! Inspection of a motion: statistics, suspicious values, and a report.
 
 pub mod report;
 pub mod stats;

@@ -1,4 +1,4 @@
-//! The report of a motion: as text for a reader, as JSON for a script.
+//! The report of a motion: as text for readers, as JSON for scripts.
 
 use super::stats::{ClipStats, clip_stats};
 use crate::format::bvh::{BvhSource, NodeKind};
@@ -8,84 +8,39 @@ use crate::{Motion, Skeleton, Source, Vec3, Warning};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
-/// What `kinelm inspect` says of one file.
+/// The report that `kinelm inspect` prints of one file.
 #[derive(Debug, Clone)]
-pub struct Report {
-    path: String,
-    format: &'static str,
-    /// What the file says of itself beyond the clip: lines of text.
-    source: Vec<String>,
-    fps: f64,
-    frames: usize,
-    duration_s: f64,
-    tree: Vec<String>,
-    names: Vec<String>,
-    parents: Vec<Option<usize>>,
-    offsets: Vec<[f64; 3]>,
-    /// Metres that 1 means in a BVH.
-    unit_m: Option<f64>,
-    axes: Axes,
-    joints: usize,
-    ends: usize,
-    map: Option<String>,
-    /// Where the floor is, metres; `None` on a rig that no map knows.
+pub struct Report<'a> {
+    motion: &'a Motion,
+    /// The floor, metres; `None` on a rig that no map fits.
     floor_m: Option<f64>,
     stats: ClipStats,
-    still: Vec<String>,
     doubts: Vec<Warning>,
 }
 
-/// The report of a motion as it was read.
-pub fn report(motion: &Motion) -> Report {
-    let (clip, skeleton) = (&motion.clip, motion.clip.skeleton());
-    let stats = clip_stats(clip);
-    // which axis is up is no doubt where it could be judged; the report says it anyway
+/// Makes the report of a motion as it was read, with the given or detected floor, metres.
+pub fn report(motion: &Motion, floor_m: Option<f64>) -> Report<'_> {
+    let stats = clip_stats(&motion.clip);
+    // an inferred up axis is part of the report, not a doubt
     let mut doubts: Vec<Warning> = motion.warnings.iter().filter(|w| w.kind != "up_axis").cloned().collect();
-    doubts.extend(doubts_of(&stats, skeleton));
-    let (format, source) = source_lines(&motion.source);
-    Report {
-        path: motion.path.display().to_string(),
-        format,
-        source,
-        fps: clip.fps(),
-        frames: clip.frames(),
-        duration_s: clip.duration_s(),
-        tree: tree(skeleton),
-        names: skeleton.names().to_vec(),
-        parents: skeleton.parents().to_vec(),
-        offsets: skeleton.offsets().iter().map(|o| o.to_array()).collect(),
-        unit_m: match &motion.source {
-            Source::Bvh(bvh) => Some(bvh.rig.unit_m),
-            _ => None,
-        },
-        axes: motion.source.axes(),
-        joints: skeleton.joints(),
-        ends: skeleton.ends().len(),
-        map: SkeletonMap::detect(skeleton.names()).map(|m| m.name),
-        still: stats.still_joints.iter().map(|&j| skeleton.names()[j].clone()).collect(),
-        floor_m: None,
-        stats,
-        doubts,
-    }
+    doubts.extend(doubts_of(&stats, motion.clip.skeleton()));
+    Report { motion, floor_m, stats, doubts }
 }
 
-impl Report {
-    /// With the floor that was found or told, metres.
-    pub fn with_floor(self, floor_m: Option<f64>) -> Self {
-        Report { floor_m, ..self }
-    }
-
-    /// Lines for a reader, the last ended too.
+impl Report<'_> {
+    /// The report as lines of text.
     pub fn text(&self) -> String {
         let mut t = String::new();
-        let f = &self.stats;
-        let _ = writeln!(t, "{}: {}", self.path, self.format);
-        let _ = writeln!(t, "  {} frames at {} fps, {:.2} s", self.frames, round(self.fps, 6), self.duration_s);
-        let _ = writeln!(t, "  {} joints, {} end sites; rig {}", self.joints, self.ends, self.rig());
-        for line in &self.source {
+        let (f, clip, skeleton) = (&self.stats, &self.motion.clip, self.motion.clip.skeleton());
+        let (format, source) = source_lines(&self.motion.source);
+        let rig = self.rig().unwrap_or_else(|| "unknown (give `map` to retarget it)".into());
+        let _ = writeln!(t, "{}: {format}", self.motion.path.display());
+        let _ = writeln!(t, "  {} frames at {} fps, {:.2} s", clip.frames(), round(clip.fps(), 6), clip.duration_s());
+        let _ = writeln!(t, "  {} joints, {} end sites; rig {rig}", skeleton.joints(), skeleton.ends().len());
+        for line in source {
             let _ = writeln!(t, "  {line}");
         }
-        let _ = writeln!(t, "  {}", axes_line(&self.axes));
+        let _ = writeln!(t, "  {}", axes_line(&self.motion.source.axes()));
         let [low, high] = f.root_range;
         let _ = writeln!(t, "  height {:.2} m (median over frames of highest minus lowest point)", f.height_m);
         let axis = |name, l: f64, h: f64| format!("{name} {l:.2}..{h:.2}");
@@ -98,10 +53,11 @@ impl Report {
             let n = f.root_vector_flips;
             let _ = writeln!(t, "  root vector changes sign, its angle passing 180 degrees, {n} times");
         }
-        if !self.still.is_empty() {
-            let _ = writeln!(t, "  {} joints never turn: {}", self.still.len(), self.still.join(" "));
+        let still = self.still();
+        if !still.is_empty() {
+            let _ = writeln!(t, "  {} joints never turn: {}", still.len(), still.join(" "));
         }
-        for line in &self.tree {
+        for line in tree(skeleton) {
             let _ = writeln!(t, "    {line}");
         }
         if self.doubts.is_empty() {
@@ -113,25 +69,38 @@ impl Report {
         t
     }
 
-    /// One JSON object in one line, without the line's end.
+    /// The report as one line of JSON, without a line end.
     pub fn json(&self) -> String {
-        let f = &self.stats;
+        let (f, clip, skeleton) = (&self.stats, &self.motion.clip, self.motion.clip.skeleton());
+        let (format, source) = source_lines(&self.motion.source);
+        let offsets: Vec<[f64; 3]> = skeleton.offsets().iter().map(|o| o.to_array()).collect();
+        let unit_m = match &self.motion.source {
+            Source::Bvh(bvh) => Some(bvh.rig.unit_m),
+            _ => None,
+        };
         let doubts: Vec<Value> = self.doubts.iter().map(|d| json!({"kind": d.kind, "what": d.what})).collect();
         json!({
-            "schema": 1, "file": self.path, "format": self.format, "source": self.source,
-            "fps": self.fps, "frames": self.frames, "duration_s": self.duration_s,
-            "joints": self.joints, "end_sites": self.ends, "names": self.names, "parents": self.parents,
-            "offsets_m": self.offsets, "unit_m": self.unit_m, "up": self.axes.up, "rig": self.map, "tree": self.tree,
-            "height_m": f.height_m, "floor_m": self.floor_m, "root_min_m": f.root_range[0].to_array(), "root_max_m": f.root_range[1].to_array(),
+            "schema": 1, "file": self.motion.path.display().to_string(), "format": format, "source": source,
+            "fps": clip.fps(), "frames": clip.frames(), "duration_s": clip.duration_s(),
+            "joints": skeleton.joints(), "end_sites": skeleton.ends().len(), "names": skeleton.names(),
+            "parents": skeleton.parents(), "offsets_m": offsets, "unit_m": unit_m, "up": self.motion.source.axes().up,
+            "rig": self.rig(), "tree": tree(skeleton), "height_m": f.height_m, "floor_m": self.floor_m,
+            "root_min_m": f.root_range[0].to_array(), "root_max_m": f.root_range[1].to_array(),
             "speed_m_s": f.speed_m_s, "fall_g": f.fall_g, "fps_for_free_fall": f.fps_for_free_fall,
             "root_jumps": f.root_jumps.len(), "joint_jumps": f.joint_jumps.len(),
-            "root_vector_flips": f.root_vector_flips, "still_joints": self.still, "doubts": doubts,
+            "root_vector_flips": f.root_vector_flips, "still_joints": self.still(), "doubts": doubts,
         })
         .to_string()
     }
 
-    fn rig(&self) -> String {
-        self.map.clone().unwrap_or_else(|| "unknown (give `map` to retarget it)".into())
+    /// The name of the built-in map that fits.
+    fn rig(&self) -> Option<String> {
+        SkeletonMap::detect(self.motion.clip.skeleton().names()).map(|map| map.name)
+    }
+
+    /// The names of the joints that never rotate.
+    fn still(&self) -> Vec<&str> {
+        self.stats.still_joints.iter().map(|&j| self.motion.clip.skeleton().names()[j].as_str()).collect()
     }
 }
 
@@ -140,7 +109,7 @@ fn round(x: f64, digits: i32) -> f64 {
     (x * k).round() / k
 }
 
-/// What the stats say against the file.
+/// Doubts that follow from the statistics.
 fn doubts_of(f: &ClipStats, skeleton: &Skeleton) -> Vec<Warning> {
     let mut doubts = Vec::new();
     let mut doubt = |kind, what| doubts.push(Warning { kind, what });
@@ -175,7 +144,7 @@ fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
     }
 }
 
-/// Which of the file's axes is up, and who says so.
+/// The up axis of the file, and how it was determined.
 fn axes_line(axes: &Axes) -> String {
     let why = match axes.by {
         UpSource::Given => "",
@@ -187,17 +156,17 @@ fn axes_line(axes: &Axes) -> String {
     format!("up {}{turned}{why}", axes.up)
 }
 
-/// Whose bones these are, and what was added to `trans`.
+/// The origin of the bones and of the rest pelvis.
 fn body_line(rest_pelvis: Vec3, body_model: bool) -> String {
     let body = if body_model { "the body model's" } else { "the neutral skeleton's, not the subject's" };
     let Vec3 { x, y, z } = rest_pelvis;
     format!("bones are {body}; pelvis = trans + J0 with J0 = ({x:.3}, {y:.3}, {z:.3}) m in the file's axes")
 }
 
-/// Unit, rate as printed, position channels and roots of a BVH.
+/// Unit, frame time, position channels and roots of a BVH.
 fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
     let rig = &bvh.rig;
-    let how = if rig.unit_judged { "judged by the leg" } else { "as told" };
+    let how = if rig.unit_judged { "judged by the leg" } else { "as given" };
     let mut lines =
         vec![format!("unit {} m ({how}); frame time {} s as printed", rig.unit_m, bvh.head.frame_time.trim())];
     let in_file = bvh.head.nodes.iter().filter(|n| n.kind != NodeKind::End).count();
@@ -236,10 +205,10 @@ fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
     lines
 }
 
-/// A line a joint, drawn as a tree, with its offset in centimetres.
+/// The tree of joints, one per line, with offsets in centimetres.
 fn tree(skeleton: &Skeleton) -> Vec<String> {
     let mut lines = Vec::with_capacity(skeleton.joints());
-    // (joint, drawing in front of it, drawing in front of its children)
+    // (joint, prefix of its line, prefix of its children's lines)
     let mut stack = vec![(0, String::new(), String::new())];
     while let Some((joint, lead, below)) = stack.pop() {
         let o = skeleton.offsets()[joint] * 100.0;

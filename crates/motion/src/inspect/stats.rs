@@ -1,4 +1,4 @@
-//! The figures of one clip, and what of them looks wrong.
+//! Statistics of a clip, including suspicious values.
 
 use crate::format::rate::{RateDoubt, fall_g};
 use crate::rotation::{angle_between, exp_map};
@@ -7,32 +7,32 @@ use crate::series::{jumps, root_jumps};
 use crate::{Clip, GlobalPose, Vec3};
 use std::f64::consts::PI;
 
-/// A joint's step is a jump if it is wider than this and stands out as the root's do, radians.
+/// A rotation of a joint is a jump if it is larger than this and stands out like a jump of the root, radians.
 pub const JOINT_JUMP_RAD: f64 = 25.0 * PI / 180.0;
-/// The figures of one clip.
+/// Statistics of a clip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClipStats {
-    /// Median over frames of highest minus lowest point (joints and end sites), metres.
+    /// Median over frames of the height from the lowest to the highest point (joints and end sites), metres.
     pub height_m: f64,
-    /// Smallest and largest root position, metres.
+    /// Minimum and maximum of the root position, metres.
     pub root_range: [Vec3; 2],
-    /// Fastest joint of the clip (99.9th percentile over frames), metres a second.
+    /// Speed of the fastest joint (99.9th percentile over frames), metres per second.
     pub speed_m_s: f64,
-    /// Frames `f` after whose step from `f - 1` the root has jumped, with the length in metres.
+    /// Root jumps: frame `f` and the length in metres of the step from `f - 1`.
     pub root_jumps: Vec<(usize, f64)>,
-    /// The same for joints: frame, joint, angle in radians.
+    /// Joint jumps: frame, joint, angle in radians.
     pub joint_jumps: Vec<(usize, usize, f64)>,
-    /// Steps at which the root's canonical rotation vector changes sign because its angle passes PI.
+    /// How often the root's canonical rotation vector changes sign because its angle passes PI.
     pub root_vector_flips: usize,
-    /// The fastest fall of the root, in g: 99.8th percentile of the acceleration downwards over steps of 0.05 s, jumps left out.
+    /// The fastest fall of the root, in g: 99.8th percentile of the downward acceleration over steps of 0.05 s, without jumps.
     pub fall_g: f64,
-    /// The rate at which that fall would be free fall, if the one that it is read at is doubted.
+    /// The rate at which that fall would be a free fall, if the clip's rate is doubted.
     pub fps_for_free_fall: Option<f64>,
-    /// Joints that never turn by more than 1e-6 radians.
+    /// Joints that never rotate by more than 1e-6 radians.
     pub still_joints: Vec<usize>,
 }
 
-/// The figures of a clip; all zero and empty for one without frames.
+/// Computes the statistics; all zero and empty for a clip without frames.
 pub fn clip_stats(clip: &Clip) -> ClipStats {
     let heights = heights(clip);
     let root_jumps = root_jumps(clip);

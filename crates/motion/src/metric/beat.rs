@@ -1,38 +1,39 @@
-//! Whether a dance keeps to beats: where its own are, how near they are to those of the music, and what chance gives.
+//! Beat alignment of a dance: its kinematic beats, their distance to the beats of the music, and the chance level.
 
 use crate::resample::{Method, resample};
 use crate::{Clip, Result, Vec3};
 use std::f64::consts::TAU;
 
-/// Frames a second at which beats of motion are looked for.
+/// Frames per second at which kinematic beats are detected.
 const FPS: f64 = 60.0;
-/// How near counts, seconds: three frames.
+/// Standard deviation of the alignment score, seconds: three frames.
 pub const SIGMA_S: f64 = 3.0 / FPS;
 /// Standard deviation of the low pass of a speed, frames.
 const SMOOTH: f64 = 5.0;
-/// Neighbours on either side that a beat is slower than.
+/// A beat is slower than this many neighbours on either side.
 const ORDER: usize = 10;
-/// Shifts of the music by which chance is measured.
+/// Shifts of the music that estimate the chance level.
 const SHIFTS: usize = 1000;
 
-/// How beats of motion are found.
+/// How kinematic beats are detected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BeatRule {
-    /// Minima of the speed as it is against all within 10 frames (Li et al., "AI Choreographer", 2021).
+    /// Minima of the speed over 10 frames on either side (Li et al., "AI Choreographer", 2021).
     CompatA,
-    /// Minima against both neighbours of the speed after a Gaussian low pass of 5 frames (Siyao et al., "Bailando", 2022).
+    /// Minima over both neighbours of the speed after a Gaussian low pass of 5 frames (Siyao et al., "Bailando", 2022).
     CompatB,
-    /// The first rule on the second's speed, and a step's time half-way between its frames.
+    /// Minima over 10 frames of the low-passed speed; the time of a step is half-way between its frames.
     Fixed,
 }
 
-/// The beats of a clip, seconds: where its joints move slowest. It is brought to 60 frames a second.
+/// The kinematic beats of a clip, seconds: the times when its joints move slowest. The clip is resampled to 60 frames per
+/// second.
 ///
 /// # Errors
-/// None in practice: those of resampling.
+/// Those of resampling; none in practice.
 ///
 /// # Panics
-/// A joint that the clip doesn't have.
+/// If the clip lacks one of the joints.
 pub fn beats_s(clip: &Clip, joints: &[usize], rule: BeatRule) -> Result<Vec<f64>> {
     let speeds = speeds(clip, joints)?;
     let (speeds, order, late) = match rule {
@@ -43,26 +44,26 @@ pub fn beats_s(clip: &Clip, joints: &[usize], rule: BeatRule) -> Result<Vec<f64>
     Ok(minima(&speeds, order).into_iter().map(|i| (i as f64 + late) / FPS).collect())
 }
 
-/// The mean distance that joints go in a step of a sixtieth of a second.
+/// The mean distance that the joints move in each step of 1/60 s.
 fn speeds(clip: &Clip, joints: &[usize]) -> Result<Vec<f64>> {
     let at_60 = if clip.fps() == FPS { None } else { Some(resample(clip, FPS, Method::Smooth)?) };
     let clip = at_60.as_ref().unwrap_or(clip);
-    let (places, j) = (clip.positions(), clip.joints());
-    let frames: Vec<_> = places.chunks_exact(j).collect();
+    let (positions, j) = (clip.positions(), clip.joints());
+    let frames: Vec<_> = positions.chunks_exact(j).collect();
     let speed = |pair: &[&[Vec3]]| {
         joints.iter().map(|&joint| (pair[1][joint] - pair[0][joint]).length()).sum::<f64>() / joints.len().max(1) as f64
     };
     Ok(frames.windows(2).map(speed).collect())
 }
 
-/// How often a minute a clip's joints hurry most regularly: the peak of the spectrum of their speed (its mean taken off, a
-/// Hann window) from 40 to 300 a minute. None of a clip that doesn't move, or under two seconds.
+/// The tempo of a clip's joints, beats per minute: the peak of the spectrum of their speed (mean removed, Hann window)
+/// from 40 to 300. `None` for a clip that doesn't move or is shorter than two seconds.
 ///
 /// # Errors
-/// None in practice: those of resampling.
+/// Those of resampling; none in practice.
 ///
 /// # Panics
-/// A joint that the clip doesn't have.
+/// If the clip lacks one of the joints.
 pub fn pulse_bpm(clip: &Clip, joints: &[usize]) -> Result<Option<f64>> {
     let mut x = speeds(clip, joints)?;
     let (n, mean) = (x.len() as f64, x.iter().sum::<f64>() / x.len().max(1) as f64);
@@ -82,14 +83,14 @@ pub fn pulse_bpm(clip: &Clip, joints: &[usize]) -> Result<Option<f64>> {
     Ok(peak.filter(|(power, _)| *power > 1e-18).map(|(_, bpm)| bpm))
 }
 
-/// Numbers that are less than all within `order` on either side; beyond the ends stands the last one there.
+/// Indices of values below all others within `order` on either side; the ends are repeated.
 fn minima(x: &[f64], order: usize) -> Vec<usize> {
     let last = x.len().saturating_sub(1);
     let is = |i: usize| (1..=order).all(|k| x[i] < x[i.saturating_sub(k)] && x[i] < x[(i + k).min(last)]);
     (0..x.len()).filter(|&i| is(i)).collect()
 }
 
-/// A Gaussian low pass over four standard deviations, the ends mirrored.
+/// A Gaussian low pass over four standard deviations, mirrored at the ends.
 fn smoothed(x: &[f64]) -> Vec<f64> {
     let radius = (4.0 * SMOOTH + 0.5) as i64;
     let kernel: Vec<f64> = (-radius..=radius).map(|k| (-0.5 * (k as f64 / SMOOTH).powi(2)).exp()).collect();
@@ -101,18 +102,18 @@ fn smoothed(x: &[f64]) -> Vec<f64> {
     (0..n).map(|i| kernel.iter().zip(i - radius..).map(|(k, at)| k * mirrored(at)).sum::<f64>() / total).collect()
 }
 
-/// How near two series of beats are.
+/// The beat alignment of two series, 0 to 1.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct BeatAlignment {
-    /// Mean over the beats of the motion of how near the next of the music is, 0 to 1; 0 without any.
+    /// Mean over the kinematic beats of their score against the nearest beat of the music; 0 without beats.
     pub motion: f64,
-    /// The same over the beats of the music.
+    /// Mean over the beats of the music against the nearest kinematic beat.
     pub music: f64,
 }
 
 impl BeatAlignment {
-    /// Of beats that rise: `exp(-d² / 2 sigma²)`, d to the nearest, sigma 50 ms. Li et al. (2021) define the first and compute
-    /// the second, Siyao et al. (2022) compute the second.
+    /// The scores of ascending beats: `exp(-d² / 2 sigma²)`, d to the nearest beat, sigma 50 ms. Li et al. (2021) define the
+    /// first mean and compute the second; Siyao et al. (2022) compute the second.
     pub fn of(motion_s: &[f64], music_s: &[f64]) -> BeatAlignment {
         BeatAlignment { motion: nearness(motion_s, music_s), music: nearness(music_s, motion_s) }
     }
@@ -124,20 +125,20 @@ impl BeatAlignment {
     }
 }
 
-/// How far a time is from the nearest of `to`, which rise.
+/// Distance of a time from the nearest of `to`, ascending.
 fn distance(time: f64, to: &[f64]) -> f64 {
     let next = to.partition_point(|t| *t < time);
     let around = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|i| to.get(i));
     around.map(|t| (t - time).abs()).fold(f64::INFINITY, f64::min)
 }
 
-/// Mean nearness of `of` to the nearest of `to`, both rising.
+/// Mean score of the times `of` against `to`, both ascending.
 fn nearness(of: &[f64], to: &[f64]) -> f64 {
     let near = |time: &f64| (-0.5 * (distance(*time, to) / SIGMA_S).powi(2)).exp();
     if of.is_empty() { 0.0 } else { of.iter().map(near).sum::<f64>() / of.len() as f64 }
 }
 
-/// The music's beats at the shifts round a dance of so many seconds by which chance is measured, each rising.
+/// The beats of the music, shifted cyclically over a dance of `seconds`; each series ascending.
 fn shifts(music_s: &[f64], seconds: f64) -> impl Iterator<Item = Vec<f64>> {
     (0..SHIFTS).map(move |i| {
         let by = seconds * i as f64 / SHIFTS as f64;
@@ -147,19 +148,19 @@ fn shifts(music_s: &[f64], seconds: f64) -> impl Iterator<Item = Vec<f64>> {
     })
 }
 
-/// Which beats of the music a dance hits: those that have a beat of the motion within [`SIGMA_S`], 50 ms.
+/// The beats of the music that a dance hits: those with a kinematic beat within [`SIGMA_S`], 50 ms.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct BeatHits {
-    /// Per beat of the music; `None`: it is outside of the dance and doesn't count.
+    /// Per beat of the music; `None` for beats outside the dance, which don't count.
     pub each: Vec<Option<bool>>,
-    /// How many are hit in the mean over 1,000 shifts of the music round the dance.
+    /// Hits expected by chance: the mean over 1,000 cyclic shifts of the music.
     pub chance: f64,
 }
 
 impl BeatHits {
-    /// Of a dance of so many seconds, all beats rising.
+    /// The hits of a dance of `seconds`; all beats ascending.
     pub fn of(motion_s: &[f64], music_s: &[f64], seconds: f64) -> BeatHits {
-        // what is 50 ms off but for rounding counts
+        // 50 ms up to rounding is a hit
         let is_hit = |beat: &f64| distance(*beat, motion_s) <= SIGMA_S + 1e-9;
         let counts = |beat: &f64| (0.0..seconds).contains(beat);
         let music: Vec<f64> = music_s.iter().copied().filter(counts).collect();
@@ -170,51 +171,51 @@ impl BeatHits {
         }
     }
 
-    /// Beats that are hit.
+    /// The number of beats hit.
     pub fn hit(&self) -> usize {
         self.each.iter().flatten().filter(|hit| **hit).count()
     }
 
-    /// Beats within the dance.
+    /// The number of beats within the dance.
     pub fn beats(&self) -> usize {
         self.each.iter().flatten().count()
     }
 }
 
-/// What [`BeatAlignment::motion`] is in the mean of a beat that falls anywhere between the first and the last of the music: over
-/// steps P, `sigma sqrt(2 pi) erf(P / (2 sqrt(2) sigma)) / P`. None of fewer than two beats.
+/// The expected [`BeatAlignment::motion`] of a beat that is uniform between the first and the last of the music: over
+/// intervals P, `sigma sqrt(2 pi) erf(P / (2 sqrt(2) sigma)) / P`. `None` for fewer than two beats.
 pub fn chance(music_s: &[f64]) -> Option<f64> {
     let whole = music_s.last()? - music_s.first()?;
     let of_step = |pair: &[f64]| SIGMA_S * TAU.sqrt() * erf((pair[1] - pair[0]) / (8f64.sqrt() * SIGMA_S));
     (whole > 0.0).then(|| music_s.windows(2).map(of_step).sum::<f64>() / whole)
 }
 
-/// The error function to 1.5e-7, of numbers that are not negative: Abramowitz and Stegun (1964), 7.1.26.
+/// The error function of non-negative numbers to 1.5e-7: Abramowitz and Stegun (1964), 7.1.26.
 fn erf(x: f64) -> f64 {
     let t = 1.0 / (1.0 + 0.327_591_1 * x);
     let sum = [1.061_405_429, -1.453_152_027, 1.421_413_741, -0.284_496_736, 0.254_829_592];
     1.0 - sum.iter().fold(0.0, |sum, a| (sum + a) * t) * (-x * x).exp()
 }
 
-/// A dance's beats against those of its music, and against the same music shifted.
+/// A permutation test of beat alignment: the dance with its music, and with the same music shifted.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ShiftTest {
-    /// As they are.
+    /// The alignment with the music.
     pub found: BeatAlignment,
-    /// Mean over 1,000 shifts of the music round the dance.
+    /// Its mean over 1,000 cyclic shifts of the music.
     pub mean: BeatAlignment,
-    /// Their variance.
+    /// Its variance over the shifts.
     pub variance: BeatAlignment,
-    /// Share of the shifts that are less near.
+    /// The fraction of shifts with a lower alignment.
     pub percentile: BeatAlignment,
-    /// [`chance`] of the music.
+    /// [`chance`] for the music.
     pub chance: Option<f64>,
-    /// Beats of the motion and of the music.
+    /// The number of beats of the motion and of the music.
     pub beats: [usize; 2],
 }
 
 impl ShiftTest {
-    /// Of a dance of so many seconds; beats of the music outside of it don't count.
+    /// Tests a dance of `seconds`; beats of the music outside it are ignored.
     pub fn of(motion_s: &[f64], music_s: &[f64], seconds: f64) -> ShiftTest {
         let music: Vec<f64> = music_s.iter().copied().filter(|beat| (0.0..seconds).contains(beat)).collect();
         let found = BeatAlignment::of(motion_s, &music);
@@ -230,8 +231,7 @@ impl ShiftTest {
         ShiftTest { found, mean, variance, percentile, chance: chance(&music), beats: [motion_s.len(), music.len()] }
     }
 
-    /// How many standard deviations the mean over dances lies above that of their shifts: of the motion's, of the music's.
-    /// None where nothing varies.
+    /// z-scores of the mean over dances against their shifts. `None` without variance.
     pub fn z(all: &[ShiftTest]) -> Option<BeatAlignment> {
         let z = |part: fn(&BeatAlignment) -> f64| {
             let above: f64 = all.iter().map(|held| part(&held.found) - part(&held.mean)).sum();
@@ -248,10 +248,10 @@ mod tests {
     use crate::{Quat, smpl};
     use serde_json::Value;
 
-    /// A body that goes to and fro, at rest at every beat of so many a minute, for so many seconds.
+    /// A body that sways for `seconds`, at rest on every beat at `bpm`.
     fn swaying(bpm: f64, fps: f64, seconds: f64) -> Clip {
         let times = (0..(seconds * fps) as usize).map(|f| f as f64 / fps);
-        // at rest half-way between two frames of sixty a second, so that one step alone is the slowest
+        // at rest half-way between two frames at 60 per second, so that a single step is the slowest
         let turn = |t: f64| std::f64::consts::PI * (t - 0.5 / FPS) * bpm / 60.0;
         let root: Vec<Vec3> = times.map(|t| Vec3::X * turn(t).cos()).collect();
         let rotations = vec![Quat::IDENTITY; 24 * root.len()];
@@ -296,12 +296,12 @@ mod tests {
             assert!((chance(&music).unwrap() - expected).abs() < 5e-4, "{bpm}: {:?}", chance(&music));
         }
         let music = every(120.0, 30.0);
-        // steady steps of another tempo
+        // a steady beat at another tempo
         let held = ShiftTest::of(&every(97.0, 30.0), &music, 30.0);
         assert!((held.mean.motion - 0.25).abs() < 0.005 && (held.found.motion - 0.25).abs() < 0.05, "{held:?}");
         let held = ShiftTest::of(&music, &music, 30.0);
         assert!(held.percentile.motion > 0.95 && (held.mean.motion - 0.25).abs() < 0.005, "{held:?}");
-        // of one dance of a steady beat z can't be high, of ten it is
+        // the z-score of one dance to a steady beat is limited; that of ten is higher
         let [one, ten] = [1, 10].map(|n| ShiftTest::z(&vec![held; n]).unwrap().motion);
         assert!(one < 2.7 && (ten / one - 10f64.sqrt()).abs() < 1e-9, "{one} {ten}");
         assert_eq!(ShiftTest::z(&[ShiftTest::of(&[], &[], 5.0)]), None);
@@ -313,7 +313,7 @@ mod tests {
         let hits = BeatHits::of(&motion, &[-0.5, 0.45, 1.5, 2.5, 3.5, 4.0], 4.0);
         assert_eq!(hits.each, [None, Some(true), Some(true), Some(false), Some(false), None]);
         assert_eq!((hits.hit(), hits.beats()), (2, 4));
-        // three beats of the motion cover 0.3 of 4 s; each of the music's four falls there as often
+        // three kinematic beats cover 0.3 s of 4 s, and so do the hits of the four beats by chance
         assert!((hits.chance - 0.3).abs() < 0.01, "{}", hits.chance);
         assert_eq!(BeatHits::of(&[], &[0.5], 1.0), BeatHits { each: vec![Some(false)], chance: 0.0 });
         assert_eq!(BeatHits::of(&[0.5], &[], 0.0), BeatHits::default());
@@ -323,15 +323,15 @@ mod tests {
     fn beats_of_a_speed_are_scipy_s() {
         let golden: Value = serde_json::from_str(include_str!("../../tests/golden/beats.json")).unwrap();
         let numbers = |key: &str| -> Vec<f64> { serde_json::from_value(golden[key].clone()).unwrap() };
-        let places = |key: &str| -> Vec<usize> { serde_json::from_value(golden[key].clone()).unwrap() };
+        let positions = |key: &str| -> Vec<usize> { serde_json::from_value(golden[key].clone()).unwrap() };
         let speed = numbers("speed");
         let smooth = smoothed(&speed);
         for (found, expected) in smooth.iter().zip(numbers("smooth")) {
             assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }
-        assert_eq!(minima(&speed, ORDER), places("compat_a"));
-        assert_eq!(minima(&smooth, 1), places("compat_b"));
-        assert_eq!(minima(&smooth, ORDER), places("fixed"));
+        assert_eq!(minima(&speed, ORDER), positions("compat_a"));
+        assert_eq!(minima(&smooth, 1), positions("compat_b"));
+        assert_eq!(minima(&smooth, ORDER), positions("fixed"));
         for (x, expected) in [0.0, 0.1, 0.5, 1.0, 2.0, 4.0].iter().zip(numbers("erf")) {
             assert!((erf(*x) - expected).abs() < 2e-7, "{x}");
         }

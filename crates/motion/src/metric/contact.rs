@@ -1,27 +1,27 @@
-//! Physical foot contact: whether a body that speeds up has a foot to push with.
+//! Physical foot contact score (PFC): whether a body that accelerates has a foot on the ground.
 
 use crate::resample::{Method, resample};
 use crate::{Clip, Result};
 
-/// The rate at which it is defined.
+/// The rate at which it is defined, frames per second.
 const FPS: f64 = 30.0;
 /// Ankle and ball of each foot, SMPL ids.
 const FEET: [[usize; 2]; 2] = [[7, 10], [8, 11]];
 
-/// PFC of a clip on SMPL-24 with y up, times 10,000 as published; lower is said to be better. `None` of fewer than three
-/// frames at 30 a second, and of a root that never speeds up.
+/// PFC of a clip on SMPL-24 with y up, times 10,000 as published; lower is supposed to be better. `None` for fewer than
+/// three frames at 30 per second, and for a root that never accelerates.
 ///
-/// Mean over frames of |a| / max |a| times both feet's steps, where a is the root's acceleration without its part
-/// downwards, and a foot's step the smaller horizontal one of its ankle and ball. Since it is divided by each clip's own
-/// maximum, clips can't be compared by it: a jump makes all else of its clip better. Source: Tseng, Castellon, Liu, "EDGE:
-/// editable dance generation from music" (2023), section 4.1 and its code.
+/// The mean over frames of |a| / max |a| times the steps of both feet, where a is the root's acceleration without its
+/// downward part, and a foot's step the smaller horizontal step of ankle and ball. Because of the division by the
+/// clip's own maximum, scores of different clips are not comparable: a jump improves the rest of its clip. Source: Tseng,
+/// Castellon, Liu, "EDGE: editable dance generation from music" (2023), section 4.1 and its code.
 ///
 /// # Errors
 /// Those of [`resample`].
 pub fn physical_foot_contact(clip: &Clip) -> Result<Option<f64>> {
     let clip = resample(clip, FPS, Method::Auto)?;
-    let (places, j) = (clip.positions(), clip.joints());
-    let at = |frame: usize, joint: usize| places[frame * j + joint];
+    let (positions, j) = (clip.positions(), clip.joints());
+    let at = |frame: usize, joint: usize| positions[frame * j + joint];
     let frames = clip.frames().saturating_sub(2);
     let speeding: Vec<f64> = (0..frames)
         .map(|f| {
@@ -44,28 +44,28 @@ mod tests {
     use super::*;
     use crate::{Quat, Vec3, smpl};
 
-    /// A body at rest that goes these metres along x and y.
-    fn going(way: &[(f64, f64)]) -> Clip {
-        let root = way.iter().map(|&(x, y)| Vec3::new(x, y, 0.0)).collect();
-        Clip::new(smpl::neutral(), FPS, root, vec![Quat::IDENTITY; 24 * way.len()]).unwrap()
+    /// A body at rest that moves along x and y by these metres.
+    fn going(path: &[(f64, f64)]) -> Clip {
+        let root = path.iter().map(|&(x, y)| Vec3::new(x, y, 0.0)).collect();
+        Clip::new(smpl::neutral(), FPS, root, vec![Quat::IDENTITY; 24 * path.len()]).unwrap()
     }
 
     #[test]
     fn a_statue_that_is_pushed_slides_and_one_that_is_lifted_does_not() {
-        // it speeds up by 2 cm a frame each frame: steps behind the first of 2, 4, 6 cm
+        // it accelerates by 2 cm per frame: steps of 2, 4, 6 cm after the first
         let pushed = going(&[(0.0, 0.0), (0.0, 0.0), (0.02, 0.0), (0.06, 0.0), (0.12, 0.0)]);
         let found = physical_foot_contact(&pushed).unwrap().unwrap();
         assert!((found - 1e4 * (0.02f64.powi(2) + 0.04f64.powi(2) + 0.06f64.powi(2)) / 3.0).abs() < 1e-9, "{found}");
         let lifted = going(&[(0.0, 0.0), (0.0, 0.0), (0.0, 0.02), (0.0, 0.06)]);
         assert_eq!(physical_foot_contact(&lifted).unwrap(), Some(0.0));
-        // falling is no speeding up, and at a steady speed nothing is
+        // falling and a constant speed are no acceleration
         assert_eq!(physical_foot_contact(&going(&[(0.0, 0.0), (0.0, -0.1), (0.0, -0.3)])).unwrap(), None);
         assert_eq!(physical_foot_contact(&going(&[(0.0, 0.0), (0.5, 0.0)])).unwrap(), None);
     }
 
     #[test]
     fn the_quieter_part_of_a_foot_counts() {
-        // feet that turn about their ankles as the body goes on: the ball goes another way than the ankle
+        // feet rotate about their ankles while the body moves: the ball's step differs from the ankle's
         let mut clip = going(&[(0.0, 0.0), (0.0, 0.0), (0.02, 0.0), (0.06, 0.0)]);
         let whole = physical_foot_contact(&clip).unwrap().unwrap();
         let mut rotations = clip.rotations().to_vec();

@@ -1,12 +1,12 @@
-//! Angles between the joints' rotations of two clips.
+//! Geodesic rotation error between two clips.
 
 use super::{Tally, check_joints, check_pair};
 use crate::rotation::angle_between;
 use crate::{Clip, Result};
 
-/// Geodesic angles between the local rotations of two clips, one for each chosen joint and frame, radians in `0..=PI`.
+/// Geodesic distances of the local rotations of two clips, over chosen joints and all frames, radians in `0..=PI`.
 ///
-/// `q` and `-q` are equal. Nothing added: every figure is 0.
+/// `q` and `-q` are equal. All values are 0 before any clip is added.
 ///
 /// Source: geodesic distance on SO(3); Huynh, "Metrics for 3D Rotations" (2009).
 #[derive(Debug, Clone, PartialEq)]
@@ -19,15 +19,15 @@ pub struct GeodesicError {
 }
 
 impl GeodesicError {
-    /// Over these joints, ids from 0.
+    /// Measures these joints.
     pub fn new(joints: Vec<usize>) -> Self {
         GeodesicError { joints, angles: Tally::default(), squares: 0.0, frames: 0, histogram: Histogram::default() }
     }
 
-    /// Adds two clips of as many frames and joints.
+    /// Adds two clips with the same number of frames and joints.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ, or a chosen joint is none of theirs.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ, or a chosen joint doesn't exist.
     pub fn add(&mut self, a: &Clip, b: &Clip) -> Result<()> {
         check_pair(a, b)?;
         check_joints(&self.joints, a)?;
@@ -44,10 +44,10 @@ impl GeodesicError {
         Ok(())
     }
 
-    /// Adds what was measured apart, over the same joints.
+    /// Adds the values of another accumulator for the same joints.
     ///
     /// # Panics
-    /// If the joints are others.
+    /// If the joints differ.
     pub fn merge(&mut self, other: &GeodesicError) {
         assert_eq!(self.joints, other.joints, "one choice of joints");
         self.angles.merge(&other.angles);
@@ -61,18 +61,18 @@ impl GeodesicError {
         self.angles.mean()
     }
 
-    /// Root of the mean square, radians.
+    /// Root mean square, radians.
     pub fn rms(&self) -> f64 {
         if self.angles.count == 0 { 0.0 } else { (self.squares / self.angles.count as f64).sqrt() }
     }
 
-    /// The largest, radians.
+    /// Maximum, radians.
     pub fn max(&self) -> f64 {
         self.angles.max
     }
 
-    /// The angle that 99 % of all do not exceed, radians: the upper end of its class of a fixed histogram, so at most
-    /// 0.1 % above the exact value (1/1024 of it; 1e-7 rad where it is smaller than that).
+    /// The 99th percentile, radians: the upper end of a histogram bin, so at most 0.1 % above the exact value (1e-7 rad for
+    /// smaller ones).
     pub fn percentile_99(&self) -> f64 {
         self.histogram.quantile(0.99).min(self.angles.max)
     }
@@ -83,15 +83,15 @@ impl GeodesicError {
     }
 }
 
-/// Classes a doubling.
+/// Bins per power of two.
 const STEPS: u64 = 1024;
-/// Numbers below 2^-23, 1.2e-7, share the first class.
+/// Numbers below 2^-23, 1.2e-7, share the first bin.
 const LOWEST: i64 = -23;
-/// Doublings up to 4, which is above PI.
+/// Powers of two up to 4, which is above PI.
 const DOUBLINGS: u64 = 25;
 
-/// Counts in classes of one relative width, the classes that the leading bits of an f64 make: exact on every machine,
-/// because no logarithm is taken.
+/// A histogram with bins of constant relative width, formed by the leading bits of an f64. It takes no logarithm, so it is
+/// exact on every machine.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Histogram {
     /// Empty until the first number.
@@ -99,7 +99,7 @@ struct Histogram {
 }
 
 impl Histogram {
-    /// Class 0 ends at 2^LOWEST, the others hold `lower < x <= upper`.
+    /// Bin 0 ends at 2^LOWEST, the others hold `lower < x <= upper`.
     fn class(x: f64) -> usize {
         if x <= 2f64.powi(LOWEST as i32) {
             return 0;
@@ -129,7 +129,7 @@ impl Histogram {
         }
     }
 
-    /// The upper end of the class in which the smallest number lies that a share `q` of all do not exceed.
+    /// The upper end of the bin with the `q` quantile.
     fn quantile(&self, q: f64) -> f64 {
         let total: u64 = self.counts.iter().sum();
         let wanted = (q * total as f64).ceil() as u64;

@@ -1,32 +1,32 @@
-//! How a motion stands on its floor: how deep its feet go into it, and how long it hangs above.
+//! Floor penetration and floating of a motion.
 
 use std::ops::Range;
 
-/// Feet may go so deep into the floor: soles give, and so do rest heights, metres.
+/// Tolerated penetration, metres: soles give, and standing heights are no more exact.
 const DEPTH_M: f64 = 0.02;
-/// Both feet are up above this height, metres.
+/// Both feet are up above this clearance, metres.
 const UP_M: f64 = 0.05;
-/// For longer than this, seconds.
+/// Longer than this, both feet up count as floating, seconds.
 const UP_S: f64 = 0.25;
-/// A body in the air falls like this, m/s^2, within [`FALL_SLACK`].
+/// In free fall the acceleration is gravity within [`FALL_SLACK`], m/s^2.
 const GRAVITY: f64 = 9.81;
 const FALL_SLACK: f64 = 3.0;
 
-/// Frames in which both feet are over 5 cm up.
+/// A range of frames in which both feet are more than 5 cm up.
 pub(crate) struct Aloft {
     pub frames: Range<usize>,
-    /// In how many of them the pelvis falls freely.
+    /// The number of these frames in which the pelvis is in free fall.
     pub falls: usize,
 }
 
-/// The stretches of a clip in which both feet are up: see [`Ground::of`].
+/// The ranges of a clip in which both feet are up: see [`Ground::of`].
 pub(crate) fn aloft(least: &[f64], pelvis: &[f64], fps: f64) -> Vec<Aloft> {
     let step = ((0.05 * fps).round() as usize).max(1);
     let falls = |f: usize, start: usize, end: usize| {
         if end - start < 2 * step + 1 {
             return false;
         }
-        // at the ends of a stretch, where the feet push or land, as in the nearest frame whose 0.1 s lie inside
+        // at the ends, where the feet push off or land, use the nearest frame whose 0.1 s are inside
         let f = f.clamp(start + step, end - 1 - step);
         let seconds = step as f64 / fps;
         let acceleration = (pelvis[f + step] - 2.0 * pelvis[f] + pelvis[f - step]) / (seconds * seconds);
@@ -44,7 +44,7 @@ pub(crate) fn aloft(least: &[f64], pelvis: &[f64], fps: f64) -> Vec<Aloft> {
     all
 }
 
-/// Counts of frames, which add up over clips.
+/// Sums over frames, which can be merged over clips.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Ground {
     frames: usize,
@@ -54,15 +54,14 @@ pub struct Ground {
 }
 
 impl Ground {
-    /// Of one clip: (F) `least`, how high its lower foot is above the floor, less its standing height
-    /// ([`Feet::clearance`](crate::rig::Feet::clearance) with the floor taken off), and (F) heights of its `pelvis`, metres.
+    /// Measures one clip: the foot clearance (F) above the floor ([`Feet::clearance`](crate::rig::Feet::clearance) minus the
+    /// floor) and the heights of the pelvis (F), metres.
     ///
-    /// A frame floats if it stands in a stretch of more than 0.25 s in which both feet are over 5 cm up, unless the pelvis
-    /// falls freely there, as in a jump: its acceleration over 0.1 s is within 3 m/s^2 of gravity's. Source:
-    /// docs/measures.md, "Floor and feet".
+    /// A frame floats if both feet are more than 5 cm up for more than 0.25 s around it, unless the pelvis is in free fall:
+    /// its acceleration over 0.1 s is within 3 m/s^2 of gravity. Source: docs/measures.md, "Floor and feet".
     ///
     /// # Panics
-    /// If the two lengths differ.
+    /// If the lengths differ.
     pub fn of(least: &[f64], pelvis: &[f64], fps: f64) -> Ground {
         assert_eq!(least.len(), pelvis.len(), "a height of the pelvis for each frame");
         let depth = |h: &f64| (-h - DEPTH_M).max(0.0);
@@ -88,17 +87,17 @@ impl Ground {
         self.floating += other.floating;
     }
 
-    /// Mean over frames of how far the lowest joint is deeper than 2 cm in the floor, centimetres; `None` of no frame.
+    /// Mean penetration of the lowest foot beyond 2 cm, centimetres; `None` without frames.
     pub fn penetration_cm(&self) -> Option<f64> {
         self.of_frames(100.0 * self.depth_m)
     }
 
-    /// The share of frames in which it is.
+    /// The fraction of frames with such penetration.
     pub fn penetration_share(&self) -> Option<f64> {
         self.of_frames(self.inside as f64)
     }
 
-    /// The share of frames that float.
+    /// The fraction of frames that float.
     pub fn floating_share(&self) -> Option<f64> {
         self.of_frames(self.floating as f64)
     }
@@ -114,13 +113,13 @@ mod tests {
 
     const FPS: f64 = 60.0;
 
-    fn near(found: Option<f64>, wanted: f64) -> bool {
-        found.is_some_and(|x| (x - wanted).abs() < 1e-9)
+    fn near(found: Option<f64>, expected: f64) -> bool {
+        found.is_some_and(|x| (x - expected).abs() < 1e-9)
     }
 
     #[test]
     fn by_hand() {
-        // a stand, then 5 cm deep for a quarter of the time
+        // standing, and 5 cm below the floor for a quarter of the time
         let least: Vec<f64> = (0..200).map(|f| if f < 150 { 0.01 } else { -0.05 }).collect();
         let ground = Ground::of(&least, &[1.0; 200], FPS);
         assert!(near(ground.penetration_cm(), 0.75) && near(ground.penetration_share(), 0.25), "{ground:?}");
@@ -138,14 +137,14 @@ mod tests {
         assert!(near(Ground::of(&hung, &[1.3; 120], FPS).floating_share(), 40.0 / 120.0));
         let short: Vec<f64> = up(40, 55);
         assert!(near(Ground::of(&short, &[1.3; 120], FPS).floating_share(), 0.0), "a quarter of a second");
-        // a jump of 0.6 s: up and down as thrown
+        // a jump of 0.6 s
         let t = |f: usize| f as f64 / FPS;
         let height = |f: usize| (4.905 * (t(f) - 0.5) * (1.1 - t(f))).max(0.0);
         let least: Vec<f64> = (0..120).map(height).collect();
         let pelvis: Vec<f64> = least.iter().map(|h| 0.95 + h).collect();
         assert!(least.iter().filter(|h| **h > UP_M).count() > 20, "a real jump");
         assert!(near(Ground::of(&least, &pelvis, FPS).floating_share(), 0.0));
-        // the same feet drawn up by one who sits on a swing
+        // the same feet with a pelvis at constant height, as on a swing
         assert!(Ground::of(&least, &[1.0; 120], FPS).floating_share().unwrap() > 0.15);
     }
 }

@@ -1,24 +1,23 @@
-//! How much a motion shakes.
+//! Jitter of a motion.
 
 use crate::Clip;
 
-/// Mean jerk of the joints: `|p(t+3) - 3 p(t+2) + 3 p(t+1) - p(t)| fps^3` over all joints and frames, m/s^3; `None` of fewer
-/// than four frames.
+/// Mean jerk of the joints: `|p(t+3) - 3 p(t+2) + 3 p(t+1) - p(t)| fps^3` over all joints and frames, m/s^3; `None` for
+/// fewer than four frames.
 ///
-/// It grows with the rate, which says how fast shaking may be: only clips of one rate can be compared. See
-/// docs/measures.md, "Floor and feet".
+/// It grows with the rate, so only clips of one rate are comparable. See docs/measures.md, "Floor and feet".
 pub fn jitter(clip: &Clip) -> Option<f64> {
     jitter_of(clip, &(0..clip.joints()).collect::<Vec<_>>())
 }
 
-/// The same over these joints alone; `None` also of no joint.
+/// [`jitter`] of these joints only; also `None` without joints.
 ///
 /// # Panics
 /// If the clip lacks one of the joints.
 pub fn jitter_of(clip: &Clip, joints: &[usize]) -> Option<f64> {
-    let (places, j) = (clip.positions(), clip.joints());
+    let (positions, j) = (clip.positions(), clip.joints());
     let last = clip.frames().checked_sub(3).filter(|n| *n > 0 && !joints.is_empty())?;
-    let third = |i: usize| places[i + 3 * j] - places[i + 2 * j] * 3.0 + places[i + j] * 3.0 - places[i];
+    let third = |i: usize| positions[i + 3 * j] - positions[i + 2 * j] * 3.0 + positions[i + j] * 3.0 - positions[i];
     let sum: f64 =
         (0..last).flat_map(|f| joints.iter().map(move |joint| f * j + joint)).map(|i| third(i).length()).sum();
     Some(sum / (last * joints.len()) as f64 * clip.fps().powi(3))

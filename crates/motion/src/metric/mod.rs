@@ -1,8 +1,7 @@
-//! How far two motions are apart: angles of joints, places of joints, jumps at the borders of tiles.
+//! Measures: distances between two motions, and quality measures of one.
 //!
-//! Every measure is an accumulator: clips are added one after the other, parts measured apart are merged, and nothing
-//! grows with what went through. Sums are in f64 and in the order of the calls, so that merging in a fixed order gives the
-//! same bits whatever the number of threads.
+//! Most measures are accumulators of constant size: clips are added, and accumulators merged. Sums are f64 in the order of
+//! the calls, so merging in a fixed order gives the same bits for any number of threads.
 
 pub mod beat;
 pub mod border_jerk;
@@ -28,7 +27,7 @@ pub use vector_angle::VectorAngle;
 
 use crate::{Clip, Error, Result};
 
-/// Refuses two clips that have no frame for each other's frames or no joint for each other's joints.
+/// Refuses two clips with different numbers of frames or joints.
 fn check_pair(a: &Clip, b: &Clip) -> Result<()> {
     let ([f, g], [j, k]) = ([a.frames(), b.frames()], [a.joints(), b.joints()]);
     if (f, j) != (g, k) {
@@ -48,7 +47,7 @@ fn check_joints(joints: &[usize], clip: &Clip) -> Result<()> {
     }
 }
 
-/// Count, sum and largest of numbers that are not negative.
+/// Count, sum and maximum of non-negative numbers.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Tally {
     count: u64,
@@ -69,7 +68,7 @@ impl Tally {
         self.max = self.max.max(other.max);
     }
 
-    /// 0 where nothing was counted.
+    /// The mean; 0 if nothing was counted.
     fn mean(&self) -> f64 {
         if self.count == 0 { 0.0 } else { self.sum / self.count as f64 }
     }

@@ -1,12 +1,12 @@
-//! How far the joints' places are apart.
+//! Mean per-joint position error (MPJPE).
 
 use super::{Tally, check_pair};
 use crate::{Clip, Error, Result, Vec3};
 
-/// Mean per-joint position error: distances between joints' places after forward kinematics, over all joints and frames,
-/// millimetres. End sites are left out.
+/// Mean per-joint position error: distances of joint positions after forward kinematics, over all joints and frames,
+/// millimetres. End sites don't count.
 ///
-/// Two figures: `global`, as the clips stand, and `root`, both root joints moved to 0.
+/// In two versions: `global` in the world, and `root` relative to each root joint.
 ///
 /// Source: Ionescu et al., "Human3.6M" (2014).
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -16,7 +16,7 @@ pub struct Mpjpe {
 }
 
 impl Mpjpe {
-    /// Adds two clips of as many frames and joints, each on its own skeleton.
+    /// Adds two clips with the same number of frames and joints, each on its own skeleton.
     ///
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ.
@@ -25,10 +25,10 @@ impl Mpjpe {
         self.add_positions(&a.positions(), &b.positions(), a.joints())
     }
 
-    /// Adds places (F, J), metres, joint 0 the root.
+    /// Adds positions (F, J), metres; joint 0 is the root.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when there are not as many of both, or no whole frames.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the numbers of positions differ, or they make no whole frames.
     pub fn add_positions(&mut self, a: &[Vec3], b: &[Vec3], joints: usize) -> Result<()> {
         check_places(a, b, joints)?;
         for (a, b) in a.chunks_exact(joints).zip(b.chunks_exact(joints)) {
@@ -40,29 +40,29 @@ impl Mpjpe {
         Ok(())
     }
 
-    /// Adds what was measured apart.
+    /// Adds the values of another accumulator.
     pub fn merge(&mut self, other: &Mpjpe) {
         self.global.merge(&other.global);
         self.root.merge(&other.root);
     }
 
-    /// Mean distance of the places as they stand, mm.
+    /// Mean distance in the world, mm.
     pub fn global_mm(&self) -> f64 {
         1000.0 * self.global.mean()
     }
 
-    /// Mean distance with both roots at 0, mm.
+    /// Mean distance relative to the root, mm.
     pub fn root_mm(&self) -> f64 {
         1000.0 * self.root.mean()
     }
 
-    /// The largest distance of a joint's places as they stand, mm.
+    /// The largest distance in the world, mm.
     pub fn max_mm(&self) -> f64 {
         1000.0 * self.global.max
     }
 }
 
-/// Refuses places that don't make as many whole frames.
+/// Refuses different numbers of positions, and those that make no whole frames.
 pub(super) fn check_places(a: &[Vec3], b: &[Vec3], joints: usize) -> Result<()> {
     if joints == 0 || a.len() != b.len() || !a.len().is_multiple_of(joints) {
         let (m, n) = (a.len(), b.len());

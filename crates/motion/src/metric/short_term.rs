@@ -1,4 +1,4 @@
-//! Short-term prediction, as the published tables have it.
+//! Metrics of short-term motion prediction, as in published tables.
 
 use super::{check_joints, check_pair};
 use crate::rotation::angle_between;
@@ -6,22 +6,21 @@ use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 use glam::DMat3;
 use std::f64::consts::{PI, TAU};
 
-/// The 15 joints of the protocol, SMPL ids: no root, ankles, wrists.
+/// The 15 joints of the protocol, by SMPL id: without root, ankles and wrists.
 pub const MAJOR: [usize; 15] = [1, 2, 3, 4, 5, 6, 9, 12, 13, 14, 15, 16, 17, 18, 19];
 
-/// Distances of the shares of correct places, thigh lengths.
+/// Thresholds of the percentage of correct keypoints (PCK), in thigh lengths.
 pub const RADII: [f64; 9] = [0.001, 0.005, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3];
 
-/// Frames per second of the protocol, which others are brought to.
+/// The protocol's rate, frames per second, to which sums are scaled.
 const PROTOCOL_FPS: f64 = 60.0;
-/// An Euler angle whose standard deviation over all targets is below this is left out.
+/// Euler angles with a smaller standard deviation over all targets are ignored.
 const STILL_RAD: f64 = 1e-4;
 
-/// Predicted poses against true ones: Euler angles, global angles, places, and the area under the curve of correct places.
+/// Predicted against true poses: Euler angles, global rotations, positions, and the area under the PCK curve.
 ///
-/// Rotations of other joints are the identity in both, the root's too, the pelvis stands at 0, and the bones are the
-/// neutral body's, divided by the length of the left thigh. Windows are added one after the other; every window weighs the
-/// same.
+/// All other joints and the root have the identity rotation in both poses, the pelvis is at 0, and bones are the neutral
+/// body's in units of the left thigh. Windows are added one by one with equal weights.
 ///
 /// Source: Aksan, Kaufmann, Hilliges, "Structured Prediction Helps 3D Human Motion Modelling" (2019);
 /// docs/measures.md, "Short-term prediction".
@@ -35,36 +34,36 @@ pub struct ShortTerm {
     angle: Vec<f64>,
     position: Vec<f64>,
     correct: Vec<[f64; 9]>,
-    /// Per window, frame, and component of the joints' Euler angles: target and predicted.
+    /// Euler angles per window, frame and component: of the target and the prediction.
     euler: [Vec<f64>; 2],
 }
 
-/// Figures up to a time.
+/// Metrics up to a prediction horizon.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct HorizonMetrics {
-    /// The time, milliseconds.
+    /// The horizon, milliseconds.
     pub ms: u32,
-    /// Frames up to it.
+    /// The number of frames up to it.
     pub frames: usize,
-    /// Sum over the frames of the Euclidean norm of the differences of Euler angles, radians: as published, differences
-    /// are not taken around the circle.
+    /// Sum over frames of the Euclidean norm of the Euler angle differences, radians; as published, differences are not
+    /// wrapped.
     pub euler: f64,
-    /// The same with differences in `-PI..=PI`: what is meant.
+    /// The same with differences wrapped to `-PI..=PI`.
     pub euler_fixed: f64,
-    /// Sum over the frames of the mean geodesic angle of global rotations, radians.
+    /// Sum over frames of the mean geodesic distance of global rotations, radians.
     pub angle: f64,
-    /// Sum over the frames of the mean distance of places, thigh lengths.
+    /// Sum over frames of the mean distance of positions, thigh lengths.
     pub position: f64,
-    /// Area under the curve of the mean shares of correct places, 0 to 1.
+    /// Area under the PCK curve, 0 to 1.
     pub auc: f64,
 }
 
 impl ShortTerm {
-    /// Over those of the 15 joints that are among `joints`, for `frames` target frames at `fps`. Sums are brought to 60
-    /// frames a second.
+    /// Measures those of the 15 joints that are among `joints`, over `frames` target frames at `fps`. Sums are scaled to 60
+    /// frames per second.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when none of the 15 is among them.
+    /// [`Unsupported`](kinelm_store::Error::Unsupported) when none of the 15 is among them.
     pub fn new(joints: &[usize], fps: f64, frames: usize) -> Result<ShortTerm> {
         let joints: Vec<usize> = MAJOR.into_iter().filter(|j| joints.contains(j)).collect();
         if joints.is_empty() {
@@ -84,15 +83,15 @@ impl ShortTerm {
         &self.joints
     }
 
-    /// Windows so far.
+    /// The number of windows added.
     pub fn windows(&self) -> usize {
         self.angle.len() / self.frames.max(1)
     }
 
-    /// Adds a window: the frames that were to be predicted, and those that were, on SMPL-24.
+    /// Adds a window: target and predicted frames on SMPL-24.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ, or are not as many as they should be.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ between them or from what was announced.
     pub fn add(&mut self, target: &Clip, predicted: &Clip) -> Result<()> {
         check_pair(target, predicted)?;
         check_joints(&[23], target)?;
@@ -115,12 +114,12 @@ impl ShortTerm {
         Ok(())
     }
 
-    /// A pose with the identity wherever nothing is measured.
+    /// A pose with the identity for joints that are not measured.
     fn masked(&self, pose: &[Quat]) -> Vec<Quat> {
         (0..pose.len()).map(|j| if self.joints.contains(&j) { pose[j] } else { Quat::IDENTITY }).collect()
     }
 
-    /// The summed angle of every window so far up to a time: by it the best of several predictions is chosen.
+    /// The summed angle of each window up to a horizon, to choose the best of several predictions.
     pub fn angles(&self, ms: u32) -> Vec<f64> {
         let frames = self.frames_to(ms);
         self.angle.chunks(self.frames.max(1)).map(|window| window[..frames].iter().sum()).collect()
@@ -130,7 +129,7 @@ impl ShortTerm {
         ((f64::from(ms) / 1000.0 * self.fps).round() as usize).clamp(1, self.frames.max(1))
     }
 
-    /// The figures up to each of these times; `None` without windows.
+    /// The metrics up to each of these horizons; `None` without windows.
     pub fn figures(&self, times_ms: &[u32]) -> Option<Vec<HorizonMetrics>> {
         (self.windows() > 0).then(|| times_ms.iter().map(|&ms| self.up_to(ms)).collect())
     }
@@ -162,7 +161,7 @@ impl ShortTerm {
         }
     }
 
-    /// Per window and frame the norm of the differences of Euler angles, of the components that move.
+    /// Per window and frame the norm of the Euler angle differences, over the components that move.
     fn euler_norms(&self, around: bool) -> Vec<f64> {
         let c = 3 * self.joints.len();
         let rows = (self.euler[0].len() / c) as f64;
@@ -174,8 +173,8 @@ impl ShortTerm {
         let moving: Vec<bool> = (0..c).map(moves).collect();
         let norm = |(a, b): (&[f64], &[f64])| {
             let parts = a.iter().zip(b).zip(&moving).filter(|(_, moving)| **moving).map(|((a, b), _)| {
-                let apart = a - b;
-                if around { (apart + PI).rem_euclid(TAU) - PI } else { apart }
+                let difference = a - b;
+                if around { (difference + PI).rem_euclid(TAU) - PI } else { difference }
             });
             parts.map(|x| x * x).sum::<f64>().sqrt()
         };
@@ -183,7 +182,7 @@ impl ShortTerm {
     }
 }
 
-/// e1, e2, e3 of a rotation, by the formulas of the published code.
+/// Euler angles e1, e2, e3 by the formulas of the published code.
 fn euler(q: Quat) -> [f64; 3] {
     let m = DMat3::from_quat(q);
     // element of row i, column j
@@ -198,7 +197,7 @@ mod tests {
     use super::*;
     use crate::rotation::exp_map;
 
-    /// A window as `scripts/reference/prediction.py` has it.
+    /// A window as in `scripts/reference/prediction.py`.
     fn swinging(window: usize, frames: usize, error: f64, fps: f64) -> Clip {
         let mut turns = Vec::new();
         for t in (0..frames).map(|f| (50 * window + f) as f64) {
@@ -218,8 +217,7 @@ mod tests {
         Clip::new(smpl::neutral(), fps, root, turns).unwrap()
     }
 
-    /// Both programs reckon in f64 by other ways; near an angle of 0 an arccosine, as the script has it, keeps half the
-    /// digits.
+    /// Both programs compute in f64 in different ways; near an angle of 0 the script's arc cosine loses half the digits.
     const AS_NUMPY: f64 = 1e-8;
 
     #[test]

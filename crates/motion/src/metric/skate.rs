@@ -1,14 +1,14 @@
-//! How fast feet slide that stand.
+//! Foot skating.
 
 use crate::Clip;
 use crate::rig::Feet;
 
-/// A foot joint that is no more than this above where it would rest stands on the floor, metres.
+/// A foot joint with at most this clearance is on the floor, metres.
 const LOW_M: f64 = 0.05;
-/// A step that is faster slides, metres a second.
+/// A faster step slides, metres per second.
 const FAST_M_S: f64 = 0.1;
 
-/// Foot skate: the mean horizontal speed of foot joints near the floor. Real recordings skate too.
+/// Foot skating: the mean horizontal speed of foot joints near the floor. Real recordings skate too.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Skate {
     metres_per_s: f64,
@@ -17,15 +17,15 @@ pub struct Skate {
 }
 
 impl Skate {
-    /// Of one clip whose floor is at y = 0: every step of a foot joint that is under 5 cm at both its frames counts. Source:
+    /// Measures a clip with its floor at y = 0: all steps of foot joints with less than 5 cm clearance in both frames. Source:
     /// docs/measures.md, "Floor and feet".
     ///
     /// # Panics
     /// If the clip is not on the rig of these feet.
     pub fn of(feet: &Feet, clip: &Clip) -> Skate {
-        let (places, j) = (clip.positions(), clip.joints());
+        let (positions, j) = (clip.positions(), clip.joints());
         let mut skate = Skate::default();
-        for pair in places.chunks_exact(j).collect::<Vec<_>>().windows(2) {
+        for pair in positions.chunks_exact(j).collect::<Vec<_>>().windows(2) {
             for &(foot, rest_m) in &feet.joints {
                 let [a, b] = [pair[0][foot], pair[1][foot]];
                 if a.y - rest_m < LOW_M && b.y - rest_m < LOW_M {
@@ -46,12 +46,12 @@ impl Skate {
         self.fast += other.fast;
     }
 
-    /// The share of steps that are faster than 10 cm/s; `None` where no foot stood.
+    /// The fraction of steps faster than 10 cm/s; `None` without contact.
     pub fn share(&self) -> Option<f64> {
         (self.steps > 0).then(|| self.fast as f64 / self.steps as f64)
     }
 
-    /// The mean, cm/s; `None` where no foot stood.
+    /// Mean speed, cm/s; `None` without contact.
     pub fn cm_s(&self) -> Option<f64> {
         (self.steps > 0).then(|| 100.0 * self.metres_per_s / self.steps as f64)
     }
@@ -63,7 +63,7 @@ mod tests {
     use crate::rig::SkeletonMap;
     use crate::{Quat, Vec3, smpl};
 
-    /// A body at rest whose pelvis is at these heights above its standing height, and goes 3 and 4 cm along x and z a frame.
+    /// A body at rest with its pelvis at these heights above standing, moving by 3 and 4 cm per frame along x and z.
     fn gliding(heights: &[f64]) -> (Feet, Clip) {
         let feet = Feet::new(&smpl::neutral(), &SkeletonMap::builtin("smpl").unwrap()).unwrap();
         let root =
@@ -81,7 +81,7 @@ mod tests {
         assert!((of(&[0.0; 5]).cm_s().unwrap() - 100.0).abs() < 1e-9);
         assert_eq!((of(&[0.0; 5]).share(), of(&[0.2; 5]).share()), (Some(1.0), None));
         assert_eq!(of(&[0.2; 5]).cm_s(), None);
-        // a landing: the step from the air onto the floor isn't one of a foot that stands
+        // the step from the air onto the floor is no contact
         let mut landing = of(&[0.2, 0.0, 0.0]);
         assert_eq!(landing.steps, 4);
         landing.add(&of(&[0.0; 2]));

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
-/// Two bones of a metre along x, frames of (root place, two rotation vectors).
+/// Two bones of a metre along x; frames of (root position, two rotation vectors).
 fn arm(frames: &[(Vec3, [Vec3; 2])]) -> Clip {
     let names = ["a", "b", "c"].map(String::from).to_vec();
     let bone = Vec3::X;
@@ -19,7 +19,7 @@ fn straight(frames: usize) -> Clip {
     arm(&vec![(Vec3::ZERO, [Vec3::ZERO; 2]); frames])
 }
 
-/// Every joint of the model rig swings, by formulas that the golden file's script has too.
+/// All joints of the model rig swing, by the same formulas as in the golden file's script.
 fn swinging(frames: usize, error: f64) -> Clip {
     let (mut root, mut turns) = (Vec::new(), Vec::new());
     for f in 0..frames {
@@ -41,7 +41,7 @@ fn swinging(frames: usize, error: f64) -> Clip {
     Clip::new(smpl::neutral(), 20.0, root, turns).unwrap()
 }
 
-/// Every figure of two clips, all joints, borders every 4 frames.
+/// All measures of two clips, all joints, borders every 4 frames.
 #[derive(Debug, Clone, PartialEq)]
 struct Figures {
     geodesic: [f64; 5],
@@ -91,7 +91,7 @@ fn near(a: f64, b: f64, tolerance: f64) -> bool {
 fn a_clip_is_no_distance_from_itself() {
     let clip = swinging(30, 0.0);
     let f = figures(&clip, &clip);
-    // conj(q) q is the identity but for rounding
+    // conj(q) q is the identity up to rounding
     assert!(f.geodesic.iter().all(|x| *x < 1e-14), "{f:?}");
     assert_eq!((f.vector, f.mpjpe, f.jerk), ([0.0; 3], [0.0; 3], Some(1.0)));
     let other_sign =
@@ -102,7 +102,7 @@ fn a_clip_is_no_distance_from_itself() {
 
 #[test]
 fn by_hand() {
-    // frame 0: the upper arm turned by a right angle; frame 1: the whole arm moved by 0.3 m and the forearm by 0.2 rad
+    // frame 0: the upper arm rotated by a right angle; frame 1: the arm moved by 0.3 m and the forearm rotated by 0.2 rad
     let a = straight(2);
     let quarter = Vec3::new(0.0, 0.0, FRAC_PI_2);
     let b = arm(&[(Vec3::ZERO, [quarter, Vec3::ZERO]), (Vec3::Y * 0.3, [Vec3::ZERO, Vec3::Z * 0.2])]);
@@ -160,14 +160,14 @@ fn a_jump_at_a_border_is_seen() {
 #[test]
 fn what_cannot_be_compared_is_refused() {
     let (a, b) = (straight(2), straight(3));
-    let said = |e: Result<()>| e.unwrap_err().to_string();
+    let message = |e: Result<()>| e.unwrap_err().to_string();
     let expected = "the second clip is one of 3 frames and 3 joints; expected 2 frames and 3 joints, as the first has";
-    assert_eq!(said(Mpjpe::default().add(&a, &b)), expected);
-    assert_eq!(said(GeodesicError::new(vec![0]).add(&a, &b)), expected);
-    assert_eq!(said(VectorAngle::new(vec![0]).add(&a, &b)), expected);
-    assert_eq!(said(BorderJerk::new(1).add(&a, &b)), expected);
-    assert!(said(GeodesicError::new(vec![3]).add(&a, &a)).contains("a joint to measure is 3; expected less than 3"));
-    assert!(said(Mpjpe::default().add_positions(&[Vec3::ZERO; 4], &[Vec3::ZERO; 4], 3)).contains("whole frames"));
+    assert_eq!(message(Mpjpe::default().add(&a, &b)), expected);
+    assert_eq!(message(GeodesicError::new(vec![0]).add(&a, &b)), expected);
+    assert_eq!(message(VectorAngle::new(vec![0]).add(&a, &b)), expected);
+    assert_eq!(message(BorderJerk::new(1).add(&a, &b)), expected);
+    assert!(message(GeodesicError::new(vec![3]).add(&a, &a)).contains("a joint to measure is 3; expected less than 3"));
+    assert!(message(Mpjpe::default().add_positions(&[Vec3::ZERO; 4], &[Vec3::ZERO; 4], 3)).contains("whole frames"));
 }
 
 #[test]
@@ -192,7 +192,7 @@ fn parts_merge_in_order_to_the_same_bits() {
     }
 }
 
-/// Both programs reckon in f64 by other ways: matrices and scipy's rotations there, quaternions here.
+/// Both programs compute in f64 in different ways: matrices and scipy's rotations there, quaternions here.
 const AS_NUMPY: f64 = 1e-11;
 
 #[test]

@@ -1,4 +1,4 @@
-//! The angle between rotation vectors, as a published study of motion tokens measures its errors (compat).
+//! Angles between rotation vectors, for comparison with a published study of motion tokens.
 
 use super::{Tally, check_joints, check_pair};
 use crate::rotation::exp_map;
@@ -7,12 +7,12 @@ use crate::{Clip, Result, Vec3};
 /// Vectors shorter than this have no direction.
 const SHORTEST: f64 = 1e-8;
 
-/// Angles `arccos(a.b / (|a||b|))` between canonical rotation vectors, joint by joint and over the whole vector of a
-/// frame (the chosen joints' vectors, one after the other), radians in `0..=PI`.
+/// Angles `arccos(a.b / (|a||b|))` between canonical rotation vectors, per joint and over the concatenated vectors of a
+/// frame, radians in `0..=PI`.
 ///
-/// It sees the direction of the axis alone: turns of 10 and of 100 degrees about one axis have error 0. It stands beside
-/// published tables; [`GeodesicError`](super::GeodesicError) is the measure. Pairs in which a vector is shorter than 1e-8
-/// are left out and counted.
+/// It compares directions only: rotations of 10 and of 100 degrees about one axis have error 0. It serves comparison with
+/// published tables; [`GeodesicError`](super::GeodesicError) is the better measure. Pairs with a vector shorter than 1e-8
+/// are skipped and counted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VectorAngle {
     joints: Vec<usize>,
@@ -23,16 +23,16 @@ pub struct VectorAngle {
 }
 
 impl VectorAngle {
-    /// Over these joints, ids from 0.
+    /// Measures these joints.
     pub fn new(joints: Vec<usize>) -> Self {
         let nothing = Tally::default();
         VectorAngle { joints, each: nothing, whole: nothing, skipped_joints: 0, skipped_frames: 0 }
     }
 
-    /// Adds two clips of as many frames and joints.
+    /// Adds two clips with the same number of frames and joints.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ, or a chosen joint is none of theirs.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when frames or joints differ, or a chosen joint doesn't exist.
     pub fn add(&mut self, a: &Clip, b: &Clip) -> Result<()> {
         check_pair(a, b)?;
         check_joints(&self.joints, a)?;
@@ -54,10 +54,10 @@ impl VectorAngle {
         Ok(())
     }
 
-    /// Adds what was measured apart, over the same joints.
+    /// Adds the values of another accumulator for the same joints.
     ///
     /// # Panics
-    /// If the joints are others.
+    /// If the joints differ.
     pub fn merge(&mut self, other: &VectorAngle) {
         assert_eq!(self.joints, other.joints, "one choice of joints");
         self.each.merge(&other.each);
@@ -66,12 +66,12 @@ impl VectorAngle {
         self.skipped_frames += other.skipped_frames;
     }
 
-    /// Mean over joints and frames, radians; 0 where nothing has a direction.
+    /// Mean over joints and frames, radians; 0 if no vector has a direction.
     pub fn mean_joint(&self) -> f64 {
         self.each.mean()
     }
 
-    /// Mean over frames of the angle between whole vectors, radians; 0 where nothing has a direction.
+    /// Mean over frames of the angle between concatenated vectors, radians; 0 if none has a direction.
     pub fn mean_frame(&self) -> f64 {
         self.whole.mean()
     }
@@ -81,7 +81,7 @@ impl VectorAngle {
         self.each.max
     }
 
-    /// How many pairs of joints and of frames were left out, because a vector had no direction.
+    /// The numbers of skipped pairs of joints and of frames.
     pub fn skipped(&self) -> [u64; 2] {
         [self.skipped_joints, self.skipped_frames]
     }
@@ -93,20 +93,20 @@ fn vectors(clip: &Clip, frame: usize, joints: &[usize], out: &mut Vec<Vec3>) {
     out.extend(joints.iter().map(|&j| exp_map::to_vector(pose[j])));
 }
 
-/// The angle between two vectors, given in threes; `None` if one has no direction.
+/// The angle between two vectors, given as lists of 3-vectors; `None` if one has no direction.
 ///
-/// As `2 atan2(|u - v|, |u + v|)` of the unit vectors, which is the arc cosine of their product with all its digits.
-/// Source: Kahan, "How Futile are Mindless Assessments of Roundoff" (2006).
+/// Computed as `2 atan2(|u - v|, |u + v|)` of the unit vectors, which is accurate at all angles. Source: Kahan, "How Futile
+/// are Mindless Assessments of Roundoff" (2006).
 fn angle(a: &[Vec3], b: &[Vec3]) -> Option<f64> {
     let length = |v: &[Vec3]| v.iter().map(|v| v.length_squared()).sum::<f64>().sqrt();
     let (m, n) = (length(a), length(b));
     if m < SHORTEST || n < SHORTEST {
         return None;
     }
-    let (mut apart, mut together) = (0.0, 0.0);
+    let (mut difference, mut sum) = (0.0, 0.0);
     for (&v, &w) in a.iter().zip(b) {
-        apart += (v / m - w / n).length_squared();
-        together += (v / m + w / n).length_squared();
+        difference += (v / m - w / n).length_squared();
+        sum += (v / m + w / n).length_squared();
     }
-    Some(2.0 * apart.sqrt().atan2(together.sqrt()))
+    Some(2.0 * difference.sqrt().atan2(sum.sqrt()))
 }

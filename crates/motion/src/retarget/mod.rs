@@ -83,7 +83,7 @@ impl Retarget {
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) when `smpl` hasn't SMPL's 24 joints; those of [`ReferencePose::new`].
     pub fn new(rig: &Skeleton, map: &SkeletonMap, smpl: Arc<Skeleton>) -> Result<Self> {
-        check_smpl(&smpl)?;
+        smpl::check_rig("the body to retarget to", &smpl)?;
         let pose = ReferencePose::new(rig, map)?;
         let still = GlobalPose::new(&smpl, Vec3::ZERO, &[Quat::IDENTITY; 24]);
         let scale = smpl_leg_m(&smpl) / pose.leg_m();
@@ -103,11 +103,12 @@ impl Retarget {
                 joint.is_some_and(|j| id == 0 || rig.offsets()[j].distance(smpl.offsets()[id]) < 1e-6)
             });
         let scale = if alike { 1.0 } else { scale };
-        let mut way = Retarget { rig: Arc::new(rig.clone()), smpl, links, rest, scale, rise: 0.0, floor: 0.0, same };
+        let mut retarget =
+            Retarget { rig: Arc::new(rig.clone()), smpl, links, rest, scale, rise: 0.0, floor: 0.0, same };
         if !alike {
-            way.rise = way.rise(&pose)?;
+            retarget.rise = retarget.rise(&pose)?;
         }
-        Ok(way)
+        Ok(retarget)
     }
 
     /// Scales the path about a floor at this height, metres. The default is 0.
@@ -339,17 +340,6 @@ fn is_same(rig: &Skeleton, smpl: &Skeleton) -> bool {
     rig.names() == smpl.names() && rig.parents() == smpl.parents() && offsets().all(|(a, b)| a.distance(*b) < 1e-6)
 }
 
-/// Checks for SMPL's 24 joints: names and parents.
-fn check_smpl(skeleton: &Skeleton) -> Result<()> {
-    let names = skeleton.names().iter().map(String::as_str).eq(smpl::NAMES);
-    let parents = skeleton.parents().iter().map(|p| p.map_or(-1, |p| p as i32)).eq(smpl::PARENTS);
-    if names && parents {
-        return Ok(());
-    }
-    let found = format!("one of {} joints from {}", skeleton.joints(), skeleton.names()[0]);
-    Err(Error::invalid("the body to retarget to", found, "SMPL's 24 joints"))
-}
-
 /// Checks for the same joints and parents, and the same offsets to a millimetre.
 fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
     let on = clip.skeleton();
@@ -379,13 +369,13 @@ fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
 /// [`Error::Clip`] with the file's name for the errors of [`map_for`] and [`Retarget::new`].
 pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
     let rig = motion.clip.skeleton();
-    if matches!(motion.source, Source::Amass { .. } | Source::Aist { .. }) && check_smpl(rig).is_ok() {
+    if matches!(motion.source, Source::Amass { .. } | Source::Aist { .. }) && smpl::is_rig(rig) {
         return on_neutral(motion);
     }
     let retargeted = || {
-        let way = Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?;
-        let floor_m = if way.same { 0.0 } else { floor_height(motion, map)? };
-        way.with_floor(floor_m).to_smpl(&motion.clip)
+        let retarget = Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?;
+        let floor_m = if retarget.same { 0.0 } else { floor_height(motion, map)? };
+        retarget.with_floor(floor_m).to_smpl(&motion.clip)
     };
     retargeted().map_err(|e| e.in_clip(&motion.path))
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 /// A rig with the joints of SMPL under other names, at `places` in the reference pose, each with its own `axes`; a
 /// twist joint in the middle of each thigh and upper arm, and a root above the pelvis, if asked for. The joints in
 /// `lacks` are left out.
-pub fn rig(places: &[Vec3], axes: &[Quat], extra: bool, lacks: &[usize]) -> (Skeleton, SkeletonMap) {
+pub fn rig(positions: &[Vec3], axes: &[Quat], extra: bool, lacks: &[usize]) -> (Skeleton, SkeletonMap) {
     let (mut names, mut parents, mut at, mut turned) = (vec![], vec![], vec![], vec![]);
     let mut push = |name: String, parent: Option<usize>, place: Vec3, axes: Quat| {
         names.push(name);
@@ -28,10 +28,10 @@ pub fn rig(places: &[Vec3], axes: &[Quat], extra: bool, lacks: &[usize]) -> (Ske
         }
         let mut on = if parent < 0 { above } else { Some(joint[parent as usize]) };
         if extra && matches!(id, 4 | 5 | 18 | 19) {
-            let middle = 0.5 * (places[id] + places[parent as usize]);
+            let middle = 0.5 * (positions[id] + positions[parent as usize]);
             on = Some(push(format!("twist of {id}"), on, middle, axes[23 - id]));
         }
-        joint[id] = push(format!("bone {id}"), on, places[id], axes[id]);
+        joint[id] = push(format!("bone {id}"), on, positions[id], axes[id]);
     }
     let local = |j: usize, p: Option<usize>| p.map_or(turned[j], |p: usize| turned[p].conjugate() * turned[j]);
     let mut toml = String::from("name = \"made\"\n[joints]\n");
@@ -52,7 +52,7 @@ pub fn rig(places: &[Vec3], axes: &[Quat], extra: bool, lacks: &[usize]) -> (Ske
 }
 
 /// The SMPL body's places in a stand whose arms hang by `droop` radians, every bone `stretch[id]` times as long.
-pub fn stand(droop: f64, stretch: &[f64]) -> Vec<Vec3> {
+pub fn reference_positions(droop: f64, stretch: &[f64]) -> Vec<Vec3> {
     let mut pose = [Quat::IDENTITY; 24];
     pose[16] = Quat::from_rotation_z(-droop);
     pose[17] = Quat::from_rotation_z(droop);
@@ -82,12 +82,12 @@ fn stretches() -> impl Strategy<Value = Vec<f64>> {
 }
 
 /// The largest angle between a limb bone of a rig and its image, radians, over all frames.
-fn limb_error(way: &Retarget, on_rig: &Clip, on_smpl: &Clip) -> f64 {
+fn limb_error(retarget: &Retarget, on_rig: &Clip, on_smpl: &Clip) -> f64 {
     let mut worst: f64 = 0.0;
     for f in 0..on_rig.frames() {
         let (a, b) = (on_rig.global_pose(f).positions, on_smpl.global_pose(f).positions);
         for (upper, lower) in LIMBS {
-            let bone = a[way.joint(lower).unwrap()] - a[way.joint(upper).unwrap()];
+            let bone = a[retarget.joint(lower).unwrap()] - a[retarget.joint(upper).unwrap()];
             worst = worst.max(bone.angle_between(b[lower] - b[upper]));
         }
     }
@@ -104,9 +104,9 @@ proptest! {
 
     #[test]
     fn a_dance_seen_through_other_axes_is_the_same_dance(axes in axes(), v in vectors(2), extra: bool) {
-        let (body, map) = rig(&stand(0.0, &[1.0; 24]), &axes, extra, &[]);
-        let way = Retarget::new(&body, &map, smpl::neutral()).unwrap();
-        prop_assert!((way.scale() - 1.0).abs() < 1e-9);
+        let (body, map) = rig(&reference_positions(0.0, &[1.0; 24]), &axes, extra, &[]);
+        let retarget = Retarget::new(&body, &map, smpl::neutral()).unwrap();
+        prop_assert!((retarget.scale() - 1.0).abs() < 1e-9);
         let x = dance(&v);
         // the same world rotations, told in the rig's axes: G = D A
         let mut rotations = Vec::new();
@@ -125,7 +125,7 @@ proptest! {
             rotations.extend(GlobalPose { positions: vec![], rotations: world }.to_local(&body));
         }
         let root = if extra { vec![Vec3::ZERO; 2] } else { x.root().to_vec() };
-        let y = way.to_smpl(&Clip::new(Arc::new(body), 30.0, root, rotations).unwrap()).unwrap();
+        let y = retarget.to_smpl(&Clip::new(Arc::new(body), 30.0, root, rotations).unwrap()).unwrap();
         prop_assert!(worst_angle(&x, &y, &(0..24).collect::<Vec<_>>()) < 1e-7);
     }
 
@@ -134,9 +134,9 @@ proptest! {
         axes in axes(), v in vectors(3), s in stretches(), droop in 0.0..1.5f64, extra: bool,
         twists in prop::collection::vec(prop::array::uniform3(-0.4..0.4f64), 12),
     ) {
-        let (body, map) = rig(&stand(droop, &s), &axes, extra, &[]);
-        let way = Retarget::new(&body, &map, smpl::neutral()).unwrap();
-        let on_rig = way.to_rig(&dance(&v)).unwrap();
+        let (body, map) = rig(&reference_positions(droop, &s), &axes, extra, &[]);
+        let retarget = Retarget::new(&body, &map, smpl::neutral()).unwrap();
+        let on_rig = retarget.to_rig(&dance(&v)).unwrap();
         // the joints between turn on their own, as no SMPL motion would have them
         let mut rotations = on_rig.rotations().to_vec();
         for (k, q) in rotations.iter_mut().enumerate() {
@@ -146,10 +146,10 @@ proptest! {
         }
         let root = on_rig.root().iter().map(|p| *p + Vec3::Y).collect();
         let on_rig = Clip::new(on_rig.skeleton().clone(), 30.0, root, rotations).unwrap();
-        let on_smpl = way.to_smpl(&on_rig).unwrap();
-        prop_assert!(limb_error(&way, &on_rig, &on_smpl) < 1e-6);
+        let on_smpl = retarget.to_smpl(&on_rig).unwrap();
+        prop_assert!(limb_error(&retarget, &on_rig, &on_smpl) < 1e-6);
         // and over the first, the way back has the same joints between
-        let back = way.to_rig_over(&on_smpl, Some(&on_rig)).unwrap();
+        let back = retarget.to_rig_over(&on_smpl, Some(&on_rig)).unwrap();
         let all: Vec<_> = (0..body.joints()).collect();
         prop_assert!(worst_angle(&back, &on_rig, &all) < 1e-7);
         for (a, b) in back.root().iter().zip(on_rig.root()) {
@@ -159,11 +159,11 @@ proptest! {
 
     #[test]
     fn there_and_back_is_the_identity(axes in axes(), v in vectors(2), s in stretches(), extra: bool, base: bool) {
-        let (body, map) = rig(&stand(0.6, &s), &axes, extra, &[]);
-        let way = Retarget::new(&body, &map, smpl::neutral()).unwrap();
+        let (body, map) = rig(&reference_positions(0.6, &s), &axes, extra, &[]);
+        let retarget = Retarget::new(&body, &map, smpl::neutral()).unwrap();
         let x = dance(&v);
-        let other = way.to_rig(&dance(&v.iter().rev().copied().collect::<Vec<_>>())).unwrap().slice(0..1);
-        let y = way.to_smpl(&way.to_rig_over(&x, base.then_some(&other)).unwrap()).unwrap();
+        let other = retarget.to_rig(&dance(&v.iter().rev().copied().collect::<Vec<_>>())).unwrap().slice(0..1);
+        let y = retarget.to_smpl(&retarget.to_rig_over(&x, base.then_some(&other)).unwrap()).unwrap();
         prop_assert!(worst_angle(&x, &y, &(0..24).collect::<Vec<_>>()) < 1e-9);
         for (a, b) in x.root().iter().zip(y.root()) {
             prop_assert!((*a - *b).length() < 1e-9);
@@ -173,20 +173,20 @@ proptest! {
     #[test]
     fn rigs_that_lack_joints_keep_the_rest(axes in axes(), v in vectors(2), s in stretches()) {
         let lacks = [3, 6, 10, 11, 12, 13, 14, 22, 23];
-        let (body, map) = rig(&stand(0.3, &s), &axes, false, &lacks);
-        let way = Retarget::new(&body, &map, smpl::neutral()).unwrap();
+        let (body, map) = rig(&reference_positions(0.3, &s), &axes, false, &lacks);
+        let retarget = Retarget::new(&body, &map, smpl::neutral()).unwrap();
         let still = |i: usize| lacks.contains(&(i % 24));
         let x = dance(&v.iter().enumerate().map(|(i, v)| if still(i) { [0.0; 3] } else { *v }).collect::<Vec<_>>());
-        let on_rig = way.to_rig(&x).unwrap();
-        let y = way.to_smpl(&on_rig).unwrap();
+        let on_rig = retarget.to_rig(&x).unwrap();
+        let y = retarget.to_smpl(&on_rig).unwrap();
         prop_assert!(worst_angle(&x, &y, &(0..24).collect::<Vec<_>>()) < 1e-9);
-        prop_assert!(limb_error(&way, &on_rig, &y) < 1e-6);
+        prop_assert!(limb_error(&retarget, &on_rig, &y) < 1e-6);
         for id in lacks {
             prop_assert_eq!(y.pose(1)[id], Quat::IDENTITY);
         }
         // joints that it lacks but that move: the others' world rotations come back all the same
         let x = dance(&v);
-        let y = way.to_smpl(&way.to_rig(&x).unwrap()).unwrap();
+        let y = retarget.to_smpl(&retarget.to_rig(&x).unwrap()).unwrap();
         let (a, b) = (x.global_pose(0).rotations, y.global_pose(0).rotations);
         for id in (0..24).filter(|id| !lacks.contains(id)) {
             prop_assert!(angle_between(a[id], b[id]) < 1e-9);
@@ -202,19 +202,19 @@ fn smpl_map() -> SkeletonMap {
 fn the_smpl_body_itself_is_left_alone() {
     let v: Vec<_> = (0..48).map(|i| [(i as f64).sin(), 0.3, (i as f64).cos()]).collect();
     let x = dance(&v);
-    let way = Retarget::new(&smpl::neutral(), &smpl_map(), smpl::neutral()).unwrap();
-    assert_eq!(way.to_smpl(&x).unwrap(), x);
-    assert_eq!(way.to_rig(&x).unwrap(), x);
-    assert_eq!(way.scale(), 1.0);
+    let retarget = Retarget::new(&smpl::neutral(), &smpl_map(), smpl::neutral()).unwrap();
+    assert_eq!(retarget.to_smpl(&x).unwrap(), x);
+    assert_eq!(retarget.to_rig(&x).unwrap(), x);
+    assert_eq!(retarget.scale(), 1.0);
 }
 
 #[test]
 fn the_root_is_scaled_by_the_legs() {
     let big = smpl::neutral().scaled(2.0);
-    let way = Retarget::new(&big, &smpl_map(), smpl::neutral()).unwrap();
-    assert!((way.scale() - 0.5).abs() < 1e-12);
+    let retarget = Retarget::new(&big, &smpl_map(), smpl::neutral()).unwrap();
+    assert!((retarget.scale() - 0.5).abs() < 1e-12);
     let stand = Clip::new(Arc::new(big), 30.0, vec![Vec3::new(1.0, 1.94, -3.0)], vec![Quat::IDENTITY; 24]).unwrap();
-    let small = way.to_smpl(&stand).unwrap();
+    let small = retarget.to_smpl(&stand).unwrap();
     assert!((small.root()[0] - Vec3::new(0.5, 0.97, -1.5)).length() < 1e-12);
     assert!(small.positions()[10].y.abs() < 1e-12, "the foot stays on the floor");
 }
@@ -227,11 +227,11 @@ fn a_rig_that_faces_elsewhere_at_rest_is_turned() {
         let body = smpl::neutral();
         let offsets = body.offsets().iter().map(|o| turn * *o).collect();
         let rig = Skeleton::new(body.names().to_vec(), body.parents().to_vec(), offsets, vec![]).unwrap();
-        let way = Retarget::new(&rig, &smpl_map(), body).unwrap();
+        let retarget = Retarget::new(&rig, &smpl_map(), body).unwrap();
         let x = dance(&[[0.3, -0.2, 0.5]; 24]);
         let mut rotations: Vec<_> = x.pose(0).iter().map(|q| turn * *q * turn.conjugate()).collect();
         rotations[0] = x.pose(0)[0] * turn.conjugate();
-        let y = way.to_smpl(&Clip::new(Arc::new(rig), 30.0, x.root().to_vec(), rotations).unwrap()).unwrap();
+        let y = retarget.to_smpl(&Clip::new(Arc::new(rig), 30.0, x.root().to_vec(), rotations).unwrap()).unwrap();
         assert!(worst_angle(&x, &y, &(0..24).collect::<Vec<_>>()) < 1e-9);
     }
 }
@@ -267,8 +267,8 @@ fn refusals_say_what_is_missing_and_what_to_write() {
     let e = Retarget::new(&rig, &smpl_map(), body.clone()).unwrap_err().to_string();
     assert!(e.contains("left_wrist") && e.contains("one chain"), "{e}");
 
-    let way = Retarget::new(&body.scaled(2.0), &smpl_map(), body.clone()).unwrap();
-    let e = way.to_smpl(&dance(&[[0.0; 3]; 24])).unwrap_err().to_string();
+    let retarget = Retarget::new(&body.scaled(2.0), &smpl_map(), body.clone()).unwrap();
+    let e = retarget.to_smpl(&dance(&[[0.0; 3]; 24])).unwrap_err().to_string();
     assert!(e.contains("the offset of left_hip"), "{e}");
 }
 

@@ -57,10 +57,10 @@ impl Feet {
         let found_m = quantile(lowest.iter().map(|l| l.0).collect(), 0.05);
         let mut doubts = Vec::new();
         let mut doubt = |kind, what: Option<String>| doubts.extend(what.map(|what| Warning { kind, what }));
-        let places = clip.positions();
-        doubt("floor_below", self.others_below(clip, &places, found_m));
-        doubt("floor_slides", slides(clip, &places, &lowest));
-        doubt("floor_pelvis", self.pelvis_off(clip, &places, found_m));
+        let positions = clip.positions();
+        doubt("floor_below", self.others_below(clip, &positions, found_m));
+        doubt("floor_slides", slides(clip, &positions, &lowest));
+        doubt("floor_pelvis", self.pelvis_off(clip, &positions, found_m));
         doubt("floor_far", far(&lowest, found_m));
         let seconds = clip.duration_s();
         doubt("floor_short", (seconds < SHORT_S).then(|| format!("the clip has {seconds:.2} s, under {SHORT_S} s")));
@@ -74,13 +74,13 @@ impl Feet {
         Floor { height_m, found_m, doubts }
     }
 
-    fn others_below(&self, clip: &Clip, places: &[Vec3], floor_m: f64) -> Option<String> {
+    fn others_below(&self, clip: &Clip, positions: &[Vec3], floor_m: f64) -> Option<String> {
         let j = clip.joints();
         let deepest = |frame: &[Vec3]| {
             let others = frame.iter().enumerate().filter(|(joint, _)| !self.of_foot[*joint]);
             others.map(|(joint, p)| (p.y, joint)).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::MAX, 0))
         };
-        let below: Vec<_> = places.chunks_exact(j).map(deepest).filter(|(y, _)| *y < floor_m - BELOW_M).collect();
+        let below: Vec<_> = positions.chunks_exact(j).map(deepest).filter(|(y, _)| *y < floor_m - BELOW_M).collect();
         if below.len() as f64 <= BELOW_SHARE * clip.frames() as f64 {
             return None;
         }
@@ -92,18 +92,18 @@ impl Feet {
         ))
     }
 
-    fn pelvis_off(&self, clip: &Clip, places: &[Vec3], floor_m: f64) -> Option<String> {
+    fn pelvis_off(&self, clip: &Clip, positions: &[Vec3], floor_m: f64) -> Option<String> {
         if clip.frames() == 0 {
             return None;
         }
-        let heights = places.chunks_exact(clip.joints()).map(|frame| frame[self.pelvis].y - floor_m).collect();
+        let heights = positions.chunks_exact(clip.joints()).map(|frame| frame[self.pelvis].y - floor_m).collect();
         let (median, standing) = (quantile(heights, 0.5), self.pelvis_m);
         (!PELVIS.contains(&(median / standing)))
             .then(|| format!("the pelvis is {median:.2} m above it in the median; this body stands at {standing:.2} m"))
     }
 }
 
-fn slides(clip: &Clip, places: &[Vec3], lowest: &[(f64, usize)]) -> Option<String> {
+fn slides(clip: &Clip, positions: &[Vec3], lowest: &[(f64, usize)]) -> Option<String> {
     let frames = clip.frames();
     if frames < 2 {
         return None;
@@ -113,7 +113,7 @@ fn slides(clip: &Clip, places: &[Vec3], lowest: &[(f64, usize)]) -> Option<Strin
     order.truncate(frames.div_ceil(10));
     let speed = |f: usize| {
         let (joint, before, after) = (lowest[f].1, f.saturating_sub(1), (f + 1).min(frames - 1));
-        let at = |f: usize| places[f * clip.joints() + joint];
+        let at = |f: usize| positions[f * clip.joints() + joint];
         at(before).distance(at(after)) / (after - before) as f64 * clip.fps()
     };
     let median = quantile(order.into_iter().map(speed).collect(), 0.5);

@@ -46,8 +46,8 @@ impl SkeletonMap {
     /// ```
     /// use kinelm_motion::rig::SkeletonMap;
     ///
-    /// let map = SkeletonMap::builtin("mixamo").expect("a built-in map");
-    /// assert_eq!(map.joint(4), Some("LeftLeg"), "the left knee");
+    /// let map = SkeletonMap::builtin("bandai").expect("a built-in map");
+    /// assert_eq!(map.joint(4), Some("LowerLeg_L"), "the left knee");
     /// ```
     pub fn builtin(name: &str) -> Option<Self> {
         let (_, text) = SHIPPED.iter().find(|(n, _)| *n == name)?;
@@ -74,8 +74,8 @@ impl SkeletonMap {
         }
         if !Path::new(name_or_path).exists() {
             let names: Vec<_> = SkeletonMap::names().collect();
-            let meant = did_you_mean(name_or_path, names.iter().copied());
-            let expected = format!("a file or one of {}{meant}", names.join(", "));
+            let hint = did_you_mean(name_or_path, names.iter().copied());
+            let expected = format!("a file or one of {}{hint}", names.join(", "));
             return Err(Error::invalid("`map`", format!("{name_or_path:?}"), expected));
         }
         SkeletonMap::load(name_or_path)
@@ -180,14 +180,14 @@ impl SkeletonMap {
 
     fn bind_with(&self, names: &[String], plain: &[String], prefix: &str) -> Self {
         let mut used = vec![false; names.len()];
-        let mut take = |wanted: &String| {
-            let found = find_name(wanted, names, plain, prefix).filter(|&j| !used[j])?;
+        let mut take = |candidate: &String| {
+            let found = find_name(candidate, names, plain, prefix).filter(|&j| !used[j])?;
             used[found] = true;
             Some(names[found].clone())
         };
         let mut bound = SkeletonMap { joints: Default::default(), ..self.clone() };
-        for (id, wanted) in self.joints.iter().enumerate() {
-            bound.joints[id].extend(wanted.iter().find_map(&mut take));
+        for (id, candidate) in self.joints.iter().enumerate() {
+            bound.joints[id].extend(candidate.iter().find_map(&mut take));
         }
         for (joint, _) in &mut bound.reference {
             if let Some(found) = find_name(joint, names, plain, prefix) {
@@ -205,11 +205,11 @@ impl SkeletonMap {
 }
 
 /// Finds a joint by its exact name, else without namespaces, else by its simplified name.
-fn find_name(wanted: &str, names: &[String], plain: &[String], prefix: &str) -> Option<usize> {
-    let simple = format!("{prefix}{}", simplified(wanted));
-    let exact = names.iter().position(|n| n == wanted);
+fn find_name(candidate: &str, names: &[String], plain: &[String], prefix: &str) -> Option<usize> {
+    let simple = format!("{prefix}{}", simplified(candidate));
+    let exact = names.iter().position(|n| n == candidate);
     exact
-        .or_else(|| names.iter().position(|n| without_namespace(n) == without_namespace(wanted)))
+        .or_else(|| names.iter().position(|n| without_namespace(n) == without_namespace(candidate)))
         .or_else(|| plain.iter().position(|n| *n == simple))
 }
 

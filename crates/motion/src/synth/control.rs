@@ -1,31 +1,31 @@
-//! What a dance asks of the body at one moment, as numbers that can be mixed, mirrored and smoothed.
+//! Controls: the targets of a dance at one moment, as numbers that can be mixed, mirrored and smoothed.
 
 use crate::Vec3;
 
-/// Numbers in a [`Control`].
+/// The number of channels of a [`Control`].
 pub const CHANNELS: usize = 22;
 
-/// The wish of one moment. Rotations are small rotation vectors: x bows forward, y turns left, z leans right.
+/// The targets at one moment. Rotations are small rotation vectors: x bows forward, y turns left, z leans right.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Control {
-    /// Left and right wrist seen from the shoulder in the chest's frame, in arm lengths: (outward, up, forward).
+    /// Left and right wrist relative to the shoulder, in the chest's frame, in arm lengths: (outward, up, forward).
     pub wrists: [Vec3; 2],
-    /// Where on the floor the dance is: x to the left, z forward, metres; y the height of the hips above their usual place.
+    /// Position of the dance: x to the left, z forward, metres; y is the height of the hips relative to standing.
     pub travel: Vec3,
-    /// Way the body faces, radians to the left; whole turns count.
+    /// Heading, radians to the left, including whole turns.
     pub turn: f64,
-    /// The hips beside their place between the feet, metres: (left, unused, forward).
+    /// Displacement of the hips from between the feet, metres: (left, unused, forward).
     pub shift: Vec3,
     /// Rotation of the pelvis.
     pub hips: Vec3,
-    /// Rotation of the chest against the pelvis, shared out over the spine.
+    /// Rotation of the chest relative to the pelvis, distributed over the spine.
     pub spine: Vec3,
-    /// Rotation of the head against the chest.
+    /// Rotation of the head relative to the chest.
     pub head: Vec3,
 }
 
 impl Control {
-    /// Standing at ease.
+    /// Relaxed standing.
     pub const REST: Control = Control {
         wrists: [Vec3::new(0.22, -0.88, 0.16); 2],
         travel: Vec3::ZERO,
@@ -36,7 +36,7 @@ impl Control {
         head: Vec3::ZERO,
     };
 
-    /// All numbers in a fixed order.
+    /// All channels in a fixed order.
     pub fn channels(&self) -> [f64; CHANNELS] {
         let mut c = [0.0; CHANNELS];
         let vectors = [self.wrists[0], self.wrists[1], self.travel, self.shift, self.hips, self.spine, self.head];
@@ -53,13 +53,13 @@ impl Control {
         Control { wrists: [v(0), v(1)], travel: v(2), shift: v(3), hips: v(4), spine: v(5), head: v(6), turn: c[21] }
     }
 
-    /// `self` at 0, `other` at 1.
+    /// Linear interpolation from `self` to `other`.
     pub fn mix(&self, other: &Control, t: f64) -> Self {
         let (a, b) = (self.channels(), other.channels());
         Self::from_channels(std::array::from_fn(|i| a[i] + (b[i] - a[i]) * t))
     }
 
-    /// Left and right exchanged.
+    /// Exchanges left and right.
     pub fn mirrored(&self) -> Self {
         let aside = Vec3::new(-1.0, 1.0, 1.0);
         let turned = Vec3::new(1.0, -1.0, -1.0);
@@ -74,20 +74,19 @@ impl Control {
         }
     }
 
-    /// The same, facing another way.
+    /// The same with another heading.
     pub fn with_turn(self, turn: f64) -> Self {
         Control { turn, ..self }
     }
 
-    /// A bigger or smaller dance: everything but turns, measured from rest.
+    /// Scales everything but the heading, relative to [`Control::REST`].
     pub fn amplified(&self, amplitude: f64) -> Self {
         Control { turn: self.turn, ..Control::REST.mix(self, amplitude) }
     }
 }
 
-/// A Gaussian low pass over time, `sigma` in frames; the ends are held.
-///
-/// Being symmetric it looks ahead as well: the body leans before the foot leaves, as dancers do.
+/// A Gaussian low pass over time, `sigma` in frames; the ends are held. It is symmetric, so movements are anticipated: the
+/// body leans before the foot leaves.
 pub fn smooth(values: &[f64], sigma: f64) -> Vec<f64> {
     let radius = (3.0 * sigma).ceil().max(0.0) as usize;
     if radius == 0 || values.is_empty() {

@@ -1,25 +1,25 @@
-//! Who dances: people who do the same figures each in their own way.
+//! The dancers, who perform the same figures with different habits.
 
 /// A dancer's habits.
 pub struct Dancer {
     pub name: &'static str,
-    /// Size of the movements; 1 is as the figure says.
+    /// Amplitude of the movements, relative to the figure's.
     pub amplitude: f64,
-    /// Times the genre's tempo.
+    /// Tempo relative to the genre's.
     pub tempo: f64,
-    /// Seconds that hands and head come after the feet; negative is before them.
+    /// Delay of hands and head after the feet, seconds; negative if they are ahead.
     pub lag_s: f64,
-    /// Times the genre's softness.
+    /// Softness relative to the genre's.
     pub softness: f64,
-    /// Second half of each beat shortened (positive) or lengthened, in parts of a beat.
+    /// Shortening (positive) or lengthening of the second half of each beat, in beats.
     pub shuffle: f64,
-    /// Half the distance between the feet at ease, metres.
+    /// Half the distance between the feet when standing, metres.
     pub stance_m: f64,
-    /// Carriage of the chest: radians bowed forward.
+    /// Forward bow of the chest, radians.
     pub bow: f64,
 }
 
-/// The dancers, by name.
+/// All dancers.
 pub const DANCERS: [Dancer; 3] = [
     // large and exact
     Dancer {

@@ -1,14 +1,14 @@
-//! The vocabulary: what each genre can do for a few beats.
+//! The dance figures of each genre, which last a few beats.
 //!
-//! A figure is a function of beats that gives a [`Control`], and a list of steps. It begins and ends at the same place,
-//! whole turns aside, so that any figure can follow any other, mirrored or not.
+//! A figure is a function from beats to a [`Control`], with a list of steps. It starts and ends at the same controls up to
+//! whole turns, so that any figure can follow any other, mirrored or not.
 
 use super::control::Control;
 use crate::Vec3;
 use std::f64::consts::{PI, TAU};
 
-/// A step: `foot` (0 left, 1 right) lands at a beat after a flight of `beats`, rising `height_m`, `out` metres further
-/// out and `ahead` metres further forward than its usual place under the body.
+/// A step: `foot` (0 left, 1 right) lands on `beat` after a flight of `beats`, rising by `height_m`, `out` metres further
+/// outward and `ahead` metres further forward than its standing position.
 #[derive(Debug, Clone, Copy)]
 pub struct Landing {
     pub foot: usize,
@@ -16,33 +16,33 @@ pub struct Landing {
     pub beats: f64,
     pub height_m: f64,
     pub out: f64,
-    pub ahead: f64,
+    pub forward: f64,
 }
 
-/// A few beats of dance.
+/// A dance figure.
 pub struct Figure {
     pub beats: f64,
     pub at: fn(f64) -> Control,
     pub landings: &'static [Landing],
 }
 
-/// What makes a genre itself.
+/// A genre of dance.
 pub struct Genre {
     pub name: &'static str,
-    /// Beats a minute before the dancer's own tempo.
+    /// Beats per minute, before the dancer's own tempo.
     pub tempo_bpm: f64,
-    /// How fast the body follows, seconds of the low pass: small is sharp.
+    /// Time constant of the low pass, seconds; small is sharp.
     pub softness_s: f64,
-    /// How far below standing the hips are carried, metres.
+    /// How far the hips are below standing height, metres.
     pub crouch_m: f64,
     pub figures: &'static [Figure],
-    /// How a dance ends.
+    /// The final pose.
     pub closing: fn() -> Control,
 }
 
-/// The genres, by name.
+/// All genres.
 pub const GENRES: [Genre; 4] = [
-    // three beats to the bar, drifting from side to side
+    // three beats per bar, drifting from side to side
     Genre {
         name: "sway",
         tempo_bpm: 92.0,
@@ -79,7 +79,7 @@ pub const GENRES: [Genre; 4] = [
             ..Control::REST
         },
     },
-    // feet almost still, motion running through the body
+    // feet almost still, a movement running through the body
     Genre {
         name: "wave",
         tempo_bpm: 84.0,
@@ -117,18 +117,18 @@ pub const GENRES: [Genre; 4] = [
     },
 ];
 
-/// A wave of period 1 in `turns`.
+/// A sine wave of period 1 in `turns`.
 fn wave(turns: f64) -> f64 {
     (TAU * turns).sin()
 }
 
-/// From 0 to 1 while `beat` runs from `a` to `b`, without corners.
+/// A smooth step from 0 to 1 while `beat` goes from `a` to `b`.
 pub fn between(beat: f64, a: f64, b: f64) -> f64 {
     let t = ((beat - a) / (b - a)).clamp(0.0, 1.0);
     t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)
 }
 
-/// 1 on every beat, 0 between, the sharper the larger `power`.
+/// 1 on every beat, 0 between; sharper with a larger `power`.
 fn pulse(beat: f64, power: i32) -> f64 {
     (0.5 + 0.5 * (TAU * beat).cos()).powi(power)
 }
@@ -137,8 +137,8 @@ fn v(x: f64, y: f64, z: f64) -> Vec3 {
     Vec3::new(x, y, z)
 }
 
-const fn land(foot: usize, beat: f64, beats: f64, height_m: f64, out: f64, ahead: f64) -> Landing {
-    Landing { foot, beat, beats, height_m, out, ahead }
+const fn land(foot: usize, beat: f64, beats: f64, height_m: f64, out: f64, forward: f64) -> Landing {
+    Landing { foot, beat, beats, height_m, out, forward }
 }
 
 const DRIFT_STEPS: &[Landing] = &[
@@ -212,7 +212,7 @@ const MARCH_STEPS: &[Landing] = &[
 ];
 
 fn stomp_march(b: f64) -> Control {
-    // the left foot is in the air before even beats, and the right arm drives with it
+    // the left foot is in the air before even beats, together with the right arm
     let s = wave(b / 2.0 - 0.12);
     let arm = |s: f64| v(0.34 - 0.08 * s, -0.28 + 0.42 * s, 0.5 + 0.12 * s);
     Control {
@@ -278,7 +278,7 @@ fn stomp_drive(b: f64) -> Control {
 const SETTLE_STEPS: &[Landing] = &[land(0, 1.0, 0.8, 0.035, 0.07, 0.0), land(0, 8.0, 0.8, 0.035, 0.0, 0.0)];
 
 fn wave_ripple(b: f64) -> Control {
-    // the crest enters at the left hand and leaves at the right one two beats later
+    // the wave enters at the left hand and leaves at the right one two beats later
     let at = |lag: f64| wave((b - lag) / 4.0);
     let on = between(b, 0.0, 1.5) - between(b, 6.8, 8.0);
     let arm = |lag: f64| v(0.3 + 0.54 * on, -0.6 + 0.68 * on + 0.36 * on * at(lag), 0.22 + 0.1 * at(lag + 0.6));
@@ -344,7 +344,7 @@ const TURN_STEPS: &[Landing] = &[
 ];
 
 fn spin_turn(b: f64) -> Control {
-    // arms wind up to the right, close for the turn, open again on the side step
+    // the arms wind up to the right, close for the turn, and open on the side step
     let wind = between(b, 0.0, 0.4) - between(b, 0.5, 1.2);
     let closed = between(b, 1.0, 2.0) - between(b, 3.4, 4.4);
     let open = between(b, 4.0, 5.2) - between(b, 6.4, 8.0);
@@ -355,7 +355,7 @@ fn spin_turn(b: f64) -> Control {
         turn: TAU * between(b, 0.4, 4.4),
         shift: v(-0.03 * open, 0.0, 0.0),
         spine: v(0.0, -0.35 * wind + 0.15 * open, 0.16 * open),
-        // the head stays behind at first, then leads: it looks for the front
+        // spotting: the head lags at first, then leads to the front
         head: v(
             -0.05,
             -0.5 * (between(b, 0.4, 1.6) - between(b, 1.8, 2.6)) + 0.5 * (between(b, 2.0, 2.9) - between(b, 3.4, 4.4))
@@ -378,13 +378,13 @@ const CHASE_STEPS: &[Landing] = &[
 ];
 
 fn spin_chase(b: f64) -> Control {
-    // to the left in a three-step turn and back again while the arms draw a great circle
+    // a three-step turn to the left and back while the arms describe a large circle
     let (s, c) = (wave(b / 4.0), wave(b / 4.0 + 0.25));
-    let way = between(b, 0.0, 3.4) - between(b, 4.0, 7.4);
+    let path = between(b, 0.0, 3.4) - between(b, 4.0, 7.4);
     let lean = wave(b / 8.0);
     Control {
         wrists: [v(0.42 + 0.36 * s, 0.12 - 0.55 * c, 0.4), v(0.42 - 0.36 * s, 0.12 - 0.55 * c, 0.4)],
-        travel: v(0.55 * way, -0.02 - 0.02 * (TAU * b).cos(), 0.0),
+        travel: v(0.55 * path, -0.02 - 0.02 * (TAU * b).cos(), 0.0),
         turn: TAU * (between(b, 0.1, 3.5) - between(b, 4.1, 7.5)),
         hips: v(0.0, 0.15 * lean, 0.05 * wave(b / 2.0)),
         spine: v(0.02, 0.2 * s, -0.14 * s),
@@ -401,7 +401,7 @@ const PADDLE_STEPS: &[Landing] = &[
 ];
 
 fn spin_paddle(b: f64) -> Control {
-    // round the right foot, pushed by the left; a quarter turn each two beats
+    // around the right foot, pushed by the left: a quarter turn every two beats
     let turn = (0..4).map(|i| between(b, 2.0 * f64::from(i) + 0.1, 2.0 * f64::from(i) + 1.6)).sum::<f64>() / 4.0;
     let sweep = wave(b / 2.0 - 0.2);
     Control {

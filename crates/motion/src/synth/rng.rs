@@ -1,10 +1,10 @@
-//! A small random generator, so that this crate needs none from outside.
+//! A small random generator, so that this crate needs no dependency for it.
 
 /// SplitMix64. Source: Steele, Lea and Flood, "Fast Splittable Pseudorandom Number Generators" (2014).
 pub struct Rng(u64);
 
 impl Rng {
-    /// A stream of its own for each (seed, path): one dance's numbers never depend on another's.
+    /// A separate stream per (seed, path), so that dances don't depend on each other.
     pub fn new(seed: u64, path: &[u64]) -> Self {
         let mut rng = Rng(seed);
         for &p in path {
@@ -38,7 +38,7 @@ mod tests {
 
     #[test]
     fn known_numbers_and_separate_streams() {
-        // the first outputs of seed 1234567, as the generator's authors print them
+        // the first outputs for seed 1234567, as published by the generator's authors
         let mut r = Rng(1_234_567);
         assert_eq!([r.next(), r.next()], [6_457_827_717_110_365_317, 3_203_168_211_198_807_973]);
         assert_ne!(Rng::new(1, &[2, 3]).next(), Rng::new(1, &[3, 2]).next());

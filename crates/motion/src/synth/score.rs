@@ -1,4 +1,4 @@
-//! A dance in time: which figure when, how it is danced, and the steps that follow from it.
+//! The score of a dance: its figures in time, how they are performed, and the resulting steps.
 
 use super::control::Control;
 use super::dancers::Dancer;
@@ -10,17 +10,17 @@ use std::f64::consts::TAU;
 
 /// Seconds of standing before the first beat.
 const UPBEAT_S: f64 = 0.6;
-/// Beats of the closing: two steps home, the last gesture, stillness.
+/// Beats of the ending: two steps, the final pose, stillness.
 const CLOSING_BEATS: f64 = 5.0;
-/// Beats over which one figure passes into the next.
+/// Beats over which one figure blends into the next.
 const PASSAGE_BEATS: f64 = 0.8;
 
-/// A figure at its place in the dance.
+/// A figure in the score.
 struct Part {
     figure: &'static Figure,
     mirrored: bool,
     starts: f64,
-    /// Whole turns made before it, radians.
+    /// Whole turns before it, radians.
     turned: f64,
 }
 
@@ -38,7 +38,7 @@ impl Part {
     }
 }
 
-/// A slow wandering of the hands and the head, so that no two repeats are quite the same.
+/// A slow drift of hands and head, so that repetitions differ.
 struct Drift([[f64; 4]; 9]);
 
 impl Drift {
@@ -71,8 +71,8 @@ pub struct Score {
 }
 
 impl Score {
-    /// Figures in pairs, the second mostly the mirror of the first, as many as fit before the closing; at `bpm` beats a minute,
-    /// or about as fast as the genre has it.
+    /// Figures in pairs, the second usually the mirror image of the first, as many as fit before the ending; at `bpm` beats
+    /// per minute, or about the genre's tempo.
     pub fn new(
         (genre, dancer): (&'static Genre, &'static Dancer),
         bpm: Option<f64>,
@@ -89,7 +89,7 @@ impl Score {
         loop {
             for repeat in 0..2 {
                 let figure = &genre.figures[next];
-                // a little hurry is better than standing about at the end
+                // a slightly faster dance is better than standing at the end
                 if starts + figure.beats > room * 1.05 {
                     let total = starts + CLOSING_BEATS;
                     let fits = wished * (total / (room + CLOSING_BEATS).max(1.0)).clamp(0.94, 1.06);
@@ -116,23 +116,23 @@ impl Score {
         self.parts.last().map_or(0.0, Part::ends)
     }
 
-    /// Beats gone at a time, with the dancer's shuffle.
+    /// Beats elapsed at a time, with the dancer's shuffle.
     fn beat(&self, time_s: f64) -> f64 {
         let even = (time_s - UPBEAT_S) * self.beats_per_s;
         even + self.dancer.shuffle / TAU * 2.0 * (TAU * even).sin()
     }
 
-    /// When a beat comes, seconds.
+    /// The time of a beat, seconds.
     fn time_s(&self, beat: f64) -> f64 {
         let mut even = beat;
-        // the shuffle is a contraction, so a few rounds are exact to far below a frame
+        // the shuffle is a contraction, so a few iterations are exact to far below a frame
         for _ in 0..8 {
             even = beat - self.dancer.shuffle / TAU * 2.0 * (TAU * even).sin();
         }
         even / self.beats_per_s + UPBEAT_S
     }
 
-    /// The beats from 0 to `seconds`, and the number of that on which the first figure begins.
+    /// The beats from 0 to `seconds`, and the index of the beat on which the first figure begins.
     pub fn beats(&self, seconds: f64) -> (Vec<f64>, usize) {
         let first = self.beat(0.0).ceil();
         let all = (0..).map(|i| self.time_s(first + f64::from(i)));
@@ -173,22 +173,22 @@ impl Score {
         c.mix(&home, 0.75 * between(beat, end, end + 1.6)).mix(&self.closing(), between(beat, end + 0.9, end + 3.0))
     }
 
-    /// The wish at a time, before smoothing.
+    /// The controls at a time, before smoothing.
     pub fn control(&self, time_s: f64) -> Control {
         let mut c = self.at_beat(self.beat(time_s));
         let late = self.at_beat(self.beat(time_s - self.dancer.lag_s));
         (c.wrists, c.head) = (late.wrists, late.head);
         c.spine.x += self.dancer.bow;
-        // breath, and the wandering that stillness would otherwise lack
+        // breathing, and the drift that standing still would lack
         c.spine.x -= 0.012 * (TAU * 0.27 * time_s).sin();
         self.drift.add(&mut c, time_s);
         c
     }
 
-    /// Where a foot belongs when the dance is at `c`.
-    fn print(&self, foot: usize, c: &Control, out: f64, ahead: f64) -> Footprint {
+    /// The footprint of a foot for the controls `c`.
+    fn print(&self, foot: usize, c: &Control, out: f64, forward: f64) -> Footprint {
         let side = if foot == 0 { 1.0 } else { -1.0 };
-        let place = Vec3::new(side * (self.dancer.stance_m + out), 0.0, 0.09 + ahead);
+        let place = Vec3::new(side * (self.dancer.stance_m + out), 0.0, 0.09 + forward);
         let toe = Vec3::new(c.travel.x, 0.0, c.travel.z) + Quat::from_rotation_y(c.turn) * place;
         Footprint { toe: Vec3::new(toe.x, 0.0, toe.z), heading: c.turn + side * 0.16 }
     }
@@ -206,7 +206,7 @@ impl Score {
                     start_s: self.time_s(beat - landing.beats),
                     land_s: self.time_s(beat),
                     height_m: landing.height_m * self.amplitude,
-                    to: self.print(foot, &c, landing.out * self.amplitude, landing.ahead * self.amplitude),
+                    to: self.print(foot, &c, landing.out * self.amplitude, landing.forward * self.amplitude),
                 });
             }
         }
@@ -220,13 +220,13 @@ impl Score {
         steps
     }
 
-    /// How fast the body follows, seconds.
+    /// Time constant of the body's low pass, seconds.
     pub fn softness_s(&self) -> f64 {
         self.genre.softness_s * self.dancer.softness
     }
 
-    /// Height of the hips before what the figures add, metres.
-    pub fn carriage_m(&self) -> f64 {
+    /// Height of the hips before the figures' changes, metres.
+    pub fn hip_height_m(&self) -> f64 {
         crate::smpl::STANDING_PELVIS_M - self.genre.crouch_m
     }
 }

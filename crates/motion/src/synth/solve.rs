@@ -1,4 +1,4 @@
-//! From wishes to joints: the spine by shares, arms and legs by two-bone inverse kinematics.
+//! From targets to joints: the spine by shares, arms and legs by two-bone inverse kinematics.
 
 use super::control::Control;
 use super::steps::Foot;
@@ -7,19 +7,19 @@ use crate::rotation::swing;
 use crate::{Quat, Skeleton, Vec3};
 use glam::DMat3;
 
-/// The body at one moment: what a frame of a clip holds.
+/// The pose of one frame.
 pub struct Pose {
     pub root: Vec3,
     pub local: Vec<Quat>,
 }
 
-/// What moves the body at one moment.
-pub struct Wishes {
+/// The targets of the body at one moment.
+pub struct Targets {
     pub control: Control,
     pub feet: [Foot; 2],
-    /// The pelvis: x and z between the feet, y its height, metres.
+    /// Pelvis position: x and z between the feet, y its height, metres.
     pub pelvis: Vec3,
-    /// Left and right wrist's velocity in the control's axes, arm lengths a second: hands trail behind it.
+    /// Velocity of the wrists in the control's axes, arm lengths per second: hands trail behind it.
     pub wrist_velocity: [Vec3; 2],
 }
 
@@ -32,46 +32,46 @@ const SHOULDER: [usize; 2] = [16, 17];
 const ELBOW: [usize; 2] = [18, 19];
 const WRIST: [usize; 2] = [20, 21];
 const SPINE: [(usize, f64); 3] = [(3, 0.3), (6, 0.35), (9, 0.35)];
-/// A limb is never quite straight: a straight one has no plane to bend in, and looks stiff.
+/// A limb is never quite straight, because a straight one has no bending plane and looks stiff.
 const STRAIGHTEST: f64 = 0.988;
 
-/// The pose that grants the wishes as far as limbs reach.
-pub fn solve(skeleton: &Skeleton, wishes: &Wishes) -> Pose {
-    let c = &wishes.control;
+/// The pose that meets the targets as far as the limbs reach.
+pub fn solve(skeleton: &Skeleton, targets: &Targets) -> Pose {
+    let c = &targets.control;
     let heading = Quat::from_rotation_y(c.turn);
     let mut body = Body::new(skeleton);
     body.turn_to(0, heading * from_vector(c.hips));
-    body.place[0] = wishes.pelvis;
-    body.place[0].y = reachable_height(skeleton, wishes, body.global[0]);
+    body.place[0] = targets.pelvis;
+    body.place[0].y = reachable_height(skeleton, targets, body.global[0]);
     for (joint, share) in SPINE {
         body.turn(joint, from_vector(c.spine * share));
     }
-    // the head takes back some of the body's lean, to look where it goes
+    // the head compensates some of the body's lean to look ahead
     let neck = from_vector((c.head - (c.hips + c.spine) * 0.45) * 0.5);
     body.turn(12, neck);
     body.turn(15, neck);
     for side in 0..2 {
-        body.arm(side, c.wrists[side], wishes.wrist_velocity[side]);
-        body.leg(side, &wishes.feet[side]);
+        body.arm(side, c.wrists[side], targets.wrist_velocity[side]);
+        body.leg(side, &targets.feet[side]);
     }
     Pose { root: body.place[0], local: body.local }
 }
 
-/// Height of the pelvis that lets both legs reach their feet without locking a knee.
-fn reachable_height(skeleton: &Skeleton, wishes: &Wishes, pelvis: Quat) -> f64 {
-    let mut height = wishes.pelvis.y;
-    for (side, foot) in wishes.feet.iter().enumerate() {
+/// The pelvis height at which both legs reach their feet without locking a knee.
+fn reachable_height(skeleton: &Skeleton, targets: &Targets, pelvis: Quat) -> f64 {
+    let mut height = targets.pelvis.y;
+    for (side, foot) in targets.feet.iter().enumerate() {
         let length = leg_length(skeleton, side) * STRAIGHTEST;
         let hip = pelvis * skeleton.offsets()[HIP[side]];
-        let away = ankle(skeleton, side, foot) - wishes.pelvis - hip;
+        let away = ankle(skeleton, side, foot) - targets.pelvis - hip;
         let across = away.x * away.x + away.z * away.z;
-        let highest = wishes.pelvis.y + away.y + (length * length - across).max(0.01).sqrt();
+        let highest = targets.pelvis.y + away.y + (length * length - across).max(0.01).sqrt();
         height = soft_min(height, highest, 0.012);
     }
     height
 }
 
-/// The smaller of two without the corner; never above it.
+/// A smooth minimum that is never above the exact one.
 fn soft_min(a: f64, b: f64, width: f64) -> f64 {
     a.min(b) - width * (-(a - b).abs() / width).exp().ln_1p()
 }
@@ -88,18 +88,18 @@ fn ankle(skeleton: &Skeleton, side: usize, foot: &Foot) -> Vec3 {
     foot.toe - foot_rotation(foot) * skeleton.offsets()[TOE[side]]
 }
 
-/// A two-bone limb of lengths `a`, `b` bent from 0 to `target`.
+/// A bent two-bone limb from 0 to its target.
 struct Bend {
-    /// Where the middle joint is.
+    /// Position of the middle joint.
     middle: Vec3,
     /// Direction of the first bone.
     along: Vec3,
-    /// Across it, in the limb's plane, on the side of the pole. Unlike the pole's own part across the bone, it stays
-    /// what it is when a strongly bent limb brings the bone near the pole.
+    /// Perpendicular to it, in the limb's plane, on the side of the pole. It stays continuous when a strongly bent limb
+    /// brings the bone near the pole.
     across: Vec3,
 }
 
-/// The bend whose middle joint lies towards `pole`. Source: the law of cosines.
+/// Bends a limb of lengths `a`, `b` with its middle joint towards `pole`, by the law of cosines.
 fn bend(target: Vec3, a: f64, b: f64, pole: Vec3) -> Bend {
     let d = target.length().clamp((a - b).abs() + 1e-6, (a + b) * 0.9999);
     let t = target.normalize_or(Vec3::NEG_Y);
@@ -110,7 +110,7 @@ fn bend(target: Vec3, a: f64, b: f64, pole: Vec3) -> Bend {
     Bend { middle: along * a, along, across: aside * cos - t * sin }
 }
 
-/// World rotations while they are found, parents first.
+/// World rotations under construction, parents first.
 struct Body<'a> {
     skeleton: &'a Skeleton,
     local: Vec<Quat>,
@@ -124,7 +124,7 @@ impl<'a> Body<'a> {
         Body { skeleton, local: vec![Quat::IDENTITY; n], global: vec![Quat::IDENTITY; n], place: vec![Vec3::ZERO; n] }
     }
 
-    /// Turns a joint against its parent, whose rotation stands already.
+    /// Sets a joint's local rotation; its parent must be set already.
     fn turn(&mut self, joint: usize, local: Quat) {
         let local = local.normalize();
         self.local[joint] = local;
@@ -137,7 +137,7 @@ impl<'a> Body<'a> {
         }
     }
 
-    /// Turns a joint to a rotation in the world.
+    /// Sets a joint's world rotation.
     fn turn_to(&mut self, joint: usize, global: Quat) {
         let parent = self.skeleton.parents()[joint].map_or(Quat::IDENTITY, |p| self.global[p]);
         self.turn(joint, parent.conjugate() * global);
@@ -164,7 +164,7 @@ impl<'a> Body<'a> {
         // elbows point back when the hand is low and outward when it is high
         let high = 0.5 + 0.5 * wrist.y;
         let pole = chest * aside(Vec3::new(0.35 + 0.55 * high, -0.5, -0.75 + 0.5 * high));
-        // columns: along the bone, the elbow's hinge, and the inside of the elbow
+        // columns: along the bone, the elbow's hinge axis, the inside of the elbow
         let Bend { middle: elbow, along, across } = bend(target, upper, fore, pole);
         let inside = -across;
         let x = along * outward;
@@ -183,12 +183,12 @@ impl<'a> Body<'a> {
         self.turn(HIP[side], Quat::IDENTITY);
         let (thigh, shin) = (self.length(KNEE[side]), self.length(ANKLE[side]));
         let target = ankle(self.skeleton, side, foot) - self.place[HIP[side]];
-        // knees point where the body and the foot do, half each, and a little outward
+        // knees point half-way between body and foot, slightly outward
         let facing = self.global[0] * Vec3::new(if side == 0 { 0.12 } else { -0.12 }, 0.0, 1.0);
         let pole = facing.normalize() + Vec3::new(foot.heading.sin(), 0.0, foot.heading.cos());
-        let Bend { middle: knee, along, across: ahead } = bend(target, thigh, shin, pole);
+        let Bend { middle: knee, along, across: forward } = bend(target, thigh, shin, pole);
         let y = -along;
-        self.turn_to(HIP[side], Quat::from_mat3(&DMat3::from_cols(y.cross(ahead), y, ahead)));
+        self.turn_to(HIP[side], Quat::from_mat3(&DMat3::from_cols(y.cross(forward), y, forward)));
         let shin = self.global[HIP[side]].conjugate() * (target - knee);
         let rest = self.skeleton.offsets()[ANKLE[side]];
         let flexion = (-shin.z).atan2(-shin.y) - (-rest.z).atan2(-rest.y);
@@ -202,9 +202,9 @@ mod tests {
     use super::*;
     use crate::{GlobalPose, smpl};
 
-    fn wishes() -> Wishes {
+    fn targets() -> Targets {
         let foot = |x: f64| Foot { toe: Vec3::new(x, 0.0, 0.1), heading: 0.0, pitch: 0.0 };
-        Wishes {
+        Targets {
             control: Control::REST,
             feet: [foot(0.1), foot(-0.12)],
             pelvis: Vec3::new(0.0, 0.92, 0.0),
@@ -212,14 +212,14 @@ mod tests {
         }
     }
 
-    fn places(w: &Wishes) -> Vec<Vec3> {
+    fn positions(w: &Targets) -> Vec<Vec3> {
         let pose = solve(&smpl::neutral(), w);
         GlobalPose::new(&smpl::neutral(), pose.root, &pose.local).positions
     }
 
     #[test]
     fn hands_and_feet_arrive() {
-        let mut w = wishes();
+        let mut w = targets();
         w.control.wrists = [Vec3::new(0.5, 0.4, 0.3), Vec3::new(-0.1, -0.2, 0.6)];
         w.control.spine = Vec3::new(0.2, 0.3, -0.1);
         w.feet[0] = Foot { toe: Vec3::new(0.2, 0.15, 0.3), heading: 0.4, pitch: 0.5 };
@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn knees_bend_forward_elbows_back() {
-        let p = places(&wishes());
+        let p = positions(&targets());
         for side in 0..2 {
             assert!(p[KNEE[side]].z > p[HIP[side]].z && p[KNEE[side]].z > p[ANKLE[side]].z);
             assert!(p[ELBOW[side]].z < p[WRIST[side]].z);
@@ -244,9 +244,9 @@ mod tests {
 
     #[test]
     fn hips_come_down_when_a_foot_is_far() {
-        let mut w = wishes();
+        let mut w = targets();
         w.feet[0].toe.x = 0.7;
-        let p = places(&w);
+        let p = positions(&w);
         assert!(p[0].y < 0.85);
         assert!((p[TOE[0]] - w.feet[0].toe).length() < 1e-9);
     }

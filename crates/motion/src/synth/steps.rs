@@ -1,15 +1,15 @@
-//! Where the feet are: footprints, the flights between them, and which foot carries the body.
+//! Feet: footprints, the steps between them, and the weight on each foot.
 
 use crate::Vec3;
 
-/// A foot on the floor: its toe joint (x, z in `toe`, y 0) and the way it points, radians to the left of +z.
+/// A footprint: the toe joint (x, z in `toe`, y 0) and the heading, radians to the left of +z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Footprint {
     pub toe: Vec3,
     pub heading: f64,
 }
 
-/// A flight of a foot to its next print.
+/// A step of a foot to its next footprint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step {
     pub foot: usize,
@@ -36,17 +36,17 @@ pub struct Steps {
     steps: Vec<Step>,
 }
 
-/// The shortest flight that looks like a step.
+/// Shortest flight that looks like a step, seconds.
 const SHORTEST_S: f64 = 0.22;
 
 impl Steps {
-    /// Both feet stand at `first`.
+    /// Both feet start at `first`.
     pub fn new(first: [Footprint; 2]) -> Self {
         Steps { first, steps: Vec::new() }
     }
 
-    /// Adds a step that lands after those before it. One foot is always down: a flight starts when the last has ended,
-    /// and one left too short for that is left out.
+    /// Adds a step that lands after those before it. One foot is always down: a step starts when the previous one has landed,
+    /// and is skipped if too little time is left.
     pub fn push(&mut self, mut step: Step) {
         if let Some(last) = self.steps.last() {
             step.start_s = step.start_s.max(last.land_s);
@@ -56,17 +56,17 @@ impl Steps {
         }
     }
 
-    /// The print a foot left before its step `upto` (counted over both feet).
+    /// The footprint of a foot before step `upto`, counted over both feet.
     fn print_before(&self, foot: usize, upto: usize) -> Footprint {
         self.steps[..upto].iter().rev().find(|s| s.foot == foot).map_or(self.first[foot], |s| s.to)
     }
 
-    /// Steps that have begun at a time.
+    /// The number of steps begun at a time.
     fn begun(&self, time_s: f64) -> usize {
         self.steps.partition_point(|s| s.start_s <= time_s)
     }
 
-    /// The foot at a time, as the steps alone have it.
+    /// The foot at a time, from the steps only.
     pub fn foot(&self, foot: usize, time_s: f64) -> Foot {
         let begun = self.begun(time_s);
         let Some(n) = self.steps[..begun].iter().rposition(|s| s.foot == foot) else {
@@ -75,16 +75,16 @@ impl Steps {
         };
         let (from, step) = (self.print_before(foot, n), self.steps[n]);
         let t = ((time_s - step.start_s) / (step.land_s - step.start_s)).clamp(0.0, 1.0);
-        // the way over the floor starts and ends without jerk; the height is highest a little late, so that feet fall
-        let way = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
+        // the horizontal path starts and ends smoothly; the height peaks a little late, so that feet fall
+        let progress = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
         let late = t.powf(1.15);
         let arch = 16.0 * (late * (1.0 - late)).powi(2);
-        let toe = from.toe.lerp(step.to.toe, way) + Vec3::Y * (step.height_m * arch);
-        let heading = from.heading + (step.to.heading - from.heading) * way;
+        let toe = from.toe.lerp(step.to.toe, progress) + Vec3::Y * (step.height_m * arch);
+        let heading = from.heading + (step.to.heading - from.heading) * progress;
         Foot { toe, heading, pitch: (2.0 + 4.0 * step.height_m).min(2.6) * 0.25 * arch }
     }
 
-    /// Share of the weight on the left foot before any smoothing: none while it flies, more than half once it has landed.
+    /// Fraction of the weight on the left foot, unsmoothed: nearly none in flight, more than half after landing.
     pub fn weight(&self, time_s: f64) -> f64 {
         let left = |foot: usize, share: f64| if foot == 0 { share } else { 1.0 - share };
         match self.steps[..self.begun(time_s)].last() {
@@ -94,7 +94,7 @@ impl Steps {
         }
     }
 
-    /// Every moment of standing, for tests: whether the foot is down at this time.
+    /// Whether the foot is down at a time.
     #[cfg(test)]
     pub fn stands(&self, foot: usize, time_s: f64) -> bool {
         !self.steps.iter().any(|s| s.foot == foot && s.start_s < time_s && time_s < s.land_s)
@@ -121,7 +121,7 @@ mod tests {
         assert_eq!(s.foot(0, 0.5).toe.x, 0.1);
         assert!((s.foot(0, 1.5).toe.x - 0.3).abs() < 1e-12 && s.foot(0, 1.5).toe.y > 0.08);
         assert_eq!(s.foot(0, 2.5).toe, Vec3::new(0.5, 0.0, 0.0));
-        // the second waits for the first
+        // the second step waits for the first
         assert_eq!(s.foot(1, 1.9).toe.x, -0.1);
         assert_eq!(s.foot(1, 3.0).toe.x, 0.3);
         assert!(s.weight(1.5) < 0.1 && s.weight(2.5) > 0.9 && s.weight(0.2) == 0.5);

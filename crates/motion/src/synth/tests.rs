@@ -73,7 +73,7 @@ fn a_dance_ends_in_a_stand() {
     }
 }
 
-/// Mean speed of a joint against the pelvis, m/s.
+/// Mean speed of a joint relative to the pelvis, m/s.
 fn speed(clip: &Clip, joint: usize) -> f64 {
     let p = clip.positions();
     let seen = |f: usize| p[24 * f + joint] - p[24 * f];
@@ -96,7 +96,7 @@ fn genres_and_dancers_differ() {
     assert!(hands("ash") > 1.1 * hands("birch"), "{} {}", hands("ash"), hands("birch"));
 }
 
-/// How far the body faced away from the front, at most, radians, whole turns counted.
+/// The largest heading away from the front, radians, including whole turns.
 fn turned(clip: &Clip) -> f64 {
     let mut facing = 0.0;
     let mut far = 0.0f64;
@@ -131,8 +131,8 @@ fn at_another_rate_it_is_the_same_dance() {
         let (p, q) = (a.clip.positions(), b.clip.positions());
         for f in 0..b.clip.frames() {
             for j in 0..24 {
-                let apart = (p[24 * 2 * f + j] - q[24 * f + j]).length();
-                assert!(apart < 0.02, "{} frame {f} {}: {apart} m", a.name(), smpl::NAMES[j]);
+                let distance = (p[24 * 2 * f + j] - q[24 * f + j]).length();
+                assert!(distance < 0.02, "{} frame {f} {}: {distance} m", a.name(), smpl::NAMES[j]);
             }
         }
     }

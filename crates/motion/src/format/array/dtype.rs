@@ -1,41 +1,41 @@
-//! Types of elements.
+//! Element types of arrays.
 
 use std::fmt;
 
-/// What an element is.
+/// The kind of an element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Element {
-    /// One byte, 0 or not.
+    /// One byte, 0 or not 0.
     Bool,
-    /// Signed.
+    /// Signed integer.
     Int,
-    /// Unsigned.
+    /// Unsigned integer.
     Uint,
-    /// IEEE 754.
+    /// IEEE 754 floating point.
     Float,
     /// UTF-32, padded with zeros (`U`).
     Text,
     /// Bytes, padded with zeros (`S`).
     Bytes,
-    /// Python objects, pickled; an [`Array`](super::Array) never holds them.
+    /// Pickled Python objects; an [`Array`](super::Array) never holds them.
     Object,
 }
 
 /// An element's type and size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Dtype {
-    /// What it is.
+    /// The kind.
     pub element: Element,
-    /// Bytes of a number; characters of text.
+    /// Bytes of a number, or characters of a text.
     pub size: usize,
-    /// Big-endian.
+    /// Whether the byte order is big-endian.
     pub big: bool,
 }
 
 impl Dtype {
-    /// A type as numpy writes it: `<f8`, `>f4`, `|S7`, `<U3`, `|b1`, `|O`; the sign of the byte order may be missing.
+    /// Parses numpy's notation: `<f8`, `>f4`, `|S7`, `<U3`, `|b1`, `|O`. The byte order may be missing.
     ///
-    /// `None` for types that no motion file needs (complex, dates, records, long doubles) and for what is no type.
+    /// `None` for types that no motion file needs (complex, dates, records, long doubles) and for anything else.
     pub fn parse(text: &str) -> Option<Self> {
         let (big, rest) = match text.as_bytes().first()? {
             b'>' => (true, &text[1..]),
@@ -61,12 +61,12 @@ impl Dtype {
         Some(Dtype { element, size, big })
     }
 
-    /// Bytes an element takes; 0 for objects, which stand elsewhere.
+    /// Bytes of an element; 0 for objects, which are stored elsewhere.
     pub fn bytes(&self) -> usize {
         if self.element == Element::Text { self.size * 4 } else { self.size }
     }
 
-    /// The number in an element's bytes.
+    /// Decodes a number.
     pub(super) fn real(&self, b: &[u8]) -> f64 {
         match (self.element, self.size) {
             (Element::Float, 2) => half(self.bits(b) as u16),
@@ -77,7 +77,7 @@ impl Dtype {
         }
     }
 
-    /// The whole number in an element's bytes.
+    /// Decodes an integer.
     pub(super) fn integer(&self, b: &[u8]) -> i64 {
         let bits = self.bits(b);
         match self.element {
@@ -90,7 +90,7 @@ impl Dtype {
         }
     }
 
-    /// The text in an element's bytes, without the zeros that pad it.
+    /// Decodes a text, without its zero padding.
     pub(super) fn text(&self, b: &[u8]) -> String {
         if self.element == Element::Text {
             let code = |c: &[u8]| self.bits(c) as u32;
@@ -104,7 +104,7 @@ impl Dtype {
         }
     }
 
-    /// Up to 8 bytes as a number.
+    /// Up to 8 bytes as an integer.
     fn bits(&self, b: &[u8]) -> u64 {
         let step = |n: u64, &byte: &u8| n << 8 | u64::from(byte);
         if self.big { b.iter().fold(0, step) } else { b.iter().rev().fold(0, step) }

@@ -1,8 +1,7 @@
-//! Arrays as numpy keeps them: [`Array`] is what an `.npy` file ([`npy`](super::npy)), an entry of an `.npz`
-//! ([`npz`](super::npz)) and a pickled array ([`pickle`](super::pickle)) all come to.
+//! Arrays as numpy stores them. `.npy` files ([`npy`](super::npy)), entries of an `.npz` ([`npz`](super::npz)) and pickled
+//! arrays ([`pickle`](super::pickle)) are all read to an [`Array`].
 //!
-//! Bytes stay bytes until they are asked for as numbers or text, so that nothing is decoded that nobody reads. Sizes
-//! are believed only when the bytes are there.
+//! Bytes are decoded to numbers or text on request only. Sizes are trusted only once the bytes are there.
 
 mod dtype;
 
@@ -14,7 +13,7 @@ use kinelm_store::SourcePos;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-/// An array of any number of axes, from a file.
+/// An array with any number of axes, from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Array<'a> {
     path: PathBuf,
@@ -25,7 +24,7 @@ pub struct Array<'a> {
     bytes: Cow<'a, [u8]>,
 }
 
-/// In which order the elements stand in memory.
+/// The memory order of the elements.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Order {
     /// The last axis runs fastest.
@@ -37,9 +36,7 @@ pub enum Order {
 }
 
 impl<'a> Array<'a> {
-    /// An array over `bytes`, which must be exactly as long as the shape and the type say.
-    ///
-    /// `path` and `key` are for messages.
+    /// An array over `bytes`, whose length must match shape and type. `path` and `key` are used in messages.
     ///
     /// # Errors
     /// [`FaultKind::Truncated`] when the length differs.
@@ -54,19 +51,19 @@ impl<'a> Array<'a> {
         let array = Array { path: path.to_owned(), key: key.to_owned(), dtype, shape, order, bytes };
         match byte_count(&array.shape, &array.dtype) {
             Some(n) if n == array.bytes.len() as u64 && array.order_fits() => Ok(array),
-            wanted => {
-                let wanted = wanted.map_or("fewer than 2^63".into(), |n| n.to_string());
+            expected => {
+                let expected = expected.map_or("fewer than 2^63".into(), |n| n.to_string());
                 let found = format!("{} bytes for {} {:?}", array.bytes.len(), array.dtype, array.shape);
-                Err(array.fault(FaultKind::Truncated, found, format!("{wanted} bytes")))
+                Err(array.fault(FaultKind::Truncated, found, format!("{expected} bytes")))
             }
         }
     }
 
-    /// An array of text.
+    /// An array of texts.
     ///
     /// # Errors
-    /// [`FaultKind::Truncated`] when there are not as many texts as the shape says, [`FaultKind::TooLarge`] above a million
-    /// characters (each text takes the room of the longest).
+    /// [`FaultKind::Truncated`] when the number of texts doesn't match the shape, [`FaultKind::TooLarge`] above a million
+    /// characters, counting each text as long as the longest.
     pub fn from_texts(path: &Path, key: &str, shape: Vec<usize>, texts: &[impl AsRef<str>]) -> Result<Array<'static>> {
         let size = texts.iter().map(|t| t.as_ref().chars().count()).max().unwrap_or(0).max(1);
         let dtype = Dtype { element: Element::Text, size, big: false };
@@ -80,61 +77,61 @@ impl<'a> Array<'a> {
         Err(FileError::new(SourcePos::file(path), FaultKind::TooLarge, found, "at most 2^20 characters").into())
     }
 
-    /// The same array, owning its bytes.
+    /// The same array with owned bytes.
     pub fn into_owned(self) -> Array<'static> {
         let Array { path, key, dtype, shape, order, bytes } = self;
         Array { path, key, dtype, shape, order, bytes: Cow::Owned(bytes.into_owned()) }
     }
 
-    /// Its name in the file.
+    /// The array's name in the file.
     pub fn key(&self) -> &str {
         &self.key
     }
 
-    /// Lengths of the axes; empty for a 0-d array, which holds one element.
+    /// Lengths of the axes; empty for a 0-d array of one element.
     pub fn shape(&self) -> &[usize] {
         &self.shape
     }
 
-    /// The elements' type.
+    /// The element type.
     pub fn dtype(&self) -> &Dtype {
         &self.dtype
     }
 
-    /// How many elements there are.
+    /// The number of elements.
     pub fn count(&self) -> usize {
-        // the bytes are there, so this fits
+        // the bytes exist, so the product fits
         self.shape.iter().product()
     }
 
     /// The elements as f64, last axis fastest: f2, f4, f8, all integers, bool.
     ///
     /// # Errors
-    /// [`FaultKind::Dtype`] for text and all else.
+    /// [`FaultKind::Dtype`] for other types.
     pub fn reals(&self) -> Result<Vec<f64>> {
         self.numeric(true, "numbers")?;
         if self.dtype == (Dtype { element: Element::Float, size: 8, big: false }) && self.order == Order::C {
-            // what nearly every file holds, at twice the speed of element by element
+            // nearly all files hold f8; this is twice as fast as element by element
             let double = |b: &[u8]| f64::from_le_bytes(b.try_into().expect("8 bytes"));
             return Ok(self.bytes.chunks_exact(8).map(double).collect());
         }
         Ok(self.elements().map(|b| self.dtype.real(b)).collect())
     }
 
-    /// The elements as i64, last axis fastest: integers and bool. An unsigned one above 2^63 - 1 wraps, as numpy's own
-    /// conversion does (a root's parent is written as the largest u32 or u64).
+    /// The elements as i64, last axis fastest: integers and bool. Unsigned values above 2^63 - 1 wrap as in numpy, where the
+    /// root's parent is the largest u32 or u64.
     ///
     /// # Errors
-    /// [`FaultKind::Dtype`] for all else.
+    /// [`FaultKind::Dtype`] for other types.
     pub fn integers(&self) -> Result<Vec<i64>> {
         self.numeric(false, "integers")?;
         Ok(self.elements().map(|b| self.dtype.integer(b)).collect())
     }
 
-    /// The elements as text, last axis fastest: `<U` and `|S`, the latter taken as UTF-8, else as Latin-1.
+    /// The elements as text, last axis fastest: `<U` and `|S`, the latter as UTF-8 or else Latin-1.
     ///
     /// # Errors
-    /// [`FaultKind::Dtype`] for all else.
+    /// [`FaultKind::Dtype`] for other types.
     pub fn texts(&self) -> Result<Vec<String>> {
         match self.dtype.element {
             Element::Text | Element::Bytes => Ok(self.elements().map(|b| self.dtype.text(b)).collect()),
@@ -142,7 +139,7 @@ impl<'a> Array<'a> {
         }
     }
 
-    /// The only element, as f64; the array may have any number of axes.
+    /// The only element as f64; the array may have any number of axes.
     ///
     /// # Errors
     /// [`FaultKind::Shape`] when there is not exactly one element, and those of [`Array::reals`].
@@ -151,7 +148,7 @@ impl<'a> Array<'a> {
         Ok(self.reals()?[0])
     }
 
-    /// The only element, as text.
+    /// The only element as text.
     ///
     /// # Errors
     /// [`FaultKind::Shape`] when there is not exactly one element, and those of [`Array::texts`].
@@ -160,12 +157,12 @@ impl<'a> Array<'a> {
         Ok(self.texts()?.swap_remove(0))
     }
 
-    /// A fault of this array, by its file and key.
+    /// A fault of this array, with its file and key.
     pub fn fault(&self, kind: FaultKind, found: impl AsRef<str>, expected: impl Into<String>) -> Error {
         FileError::new(SourcePos::file(&self.path), kind, format!("{}: {}", self.key, found.as_ref()), expected).into()
     }
 
-    /// [`FaultKind::Shape`], with what was expected.
+    /// [`FaultKind::Shape`] with the expected shape.
     pub fn shape_fault(&self, expected: &str) -> Error {
         self.fault(FaultKind::Shape, format!("shape {}", tuple(&self.shape)), format!("{expected} for {}", self.key))
     }
@@ -188,7 +185,7 @@ impl<'a> Array<'a> {
         axes.len() == seen.len() && axes.iter().all(|&a| a < seen.len() && !std::mem::replace(&mut seen[a], true))
     }
 
-    /// Steps in elements along each axis.
+    /// Strides of the axes, in elements.
     fn strides(&self) -> Vec<usize> {
         let mut strides = vec![1; self.shape.len()];
         let mut step = 1;
@@ -205,12 +202,12 @@ impl<'a> Array<'a> {
         strides
     }
 
-    /// The elements' bytes, last axis fastest.
+    /// The bytes of each element, last axis fastest.
     fn elements(&self) -> Box<dyn Iterator<Item = &[u8]> + '_> {
         let size = self.dtype.bytes();
         let count = self.count();
         if size == 0 {
-            // empty text only; `byte_count` allows one element of it
+            // only for empty text, of which `byte_count` allows one element
             return Box::new(std::iter::repeat_n(&[][..], count));
         }
         if self.order == Order::C || self.shape.len() < 2 {
@@ -235,18 +232,18 @@ impl<'a> Array<'a> {
     }
 }
 
-/// A text as numpy's UTF-32, little-endian, filled up with zeros.
+/// A text as numpy's UTF-32, little-endian, padded with zeros.
 pub(in crate::format) fn padded(text: &str, size: usize) -> impl Iterator<Item = u8> + '_ {
     let codes = text.chars().map(u32::from).chain(std::iter::repeat(0)).take(size);
     codes.flat_map(u32::to_le_bytes)
 }
 
-/// Bytes of an array; `None` when its sizes can't be meant: overflow, or many elements of no bytes.
+/// The size of an array in bytes; `None` for impossible sizes: overflow, or many elements of no bytes.
 pub fn byte_count(shape: &[usize], dtype: &Dtype) -> Option<u64> {
     if shape.len() > 32 {
         return None;
     }
-    // lengths of 0 are left out of the product, so that no later product of lengths overflows
+    // lengths of 0 are skipped, so that no later product of lengths overflows
     let count = shape.iter().filter(|&&n| n > 0).try_fold(1u64, |p, &n| p.checked_mul(n as u64))?;
     let bytes = count.checked_mul(dtype.bytes() as u64).filter(|&n| n < 1 << 62)?;
     if dtype.bytes() == 0 && count > 1 {
@@ -255,7 +252,7 @@ pub fn byte_count(shape: &[usize], dtype: &Dtype) -> Option<u64> {
     Some(if shape.contains(&0) { 0 } else { bytes })
 }
 
-/// A shape as Python prints it.
+/// A shape in Python's notation.
 pub fn tuple(shape: &[usize]) -> String {
     match shape {
         [n] => format!("({n},)"),

@@ -1,4 +1,4 @@
-//! A clip's places and rotations as the channels of a rig.
+//! A clip as channel values of a BVH rig.
 
 use crate::format::BvhPosition;
 use crate::format::source::bvh::{BvhSource, Channel, Node, NodeKind};
@@ -6,19 +6,19 @@ use crate::rotation::euler::unwrap_near;
 use crate::rotation::{Axis, EulerOrder, angle_between};
 use crate::{Clip, Quat, Result, Vec3};
 
-/// Offsets that differ by more than this are another body, metres.
+/// Offsets that differ by more than this belong to another body, metres.
 const SAME_M: f64 = 1e-9;
 
-/// What a clip's body needs of a rig that the rig doesn't have.
+/// What a rig lacks for a clip.
 struct Lack {
-    /// Nodes whose OFFSET is another.
+    /// Nodes with another OFFSET.
     offsets: Vec<(usize, Vec3)>,
-    /// Channels to be added.
+    /// Channels to add.
     channels: Vec<(usize, Channel)>,
 }
 
 impl BvhSource {
-    /// This rig, with the offsets and channels that it lacks for a clip in the file's axes.
+    /// This rig with the offsets and channels added that it lacks for a clip in the file's axes.
     ///
     /// # Errors
     /// None for a finite clip.
@@ -49,7 +49,7 @@ impl BvhSource {
 
     fn lack(&self, clip: &Clip) -> Result<Lack> {
         let (nodes, rig, skeleton) = (&self.head.nodes, &self.rig, clip.skeleton());
-        let own = rig.axes.skeleton_laid_back(&rig.skeleton)?;
+        let own = rig.axes.skeleton_from_y_up(&rig.skeleton)?;
         let mut lack = Lack { offsets: Vec::new(), channels: Vec::new() };
         for (j, &node) in rig.joints.iter().enumerate().skip(1) {
             let want = skeleton.offsets()[j];
@@ -81,7 +81,7 @@ impl BvhSource {
         Ok(lack)
     }
 
-    /// Where the clip's root stands when all channels above and at it are 0, in the file's unit.
+    /// Position of the clip's root when all channels above and at it are 0, in the file's unit.
     fn still_root(&self) -> Vec3 {
         self.rig.chain.iter().map(|&n| self.still(n)).sum()
     }
@@ -97,12 +97,12 @@ impl BvhSource {
         Vec3::from_array(p)
     }
 
-    /// The channels (F, C) of a clip in the file's axes. Nodes of other roots take the rows of `old` that are nearest in time.
+    /// The channels (F, C) of a clip in the file's axes. Nodes of other roots get the rows of `old` nearest in time.
     pub(super) fn rows(&self, clip: &Clip, old: &BvhSource) -> Vec<f64> {
         self.rows_with(clip, old, |_, _| {})
     }
 
-    /// [`BvhSource::rows`], each changed by `change` before the next is made.
+    /// Like [`BvhSource::rows`]; `change` may modify each row before the next one is made.
     pub(super) fn rows_with(
         &self,
         clip: &Clip,
@@ -148,7 +148,7 @@ impl BvhSource {
         }
     }
 
-    /// Puts the root where it is: each component into the innermost node that has its channel.
+    /// Sets the root position: each component in the innermost node with that channel.
     fn place_root(&self, from_still: Vec3, row: &mut [f64]) {
         for axis in [Axis::X, Axis::Y, Axis::Z] {
             let holds = |n: &&usize| self.head.nodes[**n].channels.contains(&Channel::Position(axis));
@@ -192,7 +192,7 @@ impl BvhSource {
     }
 }
 
-/// The row of `old` that is nearest in time to a frame of a clip.
+/// The row of `old` nearest in time to a frame of a clip.
 fn nearest_row(frame: usize, clip: &Clip, old: &BvhSource) -> Option<usize> {
     let last = old.frames.checked_sub(1)?;
     if clip.frames() == old.frames {
@@ -201,7 +201,7 @@ fn nearest_row(frame: usize, clip: &Clip, old: &BvhSource) -> Option<usize> {
     Some(((frame as f64 / clip.fps() * old.fps()).round() as usize).min(last))
 }
 
-/// The axes of a node's rotation channels, in their order.
+/// The axes of a node's rotation channels, in order.
 fn turns(node: &Node) -> Vec<Axis> {
     let axis = |c: &Channel| match c {
         Channel::Rotation(axis) => Some(*axis),
@@ -210,14 +210,14 @@ fn turns(node: &Node) -> Vec<Axis> {
     node.channels.iter().filter_map(axis).collect()
 }
 
-/// The order of some axes, filled up with those that are missing.
+/// An order that starts with these axes and ends with the missing ones.
 fn order(axes: &[Axis]) -> EulerOrder {
     let mut all = axes.to_vec();
     all.extend([Axis::X, Axis::Y, Axis::Z].into_iter().filter(|a| !axes.contains(a)));
     EulerOrder([all[0], all[1], all[2]])
 }
 
-/// Whether turns about these axes alone make a rotation, within 1e-4 degrees.
+/// Whether rotations about these axes alone can express a rotation, within 1e-4 degrees.
 fn expressible(axes: &[Axis], q: Quat) -> bool {
     let order = order(axes);
     let mut angles = order.from_quat(q, 0.0);
@@ -243,7 +243,7 @@ mod tests {
         bvh::read(Path::new("x.bvh"), bytes, options).unwrap()
     }
 
-    /// A root and a hinge under it, with these channels.
+    /// A root with a hinge joint, with these channels.
     fn rig(root: &str, hinge: &str, row: &str) -> Motion {
         let count = |c: &str| c.split_whitespace().count();
         let text = format!(
@@ -261,7 +261,7 @@ mod tests {
         source
     }
 
-    /// Writes a clip onto a rig and reads it again.
+    /// Writes a clip on a rig and reads it again.
     fn through(rig: &Motion, clip: &Clip, options: &ReadOptions) -> (String, Clip) {
         let bytes = source(rig).to_bytes(clip).unwrap();
         let back = read(&bytes, options);
@@ -346,7 +346,7 @@ mod tests {
         let column = |c: usize| rows.iter().map(|r| r[c]).collect::<Vec<f64>>();
         assert_eq!(column(3), [0.0, 50.0, 100.0, 150.0, 200.0, 250.0]);
         assert_eq!(column(8), [30.0, 30.0, 30.0, 40.0, 170.0, 190.0]);
-        // at the pole only the sum of the outer angles is left: 12 + 31, 14 + 35
+        // in gimbal lock only the sum of the outer angles is determined: 12 + 31, 14 + 35
         assert_eq!(column(6)[..4], [10.0, 13.0, 19.0, 16.0]);
     }
 

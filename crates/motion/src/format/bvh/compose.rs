@@ -1,16 +1,16 @@
-//! Rows of several files of one hierarchy as one file: joints here from one, there from another, in the files' own words.
+//! Composition of one file from rows of several files with the same hierarchy, keeping the text of their numbers.
 
 use super::print::print_head;
 use super::splice::words;
 use crate::format::source::bvh::{BvhSource, Node};
 use std::ops::Range;
 
-/// A file that rows are taken from: what was read of it, no frame left out, and its bytes.
+/// A file to take rows from: its source, with no frame dropped on reading, and its bytes.
 pub type Piece<'a> = (&'a BvhSource, &'a [u8]);
 
 impl BvhSource {
-    /// Whether the file of `other` has this one's hierarchy, so that its numbers mean the same here: names, offsets, channels,
-    /// unit and axes. Where in the text they stand, and how its lines end, is no matter.
+    /// Whether the file of `other` has the same hierarchy, so that its numbers mean the same: names, offsets, channels, unit
+    /// and axes. Layout and line ends may differ.
     pub fn is_alike(&self, other: &BvhSource) -> bool {
         let (own, others) = (&self.head, &other.head);
         own.width == others.width
@@ -23,12 +23,12 @@ impl BvhSource {
             && self.rig.axes == other.rig.axes
     }
 
-    /// The bytes of a file with this one's head and `frames` rows. `from(frame, joint)` says which of the pieces, and which of
-    /// its rows, the channels of a joint of the clip come from; the root's place comes with joint 0. Without one they are 0,
-    /// as are channels of nodes that no joint stands for.
+    /// The bytes of a file with this header and `frames` rows. `from(frame, joint)` gives the piece and its row from which the
+    /// channels of a joint of the clip are copied; the root position comes with joint 0. `None` gives zeros, as do nodes
+    /// that are no joint of the clip.
     ///
     /// # Panics
-    /// If a piece has another number of channels, or fewer rows than are asked for.
+    /// If a piece has another number of channels, or too few rows.
     pub fn composed(
         &self,
         pieces: &[Piece],
@@ -57,7 +57,7 @@ impl BvhSource {
         out
     }
 
-    /// (C) the joint of the clip that a channel belongs to.
+    /// The joint of the clip that each channel belongs to (C).
     fn joint_of_columns(&self) -> Vec<Option<usize>> {
         let mut joint_of = vec![None; self.head.width];
         let own = self.rig.joints.iter().enumerate().map(|(joint, &node)| (node, joint));

@@ -1,4 +1,4 @@
-//! A rig for clips that come from no BVH.
+//! The default rig, for clips that come from no BVH.
 
 use super::grammar::{MAX_DEPTH, MAX_JOINTS};
 use super::print::hierarchy;
@@ -9,15 +9,15 @@ use crate::rotation::Axis;
 use crate::{Error, Result, Skeleton, Vec3};
 use std::sync::Arc;
 
-/// The unit of a plain rig: centimetres, as most BVH files are.
+/// The unit of the default rig: centimetres, the most common one.
 const METRES: f64 = 0.01;
 
 impl BvhSource {
-    /// A rig without frames for clips that come from no BVH: centimetres, the root with `Xposition Yposition Zposition
-    /// Zrotation Xrotation Yrotation`, the others with `Zrotation Xrotation Yrotation`, an end site under every leaf.
+    /// A rig without frames for a skeleton: centimetres, the root with `Xposition Yposition Zposition Zrotation Xrotation
+    /// Yrotation`, the others with `Zrotation Xrotation Yrotation`, an end site under every leaf.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when a chain of joints or their number is more than a BVH reader takes.
+    /// [`Limit`](kinelm_store::Error::Limit) when a BVH reader would refuse the number of joints or their nesting.
     pub fn for_skeleton(skeleton: &Arc<Skeleton>) -> Result<Self> {
         let (nodes, joints) = nodes(skeleton)?;
         let style = Style { line_end: "\n".into(), indent: "  ".into() };
@@ -47,7 +47,7 @@ impl BvhSource {
     }
 }
 
-/// The nodes of a skeleton, each joint followed by all that hangs on it, and the node of each joint.
+/// The nodes of a skeleton in depth-first order, and the node of each joint.
 fn nodes(skeleton: &Skeleton) -> Result<(Vec<Node>, Vec<usize>)> {
     if skeleton.joints() > MAX_JOINTS {
         let needs = format!("{} joints", skeleton.joints());
@@ -81,7 +81,7 @@ fn joint(skeleton: &Skeleton, j: usize, parent: Option<usize>, column: usize) ->
     if j == 0 {
         channels.splice(0..0, [Axis::X, Axis::Y, Axis::Z].map(Channel::Position));
     }
-    // the root's channels say where it is; with an OFFSET of 0 that holds in both conventions
+    // the root's channels give its position; with an OFFSET of 0 that is right in both conventions
     let offset = if j == 0 { Vec3::ZERO } else { skeleton.offsets()[j] / METRES };
     let kind = if j == 0 { NodeKind::Root } else { NodeKind::Joint };
     let name = printable(&skeleton.names()[j], j);
@@ -101,7 +101,7 @@ fn end_site(parent: usize, tip: Vec3, column: usize) -> Node {
     }
 }
 
-/// The end sites of a joint; of a leaf that has none a short tip that continues the bone.
+/// The end sites of a joint; for a leaf without any, a short tip that extends the bone.
 fn tips(skeleton: &Skeleton, joint: usize, leaf: bool) -> Vec<Vec3> {
     let own: Vec<Vec3> = skeleton.ends().iter().filter(|e| e.parent == joint).map(|e| e.offset).collect();
     if !own.is_empty() || !leaf {
@@ -111,7 +111,7 @@ fn tips(skeleton: &Skeleton, joint: usize, leaf: bool) -> Vec<Vec3> {
     vec![if bone.length() > 1e-6 { bone * MADE_UP_TIP } else { Vec3::new(0.0, 0.02, 0.0) }]
 }
 
-/// A name that a reader takes: no opening brace, no line ends, no blanks around it.
+/// A name that a reader accepts: no opening brace, no line ends, no blanks around it.
 fn printable(name: &str, joint: usize) -> String {
     let plain: String = name.chars().map(|c| if matches!(c, '{' | '\r' | '\n') { '_' } else { c }).collect();
     let plain = plain.trim_matches([' ', '\t']);
@@ -141,7 +141,7 @@ mod tests {
         let rotations = (0..f).flat_map(|i| (0..24).map(move |j| turn(i, j))).collect();
         let clip = Clip::new(smpl::neutral(), 20.0, root, rotations).unwrap();
         let bytes = bvh::to_bytes(&plain(clip.clone())).unwrap();
-        // it tumbles, so that nothing tells which way is up
+        // the body tumbles, so the up axis can't be inferred
         let options = ReadOptions { up: Up::Y, ..Default::default() };
         let back = bvh::read(Path::new("x.bvh"), &bytes, &options).unwrap();
         assert!(back.warnings.is_empty(), "{:?}", back.warnings);
@@ -155,7 +155,7 @@ mod tests {
             }
         }
         assert_eq!(bvh::to_bytes(&back).unwrap(), bytes);
-        // every leaf of the neutral skeleton has a tip that goes on along its bone
+        // every leaf of the neutral skeleton gets a tip that extends its bone
         assert_eq!(back.clip.skeleton().ends().len(), 5);
     }
 

@@ -1,14 +1,14 @@
-//! The text of a frame time, and the rate that is meant by it: docs/motion-files.md.
+//! Frame times and the rates that they mean: docs/motion-files.md.
 
 use super::text::number;
 use crate::error::compact;
 use crate::resample::MOST_FPS;
 use crate::{Error, Result};
 
-/// Rates that files are made at, rising; where the digits allow several, the nearest of these is meant.
+/// The usual frame rates, ascending. If the digits of a frame time allow several rates, the nearest of these is used.
 pub const USUAL_FPS: [u128; 9] = [24, 25, 30, 50, 60, 90, 100, 120, 240];
 
-/// Whether a word is a frame time; else what was expected and what to do.
+/// Parses a frame time; an error contains what was expected and what to do.
 pub(crate) fn check(word: &[u8]) -> std::result::Result<f64, (&'static str, String)> {
     const EXPECTED: &str = "seconds from 0.0001 to 1";
     match number(word) {
@@ -19,10 +19,10 @@ pub(crate) fn check(word: &[u8]) -> std::result::Result<f64, (&'static str, Stri
     }
 }
 
-/// Frames per second of a frame time's text; `None` where it is no frame time.
+/// Frames per second of a frame time's text; `None` if it is no frame time.
 ///
-/// A whole rate `n` fits if `1/n`, rounded or cut to the decimals that the text prints, is the text; of the fitting ones
-/// the nearest of the usual rates is taken, else the nearest of all; where none fits the rate is one by the number.
+/// A whole rate `n` fits if `1/n`, rounded or truncated to the decimals of the text, is the text. Of the fitting rates the
+/// nearest usual one is used, else the nearest one; if none fits, the rate is the reciprocal.
 pub fn rate(text: &str) -> Option<f64> {
     let seconds = check(text.as_bytes()).ok()?;
     let exact = 1.0 / seconds;
@@ -40,7 +40,7 @@ pub fn rate(text: &str) -> Option<f64> {
     Some(n.map_or(exact, |n| n as f64))
 }
 
-/// The text as `digits / unit`, `unit` a power of ten; digits beyond the thirtieth decimal are cut.
+/// The text as `digits / unit`, with `unit` a power of ten; digits after the thirtieth decimal are dropped.
 fn decimal(text: &str) -> Option<(u128, u128)> {
     let text = text.trim_start_matches('+').to_ascii_lowercase();
     let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
@@ -51,17 +51,17 @@ fn decimal(text: &str) -> Option<(u128, u128)> {
     let kept = (all.len() as i64 - cut).max(0) as usize;
     let kept = if kept == 0 { "0" } else { all.get(..kept)? };
     let unit = 10u128.checked_pow(u32::try_from((places - cut).max(0)).ok()?)?;
-    // a text without decimals, such as 1 or 10e-1, is its own unit
+    // a text without decimals, such as 1 or 10e-1, has unit 1
     Some((kept.parse::<u128>().ok()?, unit)).filter(|_| places >= 0)
 }
 
-/// A frame time whose text reads back as this rate, here and where no digits are guessed (Blender divides 1 by it in single
-/// precision): the shortest of six decimals or more.
+/// The shortest frame time, with at least six decimals, that reads back as this rate, both here and in programs that only
+/// take the reciprocal (Blender does so in single precision).
 ///
-/// A few rates that are no whole number are not 1 over any number of 64 bits; these come back to within one part in 10^15.
+/// Some rates that aren't whole are not the reciprocal of any double; they come back to within one part in 10^15.
 ///
 /// # Errors
-/// [`Invalid`](kinelm_store::Error::Invalid) for a rate below 1, which no BVH can state, and one whose frame time would round to 0.
+/// [`Invalid`](kinelm_store::Error::Invalid) for a rate below 1, which no BVH can have, and one whose frame time would be 0.
 pub fn text(fps: f64) -> Result<String> {
     if !(fps >= 1.0 && fps.is_finite()) {
         return Err(bad_rate(fps, "at least 1"));
@@ -80,7 +80,7 @@ fn bad_rate(fps: f64, expected: &str) -> Error {
     Error::invalid("the rate of a BVH", format!("{} frames per second", compact(fps)), expected)
 }
 
-/// Whether one over the number is the rate, to a tenth of what single precision tells apart.
+/// Whether the reciprocal is the rate to a tenth of single precision.
 pub(crate) fn is_exact(text: &str, fps: f64) -> bool {
     text.parse::<f64>().is_ok_and(|seconds| (1.0 / seconds / fps - 1.0).abs() < 5e-9)
 }

@@ -1,4 +1,4 @@
-//! The grammar of a hierarchy and of the two lines after it: docs/motion-files.md.
+//! The grammar of a hierarchy: docs/motion-files.md.
 
 use super::text::{BadNumber, Text, number, word_at};
 use crate::format::source::bvh::{Channel, Header, Node, NodeKind};
@@ -26,7 +26,7 @@ pub(crate) fn parse(text: &Text, lenient: bool) -> Result<Header, FileError> {
     p.motion(lenient)
 }
 
-/// A node whose `}` has not come yet.
+/// A node whose `}` has not been parsed yet.
 struct Open {
     node: usize,
     brace: usize,
@@ -35,7 +35,7 @@ struct Open {
     child: bool,
 }
 
-/// Odd things, gathered so that a thousand of one kind make one warning.
+/// Oddities, collected so that a thousand of one kind make one warning.
 #[derive(Default)]
 pub(super) struct Oddities {
     pub comments: Vec<usize>,
@@ -68,7 +68,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Goes to the next mark, over line ends and, if they may stand here, comment lines.
+    /// Skips blanks, line ends and, if allowed here, comment lines.
     pub fn skip(&mut self, comments: bool) {
         loop {
             match self.byte() {
@@ -90,7 +90,7 @@ impl<'a> Parser<'a> {
         matches!(first, None | Some(b'\r' | b'\n')) && (rest[0] == b'#' || rest.starts_with(b"//"))
     }
 
-    /// The next word or brace and where it stands; empty at the end of the file.
+    /// The next word or brace with its position; empty at the end of the file.
     fn word(&mut self, comments: bool) -> (usize, &'a [u8]) {
         self.skip(comments);
         let at = self.at;
@@ -145,7 +145,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// From after the keyword of a node to after its `{`.
+    /// Parses a node from after its keyword to its `{`.
     fn enter(&mut self, kind: NodeKind, keyword: usize) -> Step {
         self.blanks();
         let from = self.at;
@@ -195,7 +195,7 @@ impl<'a> Parser<'a> {
             self.seen.insert(name.to_owned(), 1);
             return name.to_owned();
         }
-        // the last number given is kept, so that thousands of equal names don't take a search each
+        // the last number is stored, so that thousands of equal names need no search
         loop {
             let last = self.seen.entry(name.to_owned()).or_insert(1);
             *last += 1;
@@ -208,7 +208,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// One part of the body of the innermost open node.
+    /// Parses one part of the innermost open node.
     fn body(&mut self) -> Step {
         let (at, word) = self.word(true);
         let Some(top) = self.open.last() else { return Ok(()) };
@@ -243,7 +243,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Over the second word of `End Site`.
+    /// Skips the second word of `End Site`.
     fn site(&mut self) {
         self.blanks();
         let word = word_at(self.text.bytes, self.at);

@@ -1,4 +1,4 @@
-//! The two lines after a hierarchy, `Frames:` and `Frame Time:`, and the header that they complete.
+//! The two lines after a hierarchy, `Frames:` and `Frame Time:`, which complete the header.
 
 use super::frame_time;
 use super::grammar::{Parser, Step};
@@ -17,7 +17,7 @@ impl Header {
 }
 
 impl<'a> Parser<'a> {
-    /// `Frames:` and `Frame Time:`, and the head they complete.
+    /// Parses `Frames:` and `Frame Time:`.
     pub fn motion(mut self, lenient: bool) -> Step<Header> {
         let (count_at, count) =
             self.declaration(&["Frames"], FaultKind::FramesMissing, "Frames: and the number of frames")?;
@@ -66,7 +66,7 @@ impl<'a> Parser<'a> {
         })
     }
 
-    /// The value after some words and perhaps a colon, and where it stands.
+    /// Parses words, an optional colon and a value; returns the value with its position.
     fn declaration(&mut self, words: &[&str], missing: FaultKind, expected: &str) -> Step<(usize, &'a [u8])> {
         self.skip(false);
         let start = self.at;
@@ -106,7 +106,7 @@ impl<'a> Parser<'a> {
 
     fn warnings(&self, declared: u64) -> Vec<Warning> {
         let mut all = Vec::new();
-        // only the first few are printed: finding a line walks the file
+        // only the first few get a line number, because finding it scans the file
         let place =
             |(i, &at): (usize, &usize)| if i < 5 { self.text.place(at).line.to_string() } else { String::new() };
         let comments: Vec<_> = self.oddities.comments.iter().enumerate().map(place).collect();
@@ -133,7 +133,7 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// The line end at a byte; empty where there is none.
+/// The line end at a byte offset; empty if there is none.
 fn line_end_at(bytes: &[u8], at: usize) -> &'static str {
     match bytes.get(at..) {
         Some([b'\r', b'\n', ..]) => "\r\n",
@@ -143,7 +143,7 @@ fn line_end_at(bytes: &[u8], at: usize) -> &'static str {
     }
 }
 
-/// The line end of the first row (empty where there is none), and the first indent of the header.
+/// The line end of the first row (empty if there is none), and the first indentation of the header.
 fn style(header: &[u8], rows: &[u8]) -> Style {
     let row = rows.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(rows.len());
     let end = rows[row..].iter().position(|b| matches!(b, b'\r' | b'\n')).map_or(rows.len(), |i| row + i);

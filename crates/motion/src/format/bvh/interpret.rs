@@ -1,4 +1,4 @@
-//! Channels to a clip: docs/motion-files.md, "What the numbers mean".
+//! Interpretation of channels as a clip: docs/motion-files.md, "What the numbers mean".
 
 use super::text::Text;
 use super::unit;
@@ -9,12 +9,12 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Position channels that stay within this of their mean are a bone's offset, metres.
+/// Position channels within this of their mean are a constant offset, metres.
 const STILL_M: f64 = 0.0005;
-/// Stretch that is dropped silently up to this, metres.
+/// Stretch up to this is dropped without a warning, metres.
 const STRETCH_M: f64 = 0.005;
 
-/// The rows of a file as frames of its nodes.
+/// The rows of a file with its nodes.
 pub(crate) struct Frames<'a> {
     pub nodes: &'a [Node],
     pub width: usize,
@@ -28,7 +28,7 @@ impl Frames<'_> {
         &self.numbers[frame * self.width..(frame + 1) * self.width]
     }
 
-    /// Place of a node in its parent at a row, in the file's unit.
+    /// Position of a node in its parent's frame, in the file's unit.
     pub fn place(&self, node: usize, row: &[f64]) -> Vec3 {
         let n = &self.nodes[node];
         let mut p = n.offset;
@@ -43,7 +43,7 @@ impl Frames<'_> {
         Vec3::from_array(p)
     }
 
-    /// Rotation of a node in its parent at a row: the turns in the order of the channels, intrinsic.
+    /// Rotation of a node in its parent's frame: intrinsic, in channel order.
     pub fn turn(&self, node: usize, row: &[f64]) -> Quat {
         let n = &self.nodes[node];
         let mut turns = n.channels.iter().zip(&row[n.column..]).filter_map(|(c, v)| match c {
@@ -58,19 +58,19 @@ impl Frames<'_> {
         self.nodes[node].channels.iter().any(|c| matches!(c, Channel::Position(_)))
     }
 
-    /// Mean place over the frames, and the largest distance from it; of one that never moves exactly its place.
+    /// Mean position over the frames and the largest distance from it; exactly its position for a node that never moves.
     pub fn mean_place(&self, node: usize) -> (Vec3, f64) {
         if !self.moves(node) || self.frames == 0 {
             return (Vec3::from_array(self.nodes[node].offset), 0.0);
         }
-        let places = || (0..self.frames).map(|f| self.place(node, self.row(f)));
+        let positions = || (0..self.frames).map(|f| self.place(node, self.row(f)));
         let first = self.place(node, self.row(0));
-        let mean = first + places().map(|p| p - first).sum::<Vec3>() / self.frames as f64;
-        (mean, places().map(|p| p.distance(mean)).fold(0.0, f64::max))
+        let mean = first + positions().map(|p| p - first).sum::<Vec3>() / self.frames as f64;
+        (mean, positions().map(|p| p.distance(mean)).fold(0.0, f64::max))
     }
 }
 
-/// The nodes of the root that is asked for: itself and all under it.
+/// The requested root and all nodes below it.
 pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> Result<Range<usize>> {
     let is_root = |i: &usize| head.nodes[*i].kind == NodeKind::Root;
     let roots: Vec<usize> = (0..head.nodes.len()).filter(is_root).collect();
@@ -92,7 +92,7 @@ pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> 
     Ok(roots.get(at).copied().unwrap_or(0)..end)
 }
 
-/// What the nodes mean, judged by the rows: but for the axes, which the clip tells, and here are the file's own.
+/// Decides what the nodes mean, from the rows. The axes are the file's own; they are decided on the clip.
 pub(crate) fn decide(
     path: &Path,
     head: &Header,
@@ -110,7 +110,7 @@ pub(crate) fn decide(
     let chain = chain(nodes, range.clone(), |n| mean(n).1 * unit_m > STILL_M);
     let root = *chain.last().unwrap_or(&range.start);
     let joints: Vec<usize> = (root..range.end).filter(|&n| nodes[n].kind != NodeKind::End).collect();
-    // no kinematics reads the root's offset: the file's own, which doesn't depend on the frames
+    // kinematics ignores the root's offset: the file's own doesn't depend on the frames
     let offset = |n: usize| if n == root { Vec3::from_array(nodes[n].offset) } else { mean(n).0 };
     let skeleton = skeleton(nodes, &joints, root..range.end, |n| offset(n) * unit_m);
     let skeleton = skeleton.map_err(|e| e.in_clip(path))?;
@@ -123,7 +123,7 @@ pub(crate) fn decide(
     Ok((rig, warnings))
 }
 
-/// From the ROOT down while a node's only child is a joint that moves: that joint is the root of the motion.
+/// Descends from the ROOT while a node's only child is a joint that moves: that child is the root of the motion.
 fn chain(nodes: &[Node], range: Range<usize>, moves: impl Fn(usize) -> bool) -> Vec<usize> {
     let mut chain = vec![range.start];
     let mut at = range.start;
@@ -160,7 +160,7 @@ fn stretch_warning(skeleton: &Skeleton, stretch: &[(usize, f64)]) -> Vec<Warning
     vec![Warning { kind: "stretch_dropped", what }]
 }
 
-/// The clip of a rig's rows, in the file's axes.
+/// The clip of the rows, in the file's axes.
 pub(crate) fn clip(rig: &BvhRig, skeleton: Arc<Skeleton>, frames: &Frames, fps: f64) -> Result<Clip> {
     let mut root = Vec::with_capacity(frames.frames);
     let mut rotations = Vec::with_capacity(frames.frames * rig.joints.len());
@@ -199,7 +199,7 @@ mod tests {
         source
     }
 
-    /// A root with six channels in an order of rotations, and a child at 0 10 0 with its own channels.
+    /// A root with six channels, rotations in this order, and a child at 0 10 0 with these channels.
     fn two(order: &str, child: &str, rows: &[&str]) -> String {
         let count = child.split_whitespace().count();
         format!(
@@ -236,7 +236,7 @@ mod tests {
         let one = text("Yposition", "0 0 0 0 0 0 2");
         assert_eq!(child_at(&one, &metres()), Vec3::new(0.0, 2.0, 0.0));
         assert_eq!(child_at(&one, &add), Vec3::new(0.0, 12.0, 0.0));
-        // position comes before rotation, whatever the order of the channels
+        // positions apply before rotations, in any channel order
         let mixed = text("Xrotation Xposition Yposition Zposition", "0 0 0 0 0 0 90 1 2 3");
         assert_eq!(child_at(&mixed, &metres()), Vec3::new(1.0, 2.0, 3.0));
     }
@@ -282,7 +282,7 @@ mod tests {
 
     #[test]
     fn stretch_is_dropped_and_said() {
-        // a second child keeps the first from being the root of the motion
+        // with a second child, the first one is not the root of the motion
         let file = |low: f64| {
             format!(
                 "HIERARCHY\nROOT a {{ OFFSET 0 0 0 CHANNELS 0 JOINT b\n{{ OFFSET 0 9 0 CHANNELS 1 Yposition End Site {{ OFFSET 0 1 0 }} }}\n\
@@ -315,7 +315,7 @@ mod tests {
         assert_eq!(e.fault(), Some(FaultKind::RootUnknown));
         assert!(e.to_string().contains("\"one\", \"two\""), "{e}");
 
-        // the other root's numbers stay, at another rate those nearest in time
+        // the other root keeps its numbers; at another rate those nearest in time
         let mut faster = m.clone();
         faster.clip = Clip::new(m.clip.skeleton().clone(), 20.0, vec![Vec3::ONE; 3], vec![Quat::IDENTITY; 3]).unwrap();
         let bytes = bvh::to_bytes(&faster).unwrap();

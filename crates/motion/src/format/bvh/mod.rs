@@ -1,8 +1,7 @@
-//! BVH: a hierarchy of joints and rows of numbers.
+//! BVH: a hierarchy of joints and rows of numbers, as docs/motion-files.md defines them.
 //!
-//! Grammar and meaning are those of docs/motion-files.md: [`parse_header`] reads what stands before the rows,
-//! [`Header::rows`] the numbers, [`read`] makes a [`Motion`] of both. What the clip has no place for stays in the
-//! [`BvhSource`], so that a file can be written back as it came.
+//! [`parse_header`] parses everything before the rows, [`Header::rows`] the numbers, [`read`] makes a [`Motion`] of both.
+//! The [`BvhSource`] stores what a clip doesn't, so that a file can be written back as it was.
 
 mod channels;
 mod compose;
@@ -25,7 +24,7 @@ pub use compose::Piece;
 pub use frame_time::USUAL_FPS;
 pub use positions::positions;
 pub use splice::Changed;
-pub use write::{to_bytes, to_bytes_in, write};
+pub use write::{to_bytes, to_bytes_in};
 
 use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpSource};
 use crate::rig::map_if_any;
@@ -39,35 +38,35 @@ use text::Text;
 pub struct PositionChannels {
     /// The joint of the clip.
     pub joint: usize,
-    /// Mean over the frames of the distance between |channels| and |OFFSET|, metres.
+    /// Mean over the frames of | |channels| - |OFFSET| |, metres.
     pub off_m: f64,
-    /// Largest distance from the mean, metres: stretch that the clip leaves out.
+    /// Largest distance from the mean, metres: the stretch that the clip drops.
     pub stretch_m: f64,
-    /// The channels are under a tenth of an OFFSET that is not short itself (1 % of the way from root to tip): they may be
-    /// meant as added to it.
+    /// The channels are under 10 % of an OFFSET that is not short itself (1 % of the chain from root to tip): they may be
+    /// meant to be added to it.
     pub looks_added: bool,
 }
 
-/// Reads everything before the rows.
+/// Parses everything before the rows.
 ///
 /// # Errors
-/// [`crate::Error::File`] with the place, by the table of docs/motion-files.md.
+/// [`crate::Error::File`] with its position, as listed in docs/motion-files.md.
 pub fn parse_header(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Header> {
     Ok(grammar::parse(&Text::new(path, bytes), options.lenient)?)
 }
 
 impl Header {
-    /// The rows (F, C) of the file that this is the head of, and what was odd in them.
+    /// Parses the rows (F, C) of this header's file; with warnings.
     ///
     /// # Errors
-    /// [`crate::Error::File`] with the place: a wrong number, a row of another width, fewer rows than declared.
+    /// [`crate::Error::File`] with its position: a bad number, a row of another width, fewer rows than declared.
     pub fn rows(&self, path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Vec<f64>, Vec<Warning>)> {
         let rows = rows::parse(&Text::new(path, bytes), self, options.lenient)?;
         Ok((rows.numbers, rows.warnings))
     }
 }
 
-/// A file's head and rows, `--skip` done.
+/// The header and rows of a file, after `skip`.
 struct Parsed {
     head: Header,
     numbers: Vec<f64>,
@@ -100,14 +99,14 @@ impl Parsed {
     }
 }
 
-/// The motion of a file's bytes; `path` is for messages.
+/// Reads a motion from the bytes of a file; `path` is used in messages.
 ///
-/// `options.skip` and `options.fps_source` are honoured here, `options.rest` is not: [`crate::format::read`] does that
-/// for all formats.
+/// Applies `options.skip` and `options.fps_source`, but not `options.rest`, which [`crate::format::read`] applies to all
+/// formats.
 ///
 /// # Errors
-/// [`crate::Error::File`] with the place, by the table of docs/motion-files.md; `unit_unknown` where the legs tell no unit;
-/// [`crate::Error::Clip`] for numbers so large that the clip would not be finite, or when nothing is left after skipping.
+/// [`crate::Error::File`] with its position, as listed in docs/motion-files.md, including `unit_unknown` if the legs fit no
+/// unit; [`crate::Error::Clip`] for numbers beyond a finite clip, or when no frame is left after `skip`.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     motion(path, parse(path, bytes, options)?, options)
 }
@@ -127,7 +126,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
         warnings.push(Warning { kind: "up_axis", what });
     }
     source.rig.axes = axes;
-    let clip = axes.stand(clip)?;
+    let clip = axes.to_y_up(clip)?;
     source.rig.skeleton = clip.skeleton().clone();
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
 }
@@ -138,29 +137,28 @@ impl BvhSource {
         Frames { nodes, width, frames: self.frames, numbers: &self.numbers, position: self.rig.position }
     }
 
-    /// The clip that the numbers are, at a rate, y up.
+    /// The clip of the numbers at a rate, y up.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when a number is so large that the clip is not finite, or for a rate that is not positive.
+    /// [`Invalid`](kinelm_store::Error::Invalid) for numbers beyond a finite clip, or a rate that is not positive.
     pub fn clip(&self, fps: f64) -> Result<Clip> {
-        let skeleton = self.rig.axes.skeleton_laid_back(&self.rig.skeleton)?;
-        self.rig.axes.stand(interpret::clip(&self.rig, skeleton, &self.as_frames(), fps)?)
+        let skeleton = self.rig.axes.skeleton_from_y_up(&self.rig.skeleton)?;
+        self.rig.axes.to_y_up(interpret::clip(&self.rig, skeleton, &self.as_frames(), fps)?)
     }
 
-    /// Frames per second by the text of the frame time, whatever the clip was read at.
+    /// Frames per second by the frame time in the file, whatever rate the clip was read at.
     pub fn fps(&self) -> f64 {
         self.head.fps()
     }
 
-    /// Whether a clip is still what the numbers say: joints, places and rotations, whatever its rate.
+    /// Whether a clip still equals the numbers: joints, positions and rotations, at any rate.
     pub fn is_untouched(&self, clip: &Clip) -> bool {
         clip.frames() == self.frames
             && **clip.skeleton() == *self.rig.skeleton
             && self.clip(clip.fps()).is_ok_and(|own| own.root() == clip.root() && own.rotations() == clip.rotations())
     }
 
-    /// The longest way along OFFSETs from the clip's root to a tip, metres: about half a body's height, and there whatever
-    /// pose the rig rests in.
+    /// The longest chain of OFFSETs from the clip's root to a tip, metres: about half a body's height in any rest pose.
     fn reach_m(&self) -> f64 {
         let nodes = &self.head.nodes;
         let mut ways = vec![0.0; nodes.len()];
@@ -173,7 +171,7 @@ impl BvhSource {
         longest * self.rig.unit_m
     }
 
-    /// The joints below the clip's root that have position channels, and what these do.
+    /// The joints below the clip's root with position channels, and what these do.
     pub fn position_channels(&self) -> Vec<PositionChannels> {
         let frames = self.as_frames();
         let (metres, f) = (self.rig.unit_m, self.frames.max(1) as f64);

@@ -1,33 +1,33 @@
-//! Text to numbers, in one pass and exactly as `str::parse` would.
+//! Fast parsing of numbers, with exactly the results of `str::parse`.
 //!
-//! A number whose digits make an integer below 2^53 and whose power of ten is at most 22 is that integer times or over an
-//! exact power of ten: one rounding, so the nearest double (Clinger, "How to read floating point numbers accurately",
-//! 1990). Digits are taken eight at a time from a 64-bit word. All else goes to `str::parse`.
+//! If the digits make an integer below 2^53 and the power of ten is at most 22, the number is that integer times or over an
+//! exact power of ten: one rounding, hence the nearest double (Clinger, "How to read floating point numbers accurately",
+//! 1990). Eight digits at a time are parsed from a 64-bit word. Everything else goes to `str::parse`.
 
 use super::text::{number, word_at};
 
-/// 10^0 to 10^22: the powers that 64 bits hold exactly.
+/// 10^0 to 10^22, the powers that a double holds exactly.
 const POWERS: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
     1e21, 1e22,
 ];
 /// 10^0 to 10^8 as integers.
 const INTEGERS: [u64; 9] = [1, 10, 100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
-/// A number that the fast way reads has at most so many bytes: sign, 8 digits, point, 8 digits, e, sign, 7 digits, and
-/// the mark after it; the last load begins at 20.
+/// Bytes of the longest number that the fast path parses: sign, 8 digits, point, 8 digits, e, sign, 7 digits, and the
+/// character after it; the last load begins at 20.
 const WINDOW: usize = 32;
 
 /// The high bit of each of eight bytes.
 const HIGH: u64 = 0x8080_8080_8080_8080;
 
-/// Fills `out` with the numbers of one line; the byte after them, or `None` if the line isn't exactly that.
+/// Fills `out` with the numbers of one line. Returns the position after them, or `None` if the line doesn't match.
 pub(crate) fn row(bytes: &[u8], mut at: usize, out: &mut [f64]) -> Option<usize> {
     for value in out {
         while matches!(bytes.get(at), Some(b' ' | b'\t')) {
             at += 1;
         }
         let window = bytes.get(at..at + WINDOW).and_then(|w| <&[u8; WINDOW]>::try_from(w).ok());
-        // the length comes from the blanks alone: the processor begins the next number before this one is done
+        // the length depends on the blanks only, so the processor starts the next number before this one is done
         let len = window.map_or(0, word_len);
         match window.and_then(fast) {
             Some((v, used)) if used == len => {
@@ -47,17 +47,17 @@ pub(crate) fn row(bytes: &[u8], mut at: usize, out: &mut [f64]) -> Option<usize>
     matches!(bytes.get(at), None | Some(b'\r' | b'\n')).then_some(at)
 }
 
-/// The number at a byte by the standard library, and its length.
+/// Parses the number at a position with the standard library; also returns its length.
 #[cold]
 fn careful(bytes: &[u8], at: usize) -> Option<(f64, usize)> {
     let word = word_at(bytes, at);
     Some((number(word).ok()?, word.len()))
 }
 
-/// Eight characters of the window, the first in the lowest byte. `at` is below 24 wherever a number still goes on.
+/// Eight characters of the window, the first in the lowest byte. `at` is below 24 while a number continues.
 #[inline(always)]
 fn load(window: &[u8; WINDOW], at: usize) -> u64 {
-    // the mask never changes `at`; it shows the compiler that the slice is inside
+    // the mask never changes `at`; it lets the compiler drop the bounds check
     let at = at % (WINDOW - 8);
     window[at..at + 8].try_into().map_or(0, u64::from_le_bytes)
 }
@@ -68,7 +68,7 @@ fn byte(window: &[u8; WINDOW], at: usize) -> u8 {
     window[at % WINDOW]
 }
 
-/// How many characters come before a blank or another mark below it; of 16 and more, 16.
+/// Characters before the next blank or control character; 16 for 16 and more.
 #[inline(always)]
 fn word_len(window: &[u8; WINDOW]) -> usize {
     // the high bit of each byte below 0x21: 0x21 + 0x5F is the first sum that sets it
@@ -78,7 +78,7 @@ fn word_len(window: &[u8; WINDOW]) -> usize {
     (bits / 8) as usize
 }
 
-/// How many of the eight characters are digits before the first that is not, and the value of these.
+/// Leading digits among eight characters: their number and value.
 #[inline(always)]
 fn digits(word: u64) -> (usize, u64) {
     let values = word ^ 0x3030_3030_3030_3030;
@@ -88,7 +88,7 @@ fn digits(word: u64) -> (usize, u64) {
     if count == 0 {
         return (0, 0);
     }
-    // the first character is the lowest byte; moved up, missing characters in front are zeros
+    // the first character is the lowest byte; after the shift, missing characters in front are zeros
     let v = values << (64 - 8 * count);
     let v = v.wrapping_mul(10).wrapping_add(v >> 8) & 0x00FF_00FF_00FF_00FF;
     let v = v.wrapping_mul(100).wrapping_add(v >> 16) & 0x0000_FFFF_0000_FFFF;
@@ -96,7 +96,7 @@ fn digits(word: u64) -> (usize, u64) {
     (count, v)
 }
 
-/// The number at the start of a window, and its length; `None` if this way isn't provably exact, or it is no number.
+/// The number at the start of a window and its length; `None` if the fast path isn't exact, or it is no number.
 #[inline(always)]
 fn fast(window: &[u8; WINDOW]) -> Option<(f64, usize)> {
     let negative = window[0] == b'-';
@@ -124,7 +124,7 @@ fn fast(window: &[u8; WINDOW]) -> Option<(f64, usize)> {
         exponent += if sign == b'-' { -(value as i64) } else { value as i64 };
         at += count;
     }
-    // a ninth digit, or anything else that a number doesn't end with
+    // a ninth digit, or anything else that can't follow a number
     if !matches!(byte(window, at), b' ' | b'\t' | b'\r' | b'\n') || mantissa > 1 << 53 {
         return None;
     }
@@ -185,7 +185,7 @@ mod tests {
             "179769313486231570e291",
         ];
         for blanks in [" ", "\t", "   "] {
-            // with much and with nothing after it, so that both ways are taken
+            // with and without a long rest, so that both paths are taken
             for after in ["", "\n0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0"] {
                 let text = words.join(blanks) + after;
                 let mut got = vec![0.0; words.len()];

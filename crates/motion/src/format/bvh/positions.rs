@@ -1,4 +1,4 @@
-//! Places of every joint and end site by the file's own channels.
+//! Positions of all joints and end sites by the file's own channels.
 
 use super::interpret;
 use crate::format::ReadOptions;
@@ -9,13 +9,13 @@ use crate::{Quat, Result, Source, Vec3};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Every joint and end site of the root that is read, in the file's order, nothing folded or averaged; metres, y up.
+/// Positions of all joints and end sites of the root that is read, in file order, with no joint folded or averaged; metres,
+/// y up.
 ///
-/// `options.skip` and `options.fps_source` are honoured, and `options.rest`: with [`crate::format::RestFrame::Drop`] a
-/// leading rest-pose frame is left out.
+/// Applies `options.skip`, `options.fps_source` and `options.rest`.
 ///
 /// # Errors
-/// As [`super::read`].
+/// Those of [`super::read`].
 pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Positions> {
     let mut motion = super::read(path, bytes, options)?;
     if drops_rest_frame(options) && has_rest_frame(&motion) {
@@ -28,20 +28,20 @@ pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Pos
     let range = interpret::choose_root(path, &source.head, options)?;
     let mut all = Vec::with_capacity(source.frames * range.len());
     let mut turns = vec![Quat::IDENTITY; range.len()];
-    let mut places = vec![Vec3::ZERO; range.len()];
+    let mut world = vec![Vec3::ZERO; range.len()];
     for f in 0..source.frames {
         let row = frames.row(f);
         for (i, node) in range.clone().enumerate() {
             let (p, q) = (frames.place(node, row), frames.turn(node, row));
-            (places[i], turns[i]) = match nodes[node].parent {
+            (world[i], turns[i]) = match nodes[node].parent {
                 None => (p, q),
                 Some(parent) => {
                     let up = parent - range.start;
-                    (places[up] + turns[up] * p, turns[up] * q)
+                    (world[up] + turns[up] * p, turns[up] * q)
                 }
             };
         }
-        all.extend(places.iter().map(|p| source.rig.axes.stand_place(*p * source.rig.unit_m)));
+        all.extend(world.iter().map(|p| source.rig.axes.position_to_y_up(*p * source.rig.unit_m)));
     }
     let parents = nodes[range.clone()].iter().map(|n| n.parent.map_or(-1, |p| (p - range.start) as i32)).collect();
     let mut seen: HashMap<String, usize> = HashMap::new();
@@ -73,7 +73,7 @@ mod tests {
         )
     }
 
-    fn places(text: &str, options: &ReadOptions) -> Positions {
+    fn read(text: &str, options: &ReadOptions) -> Positions {
         positions(Path::new("x.bvh"), text.as_bytes(), options).unwrap()
     }
 
@@ -84,7 +84,7 @@ mod tests {
     #[test]
     fn nothing_is_folded_or_averaged() {
         let text = file(&["100 0 0 90 0 10 0 90", "200 0 0 0 0 30 0 0"]);
-        let p = places(&text, &centimetres());
+        let p = read(&text, &centimetres());
         assert_eq!(p.joints, ["a", "b", "b_end", "b_end2"]);
         assert_eq!((p.parents.as_slice(), p.fps), (&[-1, 0, 1, 1][..], 20.0));
         let want = [
@@ -101,14 +101,14 @@ mod tests {
         for (got, want) in p.positions.iter().zip(want) {
             assert!(got.distance(want) < 1e-12, "{got} {want}");
         }
-        let add = places(&text, &ReadOptions { bvh_position: BvhPosition::Add, ..centimetres() });
+        let add = read(&text, &ReadOptions { bvh_position: BvhPosition::Add, ..centimetres() });
         assert!(add.positions[5].distance(Vec3::new(2.0, 0.4, 0.0)) < 1e-12);
     }
 
     #[test]
     fn frames_are_left_out_as_when_reading() {
         let rows = ["0 0 0 0 0 10 0 0", "0 0 0 40 0 10 0 0", "0 0 0 41 0 10 0 0", "0 0 0 42 0 10 0 0"];
-        let count = |options: ReadOptions| places(&file(&rows), &options).positions.len() / 4;
+        let count = |options: ReadOptions| read(&file(&rows), &options).positions.len() / 4;
         assert_eq!(count(centimetres()), 4);
         assert_eq!(count(ReadOptions { rest: RestFrame::Drop, ..centimetres() }), 3);
         assert_eq!(count(ReadOptions { rest: RestFrame::Drop, skip: 2, ..centimetres() }), 2);

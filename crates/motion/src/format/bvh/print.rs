@@ -1,10 +1,10 @@
-//! The text of a BVH.
+//! Printing of a BVH.
 
 use crate::format::source::bvh::{Header, Node, NodeKind, Style};
 use crate::{Error, Result};
 use std::io::Write;
 
-/// The whole text of a file.
+/// The complete text of a file.
 ///
 /// # Errors
 /// Those of [`not_finite`].
@@ -24,7 +24,7 @@ pub(crate) fn print(head: &Header, frame_time: &str, frames: usize, numbers: &[f
     Ok(out)
 }
 
-/// Refuses OFFSETs and rows with a number that no file can hold.
+/// Refuses OFFSETs and rows with numbers that are not finite.
 ///
 /// # Errors
 /// [`Invalid`](kinelm_store::Error::Invalid) with the joint or the frame.
@@ -46,7 +46,7 @@ pub(super) fn not_finite(head: &Header, numbers: &[f64]) -> Result<()> {
     }
 }
 
-/// What stands before the rows, with room for so many numbers behind it.
+/// Prints the header, reserving memory for `numbers` numbers.
 pub(super) fn print_head(head: &Header, frame_time: &str, frames: usize, numbers: usize) -> Vec<u8> {
     let [before, between, after] = &head.pieces;
     let mut out = Vec::with_capacity(before.len() + 100 + numbers * 11);
@@ -61,10 +61,10 @@ pub(super) fn print_head(head: &Header, frame_time: &str, frames: usize, numbers
     out
 }
 
-/// Appends a number with six decimals; one that rounds to zero has no sign.
+/// Appends a number with six decimals; zero has no sign.
 pub(super) fn push_number(out: &mut Vec<u8>, v: f64) {
     if v.abs() >= 1e8 {
-        // a Vec takes every write
+        // writing to a Vec can't fail
         let _ = write!(out, "{v:.6}");
         return;
     }
@@ -95,7 +95,7 @@ pub(super) fn push_number(out: &mut Vec<u8>, v: f64) {
 }
 
 impl Header {
-    /// Writes the hierarchy anew, where its nodes have changed.
+    /// Prints the hierarchy anew after its nodes have changed.
     pub(super) fn write_nodes(&mut self) {
         let old = &self.pieces[0];
         let motion = old.windows(6).rposition(|w| w.eq_ignore_ascii_case(b"MOTION")).unwrap_or(old.len());

@@ -1,4 +1,4 @@
-//! The rows of a BVH, and what can be wrong with them.
+//! The rows of a BVH, and their faults.
 
 use super::numbers::row;
 use super::text::{BadNumber, Text, number, word_at};
@@ -7,14 +7,14 @@ use crate::{FaultKind, FileError, Warning};
 
 /// The rows of a file.
 pub(crate) struct Rows {
-    /// (F, C).
+    /// Numbers (F, C).
     pub numbers: Vec<f64>,
-    /// F.
+    /// F, the number of frames.
     pub frames: usize,
     pub warnings: Vec<Warning>,
 }
 
-/// Reads the rows that the head declares.
+/// Parses the rows that the header declares.
 pub(crate) fn parse(text: &Text, head: &Header, lenient: bool) -> Result<Rows, FileError> {
     let bytes = text.bytes;
     let (width, mut at) = (head.width, head.rows_at.min(bytes.len()));
@@ -45,7 +45,7 @@ pub(crate) fn parse(text: &Text, head: &Header, lenient: bool) -> Result<Rows, F
     Ok(Rows { numbers, frames, warnings })
 }
 
-/// From after one row to the first mark of the next.
+/// Skips blanks and line ends.
 fn next_line(bytes: &[u8], mut at: usize) -> usize {
     while matches!(bytes.get(at), Some(b' ' | b'\t' | b'\r' | b'\n')) {
         at += 1;
@@ -53,7 +53,7 @@ fn next_line(bytes: &[u8], mut at: usize) -> usize {
     at
 }
 
-/// Rows that follow the declared ones.
+/// Warns about rows after the declared ones.
 fn extra(text: &Text, head: &Header, at: usize, lenient: bool) -> Result<Vec<Warning>, FileError> {
     let start = next_line(text.bytes, at);
     if start == text.bytes.len() {
@@ -72,7 +72,7 @@ fn extra(text: &Text, head: &Header, at: usize, lenient: bool) -> Result<Vec<War
     Ok(vec![Warning { kind: "more_rows", what }])
 }
 
-/// The way for what is not one row a line: it finds out what is wrong, or that rows are wrapped.
+/// The slow path for rows that are not one per line: diagnoses faults and reads wrapped rows.
 struct Slow<'a> {
     text: &'a Text<'a>,
     head: &'a Header,
@@ -80,7 +80,7 @@ struct Slow<'a> {
     lenient: bool,
 }
 
-/// A line whose count of numbers is wrong.
+/// A line with a wrong count of numbers.
 struct BadLine {
     row: usize,
     at: usize,
@@ -88,10 +88,10 @@ struct BadLine {
 }
 
 impl Slow<'_> {
-    /// Goes on with row `frames` at byte `at`, the rows before it read.
+    /// Continues with row `frames` at byte `at`, after the rows parsed so far.
     fn rest(&self, mut numbers: Vec<f64>, frames: usize, mut at: usize) -> Result<Rows, FileError> {
         let (bytes, width) = (self.text.bytes, self.head.width);
-        let wanted = self.declared.saturating_mul(width);
+        let expected = self.declared.saturating_mul(width);
         let mut bad: Option<BadLine> = None;
         let (mut row, mut whole) = (frames, numbers.len());
         loop {
@@ -108,7 +108,7 @@ impl Slow<'_> {
                         numbers.push(value);
                         found += 1;
                     }
-                    // a number that the end of the file cuts is a cut file, not a wrong number
+                    // a number cut by the end of the file means a truncated file, not a bad number
                     Err(BadNumber::Junk) if at + word.len() == bytes.len() && cut_number(word) => {}
                     Err(why) => return Err(self.bad_number(at, row, found, why)),
                 }
@@ -124,10 +124,10 @@ impl Slow<'_> {
             }
             row += 1;
         }
-        self.judge(numbers, bad, whole, row, wanted, at)
+        self.judge(numbers, bad, whole, row, expected, at)
     }
 
-    /// The word at a byte; braces have no meaning here.
+    /// The word at a byte offset; braces have no meaning here.
     fn word(&self, at: usize) -> &[u8] {
         let rest = &self.text.bytes[at..];
         let end = rest.iter().position(|b| matches!(b, b' ' | b'\t' | b'\r' | b'\n'));
@@ -140,17 +140,17 @@ impl Slow<'_> {
         bad: Option<BadLine>,
         whole: usize,
         lines: usize,
-        wanted: usize,
+        expected: usize,
         at: usize,
     ) -> Result<Rows, FileError> {
         let width = self.head.width;
         if let Some(bad) = bad {
-            if numbers.len() == wanted {
+            if numbers.len() == expected {
                 let what = format!("rows are wrapped over lines, from row {} on: read by count", bad.row);
                 let warnings = vec![Warning { kind: "rows_wrapped", what }];
                 return Ok(Rows { numbers, frames: self.declared, warnings });
             }
-            // the last line of a file that was cut
+            // the last line of a truncated file
             let last = bad.row + 1 == lines && bad.found < width && bad.row < self.declared;
             if !last {
                 return Err(self.row_width(&bad));
@@ -160,7 +160,7 @@ impl Slow<'_> {
         if width == 0 || whole / width < self.declared {
             return self.short(numbers, whole, 0);
         }
-        numbers.truncate(wanted);
+        numbers.truncate(expected);
         let warnings = extra(self.text, self.head, at, self.lenient)?;
         Ok(Rows { numbers, frames: self.declared, warnings })
     }
@@ -209,7 +209,7 @@ impl Slow<'_> {
     }
 }
 
-/// Whether a word can be the front part of a number.
+/// Whether a word can be the beginning of a number.
 fn cut_number(word: &[u8]) -> bool {
     let mut longer = word.to_vec();
     longer.push(b'0');

@@ -1,4 +1,4 @@
-//! New motion in part of a file, the rest of its text as it is.
+//! Writing changed motion into a BVH while the rest keeps its text.
 
 use super::frame_time;
 use super::print::{not_finite, print_head, push_number};
@@ -6,25 +6,25 @@ use crate::format::source::bvh::{BvhSource, Channel};
 use crate::{Clip, Error, Result};
 use std::ops::Range;
 
-/// What of a clip differs from the file that it is made from.
+/// The parts of a clip that differ from the file it comes from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Changed {
-    /// Frames of the file in front of the clip's first: they are not written.
+    /// Frames at the start of the file that are not written.
     pub before: usize,
-    /// (F) the root's place.
+    /// Whether the root's position changed (F).
     pub root: Vec<bool>,
-    /// (F, J) rotations.
+    /// Whether each rotation changed (F, J).
     pub joints: Vec<bool>,
 }
 
 impl BvhSource {
-    /// The bytes of `clip`, y up, on this rig. `text` is the file that this was read from, no frame left out on reading: what
-    /// hasn't `changed` stands in its words, the frame time too unless the clip has another rate than it states. Angles run
-    /// on from those before them.
+    /// The bytes of `clip`, y up, on this rig. `text` is the file that this was read from, with no frame dropped on reading.
+    /// Numbers that haven't `changed` keep their text, as does the frame time unless the rate differs. Angles continue from
+    /// the previous frame without jumps.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the joints are others, the flags aren't as many, a number isn't finite, or the rate is one that
-    /// no BVH can state.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when joints or the number of flags differ, a number isn't finite, or a BVH
+    /// can't have the rate.
     pub fn spliced(&self, text: &[u8], clip: &Clip, changed: &Changed) -> Result<Vec<u8>> {
         let (frames, joints) = (clip.frames(), clip.joints());
         if !self.fits(clip) || changed.root.len() != frames || changed.joints.len() != frames * joints {
@@ -32,12 +32,12 @@ impl BvhSource {
             let found = format!("{frames} frames of {joints} joints with {flags} flags");
             return Err(Error::invalid("the clip to splice", found, format!("the rig's {own} joints, a flag each")));
         }
-        let clip = self.rig.axes.lay_back(clip)?;
+        let clip = self.rig.axes.from_y_up(clip)?;
         let rig = self.for_clip(&clip)?;
         let (width, own) = (rig.head.width, self.head.width);
-        let kept = |frame: usize| self.kept(frame, changed, &rig);
+        let copied = |frame: usize| self.copied(frame, changed, &rig);
         let numbers = rig.rows_with(&clip, self, |frame, row| {
-            for (number, from) in row.iter_mut().zip(kept(frame)) {
+            for (number, from) in row.iter_mut().zip(copied(frame)) {
                 *number = from.map_or(*number, |column| self.numbers[(changed.before + frame) * own + column]);
             }
         });
@@ -46,24 +46,24 @@ impl BvhSource {
         let time = if self.fps() == clip.fps() { self.head.frame_time.clone() } else { frame_time::text(clip.fps())? };
         let mut out = print_head(&rig.head, &time, frames, numbers.len());
         for (frame, row) in numbers.chunks_exact(width.max(1)).enumerate() {
-            let kept = kept(frame);
+            let copied = copied(frame);
             let of_file = changed.before + frame;
             match words.get(of_file * own..(of_file + 1) * own) {
-                Some([first, .., last]) if width == own && kept.iter().all(Option::is_some) => {
+                Some([first, .., last]) if width == own && copied.iter().all(Option::is_some) => {
                     out.extend_from_slice(&text[first.start..last.end]);
                 }
-                words => print_row(&mut out, row, &kept, words.unwrap_or_default(), text),
+                words => print_row(&mut out, row, &copied, words.unwrap_or_default(), text),
             }
             out.extend_from_slice(rig.head.style.line_end.as_bytes());
         }
         Ok(out)
     }
 
-    /// (C of `rig`) the columns of this file from which a frame's channels come that haven't changed.
-    fn kept(&self, frame: usize, changed: &Changed, rig: &BvhSource) -> Vec<Option<usize>> {
-        let mut kept = vec![None; rig.head.width];
+    /// For each column of `rig`, the unchanged column of this file that it copies (C).
+    fn copied(&self, frame: usize, changed: &Changed, rig: &BvhSource) -> Vec<Option<usize>> {
+        let mut copied = vec![None; rig.head.width];
         if changed.before + frame >= self.frames {
-            return kept;
+            return copied;
         }
         let joints = self.rig.joints.len();
         let mut new = vec![false; self.head.width];
@@ -71,14 +71,14 @@ impl BvhSource {
         for (was, is) in self.head.nodes.iter().zip(&rig.head.nodes) {
             for (i, channel) in was.channels.iter().enumerate().filter(|(i, _)| !new[was.column + i]) {
                 if let Some(at) = is.channels.iter().position(|c| c == channel) {
-                    kept[is.column + at] = Some(was.column + i);
+                    copied[is.column + at] = Some(was.column + i);
                 }
             }
         }
-        kept
+        copied
     }
 
-    /// (C) which channels are new in a frame.
+    /// Marks the channels that are new in a frame (C).
     fn flag(&self, flags: &mut [bool], root: bool, joints: &[bool]) {
         flags.fill(false);
         let mut set = |node: usize, place: bool, turn: bool| {
@@ -96,9 +96,9 @@ impl BvhSource {
     }
 }
 
-/// A row, its kept numbers in the words of the file's row.
-fn print_row(out: &mut Vec<u8>, row: &[f64], kept: &[Option<usize>], words: &[Range<usize>], text: &[u8]) {
-    for (i, (&number, column)) in row.iter().zip(kept).enumerate() {
+/// Prints a row, with the file's text for unchanged numbers.
+fn print_row(out: &mut Vec<u8>, row: &[f64], copied: &[Option<usize>], words: &[Range<usize>], text: &[u8]) {
+    for (i, (&number, column)) in row.iter().zip(copied).enumerate() {
         if i > 0 {
             out.push(b' ');
         }
@@ -109,7 +109,7 @@ fn print_row(out: &mut Vec<u8>, row: &[f64], kept: &[Option<usize>], words: &[Ra
     }
 }
 
-/// The first `count` words of a text from a byte on.
+/// Ranges of the first `count` words of a text from a byte offset on.
 pub(super) fn words(text: &[u8], from: usize, count: usize) -> Vec<Range<usize>> {
     let (mut words, mut at) = (Vec::with_capacity(count), from);
     while words.len() < count && at < text.len() {
@@ -143,11 +143,11 @@ mod tests {
         let clip = &motion.clip;
         let mut changed = Changed { before: 0, root: vec![false; 4], joints: vec![false; 8] };
         assert_eq!(source.spliced(TEXT.as_bytes(), clip, &changed).unwrap(), TEXT.as_bytes());
-        // of a stated rate the frame time is the one number that is another
+        // with another rate only the frame time differs
         let stated = clip.clone().with_fps(60.0).unwrap();
         let stated = source.spliced(TEXT.as_bytes(), &stated, &changed).unwrap();
         assert_eq!(String::from_utf8(stated).unwrap(), TEXT.replace("0.0083333", "0.0166666667"));
-        // the root stands and turns elsewhere in frame 1, the other joint in frame 2, and there is a frame more
+        // the root changes in frame 1, the other joint in frame 2, and one frame is added
         let (mut root, mut rotations) = (clip.root().to_vec(), clip.rotations().to_vec());
         root[1] += Vec3::X;
         rotations[2] = Axis::Z.turn(0.2) * rotations[2];
@@ -181,7 +181,7 @@ mod tests {
             source.spliced(TEXT.as_bytes(), &new, &changed).unwrap_err().to_string().contains("5 frames of 2 joints")
         );
 
-        // from the file's third frame on
+        // starting at the file's third frame
         let short = Changed { before: 2, root: vec![false, true], joints: vec![false, false, true, false] };
         let bytes = source.spliced(TEXT.as_bytes(), &new.slice(2..4), &short).unwrap();
         let cut = String::from_utf8(bytes).unwrap();

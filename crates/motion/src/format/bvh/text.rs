@@ -1,15 +1,15 @@
-//! Bytes of a text file: places, decoding, line ends, single numbers.
+//! Text files as bytes: positions, decoding, line ends, single numbers.
 
 use crate::{FaultKind, FileError};
 use kinelm_store::SourcePos;
 use std::path::Path;
 
-/// A file's bytes with what is needed to speak of a place in them.
+/// A file's bytes, with path and encoding for messages.
 #[derive(Clone, Copy)]
 pub(crate) struct Text<'a> {
     pub path: &'a Path,
     pub bytes: &'a [u8],
-    /// Valid UTF-8; else the bytes are Latin-1.
+    /// Whether it is valid UTF-8; otherwise it is decoded as Latin-1.
     utf8: bool,
 }
 
@@ -18,12 +18,12 @@ impl<'a> Text<'a> {
         Text { path, bytes, utf8: std::str::from_utf8(bytes).is_ok() }
     }
 
-    /// Where the text starts: after a byte-order mark, if there is one.
+    /// The start of the text, after a byte-order mark if there is one.
     pub fn start(&self) -> usize {
         if self.bytes.starts_with(b"\xEF\xBB\xBF") { 3 } else { 0 }
     }
 
-    /// The characters of a part.
+    /// Decodes a part.
     pub fn decode(&self, part: &[u8]) -> String {
         match std::str::from_utf8(part) {
             Ok(s) if self.utf8 => s.to_owned(),
@@ -31,7 +31,7 @@ impl<'a> Text<'a> {
         }
     }
 
-    /// Line and column of a byte, from 1. CR LF, LF and CR each end a line.
+    /// Line and column of a byte offset, from 1. CR LF, LF and CR end a line.
     pub fn place(&self, at: usize) -> SourcePos {
         let before = &self.bytes[self.start().min(at)..at.min(self.bytes.len())];
         let (mut line, mut begin) = (1, 0);
@@ -46,7 +46,7 @@ impl<'a> Text<'a> {
         SourcePos { path: self.path.to_owned(), line, column }
     }
 
-    /// A fault at a byte.
+    /// A fault at a byte offset.
     pub fn fault(
         &self,
         at: usize,
@@ -57,7 +57,7 @@ impl<'a> Text<'a> {
         FileError::new(self.place(at), kind, found, expected)
     }
 
-    /// What stands at a byte, for a message: the word there, the line end, or the end of the file.
+    /// Describes what is at a byte offset: the word, the end of the line, or the end of the file.
     pub fn found(&self, at: usize) -> String {
         let word = word_at(self.bytes, at);
         match self.bytes.get(at) {
@@ -68,7 +68,7 @@ impl<'a> Text<'a> {
         }
     }
 
-    /// A part in quotes, shortened and with what can't be printed escaped.
+    /// A part in quotes, shortened and with unprintable characters escaped.
     pub fn quote(&self, part: &[u8]) -> String {
         let text: String = self.decode(&part[..part.len().min(160)]);
         let short: String = text.chars().take(40).collect();
@@ -76,21 +76,21 @@ impl<'a> Text<'a> {
     }
 }
 
-/// The word that starts at a byte: up to a blank, a line end or a brace.
+/// The word at a byte offset, up to a blank, a line end or a brace.
 pub(crate) fn word_at(bytes: &[u8], at: usize) -> &[u8] {
     let rest = bytes.get(at..).unwrap_or_default();
     let end = rest.iter().position(|b| matches!(b, b' ' | b'\t' | b'\r' | b'\n' | b'{' | b'}'));
     &rest[..end.unwrap_or(rest.len())]
 }
 
-/// Why a word is no number.
+/// Why a word is no valid number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum BadNumber {
     /// NaN, an infinity, `1.#QNAN`, or one too large for 64 bits.
     NotFinite,
     /// A comma where the decimal point should be.
     Comma,
-    /// Something else.
+    /// Anything else.
     Junk,
 }
 
@@ -104,7 +104,7 @@ impl BadNumber {
     }
 }
 
-/// The number that a whole word is.
+/// Parses a whole word as a number.
 pub(crate) fn number(word: &[u8]) -> Result<f64, BadNumber> {
     let plain = match word {
         [b'+' | b'-', rest @ ..] => rest,

@@ -1,4 +1,4 @@
-//! The unit of a BVH, judged by the length of a leg.
+//! Inference of a BVH's unit from the leg length.
 
 use super::text::Text;
 use crate::format::source::bvh::{Header, NodeKind};
@@ -8,11 +8,11 @@ use crate::{FaultKind, Result, Vec3};
 use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 
-/// Leg lengths, hip to knee to ankle, and the metres of the unit they are in.
+/// Ranges of leg lengths, hip to knee to ankle, and the unit in metres that they indicate.
 const LEGS: [(RangeInclusive<f64>, f64); 5] =
     [(0.6..=1.1, 1.0), (12.0..=19.0, 0.0564444), (23.0..=45.0, 0.0254), (60.0..=110.0, 0.01), (600.0..=1100.0, 0.001)];
 
-/// Metres of the unit of a file whose nodes `range` have these rest `offset`s.
+/// The unit in metres of a file whose nodes `range` have these rest `offset`s.
 pub(crate) fn judge(
     path: &Path,
     head: &Header,
@@ -49,7 +49,7 @@ pub(crate) fn judge(
     Err(fault.help(help).into())
 }
 
-/// The nodes below a hip down to its ankle by the skeleton map that is given, or the shipped one that fits.
+/// The nodes from below a hip to its ankle, by the given skeleton map or the built-in one that fits.
 fn mapped_leg(head: &Header, range: Range<usize>, options: &ReadOptions) -> Result<Option<Vec<usize>>> {
     let joints: Vec<usize> = range.filter(|&n| head.nodes[n].kind != NodeKind::End).collect();
     let names: Vec<String> = joints.iter().map(|&n| head.nodes[n].unique.clone()).collect();
@@ -72,7 +72,7 @@ fn mapped_leg(head: &Header, range: Range<usize>, options: &ReadOptions) -> Resu
     Ok(leg([1, 4, 7]).or_else(|| leg([2, 5, 8])))
 }
 
-/// The nodes below a hip down to its ankle, by what rigs commonly call them; for rigs that no map knows.
+/// The nodes from below a hip to its ankle, by common joint names; for rigs that no map fits.
 fn leg_by_words(head: &Header, range: Range<usize>) -> Option<Vec<usize>> {
     let plain = |n: usize| -> String {
         let name = &head.nodes[n].name;
@@ -87,7 +87,7 @@ fn leg_by_words(head: &Header, range: Range<usize>) -> Option<Vec<usize>> {
         let mut chain = vec![ankle];
         let mut at = head.nodes[ankle].parent;
         while let Some(n) = at {
-            // "leg" alone is the shin where the thigh is called up-leg
+            // "leg" alone is the shin in rigs that call the thigh up-leg
             let thigh = any(n, &["thigh", "upleg", "upperleg"]) || (any(n, &["hip"]) && head.nodes[n].parent.is_some());
             if thigh && chain.len() >= 2 {
                 chain.reverse();
@@ -109,7 +109,7 @@ mod tests {
     use crate::format::bvh;
     use crate::{Motion, Source};
 
-    /// A file with a leg of 0.82 `scale`; a joint's name stands for each of hip, knee and ankle.
+    /// A file with a leg of 0.82 `scale` and these names of hip, knee and ankle.
     fn file(scale: f64, [hip, knee, ankle]: [&str; 3], position: &str) -> String {
         let bone = 0.41 * scale;
         let channels = if position.is_empty() { "CHANNELS 0" } else { "CHANNELS 3 Xposition Yposition Zposition" };
@@ -149,14 +149,14 @@ mod tests {
     #[test]
     fn what_tells_nothing_is_an_error_with_its_place() {
         let names = ["LeftHip", "LeftKnee", "LeftAnkle"];
-        for (text, says) in [
+        for (text, expected) in [
             (file(5.0, names, ""), "a leg of 4.1000"),
             (file(1.0, ["a", "b", "c"], ""), "no joints whose names"),
             (file(1.0, names, "0 0 0"), "`bvh_position` add"),
         ] {
             let e = read(&text, &ReadOptions::default()).unwrap_err();
             assert_eq!(e.fault(), Some(FaultKind::UnitUnknown));
-            assert!(e.to_string().contains("x.bvh:2:1") && e.to_string().contains(says), "{e}");
+            assert!(e.to_string().contains("x.bvh:2:1") && e.to_string().contains(expected), "{e}");
         }
         let options = ReadOptions { bvh_position: BvhPosition::Add, ..Default::default() };
         assert!(read(&file(1.0, names, "0 0 0"), &options).is_ok());

@@ -1,46 +1,38 @@
-//! Clips to BVH: back onto the rig they came from, or onto a plain one.
+//! Writing clips as BVH: on the rig they came from, or on a default rig.
 
 use super::frame_time;
 use super::print::print;
 use crate::format::source::bvh::{BvhSource, Channel};
 use crate::{Clip, Error, Motion, Result, Source};
-use kinelm_store::files;
-use std::path::Path;
+use std::borrow::Cow;
 
-/// Writes a motion: on the rig of its BVH source where the joints are still the same, else on a plain one in centimetres.
-///
-/// A clip untouched since reading is written from the file's own numbers. The file appears whole or not at all.
+/// The bytes of a motion as BVH: on the rig of its BVH source if the joints are the same, else on a default rig in
+/// centimetres. A clip unchanged since reading is written with the file's own numbers.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Io`], and [`Invalid`](kinelm_store::Error::Invalid) for a clip that no BVH can hold (nesting, a rate below 1).
-pub fn write(path: &Path, motion: &Motion) -> Result<()> {
-    Ok(files::write_whole(path, &to_bytes(motion)?)?)
-}
-
-/// The bytes that [`write()`] writes.
-///
-/// # Errors
-/// [`Invalid`](kinelm_store::Error::Invalid) for a clip that no BVH can hold (nesting, a rate below 1).
+/// [`Invalid`](kinelm_store::Error::Invalid) or [`Limit`](kinelm_store::Error::Limit) for a clip that a BVH can't hold
+/// (nesting, a rate below 1).
 pub fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
-    match &motion.source {
-        Source::Bvh(source) if source.fits(&motion.clip) => source.to_bytes(&motion.clip),
-        _ => BvhSource::for_skeleton(motion.clip.skeleton())?.to_bytes(&motion.clip),
-    }
+    rig_of(motion)?.to_bytes(&motion.clip)
 }
 
-/// A motion as a BVH in which 1 means so many metres; joints, orders and turns are those of [`to_bytes`].
+/// Like [`to_bytes`], in a unit of `metres`.
 ///
 /// # Errors
 /// Those of [`to_bytes`].
 pub fn to_bytes_in(motion: &Motion, metres: f64) -> Result<Vec<u8>> {
+    rig_of(motion)?.in_unit(metres).to_bytes(&motion.clip)
+}
+
+fn rig_of(motion: &Motion) -> Result<Cow<'_, BvhSource>> {
     match &motion.source {
-        Source::Bvh(source) if source.fits(&motion.clip) => source.in_unit(metres).to_bytes(&motion.clip),
-        _ => BvhSource::for_skeleton(motion.clip.skeleton())?.in_unit(metres).to_bytes(&motion.clip),
+        Source::Bvh(source) if source.fits(&motion.clip) => Ok(Cow::Borrowed(source)),
+        _ => BvhSource::for_skeleton(motion.clip.skeleton()).map(Cow::Owned),
     }
 }
 
 impl BvhSource {
-    /// The same in another unit: OFFSETs and positions are other numbers, angles the same.
+    /// The same rig in another unit: scales OFFSETs and positions.
     fn in_unit(&self, metres: f64) -> BvhSource {
         let scale = self.rig.unit_m / metres;
         let mut other = self.clone();
@@ -58,28 +50,20 @@ impl BvhSource {
         other
     }
 
-    /// Whether a clip has this rig's joints: the same names and parents.
+    /// Whether a clip has this rig's joint names and parents.
     pub fn fits(&self, clip: &Clip) -> bool {
         let (own, its) = (&self.rig.skeleton, clip.skeleton());
         own.names() == its.names() && own.parents() == its.parents()
     }
 
-    /// Writes any clip with this rig's joints, at the clip's own rate and with as many frames as it has.
+    /// The bytes of a clip on this rig, at the clip's own rate and with any number of frames.
     ///
-    /// Header, names, orders, end sites, unit, axes and line ends are the rig's. Where a clip needs what the rig lacks (another
-    /// OFFSET, a turn about an axis that a joint has no channel for, a place for a root without position channels), that
-    /// is added to the header, so that the motion is never cut. Of other roots the rows nearest in time are kept.
-    ///
-    /// # Errors
-    /// [`kinelm_store::Error::Io`]; [`Invalid`](kinelm_store::Error::Invalid) when the joints are others or the rate is below 1.
-    pub fn write_clip(&self, path: &Path, clip: &Clip) -> Result<()> {
-        Ok(files::write_whole(path, &self.to_bytes(clip)?)?)
-    }
-
-    /// The bytes that [`BvhSource::write_clip`] writes.
+    /// Header, names, orders, end sites, unit, axes and line ends are the rig's. What the rig lacks for the clip (another
+    /// OFFSET, a rotation channel, position channels of the root) is added to the header, so that no motion is lost. Other
+    /// roots keep the rows nearest in time.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when the joints are others or the rate is below 1.
+    /// [`Invalid`](kinelm_store::Error::Invalid) when the joints differ or the rate is below 1.
     pub fn to_bytes(&self, clip: &Clip) -> Result<Vec<u8>> {
         if !self.fits(clip) {
             let (own, its) = (self.rig.skeleton.joints(), clip.joints());
@@ -92,7 +76,7 @@ impl BvhSource {
             return print(&self.head, &time(same)?, clip.frames(), &self.numbers);
         }
         let time = time(same && frame_time::is_exact(own, clip.fps()))?;
-        let clip = self.rig.axes.lay_back(clip)?;
+        let clip = self.rig.axes.from_y_up(clip)?;
         let rig = self.for_clip(&clip)?;
         let numbers = rig.rows(&clip, self);
         print(&rig.head, &time, clip.frames(), &numbers)
@@ -104,6 +88,7 @@ mod tests {
     use super::*;
     use crate::format::{ReadOptions, Unit, bvh};
     use crate::{Clip, synth};
+    use std::path::Path;
 
     #[test]
     fn another_unit_is_the_same_motion() {
@@ -120,7 +105,7 @@ mod tests {
             let (a, b) = (own.clip.positions(), other.clip.positions());
             let far = a.iter().zip(&b).map(|(a, b)| (*a - *b).length()).fold(0.0, f64::max);
             assert!(a.len() == b.len() && far < 2e-5, "{unit:?}: {far}");
-            // judged by the leg, not told
+            // inferred from the leg, not given
             assert!(
                 (read(&to_bytes_in(&own, metres).unwrap(), Unit::Auto).clip.root()[0] - own.clip.root()[0]).length()
                     < 2e-5

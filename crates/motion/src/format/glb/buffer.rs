@@ -1,37 +1,37 @@
-//! The binary part of a GLB, and the container around both parts.
+//! The binary part of a GLB, and the container of both parts.
 
 use crate::{Error, Result};
 use serde_json::{Value, json};
 
-/// What a run of numbers is for.
+/// The use of a buffer view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
-    /// Animation, matrices.
+    /// Animation or matrices.
     None,
-    /// Vertices.
+    /// Vertex attributes.
     Vertices = 34962,
-    /// Corners of triangles.
+    /// Triangle indices.
     Corners = 34963,
 }
 
-/// The component types that are used.
+/// glTF component types.
 const U16: u32 = 5123;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
 
-/// Numbers one after the other, each run with the accessor that finds it.
+/// A binary buffer with its views and accessors.
 #[derive(Debug, Default)]
 pub struct Buffer {
     bytes: Vec<u8>,
-    /// Whether a number is none in single precision.
+    /// Whether a number is beyond single precision.
     not_finite: bool,
     views: Vec<Value>,
     accessors: Vec<Value>,
 }
 
 impl Buffer {
-    /// Adds (N, C) floats, C by `kind` (`SCALAR`, `VEC3`, `VEC4`, `MAT4`); the accessor's index. With `bounds` it tells the
-    /// least and the largest of each component.
+    /// Adds (N, C) floats, C by `kind` (`SCALAR`, `VEC3`, `VEC4`, `MAT4`). Returns the index of the accessor, which has the
+    /// minimum and maximum of each component if `bounds`.
     pub fn floats(&mut self, numbers: &[f32], kind: (&str, usize), target: Target, bounds: bool) -> usize {
         let (name, width) = kind;
         self.not_finite |= numbers.iter().any(|x| !x.is_finite());
@@ -48,13 +48,13 @@ impl Buffer {
         self.add(bytes, accessor, target)
     }
 
-    /// Adds the joints (V, 4) that turn vertices.
+    /// Adds the joints (V, 4) of vertices.
     pub fn joints(&mut self, joints: &[[u16; 4]]) -> usize {
         let bytes = joints.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
         self.add(bytes, json!({"componentType": U16, "count": joints.len(), "type": "VEC4"}), Target::Vertices)
     }
 
-    /// Adds the corners (T, 3) of triangles.
+    /// Adds triangles (T, 3).
     pub fn corners(&mut self, corners: &[[u32; 3]]) -> usize {
         let bytes = corners.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
         self.add(bytes, json!({"componentType": U32, "count": 3 * corners.len(), "type": "SCALAR"}), Target::Corners)
@@ -72,10 +72,10 @@ impl Buffer {
         self.accessors.len() - 1
     }
 
-    /// The bytes of a GLB: `document` with what was added.
+    /// The bytes of a GLB: `document` with the buffer's views and accessors.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) for numbers beyond single precision.
+    /// [`Unsupported`](kinelm_store::Error::Unsupported) for numbers beyond single precision.
     pub fn container(self, mut document: Value) -> Result<Vec<u8>> {
         if self.not_finite {
             return Err(beyond("the body"));
@@ -101,7 +101,7 @@ impl Buffer {
     }
 }
 
-/// The error of a number that a GLB, whose floats have 32 bits, can't hold.
+/// The error of a number beyond the 32-bit floats of a GLB.
 pub fn beyond(what: &str) -> Error {
     Error::unsupported(what, "beyond what a GLB holds, 3.4e38 m; is the unit right (`unit`)?")
 }

@@ -1,8 +1,8 @@
-//! Clips as GLB (binary glTF 2.0), to be watched in engines and browsers; written, not read.
+//! GLB (binary glTF 2.0), written for game engines and browsers, not read.
 //!
-//! Of each clip a skeleton whose joints are nodes, a body of capsules around its bones that the joints turn (a skin), and
-//! keys of every frame: rotations, and the places of the root. Metres, y up, as here. Clips of one file play together, in one
-//! animation. Joints that never turn have no keys.
+//! Each clip becomes a skeleton of nodes, a skinned body of capsules, and an animation with keys in every frame: rotations,
+//! and positions of the root. Metres, y up. All clips of a file play together in one animation. Joints that never rotate
+//! have no keys.
 //!
 //! Source: Khronos Group, glTF 2.0 Specification (2021), sections 3.6, 3.7, 3.11, 4.4.
 
@@ -15,18 +15,18 @@ use buffer::{Buffer, Target, beyond};
 use mesh::Mesh;
 use serde_json::{Value, json};
 
-/// A clip and its name.
+/// A name and a clip.
 pub type Named<'a> = (&'a str, &'a Clip);
 
-/// Colours of bodies, one after the other: red, green, blue from 0 to 1.
+/// Colours of the bodies in turn: red, green, blue from 0 to 1.
 const COLOURS: [[f64; 3]; 4] = [[0.13, 0.24, 0.47], [0.06, 0.37, 0.29], [0.56, 0.20, 0.08], [0.33, 0.16, 0.43]];
 
-/// A GLB being made.
+/// A GLB under construction.
 #[derive(Default)]
 struct Scene {
     buffer: Buffer,
     nodes: Vec<Value>,
-    /// The nodes that hang on nothing.
+    /// Nodes without a parent.
     roots: Vec<usize>,
     meshes: Vec<Value>,
     skins: Vec<Value>,
@@ -35,10 +35,11 @@ struct Scene {
     channels: Vec<Value>,
 }
 
-/// The bytes of a GLB of these clips.
+/// The bytes of a GLB with these clips.
 ///
 /// # Errors
-/// [`Invalid`](kinelm_store::Error::Invalid) for no clips, one without frames, more than 65,535 joints, and numbers beyond single precision.
+/// [`Unsupported`](kinelm_store::Error::Unsupported) without clips, for a clip without frames, more than 65,535 joints, and
+/// numbers beyond single precision.
 pub fn to_bytes(clips: &[Named]) -> Result<Vec<u8>> {
     if clips.is_empty() {
         return Err(Error::unsupported("a GLB", "no clips; it needs at least one"));
@@ -57,7 +58,7 @@ pub fn to_bytes(clips: &[Named]) -> Result<Vec<u8>> {
         "asset": {"version": "2.0", "generator": concat!("kinelm ", env!("CARGO_PKG_VERSION"))},
         "scene": 0, "scenes": [{"nodes": roots}], "nodes": nodes,
     });
-    // a list without entries is no list here
+    // glTF forbids empty lists
     for (key, list) in [("meshes", meshes), ("skins", skins), ("materials", materials)] {
         if !list.is_empty() {
             document[key] = list.into();
@@ -78,7 +79,7 @@ impl Scene {
         if let Some(joint) = clip.skeleton().offsets().iter().position(too_far) {
             return Err(beyond(&format!("{name}: {}", clip.skeleton().names()[joint])));
         }
-        // a node of its own around the joints: programs make one armature of each
+        // a parent node of the joints, from which programs make one armature per clip
         let around = self.nodes.len();
         let first = around + 1;
         self.nodes.push(json!({"name": name, "children": [first]}));
@@ -114,7 +115,7 @@ impl Scene {
         self.samplers.push(json!({"input": input, "output": output, "interpolation": "LINEAR"}));
     }
 
-    /// The skin and the body that it turns.
+    /// Adds the skin and its mesh.
     fn add_body(&mut self, name: &str, clip: &Clip, (first, colour): (usize, [f64; 3])) -> Result<()> {
         let (skeleton, joints) = (clip.skeleton(), clip.joints());
         let rest = GlobalPose::new(skeleton, Vec3::ZERO, &vec![Quat::IDENTITY; joints]);
@@ -122,12 +123,12 @@ impl Scene {
         let matrices = self.buffer.floats(&matrices, ("MAT4", 16), Target::None, false);
         let nodes: Vec<usize> = (first..first + joints).collect();
         let mesh = Mesh::of(skeleton)?;
-        if mesh.places.is_empty() {
+        if mesh.positions.is_empty() {
             return Ok(()); // a single point
         }
         self.skins.push(json!({"name": name, "inverseBindMatrices": matrices, "joints": nodes, "skeleton": first - 1}));
         let vectors = |of: &[Vec3]| -> Vec<f32> { of.iter().flat_map(|p| place(*p)).collect() };
-        let places = self.buffer.floats(&vectors(&mesh.places), ("VEC3", 3), Target::Vertices, true);
+        let positions = self.buffer.floats(&vectors(&mesh.positions), ("VEC3", 3), Target::Vertices, true);
         let normals = self.buffer.floats(&vectors(&mesh.normals), ("VEC3", 3), Target::Vertices, false);
         let turned_by: Vec<[u16; 4]> = mesh.joints.iter().map(|&joint| [joint as u16, 0, 0, 0]).collect();
         let turned_by = self.buffer.joints(&turned_by);
@@ -137,7 +138,7 @@ impl Scene {
         let [r, g, b] = colour;
         self.materials.push(json!({"name": name, "pbrMetallicRoughness":
             {"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.7}}));
-        let attributes = json!({"POSITION": places, "NORMAL": normals, "JOINTS_0": turned_by, "WEIGHTS_0": weights});
+        let attributes = json!({"POSITION": positions, "NORMAL": normals, "JOINTS_0": turned_by, "WEIGHTS_0": weights});
         let material = self.materials.len() - 1;
         let primitive = json!({"attributes": attributes, "indices": corners, "material": material});
         self.meshes.push(json!({"name": name, "primitives": [primitive]}));
@@ -148,7 +149,7 @@ impl Scene {
     }
 }
 
-/// (F) the rotations of a joint, each of the sign nearer to the one before: between keys goes the shorter way.
+/// The rotations of a joint (F), with signs such that interpolation takes the shorter arc.
 fn turns(clip: &Clip, joint: usize) -> Vec<Quat> {
     let mut before = Quat::IDENTITY;
     let next = |f: usize| {
@@ -167,7 +168,7 @@ fn place(p: Vec3) -> [f32; 3] {
     p.to_array().map(|x| x as f32)
 }
 
-/// A move as a matrix, columns first.
+/// A translation matrix, column by column.
 fn moved_by(p: Vec3) -> [f32; 16] {
     let [x, y, z] = place(p);
     [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, y, z, 1.0]

@@ -1,9 +1,9 @@
-//! What is written, read by hand.
+//! Tests that parse the written bytes by hand.
 
 use super::*;
 use crate::synth;
 
-/// The document and the binary part.
+/// The JSON document and the binary part.
 fn parts(bytes: &[u8]) -> (Value, Vec<u8>) {
     let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
     assert_eq!((&bytes[..4], number(4), number(8)), (&b"glTF"[..], 2, bytes.len()));
@@ -40,8 +40,8 @@ fn nodes_and_keys_are_the_clip() {
                 assert_eq!(numbers[3 * f..3 * f + 3], place(clip.root()[f]));
             } else {
                 let [x, y, z, w] = [0, 1, 2, 3].map(|i| f64::from(numbers[4 * f + i]));
-                let apart = crate::rotation::angle_between(Quat::from_xyzw(x, y, z, w), clip.pose(f)[joint]);
-                assert!(apart < 1e-6, "joint {joint}, frame {f}: {apart}");
+                let distance = crate::rotation::angle_between(Quat::from_xyzw(x, y, z, w), clip.pose(f)[joint]);
+                assert!(distance < 1e-6, "joint {joint}, frame {f}: {distance}");
                 turned += 1;
             }
         }
@@ -49,7 +49,7 @@ fn nodes_and_keys_are_the_clip() {
     assert!(turned > 20 * clip.frames());
     let skin = &document["skins"][1];
     assert_eq!((skin["joints"][0].as_u64(), skin["joints"].as_array().unwrap().len()), (Some(27), 24));
-    // the body stands around the joints: what a matrix takes off a joint's place in the rest pose leaves nothing
+    // inverse bind matrices take each joint of the rest pose to the origin
     let matrices = floats(&document, &binary, &skin["inverseBindMatrices"]);
     let rest = GlobalPose::new(clip.skeleton(), Vec3::ZERO, &[Quat::IDENTITY; 24]);
     for (matrix, at) in matrices.chunks(16).zip(&rest.positions) {

@@ -1,6 +1,6 @@
 //! The header of an `.npy` file: magic, version, and a Python dict of three keys.
 //!
-//! Read by hand: the dict is small and fixed, and a reader of any Python literal would go as deep as a file asks it to.
+//! Parsed by hand, because a parser of arbitrary Python literals recurses as deeply as a hostile file wants.
 //! Source: numpy's `numpy.lib.format`, versions 1.0, 2.0 and 3.0.
 
 use crate::error::{FaultKind, FileError};
@@ -9,23 +9,23 @@ use crate::{Error, Result};
 use kinelm_store::SourcePos;
 use std::path::Path;
 
-/// Longest header that is read, bytes. numpy itself stops at 10,000.
+/// Longest accepted header, bytes. numpy's own limit is 10,000.
 pub const MAX_HEADER: usize = 1 << 16;
 
-/// What an `.npy` file says before its elements.
+/// The header of an `.npy` file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
-    /// The elements' type.
+    /// The element type.
     pub dtype: Dtype,
     /// Lengths of the axes.
     pub shape: Vec<usize>,
-    /// The elements' order.
+    /// The memory order.
     pub order: Order,
-    /// Bytes from the file's first to the first element's.
+    /// Length of the header, bytes.
     pub length: usize,
 }
 
-/// Bytes of magic, version and length, and the whole header's length; `None` while `bytes` are too few to tell.
+/// Length of magic, version and length field, and of the whole header; `None` if `bytes` are too few to tell.
 pub(in crate::format) fn extent(bytes: &[u8]) -> Option<(usize, usize)> {
     let v1 = *bytes.get(6)? == 1;
     let n = if v1 {
@@ -37,12 +37,12 @@ pub(in crate::format) fn extent(bytes: &[u8]) -> Option<(usize, usize)> {
     Some((before, before + n as usize))
 }
 
-/// The header of the `.npy` in `bytes`; `path` and `key` are for messages.
+/// Parses the header of the `.npy` in `bytes`; `path` and `key` are used in messages.
 ///
 /// # Errors
-/// [`FaultKind::NotThisFormat`] without numpy's magic or for a version other than 1.0, 2.0, 3.0; [`FaultKind::Truncated`] for a
-/// header that is cut, longer than [`MAX_HEADER`] or no dict of `descr`, `fortran_order`, `shape`; [`FaultKind::Dtype`] for a
-/// type that [`Dtype::parse`] doesn't know.
+/// [`FaultKind::NotThisFormat`] without numpy's magic or for versions other than 1.0, 2.0, 3.0; [`FaultKind::Truncated`] for
+/// a header that is truncated, longer than [`MAX_HEADER`] or no dict of `descr`, `fortran_order`, `shape`;
+/// [`FaultKind::Dtype`] for a type that [`Dtype::parse`] doesn't know.
 pub fn parse(path: &Path, key: &str, bytes: &[u8]) -> Result<Header> {
     let fault = |kind, found: String, expected: &str| -> Error {
         FileError::new(SourcePos::file(path), kind, format!("{key}: {found}"), expected).into()
@@ -76,14 +76,14 @@ pub fn parse(path: &Path, key: &str, bytes: &[u8]) -> Result<Header> {
     let Some(dtype) = Dtype::parse(&descr) else {
         return Err(fault(FaultKind::Dtype, format!("elements of type {descr}"), "numbers or text"));
     };
-    // an array of objects has no elements here, only a pickle
+    // an array of objects contains a pickle instead of elements
     let order = if fortran && dtype.element != Element::Object { Order::Fortran } else { Order::C };
     Ok(Header { dtype, shape, order, length })
 }
 
 type Fields = (Option<String>, Option<bool>, Option<Vec<usize>>);
 
-/// What is left of a header's text.
+/// The unparsed rest of a header's text.
 struct Cursor<'a>(&'a [u8]);
 
 impl Cursor<'_> {
@@ -133,7 +133,7 @@ impl Cursor<'_> {
         (!text.contains('\\')).then_some(text)
     }
 
-    /// A type's text; of a record its list as it stands, which no type is called.
+    /// The text of a type; for a record the list as written, which no type matches.
     fn descr(&mut self) -> Option<String> {
         self.spaces();
         if self.0.first() != Some(&b'[') {
@@ -173,7 +173,7 @@ impl Cursor<'_> {
             self.spaces();
             let digits = self.0.iter().take_while(|b| b.is_ascii_digit()).count();
             shape.push(std::str::from_utf8(&self.0[..digits]).ok()?.parse().ok()?);
-            // Python 2 wrote long numbers with an L
+            // Python 2 wrote long integers with an L
             self.0 = &self.0[digits..];
             self.0 = self.0.strip_prefix(b"L").unwrap_or(self.0);
             if !self.take(b',') {

@@ -13,26 +13,26 @@ use std::borrow::Cow;
 use std::path::Path;
 
 impl<'a> Array<'a> {
-    /// An `.npy` file: its header, then its elements. What follows them is left alone.
+    /// Parses an `.npy` file: header and elements. Bytes after the elements are ignored.
     ///
-    /// An array of Python objects is read if they are all plain text.
+    /// An array of Python objects is accepted if all are plain text.
     ///
     /// # Errors
-    /// [`FaultKind::NotThisFormat`], [`FaultKind::Dtype`], [`FaultKind::Truncated`] (see [`parse_header`]); [`FaultKind::ObjectArray`] for
-    /// Python objects other than text.
+    /// [`FaultKind::NotThisFormat`], [`FaultKind::Dtype`], [`FaultKind::Truncated`] (see [`parse_header`]);
+    /// [`FaultKind::ObjectArray`] for Python objects other than text.
     pub fn parse(path: &Path, key: &str, bytes: &'a [u8]) -> Result<Self> {
         let header = parse_header(path, key, bytes)?;
         let data = bytes.get(header.length..).unwrap_or_default();
         if header.dtype.element == Element::Object {
             return objects(path, key, &header, data);
         }
-        let wanted = byte_count(&header.shape, &header.dtype).and_then(|n| usize::try_from(n).ok());
-        let data = wanted.and_then(|n| data.get(..n)).unwrap_or(data);
+        let expected = byte_count(&header.shape, &header.dtype).and_then(|n| usize::try_from(n).ok());
+        let data = expected.and_then(|n| data.get(..n)).unwrap_or(data);
         Array::new(path, key, header.dtype, header.shape, header.order, Cow::Borrowed(data))
     }
 }
 
-/// An array of Python objects, which is a pickle: read if it holds text alone.
+/// An array of Python objects, which is a pickle; only text is accepted.
 fn objects(path: &Path, key: &str, header: &Header, data: &[u8]) -> Result<Array<'static>> {
     let refused = |found: String| {
         let found = format!("{key}: {found}");

@@ -1,13 +1,13 @@
-//! The stack machine: opcodes of protocols 0 to 5.
+//! The stack machine with the opcodes of protocols 0 to 5.
 
 use super::{ALLOWED, Id, MAX_MARKS, MAX_STACK, MAX_VALUES, Object, Stop};
 use crate::error::FaultKind;
 use std::borrow::Cow;
 use std::collections::HashMap;
 
-/// Steps through a pickle. Gives its values and which of them it stands for.
+/// Executes a pickle. Returns its values and the index of the result.
 pub(super) fn run(bytes: &[u8]) -> Result<(Vec<Object<'_>>, Id), Stop> {
-    // each byte of text may become four; nothing else grows
+    // a byte of text may become four; nothing else grows
     let owned_left = bytes.len().saturating_mul(4).saturating_add(1024);
     let mut machine = Machine { bytes, owned_left, ..Machine::default() };
     let top = machine.run()?;
@@ -18,11 +18,11 @@ pub(super) fn run(bytes: &[u8]) -> Result<(Vec<Object<'_>>, Id), Stop> {
 pub(super) struct Machine<'a> {
     bytes: &'a [u8],
     at: usize,
-    /// Where the opcode in hand stands.
+    /// Byte offset of the current opcode.
     pub(super) opcode_at: usize,
     pub(super) values: Vec<Object<'a>>,
     stack: Vec<Id>,
-    /// Heights of the stack at the open marks.
+    /// Stack heights at the open marks.
     marks: Vec<usize>,
     memo: HashMap<u32, Id>,
     owned_left: usize,
@@ -210,31 +210,31 @@ impl<'a> Machine<'a> {
     }
 
     fn put(&mut self, opcode: u8) -> Step {
-        let place = match opcode {
+        let index = match opcode {
             0x94 => self.memo.len() as u32,
-            _ => self.memo_place(opcode == b'p', opcode == b'q')?,
+            _ => self.memo_index(opcode == b'p', opcode == b'q')?,
         };
         let top = self.peek()?;
         if self.memo.len() >= MAX_STACK {
-            return Err(self.large(format!("more than {MAX_STACK} memo places")));
+            return Err(self.large(format!("more than {MAX_STACK} memo entries")));
         }
-        self.memo.insert(place, top);
+        self.memo.insert(index, top);
         Ok(())
     }
 
     fn get(&mut self, opcode: u8) -> Step {
-        let place = self.memo_place(opcode == b'g', opcode == b'h')?;
-        match self.memo.get(&place) {
+        let index = self.memo_index(opcode == b'g', opcode == b'h')?;
+        match self.memo.get(&index) {
             Some(&id) => self.push_id(id),
-            None => Err(self.bad(format!("memo place {place}, which is empty"), "one that was filled")),
+            None => Err(self.bad(format!("memo index {index}, which is empty"), "one that was filled")),
         }
     }
 
-    fn memo_place(&mut self, line: bool, short: bool) -> Step<u32> {
+    fn memo_index(&mut self, line: bool, short: bool) -> Step<u32> {
         match (line, short) {
             (true, _) => {
                 let line = self.line()?;
-                self.parsed(line, "a memo place")
+                self.parsed(line, "a memo index")
             }
             (_, true) => self.byte().map(u32::from),
             _ => self.le(4).map(|n| n as u32),
@@ -286,7 +286,7 @@ impl<'a> Machine<'a> {
         Err(self.bad("an empty stack".into(), "a value"))
     }
 
-    /// The value on top, which stays.
+    /// The top of the stack, without popping it.
     pub(super) fn peek(&self) -> Step<Id> {
         let floor = self.marks.last().copied().unwrap_or(0);
         match self.stack.last() {
@@ -331,12 +331,12 @@ impl<'a> Machine<'a> {
         Ok(self.take(1)?[0])
     }
 
-    /// An unsigned little-endian number of `n` bytes.
+    /// An unsigned little-endian integer of `n` bytes.
     fn le(&mut self, n: usize) -> Step<u64> {
         Ok(self.take(n)?.iter().rev().fold(0, |v, &b| v << 8 | u64::from(b)))
     }
 
-    /// Up to the next line feed.
+    /// The bytes up to the next line feed.
     fn line(&mut self) -> Step<&'a [u8]> {
         let rest = &self.bytes[self.at..];
         let Some(end) = rest.iter().position(|&b| b == b'\n') else {
@@ -352,7 +352,7 @@ impl<'a> Machine<'a> {
         text.and_then(|t| t.parse().ok()).ok_or_else(|| self.bad(format!("{:?}", shown()), expected))
     }
 
-    /// Takes `n` bytes from what decoding may make.
+    /// Subtracts `n` bytes from the budget for decoded values.
     pub(super) fn pay(&mut self, n: usize) -> Step {
         match self.owned_left.checked_sub(n) {
             Some(left) => {
@@ -381,7 +381,7 @@ fn lossy(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Protocol 0's text: `\uXXXX` and `\UXXXXXXXX`, all other bytes Latin-1.
+/// Protocol 0's text: `\uXXXX` and `\UXXXXXXXX`, other bytes as Latin-1.
 fn unescaped(line: &[u8]) -> String {
     let mut text = String::new();
     let mut at = 0;
@@ -410,7 +410,7 @@ fn hex(digits: &[u8]) -> Option<u32> {
     digits.iter().try_fold(0, |n, &b| Some(n << 4 | (b as char).to_digit(16)?))
 }
 
-/// Protocol 0's Python 2 string: a quoted literal with `\n \r \t \\ \' \" \xXX`.
+/// Protocol 0's string of Python 2: a quoted literal with `\n \r \t \\ \' \" \xXX`.
 fn quoted(line: &[u8]) -> Option<Vec<u8>> {
     let line = line.trim_ascii();
     let (&first, &last) = (line.first()?, line.last()?);

@@ -1,12 +1,12 @@
-//! Python pickles that hold plain values and numpy arrays, read without running anything.
+//! Python pickles of plain values and numpy arrays, read without executing anything.
 //!
-//! A pickle is a program for a small stack machine which may call any function of any Python module. [`Pickle`] steps
-//! through that program for protocols 0 to 5, but knows only the calls by which numpy rebuilds arrays, types and scalars;
-//! a name outside [`ALLOWED`] is refused by its name, and no name is ever looked up anywhere.
+//! A pickle is a program for a small stack machine that may call any function of any Python module. [`Pickle`] executes
+//! protocols 0 to 5, but knows only the calls with which numpy rebuilds arrays, types and scalars. Names outside
+//! [`ALLOWED`] are refused; no name is ever looked up.
 //!
-//! Values stand in one list and refer to each other by their places in it, so that nesting costs no call depth and shared
-//! or circular values no copies. The list, the stack, the memo, the depth of marks and the bytes that decoding makes are
-//! all limited ([`MAX_VALUES`] and the others), so that a small file stays small in memory.
+//! Values are stored in one list and refer to each other by index, so that nesting takes no call depth and shared or
+//! circular values are not copied. The sizes of the list, the stack and the memo, the number of open marks and the bytes
+//! of decoded values are limited ([`MAX_VALUES`] and the others), so that a small file takes little memory.
 //!
 //! Source: Python's `pickletools`, which describes every opcode.
 
@@ -20,7 +20,7 @@ use kinelm_store::SourcePos;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-/// Names that a pickle may refer to, as module and name.
+/// Names that a pickle may use, as module and name.
 pub const ALLOWED: [(&str, &str); 9] = [
     ("numpy.core.multiarray", "_reconstruct"),
     ("numpy.core.multiarray", "scalar"),
@@ -34,18 +34,18 @@ pub const ALLOWED: [(&str, &str); 9] = [
 ];
 /// Most values in one pickle.
 pub const MAX_VALUES: usize = 1 << 18;
-/// Most values on the stack, most places in the memo.
+/// Most values on the stack and most memo entries.
 pub const MAX_STACK: usize = 1 << 18;
-/// Most marks that are open at once.
+/// Most open marks.
 pub const MAX_MARKS: usize = 1 << 10;
 
-/// Most texts that are taken out of a list, and most bytes of each; shared values could make them many.
+/// Most texts taken from a list, and most bytes of each, because shared values could multiply them.
 const MAX_TEXTS: usize = 1 << 12;
 
-/// Where a value stands in its pickle.
+/// Index of a value.
 type Id = u32;
 
-/// A pickle's values.
+/// The values of a pickle.
 #[derive(Debug)]
 pub struct Pickle<'a> {
     path: PathBuf,
@@ -71,21 +71,20 @@ enum Object<'a> {
 
 #[derive(Debug, Clone)]
 enum ArrayParts {
-    /// `_reconstruct` made it, its state is not there yet.
+    /// Made by `_reconstruct`; its state is still missing.
     Blank,
-    /// Elements in the bytes of another value.
+    /// The elements are the bytes of another value.
     Plain { dtype: Dtype, shape: Vec<usize>, order: Order, bytes: Id },
-    /// Elements are the values of a list.
+    /// The elements are the values of a list.
     Objects { list: Id },
 }
 
 impl<'a> Pickle<'a> {
-    /// Reads a pickle; what follows its end is left alone. `path` is for messages.
+    /// Reads a pickle; bytes after its end are ignored. `path` is used in messages.
     ///
     /// # Errors
-    /// [`FaultKind::PickleRefused`] for a name outside [`ALLOWED`] or an opcode that makes or calls anything else (it says
-    /// which); [`FaultKind::PickleBad`] for a damaged pickle, with the byte at which reading stopped; [`FaultKind::TooLarge`] above a
-    /// limit.
+    /// [`FaultKind::PickleRefused`] for a name outside [`ALLOWED`] or an opcode that makes or calls anything else;
+    /// [`FaultKind::PickleBad`] for a damaged pickle, with the byte offset; [`FaultKind::TooLarge`] above a limit.
     pub fn parse(path: &Path, bytes: &'a [u8]) -> Result<Self> {
         let (values, top) = machine::run(bytes).map_err(|stop| stop.at(path))?;
         Ok(Pickle { path: path.to_owned(), values, top })
@@ -97,7 +96,7 @@ impl<'a> Pickle<'a> {
     }
 }
 
-/// Why reading stopped.
+/// Why execution stopped.
 struct Stop {
     kind: FaultKind,
     at: usize,
@@ -128,7 +127,7 @@ impl<'p, 'a> Value<'p, 'a> {
         &self.pickle.values[self.id as usize]
     }
 
-    /// The value of a dict's key; `None` if it has none or this is no dict. Keys are text or, from Python 2, bytes.
+    /// The value of a dict's key; `None` if it is missing or this is no dict. Keys are text or, from Python 2, bytes.
     pub fn get(&self, key: &str) -> Option<Value<'p, 'a>> {
         let Object::Dict(items) = self.object() else { return None };
         // the last of equal keys wins, as in Python
@@ -136,13 +135,13 @@ impl<'p, 'a> Value<'p, 'a> {
         Some(self.at(*id))
     }
 
-    /// The keys of a dict that are text, in the order of the file; `None` if this is no dict.
+    /// The text keys of a dict, in file order; `None` if this is no dict.
     pub fn keys(&self) -> Option<Vec<String>> {
         let Object::Dict(items) = self.object() else { return None };
         Some(items.iter().take(MAX_TEXTS).filter_map(|(k, _)| self.at(*k).text()).map(Cow::into_owned).collect())
     }
 
-    /// Short text, or bytes taken as Latin-1, as Python 2 wrote it; of a numpy scalar or an array of one text that text.
+    /// Short text, or bytes as Latin-1 (Python 2); for a numpy scalar or an array of one text, that text.
     pub fn text(&self) -> Option<Cow<'p, str>> {
         match self.object() {
             Object::Text(t) if t.len() <= MAX_TEXTS => Some(Cow::Borrowed(t)),
@@ -152,7 +151,7 @@ impl<'p, 'a> Value<'p, 'a> {
         }
     }
 
-    /// The texts of a list or of an array of objects; `None` if this is neither or an element is no text.
+    /// The texts of a list or an array of objects; `None` if this is neither or has other elements.
     pub fn texts(&self) -> Option<Vec<Cow<'p, str>>> {
         match self.object() {
             Object::List(items) | Object::Tuple(items) if items.len() <= MAX_TEXTS => items
@@ -167,7 +166,7 @@ impl<'p, 'a> Value<'p, 'a> {
         }
     }
 
-    /// An array; of a Python number a 0-d array. `None` for all else. `key` is for messages.
+    /// An array; a Python number becomes a 0-d array. `None` for anything else. `key` is used in messages.
     pub fn array(&self, key: &str) -> Option<Result<Array<'p>>> {
         let path = &self.pickle.path;
         let number = |descr, bytes: [u8; 8]| {
@@ -191,7 +190,7 @@ impl<'p, 'a> Value<'p, 'a> {
         }
     }
 
-    /// What it is, for messages.
+    /// The kind of value, for messages.
     pub fn kind(&self) -> &'static str {
         match self.object() {
             Object::None => "None",

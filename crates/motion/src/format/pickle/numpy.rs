@@ -1,4 +1,4 @@
-//! The calls by which numpy rebuilds what it pickled.
+//! The calls with which numpy rebuilds pickled arrays.
 
 use super::machine::Machine;
 use super::{ArrayParts, Id, Object, Stop};
@@ -15,13 +15,13 @@ impl<'a> Machine<'a> {
 
     fn tuple(&self, id: Id) -> Step<Vec<Id>> {
         match self.object(id) {
-            // a call has few arguments, an array few axes; anything longer is none
+            // calls have few arguments and arrays few axes
             Object::Tuple(items) if items.len() <= 64 => Ok(items.clone()),
             _ => Err(self.bad("arguments that are no tuple".into(), "a tuple")),
         }
     }
 
-    /// REDUCE: a call of the name under the arguments.
+    /// REDUCE: calls a name with arguments.
     pub(super) fn reduce(&mut self) -> Step {
         let (arguments, callee) = (self.pop()?, self.pop()?);
         let Object::Global(name) = *self.object(callee) else {
@@ -41,7 +41,7 @@ impl<'a> Machine<'a> {
             ("_frombuffer", &[bytes, dtype, shape, order, axes]) => {
                 let (shape, order) = (self.shape(shape)?, self.order(order, Some(axes))?);
                 let shape = match &order {
-                    // the shape is that of the memory
+                    // the shape is that of the memory order
                     Order::Axes(axes) => self.permuted(&shape, axes)?,
                     _ => shape,
                 };
@@ -53,7 +53,7 @@ impl<'a> Machine<'a> {
         self.push(value)
     }
 
-    /// BUILD: the state of an array or a type that a call made.
+    /// BUILD: sets the state of an array or a type.
     pub(super) fn build(&mut self) -> Step {
         let state = self.pop()?;
         let target = self.peek()?;
@@ -63,7 +63,7 @@ impl<'a> Machine<'a> {
                 Object::Dtype(self.dtype_state(dtype, state)?)
             }
             Object::Array(ArrayParts::Blank) => match *self.tuple(state)?.as_slice() {
-                // version, shape, type, whether Fortran, elements; files before numpy 1.0 lack the version
+                // version, shape, type, Fortran order, elements; files before numpy 1.0 have no version
                 [_, shape, dtype, fortran, elements] | [shape, dtype, fortran, elements] => {
                     let order = match self.object(fortran) {
                         Object::Bool(true) | Object::Int(1) => Order::Fortran,
@@ -160,7 +160,7 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// The lengths of the array's axes from those of the memory's.
+    /// The array's shape from the shape in memory order.
     fn permuted(&self, memory: &[usize], axes: &[usize]) -> Step<Vec<usize>> {
         let shape: Option<Vec<usize>> = axes.iter().map(|&a| memory.get(a).copied()).collect();
         shape
@@ -168,7 +168,7 @@ impl<'a> Machine<'a> {
             .ok_or_else(|| self.bad("an odd order of axes".into(), "each axis once"))
     }
 
-    /// `_codecs.encode(text, 'latin1')`: how protocols 0 to 2 carry bytes.
+    /// `_codecs.encode(text, 'latin1')`, with which protocols 0 to 2 store bytes.
     fn latin1(&mut self, text: Id, coding: Id) -> Step<Object<'a>> {
         let (Object::Text(text), Object::Text(coding)) = (self.object(text), self.object(coding)) else {
             return Err(self.bad("an encoding of what is no text".into(), "text"));
@@ -177,7 +177,7 @@ impl<'a> Machine<'a> {
             return Err(self.refuse("an encoding other than latin1".into()));
         }
         let length = text.len();
-        // paid before it is made: one text may be encoded again and again
+        // subtracted from the budget first, because one text may be encoded repeatedly
         let text = text.clone();
         self.pay(length)?;
         let bytes: Option<Vec<u8>> = text.chars().map(|c| u8::try_from(u32::from(c)).ok()).collect();

@@ -1,4 +1,4 @@
-//! What a BVH says beside its clip: header, numbers, and how they were understood.
+//! The content of a BVH beyond its clip: header, numbers, and how they are interpreted.
 
 use crate::format::{Axes, BvhPosition};
 use crate::rotation::Axis;
@@ -6,23 +6,23 @@ use crate::{Skeleton, Warning};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// What a BVH says beside its clip: the whole header and the numbers themselves.
+/// The content of a BVH beyond its clip: the whole header and the numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BvhSource {
     /// Everything before the rows.
     pub head: Header,
-    /// (F, C) the numbers as they stand in the file: lengths in its unit, angles in degrees.
+    /// The numbers (F, C) in the file's unit, angles in degrees.
     pub numbers: Vec<f64>,
-    /// F.
+    /// F, the number of frames.
     pub frames: usize,
-    /// How the nodes are the clip's joints.
+    /// How nodes correspond to the clip's joints.
     pub rig: BvhRig,
-    /// Of a motion that was put on this rig from another: where its floor was found before that, metres.
+    /// The floor before retargeting, metres, if the motion was put on this rig from another.
     pub floor_m: Option<f64>,
 }
 
 impl BvhSource {
-    /// The rows of a range of frames; the decisions of reading stay.
+    /// The rows of a range of frames. The interpretation stays.
     ///
     /// # Panics
     /// If the range leaves the frames.
@@ -37,7 +37,7 @@ impl BvhSource {
         }
     }
 
-    /// Whether the rotation channels from the file's ROOT to the clip's root are all exactly 0 in a frame.
+    /// Whether all rotation channels from the file's ROOT to the clip's root are exactly 0 in a frame.
     pub(crate) fn root_unturned(&self, frame: usize) -> bool {
         let row = &self.numbers[frame * self.head.width..(frame + 1) * self.head.width];
         self.rig.chain.iter().all(|&node| {
@@ -48,28 +48,28 @@ impl BvhSource {
     }
 }
 
-/// How a file's nodes and channels are a clip: what was decided on reading, and holds for writing back.
+/// How a BVH's nodes and channels are interpreted as a clip, for reading and for writing back.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BvhRig {
-    /// The nodes from the file's ROOT to the clip's root, both included: one where nothing was folded.
+    /// The nodes from the file's ROOT to the clip's root, inclusive. More than one if a root was folded.
     pub chain: Vec<usize>,
-    /// (J) node of each joint.
+    /// The node of each joint (J).
     pub joints: Vec<usize>,
     /// The clip's skeleton, metres, y up.
     pub skeleton: Arc<Skeleton>,
-    /// Metres of the file's unit.
+    /// The file's unit in metres.
     pub unit_m: f64,
-    /// Whether the unit was judged by the legs.
+    /// Whether the unit was inferred from the leg length.
     pub unit_judged: bool,
     /// What position channels do to the OFFSET.
     pub position: BvhPosition,
-    /// Per joint below the root whose position channels vary: the largest distance from their mean, metres, dropped.
+    /// Joints below the root whose position channels vary, with the largest distance from the mean, metres. It is dropped.
     pub stretch: Vec<(usize, f64)>,
-    /// How the file's axes are turned to make the clip's.
+    /// How the file's axes are rotated to the clip's.
     pub axes: Axes,
 }
 
-/// One channel of a joint.
+/// A channel of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Channel {
     /// In the file's unit.
@@ -79,7 +79,7 @@ pub enum Channel {
 }
 
 impl Channel {
-    /// The name as BVH files usually write it.
+    /// The usual spelling of the channel's name.
     pub fn name(self) -> &'static str {
         match self {
             Channel::Position(axis) => ["Xposition", "Yposition", "Zposition"][axis.index()],
@@ -93,7 +93,7 @@ impl Channel {
     }
 }
 
-/// What a node of the hierarchy is.
+/// The kinds of nodes in the hierarchy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NodeKind {
     /// `ROOT`.
@@ -104,50 +104,50 @@ pub enum NodeKind {
     End,
 }
 
-/// A root, joint or end site, as the file has it.
+/// A root, joint or end site of the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Node {
-    /// What it is.
+    /// The kind of node.
     pub kind: NodeKind,
-    /// The name as found; may be empty for an end site.
+    /// The name in the file; may be empty for an end site.
     pub name: String,
-    /// The name that stands once: of a joint whose name occurred before, `name.2`. Of an end site empty.
+    /// A unique name: `name.2` if the name occurred before; empty for an end site.
     pub unique: String,
-    /// The node around it.
+    /// The parent node.
     pub parent: Option<usize>,
     /// `OFFSET`, in the file's unit.
     pub offset: [f64; 3],
     /// `CHANNELS`, in the file's order.
     pub channels: Vec<Channel>,
-    /// Place of its first channel in a row.
+    /// Index of its first channel in a row.
     pub column: usize,
-    /// Byte of its keyword in the file.
+    /// Byte offset of its keyword in the file.
     pub at: usize,
 }
 
-/// How the file ends its lines and indents them, for a header that has to be written anew.
+/// Line ends and indentation of the file, for writing a new header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Style {
     pub line_end: String,
     pub indent: String,
 }
 
-/// Everything before the rows, with the bytes themselves where they are written back.
+/// Everything before the rows, including the original bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// Nodes in file order, parents before children.
     pub nodes: Vec<Node>,
-    /// C, the numbers of a row: the channels of all roots.
+    /// C, the number of channels of all roots.
     pub width: usize,
-    /// The frames that the file declares.
+    /// The declared number of frames.
     pub declared: u64,
-    /// `Frame Time` as it stands there.
+    /// `Frame Time` as written in the file.
     pub frame_time: String,
-    /// Byte where the rows start.
+    /// Byte offset of the first row.
     pub rows_at: usize,
-    /// What was odd.
+    /// Warnings about the header.
     pub warnings: Vec<Warning>,
-    /// Bytes before the frame count, between it and the frame time, and after that to the end of the line.
+    /// Bytes before the frame count, between it and the frame time, and from there to the end of the line.
     pub(crate) pieces: [Vec<u8>; 3],
     pub(crate) style: Style,
 }

@@ -1,6 +1,6 @@
-//! A motion as it came from a file: its clip, and what the file said beside it.
+//! A motion as it came from a file: its clip, and what the file contains beyond it.
 //!
-//! These are data alone. Readers make them, writers use them, and neither knows the other.
+//! These types are data only. Readers make them and writers use them, without knowing each other.
 
 pub mod bvh;
 
@@ -10,21 +10,21 @@ use bvh::BvhSource;
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// A clip as it came from a file.
+/// A clip with its source.
 #[derive(Debug, Clone)]
 pub struct Motion {
     /// The file, as the user named it.
     pub path: PathBuf,
-    /// What moves.
+    /// The motion itself.
     pub clip: Clip,
-    /// What the file said beside it.
+    /// What the file contains beyond the clip.
     pub source: Source,
-    /// What was odd.
+    /// What was odd in the file.
     pub warnings: Vec<Warning>,
 }
 
 impl Motion {
-    /// The frames of a range, of the clip and of the file's own numbers beside it.
+    /// The frames of a range, of clip and source.
     ///
     /// # Panics
     /// If the range leaves the clip.
@@ -37,46 +37,46 @@ impl Motion {
     }
 }
 
-/// What a file said that a clip has no place for.
+/// What a file contains beyond its clip.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Source {
-    /// A BVH: its whole header and its numbers.
+    /// A BVH: its header and numbers.
     Bvh(Box<BvhSource>),
-    /// AMASS: what `inspect` tells beside the motion.
+    /// An AMASS file.
     Amass {
         /// `SMPL`, `SMPL+H` or `SMPL-X`.
         model: String,
-        /// As the file has it; empty where it has none.
+        /// The gender in the file; empty if it has none.
         gender: String,
-        /// How many shape numbers the file holds.
+        /// The number of shape coefficients in the file.
         betas: usize,
-        /// Where the pelvis lies at rest, metres, in the file's own axes: what was added to `trans`.
+        /// The rest pelvis, metres, in the file's axes: what was added to `trans`.
         rest_pelvis: Vec3,
-        /// Whether a user's body model supplied that and the offsets; if not, they are the neutral skeleton's.
+        /// Whether rest pelvis and offsets come from a body model; otherwise they are the neutral skeleton's.
         body_model: bool,
     },
-    /// AIST++.
+    /// An AIST++ file.
     Aist {
         /// `smpl_scaling`: the divisor of `smpl_trans`.
         scaling: f64,
-        /// Where the pelvis lies at rest, metres: what was added to the scaled `smpl_trans`.
+        /// The rest pelvis, metres: what was added to the scaled `smpl_trans`.
         rest_pelvis: Vec3,
-        /// Whether a user's body model supplied that and the offsets; if not, they are the neutral skeleton's.
+        /// Whether rest pelvis and offsets come from a body model; otherwise they are the neutral skeleton's.
         body_model: bool,
     },
-    /// Our own JSON whose world was read with another axis than y up.
+    /// A JSON clip whose up axis is not y.
     Json(Axes),
     /// A motion that was put on another body.
     Retargeted {
-        /// Where its floor was found before that, metres: it still is there.
+        /// The floor found before that, metres; retargeting doesn't move it.
         floor_m: f64,
     },
-    /// Our own JSON, or made by a program: nothing beside the clip.
+    /// Nothing beyond the clip: a JSON clip, or one made by a program.
     Plain,
 }
 
 impl Source {
-    /// The axes of the file, as it was read.
+    /// The axes of the file.
     pub fn axes(&self) -> Axes {
         match self {
             Source::Bvh(bvh) => bvh.rig.axes,

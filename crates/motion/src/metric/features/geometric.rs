@@ -1,4 +1,4 @@
-//! Shares of frames in which relations between joints hold: a hand moves forward, a knee is bent, feet are wide apart.
+//! Geometric features: fractions of frames in which relations between joints hold, such as a bent knee or feet wide apart.
 //!
 //! Source: Müller, Röder, Clausen, "Efficient content-based retrieval of motion capture data" (2005); the code of fairmotion
 //! and its descendants.
@@ -6,10 +6,10 @@
 use super::{Formulas, JointPositions, Lengths};
 use crate::Vec3;
 
-/// Relations.
+/// The number of relations.
 pub const GEOMETRIC: usize = 32;
 
-/// Joints by the names that the relations have for them.
+/// Joint ids by the names used in the relations.
 mod id {
     pub const ROOT: usize = 0;
     pub const LHIP: usize = 1;
@@ -31,41 +31,41 @@ mod id {
     pub const RWRIST: usize = 21;
 }
 
-/// Normals shorter than this have no direction.
+/// Shorter normals have no direction.
 const NO_NORMAL: f64 = 1e-8;
-/// Frames a second that published code divides by, though its data have half of them.
+/// Frames per second in published code, twice the rate of its data.
 const COMPAT_RATE: f64 = 120.0;
 
-/// The share of frames, from the second on, in which each relation holds.
-pub fn geometric(places: &JointPositions, form: Formulas) -> [f64; GEOMETRIC] {
+/// The fraction of frames, from the second on, in which each relation holds.
+pub fn geometric(positions: &JointPositions, form: Formulas) -> [f64; GEOMETRIC] {
     let (lengths, fps) = match form {
         Formulas::Compat => (Lengths::COMPAT, COMPAT_RATE),
-        Formulas::Fixed => (places.lengths, places.fps),
+        Formulas::Fixed => (positions.lengths, positions.fps),
     };
     let mut shares = [0.0; GEOMETRIC];
-    for frame in 1..places.frames() {
-        let holds = At { places, frame, fps }.relations(lengths, form);
+    for frame in 1..positions.frames() {
+        let holds = At { positions, frame, fps }.relations(lengths, form);
         shares.iter_mut().zip(holds).for_each(|(share, holds)| *share += f64::from(u8::from(holds)));
     }
-    let frames = (places.frames() - 1) as f64;
+    let frames = (positions.frames() - 1) as f64;
     shares.map(|share| share / frames)
 }
 
 /// A frame.
 struct At<'a> {
-    places: &'a JointPositions,
+    positions: &'a JointPositions,
     frame: usize,
     fps: f64,
 }
 
 impl At<'_> {
     fn p(&self, joint: usize) -> Vec3 {
-        self.places.at(self.frame, joint)
+        self.positions.at(self.frame, joint)
     }
 
     /// Velocity, m/s.
     fn u(&self, joint: usize) -> Vec3 {
-        (self.p(joint) - self.places.at(self.frame - 1, joint)) * self.fps
+        (self.p(joint) - self.positions.at(self.frame - 1, joint)) * self.fps
     }
 
     fn relations(
@@ -137,34 +137,34 @@ impl At<'_> {
         (self.p(c) - self.p(a)).cross(self.p(b) - self.p(a))
     }
 
-    /// How far a joint stands from another in a direction.
+    /// Distance of a joint from another along a direction.
     fn beyond(&self, joint: usize, from: usize, direction: Vec3) -> f64 {
         part(self.p(joint) - self.p(from), direction)
     }
 
-    /// How fast a joint moves against another in a direction.
+    /// Speed of a joint relative to another along a direction.
     fn along(&self, joint: usize, against: usize, direction: Vec3) -> f64 {
         part(self.u(joint) - self.u(against), direction)
     }
 
-    /// How fast a joint passes through a plane that another is in.
+    /// Speed of a joint through a plane that contains another joint.
     fn past(&self, joint: usize, against: usize, normal: Vec3) -> f64 {
         self.along(joint, against, normal)
     }
 
-    /// The published `move`: from joint `a` to `b`, how fast a third moves against `a`.
+    /// The published `move`: speed of a joint relative to `a` along the direction from `a` to `b`.
     fn moves(&self, a: usize, b: usize, joint: usize) -> f64 {
         self.along(joint, a, self.p(b) - self.p(a))
     }
 }
 
-/// The part of a vector that lies in a direction; minus infinity, which no relation holds for, where there is none.
+/// The component of a vector along a direction; minus infinity for a zero direction, so that no relation holds.
 fn part(vector: Vec3, direction: Vec3) -> f64 {
     let length = direction.length();
     if length < NO_NORMAL { f64::NEG_INFINITY } else { vector.dot(direction) / length }
 }
 
-/// Whether the angle between two vectors lies within, degrees.
+/// Whether the angle between two vectors is between these limits, degrees.
 fn within(a: Vec3, b: Vec3, low: f64, high: f64) -> bool {
     let degrees = a.angle_between(b).to_degrees();
     low < degrees && degrees < high

@@ -1,4 +1,4 @@
-//! How fast joints move and how hard they speed up.
+//! Kinetic features: speeds and accelerations of joints.
 //!
 //! Source: Onuma, Faloutsos, Hodgins, "FMDistance: a fast and effective distance function for motion capture data" (2008);
 //! the code of fairmotion and its descendants.
@@ -6,25 +6,24 @@
 use super::{COMPAT_FPS, Formulas, JointPositions};
 use crate::Vec3;
 
-/// Three a joint: mean square speed over the ground, mean square speed up and down, mean size of the acceleration.
+/// Three per joint: mean square of the horizontal speed, of the vertical speed, and mean acceleration.
 pub const KINETIC: usize = 72;
 
-/// Frames on each side that a speed is a mean over.
+/// Frames on each side over which a speed is averaged.
 const REACH: i64 = 2;
 
-/// The features, joint by joint. `compat` takes frames as a sixtieth of a second, whatever their rate; `fixed` gives
-/// ln(x + 0.001) of each.
-pub fn kinetic(places: &JointPositions, form: Formulas) -> [f64; KINETIC] {
+/// The features, joint by joint. `Compat` takes a frame as 1/60 s at any rate; `Fixed` returns ln(x + 0.001).
+pub fn kinetic(positions: &JointPositions, form: Formulas) -> [f64; KINETIC] {
     let mut features = [0.0; KINETIC];
-    let fps = if form == Formulas::Compat { COMPAT_FPS } else { places.fps };
-    let steps = places.frames() - 1;
+    let fps = if form == Formulas::Compat { COMPAT_FPS } else { positions.fps };
+    let steps = positions.frames() - 1;
     for joint in 0..24 {
         let [along, upward, faster] = [0, 1, 2].map(|i| 3 * joint + i);
-        for frame in 1..places.frames() {
-            let v = speed(places, joint, frame) * fps;
+        for frame in 1..positions.frames() {
+            let v = speed(positions, joint, frame) * fps;
             features[along] += v.x * v.x + v.z * v.z;
             features[upward] += v.y * v.y;
-            features[faster] += acceleration(places, joint, frame, fps, form).length();
+            features[faster] += acceleration(positions, joint, frame, fps, form).length();
         }
         features[3 * joint..3 * joint + 3].iter_mut().for_each(|x| *x /= steps as f64);
     }
@@ -34,24 +33,24 @@ pub fn kinetic(places: &JointPositions, form: Formulas) -> [f64; KINETIC] {
     features
 }
 
-/// The mean of what `of` says of the frames around `frame` whose neighbours from `-1` to `ahead` are in the clip.
-fn mean(places: &JointPositions, frame: usize, ahead: i64, of: impl Fn(usize) -> Vec3) -> Vec3 {
+/// The mean of `of` over the frames around `frame` whose neighbours from `-1` to `ahead` are in the clip.
+fn mean(positions: &JointPositions, frame: usize, lookahead: i64, of: impl Fn(usize) -> Vec3) -> Vec3 {
     let around = (-REACH..=REACH).map(|d| frame as i64 + d);
-    let within = around.filter(|i| *i >= 1 && i + ahead < places.frames() as i64);
+    let within = around.filter(|i| *i >= 1 && i + lookahead < positions.frames() as i64);
     let (sum, n) = within.fold((Vec3::ZERO, 0.0), |(sum, n), i| (sum + of(i as usize), n + 1.0));
     sum / f64::max(n, 1.0)
 }
 
-/// Metres a frame.
-fn speed(places: &JointPositions, joint: usize, frame: usize) -> Vec3 {
-    mean(places, frame, 0, |i| places.at(i, joint) - places.at(i - 1, joint))
+/// Speed in metres per frame.
+fn speed(positions: &JointPositions, joint: usize, frame: usize) -> Vec3 {
+    mean(positions, frame, 0, |i| positions.at(i, joint) - positions.at(i - 1, joint))
 }
 
-fn acceleration(places: &JointPositions, joint: usize, frame: usize, fps: f64, form: Formulas) -> Vec3 {
-    mean(places, frame, 1, |i| {
-        let [before, now, next] = [i - 1, i, i + 1].map(|i| places.at(i, joint));
+fn acceleration(positions: &JointPositions, joint: usize, frame: usize, fps: f64, form: Formulas) -> Vec3 {
+    mean(positions, frame, 1, |i| {
+        let [before, now, next] = [i - 1, i, i + 1].map(|i| positions.at(i, joint));
         match form {
-            // a bracket too early: the place before alone is divided, so that places count, not changes
+            // published code misplaces a bracket: only the position before is divided, so positions count instead of differences
             Formulas::Compat => ((next - now) * fps - (now - before * fps)) * fps,
             Formulas::Fixed => (next - now * 2.0 + before) * fps * fps,
         }

@@ -1,7 +1,7 @@
-//! Numbers that say how a piece of dance moves: kinetic and geometric features, of which Fréchet distances are made.
+//! Kinetic and geometric features of a piece of dance, the basis of Fréchet distances.
 //!
-//! Each comes in two forms: `compat` as published code computes it, slips and all, so that figures can be laid beside
-//! papers; `fixed` as we think it was meant. docs/referee.md tells what is wrong with the first.
+//! Each comes in two versions: `Compat` as published code computes it, errors included, for comparison with papers; `Fixed`
+//! without these errors. docs/referee.md explains the errors.
 
 mod geometric;
 mod kinetic;
@@ -11,22 +11,22 @@ pub use kinetic::{KINETIC, kinetic};
 
 use crate::{Clip, Error, Result, Vec3, smpl};
 
-/// The rate that `compat` features are of.
+/// The rate of `Compat` features, frames per second.
 pub const COMPAT_FPS: f64 = 60.0;
 
-/// Which formulas.
+/// Which formulas to use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Formulas {
-    /// As published.
+    /// As in published code.
     Compat,
-    /// As meant.
+    /// Corrected.
     Fixed,
 }
 
-/// JointPositions of the 24 SMPL joints over time, (F, 24), metres, y up, at a rate, with what the body measures at rest.
+/// Positions of the 24 SMPL joints (F, 24), metres, y up, with the rate and the body's rest lengths.
 #[derive(Debug, Clone)]
 pub struct JointPositions {
-    places: Vec<Vec3>,
+    positions: Vec<Vec3>,
     fps: f64,
     lengths: Lengths,
 }
@@ -43,15 +43,15 @@ pub struct Lengths {
 }
 
 impl Lengths {
-    /// Those that published code has for everybody.
+    /// The lengths that published code uses for everybody.
     pub const COMPAT: Lengths = Lengths { humerus: 0.256_838_1, shoulders: 0.390_848_3, hips: 0.119_247_1 };
 }
 
 impl JointPositions {
-    /// Of a clip on SMPL-24.
+    /// The positions of a clip on SMPL-24.
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) for another rig and fewer than two frames.
+    /// [`Invalid`](kinelm_store::Error::Invalid) for another rig or fewer than two frames.
     pub fn of(clip: &Clip) -> Result<JointPositions> {
         if clip.skeleton().names() != smpl::NAMES || clip.frames() < 2 {
             let (joints, frames) = (clip.joints(), clip.frames());
@@ -59,41 +59,41 @@ impl JointPositions {
             return Err(Error::invalid("a clip for features", found, "SMPL's 24 joints and at least two frames"));
         }
         let at_rest = crate::GlobalPose::new(clip.skeleton(), Vec3::ZERO, &[crate::Quat::IDENTITY; 24]).positions;
-        let apart = |a: usize, b: usize| (at_rest[a] - at_rest[b]).length();
-        let lengths = Lengths { humerus: apart(16, 18), shoulders: apart(16, 17), hips: apart(1, 2) };
-        Ok(JointPositions { places: clip.positions(), fps: clip.fps(), lengths })
+        let distance = |a: usize, b: usize| (at_rest[a] - at_rest[b]).length();
+        let lengths = Lengths { humerus: distance(16, 18), shoulders: distance(16, 17), hips: distance(1, 2) };
+        Ok(JointPositions { positions: clip.positions(), fps: clip.fps(), lengths })
     }
 
-    /// A range of the frames.
+    /// A range of frames.
     ///
     /// # Panics
-    /// If the range leaves them.
+    /// If the range leaves the frames.
     pub fn slice(&self, frames: std::ops::Range<usize>) -> JointPositions {
-        JointPositions { places: self.places[frames.start * 24..frames.end * 24].to_vec(), ..*self }
+        JointPositions { positions: self.positions[frames.start * 24..frames.end * 24].to_vec(), ..*self }
     }
 
-    /// Time running backwards.
+    /// The frames in reverse order.
     pub fn reversed(&self) -> JointPositions {
-        JointPositions { places: self.places.chunks(24).rev().flatten().copied().collect(), ..*self }
+        JointPositions { positions: self.positions.chunks(24).rev().flatten().copied().collect(), ..*self }
     }
 
-    /// Every place changed by `change`.
+    /// Maps every position.
     pub fn changed(&self, change: impl FnMut(Vec3) -> Vec3) -> JointPositions {
-        JointPositions { places: self.places.iter().copied().map(change).collect(), ..*self }
+        JointPositions { positions: self.positions.iter().copied().map(change).collect(), ..*self }
     }
 
-    /// Frames a second.
+    /// Frames per second.
     pub fn fps(&self) -> f64 {
         self.fps
     }
 
-    /// F.
+    /// F, the number of frames.
     pub fn frames(&self) -> usize {
-        self.places.len() / 24
+        self.positions.len() / 24
     }
 
     fn at(&self, frame: usize, joint: usize) -> Vec3 {
-        self.places[frame * 24 + joint]
+        self.positions[frame * 24 + joint]
     }
 }
 

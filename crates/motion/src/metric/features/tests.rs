@@ -1,4 +1,4 @@
-//! Against numpy (scripts/reference/features.py), and by hand.
+//! Comparison with numpy (scripts/reference/features.py), and values by hand.
 
 use super::*;
 use crate::synth;
@@ -10,15 +10,16 @@ fn golden() -> (JointPositions, serde_json::Value) {
         value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
     };
     let rows = golden["places"].as_array().unwrap();
-    let places = rows.iter().flat_map(|row| numbers(row).chunks(3).map(Vec3::from_slice).collect::<Vec<_>>()).collect();
+    let positions =
+        rows.iter().flat_map(|row| numbers(row).chunks(3).map(Vec3::from_slice).collect::<Vec<_>>()).collect();
     let [humerus, shoulders, hips] = numbers(&golden["lengths"])[..] else { panic!("three lengths") };
     let fps = golden["fps"].as_f64().unwrap();
-    (JointPositions { places, fps, lengths: Lengths { humerus, shoulders, hips } }, golden)
+    (JointPositions { positions, fps, lengths: Lengths { humerus, shoulders, hips } }, golden)
 }
 
 #[test]
 fn features_are_those_of_numpy() {
-    let (places, golden) = golden();
+    let (positions, golden) = golden();
     for (form, name) in [(Formulas::Compat, "compat"), (Formulas::Fixed, "fixed")] {
         let of = |kind: &str, found: &[f64]| {
             let wanted = golden[format!("{kind}_{name}")].as_array().unwrap();
@@ -28,12 +29,12 @@ fn features_are_those_of_numpy() {
                 assert!((wanted - found).abs() <= 1e-9 * wanted.abs().max(1.0), "{kind} {name} {i}: {found}, {wanted}");
             }
         };
-        of("kinetic", &kinetic(&places, form));
-        of("geometric", &geometric(&places, form));
+        of("kinetic", &kinetic(&positions, form));
+        of("geometric", &geometric(&positions, form));
     }
 }
 
-/// A dance moved, turned and at another rate.
+/// A dance moved, rotated and resampled.
 fn changed(clip: &Clip, by: Vec3, turn: f64) -> Clip {
     let turn = crate::Quat::from_rotation_y(turn);
     let root = clip.root().iter().map(|p| turn * *p + by).collect();
@@ -53,7 +54,7 @@ fn fixed_features_don_t_see_where_one_dances_and_compat_ones_do() {
     for (a, b) in geometric(&here, Formulas::Fixed).into_iter().zip(geometric(&there, Formulas::Fixed)) {
         assert!((a - b).abs() < 0.02, "{a} {b}");
     }
-    let faster = |places: &JointPositions| kinetic(places, Formulas::Compat)[2];
+    let faster = |positions: &JointPositions| kinetic(positions, Formulas::Compat)[2];
     assert!(faster(&there) > 3.0 * faster(&here), "it grows with the way from the middle of the room");
 }
 
@@ -63,9 +64,9 @@ fn a_body_that_stands_moves_nothing() {
     let still = clip.slice(3..4);
     let root = vec![still.root()[0]; 30];
     let still = Clip::new(still.skeleton().clone(), 20.0, root, still.pose(0).repeat(30)).unwrap();
-    let places = JointPositions::of(&still).unwrap();
-    assert!(kinetic(&places, Formulas::Fixed).iter().all(|x| (x - 1e-3f64.ln()).abs() < 1e-9));
-    let shares = geometric(&places, Formulas::Fixed);
+    let positions = JointPositions::of(&still).unwrap();
+    assert!(kinetic(&positions, Formulas::Fixed).iter().all(|x| (x - 1e-3f64.ln()).abs() < 1e-9));
+    let shares = geometric(&positions, Formulas::Fixed);
     assert!([0, 1, 4, 5, 9, 10, 11, 12, 13, 21, 22, 31].iter().all(|&i| shares[i] == 0.0));
     assert!(JointPositions::of(&still.slice(0..1)).unwrap_err().to_string().contains("two frames"));
 }

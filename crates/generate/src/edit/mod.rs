@@ -98,7 +98,7 @@ impl PreparedEdit {
             None => (&edit.given[..], &edit.free[..]),
         };
         let spans = Mask::resolve((given, free), scale, tokenizer, rig)?;
-        // the last frame of the model that lies within so many of the file
+        // frames of the model within these of the file
         let within = |frames: usize| ((frames - 1) as f64 * fps / clip.fps() + 1e-9) as usize + 1;
         let known = seam.as_ref().map_or(prompt.frames(), |seam| within(seam.frames()));
         if let Some(frames) = frames.filter(|&frames| seam.is_some() && frames != known) {

@@ -116,10 +116,10 @@ impl OpenRequest {
         if self.resolved.goal_guidance == 0.0 || !self.run.config.goal || given.is_empty() {
             return Ok(None);
         }
-        let ahead = GoalEncoder::of(&self.tokenizer)?;
-        let front = lead_in * ahead.characters();
-        let codes = [vec![0; front], ahead.codes(ids)].concat();
-        let goals = GoalTrack::new(ahead, codes, [&vec![false; front], given].concat(), lead_in);
+        let encoder = GoalEncoder::of(&self.tokenizer)?;
+        let front = lead_in * encoder.characters();
+        let codes = [vec![0; front], encoder.codes(ids)].concat();
+        let goals = GoalTrack::new(encoder, codes, [&vec![false; front], given].concat(), lead_in);
         Ok(Some(goals).filter(GoalTrack::has_goals))
     }
 

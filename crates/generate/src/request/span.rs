@@ -143,7 +143,7 @@ mod tests {
             (span("all@:30m").to, span("all@-2s:").from),
             (Some(Moment::Model(30.0)), Some(Moment::Seconds(-2.0)))
         );
-        // no time behind it: a joint with an @ in its name
+        // no time after it: a joint with an @ in its name
         assert_eq!(span("Hip@Left").joints, "Hip@Left");
         assert_eq!(span("Hip@Left@1:2").joints, "Hip@Left");
         assert_eq!(span("all@:"), Span { joints: "all".into(), from: None, to: None });
@@ -173,13 +173,13 @@ mod tests {
         assert_eq!(span("all@1s:2s").frames(scale), Ok(20..40));
         assert_eq!(span("all@20f:-1s").frames(scale), Ok(10..80));
         assert_eq!(span("all").frames(scale), Ok(0..100));
-        for (text, told) in [
+        for (text, expected) in [
             ("all@1s:9s", "9s lies outside the clip, which has 100 frames, counted from 10 as f, 5.00 s"),
             ("all@2s:1s", "from frame 40 to frame 20 there is nothing"),
             ("all@1.01s:1.02s", "from frame 20 to frame 20"),
         ] {
             let wrong = span(text).frames(scale).unwrap_err();
-            assert!(wrong.contains(told), "{wrong}");
+            assert!(wrong.contains(expected), "{wrong}");
         }
     }
 }

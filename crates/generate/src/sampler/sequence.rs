@@ -227,7 +227,7 @@ impl Sequence {
         true
     }
 
-    /// Where other tokens are to stand in front, the window is read anew.
+    /// Where the tokens in front change, the window is read again.
     fn change_front(&mut self) {
         let words = self.words();
         let front = self.plan.fronts.iter().rposition(|(word, _)| *word <= words).unwrap_or(0);
@@ -362,7 +362,7 @@ impl Sequence {
                 _ => break,
             }
         }
-        // a window that has moved, or has another front, is read anew
+        // a window that has moved, or has another front, is read again
         if self.first == first && self.front == front {
             self.read = self.taken_back.map_or(read + right, |left| left.min(read + right));
             // a word taken back may begin with a free slot, whose logits come after the token before it

@@ -5,7 +5,7 @@ use crate::sampling::Sampling;
 use kinelm_model::{Reader, ReaderOptions};
 use kinelm_tokenizer::{Grammar, SPACE, Slot, Special, Vocabulary, WordLength};
 
-/// Wants the token that is the sum of all it has read, plus one, modulo the characters; checks its context.
+/// Prefers the token that is the sum of all it has read, plus one, modulo the characters; checks its context.
 pub(super) struct Summing {
     pub context: usize,
     pub read: Vec<Vec<u32>>,
@@ -144,7 +144,7 @@ fn guessing_ahead_changes_no_id_and_saves_reads() {
 }
 
 #[test]
-fn the_first_of_several_dances_is_the_one_danced_alone() {
+fn the_first_of_several_dances_is_the_one_sampled_alone() {
     for guesses in [0, 2] {
         let plan =
             SamplingPlan { guesses, ..plan(20, &[false, true, false], &[6, 7, 8, 5], Sampling::temperature(3.0)) };
@@ -164,8 +164,8 @@ fn the_first_of_several_dances_is_the_one_danced_alone() {
     }
 }
 
-/// What the model sees when it may see everything: its wish by the sum of a window, of ids from `first` on.
-fn wish(window: &[u32]) -> u32 {
+/// The token that the model prefers after a window, by the sum of its ids.
+fn choice(window: &[u32]) -> u32 {
     6 + (1 + window.iter().sum::<u32>() + 1) % 10
 }
 
@@ -194,18 +194,18 @@ fn a_dance_goes_on_where_its_beginning_ends() {
     let beginning = [6, 7, 5, 5, 8, 9, 10, 5];
     let (ids, _) = run(100, &varying(6, &beginning, Sampling::greedy())).unwrap();
     assert_eq!(ids[..8], beginning);
-    // words of seven, since the model wishes for no space
+    // words of seven, since the model never prefers a space
     assert_eq!(ids.len(), 8 + 3 * 8);
     for (i, &id) in ids.iter().enumerate().skip(8).filter(|(i, _)| (i - 8) % 8 != 7) {
-        assert_eq!(id, wish(&ids[..i]), "token {i}");
+        assert_eq!(id, choice(&ids[..i]), "token {i}");
     }
     let (cut, calls) = run(100, &varying(2, &beginning, Sampling::greedy())).unwrap();
     assert_eq!((&cut[..], calls), (&beginning[..4], 0));
     // one that is longer than the context is read from its end
     let long: Vec<u32> = beginning.repeat(9);
     let (ids, _) = run(13, &varying(36 + 1, &long, Sampling::greedy())).unwrap();
-    // 72 tokens: windows begin at 8 (the first word behind 6), 16, .. up to 64, where 8 are left
-    assert_eq!(ids[72], wish(&ids[64..72]));
+    // 72 tokens: windows begin at 8 (the first word after 6), 16, .. up to 64, where 8 are left
+    assert_eq!(ids[72], choice(&ids[64..72]));
 }
 
 #[test]
@@ -213,12 +213,12 @@ fn a_full_window_moves_to_the_first_word_of_its_later_half() {
     // 7 characters and a space each; of 20 tokens the model reads 1 and 19
     let (ids, _) = run(20, &varying(4, &[], Sampling::greedy())).unwrap();
     for (i, first) in [(19, 0), (20, 16), (22, 16), (24, 16), (30, 16)] {
-        assert_eq!(ids[i], wish(&ids[first..i]), "token {i}");
+        assert_eq!(ids[i], choice(&ids[first..i]), "token {i}");
     }
     // a word that alone fills the window is begun inside: 1 + 4 tokens, then from 2 on
     let (ids, _) = run(5, &varying(2, &[], Sampling::greedy())).unwrap();
     for (i, first) in [(4, 0), (5, 2), (6, 2)] {
-        assert_eq!(ids[i], wish(&ids[first..i]), "token {i}");
+        assert_eq!(ids[i], choice(&ids[first..i]), "token {i}");
     }
 }
 
@@ -242,7 +242,7 @@ fn guessing_ahead_changes_no_word_of_any_length() {
 }
 
 #[test]
-fn the_penalty_falls_on_what_stood_at_the_same_place() {
+fn the_penalty_applies_to_ids_in_the_same_slot() {
     let sampling = Sampling { repetition_penalty: 1e9, repetition_words: 2, ..Sampling::greedy() };
     for plan in [plan(30, &[false; 3], &[], sampling), varying(30, &[], sampling)] {
         let (ids, _) = run(40, &plan).unwrap();
@@ -258,8 +258,8 @@ fn the_penalty_falls_on_what_stood_at_the_same_place() {
     }
 }
 
-/// What the model wants of the two readings together, of windows of ids from `first` on: fronts 1 and 2.
-fn guided_wish(window: &[u32], scale: f64) -> u32 {
+/// The token that the two readings together prefer after a window: fronts 1 and 2.
+fn guided_choice(window: &[u32], scale: f64) -> u32 {
     let sum = window.iter().sum::<u32>();
     let (with, without) = (6 + (1 + sum + 1) % 10, 6 + (2 + sum + 1) % 10);
     if scale > 0.5 { with } else { without }
@@ -279,7 +279,7 @@ fn guidance_reads_with_and_without_conditions() {
             assert_eq!((ids[1], ids.len()), (7, 48));
             if context == 200 {
                 for (i, &id) in ids.iter().enumerate().filter(|&(i, id)| *id != SPACE && i != 1) {
-                    assert_eq!(id, guided_wish(&ids[..i], scale), "token {i}");
+                    assert_eq!(id, guided_choice(&ids[..i], scale), "token {i}");
                 }
             }
             // beside others it is the same, and the others are not
@@ -326,8 +326,8 @@ fn a_front_that_changes_is_that_of_the_window_from_its_word_on() {
 }
 
 #[test]
-fn a_word_that_is_lookahead_is_drawn_taken_back_and_made_of_what_is_given() {
-    // place 1 is free in word 1 and given behind it: what the model would have drawn in word 2 is told
+fn a_look_ahead_word_is_sampled_taken_back_and_made_of_given_characters() {
+    // character 1 is free in word 1 and given after it: what the model would have sampled in word 2 is the look-ahead token
     let prompt: Vec<u32> = (0..4u32).flat_map(|w| [6 + w, 7 + w, 8 + w, 5]).collect();
     let given: Vec<bool> = (0..12).map(|i| i != 4).collect();
     let lookahead: Vec<bool> = (0..12).map(|i| i == 7).collect();
@@ -343,7 +343,7 @@ fn a_word_that_is_lookahead_is_drawn_taken_back_and_made_of_what_is_given() {
     };
     for (context, guesses) in [(100, 0), (100, 4), (14, 0), (12, 2)] {
         let [without, with] = [&[][..], &lookahead].map(|lookahead| one_frame(context, guesses, lookahead));
-        assert_eq!(with.ids, without.ids, "what is lookahead changes nothing");
+        assert_eq!(with.ids, without.ids, "looking ahead changes nothing");
         assert!(without.lookahead == [vec![]]);
         let ids = &with.ids[0];
         assert_eq!((ids.len(), &ids[8..16]), (24, &prompt[8..16]));
@@ -356,8 +356,8 @@ fn a_word_that_is_lookahead_is_drawn_taken_back_and_made_of_what_is_given() {
 }
 
 #[test]
-fn a_word_that_is_lookahead_may_begin_with_a_free_place() {
-    // place 2 is free in word 1 and given behind it, the first place of word 2 is free
+fn a_look_ahead_word_may_begin_with_a_free_character() {
+    // character 2 is free in word 1 and given after it, the first character of word 2 is free
     let prompt: Vec<u32> = (0..4u32).flat_map(|w| [6 + w, 7 + w, 8 + w, 5]).collect();
     let given: Vec<bool> = (0..12).map(|i| !(3..7).contains(&i)).collect();
     let lookahead: Vec<bool> = (0..12).map(|i| i == 7 || i == 8).collect();
@@ -377,7 +377,7 @@ fn a_word_that_is_lookahead_may_begin_with_a_free_place() {
 }
 
 #[test]
-fn what_leads_in_is_free_and_the_prompt_stands_behind_it() {
+fn the_lead_in_is_free_and_the_prompt_comes_after_it() {
     let prompt = [6, 7, 8, 5, 9, 10, 11, 5];
     let plan = SamplingPlan { lead_in: 2, ..plan(5, &[false, true, false], &prompt, Sampling::temperature(3.0)) };
     let (ids, calls) = run(100, &plan).unwrap();
@@ -385,7 +385,7 @@ fn what_leads_in_is_free_and_the_prompt_stands_behind_it() {
     assert_eq!(calls, 3 * 3 + 2 * 2);
 }
 
-mod led {
+mod goals {
     use super::*;
     use kinelm_corpus::samples;
     use kinelm_model::fast::{Fast, Windows};
@@ -417,13 +417,13 @@ mod led {
         (tokenizer, gpt, ids)
     }
 
-    fn course(tokenizer: &Tokenizer, ids: &[u32], given: &[bool], lead_in: usize) -> Arc<GoalTrack> {
-        let ahead = GoalEncoder::of(tokenizer).unwrap();
-        let codes = [vec![0; lead_in * C], ahead.codes(ids)].concat();
-        Arc::new(GoalTrack::new(ahead, codes, [&vec![false; lead_in * C], given].concat(), lead_in))
+    fn track(tokenizer: &Tokenizer, ids: &[u32], given: &[bool], lead_in: usize) -> Arc<GoalTrack> {
+        let encoder = GoalEncoder::of(tokenizer).unwrap();
+        let codes = [vec![0; lead_in * C], encoder.codes(ids)].concat();
+        Arc::new(GoalTrack::new(encoder, codes, [&vec![false; lead_in * C], given].concat(), lead_in))
     }
 
-    fn drawn(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
+    fn sampled(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
         let mut reader =
             Reader::new(gpt, ReaderOptions { streams: plan.streams(), ..ReaderOptions::default() }).unwrap();
         sample_one(&mut reader, plan, &mut |_| {}).unwrap()
@@ -436,36 +436,37 @@ mod led {
     }
 
     #[test]
-    fn a_frame_is_told_what_a_whole_window_is_told() {
+    fn a_frame_has_the_goals_of_a_whole_window() {
         let (tokenizer, gpt, prompt) = setup(FRAMES);
         let given = knee_free();
-        let course = course(&tokenizer, &prompt, &given, 0);
+        let track = track(&tokenizer, &prompt, &given, 0);
         for guesses in [0, 4] {
             let free = SamplingPlan::free(tokenizer.grammar(), FRAMES, Sampling::greedy(), 1);
             let plan = SamplingPlan {
                 given: given.clone(),
                 prompt: prompt.clone(),
-                goals: Some(course.clone()),
+                goals: Some(track.clone()),
                 guesses,
                 ..free
             };
             assert_eq!(plan.streams(), 1);
-            let ids = drawn(&gpt, &plan);
-            assert_ne!(ids, drawn(&gpt, &SamplingPlan { goal_guidance: 0.0, ..plan.clone() }));
-            // the characters that the plain logits of the whole dance want, told by the course of its own characters
-            let own = super::led::course(&tokenizer, &ids, &given, 0);
+            let ids = sampled(&gpt, &plan);
+            assert_ne!(ids, sampled(&gpt, &SamplingPlan { goal_guidance: 0.0, ..plan.clone() }));
+            // the most likely characters by the plain logits of the whole dance, conditioned on the goals of its own characters
+            let own = super::goals::track(&tokenizer, &ids, &given, 0);
             let inputs = [&[1], &ids[..ids.len() - 1]].concat();
             let mut fast = Fast::of(&gpt).unwrap();
-            let told = own.conditioning(FRAMES);
+            let conditioning = own.conditioning(FRAMES);
             assert!(
-                told.numbers
+                conditioning
+                    .numbers
                     .chunks(numbers(C))
                     .enumerate()
                     .all(|(frame, x)| { x.iter().any(|x| *x != 0.0) == ((4..9).contains(&frame) || frame == 12) })
             );
             let mask = fast.mask();
             let windows =
-                Windows { inputs: &inputs, targets: &ids, length: ids.len(), mask, conditioning: Some(&told) };
+                Windows { inputs: &inputs, targets: &ids, length: ids.len(), mask, conditioning: Some(&conditioning) };
             let logits = fast.logits(windows).unwrap();
             for (at, row) in logits.chunks(tokenizer.vocabulary().len() as usize).enumerate() {
                 let (frame, place) = (at / (C + 1), at % (C + 1));
@@ -478,25 +479,25 @@ mod led {
     }
 
     #[test]
-    fn weights_of_zero_lead_nowhere_and_others_the_more_the_higher_the_scale() {
-        // windows that move, a lead-in, a frame that is lookahead
+    fn goals_with_weights_of_zero_change_nothing_and_others_more_with_the_scale() {
+        // windows that move, a lead-in, a look-ahead frame
         let (tokenizer, gpt, prompt) = setup(5);
         let is_free = |frame: usize| frame < 3 || (7..12).contains(&frame);
         let given: Vec<bool> = (0..FRAMES).flat_map(|frame| [!is_free(frame); C]).collect();
         let lookahead: Vec<bool> = (0..FRAMES).flat_map(|frame| [frame == 12; C]).collect();
-        let course = course(&tokenizer, &prompt, &given, 2);
+        let track = track(&tokenizer, &prompt, &given, 2);
         let free = SamplingPlan::free(tokenizer.grammar(), FRAMES + 2, Sampling::temperature(0.5), 4);
         let plan = SamplingPlan { given, lookahead, prompt: prompt.clone(), lead_in: 2, ..free };
-        let led = |goal_guidance: f64| SamplingPlan { goals: Some(course.clone()), goal_guidance, ..plan.clone() };
-        assert_eq!([0.0, 1.0, 2.0].map(|ahead| led(ahead).streams()), [1, 1, 2]);
-        let ways = [0.0, 1.0, 2.0].map(|ahead| drawn(&gpt, &led(ahead)));
-        assert_eq!(ways[0], drawn(&gpt, &plan));
-        assert!(ways[0] != ways[1] && ways[1] != ways[2]);
-        for way in &ways {
-            let (lead_in, kept) = (2 * (C + 1), |frame: &usize| !is_free(*frame));
-            for frame in (0..FRAMES).filter(kept) {
+        let with = |goal_guidance: f64| SamplingPlan { goals: Some(track.clone()), goal_guidance, ..plan.clone() };
+        assert_eq!([0.0, 1.0, 2.0].map(|scale| with(scale).streams()), [1, 1, 2]);
+        let dances = [0.0, 1.0, 2.0].map(|scale| sampled(&gpt, &with(scale)));
+        assert_eq!(dances[0], sampled(&gpt, &plan));
+        assert!(dances[0] != dances[1] && dances[1] != dances[2]);
+        for dance in &dances {
+            let (lead_in, is_given) = (2 * (C + 1), |frame: &usize| !is_free(*frame));
+            for frame in (0..FRAMES).filter(is_given) {
                 let of = |ids: &[u32], at: usize| ids[at..at + C + 1].to_vec();
-                assert_eq!(of(way, lead_in + frame * (C + 1)), of(&prompt, frame * (C + 1)), "frame {frame}");
+                assert_eq!(of(dance, lead_in + frame * (C + 1)), of(&prompt, frame * (C + 1)), "frame {frame}");
             }
         }
         let zeros = gpt.vars().iter().map(|(name, var)| {
@@ -505,23 +506,23 @@ mod led {
             (name.clone(), if is_ahead { tensor.zeros_like().unwrap() } else { tensor.clone() })
         });
         let zeros = Gpt::from_tensors(gpt.config(), gpt.tokens(), zeros.collect()).unwrap();
-        for ahead in [0.0, 1.0, 2.0] {
-            assert_eq!(drawn(&zeros, &led(ahead)), ways[0], "{ahead}");
+        for scale in [0.0, 1.0, 2.0] {
+            assert_eq!(sampled(&zeros, &with(scale)), dances[0], "{scale}");
         }
     }
 
     #[test]
-    fn a_course_of_other_words_is_refused() {
+    fn goals_of_other_words_are_refused() {
         let (tokenizer, gpt, prompt) = setup(5);
-        let course = course(&tokenizer, &prompt, &[true; FRAMES * C], 0);
+        let track = track(&tokenizer, &prompt, &[true; FRAMES * C], 0);
         let mut reader = Reader::new(&gpt, ReaderOptions::default()).unwrap();
-        let plan = SamplingPlan { goals: Some(course), ..plan(5, &[true], &[6, 5], Sampling::greedy()) };
+        let plan = SamplingPlan { goals: Some(track), ..plan(5, &[true], &[6, 5], Sampling::greedy()) };
         let message = sample_one(&mut reader, &plan, &mut |_| {}).unwrap_err().to_string();
         assert!(message.contains("the goals' length is 9 characters per frame"), "{message}");
     }
 }
 
-mod heard {
+mod music {
     use super::*;
     use kinelm_corpus::music::sound::Sound;
     use kinelm_corpus::samples;
@@ -532,7 +533,7 @@ mod heard {
 
     const FRAMES: usize = 12;
 
-    /// A tokenizer and a model of its words whose windows hold `window` frames and are told beats.
+    /// A tokenizer and a model of its words whose windows hold `window` frames, conditioned on beats.
     fn setup(window: usize) -> (Tokenizer, Gpt) {
         let tokenizer = Tokenizer::fit([&samples::walk(9)], TokenizerConfig::uniform(&[0, 4], 20.0, 20)).unwrap();
         let tokens = TokenLayout::of(&tokenizer);
@@ -554,14 +555,14 @@ mod heard {
         conditioning(config.music_conditioning(), &sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
     }
 
-    fn drawn(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
+    fn sampled(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
         let mut reader =
             Reader::new(gpt, ReaderOptions { streams: plan.streams(), ..ReaderOptions::default() }).unwrap();
         sample_one(&mut reader, plan, &mut |_| {}).unwrap()
     }
 
     #[test]
-    fn a_frame_hears_what_a_whole_window_hears() {
+    fn a_frame_has_the_music_of_a_whole_window() {
         let (tokenizer, gpt) = setup(FRAMES);
         let music = beats(FRAMES);
         for guesses in [0, 4] {
@@ -570,17 +571,17 @@ mod heard {
                 guesses,
                 ..SamplingPlan::free(tokenizer.grammar(), FRAMES, Sampling::greedy(), 1)
             };
-            let ids = drawn(&gpt, &plan);
-            assert_ne!(ids, drawn(&gpt, &SamplingPlan { music: Vec::new(), ..plan.clone() }));
+            let ids = sampled(&gpt, &plan);
+            assert_ne!(ids, sampled(&gpt, &SamplingPlan { music: Vec::new(), ..plan.clone() }));
             let inputs = [&[1], &ids[..ids.len() - 1]].concat();
             let mut fast = Fast::of(&gpt).unwrap();
-            let told = goal::Conditioning { music: music.clone(), ..Default::default() };
+            let conditioning = goal::Conditioning { music: music.clone(), ..Default::default() };
             let windows = Windows {
                 inputs: &inputs,
                 targets: &ids,
                 length: ids.len(),
                 mask: fast.mask(),
-                conditioning: Some(&told),
+                conditioning: Some(&conditioning),
             };
             let logits = fast.logits(windows).unwrap();
             for (at, row) in logits.chunks(tokenizer.vocabulary().len() as usize).enumerate() {
@@ -594,23 +595,23 @@ mod heard {
     }
 
     #[test]
-    fn windows_that_move_keep_the_music_s_time_and_guidance_enlarges_it() {
+    fn windows_that_move_stay_in_the_music_s_time_and_guidance_scales_it() {
         let (tokenizer, gpt) = setup(4);
         let music = beats(FRAMES);
         let free = SamplingPlan::free(tokenizer.grammar(), FRAMES, Sampling::temperature(0.5), 4);
-        let heard = SamplingPlan { music: music.clone(), ..free.clone() };
+        let with_music = SamplingPlan { music: music.clone(), ..free.clone() };
         // what comes later in the music changes nothing before it
         let mut later = music.clone();
         let (m, word) = (music.len() / FRAMES, tokenizer.tokens_per_word().unwrap());
         later[9 * m..].fill(0.0);
-        let (a, b) = (drawn(&gpt, &heard), drawn(&gpt, &SamplingPlan { music: later, ..free.clone() }));
+        let (a, b) = (sampled(&gpt, &with_music), sampled(&gpt, &SamplingPlan { music: later, ..free.clone() }));
         assert!(a[..9 * word] == b[..9 * word] && a != b);
         let guided = |scale: f64| {
             let guidance = Some(Guidance { scale, unconditioned: vec![Special::Bos.id()] });
-            drawn(&gpt, &SamplingPlan { guidance, ..heard.clone() })
+            sampled(&gpt, &SamplingPlan { guidance, ..with_music.clone() })
         };
         assert!(guided(1.0) == a && guided(3.0) != a);
-        assert_eq!(guided(0.0), drawn(&gpt, &free));
+        assert_eq!(guided(0.0), sampled(&gpt, &free));
     }
 
     #[test]

@@ -11,15 +11,15 @@ pub fn apply(left: &mut Vec<Candidate>, p: f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::kept;
+    use super::super::tests::left_by;
     use super::*;
 
     #[test]
     fn ids_far_less_likely_than_the_most_likely_are_removed() {
         let logits = [0.1f64, 0.6, 0.25, 0.05].map(f64::ln);
-        assert_eq!(kept(&logits, |c| apply(c, 0.0)), [0, 1, 2, 3]);
-        assert_eq!(kept(&logits, |c| apply(c, 0.1)), [0, 1, 2]);
-        assert_eq!(kept(&logits, |c| apply(c, 0.4)), [1, 2]);
-        assert_eq!(kept(&logits, |c| apply(c, 1.0)), [1]);
+        assert_eq!(left_by(&logits, |c| apply(c, 0.0)), [0, 1, 2, 3]);
+        assert_eq!(left_by(&logits, |c| apply(c, 0.1)), [0, 1, 2]);
+        assert_eq!(left_by(&logits, |c| apply(c, 0.4)), [1, 2]);
+        assert_eq!(left_by(&logits, |c| apply(c, 1.0)), [1]);
     }
 }

@@ -6,8 +6,8 @@ fn rng() -> ChaCha8Rng {
     random::stream(1, "test", 0, 0)
 }
 
-/// The ids that a rule keeps of centred logits.
-pub fn kept(logits: &[f64], rule: impl Fn(&mut Vec<Candidate>)) -> Vec<u32> {
+/// The ids that a rule leaves of centred logits.
+pub fn left_by(logits: &[f64], rule: impl Fn(&mut Vec<Candidate>)) -> Vec<u32> {
     let mut left: Vec<Candidate> =
         logits.iter().enumerate().map(|(id, &logit)| Candidate { id: id as u32, logit }).collect();
     centre(&mut left);
@@ -44,7 +44,7 @@ fn ids_are_sampled_by_probability() {
 
 #[test]
 fn rules_apply_in_their_order() {
-    let left = |sampling: Sampling| kept(&[0.4f64, 0.3, 0.2, 0.1].map(f64::ln), |c| sampling.truncate(c));
+    let left = |sampling: Sampling| left_by(&[0.4f64, 0.3, 0.2, 0.1].map(f64::ln), |c| sampling.truncate(c));
     // of the two that top-k leaves, the first has 4/7: top-p sees these shares, not those of all
     assert_eq!(left(Sampling { top_p: Some(0.55), ..Sampling::default() }), [0, 1]);
     assert_eq!(left(Sampling { top_k: Some(2), top_p: Some(0.55), ..Sampling::default() }), [0]);
@@ -137,7 +137,7 @@ fn any_logits() -> impl Strategy<Value = Vec<f32>> {
 }
 
 proptest! {
-    /// Whatever is asked, an allowed id of a probability above 0 comes out, the same for the same stream.
+    /// Every combination of rules gives an allowed id of probability above 0, the same for the same stream.
     #[test]
     fn every_sample_is_allowed_and_repeats(sampling in any_sampling(), logits in any_logits(), recent in prop::collection::vec(0..24u32, 0..4), seed: u64) {
         let allowed = [2..9, 11..24];
@@ -155,11 +155,11 @@ proptest! {
     fn the_most_likely_stays_and_rules_of_nothing_change_nothing(sampling in any_sampling(), logits in any_logits()) {
         let all: Vec<f64> = logits.iter().filter(|l| l.is_finite()).map(|&l| l.into()).collect();
         if !all.is_empty() {
-            let left = kept(&all, |c| sampling.truncate(c));
+            let left = left_by(&all, |c| sampling.truncate(c));
             let best = (0..all.len()).fold(0, |best, i| if all[i] > all[best] { i } else { best });
             prop_assert!(left.contains(&(best as u32)) && left.is_sorted());
             let nothing = Sampling { top_k: Some(24), top_p: Some(1.0), min_p: Some(0.0), ..Sampling::default() };
-            prop_assert_eq!(kept(&all, |c| nothing.truncate(c)).len(), all.len());
+            prop_assert_eq!(left_by(&all, |c| nothing.truncate(c)).len(), all.len());
         }
     }
 
@@ -225,7 +225,7 @@ mod oracle {
         }
         let left: Vec<u32> = (0..).zip(&counts).filter(|(_, n)| **n > 0).map(|(id, _)| id).collect();
         let wide: Vec<f64> = logits.iter().map(|l| f64::from(*l)).collect();
-        assert_eq!(kept(&wide, |c| ours.truncate(c)), left, "{ours:?}");
+        assert_eq!(left_by(&wide, |c| ours.truncate(c)), left, "{ours:?}");
         if left.len() > 1 {
             let term = |(a, b): (&u32, &u32)| (f64::from(*a) - f64::from(*b)).powi(2) / f64::from((a + b).max(1));
             let (statistic, bound) = (own.iter().zip(&counts).map(term).sum::<f64>(), chi_square_bound(left.len()));

@@ -9,15 +9,15 @@ pub fn apply(left: &mut Vec<Candidate>, k: usize) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::kept;
+    use super::super::tests::left_by;
     use super::*;
 
     #[test]
     fn the_first_of_equals_stay() {
         let logits = [1.0, 3.0, 2.0, 3.0, 3.0];
-        assert_eq!(kept(&logits, |c| apply(c, 1)), [1]);
-        assert_eq!(kept(&logits, |c| apply(c, 2)), [1, 3]);
-        assert_eq!(kept(&logits, |c| apply(c, 4)), [1, 2, 3, 4]);
-        assert_eq!(kept(&logits, |c| apply(c, 5)), kept(&logits, |c| apply(c, 99)));
+        assert_eq!(left_by(&logits, |c| apply(c, 1)), [1]);
+        assert_eq!(left_by(&logits, |c| apply(c, 2)), [1, 3]);
+        assert_eq!(left_by(&logits, |c| apply(c, 4)), [1, 2, 3, 4]);
+        assert_eq!(left_by(&logits, |c| apply(c, 5)), left_by(&logits, |c| apply(c, 99)));
     }
 }

@@ -22,18 +22,18 @@ pub fn apply(left: &mut Vec<Candidate>, p: f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::kept;
+    use super::super::tests::left_by;
     use super::*;
 
     #[test]
     fn the_fewest_that_reach_p_stay() {
         // 0.125, 0.5, 0.25, 0.125, exact in binary
         let logits = [0.125f64, 0.5, 0.25, 0.125].map(f64::ln);
-        assert_eq!(kept(&logits, |c| apply(c, 0.01)), [1]);
-        assert_eq!(kept(&logits, |c| apply(c, 0.49)), [1]);
-        assert_eq!(kept(&logits, |c| apply(c, 0.51)), [1, 2]);
-        assert_eq!(kept(&logits, |c| apply(c, 0.76)), [0, 1, 2]);
-        assert_eq!(kept(&logits, |c| apply(c, 0.9)), [0, 1, 2, 3]);
-        assert_eq!(kept(&logits, |c| apply(c, 1.0)), [0, 1, 2, 3]);
+        assert_eq!(left_by(&logits, |c| apply(c, 0.01)), [1]);
+        assert_eq!(left_by(&logits, |c| apply(c, 0.49)), [1]);
+        assert_eq!(left_by(&logits, |c| apply(c, 0.51)), [1, 2]);
+        assert_eq!(left_by(&logits, |c| apply(c, 0.76)), [0, 1, 2]);
+        assert_eq!(left_by(&logits, |c| apply(c, 0.9)), [0, 1, 2, 3]);
+        assert_eq!(left_by(&logits, |c| apply(c, 1.0)), [0, 1, 2, 3]);
     }
 }

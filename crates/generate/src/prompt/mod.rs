@@ -164,7 +164,7 @@ fn height_warning(coded: &Encoded, frames: usize) -> Option<Warning> {
     let share = coded.off_range as f64 / frames.max(1) as f64;
     let what = format!(
         "in {:.1} % of frames the pelvis is higher or lower above the floor than in the clips that the tokenizer was fitted on: \
-         its height ends there; --floor METRES says where the floor is",
+         its height is clamped; state the height of the floor (`floor`)",
         100.0 * share
     );
     (share > OFF_RANGE).then_some(Warning { kind: "height_off_range", what })

@@ -3,7 +3,7 @@
 use crate::mean_pose::PoseSum;
 use crate::sample::Sample;
 use crate::scheme::uniform::UniformFit;
-use crate::scheme::walk::check_places;
+use crate::scheme::walk::check_positions;
 use crate::scheme::{Fitted, SchemeConfig, WordLength, check_rate, check_skeleton};
 use crate::{Channels, Error, Result, Tokenizer, TokenizerConfig, Words};
 use kinelm_motion::Clip;
@@ -78,7 +78,7 @@ impl Fit {
         check_skeleton(clip)?;
         match &mut self.scheme {
             SchemeFit::Uniform(u) => u.add(&self.channels, clip)?,
-            SchemeFit::Sampled => check_places(clip)?,
+            SchemeFit::Sampled => check_positions(clip)?,
         }
         if let Some(sample) = &mut self.sample {
             sample.add(clip);

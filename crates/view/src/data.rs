@@ -1,4 +1,4 @@
-//! The dances as the page holds them: places of points, sixteen bits each, and where on the floor each figure stands.
+//! The page's data: 16-bit positions of points, and each figure's place on the floor.
 
 use super::Figure;
 use crate::{Error, Result};
@@ -8,7 +8,7 @@ use kinelm_motion::{Clip, GlobalPose, Vec3};
 use kinelm_store::counted;
 use serde::Serialize;
 
-/// One figure, ready for the page's script.
+/// One figure for the page's script.
 #[derive(Debug, Serialize)]
 pub struct Drawn {
     title: String,
@@ -17,35 +17,35 @@ pub struct Drawn {
     frames: usize,
     points: usize,
     height: f64,
-    /// Figures of one number stand to each other as their clips put them.
+    /// Figures of one world keep the relative positions of their clips.
     world: usize,
     bones: Vec<Capsule>,
     balls: Vec<JointSphere>,
     tips: Vec<usize>,
-    /// Shift (x, z) when the figures stand side by side, and when they stand on one spot.
+    /// Shift (x, z) side by side, and overlaid.
     beside: [f64; 2],
     onto: [f64; 2],
-    /// A place is `low + step * number`.
+    /// A position is `low + step * number`.
     low: [f64; 3],
     step: f64,
     /// (F, P, 3) numbers of 16 bits, little-endian, in base64.
     data: String,
-    /// The seconds, from and to, in which what is given is; throughout if not said.
+    /// The seconds, from and to, in which joints are given; absent: throughout.
     #[serde(skip_serializing_if = "Option::is_none")]
     given_s: Option<[f64; 2]>,
-    /// Seconds, from and to.
+    /// Regenerated spans, seconds, from and to.
     anew: Vec<[f64; 2]>,
-    /// What it hits of the music, where somebody has looked.
+    /// The beats that it hits, if measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     hits: Option<Lit>,
 }
 
-/// Beats that light up.
+/// Highlighted beats.
 #[derive(Debug, Serialize)]
 struct Lit {
-    /// Which of the music's, from 0.
+    /// Indices of the music's beats.
     beats: Vec<usize>,
-    /// Stands under the title.
+    /// Shown below the title.
     says: String,
 }
 
@@ -57,27 +57,27 @@ impl Lit {
     }
 }
 
-/// Metres beyond which a clip is taken for broken rather than for a dance.
+/// Clips with positions beyond this are refused, metres.
 const LARGEST: f64 = 1e6;
-/// Samples a second by which figures are kept apart.
-const APART_FPS: f64 = 20.0;
+/// Sampling rate for keeping figures at a distance, a second.
+const SPACING_FPS: f64 = 20.0;
 
-/// All figures, placed beside each other from left to right: each for itself where all are of one world, else each world.
+/// All figures, side by side from left to right: each figure separately if all are of one world, else each world.
 pub fn drawn(figures: &[Figure]) -> Result<Vec<Drawn>> {
     let mut tracks = figures.iter().map(Track::new).collect::<Result<Vec<_>>>()?;
     let worlds = worlds(figures);
     let in_world = |w: usize| worlds[w].iter().copied();
     let floors: Vec<f64> = tracks.iter().map(Track::floor).collect();
     for w in 0..worlds.len() {
-        // one floor for all, the lowest: nobody stands under it
+        // one floor for all, the lowest
         let floor = in_world(w).map(|n| floors[n]).fold(f64::INFINITY, f64::min);
         in_world(w).for_each(|n| tracks[n].places.iter_mut().for_each(|p| p.y -= floor));
     }
     let alone: Vec<Vec<usize>> = (0..tracks.len()).map(|n| vec![n]).collect();
-    let apart = if worlds.len() == 1 { &alone } else { &worlds };
-    let groups: Vec<Vec<&Track>> = apart.iter().map(|group| group.iter().map(|&n| &tracks[n]).collect()).collect();
+    let grouped = if worlds.len() == 1 { &alone } else { &worlds };
+    let groups: Vec<Vec<&Track>> = grouped.iter().map(|group| group.iter().map(|&n| &tracks[n]).collect()).collect();
     let mut all: Vec<(usize, Drawn)> = Vec::new();
-    for ((group, tracks_of), x) in apart.iter().zip(&groups).zip(beside(&groups)) {
+    for ((group, tracks_of), x) in grouped.iter().zip(&groups).zip(beside(&groups)) {
         let z = tracks_of.iter().map(|track| track.middle_z()).sum::<f64>() / group.len() as f64;
         for &n in group {
             let world = worlds.iter().position(|world| world.contains(&n)).unwrap_or(n);
@@ -102,7 +102,7 @@ fn worlds(figures: &[Figure]) -> Vec<Vec<usize>> {
     worlds
 }
 
-/// The ways of all points of a figure.
+/// The paths of all points of a figure.
 struct Track {
     body: CapsuleBody,
     fps: f64,
@@ -136,7 +136,7 @@ impl Track {
         Ok(Track { body, fps: clip.fps(), height, places })
     }
 
-    /// Where the floor is: y = 0, unless the lowest point stays so far from it that the clip can't mean that floor.
+    /// The floor: y = 0, unless the lowest points are usually far from it.
     fn floor(&self) -> f64 {
         let low = |p: &[Vec3]| p.iter().map(|p| p.y).fold(f64::INFINITY, f64::min);
         let mut lowest: Vec<f64> = self.places.chunks(self.body.point_count).map(low).collect();
@@ -154,7 +154,7 @@ impl Track {
         self.places.len() / self.body.point_count
     }
 
-    /// Leftmost and rightmost x of a moment; the last frame is held.
+    /// The least and the largest x at a time; the last frame is held.
     fn width(&self, time_s: f64) -> (f64, f64) {
         let (p, f) = (self.body.point_count, ((time_s * self.fps) as usize).min(self.frames() - 1));
         let xs = self.places[f * p..(f + 1) * p].iter().map(|p| p.x);
@@ -198,8 +198,8 @@ impl Track {
     }
 }
 
-/// Height of the body, metres; 1 if it has none. By its bones where there is a head: from head to pelvis and on along the
-/// longest leg, whose foot makes up for the skull. Else the most it ever measures from lowest to highest joint.
+/// Height of the body, metres; 1 without one. With a head, the length of its bones from head to pelvis and along the longest
+/// leg, whose foot compensates for the skull. Else the largest vertical extent of its joints.
 fn height(clip: &Clip) -> f64 {
     let by_bones = standing_height_m(clip.skeleton());
     let measures = |p: &[Vec3]| {
@@ -210,11 +210,11 @@ fn height(clip: &Clip) -> f64 {
     if h > 1e-6 { h } else { 1.0 }
 }
 
-/// Shifts along x so that each group stays right of the one before it at every moment, the whole centred.
+/// Shifts along x so that each group is always right of the previous one, and all are centred.
 fn beside(groups: &[Vec<&Track>]) -> Vec<f64> {
     let all = || groups.iter().flatten();
     let longest = all().map(|track| track.duration_s()).fold(0.0, f64::max).min(24.0 * 3600.0);
-    let moments = (longest * APART_FPS) as usize + 1;
+    let moments = (longest * SPACING_FPS) as usize + 1;
     let width = |group: &[&Track], time_s: f64| {
         let widths = group.iter().map(|track| track.width(time_s));
         widths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (l, h)| (low.min(l), high.max(h)))
@@ -226,7 +226,7 @@ fn beside(groups: &[Vec<&Track>]) -> Vec<f64> {
             (Some(before), Some(shift)) => {
                 let before = &groups[before];
                 let overlap = (0..moments)
-                    .map(|m| m as f64 / APART_FPS)
+                    .map(|m| m as f64 / SPACING_FPS)
                     .map(|t| width(before, t).1 - width(group, t).0)
                     .fold(f64::NEG_INFINITY, f64::max);
                 shift + overlap + 0.12 * height(group).max(height(before))

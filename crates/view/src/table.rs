@@ -2,7 +2,7 @@
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 
-/// A table under its title: the first column to the left, numbers to the right.
+/// A table below its title, with the first column aligned left and the others right.
 pub fn terminal<S: ToString>(title: &str, head: &[S], rows: &[Vec<String>]) -> String {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);

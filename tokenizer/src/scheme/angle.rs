@@ -5,10 +5,10 @@ use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Quat, Vec3};
 use std::f64::consts::{PI, TAU};
 
-/// Differences nearer than this, in bins, are a tie.
+/// Differences below this, in bins, are ties.
 const TIE: f64 = 1e-4;
 
-/// How often a code may be decoded and coded again until it stays.
+/// The most times that a code is decoded and encoded until it is stable.
 const TRIES: usize = 8;
 
 /// The bins of rotation vectors.
@@ -18,14 +18,14 @@ pub struct Angles {
     bins: i64,
     /// Radians.
     width: f64,
-    /// Length squared in bins up to which a decoded vector is taken: `(n/2 + 3/2)^2`, and an eighth so that no vector
-    /// of whole bins lies on the border, where rounding would choose.
+    /// The largest squared length of a decoded vector, in bins: `(n/2 + 3/2)^2`, plus an eighth so that no vector of whole bins is
+    /// on the border, where rounding would decide.
     longest: f64,
-    /// Radians: from here on the vector's twin is looked at too.
+    /// Length from which on the vector's twin is a candidate, too, radians.
     near: f64,
 }
 
-/// One of the two vectors of a rotation, on its way to a code.
+/// One of the two vectors of a rotation, as a candidate.
 #[derive(Clone, Copy)]
 struct Candidate {
     /// The decoded vector, in bins.
@@ -48,11 +48,11 @@ impl Angles {
         self.width
     }
 
-    /// The codes of a rotation, and whether they are second codes: those of its first codes' decoding, and not within half
-    /// a bin of either of its vectors.
+    /// The codes of a rotation, and whether they are second codes: those of the decoded first codes, more than half a bin from
+    /// both of its vectors.
     ///
-    /// [`Form::Edge`] codes the canonical vector. [`Form::Centred`] codes it or, near half a turn, its twin: the one
-    /// that is nearer to its own decoding; and what it codes stays the same when decoded and coded again.
+    /// [`Form::Edge`] encodes the canonical vector. [`Form::Centred`] encodes it or, near half a turn, its twin, whichever is
+    /// nearer to its own decoding; its codes encode to themselves after decoding.
     pub fn code(&self, q: Quat) -> ([u16; 3], bool) {
         let v = exp_map::to_vector(q);
         if self.form == Form::Edge {
@@ -95,7 +95,7 @@ impl Angles {
 
     /// Whether a decoded vector is long enough for its twin to be a candidate.
     fn may_have_twin(&self, decoded: [i64; 3]) -> bool {
-        // a tenth of a bin early: this only saves time
+        // a tenth of a bin early; this only saves time
         length_squared(decoded) as f64 > (self.near / self.width - 0.1).max(0.0).powi(2)
     }
 
@@ -117,13 +117,13 @@ impl Angles {
                     twin.decoded
                 }
             }
-            // judged by whole bins, where a component that is 0 has no sign of rounding
+            // decided by whole bins, since the sign of a zero component is rounding noise
             _ if first_is_positive(own.decoded) => own.decoded,
             _ => twin.decoded,
         }
     }
 
-    /// A vector, which is not 0, and its twin.
+    /// A non-zero vector and its twin.
     fn both(&self, v: Vec3) -> [Candidate; 2] {
         let angle = v.length();
         [self.candidate(v), self.candidate(v * ((angle - TAU) / angle))]
@@ -139,10 +139,10 @@ impl Angles {
         Candidate { decoded, miss }
     }
 
-    /// The nearest whole bin; one beyond the seam comes in again on the other side.
+    /// The nearest whole bin, modulo a full turn.
     fn wrapped(&self, x: f64) -> i64 {
         let (k, half) = (nearest_whole(x), self.bins / 2);
-        // at most once around: a canonical vector and its twin are shorter than a full turn
+        // once is enough: a canonical vector and its twin are shorter than a full turn
         if k + half >= self.bins {
             k - self.bins
         } else if k + half < 0 {
@@ -153,9 +153,9 @@ impl Angles {
     }
 }
 
-/// `x.round()` without its call into the C library for every number that is coded.
+/// `x.round()` without a call into the C library.
 ///
-/// Half goes away from zero. The number added is the largest below a half, so that what is just below a half stays.
+/// Rounds halves away from zero. The summand is the largest number below a half, so that numbers just below a half round down.
 pub(super) fn nearest_whole(x: f64) -> i64 {
     (x + 0.499_999_999_999_999_94_f64.copysign(x)) as i64
 }

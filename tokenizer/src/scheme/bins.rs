@@ -1,65 +1,64 @@
-//! Quantile bins on a line: as many training values in one as in another.
+//! Quantile bins on a line: each with the same number of training values.
 
 use super::line::Scale;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// Bins between ascending edges, each with the value it decodes to. The first and the last have no end.
+/// Bins between ascending edges, each with its decoded value. The first and the last are unbounded.
 ///
-/// A bin holds its lower edge, as in `numpy.searchsorted(edges, x, side="right")`; a value within [`SLACK`] below an edge
-/// counts as on it, so that rounding moves no decoded value into another bin.
+/// A bin includes its lower edge, as in `numpy.searchsorted(edges, x, side="right")`; a value within [`SLACK`] below an edge
+/// counts as on it, so that rounding doesn't move decoded values to another bin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bins {
     /// Ascending, one fewer than bins.
     edges: Vec<f64>,
-    /// Ascending, one a bin.
+    /// Ascending, one per bin.
     values: Vec<f64>,
     /// The least and the greatest of the training values.
     range: [f64; 2],
 }
 
-/// Radians or metres: what a motion file's six decimals of degrees or centimetres may move a number.
+/// Rounding error of numbers with six decimals in degrees or centimetres, in radians or metres.
 pub const SLACK: f64 = 1.0 / (1u64 << 24) as f64;
 
-/// Edges nearer than this are equal.
-const APART: f64 = 4.0 * SLACK;
+/// Edges closer than this merge.
+const LEAST_WIDTH: f64 = 4.0 * SLACK;
 
-/// No fitted number is as large.
+/// Bound of the fitted numbers in a file.
 const LARGEST: f64 = 1e9;
 
 impl Bins {
-    /// Edges at the `i / bins` quantiles of training values, which are sorted and finite, at least one; each bin's value
-    /// is the median of those in it.
+    /// Fits edges to the `i / bins` quantiles of sorted, finite training values, at least one. A bin's value is the median of its
+    /// training values.
     ///
-    /// Equal edges merge, so that fewer bins may be left, and so does a first bin that nothing is in. A bin between two
-    /// edges that nothing is in, as there may be with more bins than values, decodes to its middle.
+    /// Equal edges merge, and so does an empty first bin, so there may be fewer bins. An empty bin between two edges, possible with
+    /// more bins than values, decodes to its middle.
     pub(crate) fn fitted(sorted: &[f64], bins: u32) -> Self {
         Bins::between(edges(sorted, bins), sorted)
     }
 
-    /// [`Bins::fitted`] for steps in closed loop, at least 3 bins: two are kept for the extremes of the training values and
-    /// 0, reached from halfway on, so that no steady step leaves the walk behind; and the bin of 0 decodes to 0, so that
-    /// one who stands still does.
+    /// As [`Bins::fitted`], for closed-loop steps, with at least 3 bins: two are for the extremes of the training values and 0,
+    /// chosen from halfway on, so that the walk keeps up with steady steps; and the bin of 0 decodes to 0.
     pub(crate) fn fitted_to_steps(sorted: &[f64], bins: u32) -> Self {
         let mut fitted = Bins::fitted(sorted, bins - 2);
         let [low, high] = fitted.range;
         fitted.range = [low.min(0.0), high.max(0.0)];
         let [low, high] = fitted.range;
         let (first, last) = (fitted.values[0], fitted.values[fitted.values.len() - 1]);
-        if first - low > 2.0 * APART {
+        if first - low > 2.0 * LEAST_WIDTH {
             fitted.edges.insert(0, 0.5 * (first + low));
             fitted.values.insert(0, low);
         }
-        if high - last > 2.0 * APART {
+        if high - last > 2.0 * LEAST_WIDTH {
             fitted.edges.push(0.5 * (last + high));
             fitted.values.push(high);
         }
-        fitted.stand_still();
+        fitted.pin_zero();
         fitted
     }
 
-    /// As many bins of one width over this range, which holds 0.
+    /// Bins of equal width over a range that includes 0.
     pub(crate) fn even(low: f64, high: f64, bins: u32) -> Self {
         let width = (high - low) / f64::from(bins);
         let edges = (1..bins).map(|k| low + width * f64::from(k)).collect();
@@ -67,8 +66,8 @@ impl Bins {
         Bins { edges, values, range: [low, high] }
     }
 
-    /// Lets the bin of 0 decode to 0, and moves an edge just above it away, so that rounding doesn't leave that bin.
-    fn stand_still(&mut self) {
+    /// Sets the value of 0's bin to 0, and moves an edge just above it, so that rounding stays in the bin.
+    fn pin_zero(&mut self) {
         for (k, edge) in self.edges.iter_mut().enumerate().filter(|(_, e)| (0.0..=2.0 * SLACK).contains(*e)) {
             *edge = 0.0;
             self.values[k] = self.values[k].min(-2.0 * SLACK);
@@ -77,7 +76,7 @@ impl Bins {
         self.values[zero] = 0.0;
     }
 
-    /// One bin, of 0: for a number that isn't there.
+    /// A single bin of value 0, for a missing number.
     pub(crate) fn at_zero() -> Self {
         Bins { edges: Vec::new(), values: vec![0.0], range: [0.0; 2] }
     }
@@ -89,7 +88,7 @@ impl Bins {
             let end = edges.get(k).map_or(sorted.len(), |edge| sorted.partition_point(|x| x + SLACK < *edge));
             let low = if k == 0 { f64::NEG_INFINITY } else { edges[k - 1] };
             let high = edges.get(k).map_or(f64::INFINITY, |edge| edge - 2.0 * SLACK);
-            // neither the first nor the last bin is empty
+            // the first and the last bin are not empty
             let middle = if start < end { quantile(&sorted[start..end], 0.5) } else { 0.5 * (low + high) };
             values.push(middle.min(high).max(low));
             start = end;
@@ -97,18 +96,18 @@ impl Bins {
         Bins { edges, values, range: [sorted[0], sorted[sorted.len() - 1]] }
     }
 
-    /// How many bins are left.
+    /// The number of bins.
     #[allow(clippy::len_without_is_empty, reason = "there is always one")]
     pub fn len(&self) -> usize {
         self.values.len()
     }
 
-    /// Between the bins, ascending.
+    /// The edges, ascending.
     pub fn edges(&self) -> &[f64] {
         &self.edges
     }
 
-    /// What the bins decode to.
+    /// The decoded values.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
@@ -118,7 +117,7 @@ impl Bins {
         (self.edges.len() + self.values.len() + 2) as u64
     }
 
-    /// Checks what a file says of at most `bins` bins.
+    /// Checks the tables of a file, of at most `bins` bins.
     pub(crate) fn validate(&self, field: &'static str, bins: u32) -> Result<()> {
         let fine = |xs: &[f64]| xs.iter().all(|x| x.abs() < LARGEST) && xs.windows(2).all(|w| w[0] <= w[1]);
         let counts = self.values.len() == self.edges.len() + 1 && self.values.len() <= bins as usize;
@@ -133,7 +132,7 @@ impl Bins {
 
 impl Scale for Bins {
     fn code(&self, value: f64) -> (u16, bool) {
-        let value = value.min(f64::MAX); // not a number is none of ours to keep; it takes the last bin
+        let value = value.min(f64::MAX); // NaN takes the last bin
         let at = self.edges.partition_point(|edge| *edge <= value + SLACK);
         let [low, high] = self.range;
         (at as u16, value < low - SLACK || value > high + SLACK)
@@ -144,19 +143,19 @@ impl Scale for Bins {
     }
 }
 
-/// The quantiles that are edges, ascending.
+/// The edges, ascending.
 fn edges(sorted: &[f64], bins: u32) -> Vec<f64> {
     let mut edges: Vec<f64> = Vec::with_capacity(bins as usize);
     for i in 1..bins {
         let edge = quantile(sorted, f64::from(i) / f64::from(bins));
-        if edge > edges.last().unwrap_or(&sorted[0]) + APART {
+        if edge > edges.last().unwrap_or(&sorted[0]) + LEAST_WIDTH {
             edges.push(edge);
         }
     }
     edges
 }
 
-/// The `q` quantile of sorted values, at least one, by linear interpolation: `numpy.quantile`, to the bit.
+/// The `q` quantile of sorted values, at least one, by linear interpolation; equal to `numpy.quantile` to the bit.
 pub(crate) fn quantile(sorted: &[f64], q: f64) -> f64 {
     let at = (sorted.len() - 1) as f64 * q;
     let low = at.floor();

@@ -1,28 +1,26 @@
-//! Tiles of frames under a discrete cosine transform: the motion-language thesis's scheme, after the way JPEG codes
-//! pictures.
+//! Tiles of a discrete cosine transform: the motion-language thesis's scheme, modelled on JPEG.
 //!
-//! A clip is cut into tiles of L frames. Rotation vectors, made continuous in time, are mixed into K components
-//! ([`JointTransform`]); each component takes its DCT-II over the tile; the largest share of coefficients by magnitude is
-//! kept and quantized, and runs of zeros are counted. A word is a tile: the root's x, y, z, with `heading_delta` its turn, then
-//! component by component, low frequency first.
+//! A clip is split into tiles of L frames. Rotation vectors, continuous in time, are transformed to K components
+//! ([`JointTransform`]) and each component by the DCT-II over the tile; the largest coefficients by magnitude are kept and
+//! quantised, and zeros are run-length coded. A word is a tile: the root's x, y, z, with `heading_delta` its turn, then the
+//! components, each from low to high frequency.
 //!
-//! The root's path is told as offsets from the decoded place at the end of the tile before, turned into the decoded
-//! heading there; its turn likewise. They aren't mixed, keep the same share of coefficients each by itself and have bins
-//! of their own. Where the clip ends inside the last tile its last frame goes on, and decodes with it.
+//! The root's path is coded relative to the decoded position and heading at the end of the previous tile; so is its turn. They
+//! have no joint transform, their own shares of kept coefficients and their own bins. The clip's last frame pads the last tile.
 //!
-//! **Bound.** The transform keeps lengths, so over a tile the squared error of the components is that of the coefficients:
-//! half a bin's width at most for each that was kept, its own size for each that was not. With `keep` = 1, a given `step`
-//! and nothing clipped, every component (and coordinate of the path) is within `step / 2` in root mean square over the
-//! tile and within `step sqrt(L / 2)` in any frame; without a joint transform so is every component of a rotation vector
-//! (with lever arms, times the arm), and the geodesic error is at most the length of the three's. What a joint transform
-//! leaves out, and what quantile bins or a smaller share lose, has no bound but is measured by `kinelm tokenizer study`.
+//! **Bound.** The transform is orthonormal, so over a tile the squared error of the components is that of the coefficients: at
+//! most half a bin's width for each kept one, its own magnitude for each other. With `keep` = 1, a given `step` and nothing
+//! clipped, every component (and coordinate of the path) is within `step / 2` in root mean square over the tile and within
+//! `step sqrt(L / 2)` in any frame; without a joint transform so is every component of a rotation vector (with lever arms, times
+//! the arm), and the geodesic error is at most the length of the three errors. The loss of a joint transform, of quantile bins
+//! and of a smaller share has no bound; `kinelm tokenizer study` measures it.
 
 use super::bins::Bins;
 use super::line::{Line, Scale};
 use super::mix::{JointTransform, Mix};
 use super::runs::Runs;
 use super::series::{self, Anchor};
-use super::walk::{Height, check_height, check_places, one_of, start};
+use super::walk::{Height, check_height, check_positions, one_of, start};
 use super::{Encoded, Scheme, UncodedPose, WordLength};
 use crate::channel::{Channel, Channels};
 use crate::transform::dct::Dct;
@@ -38,48 +36,48 @@ use std::sync::OnceLock;
 pub enum Quantizer {
     /// Bins of one width.
     Uniform,
-    /// Bins of as many training coefficients each.
+    /// Bins with equal numbers of training coefficients.
     #[default]
     Quantile,
 }
 
-/// What one unit of a joint's rotation vector counts.
+/// Weights of the joints' rotation vectors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Steps {
-    /// 1, for every joint.
+    /// 1 for every joint.
     #[default]
     Equal,
-    /// The joint's [lever arm](series::lever_arms) in metres: bins are narrow where much hangs on a joint, and the components of
-    /// a joint transform are those of places, not of angles.
+    /// The joint's [lever arm](series::lever_arms) in metres: bins are narrower for joints that move more of the body, and a joint
+    /// transform works on displacements instead of angles.
     LeverArm,
 }
 
-/// Tiles under a discrete cosine transform.
+/// Settings of the tiles of a discrete cosine transform.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DctConfig {
-    /// L, frames a tile, 15 to 120. Default 60.
+    /// L, frames of a tile, 15 to 120. Default 60.
     pub tile: u32,
-    /// What is done over the joint dimension. Default PCA to 24 components.
+    /// The transform over the joints. Default PCA to 24 components.
     pub joint_transform: JointTransform,
-    /// The share of a tile's coefficients that is kept, above 0, at most 1. Default 0.1. Of the components, of the path's
-    /// three coordinates and of the turn each this share, at least one coefficient.
+    /// The share of coefficients that is kept, above 0, at most 1. Default 0.1. It applies separately to the components, the path
+    /// and the turn, with at least one coefficient each.
     pub keep: f64,
-    /// Bins, from 2; with `longest_run` at most 21054, as many as the alphabet has characters. Default 360.
+    /// Bins, from 2; with `longest_run` at most 21054, the size of the alphabet. Default 360.
     pub bins: u32,
-    /// How kept coefficients become codes. Default quantile. Bins are fitted on the coefficients that are kept of the training
-    /// tiles: one set for all components, one for the path, one for the turn.
+    /// How kept coefficients become codes. Default quantile. Bins are fitted to the kept coefficients of training tiles: one set
+    /// for all components, one for the path, one for the turn.
     pub quantizer: Quantizer,
-    /// What one unit of a joint's rotation vector counts. Default equal.
+    /// Weights of the joints' rotation vectors. Default equal.
     pub steps: Steps,
-    /// Width of the uniform bins, 1e-6 to 10: radians, with lever arms metres; of the path metres. Coefficients beyond the bins
+    /// Width of the uniform bins, 1e-6 to 10: radians, with lever arms metres; for the path metres. Coefficients beyond the bins
     /// are clipped. Default none: the bins span the training coefficients.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step: Option<f64>,
-    /// The most zeros that one character says, from 1. Default 256. Longer runs take several.
+    /// The longest run of zeros of one character, from 1. Default 256.
     pub longest_run: u32,
-    /// How the path's height is told: above the clip's floor (default) or from the place at the end of the tile before.
+    /// How the height is coded: above the clip's floor (default) or relative to the end of the previous tile.
     pub height: Height,
 }
 
@@ -148,20 +146,20 @@ impl DctConfig {
         Runs::new(self.bins, self.longest_run)
     }
 
-    /// What one unit of each open series counts.
+    /// The weight of each open series.
     fn weights(&self, channels: &Channels) -> Option<Vec<f64>> {
         let arms = series::lever_arms();
         let of = |joints: Vec<usize>| joints.into_iter().map(|j| arms[j]).collect();
         (self.steps == Steps::LeverArm).then(|| of(series::open_joints(channels)))
     }
 
-    /// What one unit of the turn counts.
+    /// The weight of the turn.
     fn turn_weight(&self) -> f64 {
         if self.steps == Steps::LeverArm { series::lever_arms()[0] } else { 1.0 }
     }
 }
 
-/// The bins of some coefficients.
+/// The bins of a group of coefficients.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 enum Table {
@@ -169,11 +167,11 @@ enum Table {
     Quantile(Bins),
 }
 
-/// A coefficient smaller than this is zero whatever the bins: rounding, not motion.
+/// Smaller coefficients are rounding errors, and zero.
 const ZERO: f64 = 1e-9;
 
 impl Table {
-    /// For these kept coefficients of training tiles.
+    /// Fits bins to kept coefficients of training tiles.
     fn fitted(config: &DctConfig, mut kept: Vec<f64>) -> Table {
         match (config.quantizer, config.step) {
             (Quantizer::Uniform, Some(width)) => {
@@ -192,7 +190,7 @@ impl Table {
         }
     }
 
-    /// The code of a coefficient, none where it decodes to zero, and whether it was clipped.
+    /// The code of a coefficient, `None` for zero, and whether it is clipped.
     fn code(&self, value: f64) -> (Option<u16>, bool) {
         let (code, clipped) = match self {
             Table::Uniform(line) => line.code(value),
@@ -208,7 +206,7 @@ impl Table {
         }
     }
 
-    /// The quantised number that order-0 tables count: 0 for zero.
+    /// The quantised number for order-0 tables: 0 for zero.
     fn number(&self, code: Option<u16>) -> i32 {
         match (self, code) {
             (_, None) => 0,
@@ -238,7 +236,7 @@ impl Table {
     }
 }
 
-/// The coefficients of tiles, with their fitted bins and the fitted joint transform.
+/// Fitted tiles: the bins of coefficients and the joint transform.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DctTiles {
@@ -249,17 +247,17 @@ pub struct DctTiles {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     turn: Option<Table>,
     components: Table,
-    /// Mean height of the training clips' first frames, metres: where the first tile starts.
+    /// Mean height of the training clips' first frames, metres: the origin of the first tile.
     first_height: f64,
 }
 
-/// One tile on its way: closed series and components, S of them, L numbers each.
+/// Working state of a tile: S closed series and components of L numbers each.
 struct Tile<'a> {
     channels: &'a Channels,
     mix: &'a Mix,
     turn_weight: f64,
     dct: &'static Dct,
-    /// Over a tile the waves' last values: of any coefficients the last number of their series.
+    /// The last values of the basis functions, which give the last number of a series from its coefficients.
     last: Vec<f64>,
     /// Open series (C, L).
     open: Vec<f64>,
@@ -280,7 +278,7 @@ impl<'a> Tile<'a> {
         let n = config.tile as usize;
         let dct = plan(n);
         let mut scratch = vec![0.0; dct.scratch_len().max(n)];
-        // the transform is orthonormal: what the last number alone becomes are the waves' values there
+        // the transform is orthonormal, so the transform of the last unit vector has the basis functions' last values
         let mut last = vec![0.0; n];
         last[n - 1] = 1.0;
         dct.forward(&mut last, &mut scratch);
@@ -306,7 +304,7 @@ impl<'a> Tile<'a> {
         series::closed_count(self.channels) * self.length()
     }
 
-    /// The coefficients of some frames of a clip, seen from the anchor.
+    /// The coefficients of frames of a clip, relative to the anchor.
     fn analyse(&mut self, clip: &Clip, start: Vec3, frames: Range<usize>) {
         let (n, closed) = (self.length(), self.closed());
         series::open(self.channels, clip, frames.clone(), n, &mut self.open);
@@ -317,12 +315,12 @@ impl<'a> Tile<'a> {
         self.series.chunks_exact_mut(n).for_each(|x| self.dct.forward(x, &mut self.scratch));
     }
 
-    /// The coefficients into numbers over time, components into open series; moves the anchor to the tile's end.
+    /// Inverts the transform of the coefficients, and the joint transform; moves the anchor to the tile's end.
     ///
-    /// Gives the anchor before, from which the closed series are told.
+    /// Returns the previous anchor, to which the closed series are relative.
     fn synthesise(&mut self) -> Anchor {
         let before = self.anchor;
-        self.go_on();
+        self.advance();
         let (n, closed) = (self.length(), self.closed());
         for x in self.series.chunks_exact_mut(n).filter(|x| x.iter().any(|x| *x != 0.0)) {
             self.dct.inverse(x, &mut self.scratch);
@@ -333,9 +331,8 @@ impl<'a> Tile<'a> {
         before
     }
 
-    /// Moves the anchor to the end of the tile whose quantised coefficients stand here: the same sums for encoder and
-    /// decoder.
-    fn go_on(&mut self) {
+    /// Moves the anchor to the end of the tile of the quantised coefficients, by the same sums in encoder and decoder.
+    fn advance(&mut self) {
         let ends =
             |x: &[f64]| -> f64 { x.iter().zip(&self.last).filter(|(x, _)| **x != 0.0).map(|(x, w)| x * w).sum() };
         let mut at: Vec<f64> = self.series.chunks_exact(self.length()).map(ends).collect();
@@ -354,7 +351,7 @@ impl<'a> Tile<'a> {
     }
 }
 
-/// The `share` largest of coefficients by magnitude, of equal ones the first: calls `keep` for each, in order.
+/// Calls `keep` with the `share` largest coefficients by magnitude, in order; of equal ones the first.
 fn largest(coefficients: &[f64], share: f64, sizes: &mut Vec<u64>, mut keep: impl FnMut(usize, f64)) {
     let count = coefficients.len();
     let most = ((share * count as f64 - 1e-9).ceil() as usize).clamp(1, count);
@@ -362,7 +359,7 @@ fn largest(coefficients: &[f64], share: f64, sizes: &mut Vec<u64>, mut keep: imp
         coefficients.iter().enumerate().for_each(|(i, &x)| keep(i, x));
         return;
     }
-    // positive numbers are ordered as their bits are, and whole numbers are sorted faster
+    // positive floats have the order of their bits, and integers sort faster
     sizes.clear();
     sizes.extend(coefficients.iter().map(|x| x.abs().to_bits()));
     let (_, &mut least, above) = sizes.select_nth_unstable(count - most);
@@ -389,14 +386,14 @@ impl DctTiles {
         &self.mix
     }
 
-    /// Learns from training clips.
+    /// Fits to training clips.
     ///
     /// # Errors
-    /// [`Error::Nothing`] when no clip has a frame, [`Error::Frame`] for a place that can't be.
+    /// [`Error::Nothing`] when no clip has a frame, [`Error::Frame`] for an implausible position.
     #[cfg(feature = "fit")]
     pub(crate) fn fit(config: &DctConfig, channels: &Channels, clips: &[Clip]) -> Result<DctTiles> {
         let clips: Vec<&Clip> = clips.iter().filter(|c| c.frames() > 0).collect();
-        clips.iter().try_for_each(|clip| check_places(clip))?;
+        clips.iter().try_for_each(|clip| check_positions(clip))?;
         if clips.is_empty() {
             return Err(Error::Nothing("no training clip has a frame".into()));
         }
@@ -432,7 +429,7 @@ impl DctTiles {
             .try_for_each(|table| table.validate(&self.config))
     }
 
-    /// The bins of each stretch of a tile's coefficients.
+    /// The bins of each group of a tile's coefficients.
     fn tables(&self) -> impl Iterator<Item = (Range<usize>, &Table)> {
         let n = self.config.tile as usize;
         groups(n, usize::from(self.turn.is_some()), self.mix.components())
@@ -445,7 +442,7 @@ impl DctTiles {
         (series::closed_count(channels) + self.mix.components()) * self.config.tile as usize
     }
 
-    /// Quantises a tile's coefficients in place; their codes, and how many were clipped.
+    /// Quantises a tile's coefficients in place and sets their codes; returns how many are clipped.
     fn quantise(&self, series: &mut [f64], sizes: &mut Vec<u64>, codes: &mut [Option<u16>]) -> u64 {
         let mut clipped = 0;
         codes.fill(None);
@@ -462,7 +459,7 @@ impl DctTiles {
     }
 }
 
-/// Where in a tile's coefficients the path, the turn and the components stand.
+/// The ranges of the path, the turn and the components in a tile's coefficients.
 fn groups(n: usize, turns: usize, components: usize) -> [Range<usize>; 3] {
     let closed = 3 + turns;
     [0..3 * n, 3 * n..closed * n, closed * n..(closed + components) * n]
@@ -473,7 +470,7 @@ fn tiles(frames: usize, length: usize) -> impl Iterator<Item = Range<usize>> {
     (0..frames).step_by(length).map(move |start| start..frames.min(start + length))
 }
 
-/// The open series of all frames, frame by frame (N, C): what a joint transform is fitted on.
+/// The open series of all frames, frame by frame (N, C), for fitting a joint transform.
 fn rows(config: &DctConfig, channels: &Channels, clips: &[&Clip]) -> Vec<f64> {
     let (n, c) = (config.tile as usize, series::open_count(channels));
     let mut open = vec![0.0; c * n];
@@ -487,8 +484,8 @@ fn rows(config: &DctConfig, channels: &Channels, clips: &[&Clip]) -> Vec<f64> {
     rows
 }
 
-/// The coefficients that are kept of training tiles: of the path, the turn, the components. Closed series are told from
-/// the true place before, which is what the decoded one is near.
+/// The kept coefficients of training tiles: of the path, the turn, the components. Closed series are relative to the true
+/// previous position, which is near the decoded one.
 fn kept(config: &DctConfig, channels: &Channels, mix: &Mix, height: f64, clips: &[&Clip]) -> [Vec<f64>; 3] {
     let n = config.tile as usize;
     let (mut out, mut sizes) = ([vec![], vec![], vec![]], vec![]);
@@ -500,7 +497,7 @@ fn kept(config: &DctConfig, channels: &Channels, mix: &Mix, height: f64, clips: 
             for (range, out) in groups.into_iter().zip(&mut out).filter(|(range, _)| !range.is_empty()) {
                 largest(&tile.series[range], config.keep, &mut sizes, |_, x| out.push(x));
             }
-            tile.go_on();
+            tile.advance();
         }
     }
     out
@@ -520,7 +517,7 @@ impl Scheme for DctTiles {
     }
 
     fn encode(&self, channels: &Channels, clip: &Clip) -> Result<Encoded> {
-        check_places(clip)?;
+        check_positions(clip)?;
         let (n, runs) = (self.config.tile as usize, self.config.runs());
         let mut tile = Tile::new(&self.config, channels, &self.mix, self.first_height);
         let mut codes = vec![None; self.numbers_in_tile(channels)];
@@ -529,7 +526,7 @@ impl Scheme for DctTiles {
             out.padded += (n - frames.len()) as u64;
             tile.analyse(clip, start(clip), frames);
             out.clipped += self.quantise(&mut tile.series, &mut sizes, &mut codes);
-            tile.go_on();
+            tile.advance();
             word.clear();
             runs.encode(&codes, &mut word);
             out.words.push(&word);
@@ -566,7 +563,7 @@ impl Scheme for DctTiles {
     }
 
     fn slot_channels(&self, _: &Channels) -> std::result::Result<Vec<Channel>, String> {
-        Err("a character of a tile is a wave over all its frames, and where it stands in the word changes".into())
+        Err("a character of a tile affects all its frames, and its slot in the word varies".into())
     }
 
     fn numbers(&self, channels: &Channels, word: &[u16], out: &mut Vec<i32>) {

@@ -1,8 +1,8 @@
-//! Words that are one frame: the root's step, then the pose. What the schemes of frames share.
+//! Words of one frame: the root's step, then the pose.
 
 use super::line::Scale;
 use super::pelvis::{Turns, about_y};
-use super::walk::{Height, Travel, Walk, check_places, start};
+use super::walk::{Height, Travel, Walk, check_positions, start};
 use super::{Encoded, UncodedPose};
 use crate::{Channels, Result, Words};
 use kinelm_motion::rotation::exp_map;
@@ -11,10 +11,10 @@ use std::f64::consts::PI;
 
 /// How a scheme codes the joints of a pose, frame by frame through a clip.
 pub(super) trait Poses {
-    /// Codes the pose (24) into a word's characters behind the translation's; gives the decoded pelvis if it is coded.
+    /// Encodes a pose (24) into a word's characters after the translation; returns the decoded pelvis if it is coded.
     fn encode(&mut self, pose: &[Quat], word: &mut [u16], out: &mut Encoded) -> Option<Quat>;
 
-    /// Sets the coded joints of a pose (24); gives the pelvis if it is coded.
+    /// Sets the coded joints of a pose (24); returns the pelvis if it is coded.
     fn decode(&mut self, word: &[u16], pose: &mut [Quat]) -> Option<Quat>;
 }
 
@@ -26,7 +26,7 @@ pub(super) fn encode(
     steps: &[impl Scale; 3],
     mut poses: impl Poses,
 ) -> Result<Encoded> {
-    check_places(clip)?;
+    check_positions(clip)?;
     let mut codes = vec![0; clip.frames() * length];
     let mut out = Encoded::default();
     let start = start(clip);
@@ -48,7 +48,7 @@ pub(super) fn encode(
 pub(super) fn decode(
     words: &Words,
     fps: f64,
-    rest: UncodedPose<'_>,
+    uncoded: UncodedPose<'_>,
     mut walk: Walk,
     steps: &[impl Scale; 3],
     mut poses: impl Poses,
@@ -58,7 +58,7 @@ pub(super) fn decode(
     for (f, word) in words.iter().enumerate() {
         walk.follow(steps, [word[0], word[1], word[2]]);
         root.push(walk.at());
-        rest.fill(f, &mut rotations);
+        uncoded.fill(f, &mut rotations);
         if let Some(pelvis) = poses.decode(&word[3..], &mut rotations[f * 24..]) {
             walk.face(pelvis);
         }
@@ -69,22 +69,22 @@ pub(super) fn decode(
 /// The codes of one joint's rotation vector.
 pub(super) struct Coded {
     pub codes: [u16; 3],
-    /// Components outside what the bins were made for.
+    /// Components outside the bins.
     pub clipped: u64,
-    /// Whether other codes were taken because the nearest decode otherwise.
+    /// Whether the nearest codes were replaced because they would not encode to themselves after decoding.
     pub second: bool,
 }
 
-/// How rotation vectors become codes, a character a component.
+/// Bins of rotation vectors, one character per component.
 pub(super) trait Vectors {
-    /// Of the `n`-th coded joint; of a tilt, which has no y, the y of the codes is not kept.
+    /// The codes of the `n`-th coded joint. For a tilt, which has no y, the code of y is ignored.
     fn code(&self, n: usize, q: Quat) -> Coded;
 
     /// The vector of codes of the `n`-th coded joint.
     fn vector(&self, n: usize, codes: [u16; 3]) -> Vec3;
 }
 
-/// Each joint for itself: x y z of its rotation vector, or turn and tilt of the pelvis.
+/// Codes each joint separately: x, y, z of its rotation vector, or turn and tilt of the pelvis.
 pub(super) struct Each<'a, V> {
     joints: &'a [usize],
     turns: Option<Turns>,
@@ -92,12 +92,12 @@ pub(super) struct Each<'a, V> {
 }
 
 impl<'a, V: Vectors> Each<'a, V> {
-    /// From a clip's first frame on. `bins` of the turn, if the channels have one.
+    /// At a clip's start; `bins` of the turn, if the channels have one.
     pub(super) fn new(channels: &'a Channels, bins: u32, vectors: V) -> Self {
         Each { joints: channels.joints(), turns: channels.has_turn().then(|| Turns::new(bins)), vectors }
     }
 
-    /// The pelvis alone, where the channels have one.
+    /// Codes only the pelvis, if it is coded.
     pub(super) fn pelvis(channels: &'a Channels, bins: u32, vectors: V) -> Self {
         let mut each = Each::new(channels, bins, vectors);
         each.joints = &each.joints[..usize::from(each.joints.first() == Some(&0))];
@@ -157,25 +157,25 @@ impl<V: Vectors> Poses for Each<'_, V> {
     }
 }
 
-/// A decoded vector up to here is canonical, and a file's rounding doesn't turn it into its twin.
+/// Decoded vectors up to this length, radians, are canonical, and rounding in a file doesn't turn them into their twins.
 pub(super) const LONGEST: f64 = PI - 1e-6;
 
-/// The rotations of a pose as numbers: canonical rotation vectors, of the pelvis the tilt's x and z where it has a turn.
+/// The rotations of a pose as numbers: canonical rotation vectors; the tilt's x and z for a pelvis with a turn.
 ///
-/// Canonical, not continuous in time: a frame's numbers are then its own, whatever came before it, and no longer than half
-/// a turn, so that a fitted range holds them.
+/// Canonical rather than continuous in time: a frame's numbers don't depend on earlier frames, and vectors are at most half a
+/// turn long, so that a fitted range contains them.
 pub(super) struct Numbers<'a> {
     joints: &'a [usize],
     pub turns: Option<Turns>,
 }
 
 impl<'a> Numbers<'a> {
-    /// From a clip's first frame on.
+    /// At a clip's start.
     pub(super) fn new(channels: &'a Channels, bins: u32) -> Self {
         Numbers { joints: channels.joints(), turns: channels.has_turn().then(|| Turns::new(bins)) }
     }
 
-    /// How many numbers a pose has.
+    /// The numbers of a pose.
     pub(super) fn len(channels: &Channels) -> usize {
         channels.len() - 3 - usize::from(channels.has_turn())
     }
@@ -185,13 +185,13 @@ impl<'a> Numbers<'a> {
         self.joints.first() == Some(&0)
     }
 
-    /// Appends the numbers of a pose (24); gives the code of the turn's step.
+    /// Appends the numbers of a pose (24); returns the code of the turn's step.
     pub(super) fn of(&mut self, pose: &[Quat], out: &mut Vec<f64>) -> Option<u16> {
         let tilted = self.turns.as_mut().map(|turns| turns.step(pose[0], |tilt| (tilt, Vec3::ZERO)));
         self.gather(tilted, pose, out)
     }
 
-    /// [`Numbers::of`] with the turn of the frame before.
+    /// As [`Numbers::of`], with the previous frame's turn.
     pub(super) fn of_kept_turn(&mut self, pose: &[Quat], out: &mut Vec<f64>) -> Option<u16> {
         let tilted = self.turns.map(|turns| turns.keep(pose[0]));
         self.gather(tilted, pose, out)
@@ -208,13 +208,12 @@ impl<'a> Numbers<'a> {
         tilted.map(|(step, _)| step)
     }
 
-    /// Whether decoded numbers hold a tilt whose turn can't be told again.
+    /// Whether the turn of a decoded tilt is undefined.
     pub(super) fn upside_down(&self, numbers: &[f64]) -> bool {
         self.turns.is_some_and(|turns| turns.upside_down(Vec3::new(numbers[0], 0.0, numbers[1])))
     }
 
-    /// Sets the coded joints of a pose (24) from numbers and, before, the turn from its code; gives the pelvis if it is
-    /// coded.
+    /// Moves the turn by its code and sets the coded joints of a pose (24); returns the pelvis if it is coded.
     pub(super) fn set(&mut self, numbers: &[f64], step: Option<u16>, pose: &mut [Quat]) -> Option<Quat> {
         let (mut joints, mut numbers) = (self.joints, numbers);
         if let (Some(turns), Some(step)) = (&mut self.turns, step) {
@@ -228,8 +227,8 @@ impl<'a> Numbers<'a> {
         self.has_pelvis().then(|| pose[0])
     }
 
-    /// Makes decoded vectors canonical, those that weren't no longer than half a turn less `shorter` radians; whether there
-    /// were any.
+    /// Makes decoded vectors canonical and those that weren't at most half a turn less `shorter` radians long. Returns whether
+    /// there were any.
     pub(super) fn canonical(&self, numbers: &mut [f64], shorter: f64) -> bool {
         let (tilt, vectors) = numbers.split_at_mut(if self.turns.is_some() { 2 } else { 0 });
         let mut longer = false;
@@ -246,7 +245,7 @@ impl<'a> Numbers<'a> {
         longer
     }
 
-    /// The pelvis of a pose's numbers and the turn as it stands.
+    /// The pelvis of a pose's numbers and the current turn.
     pub(super) fn pelvis(&self, numbers: &[f64]) -> Quat {
         match &self.turns {
             Some(turns) => about_y(turns.radians()) * exp_map::from_vector(Vec3::new(numbers[0], 0.0, numbers[1])),
@@ -266,7 +265,7 @@ impl<'a> Numbers<'a> {
     }
 }
 
-/// Numbers of poses as columns, sorted: what bins are fitted to.
+/// The sorted columns of numbers (N, `columns`), for fitting bins.
 pub(super) fn sorted_columns(rows: &[f64], columns: usize) -> Vec<Vec<f64>> {
     let column = |c: usize| {
         let mut column: Vec<f64> = rows.iter().skip(c).step_by(columns).copied().collect();
@@ -279,7 +278,7 @@ pub(super) fn sorted_columns(rows: &[f64], columns: usize) -> Vec<Vec<f64>> {
 /// Calls `each` with the root's step from every frame of a clip to the next, relative to the heading that `poses` decodes from
 /// `length` characters.
 pub(super) fn each_step(clip: &Clip, length: usize, mut poses: impl Poses, mut each: impl FnMut(Vec3)) -> Result<()> {
-    check_places(clip)?;
+    check_positions(clip)?;
     let mut walk = Walk::new(0.0, Travel::Velocity, Height::Velocity);
     let mut word = vec![0; length];
     for (f, pair) in clip.root().windows(2).enumerate() {

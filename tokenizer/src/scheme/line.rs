@@ -1,10 +1,10 @@
-//! Uniform bins on a line that ends: translations.
+//! Uniform bins over an interval, for translations.
 
 use super::angle::nearest_whole;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// Bins of one width, of which one decodes to `offset`; what lies outside takes the first or last bin.
+/// Bins of equal width, one of which decodes to `offset`. Values outside are clipped to the first or last bin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Line {
@@ -12,18 +12,18 @@ pub struct Line {
     pub width: f64,
     /// The code whose value is `offset`.
     pub zero: u16,
-    /// 0, but half a bin where bins have an edge at 0.
+    /// 0, or half a bin when bins have an edge at 0.
     pub offset: f64,
     /// Number of bins.
     pub bins: u32,
 }
 
-/// The codes of one number.
+/// Bins of one number.
 pub trait Scale {
-    /// The code of a value, and whether it lies outside what the bins were made for.
+    /// The code of a value, and whether it is clipped.
     fn code(&self, value: f64) -> (u16, bool);
 
-    /// The value of a code; one above the bins has the last one's.
+    /// The value of a code; codes beyond the bins have the last one's.
     fn value(&self, code: u16) -> f64;
 }
 
@@ -37,19 +37,19 @@ impl Scale for Line {
     }
 }
 
-/// Never narrower than this, metres.
+/// The least width of a fitted range, metres.
 const NARROWEST: f64 = 0.01;
 
-/// What is moved out on each side, in widths.
+/// Margin on each side, as a fraction of the training range.
 const MARGIN: f64 = 0.025;
 
 impl Line {
-    /// Bins over training values: their span, moved out by 2.5 % on each side, never narrower than 1 cm, then shifted
-    /// by at most half a bin so that 0, which lies in the span, is a bin's value.
+    /// Fits bins to training values: their range with a margin of 2.5 % on each side, at least 1 cm wide, shifted by at most half
+    /// a bin so that 0, which the range includes, is a bin's value.
     pub(crate) fn fitted(low: f64, high: f64, bins: u32) -> Self {
         let (low, high) = (low.min(0.0), high.max(0.0));
         let span = high - low;
-        // with fewer than 21 bins the shift would eat the margin: then the bins are as wide as it takes
+        // with fewer than 21 bins the shift could exceed the margin, so the bins are wider
         let n = f64::from(bins);
         let wide = (span * (1.0 + 2.0 * MARGIN)).max(span * n / (n - 1.0)).max(NARROWEST);
         let first = 0.5 * (low + high) - 0.5 * wide;
@@ -58,7 +58,7 @@ impl Line {
         Line { width, zero: zero as u16, offset: 0.0, bins }
     }
 
-    /// Bins over this range, which holds 0, no wider than it takes to put 0 on a bin's value.
+    /// The narrowest bins over a range that includes 0, with 0 as a bin's value.
     pub(crate) fn over(low: f64, high: f64, bins: u32) -> Self {
         let n = f64::from(bins);
         let width = ((high - low) / (n - 1.0)).max(NARROWEST / n);
@@ -66,7 +66,7 @@ impl Line {
         Line { width, zero: zero as u16, offset: 0.0, bins }
     }
 
-    /// The code of a value, and whether it was clipped: further than half a bin from what its code decodes to.
+    /// The code of a value, and whether it is clipped: more than half a bin from its decoded value.
     pub fn code(&self, value: f64) -> (u16, bool) {
         let k = nearest_whole((value - self.offset) / self.width); // saturates
         let k = k.saturating_add(self.zero.into()).clamp(0, i64::from(self.bins) - 1) as u16;
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn outside_is_clipped_and_told() {
+    fn values_outside_are_clipped() {
         let l = Line::fitted(-0.1, 0.3, 100);
         assert_eq!(l.code(1e300), (99, true));
         assert_eq!(l.code(-1e300), (0, true));

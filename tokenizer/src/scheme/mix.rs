@@ -1,33 +1,33 @@
-//! The channels as fewer or less alike ones, before they are cut into bins or tiles.
+//! Linear transforms of the channels to fewer or less correlated components, before quantisation.
 
 #[cfg(feature = "fit")]
 use crate::transform::{ica, pca};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// What is done over the joint dimension. The translation, and with `heading_delta` the turn, stays out of it.
+/// The transform over the joints. It excludes the translation and, with `heading_delta`, the turn.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum JointTransform {
-    /// Nothing: every channel by itself.
+    /// None: every channel separately.
     None {},
-    /// Principal components: those along which the training motion varies most.
+    /// Principal components: the directions in which the training motion varies most.
     Pca {
-        /// K, 1 to 72; of fewer channels all.
+        /// K, 1 to 72, at most the number of channels.
         components: u32,
     },
-    /// Independent components, searched for among as many principal ones.
+    /// Independent components within as many principal components.
     Ica {
-        /// K, 1 to 72; of fewer channels all.
+        /// K, 1 to 72, at most the number of channels.
         components: u32,
     },
 }
 
-/// All 24 joints.
+/// The channels of all 24 joints.
 const MOST: u32 = 72;
 
 impl JointTransform {
-    /// K of so many channels.
+    /// K, for a number of channels.
     pub fn components(&self, channels: usize) -> usize {
         match *self {
             JointTransform::None {} => channels,
@@ -59,40 +59,39 @@ impl JointTransform {
 
 /// A fitted linear map from C channels to K components and back: `y = forward * (scale * (x - mean))`.
 ///
-/// Of the components of PCA and ICA each is one direction of unit length in the scaled channels, so an error of a
-/// component is as long there. (FastICA's sources of variance 1 are stretched for it: what is large in a source is large in
-/// the motion.)
+/// Each component of PCA and ICA is a direction of unit length in the scaled channels, so an error of a component has the same
+/// length there. (FastICA's sources, of variance 1, are rescaled.)
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mix {
     /// (C).
     mean: Vec<f64>,
-    /// (C), what one unit of a channel counts: 1, or its joint's lever arm in metres.
+    /// (C), weight of each channel: 1, or its joint's lever arm in metres.
     scale: Vec<f64>,
-    /// (K, C); empty where every channel stays by itself.
+    /// (K, C); empty without a transform.
     forward: Vec<f64>,
-    /// (C, K); empty too.
+    /// (C, K); empty without a transform.
     inverse: Vec<f64>,
 }
 
-/// Numbers of a file beyond this size are no body's.
+/// Bound of the numbers in a file.
 const LARGEST: f64 = 1e12;
 
 impl Mix {
-    /// Learns the map from `data` (N, C), `channels` being C; `weights` (C), all above 0, scale the channels first.
+    /// Fits the map to `data` (N, C); `channels` is C. `weights` (C), all positive, scale the channels first.
     ///
-    /// Constant channels, fewer rows than channels, or none at all are fine: components in which nothing varies are
-    /// directions of length 1 like the others.
+    /// Constant channels, fewer rows than channels, and no rows are allowed: components without variance are unit directions,
+    /// too.
     ///
     /// # Errors
-    /// [`Error::Nothing`] when numbers are out of all range.
+    /// [`Error::Nothing`] when numbers are out of range.
     ///
     /// # Panics
-    /// When `data` isn't whole rows, or `weights` are another number.
+    /// When `data` isn't whole rows, or there are not C weights.
     #[cfg(feature = "fit")]
     pub fn fit(transform: &JointTransform, data: &[f64], channels: usize, weights: Option<&[f64]>) -> Result<Mix> {
         let scale = weights.map_or_else(|| vec![1.0; channels], <[f64]>::to_vec);
-        assert_eq!(scale.len(), channels, "a weight a channel");
+        assert_eq!(scale.len(), channels, "one weight per channel");
         let k = transform.components(channels);
         let scaled: Vec<f64> = data.iter().enumerate().map(|(i, x)| x * scale[i % channels]).collect();
         let (mean, forward, inverse) = match transform {
@@ -132,17 +131,16 @@ impl Mix {
         &self.mean
     }
 
-    /// Numbers that decoding needs: mean and inverse, and the scale where it isn't 1.
+    /// Numbers that decoding needs: mean and inverse, and the scale unless it is 1.
     pub fn numbers(&self) -> u64 {
         let scaled = self.scale.iter().any(|&s| s != 1.0);
         (self.channels() * (1 + usize::from(scaled)) + self.inverse.len()) as u64
     }
 
-    /// The components of some frames, channel by channel: `series` (C, n) into `out` (K, n). `series` is left scaled, less its
-    /// mean.
+    /// The components of n frames: `series` (C, n) into `out` (K, n). Leaves `series` centred and scaled.
     ///
     /// # Panics
-    /// When the lengths aren't those of C or K series of `n` numbers.
+    /// When the lengths aren't C or K series of `n` numbers.
     pub fn forward(&self, n: usize, series: &mut [f64], out: &mut [f64]) {
         assert_eq!((series.len(), out.len()), (self.channels() * n, self.components() * n), "series of {n}");
         for (x, (m, s)) in series.chunks_exact_mut(n).zip(self.mean.iter().zip(&self.scale)) {
@@ -155,7 +153,7 @@ impl Mix {
         }
     }
 
-    /// The channels of some frames: `series` (K, n) into `out` (C, n).
+    /// The channels of n frames: `series` (K, n) into `out` (C, n).
     ///
     /// # Panics
     /// As [`Mix::forward`].
@@ -171,10 +169,10 @@ impl Mix {
         }
     }
 
-    /// Checks what a file says against the settings and the number of channels.
+    /// Checks a file's numbers against the settings and the number of channels.
     ///
     /// # Errors
-    /// [`Error::Setting`] when sizes are others or numbers out of range.
+    /// [`Error::Setting`] when sizes are wrong or numbers out of range.
     pub fn validate(&self, transform: &JointTransform, channels: usize) -> Result<()> {
         let k = transform.components(channels);
         let size = if *transform == (JointTransform::None {}) { 0 } else { k * channels };
@@ -195,11 +193,10 @@ impl Mix {
     }
 }
 
-/// Rows and columns of the blocks of a product: eight registers of two numbers hold the sums.
+/// Rows and columns of the blocks of a product, whose sums fit into eight registers of two numbers.
 const BLOCK: usize = 4;
 
-/// `matrix` (R, C) times `series` (C, n) into `out` (R, n). Every number is summed in the order of the channels, whatever the
-/// block that it is in.
+/// `matrix` (R, C) times `series` (C, n) into `out` (R, n). Every sum is in the order of the channels, independent of blocks.
 fn multiply(matrix: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
     let c = series.len() / n.max(1);
     for (rows, out) in matrix.chunks(BLOCK * c.max(1)).zip(out.chunks_mut(BLOCK * n.max(1))) {
@@ -212,7 +209,7 @@ fn multiply(matrix: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
     }
 }
 
-/// As many rows of a product as there are registers for.
+/// R rows of a product.
 fn multiply_rows<const R: usize>(rows: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
     let c = rows.len() / R;
     let rows: [&[f64]; R] = std::array::from_fn(|r| &rows[r * c..(r + 1) * c]);

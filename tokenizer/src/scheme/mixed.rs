@@ -1,4 +1,4 @@
-//! Poses as components of a joint transform: a character a component, which belongs to all joints.
+//! Poses as components of a joint transform, one character per component; a component belongs to all joints.
 
 use super::Encoded;
 use super::frame::{Numbers, Poses};
@@ -7,28 +7,28 @@ use super::mix::{JointTransform, Mix};
 use crate::{Channels, Result};
 use kinelm_motion::Quat;
 
-/// The words' characters behind the translation: the turn's step, if there is one, and the components.
+/// Codes poses as the turn's step, if there is one, and components.
 pub(super) struct Mixed<'a, S> {
     numbers: Numbers<'a>,
     mix: &'a Mix,
-    /// One a component, or one for all.
+    /// One per component, or one for all.
     scales: &'a [S],
     row: Vec<f64>,
     components: Vec<f64>,
 }
 
-/// How often a pose may be decoded and coded again until its codes stay.
+/// The most times that a pose is decoded and encoded until its codes are stable.
 const TRIES: u32 = 12;
 
-/// Radians that a vector near half a turn, whose twin decodes beyond it too, is made shorter by at the second attempt, four
-/// times that at the third, and so on: coarse bins need more.
+/// Radians by which a vector near half a turn, whose twin decodes beyond it too, is shortened at the first attempt; at the n-th
+/// n² times that, since coarse bins need more.
 const SHORTER: f64 = 0.02;
 
-/// Why no character belongs to a joint.
+/// The reason why characters don't belong to joints.
 pub(super) const REASON: &str = "a joint transform spreads each joint over all characters of a pose";
 
 impl<'a, S: Scale> Mixed<'a, S> {
-    /// From a clip's first frame on. `bins` of the turn, if the channels have one.
+    /// At a clip's start; `bins` of the turn, if the channels have one.
     pub(super) fn new(channels: &'a Channels, bins: u32, mix: &'a Mix, scales: &'a [S]) -> Self {
         let components = vec![0.0; mix.components()];
         Mixed { numbers: Numbers::new(channels, bins), mix, scales, row: vec![0.0; Numbers::len(channels)], components }
@@ -43,7 +43,7 @@ impl<'a, S: Scale> Mixed<'a, S> {
         &self.scales[component.min(self.scales.len() - 1)]
     }
 
-    /// Codes the numbers of a pose, which are lost; how many components clip.
+    /// Encodes and consumes the numbers of a pose; returns how many components are clipped.
     fn code(&mut self, codes: &mut [u16]) -> u64 {
         self.mix.forward(1, &mut self.row, &mut self.components);
         let mut count = 0;
@@ -55,8 +55,8 @@ impl<'a, S: Scale> Mixed<'a, S> {
         count
     }
 
-    /// Decodes codes into the numbers of a pose. Where a vector is longer than half a turn, and so would be coded
-    /// otherwise, the decoded pose's own codes are taken, until they stay; whether others were.
+    /// Decodes codes into the numbers of a pose. While a vector is longer than half a turn, where it would not encode to itself,
+    /// replaces the codes by those of the decoded pose. Returns whether codes were replaced.
     fn settle(&mut self, codes: &mut [u16]) -> bool {
         self.unmix(codes);
         if !self.numbers.canonical(&mut self.row, 0.0) {
@@ -111,8 +111,8 @@ impl<S: Scale> Poses for Mixed<'_, S> {
     }
 }
 
-/// A joint transform fitted to the numbers of training poses, (N, `columns`), and their components, (N, K); `None` where
-/// the settings have none.
+/// Fits a joint transform to the numbers of training poses, (N, `columns`); returns it and their components, (N, K). `None`
+/// without a transform.
 #[cfg(feature = "fit")]
 pub(super) fn fit(transform: &JointTransform, rows: &mut [f64], columns: usize) -> Result<Option<(Mix, Vec<f64>)>> {
     if *transform == (JointTransform::None {}) {

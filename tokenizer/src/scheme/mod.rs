@@ -1,4 +1,4 @@
-//! How numbers become codes. Each scheme has a file of its own and a variant of [`SchemeConfig`].
+//! Schemes: how motion becomes codes. Each scheme has its own file and a variant of [`SchemeConfig`].
 
 pub mod angle;
 pub mod bins;
@@ -30,13 +30,13 @@ use walk::Height;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub enum SchemeConfig {
-    /// Bins of one width a channel.
+    /// Bins of equal width.
     Uniform(UniformConfig),
-    /// Bins of as many training values each.
+    /// Bins with equal numbers of training values.
     Quantile(QuantileConfig),
-    /// Tiles under a discrete cosine transform.
+    /// Tiles of a discrete cosine transform.
     Dct(DctConfig),
-    /// Tiles that run into each other.
+    /// Tiles of a lapped transform.
     Lapped(LappedConfig),
 }
 
@@ -71,17 +71,17 @@ impl SchemeConfig {
     }
 }
 
-/// A fitted scheme. A file holds what was learnt from training clips; the settings stand beside it, once.
+/// A fitted scheme. In a file, the fitted tables are separate from the settings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub(crate) enum Fitted {
-    /// Bins of one width a channel.
+    /// Bins of equal width.
     Uniform(Uniform),
-    /// Bins of as many training values each.
+    /// Bins with equal numbers of training values.
     Quantile(Quantile),
-    /// Tiles under a discrete cosine transform.
+    /// Tiles of a discrete cosine transform.
     Dct(DctTiles),
-    /// Tiles that run into each other.
+    /// Tiles of a lapped transform.
     Lapped(Lapped),
 }
 
@@ -95,7 +95,7 @@ impl Fitted {
         }
     }
 
-    /// What a sample of training frames teaches; `heights`: the range of heights above the floor.
+    /// Fits a scheme to a sample of training clips; `heights`: the range of heights above the floor.
     #[cfg(feature = "fit")]
     pub(crate) fn fit(config: &SchemeConfig, channels: &Channels, clips: &[Clip], heights: [f64; 2]) -> Result<Self> {
         match config {
@@ -106,7 +106,7 @@ impl Fitted {
         }
     }
 
-    /// Puts the settings back that a file keeps apart, and checks what the file says.
+    /// Joins the tables of a file with its settings, and checks them.
     pub(crate) fn with_config(self, config: &SchemeConfig, channels: &Channels) -> Result<Self> {
         match (self, config) {
             (Fitted::Uniform(u), SchemeConfig::Uniform(c)) => {
@@ -127,8 +127,8 @@ impl Fitted {
             }
             (fitted, config) => Err(Error::Setting {
                 field: "scheme",
-                found: format!("settings of one, {config:?}, and what was learnt for another, {}", fitted.name()),
-                expected: "both of one scheme".into(),
+                found: format!("the settings {config:?}, and tables of the scheme {}", fitted.name()),
+                expected: "settings and tables of one scheme".into(),
             }),
         }
     }
@@ -143,48 +143,48 @@ impl Fitted {
     }
 }
 
-/// A clip as words, and what coding it cost.
+/// The words of a clip, and counts of coding errors.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Encoded {
     /// ceil(F / L) words of codes below the number of symbols.
     pub words: Words,
-    /// How many values lay outside their bins and took the last one.
+    /// Values outside the bins, clipped to the last one.
     pub clipped: u64,
-    /// How many rotations, all near half a turn, took a second code, because the decoding of their first codes otherwise,
-    /// and lie further than half a bin from it (never more than one).
+    /// Rotations near half a turn whose nearest codes would not encode to themselves after decoding; their codes are more than
+    /// half a bin off, at most one.
     pub second_codes: u64,
-    /// Frames that were added to fill the last tile.
+    /// Frames of padding in the last tile.
     pub padded: u64,
-    /// Frames whose height above the floor lay outside the range of the training clips.
+    /// Frames whose height above the floor is outside the range of the training clips.
     pub off_range: u64,
 }
 
-/// How many characters a word has, its space not counted.
+/// The characters of a word, its space not counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WordLength {
-    /// All words as many.
+    /// All words have this length.
     Fixed(usize),
-    /// Up to so many; what a shorter word lacks are zeros.
+    /// Up to a length; shorter words end in zeros.
     Varying {
-        /// A longer word is cut.
+        /// Longer words are truncated.
         most: usize,
     },
 }
 
-/// The rotations that a word doesn't hold.
+/// The rotations of uncoded joints.
 #[derive(Debug, Clone, Copy, Default)]
 pub enum UncodedPose<'a> {
     /// Identity.
     #[default]
     Identity,
-    /// (24) local rotations, held still.
+    /// (24) constant local rotations.
     Pose(&'a [Quat; 24]),
-    /// Frame by frame those of a clip on the SMPL joints; where it has ended, its last frame's.
+    /// Those of a clip on the SMPL joints, frame by frame; after its end, those of its last frame.
     Clip(&'a Clip),
 }
 
 impl UncodedPose<'_> {
-    /// The whole pose (24) of a frame, before the coded joints are set.
+    /// Appends the pose (24) of a frame, before the coded joints are set.
     pub(crate) fn fill(&self, frame: usize, pose: &mut Vec<Quat>) {
         match self {
             UncodedPose::Pose(p) => pose.extend_from_slice(&p[..]),
@@ -194,57 +194,57 @@ impl UncodedPose<'_> {
     }
 }
 
-/// What every scheme does. Clips are on the 24 SMPL joints; a word stands for L frames.
+/// A fitted scheme. Clips are on the 24 SMPL joints; a word is L frames.
 pub trait Scheme: Send + Sync {
-    /// How many codes there are: codes are `0..symbols()`.
+    /// The number of codes, which are `0..symbols()`.
     fn symbols(&self) -> u32;
 
-    /// L, the frames that a word stands for.
+    /// L, the frames of a word.
     fn frames_per_word(&self) -> usize;
 
     /// The characters of a word.
     fn word_length(&self, channels: &Channels) -> WordLength;
 
-    /// The clip's words, ceil(F / L) of them. The same whatever the clip's rate; the caller checks that, and the skeleton.
+    /// The clip's words, ceil(F / L) of them. The caller checks the clip's rate and skeleton.
     ///
     /// # Errors
-    /// [`Error::Frame`] for a frame that can't be coded.
+    /// [`Error::Frame`] for a frame that can't be encoded.
     fn encode(&self, channels: &Channels, clip: &Clip) -> Result<Encoded>;
 
-    /// The clip of words, L frames each, finite whatever their codes are. The caller checks that the codes are below
-    /// [`Scheme::symbols`], that words have a length of [`Scheme::word_length`], and the skeleton of `rest`.
+    /// The clip of words, L frames each, finite for any codes. The caller checks that codes are below [`Scheme::symbols`], that
+    /// lengths are those of [`Scheme::word_length`], and the skeleton of `uncoded`.
     ///
     /// # Errors
-    /// When no clip can be made of it.
-    fn decode(&self, channels: &Channels, words: &Words, fps: f64, rest: UncodedPose<'_>) -> Result<Clip>;
+    /// [`Error::Motion`] when the clip can't be built.
+    fn decode(&self, channels: &Channels, words: &Words, fps: f64, uncoded: UncodedPose<'_>) -> Result<Clip>;
 
-    /// The word that says nothing: no step, no turn.
+    /// The word of no movement: no step, no turn.
     fn neutral(&self, channels: &Channels) -> Vec<u16>;
 
-    /// What stands at each place of a word; where a character belongs to no one channel, the reason.
+    /// The channel of each slot of a word.
     ///
     /// # Errors
-    /// The reason, as half a sentence for a message.
+    /// The reason, for a message, when characters don't belong to single channels.
     fn slot_channels(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String>;
 
-    /// Whether the codes at a place of words of one length go round: the last bin is the first one's neighbour.
+    /// Whether the last bin of a slot is next to the first, in words of one length.
     fn is_circular(&self, _place: usize) -> bool {
         false
     }
 
-    /// Appends the quantised numbers that a word says: as many for every word, in one order, zeros spelled out. Order-0
-    /// tables are kept for each of them. In frame words these are the codes.
+    /// Appends the quantised numbers of a word: the same count and order for every word, zeros included. Each has its own
+    /// order-0 table. In frame words they are the codes.
     fn numbers(&self, channels: &Channels, word: &[u16], out: &mut Vec<i32>);
 
-    /// How many fitted numbers the scheme needs to decode, the values of its bins among them: what it costs to send.
+    /// Fitted numbers that decoding needs, values of bins included: the cost of transmitting the scheme.
     fn fitted_numbers(&self) -> u64;
 
-    /// Frames before and behind its own that a word's characters may change: overlapping windows.
+    /// Frames before and after a word's own that its characters affect, with overlapping windows.
     fn reach(&self) -> usize {
         0
     }
 
-    /// Words at a clip's end that would read otherwise if the clip went on; a model continues the words before them.
+    /// Words at a clip's end that depend on how it continues; a model continues the words before them.
     fn unsettled_words(&self) -> usize {
         0
     }
@@ -258,7 +258,7 @@ pub(crate) fn check_rate(clip: &Clip, fps: f64) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a clip that isn't on the 24 SMPL joints.
+/// Refuses a clip on other joints than the 24 of SMPL.
 pub(crate) fn check_skeleton(clip: &Clip) -> Result<()> {
     let s = clip.skeleton();
     if s.joints() != 24 {
@@ -271,7 +271,7 @@ pub(crate) fn check_skeleton(clip: &Clip) -> Result<()> {
             });
         }
         if s.parents()[j] != usize::try_from(smpl::PARENTS[j]).ok() {
-            return Err(Error::Skeleton { found: format!("the parent of {} is another", smpl::NAMES[j]) });
+            return Err(Error::Skeleton { found: format!("{} has another parent", smpl::NAMES[j]) });
         }
     }
     Ok(())

@@ -1,24 +1,24 @@
 //! The pelvis's rotation as a turn about the vertical and a tilt: `q = Ry(turn) * tilt`.
 //!
-//! The tilt's rotation vector lies in the plane y = 0, so it is two numbers, and they stay the same when the body turns
-//! about the vertical. The turn is coded as a step from the turn decoded in the frame before, in whole bins round the
-//! circle: the decoded turn is always a whole number of bins, so that nothing adds up and no step is too large.
+//! The tilt's rotation vector has y = 0, so it is two numbers, which don't change when the body turns about the vertical. The
+//! turn is coded as a step from the previous decoded turn, modulo a full turn. The decoded turn is always a whole number of
+//! bins, so errors don't accumulate and no step is too large.
 
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Quat, Vec3};
 use std::f64::consts::TAU;
 
-/// A rotation in two parts.
+/// A rotation as a turn and a tilt.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Split {
     /// About +y, radians in `-PI..=PI`.
     pub turn: f64,
-    /// What turns first; its vector's y is 0. w is at least 0.
+    /// Applied first; its vector's y is 0, and w is at least 0.
     pub tilt: Quat,
 }
 
 impl Split {
-    /// The parts of a rotation; `None` upside down, where w = y = 0 and any turn would do.
+    /// Splits a rotation; `None` upside down, when w = y = 0 and the turn is undefined.
     pub fn of(q: Quat) -> Option<Split> {
         let w = (q.w * q.w + q.y * q.y).sqrt();
         if w < 1e-12 {
@@ -44,14 +44,14 @@ pub fn about_y(turn: f64) -> Quat {
     Quat::from_xyzw(0.0, s, 0.0, c)
 }
 
-/// What is left of a rotation after this turn, without the y that a tilt doesn't have.
+/// The tilt left of a rotation after a turn, with its y set to 0.
 pub fn tilt_after(q: Quat, turn: f64) -> Quat {
     let left = about_y(-turn) * q;
     let left = if left.w < 0.0 { -left } else { left };
     Quat::from_xyzw(left.x, 0.0, left.z, left.w).normalize()
 }
 
-/// The decoded turn on its way through a clip, in whole bins round the circle.
+/// The decoded turn through a clip, in whole bins of a full turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Turns {
     bins: i64,
@@ -59,7 +59,7 @@ pub(crate) struct Turns {
 }
 
 impl Turns {
-    /// From turn 0 in `bins` bins of a full circle.
+    /// Turn 0, with `bins` bins of a full turn.
     pub(crate) fn new(bins: u32) -> Self {
         Turns { bins: bins.into(), at: 0 }
     }
@@ -69,7 +69,7 @@ impl Turns {
         (bins / 2) as u16
     }
 
-    /// Bins of a full circle.
+    /// Bins of a full turn.
     pub(crate) fn bins(&self) -> i64 {
         self.bins
     }
@@ -84,12 +84,11 @@ impl Turns {
         self.at = (self.at + i64::from(code) - self.bins / 2).rem_euclid(self.bins);
     }
 
-    /// The step to a rotation's turn, and its tilt as the caller codes it; moves by the step.
+    /// The code of the step to a rotation's turn, and the codes of its tilt; moves by the step.
     ///
-    /// `tilt` gives the codes of a tilt and the vector that they decode to. A tilt within an eighth of a bin of half a
-    /// turn, before coding or after, has no turn that could be told again: then the turn stays, and the tilt is what is
-    /// left of the rotation after it. What that leaves out is at most a quarter of a bin as an angle, and the turn costs
-    /// none there. So what was decoded is coded as it was.
+    /// `tilt` returns the codes of a tilt and the vector that they decode to. If the tilt is within an eighth of a bin of half a
+    /// turn, before or after coding, its turn is undefined: then the turn stays, and the tilt is the rest of the rotation. That
+    /// loses at most a quarter of a bin as an angle, and decoded rotations encode to themselves.
     pub(crate) fn step<T>(&mut self, q: Quat, tilt: impl Fn(Quat) -> (T, Vec3)) -> (u16, T) {
         if let Some(split) = Split::of(q).filter(|split| !self.upside_down(exp_map::to_vector(split.tilt))) {
             let (codes, decoded) = tilt(split.tilt);
@@ -104,16 +103,16 @@ impl Turns {
         (code, tilt(left).0)
     }
 
-    /// The code of no step, and what is left of a rotation after the turn as it stands.
+    /// The code of no step, and the tilt left of a rotation after the current turn.
     pub(crate) fn keep(&self, q: Quat) -> (u16, Quat) {
         (Turns::neutral(self.bins as u32), tilt_after(q, self.radians()))
     }
 
-    /// Whether a decoded tilt's turn can't be told again.
+    /// Whether the turn of a decoded tilt is undefined.
     pub(crate) fn upside_down(&self, tilt: Vec3) -> bool {
         let n = self.bins as f64;
         let squared = tilt.length_squared() * (n / TAU) * (n / TAU);
-        // in bins squared, where decoded vectors are whole numbers: none of them is near the border
+        // in bins squared, where decoded vectors are integers: none is near the border
         (squared - 0.25 * n * n).abs() < (0.125 * n).floor() + 0.5
     }
 }

@@ -1,4 +1,4 @@
-//! Quantile bins: edges where the training values lie, fine where motion is and coarse where it seldom goes.
+//! Quantile bins: fine where training values are frequent, coarse elsewhere.
 
 use super::bins::Bins;
 use super::frame::{Coded, Each, LONGEST, Numbers, Vectors, sorted_columns, training_steps};
@@ -17,25 +17,25 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Pooled {
-    /// Those of a channel: each has edges of its own.
+    /// Those of one channel: each channel has its own edges.
     #[default]
     Channel,
-    /// Those of all rotation channels (or components): one set of edges for all.
+    /// Those of all rotation channels or components: one set of edges.
     Global,
 }
 
-/// Quantile bins for every channel. The translation is coded as steps in closed loop, with edges a coordinate.
+/// Quantile bins for every channel. The translation is coded as closed-loop steps, with edges per coordinate.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct QuantileConfig {
-    /// Bins a channel, 3 to 21054 (as many as the alphabet has characters). Default 360. Equal edges merge, so that fewer
-    /// may be left. The turn of `root_rotation = heading_delta` has as many, of one width.
+    /// Bins per channel, 3 to 21054 (the size of the alphabet). Default 360. Equal edges merge, so there may be fewer. The turn
+    /// of `root_rotation = heading_delta` has as many, of equal width.
     pub bins: u32,
     /// Which training values share edges. Default: those of a channel.
     pub pooled: Pooled,
-    /// What is coded of a pose: its rotation vectors (default) or components of them.
+    /// What of a pose is coded: its rotation vectors (default) or components of them.
     pub joint_transform: JointTransform,
-    /// How the height is coded: above the clip's floor, in bins of one width (default), or as steps.
+    /// How the height is coded: above the clip's floor in bins of equal width (default), or as steps.
     pub height: Height,
 }
 
@@ -64,8 +64,8 @@ impl QuantileConfig {
 
 /// Quantile bins with their fitted edges.
 ///
-/// The error of a number has no bound: between two edges it is less than the bin's width, outside the training values as
-/// much as the number lies outside, and those are counted as clipped.
+/// The error of a number has no bound: between two edges it is less than the bin's width; outside the training values it is the
+/// distance to them, and the number counts as clipped.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quantile {
@@ -73,9 +73,9 @@ pub struct Quantile {
     config: QuantileConfig,
     /// Bins of the steps x, y, z, metres.
     steps: [Bins; 3],
-    /// Mean height of the training clips' first frames, metres: where frame 0 steps from.
+    /// Mean height of the training clips' first frames, metres: the origin of frame 0's step.
     first_height: f64,
-    /// Of each rotation channel or component, radians for the former; or one for all.
+    /// Bins of each rotation channel (radians) or component, or one for all.
     rotations: Vec<Bins>,
     /// From rotation channels to components.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -83,7 +83,7 @@ pub struct Quantile {
 }
 
 impl Quantile {
-    /// Learns from training clips on the 24 SMPL joints.
+    /// Fits to training clips on the 24 SMPL joints.
     #[cfg(feature = "fit")]
     pub(crate) fn fit(config: &QuantileConfig, channels: &Channels, clips: &[Clip], heights: [f64; 2]) -> Result<Self> {
         let mut columns = Numbers::len(channels);
@@ -136,7 +136,7 @@ impl Quantile {
         &self.rotations
     }
 
-    /// How many bins are left of those asked for, least and most over the channels.
+    /// Bins after merging equal edges: the least and the most of a channel.
     pub fn bins_left(&self) -> (usize, usize) {
         let left = || self.steps.iter().chain(&self.rotations).map(Bins::len);
         (left().min().unwrap_or(0), left().max().unwrap_or(0))
@@ -205,7 +205,7 @@ impl FrameBins for Quantile {
 /// The quantile bins of rotation vectors.
 pub(super) struct Quantiles<'a> {
     bins: &'a [Bins],
-    /// Of a tilt's y.
+    /// For a tilt's y.
     none: Bins,
     /// Whether the first joint is the tilt of a pelvis.
     tilts: bool,
@@ -222,8 +222,8 @@ impl Quantiles<'_> {
 }
 
 impl Vectors for Quantiles<'_> {
-    /// Of the canonical vector. Where its codes decode beyond half a turn, and so would be coded otherwise, codes that
-    /// don't are taken, near it or near its twin.
+    /// The codes of the canonical vector. If they decode beyond half a turn, where they would not encode to themselves, nearby
+    /// codes of it or of its twin that don't.
     fn code(&self, n: usize, q: Quat) -> Coded {
         let bins = self.of(n);
         let v = exp_map::to_vector(q).to_array();
@@ -247,7 +247,7 @@ impl Vectors for Quantiles<'_> {
 }
 
 impl Quantiles<'_> {
-    /// Codes of a vector within half a turn: the largest component goes bin by bin towards 0.
+    /// Codes of a vector within half a turn: the largest component moves towards 0 bin by bin.
     fn shortened(&self, n: usize, mut codes: [u16; 3]) -> [u16; 3] {
         let bins = self.of(n);
         loop {

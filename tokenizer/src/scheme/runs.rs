@@ -1,17 +1,25 @@
-//! Words in which zeros are counted: a value is a character, and so is a run of zeros, whatever its length.
+//! Run-length coding: a value is a character, and so is a run of zeros.
 
-/// What a character of such a word says.
+/// The meaning of a character.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// A value, by its code.
     Value(u16),
-    /// So many zeros, at least one.
+    /// A number of zeros, at least one.
     Zeros(usize),
 }
 
-/// Codes of values, `0..values`, and behind them those of runs: `values + n - 1` says n zeros.
+/// Codes of values, `0..values`, then of runs: `values + n - 1` is n zeros.
 ///
-/// Zeros at the end of a word aren't written: its space says them. So the word of zeros alone is empty.
+/// Zeros at the end of a word are not written, so a word of zeros is empty.
+///
+/// ```
+/// use kinelm_tokenizer::scheme::runs::{Part, Runs};
+///
+/// let (runs, mut word) = (Runs::new(10, 5), Vec::new());
+/// runs.encode(&[None, None, Some(7), None], &mut word);
+/// assert_eq!((&word[..], runs.part(11)), (&[11, 7][..], Part::Zeros(2)));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Runs {
     values: u16,
@@ -19,32 +27,32 @@ pub struct Runs {
 }
 
 impl Runs {
-    /// `values` codes of values, and runs of up to `longest` zeros; longer ones take several characters.
+    /// `values` codes of values, and runs of up to `longest` zeros; longer runs take several characters.
     ///
     /// # Panics
-    /// When `longest` is 0 or the two don't fit the alphabet.
+    /// When `longest` is 0, or the codes exceed the alphabet.
     pub fn new(values: u32, longest: u32) -> Self {
         let fits = longest > 0 && values.saturating_add(longest) <= crate::alphabet::SIZE;
         assert!(fits, "{values} values and runs of {longest} don't fit the alphabet");
         Runs { values: values as u16, longest: longest as u16 }
     }
 
-    /// How many codes there are.
+    /// The number of codes.
     pub fn symbols(&self) -> u32 {
         u32::from(self.values) + u32::from(self.longest)
     }
 
-    /// What a code says. One of [`Runs::symbols`] or more says as many zeros as it would with longer runs.
+    /// The meaning of a code. Codes from [`Runs::symbols`] on are longer runs.
     pub fn part(&self, code: u16) -> Part {
         if code < self.values { Part::Value(code) } else { Part::Zeros(usize::from(code - self.values) + 1) }
     }
 
-    /// A word that grows at the end of `word`.
+    /// Appends to `word`.
     pub fn writer<'a>(&self, word: &'a mut Vec<u16>) -> Writer<'a> {
         Writer { runs: *self, word, zeros: 0 }
     }
 
-    /// Appends the word of these numbers to `word`: `None` is zero, else the code of a value.
+    /// Appends numbers to `word`: `None` is zero, `Some` the code of a value.
     pub fn encode(&self, numbers: &[Option<u16>], word: &mut Vec<u16>) {
         let mut writer = self.writer(word);
         for number in numbers {
@@ -55,7 +63,7 @@ impl Runs {
         }
     }
 
-    /// The numbers of any word: what it lacks are zeros, a run past the end is cut there, and so is what follows.
+    /// The numbers of any word: missing ones are zeros, and excess ones are dropped.
     pub fn decode(&self, word: &[u16], numbers: &mut [Option<u16>]) {
         numbers.fill(None);
         let mut at = 0;
@@ -74,7 +82,7 @@ impl Runs {
     }
 }
 
-/// Writes a word part by part. Zeros are held back until a value follows; those at the end are dropped with it.
+/// Writes a word part by part. Zeros are held back until a value follows, so those at the end are dropped.
 #[derive(Debug)]
 pub struct Writer<'a> {
     runs: Runs,

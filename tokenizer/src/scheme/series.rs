@@ -1,8 +1,8 @@
-//! A clip as numbers over time: what schemes whose word is a tile transform.
+//! A clip as series over time, for schemes whose words are tiles.
 //!
-//! *Open* series are rotation vectors, three of each coded joint (with `heading_delta` the pelvis's tilt x and z alone),
-//! made continuous in time. *Closed* ones hang on what was decoded before: the root's place, and with `heading_delta` its
-//! turn. They are told from an `Anchor`, the decoded root at the end of the tile before, so that errors never add up.
+//! *Open* series are rotation vectors, three numbers per coded joint (with `heading_delta` only x and z of the pelvis's tilt),
+//! made continuous in time. *Closed* series depend on decoded motion: the root's position and, with `heading_delta`, its turn.
+//! They are relative to an `Anchor`, the decoded root at the end of the previous tile, so errors don't accumulate.
 
 use super::pelvis::{Split, about_y};
 use super::walk::Facing;
@@ -12,26 +12,26 @@ use kinelm_motion::{Clip, Quat, Vec3};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-/// How many series are open.
+/// The number of open series.
 pub(crate) fn open_count(channels: &Channels) -> usize {
     3 * channels.joints().len() - usize::from(channels.has_turn())
 }
 
-/// How many are closed: the place's three, and the turn.
+/// The number of closed series: three of the position, and the turn.
 pub(crate) fn closed_count(channels: &Channels) -> usize {
     3 + usize::from(channels.has_turn())
 }
 
-/// The SMPL joint that each open series belongs to.
+/// The SMPL joint of each open series.
 pub(crate) fn open_joints(channels: &Channels) -> Vec<usize> {
     let tilt = usize::from(channels.has_turn());
     channels.joints().iter().flat_map(|&j| std::iter::repeat_n(j, if j == 0 { 3 - tilt } else { 3 })).collect()
 }
 
-/// The open series of some frames of a clip into `out` (S, n); where `frames` are fewer than n, the last one goes on.
+/// The open series of `frames` of a clip into `out` (S, n); with fewer than n frames, the last one repeats.
 ///
-/// The first frame's vectors are the canonical ones, at most half a turn long. From there on each is the one nearest to
-/// that of the frame before, of all vectors of its rotation.
+/// The first frame's vectors are canonical, at most half a turn long. Each later one is, of all vectors of its rotation, the
+/// nearest to the previous frame's.
 ///
 /// # Panics
 /// When there are no frames, more than `n`, or `out` has another length.
@@ -58,25 +58,25 @@ pub(crate) fn open(channels: &Channels, clip: &Clip, frames: Range<usize>, n: us
     }
 }
 
-/// Of all vectors of a rotation, whose canonical one is `v`, the nearest to `before`.
+/// Of all vectors of a rotation with the canonical vector `v`, the nearest to `before`.
 fn nearest(v: Vec3, before: Vec3) -> Vec3 {
-    // mostly it is close by, and another one is a full turn away
+    // mostly v is near, and the next one is a full turn away
     if (v - before).length_squared() < 9.0 {
         return v;
     }
     let angle = v.length();
-    // no rotation has any axis: that of the vector before is the nearest
+    // the identity has any axis; that of `before` is the nearest
     let (axis, angle) = if angle > 1e-9 { (v / angle, angle) } else { (before.normalize_or_zero(), 0.0) };
     let turns = ((axis.dot(before) - angle) / TAU).round();
     if turns == 0.0 { v } else { axis * (angle + turns * TAU) }
 }
 
-/// Upside down any turn would do, so none is taken.
+/// The tilt of a rotation; upside down, where the turn is undefined, the rotation itself.
 fn tilt_of(q: Quat) -> Quat {
     Split::of(q).map_or(q, |split| split.tilt)
 }
 
-/// Sets the coded joints of a pose (24) from frame `t` of open series (S, n) of any size, after this turn of the pelvis.
+/// Sets the coded joints of a pose (24) from frame `t` of open series (S, n) and the turn of the pelvis.
 pub(crate) fn set_pose(channels: &Channels, turn: f64, series: &[f64], n: usize, t: usize, pose: &mut [Quat]) {
     let mut at = t;
     for &joint in channels.joints() {
@@ -90,31 +90,31 @@ pub(crate) fn set_pose(channels: &Channels, turn: f64, series: &[f64], n: usize,
     }
 }
 
-/// The decoded root where a tile ends and the next one starts.
+/// The decoded root at the end of a tile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Anchor {
     /// Metres.
     place: Vec3,
     facing: Facing,
-    /// Of the pelvis about the vertical, radians; 0 where it isn't coded.
+    /// Turn of the pelvis about the vertical, radians; 0 when it isn't coded.
     turn: f64,
-    /// What heights are told from, metres; `None`: from the place's.
+    /// Origin of heights, metres; `None`: the height here.
     base: Option<f64>,
 }
 
 impl Anchor {
-    /// Where every clip starts: over the origin at this height, heading and turn 0.
+    /// The start of every clip: at the origin and this height, heading and turn 0.
     pub(crate) fn new(height: f64) -> Self {
         Anchor { place: Vec3::new(0.0, height, 0.0), facing: Facing::default(), turn: 0.0, base: None }
     }
 
-    /// The same, but that heights are always told from where every clip starts: they can't drift.
+    /// As [`Anchor::new`], with heights always relative to this height, so that they can't drift.
     pub(crate) fn above_floor(height: f64) -> Self {
         Anchor { base: Some(height), ..Anchor::new(height) }
     }
 
-    /// The closed series of some frames of a clip, seen from here, into `out` (3 or 4, n): the offset of the root's place,
-    /// from which `start` is taken first, turned into the heading here; and the turn, continuous, less the turn here.
+    /// The closed series of `frames` of a clip relative to this anchor, into `out` (3 or 4, n): the root's position less `start`,
+    /// in this heading, and the continuous turn.
     ///
     /// # Panics
     /// As [`open`].
@@ -145,7 +145,7 @@ impl Anchor {
         }
     }
 
-    /// The place and the turn of decoded closed numbers, three or four `n` apart from `t` on.
+    /// The position and the turn of frame `t` of decoded closed series (3 or 4, n).
     pub(crate) fn apply(&self, channels: &Channels, closed: &[f64], n: usize, t: usize) -> (Vec3, f64) {
         let offset = Vec3::new(closed[t], closed[n + t], closed[2 * n + t]);
         let turn = if channels.has_turn() { self.turn + closed[3 * n + t] } else { 0.0 };
@@ -154,8 +154,7 @@ impl Anchor {
         (place, turn)
     }
 
-    /// Moves to the end of a tile: its last place and turn, and the decoded pelvis there, whose local +z laid on the ground
-    /// is the heading; one that points straight up or down leaves it.
+    /// Moves to the end of a tile: its last position and turn, and the heading of its decoded pelvis.
     pub(crate) fn move_to(&mut self, place: Vec3, turn: f64, pelvis: Quat) {
         self.place = place;
         self.turn = turn - (turn / TAU).round() * TAU;
@@ -163,8 +162,8 @@ impl Anchor {
     }
 }
 
-/// What one unit of each joint's rotation vector moves, metres: the RMS distance on the neutral skeleton from the joint to
-/// the joints that hang on it, at least 2 cm.
+/// The lever arm of each joint, metres: the RMS distance on the neutral skeleton from the joint to its descendants, at least
+/// 2 cm.
 pub fn lever_arms() -> [f64; 24] {
     let skeleton = kinelm_motion::smpl::neutral();
     let places = kinelm_motion::GlobalPose::new(&skeleton, Vec3::ZERO, &[Quat::IDENTITY; 24]).positions;
@@ -177,7 +176,7 @@ pub fn lever_arms() -> [f64; 24] {
     })
 }
 
-/// The lever arm of a joint on which nothing hangs, or hardly anything, metres.
+/// The least lever arm, metres.
 const SHORTEST: f64 = 0.02;
 
 #[cfg(test)]

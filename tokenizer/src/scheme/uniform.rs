@@ -1,4 +1,4 @@
-//! Uniform bins: angles over a full turn, the root's translation as steps in closed loop or as places.
+//! Uniform bins: angles over a full turn, the root's translation as closed-loop steps or as positions.
 
 use super::angle::Angles;
 use super::frame::{Coded, Each, Numbers, Poses, Vectors, each_step};
@@ -14,15 +14,15 @@ use kinelm_motion::{Clip, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
-/// Where the bins lie.
+/// Alignment of the bins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {
-    /// A bin is centred on 0; the seam is at half a turn, where both vectors of a rotation are looked at.
+    /// A bin is centred on 0. Near half a turn both vectors of a rotation are candidates.
     #[default]
     Centred,
-    /// A bin has its edge at 0 (compat): `floor((v - lo) / w)`. An unused joint flickers between two codes, and a rotation
-    /// within a bin of half a turn, decoded and coded again, may take another code.
+    /// A bin has its edge at 0 (compat): `floor((v - lo) / w)`. An unused joint flickers between two codes, and decoded rotations
+    /// within a bin of half a turn may encode to other codes.
     Edge,
 }
 
@@ -30,15 +30,15 @@ pub enum Form {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct UniformConfig {
-    /// Bins a channel, 2 to 21054 (as many as the alphabet has characters). Default 360: a step of 1 degree.
+    /// Bins per channel, 2 to 21054 (the size of the alphabet). Default 360: a step of 1 degree.
     pub bins: u32,
-    /// Where the bins of the angles lie. Default centred on 0.
+    /// Alignment of the angles' bins. Default centred on 0.
     pub form: Form,
     /// How x and z of the translation are coded. Default velocity.
     pub translation: Travel,
-    /// How its y is coded. Default floor: above the clip's.
+    /// How its y is coded. Default: above the clip's floor.
     pub height: Height,
-    /// What is coded of a pose: its rotation vectors (default) or components of them, over a fitted range.
+    /// What of a pose is coded: its rotation vectors (default) or components of them, over a fitted range.
     pub joint_transform: JointTransform,
 }
 
@@ -64,13 +64,13 @@ impl UniformConfig {
         self.joint_transform.validate()
     }
 
-    /// Whether every clip teaches it, one after another, and no frame need be kept.
+    /// Whether it is fitted clip by clip, without storing frames.
     pub(crate) fn streams(&self) -> bool {
         self.joint_transform == JointTransform::None {}
     }
 
-    /// The bins of a place in metres.
-    fn place_line(&self) -> Line {
+    /// The bins of a position in metres.
+    fn position_line(&self) -> Line {
         let width = TAU / f64::from(self.bins);
         let zero = (self.bins / 2) as u16;
         let offset = match self.form {
@@ -89,9 +89,9 @@ pub struct Uniform {
     config: UniformConfig,
     /// Bins of the translation's x, y, z.
     translation: [Line; 3],
-    /// Mean height of the training clips' first frames, metres: where frame 0 steps from.
+    /// Mean height of the training clips' first frames, metres: the origin of frame 0's step.
     first_height: f64,
-    /// What a joint transform makes of poses.
+    /// The joint transform with its bins.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     components: Option<Components>,
 }
@@ -101,7 +101,7 @@ pub struct Uniform {
 #[serde(deny_unknown_fields)]
 struct Components {
     mix: Mix,
-    /// One a component, over the range of the training poses.
+    /// One per component, over the range of the training poses.
     lines: Vec<Line>,
 }
 
@@ -116,7 +116,7 @@ impl Uniform {
         &self.translation
     }
 
-    /// Where a clip's first step in height is measured from, metres.
+    /// The origin of a clip's first step in height, metres.
     pub fn first_height(&self) -> f64 {
         self.first_height
     }
@@ -126,7 +126,7 @@ impl Uniform {
         Angles::new(self.config.form, self.config.bins)
     }
 
-    /// Learns a joint transform, the ranges of its components and of the steps from training clips.
+    /// Fits a joint transform and the ranges of its components and of the steps to training clips.
     #[cfg(feature = "fit")]
     pub(crate) fn fit(config: &UniformConfig, channels: &Channels, clips: &[Clip], heights: [f64; 2]) -> Result<Self> {
         let columns = Numbers::len(channels);
@@ -207,7 +207,7 @@ impl FrameBins for Uniform {
     }
 }
 
-/// The nearest bins of a full turn, the same for every joint.
+/// The same bins for every joint.
 impl Vectors for Angles {
     fn code(&self, _: usize, q: Quat) -> Coded {
         let (codes, second) = Angles::code(self, q);
@@ -219,16 +219,16 @@ impl Vectors for Angles {
     }
 }
 
-/// What is learnt from training clips, one after another or in parts that are merged; the order changes nothing.
+/// Fits uniform bins to a stream of training clips, or to parts that are merged. The order doesn't matter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UniformFit {
     config: UniformConfig,
-    /// Extremes of the steps x, y, z in the decoded heading before, metres. Of y without the first frames.
+    /// Extremes of the steps x, y, z relative to the previous decoded heading, metres; y without the first frames.
     low: Vec3,
     high: Vec3,
     first_low: f64,
     first_high: f64,
-    /// Sum of the first heights in units of 2^-40 m: whole numbers add up to the same in every order.
+    /// Sum of the first heights in units of 2^-40 m: integer sums don't depend on the order.
     first_sum: i128,
     clips: u64,
 }
@@ -237,7 +237,7 @@ const UNITS_PER_M: f64 = (1u64 << 40) as f64;
 
 impl UniformFit {
     pub(crate) fn new(config: UniformConfig) -> Self {
-        let (low, high) = (Vec3::ZERO, Vec3::ZERO); // who stands still must fit, and frame 0 makes no step in x and z
+        let (low, high) = (Vec3::ZERO, Vec3::ZERO); // no movement must fit, and frame 0 has no step in x and z
         UniformFit {
             config,
             low,
@@ -249,13 +249,13 @@ impl UniformFit {
         }
     }
 
-    /// Learns from one clip, whose pelvis is coded or, if not, decodes to the identity.
+    /// Adds a clip. A pelvis that isn't coded decodes to the identity.
     pub(crate) fn add(&mut self, channels: &Channels, clip: &Clip) -> Result<()> {
         let angles = Angles::new(self.config.form, self.config.bins);
         self.add_steps(clip, 3, Each::pelvis(channels, self.config.bins, angles))
     }
 
-    /// Learns the steps of one clip relative to the heading that `poses` decodes from `length` characters.
+    /// Adds the steps of a clip relative to the heading that `poses` decodes from `length` characters.
     fn add_steps(&mut self, clip: &Clip, length: usize, poses: impl Poses) -> Result<()> {
         let (low, high) = (&mut self.low, &mut self.high);
         each_step(clip, length, poses, |step| (*low, *high) = (low.min(step), high.max(step)))?;
@@ -287,7 +287,7 @@ impl UniformFit {
         let steps = |i: usize| Line::fitted(low[i], high[i], self.config.bins);
         let ground = |i: usize| match self.config.translation {
             Travel::Velocity => steps(i),
-            Travel::Absolute => self.config.place_line(),
+            Travel::Absolute => self.config.position_line(),
         };
         let height = match self.config.height {
             Height::Floor => {
@@ -295,7 +295,7 @@ impl UniformFit {
                 Line::over(low.min(0.0), high.max(0.0), self.config.bins)
             }
             Height::Velocity => steps(1),
-            Height::Absolute => self.config.place_line(),
+            Height::Absolute => self.config.position_line(),
         };
         let translation = [ground(0), height, ground(2)];
         Ok(Uniform { config: self.config, translation, first_height, components: None })

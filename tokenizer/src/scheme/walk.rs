@@ -1,35 +1,35 @@
-//! The root's translation in closed loop: shared by every scheme whose word is one frame.
+//! The root's translation in closed loop, for schemes whose words are frames.
 
 use super::line::Scale;
 use crate::{Error, Result};
 use kinelm_motion::{Clip, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-/// What is coded of the root's translation.
+/// How the root's x and z are coded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Travel {
-    /// The step from the decoded place before, turned into the decoded heading before, over a fitted range.
+    /// The step from the previous decoded position, relative to the previous decoded heading, over a fitted range.
     #[default]
     Velocity,
-    /// The place (of x and z from where the clip starts), the bins of the angles read as metres.
+    /// The position relative to the clip's start, with the angles' bins read as metres.
     Absolute,
 }
 
-/// What is coded of the root's height.
+/// How the root's height is coded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Height {
-    /// The height above the clip's floor, which is taken off before, over the range of the training clips: it can't drift.
+    /// The height above the clip's floor, which is subtracted first, over the range of the training clips. It can't drift.
     #[default]
     Floor,
-    /// The step from the decoded height before, over a fitted range.
+    /// The step from the previous decoded height, over a fitted range.
     Velocity,
-    /// The height in the world as it is.
+    /// The height in the world.
     Absolute,
 }
 
-/// A root further from the origin than this is no body's, metres.
+/// The farthest plausible root position from the origin, metres.
 pub(crate) const FARTHEST: f64 = 1e6;
 
 /// A heading, as its sine and cosine.
@@ -43,8 +43,8 @@ impl Default for Facing {
 }
 
 impl Facing {
-    /// Faces where a pelvis does: [`heading`](kinelm_motion::rotation::heading) without its angle. A pelvis whose +z points
-    /// straight up or down changes nothing.
+    /// Takes a pelvis's [`heading`](kinelm_motion::rotation::heading). A pelvis whose +z points straight up or down changes
+    /// nothing.
     pub(crate) fn face(&mut self, pelvis: Quat) {
         let z = pelvis * Vec3::Z;
         let along = (z.x * z.x + z.z * z.z).sqrt();
@@ -66,7 +66,7 @@ impl Facing {
     }
 }
 
-/// The decoded root on its way through a clip.
+/// The decoded root through a clip.
 #[derive(Debug, Clone)]
 pub(crate) struct Walk {
     at: Vec3,
@@ -75,22 +75,22 @@ pub(crate) struct Walk {
     travel: Travel,
     /// Of y.
     height: Height,
-    /// Metres; where heights above the floor are counted from.
+    /// The origin of heights above the floor, metres.
     base: f64,
 }
 
 impl Walk {
-    /// From x = z = 0 at this height, heading 0.
+    /// At x = z = 0 and this height, heading 0.
     pub(crate) fn new(base: f64, travel: Travel, height: Height) -> Self {
         Walk { at: Vec3::new(0.0, base, 0.0), facing: Facing::default(), travel, height, base }
     }
 
-    /// The decoded place, metres.
+    /// The decoded position, metres.
     pub(crate) fn at(&self) -> Vec3 {
         self.at
     }
 
-    /// One step: the codes of a place in the bins of x, y, z, and which of them clipped. Moves to what they decode to.
+    /// The codes of the step to a position, and which of them are clipped; moves to the decoded position.
     pub(crate) fn step(&mut self, bins: &[impl Scale; 3], place: Vec3) -> [(u16, bool); 3] {
         let ahead = self.turned_in(place - self.at);
         let wanted = self.each(ahead, place, place.y - self.base);
@@ -105,7 +105,7 @@ impl Walk {
         self.at = self.each(self.at + self.facing.turned_out(value), value, value.y + self.base);
     }
 
-    /// Faces where a decoded pelvis does.
+    /// Takes the heading of a decoded pelvis.
     pub(crate) fn face(&mut self, pelvis: Quat) {
         self.facing.face(pelvis);
     }
@@ -120,7 +120,7 @@ impl Walk {
         if self.height == Height::Absolute { self.base } else { 0.0 }
     }
 
-    /// Each coordinate from the vector that its way of travelling means, of y perhaps its height about the base.
+    /// Selects each coordinate from the vector of its coding; y may be the height above the base.
     fn each(&self, velocity: Vec3, absolute: Vec3, about_base: f64) -> Vec3 {
         let xz = if self.travel == Travel::Velocity { velocity } else { absolute };
         let y = match self.height {
@@ -132,20 +132,20 @@ impl Walk {
     }
 }
 
-/// Where a clip starts on the ground: what is taken from all its places.
+/// The ground position of a clip's first frame, which is subtracted from all positions.
 pub(crate) fn start(clip: &Clip) -> Vec3 {
     clip.root().first().map_or(Vec3::ZERO, |p| Vec3::new(p.x, 0.0, p.z))
 }
 
-/// Refuses a clip whose root is at no place of a body.
-pub(crate) fn check_places(clip: &Clip) -> Result<()> {
+/// Refuses a clip with an implausible root position.
+pub(crate) fn check_positions(clip: &Clip) -> Result<()> {
     match clip.root().iter().position(|p| p.abs().max_element() > FARTHEST) {
         None => Ok(()),
         Some(frame) => Err(Error::Frame {
             frame,
             joint: "translation".into(),
             what: format!(
-                "{} m is no place of a body; expected less than {FARTHEST} m; is the unit right?",
+                "{} m is an implausible position; expected less than {FARTHEST} m; is the unit right?",
                 clip.root()[frame]
             ),
         }),
@@ -162,7 +162,7 @@ pub(crate) fn check_bins(bins: u32, least: u32) -> Result<()> {
     })
 }
 
-/// Refuses a mean height that a file says and nobody has.
+/// Refuses an implausible mean height in a file.
 pub(crate) fn check_height(first_height: f64) -> Result<()> {
     (first_height.abs() <= FARTHEST).then_some(()).ok_or_else(|| Error::Setting {
         field: "first_height",
@@ -171,13 +171,13 @@ pub(crate) fn check_height(first_height: f64) -> Result<()> {
     })
 }
 
-/// Refuses a way of coding heights that a scheme doesn't have.
-pub(crate) fn one_of(height: Height, ways: &[Height]) -> Result<()> {
+/// Refuses a coding of heights that a scheme doesn't have.
+pub(crate) fn one_of(height: Height, allowed: &[Height]) -> Result<()> {
     let name = |h: &Height| format!("{h:?}").to_lowercase();
-    ways.contains(&height).then_some(()).ok_or_else(|| Error::Setting {
+    allowed.contains(&height).then_some(()).ok_or_else(|| Error::Setting {
         field: "height",
         found: name(&height),
-        expected: ways.iter().map(name).collect::<Vec<_>>().join(" or "),
+        expected: allowed.iter().map(name).collect::<Vec<_>>().join(" or "),
     })
 }
 

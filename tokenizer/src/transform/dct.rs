@@ -1,4 +1,4 @@
-//! The discrete cosine transform over a stretch of time.
+//! The discrete cosine transform over time.
 
 use rustdct::{DctPlanner, TransformType2And3};
 use std::fmt;
@@ -6,8 +6,17 @@ use std::sync::Arc;
 
 /// The orthonormal DCT-II of n numbers and its inverse.
 ///
-/// `X_k = c_k sum_t x_t cos(pi (t + 1/2) k / n)` with `c_0 = sqrt(1/n)`, else `sqrt(2/n)`: lengths and angles are kept, so
-/// an error made in the coefficients is as large in time. Coefficient k is a wave of `k / (2 n)` turns a frame.
+/// `X_k = c_k sum_t x_t cos(pi (t + 1/2) k / n)` with `c_0 = sqrt(1/n)`, else `sqrt(2/n)`. It is orthonormal, so an error of
+/// the coefficients has the same length in time. Coefficient k has a frequency of `k / (2 n)` cycles per frame.
+///
+/// ```
+/// use kinelm_tokenizer::transform::dct::Dct;
+///
+/// let dct = Dct::new(4);
+/// let (mut series, mut scratch) = ([1.0; 4], vec![0.0; dct.scratch_len()]);
+/// dct.forward(&mut series, &mut scratch);
+/// assert!((series[0] - 2.0).abs() < 1e-12 && series[1..].iter().all(|x| x.abs() < 1e-12));
+/// ```
 #[derive(Clone)]
 pub struct Dct {
     fast: Arc<dyn TransformType2And3<f64>>,
@@ -20,7 +29,7 @@ impl fmt::Debug for Dct {
 }
 
 impl Dct {
-    /// The transform of `n` numbers.
+    /// For `n` numbers.
     ///
     /// # Panics
     /// When `n` is 0.
@@ -35,12 +44,12 @@ impl Dct {
         self.fast.len()
     }
 
-    /// The numbers that a call needs beside the series.
+    /// Length of the scratch buffer.
     pub fn scratch_len(&self) -> usize {
         self.fast.get_scratch_len()
     }
 
-    /// A series (n) into its coefficients, in place. Whatever stands in `scratch` is overwritten.
+    /// Replaces a series (n) by its coefficients. `scratch` is overwritten.
     ///
     /// # Panics
     /// When `series` isn't n long or `scratch` shorter than [`Dct::scratch_len`].
@@ -52,7 +61,7 @@ impl Dct {
         series[0] = series[0] * (1.0 / n).sqrt() / scale;
     }
 
-    /// Coefficients (n) into their series, in place: the inverse of [`Dct::forward`].
+    /// Replaces coefficients (n) by their series; the inverse of [`Dct::forward`].
     ///
     /// # Panics
     /// As [`Dct::forward`].

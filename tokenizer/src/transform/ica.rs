@@ -1,4 +1,4 @@
-//! Independent components: directions along which the data are least alike a bell curve.
+//! Independent components: directions in which the data are least Gaussian.
 
 use super::pca::{self, eigen};
 use crate::Result;
@@ -11,30 +11,28 @@ pub struct Ica {
     pub mean: Vec<f64>,
     /// From channels less their mean to sources, (K, C).
     pub unmixing: Vec<f64>,
-    /// From sources to channels less their mean, (C, K). Sources stand by falling length of their column, in each of which
-    /// the largest number is positive.
+    /// From sources to channels less their mean, (C, K). Sources are in order of falling column length; in each column the number
+    /// of largest magnitude is positive.
     pub mixing: Vec<f64>,
-    /// Sources that were searched for: K, or the rank of the data where that is less. Those beyond it are directions in
-    /// which nothing varies, of length 1.
+    /// The number of independent sources: K, or the rank of the data if less. The others are unit directions without variance.
     pub rank: usize,
-    /// Rounds until no direction turned any more.
+    /// Iterations until convergence.
     pub rounds: usize,
 }
 
-/// Directions whose variance is below this share of the largest are taken for constant.
+/// Directions whose variance is below this share of the largest count as constant.
 const RANK: f64 = 1e-12;
-/// Rows that the search looks at: of more, every n-th.
+/// The most rows that are used; of more, every n-th.
 const ROWS: usize = 32_768;
-/// Rounds after which the search stops where it is.
+/// The most iterations.
 const ROUNDS: usize = 200;
-/// It has found its directions when none turns by more: 1 less the cosine of the angle.
+/// Convergence: the largest rotation of a direction, as 1 less the cosine of the angle.
 const TURNED: f64 = 1e-6;
 
 /// `components` (K, at most C) independent components of `data` (N, C): `channels` is C.
 ///
 /// FastICA, all directions at once, with the logarithm of the hyperbolic cosine as contrast, on the data whitened along
-/// their first K principal components. It starts from numbers that are always the same and runs on one thread: the same
-/// data give the same bytes.
+/// their first K principal components. It starts from fixed numbers and runs on one thread: the same data give the same bytes.
 ///
 /// # Errors
 /// As [`pca::fit`].
@@ -50,7 +48,7 @@ pub fn fit(data: &[f64], channels: usize, components: usize) -> Result<Ica> {
     let rank = pca.variances[..k].iter().take_while(|&&v| v > floor).count();
     let (turn, rounds) = search(&whitened(data, &pca, rank), rank)?;
     let deviation = |i: usize| pca.variances[i].sqrt();
-    // column of the mixing matrix, row of the unmixing one
+    // columns of the mixing matrix, rows of the unmixing matrix
     let mut sources: Vec<(Vec<f64>, Vec<f64>)> = (0..rank)
         .map(|s| {
             let along = |scale: &dyn Fn(usize) -> f64| -> Vec<f64> {
@@ -90,7 +88,7 @@ fn whitened(data: &[f64], pca: &Pca, rank: usize) -> Vec<f64> {
     product([rank, c, n], &basis, &off, true)
 }
 
-/// The rotation (K, K) of whitened data (K, N) that makes its rows independent, and the rounds it took.
+/// The rotation (K, K) of whitened data (K, N) that makes its rows independent, and the number of iterations.
 fn search(data: &[f64], k: usize) -> Result<(Vec<f64>, usize)> {
     if k == 0 {
         return Ok((vec![], 0));

@@ -1,10 +1,9 @@
-//! A lapped orthogonal transform over time: tiles of a cosine transform whose borders were smoothed into each other.
+//! A lapped orthogonal transform over time: a cosine transform of tiles after filtering across their borders.
 //!
-//! Across every border stands a filter over half a tile on each side; then each tile takes its DCT-II. What decodes out of
-//! one coefficient is a wave that begins and ends softly in the middle of the neighbouring tiles, so that rounding leaves
-//! no jump at a border. The filter leaves constants as they are: coefficient 0 alone holds a tile's mean, and all other
-//! waves add up to 0 over time (a modified cosine transform would spill the mean over its coefficients). All is
-//! orthonormal: lengths are kept, and an error made in the coefficients is as large in time.
+//! A filter is applied across every border, over half a tile on each side; then each tile is transformed by the DCT-II. The
+//! basis functions begin and end smoothly in the middle of the neighbouring tiles, so quantisation leaves no jump at borders.
+//! The filter preserves constants: only coefficient 0 holds a tile's mean, and all other basis functions sum to 0 over time (a
+//! modified cosine transform spreads the mean over its coefficients). The transform is orthonormal.
 //!
 //! Source: Tran, Liang and Tu, "Lapped transform via time-domain pre- and post-filtering" (2003), with the matrix of the
 //! type-II fast lapped orthogonal transform of Malvar, "Signal Processing with Lapped Transforms" (1992).
@@ -16,14 +15,14 @@ use std::sync::Arc;
 
 /// The transform of a series of tiles of N numbers (the hop), the first of them N or N - 1 long.
 ///
-/// The series' two ends have no filter: nothing reaches beyond them.
+/// The two ends of the series are not filtered.
 #[derive(Clone)]
 pub struct Lapped {
     hop: usize,
-    /// Numbers that the first tile lacks, 0 or 1.
+    /// By how many numbers the first tile is shorter, 0 or 1.
     short: usize,
     tile: Dct,
-    /// Of the first tile, where it is shorter and not empty.
+    /// Transform of a shorter first tile that isn't empty.
     first: Option<Dct>,
     border: Option<Border>,
 }
@@ -50,7 +49,7 @@ impl Lapped {
         Lapped::with_first(hop, 0)
     }
 
-    /// Tiles of `hop` numbers, the first of `hop - 1`: for the differences of a series that are one fewer than it.
+    /// Tiles of `hop` numbers, the first of `hop - 1`, for the differences of a series.
     ///
     /// # Panics
     /// When `hop` is 0.
@@ -75,12 +74,12 @@ impl Lapped {
         self.hop
     }
 
-    /// How far a coefficient of one tile reaches into the tiles beside it.
+    /// By how many numbers a coefficient reaches into the neighbouring tiles.
     pub fn overlap(&self) -> usize {
         self.hop / 2
     }
 
-    /// The numbers that a call needs beside the series.
+    /// Length of the scratch buffer.
     pub fn scratch_len(&self) -> usize {
         let border =
             self.border.as_ref().map_or(0, |b| b.second.len() + b.second.scratch_len().max(b.fourth.get_scratch_len()));
@@ -88,9 +87,8 @@ impl Lapped {
         border.max(first).max(self.tile.scratch_len())
     }
 
-    /// Whole tiles of a series into N coefficients each, in place. With a shorter first tile the number at the front
-    /// is none of the series and overwritten; that tile's last coefficient is 0. Whatever stands in `scratch` is
-    /// overwritten.
+    /// Replaces whole tiles of a series by N coefficients each. With a shorter first tile the first number is ignored, and that
+    /// tile's last coefficient is 0. `scratch` is overwritten.
     ///
     /// # Panics
     /// When `series` isn't whole tiles or `scratch` shorter than [`Lapped::scratch_len`].
@@ -110,8 +108,8 @@ impl Lapped {
         }
     }
 
-    /// Coefficients into their series, in place: the inverse of [`Lapped::forward`]. With a shorter first tile the number
-    /// at the front becomes 0.
+    /// Replaces coefficients by their series; the inverse of [`Lapped::forward`]. With a shorter first tile the first number
+    /// becomes 0.
     ///
     /// # Panics
     /// As [`Lapped::forward`].

@@ -1,4 +1,4 @@
-//! Pure maths on series of numbers: transforms over time and over channels. Knows no clips and no codes.
+//! Transforms of series over time and over channels, independent of clips and codes.
 
 pub mod dct;
 #[cfg(feature = "fit")]

@@ -1,32 +1,31 @@
-//! Which level of a pulse is the beat, and where in it the beat falls.
+//! Selects the metrical level and the phase of the beat within a pulse.
 //!
-//! A tracker that follows its loudest series takes every second beat for one, or the swung eighth before the beat. So all
-//! levels and phases of the pulse that music has are laid over each stretch of 32 pulses, and what is heard at the beats
-//! of each and between them is weighed (`weights.rs`).
+//! The strongest pulse is often at half or double tempo, or on the swung eighth before the beat. So all levels and phases of
+//! the pulse are scored over each stretch of 32 pulses, by the flux at their beats and between them (`weights.rs`).
 
 use super::flux::{RISES, SERIES, Series};
 use super::weights::{ALTERNATION, MIDDLE, PROFILE, RETURN, TEMPO};
 use super::{FPS, Tempo, TempoRange};
 
-/// Parts of a pulse in which levels are counted.
+/// Subdivisions of a pulse.
 const PARTS: usize = 12;
-/// Levels, in parts: three beats to a pulse, two, three to two; down to three pulses to a beat.
+/// Levels, in subdivisions per beat: from three beats per pulse to three pulses per beat.
 const LEVELS: [usize; 9] = [4, 6, 8, 9, 12, 16, 18, 24, 36];
-/// Places between two beats that are listened at, in beats.
+/// Positions at and between beats at which the flux is measured, in beats.
 pub const PLACES: [f64; 6] = [0.0, 0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 0.75];
-/// After so many beats a pattern should return.
+/// Numbers of beats after which patterns repeat.
 pub const RETURNS: [usize; 5] = [1, 2, 3, 4, 8];
 /// Pulses of a stretch, and from one to the next.
 const STRETCH: usize = 32;
 const STEP: usize = 8;
-/// Pulses on each side of a stretch that are heard for patterns that return.
+/// Pulses on each side of a stretch that count for repeating patterns.
 const AROUND: usize = 16;
-/// What it costs to go on at another level or phase.
+/// Cost of changing the level or phase.
 const CHANGE: f32 = 10.0;
-/// Beats are never nearer, frames.
+/// Least distance of beats, frames.
 const NEAREST: f64 = 0.2 * FPS;
 
-/// A way to count: a beat every `parts`, the first at `phase`.
+/// A level and a phase: a beat every `parts` subdivisions, the first at `phase`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Count {
     parts: usize,
@@ -38,7 +37,7 @@ impl Count {
         LEVELS.into_iter().flat_map(|parts| (0..parts).map(move |phase| Count { parts, phase })).collect()
     }
 
-    /// Its beats from one part of the piece on until another.
+    /// Its beats in a range of subdivisions.
     fn beats(self, from: f64, to: f64) -> impl Iterator<Item = f64> {
         let (parts, phase) = (self.parts as f64, self.phase as f64);
         let first = ((from - phase) / parts).ceil();
@@ -46,14 +45,14 @@ impl Count {
     }
 }
 
-/// The pulse and what is heard around it.
+/// The flux and the pulse of a piece.
 struct Piece<'a> {
     series: &'a Series,
     pulse: &'a [f64],
 }
 
 impl Piece<'_> {
-    /// The frame of a part of the piece.
+    /// The frame of a subdivision.
     fn frame(&self, part: f64) -> f64 {
         let (p, last) = (self.pulse, self.pulse.len() - 1);
         let at = part / PARTS as f64;
@@ -61,7 +60,7 @@ impl Piece<'_> {
         p[i] + (at - i as f64) * (p[i + 1] - p[i])
     }
 
-    fn heard(&self, series: usize, part: f64) -> f32 {
+    fn flux(&self, series: usize, part: f64) -> f32 {
         let x = &self.series[series];
         let frame = self.frame(part).clamp(0.0, (x.len() - 1) as f64);
         let i = (frame as usize).min(x.len().saturating_sub(2));
@@ -72,17 +71,17 @@ impl Piece<'_> {
     /// The mean of each series over a stretch of pulses.
     fn means(&self, from: usize, to: usize) -> [f32; SERIES] {
         let n = ((to - from) * PARTS) as f32;
-        let mean = |s| (from * PARTS..to * PARTS).map(|part| self.heard(s, part as f64)).sum::<f32>() / n;
+        let mean = |s| (from * PARTS..to * PARTS).map(|part| self.flux(s, part as f64)).sum::<f32>() / n;
         std::array::from_fn(|s| mean(s) + 0.05)
     }
 
-    /// How much what rises is the same after each of these numbers of parts, -1 to 1.
+    /// The autocorrelation of the rises by lag in subdivisions, -1 to 1.
     fn returns(&self, from: usize, to: usize) -> Vec<f32> {
         let (from, to) = (from.saturating_sub(AROUND), (to + AROUND).min(self.pulse.len()));
         let n = (to - from) * PARTS;
         let columns: Vec<Vec<f32>> = (0..RISES)
             .map(|s| {
-                let x: Vec<f32> = (from * PARTS..to * PARTS).map(|part| self.heard(s, part as f64)).collect();
+                let x: Vec<f32> = (from * PARTS..to * PARTS).map(|part| self.flux(s, part as f64)).collect();
                 let mean = x.iter().sum::<f32>() / n as f32;
                 let square = x.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / n as f32;
                 x.iter().map(|x| (x - mean) / (square.sqrt() + 0.05)).collect()
@@ -100,14 +99,14 @@ impl Piece<'_> {
             .collect()
     }
 
-    /// Frames from a pulse to the next in a stretch: the median.
+    /// The median frames per pulse of a stretch.
     fn pace(&self, from: usize, to: usize) -> f64 {
         let mut paces: Vec<f64> =
             self.pulse[from..(to + 1).min(self.pulse.len())].windows(2).map(|w| w[1] - w[0]).collect();
         super::median(&mut paces).unwrap_or(self.pulse[1] - self.pulse[0])
     }
 
-    /// How well each count explains a stretch of pulses.
+    /// The score of each count over a stretch of pulses.
     fn scores(&self, counts: &[Count], from: usize, to: usize) -> Vec<f32> {
         let (means, returns, pace) = (self.means(from, to), self.returns(from, to), self.pace(from, to));
         let score = |count: &Count| {
@@ -117,20 +116,20 @@ impl Piece<'_> {
             }
             let octaves = (bpm(pace, count.parts) / 110.0).log2() as f32;
             let repeats = RETURNS.iter().zip(RETURN).map(|(n, w)| w * returns[n * count.parts]).sum::<f32>();
-            let heard: f32 = (0..SERIES).map(|s| self.weigh(s, *count, &beats, means[s])).sum();
-            heard + repeats + TEMPO[0] * octaves + TEMPO[1] * octaves * octaves
+            let flux: f32 = (0..SERIES).map(|s| self.weigh(s, *count, &beats, means[s])).sum();
+            flux + repeats + TEMPO[0] * octaves + TEMPO[1] * octaves * octaves
         };
         counts.iter().map(score).collect()
     }
 
-    /// What a series says for a count.
+    /// The score of one series for a count.
     fn weigh(&self, s: usize, count: Count, beats: &[f64], mean: f32) -> f32 {
         let n = beats.len() as f32;
-        let mut on: Vec<f32> = beats.iter().map(|part| self.heard(s, *part) / mean).collect();
+        let mut on: Vec<f32> = beats.iter().map(|part| self.flux(s, *part) / mean).collect();
         let mut out = 0.0;
         for (place, weight) in PLACES.iter().zip(PROFILE[s]) {
             let off = place * count.parts as f64;
-            let level = beats.iter().map(|part| self.heard(s, part + off)).sum::<f32>() / (mean * n);
+            let level = beats.iter().map(|part| self.flux(s, part + off)).sum::<f32>() / (mean * n);
             out += weight * (level + 0.1).ln();
         }
         if on.len() > 3 {
@@ -150,13 +149,13 @@ fn is_return(lag: usize) -> bool {
     LEVELS.iter().any(|parts| RETURNS.iter().any(|n| n * parts == lag))
 }
 
-/// Beats a minute of a level of a pulse that comes every `pace` frames.
+/// Beats a minute of a level, at `pace` frames per pulse.
 fn bpm(pace: f64, parts: usize) -> f64 {
     60.0 * FPS * PARTS as f64 / (pace * parts as f64)
 }
 
-/// The beats, in frames, of a pulse in a piece: the way of counting it that explains most, changed seldom; of the levels
-/// within `range` where one is, else of the nearest to it. Beside them the tempo of each level, the likeliest first.
+/// The beats of a pulse, in frames, by the best-scoring path of counts, restricted to levels within `range` or nearest to it; and
+/// the tempo of each level, the most likely first.
 pub fn beats(series: &Series, pulse: &[f64], range: Option<TempoRange>) -> (Vec<f64>, Vec<Tempo>) {
     if pulse.len() < 3 {
         return (pulse.to_vec(), Vec::new());
@@ -192,8 +191,8 @@ pub fn beats(series: &Series, pulse: &[f64], range: Option<TempoRange>) -> (Vec<
     (out, tempi)
 }
 
-/// The tempo of each level and its odds: the mean over stretches of what the conditional logit that the weights are of gives
-/// the level's counts. The likeliest first.
+/// The tempo of each level and its probability, the mean over stretches of the conditional logit's probability of the level's
+/// counts. The most likely first.
 fn tempi(counts: &[Count], scores: &[Vec<f32>], pace: f64) -> Vec<Tempo> {
     let mut odds = [0.0; LEVELS.len()];
     for row in scores {

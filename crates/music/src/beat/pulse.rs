@@ -1,12 +1,12 @@
-//! A pulse through a series of change, whatever the level at which it beats.
+//! Tracks a pulse through the flux, at any metrical level.
 
 use super::tempogram::STEP;
 
-/// How much a step counts that isn't of the period: times the square of the logarithm of what it is of it.
+/// Cost of a step of another length than the period, per squared logarithm of their ratio.
 const STIFFNESS: f32 = 1000.0;
 
-/// The frames of a pulse that falls on change and keeps to periods (a number every [`STEP`] frames), extended to both ends.
-/// Empty where nothing changes.
+/// The frames of a pulse at peaks of the flux, with the given periods (one every [`STEP`] frames), extended to both ends. Empty
+/// for constant flux.
 ///
 /// Source: Ellis, "Beat tracking by dynamic programming" (2007), eq. 4 to 7.
 pub fn pulse(change: &[f32], periods: &[f64]) -> Vec<f64> {
@@ -34,7 +34,7 @@ pub fn pulse(change: &[f32], periods: &[f64]) -> Vec<f64> {
             let Some(from) = f.checked_sub(nearest + i) else { break };
             let off = of_step - log;
             let found = score[from] - STIFFNESS * off * off;
-            // of equals the longer step, as the search from far back has it
+            // among equals the longer step wins
             if found >= best.0 && found > 0.0 {
                 best = (found, Some(from as u32));
             }
@@ -55,12 +55,12 @@ pub fn pulse(change: &[f32], periods: &[f64]) -> Vec<f64> {
     extend(path, change.len() as f64)
 }
 
-/// Goes on at the pace of the nearest eight steps, before and behind.
+/// Extends a path to both ends at the median pace of the nearest eight steps.
 fn extend(path: Vec<f64>, end: f64) -> Vec<f64> {
     let pace = |steps: &[f64]| {
         let mut all: Vec<f64> = steps.windows(2).map(|w| w[1] - w[0]).collect();
         all.sort_by(f64::total_cmp);
-        // of an even number the mean of the middle two
+        // for an even number the mean of the middle two
         let n = all.len();
         if n == 0 { f64::INFINITY } else { 0.5 * (all[(n - 1) / 2] + all[n / 2]) }
     };

@@ -1,4 +1,4 @@
-//! Mel bands, decibels, cepstrum: as librosa has them.
+//! Mel bands, decibels and cepstrum, as in librosa.
 
 use std::f64::consts::PI;
 
@@ -18,14 +18,14 @@ fn hz_of(mel: f64) -> f64 {
     if mel < 15.0 { mel * STEP } else { 1000.0 * ((mel - 15.0) * (6.4f64.ln() / 27.0)).exp() }
 }
 
-/// Triangles over the bins of a power spectrum, each of area 1 (in hertz).
+/// Triangular filters over the bins of a power spectrum, each of area 1 in hertz.
 pub struct Bank {
     /// First bin and weights of each band.
     bands: Vec<(usize, Vec<f32>)>,
 }
 
 impl Bank {
-    /// For spectra of `size` samples at `rate` per second; from 0 to half the rate.
+    /// For spectra of `size` samples at `rate` per second, up to half the rate.
     pub fn new(size: usize, rate: u32) -> Bank {
         let top = mel_of(f64::from(rate) / 2.0);
         let edge = |i: usize| hz_of(top * i as f64 / (BANDS + 1) as f64);
@@ -45,7 +45,7 @@ impl Bank {
         Bank { bands: (0..BANDS).map(band).collect() }
     }
 
-    /// The bands of a power spectrum in decibels, not below -100: `10 log10 max(1e-10, power)`.
+    /// The bands of a power spectrum in decibels, at least -100: `10 log10 max(1e-10, power)`.
     pub fn decibels(&self, power: &[f32], out: &mut [f32; BANDS]) {
         for (to, (first, weights)) in out.iter_mut().zip(&self.bands) {
             let sum: f32 = weights.iter().zip(&power[*first..]).map(|(w, p)| w * p).sum();
@@ -67,7 +67,7 @@ impl Cosines {
         Cosines((0..rows).map(row).collect())
     }
 
-    /// The coefficients of bands that don't fall below `floor`.
+    /// The coefficients of bands, raised to at least `floor`.
     pub fn of(&self, decibels: &[f32; BANDS], floor: f32) -> impl Iterator<Item = f32> {
         let kept = decibels.map(|d| d.max(floor));
         self.0.iter().map(move |row| row.iter().zip(&kept).map(|(c, d)| c * d).sum())

@@ -1,14 +1,14 @@
-//! Onset strength and its peaks, as librosa has them.
+//! Onset strength and its peaks, as in librosa.
 
 use super::mel::BANDS;
 
-/// Frames by which librosa moves its onset strength for the length of its windows.
+/// Frames by which librosa shifts its onset strength to centre its windows.
 const CENTRING: usize = super::WINDOW / (2 * super::HOP);
 
-/// The onset strength of frames of decibels: the mean rise of a band over the frame before; F numbers.
+/// The onset strength (F): the mean rise of the bands over the previous frame, decibels.
 ///
-/// `rise` gives, for each frame but the first, the mean over bands of what rose. As in librosa's `onset_strength` a rise
-/// stands `1 + 2048 / (2 hop)` frames behind the frame before it, so it is late by half a window.
+/// `rises` are those of [`rise`] for each frame but the first. As in librosa's `onset_strength`, a rise is
+/// `1 + 2048 / (2 hop)` frames after the frame before it, so it is late by half a window.
 pub fn strength(rises: &[f32], frames: usize) -> Vec<f32> {
     let mut out = vec![0.0; (1 + CENTRING).min(frames)];
     out.extend(rises.iter().take(frames - out.len()));
@@ -16,13 +16,13 @@ pub fn strength(rises: &[f32], frames: usize) -> Vec<f32> {
     out
 }
 
-/// Mean over bands of what rises above the frame before, neither below `floor`.
+/// The mean rise of the bands over the previous frame; both frames are at least `floor`.
 pub fn rise(before: &[f32; BANDS], now: &[f32; BANDS], floor: f32) -> f32 {
     let sum: f32 = before.iter().zip(now).map(|(b, n)| (n.max(floor) - b.max(floor)).max(0.0)).sum();
     sum / BANDS as f32
 }
 
-/// The frames of onsets: peaks of the strength, at least 0.07 of its range above their surroundings.
+/// The frames of onsets: peaks of the strength by at least 7 % of its range above the local mean.
 ///
 /// Source: librosa's `onset_detect`, after Böck, Krebs and Schedl, "Evaluating the Online Capabilities of Onset
 /// Detection Methods" (2012).
@@ -33,7 +33,7 @@ pub fn peaks(strength: &[f32], rate: u32) -> Vec<usize> {
         return Vec::new();
     }
     let x: Vec<f64> = strength.iter().map(|x| f64::from((x - low) / (high + f32::MIN_POSITIVE))).collect();
-    // 30 ms before for the greatest and for waiting, 100 ms on both sides for the mean
+    // the maximum and the wait are over 30 ms before, the mean over 100 ms on both sides
     let frames = |seconds: f64| (seconds * f64::from(rate) / super::HOP as f64).floor() as usize;
     let (near, around) = (frames(0.03), frames(0.1));
     let (mut out, mut next) = (Vec::new(), 0);

@@ -1,20 +1,20 @@
-//! How far a recording's tuning is from 440 Hz.
+//! The deviation of a recording's tuning from 440 Hz.
 
 /// Bins of the constant-Q transform in an octave: the unit of a tuning.
 pub const BINS_PER_OCTAVE: usize = 36;
 
-/// Hundredths of a bin.
+/// Steps of a bin.
 const STEPS: usize = 100;
-/// Steps of loudness in an octave of magnitudes, and how many; from 2^-60 on.
+/// Magnitude levels per octave, their number, and the lowest as a power of 2.
 const FINE: f64 = 64.0;
 const LEVELS: usize = 90 * 64;
 const LOWEST: f64 = -60.0;
-/// Where peaks are looked for, hertz.
+/// Range of the peaks, hertz.
 const RANGE: std::ops::Range<f64> = 150.0..4000.0;
 
-/// Peaks of spectra, counted by how far off the grid and how loud they are, so that memory doesn't grow.
+/// A histogram of spectral peaks by deviation and magnitude, of constant size.
 ///
-/// Source: librosa's `estimate_tuning` and `piptrack`, which keep every peak; here the median of the magnitudes is known
+/// Source: librosa's `estimate_tuning` and `piptrack`, which store every peak; here the median of the magnitudes is known
 /// to 1 %.
 pub struct Tuning {
     hz_per_bin: f64,
@@ -23,12 +23,12 @@ pub struct Tuning {
 }
 
 impl Tuning {
-    /// Of magnitudes of spectra of `size` samples at `rate` per second.
+    /// For spectra of `size` samples at `rate` per second.
     pub fn new(size: usize, rate: u32) -> Tuning {
         Tuning { hz_per_bin: f64::from(rate) / size as f64, counts: vec![0; STEPS * LEVELS] }
     }
 
-    /// Takes the peaks of a spectrum that reach a tenth of its greatest magnitude.
+    /// Adds the peaks of a spectrum above 10 % of its largest magnitude.
     pub fn take(&mut self, magnitudes: &[f32]) {
         let s = magnitudes;
         let least = 0.1 * s.iter().copied().fold(0.0, f32::max);
@@ -57,7 +57,7 @@ impl Tuning {
         *count = count.saturating_add(1);
     }
 
-    /// The commonest deviation of the louder half of the peaks, in bins of [`BINS_PER_OCTAVE`], -0.5 to 0.5; 0 of silence.
+    /// The most frequent deviation of the louder half of the peaks, in bins of [`BINS_PER_OCTAVE`], -0.5 to 0.5; 0 for silence.
     pub fn estimate(&self) -> f64 {
         let of_level = |level: usize| (0..STEPS).map(|s| u64::from(self.counts[s * LEVELS + level])).sum::<u64>();
         let all: u64 = self.counts.iter().map(|c| u64::from(*c)).sum();

@@ -1,8 +1,8 @@
-//! Who plays what when.
+//! Styles and their patterns.
 
 use super::voice::Noise;
 
-/// A way to play, by the patterns of its parts.
+/// A style of music.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Style {
@@ -16,7 +16,7 @@ pub enum Style {
     Disco,
 }
 
-/// Who plays.
+/// An instrument, or a note of the chord for the bass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     Kick,
@@ -37,7 +37,7 @@ pub struct Hit {
     pub beat: usize,
     /// Of the beat.
     pub part: f64,
-    /// Of a chord and a bass, in beats.
+    /// Length of a chord or bass note, in beats.
     pub length: f64,
     pub loud: f32,
 }
@@ -48,7 +48,7 @@ const fn hit(who: Part, beat: usize, part: f64, length: f64, loud: f32) -> Hit {
 
 use Part::{Bass, Chord, Fifth, Hat, Kick, Snare};
 
-/// Where a swung eighth stands.
+/// Position of a swung eighth, in beats.
 const SWUNG: f64 = 2.0 / 3.0;
 
 const POP: &[Hit] = &[

@@ -1,8 +1,8 @@
-//! Sounds of the band, sample by sample.
+//! The sounds of the instruments.
 
 use std::f64::consts::TAU;
 
-/// Numbers that sound like noise, the same for the same seed.
+/// Pseudorandom noise from a seed.
 ///
 /// Source: Steele, Lea and Flood, "Fast Splittable Pseudorandom Number Generators" (2014).
 pub struct Noise(u64);
@@ -31,7 +31,7 @@ impl Noise {
     }
 }
 
-/// What sounds.
+/// A sound.
 pub enum Sound {
     Kick,
     Snare,
@@ -51,7 +51,7 @@ fn hz(note: i32) -> f64 {
     440.0 * 2f64.powf(f64::from(note - 69) / 12.0)
 }
 
-/// Adds a sound at a time; what lies beyond the end is left out.
+/// Adds a sound at a time; it is truncated at the end.
 pub fn add(out: &mut [f32], rate: u32, at_s: f64, loud: f32, sound: &Sound, noise: &mut Noise) {
     let start = (at_s * f64::from(rate)).round() as usize;
     let Some(out) = out.get_mut(start..) else { return };
@@ -72,7 +72,7 @@ pub fn add(out: &mut [f32], rate: u32, at_s: f64, loud: f32, sound: &Sound, nois
             }
         }
         Sound::Hat => {
-            // differences of noise have little that is low
+            // second differences of noise have little low-frequency energy
             let (mut last, mut before) = (0.0, 0.0);
             for (to, t) in out.iter_mut().zip(each(0.12)) {
                 let x = noise.next();
@@ -87,12 +87,12 @@ pub fn add(out: &mut [f32], rate: u32, at_s: f64, loud: f32, sound: &Sound, nois
     }
 }
 
-/// The first 2 ms, so that nothing cracks.
+/// A fade-in of 2 ms, against clicks.
 fn attack(t: f64) -> f64 {
     (t / 0.002).min(1.0)
 }
 
-/// A note with overtones that fall off as a plucked string's do, `decay` seconds long, damped at its end.
+/// A note with the decaying overtones of a plucked string, damped at its end.
 fn tone(out: &mut [f32], rate: u32, hz: f64, length: f64, decay: f64, loud: f32, overtones: u32) {
     let n = ((length + 0.05) * f64::from(rate)) as usize;
     for (i, to) in out.iter_mut().take(n).enumerate() {

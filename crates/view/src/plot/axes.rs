@@ -1,8 +1,8 @@
-//! From numbers to pixels, and the marks along an axis.
+//! Maps numbers to pixels; tick marks.
 
 use super::{Chart, Scale};
 
-/// One axis: how it goes and from where to where.
+/// One axis: its scale and range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Axis {
     scale: Scale,
@@ -11,12 +11,12 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// A little wider than the numbers.
+    /// Slightly wider than the numbers.
     fn around(scale: Scale, numbers: impl Iterator<Item = f64>) -> Axis {
         let (low, high) = numbers.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
         match scale {
             Scale::Log => {
-                // one point has an axis too
+                // a single point needs a range, too
                 let wider = if high > 1.001 * low { (high / low).powf(0.08).min(1.15) } else { 1.5 };
                 Axis { scale, low: low / wider, high: high * wider }
             }
@@ -27,7 +27,7 @@ impl Axis {
         }
     }
 
-    /// From here to there, evenly.
+    /// A linear axis with exactly this range.
     pub fn exactly([low, high]: [f64; 2]) -> Axis {
         if high > low {
             Axis { scale: Scale::Linear, low, high }
@@ -36,7 +36,7 @@ impl Axis {
         }
     }
 
-    /// Where a number stands, 0 at the lower end and 1 at the upper.
+    /// Relative position of a number: 0 at the lower end, 1 at the upper.
     pub fn along(&self, v: f64) -> f64 {
         match self.scale {
             Scale::Log => (v / self.low).ln() / (self.high / self.low).ln(),
@@ -44,12 +44,12 @@ impl Axis {
         }
     }
 
-    /// Whether a number is on the axis.
+    /// Whether the axis includes a number.
     pub fn reaches(&self, v: f64) -> bool {
         (self.low..=self.high).contains(&v)
     }
 
-    /// The numbers that are marked.
+    /// The tick marks.
     pub fn ticks(&self) -> Vec<f64> {
         match self.scale {
             Scale::Log => log_ticks(self.low, self.high),
@@ -58,7 +58,7 @@ impl Axis {
     }
 }
 
-/// Both axes of a chart and the frame they stand in.
+/// The axes of a chart and their frame.
 pub struct Axes {
     pub x: Axis,
     pub y: Axis,
@@ -67,7 +67,7 @@ pub struct Axes {
 }
 
 impl Axes {
-    /// Those that hold all points of a chart, or those of its picture of numbers.
+    /// The axes for all points of a chart, or of its heat map.
     pub fn of(chart: &Chart, frame: [i32; 4]) -> Axes {
         if let Some(heat) = &chart.heat {
             return Axes { x: Axis::exactly(heat.x), y: Axis::exactly(heat.y), frame };
@@ -86,8 +86,8 @@ impl Axes {
     }
 }
 
-/// 1, 2 and 5 of every power of ten inside the limits; powers alone where these are many, more where they are few, and even
-/// steps inside a doubling.
+/// 1, 2 and 5 times every power of ten within the limits; only powers over a wide range, more over a narrow one, and linear ticks
+/// within a factor of two.
 fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     if high < 2.0 * low {
         return linear_ticks(low, high);
@@ -98,7 +98,7 @@ fn log_ticks(low: f64, high: f64) -> Vec<f64> {
         narrow if narrow < 1.0 => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0],
         _ => &[1.0, 2.0, 5.0],
     };
-    // a power of ten below 1 is not exact; its inverse is
+    // a power of ten below 1 is not exact, its inverse is
     let power = |p: i32| if p < 0 { 1.0 / 10f64.powi(-p) } else { 10f64.powi(p) };
     let all = powers.flat_map(|p| heads.iter().map(move |h| h * power(p)));
     all.filter(|v| (low..=high).contains(v)).collect()
@@ -113,7 +113,7 @@ fn linear_ticks(low: f64, high: f64) -> Vec<f64> {
     (first..=last).map(|i| i as f64 * step).collect()
 }
 
-/// As few digits as say it.
+/// The number with few digits.
 pub fn number(v: f64) -> String {
     match v.abs() {
         large if large >= 10_000.0 => format!("{}k", v / 1000.0),
@@ -123,7 +123,7 @@ pub fn number(v: f64) -> String {
     }
 }
 
-/// Without the digits that only rounding made.
+/// Rounds away the digits of rounding errors.
 fn short(v: f64, unit: f64) -> f64 {
     (v * unit).round() / unit
 }

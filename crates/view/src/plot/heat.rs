@@ -1,4 +1,4 @@
-//! Numbers over two axes as colours.
+//! Heat maps.
 
 use super::axes::{Axes, Axis, number};
 use super::picture::{Drawn, GREY, style};
@@ -6,15 +6,14 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, VPos};
 
-/// Pixels right of the frame that the scale of colours takes.
+/// Width of the colour scale right of the frame, pixels.
 pub const WIDTH: i32 = 96;
-/// Pixels from the frame to the scale, and its width.
+/// Pixels from the frame to the colour bar, and the bar's width.
 const BAR: [i32; 2] = [16, 16];
-/// Columns that are drawn at most; of more, neighbours are drawn as their mean.
+/// The most columns that are drawn; of more, neighbours are averaged.
 const MOST_COLUMNS: usize = 400;
 
-/// Dark to light and blue to yellow, even to the eye, and for those who see red and green alike too: ten colours of
-/// matplotlib's viridis (Smith and van der Walt 2015).
+/// Ten colours of matplotlib's viridis (Smith and van der Walt 2015): perceptually uniform, also with red-green blindness.
 const COLOURS: [[f64; 3]; 10] = [
     [68.0, 1.0, 84.0],
     [72.0, 40.0, 120.0],
@@ -28,25 +27,25 @@ const COLOURS: [[f64; 3]; 10] = [
     [253.0, 231.0, 37.0],
 ];
 
-/// A picture of numbers, a cell each; it fills its axes.
+/// A heat map that fills its axes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Heat {
-    /// Where the first column begins and the last one ends.
+    /// Start of the first column, end of the last.
     pub x: [f64; 2],
-    /// Where the lowest row begins and the highest one ends.
+    /// Start of the lowest row, end of the highest.
     pub y: [f64; 2],
     /// Cells from left to right.
     pub columns: usize,
-    /// (columns, rows), from the lowest row up; what is not finite stays white.
+    /// (columns, rows), from the lowest row up; cells that are not finite stay white.
     pub values: Vec<f64>,
-    /// The numbers of the darkest and the lightest colour; beyond them it doesn't change.
+    /// The numbers of the darkest and the lightest colour; numbers beyond are clamped.
     pub limits: [f64; 2],
-    /// Along the scale of colours, with the unit.
+    /// Label of the colour scale, with the unit.
     pub label: String,
 }
 
 impl Heat {
-    /// Whether there is a cell to draw.
+    /// Whether there is no cell to draw.
     pub fn is_empty(&self) -> bool {
         self.columns == 0 || self.rows() == 0 || self.values.iter().all(|v| !v.is_finite())
     }
@@ -55,7 +54,7 @@ impl Heat {
         self.values.len() / self.columns.max(1)
     }
 
-    /// Means over neighbouring columns where there are more than can be seen: how many columns, and their cells.
+    /// The drawn columns and their cells, averaged over neighbours if there are too many.
     fn drawn(&self) -> (usize, Vec<f64>) {
         let (rows, together) = (self.rows(), self.columns.div_ceil(MOST_COLUMNS));
         let column = |cells: &[f64]| -> Vec<f64> {
@@ -73,7 +72,7 @@ impl Heat {
     }
 }
 
-/// From the darkest colour, 0, to the lightest, 1.
+/// The colour of 0 (darkest) to 1 (lightest).
 pub fn colour(part: f64) -> RGBColor {
     let at = part * (COLOURS.len() - 1) as f64;
     let (i, t) = ((at as usize).min(COLOURS.len() - 2), at - (at as usize).min(COLOURS.len() - 2) as f64);
@@ -81,12 +80,12 @@ pub fn colour(part: f64) -> RGBColor {
     RGBColor(mix(0), mix(1), mix(2))
 }
 
-/// Draws the cells and the scale of colours.
+/// Draws the cells and the colour scale.
 pub fn draw<B: DrawingBackend>(area: &DrawingArea<B, Shift>, heat: &Heat, axes: &Axes) -> Drawn<B> {
     let rows = heat.rows();
     let (columns, cells) = heat.drawn();
     let between = |[low, high]: [f64; 2], i: usize, n: usize| low + (high - low) * i as f64 / n as f64;
-    // of more columns than can be drawn, the last may stand for fewer
+    // the last averaged column may have fewer columns
     let together = heat.columns.div_ceil(columns);
     let x = |i: usize| between(heat.x, (i * together).min(heat.columns), heat.columns);
     for (i, &v) in cells.iter().enumerate().filter(|(_, v)| v.is_finite()) {
@@ -98,7 +97,7 @@ pub fn draw<B: DrawingBackend>(area: &DrawingArea<B, Shift>, heat: &Heat, axes: 
     scale(area, heat, axes)
 }
 
-/// The scale of colours, right of the frame.
+/// The colour scale, right of the frame.
 fn scale<B: DrawingBackend>(area: &DrawingArea<B, Shift>, heat: &Heat, axes: &Axes) -> Drawn<B> {
     let [_, top, right, bottom] = axes.frame;
     let (left, right) = (right + BAR[0], right + BAR[0] + BAR[1]);

@@ -1,4 +1,4 @@
-//! Counts by two classes, as a confusion has them.
+//! Confusion matrices.
 
 use super::Chart;
 use super::heat::colour;
@@ -7,21 +7,21 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-/// Letters of a name that are drawn.
+/// The most letters of a name.
 const LETTERS: usize = 22;
 /// Pixels above the cells, right of them, and for the axes' titles.
 const ABOVE: i32 = 44;
 const RIGHT: i32 = 16;
 const TITLE: i32 = 30;
-/// Pixels of a cell whose count is written.
+/// Least size of a cell with its count, pixels.
 const READABLE: i32 = 14;
 
-/// A row a class, a column a name that was given; a cell is coloured by its share of the row.
+/// Rows are classes, columns predictions; a cell is coloured by its share of the row.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Matrix {
     /// n classes.
     pub names: Vec<String>,
-    /// (n, n), `[class][named]`.
+    /// (n, n), `[class][predicted]`.
     pub counts: Vec<Vec<usize>>,
 }
 
@@ -32,7 +32,7 @@ impl Matrix {
     }
 }
 
-/// Draws cells, counts and names; `chart.x` and `chart.y` say what columns and rows are.
+/// Draws cells, counts and names; `chart.x` and `chart.y` are the titles of columns and rows.
 pub fn draw<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart, matrix: &Matrix) -> Drawn<B> {
     let (width, height) = area.dim_in_pixel();
     let cut = |name: &String| name.chars().take(LETTERS).collect::<String>();
@@ -41,7 +41,7 @@ pub fn draw<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart, matr
     let (n, top) = (matrix.names.len() as i32, ABOVE);
     let wide = width as i32 - TITLE - names - RIGHT;
     let cell = (wide.min(height as i32 - top - names - TITLE) / n.max(1)).max(1);
-    // in the middle of what is left
+    // centred
     let spare = (wide - n * cell).max(0) / 2;
     let left = spare + TITLE + names;
     let size = (cell - 4).clamp(9, 15) as u32;

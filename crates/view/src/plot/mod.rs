@@ -1,4 +1,14 @@
-//! Charts as PNG and SVG, without fonts of the system.
+//! Charts as PNG and SVG, with a built-in font.
+//!
+//! ```
+//! use kinelm_view::plot::{Chart, Look, Series, to_bytes};
+//!
+//! let series = Series { name: "loss".into(), points: vec![(1.0, 4.0), (10.0, 2.0)], look: Look::Line, ..Series::default() };
+//! let chart = Chart { title: "training".into(), series: vec![series], ..Chart::default() };
+//! let svg = to_bytes("loss.svg".as_ref(), &[chart])?.unwrap();
+//! assert!(String::from_utf8(svg).unwrap().contains("training"));
+//! # Ok::<(), kinelm_view::Error>(())
+//! ```
 
 mod axes;
 mod heat;
@@ -15,125 +25,126 @@ use plotters::style::{FontStyle, register_font};
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// Width of a chart with its legend and height of a picture, pixels.
+/// Size of a single chart with its legend, pixels.
 const SIZE: (u32, u32) = (860, 600);
-/// And of one in rows of charts.
+/// Size of a chart in several rows, pixels.
 const SMALL: (u32, u32) = (520, 360);
-/// Stands in every PNG: a text chunk that says who made it.
+/// The generator mark in every PNG: a text chunk.
 pub const PNG_MARK: [u8; 19] = *b"tEXtSoftware\0kinelm";
-/// Stands in every SVG and in tables: who made it.
+/// The generator mark in every SVG and in tables.
 pub const TEXT_MARK: &str = "<!-- made by kinelm -->";
-/// DejaVu Sans, cut down to what charts say; the licence stands beside it.
+/// A subset of DejaVu Sans; its licence is beside it.
 const FONT: &[u8] = include_bytes!("font/DejaVuSans-subset.ttf");
 
-/// How an axis goes.
+/// The scale of an axis.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Scale {
-    /// By powers; numbers that are not above 0 are left out.
+    /// Logarithmic; numbers that are not positive are left out.
     #[default]
     Log,
-    /// Evenly.
+    /// Linear.
     Linear,
 }
 
 impl Scale {
-    /// Whether a number has a place on the axis.
+    /// Whether the axis can show a number.
     fn holds(self, v: f64) -> bool {
         v.is_finite() && (self == Scale::Linear || v > 0.0)
     }
 }
 
-/// How a series looks.
+/// The look of a series.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Look {
-    /// A mark a point.
+    /// Marks.
     #[default]
     Marks,
-    /// Marks, joined by a line in their order.
+    /// Marks joined by a line.
     Joined,
     /// A line without marks.
     Line,
-    /// A thin line, paler than the colour.
+    /// A thin, pale line.
     Faint,
-    /// A grey line: what theory says.
+    /// A grey reference line.
     Reference,
 }
 
-/// Points under one name.
+/// A series of points.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Series {
-    /// Stands in the legend, cut if it is long; nothing stands there if it is empty.
+    /// Label in the legend, truncated if it is long; no label if it is empty.
     pub name: String,
-    /// The points; those that have no place on the axes are left out.
+    /// The points; those that the axes can't show are left out.
     pub points: Vec<(f64, f64)>,
-    /// How it looks.
+    /// Its look.
     pub look: Look,
-    /// The number of its colour, so that series that belong together share one; by itself the next one.
+    /// Index of its colour, to share one between series; default the next one.
     pub colour: Option<usize>,
 }
 
-/// An upright line at a place of the horizontal axis.
+/// A vertical line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rule {
-    /// Where it stands.
+    /// Position on the horizontal axis.
     pub x: f64,
-    /// Stands at its head.
+    /// Label at its top.
     pub name: String,
 }
 
 /// One chart.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Chart {
-    /// Above it.
+    /// The title.
     pub title: String,
-    /// Along the horizontal axis, with the unit.
+    /// Label of the horizontal axis, with the unit.
     pub x: String,
-    /// Along the vertical axis, with the unit.
+    /// Label of the vertical axis, with the unit.
     pub y: String,
-    /// How the horizontal and the vertical axis go.
+    /// Scales of the horizontal and the vertical axis.
     pub scales: (Scale, Scale),
-    /// What is drawn.
+    /// The series.
     pub series: Vec<Series>,
-    /// Upright lines; those outside the points' range are left out.
+    /// Vertical lines; those outside the points' range are left out.
     pub rules: Vec<Rule>,
-    /// A picture of numbers beneath; the axes are then its own.
+    /// A heat map below the series, which then determines the axes.
     pub heat: Option<Heat>,
-    /// Counts by class instead of all that; the axes are then their own.
+    /// A confusion matrix instead of everything else.
     pub matrix: Option<Matrix>,
 }
 
 impl Chart {
-    /// Whether there is anything to draw.
+    /// Whether there is nothing to draw.
     pub fn is_empty(&self) -> bool {
         let empty = self.heat.as_ref().is_none_or(Heat::is_empty) && self.matrix.as_ref().is_none_or(Matrix::is_empty);
         empty && self.series.iter().all(|s| self.drawable(s).next().is_none())
     }
 
-    /// The points of a series that have a place.
+    /// The points of a series that the axes can show.
     fn drawable<'a>(&self, series: &'a Series) -> impl Iterator<Item = (f64, f64)> + use<'a> {
         let (x, y) = self.scales;
         series.points.iter().copied().filter(move |p| x.holds(p.0) && y.holds(p.1))
     }
 }
 
-/// Draws charts side by side, many of them in rows, into `path.png` and `path.svg`; empty ones are left out, and nothing is written when all are.
+/// Draws charts side by side, many of them in rows, as `path.png` and `path.svg`. Empty charts are left out; if all are empty,
+/// nothing is written.
 ///
 /// # Errors
-/// When a file can't be written.
+/// I/O errors.
 pub fn draw(path: &Path, charts: &[Chart]) -> Result<()> {
     draw_as(&path.with_extension("svg"), charts)?;
     draw_as(&path.with_extension("png"), charts)
 }
 
-/// The same into one file, as its extension says.
+/// As [`draw`], as one file, by its extension.
 ///
 /// # Errors
-/// Another extension than `png` and `svg`; when the file can't be written.
+/// Another extension than `png` and `svg`; I/O errors.
 pub fn draw_as(path: &Path, charts: &[Chart]) -> Result<()> {
     to_bytes(path, charts)?.map_or(Ok(()), |bytes| files::write_whole(path, &bytes))
 }
 
-/// The bytes that [`draw_as`] writes, with our mark inside; `None` where there is nothing to draw.
+/// The bytes that [`draw_as`] writes, with the generator mark; `None` when there is nothing to draw.
 ///
 /// # Errors
 /// Another extension than `png` and `svg`.
@@ -164,7 +175,7 @@ pub fn to_bytes(path: &Path, charts: &[Chart]) -> Result<Option<Vec<u8>>> {
     }
 }
 
-/// Pixels of red, green and blue as PNG.
+/// RGB pixels as PNG.
 fn png((width, height): (u32, u32), pixels: &[u8]) -> std::result::Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
@@ -177,7 +188,7 @@ fn png((width, height): (u32, u32), pixels: &[u8]) -> std::result::Result<Vec<u8
     Ok(bytes)
 }
 
-/// Refuses a file that no chart can be drawn into, before there is one.
+/// Refuses, before the work, a file name with an unsupported extension.
 ///
 /// # Errors
 /// Another extension than `png` and `svg`.
@@ -185,7 +196,7 @@ pub fn check(path: &Path) -> Result<()> {
     kind(path).map(|_| ())
 }
 
-/// What a picture is written as.
+/// The format of a picture.
 enum Kind {
     Png,
     Svg,

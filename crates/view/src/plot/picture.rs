@@ -1,4 +1,4 @@
-//! Charts as lines, marks and text on any backend.
+//! Draws charts on any backend.
 
 use super::axes::{Axes, number};
 use super::{Chart, Look, Rule, heat, matrix};
@@ -6,7 +6,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-/// Colours that are told apart by those who see red and green alike too (Okabe and Ito 2008), then darker ones.
+/// Colours that are distinct with red-green blindness, too (Okabe and Ito 2008), then darker ones.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -19,16 +19,16 @@ const COLOURS: [RGBColor; 8] = [
 ];
 pub const GREY: RGBColor = RGBColor(90, 90, 90);
 const FAINT: RGBColor = RGBColor(225, 225, 225);
-/// What theory says.
+/// For reference lines.
 const REFERENCE: RGBColor = RGBColor(150, 150, 150);
-/// Pixels left of, above, right of and below what is plotted, the legend left aside.
+/// Margins left, above, right and below, without the legend, pixels.
 const AROUND: [i32; 4] = [74, 44, 12, 58];
-/// Pixels that hold a letter of the legend.
+/// Width of a letter of the legend, pixels.
 pub const LETTER: f64 = 7.3;
-/// Letters of a name in the legend.
+/// The most letters of a name in the legend.
 const LETTERS: usize = 30;
 
-/// Rows and columns of so many charts.
+/// Rows and columns of a number of charts.
 pub fn grid_of(charts: usize) -> (usize, usize) {
     let columns = if charts <= 4 { charts } else { 4 };
     (charts.div_ceil(columns.max(1)), columns)
@@ -43,7 +43,7 @@ pub fn all<B: DrawingBackend>(area: DrawingArea<B, Shift>, charts: &[&Chart]) ->
     area.present().map_err(|e| e.to_string())
 }
 
-/// What drawing may fail with.
+/// The result of drawing.
 pub type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 fn one<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn<B> {
@@ -74,29 +74,29 @@ fn one<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn<
         }
     }
     let rules = chart.rules.iter().filter(|rule| axes.x.reaches(rule.x));
-    // each name a line lower, so that neighbours don't cover each other
+    // each name a line lower, so that neighbours don't overlap
     rules.enumerate().try_for_each(|(line, rule)| draw_rule(area, rule, line as i32, &axes))?;
     draw_legend(area, &legend, &axes)
 }
 
 fn grid<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart, axes: &Axes) -> Drawn<B> {
     let [left, top, right, bottom] = axes.frame;
-    let says = |text: &str, at: (i32, i32), size: u32, h: HPos, v: VPos| {
+    let write = |text: &str, at: (i32, i32), size: u32, h: HPos, v: VPos| {
         area.draw(&Text::new(text.to_string(), at, style(size, h, v)))
     };
     for v in axes.x.ticks() {
         let (px, _) = axes.at((v, axes.y.low));
         area.draw(&PathElement::new([(px, top), (px, bottom)], FAINT))?;
-        says(&number(v), (px, bottom + 6), 13, HPos::Center, VPos::Top)?;
+        write(&number(v), (px, bottom + 6), 13, HPos::Center, VPos::Top)?;
     }
     for v in axes.y.ticks() {
         let (_, py) = axes.at((axes.x.low, v));
         area.draw(&PathElement::new([(left, py), (right, py)], FAINT))?;
-        says(&number(v), (left - 7, py), 13, HPos::Right, VPos::Center)?;
+        write(&number(v), (left - 7, py), 13, HPos::Right, VPos::Center)?;
     }
     area.draw(&PathElement::new([(left, top), (left, bottom), (right, bottom)], GREY))?;
-    says(&chart.title, ((left + right) / 2, 14), 18, HPos::Center, VPos::Top)?;
-    says(&chart.x, ((left + right) / 2, bottom + 28), 15, HPos::Center, VPos::Top)?;
+    write(&chart.title, ((left + right) / 2, 14), 18, HPos::Center, VPos::Top)?;
+    write(&chart.x, ((left + right) / 2, bottom + 28), 15, HPos::Center, VPos::Top)?;
     let turned = TextStyle::from(("sans-serif", 15).into_font().transform(FontTransform::Rotate270)).color(&GREY);
     let middle = turned.pos(Pos::new(HPos::Center, VPos::Top));
     area.draw(&Text::new(chart.y.clone(), (8, (top + bottom) / 2), middle))
@@ -127,8 +127,7 @@ fn draw_series<B: DrawingBackend>(
     }
 }
 
-/// A line in pieces that turn by a right angle at most: the corners of what is drawn in one go are pointed, the farther out
-/// the sharper they are, and would stand there like data.
+/// Splits a line at turns of more than a right angle, where the backend would draw long pointed corners that look like data.
 fn blunt(points: &[(i32, i32)]) -> Vec<Vec<(i32, i32)>> {
     let mut pieces: Vec<Vec<(i32, i32)>> = vec![Vec::new()];
     for &(x, y) in points {
@@ -145,7 +144,7 @@ fn blunt(points: &[(i32, i32)]) -> Vec<Vec<(i32, i32)>> {
     pieces
 }
 
-/// A mark; later rounds of the colours have other ones.
+/// A mark; its shape changes when the colours repeat.
 fn mark<B: DrawingBackend>(area: &DrawingArea<B, Shift>, (x, y): (i32, i32), colour: usize) -> Drawn<B> {
     let paint = COLOURS[colour % COLOURS.len()].filled();
     match colour / COLOURS.len() % 3 {

@@ -1,4 +1,4 @@
-//! Learning the mix, what may become zero, and the order of writing.
+//! Fits the transform over the joints, the zero thresholds, and the order of a word's numbers.
 
 use super::{HIGHEST, Lapped, LappedConfig, LappedMix, Layout, multiply, open_rows};
 use crate::channel::Channels;
@@ -7,20 +7,20 @@ use crate::{Error, Result};
 use kinelm_linalg::{product, symmetric_eigen};
 use kinelm_motion::{Clip, GlobalPose, Quat, Vec3, smpl};
 
-/// Poses at which it is measured what a channel moves.
+/// The most poses at which the metric is measured.
 const POSES: usize = 2048;
 
 /// Half the step of a difference quotient, radians or metres.
 const SMALL: f64 = 1e-5;
 
-/// A constant channel that a later clip moves is weighed at least like this, metres a unit, so that matrices can be inverted.
+/// The least weight of a channel, metres per unit, so that matrices can be inverted.
 const LIGHTEST: f64 = 1e-4;
 
 impl Lapped {
-    /// Learns from training clips.
+    /// Fits to training clips.
     ///
     /// # Errors
-    /// [`Error::Nothing`] without a frame, or when motion is out of all range.
+    /// [`Error::Nothing`] without a frame, or when motion is out of range.
     pub(crate) fn fit(config: &LappedConfig, channels: &Channels, clips: &[Clip]) -> Result<Lapped> {
         config.validate()?;
         let clips: Vec<&Clip> = clips.iter().filter(|c| c.frames() > 0).collect();
@@ -47,7 +47,7 @@ impl Lapped {
         Ok(scheme)
     }
 
-    /// A number that costs many bits more than a zero must also save much error: half a step and `thrift` a bit.
+    /// Zero thresholds: half a step, plus `thrift` for each bit that a 1 costs more than a 0.
     fn fit_thresholds(&self, channels: &Channels, layout: Layout, clips: &[&Clip]) -> Vec<u16> {
         let (mut zeros, mut ones) = (vec![1.0; layout.numbers()], vec![2.0; layout.numbers()]);
         self.for_each_word(channels, layout, clips, |word| {
@@ -66,7 +66,7 @@ impl Lapped {
         zeros.iter().zip(&ones).map(threshold).collect()
     }
 
-    /// The numbers by how often they aren't zero, the most often first.
+    /// The numbers by their frequency of being non-zero, highest first.
     fn fit_order(&self, channels: &Channels, layout: Layout, clips: &[&Clip]) -> Vec<u32> {
         let mut others = vec![0u64; layout.numbers()];
         self.for_each_word(channels, layout, clips, |word| {
@@ -95,8 +95,8 @@ fn mean(k: usize, rows: &[Vec<f64>]) -> Vec<f64> {
     sum.iter().map(|s| s / frames as f64).collect()
 }
 
-/// What the channels move: (K, K), the mean over poses and joints of the products of what two channels' units move each
-/// joint, square metres; and the length of that of the turn, metres.
+/// The metric of joint positions: (K, K), the mean over poses and joints of J'J, where J is the displacement of a joint per unit
+/// of each channel, square metres; and the RMS displacement per radian of turn, metres.
 fn metric(config: &LappedConfig, channels: &Channels, clips: &[&Clip], rows: &[Vec<f64>]) -> (Vec<f64>, f64) {
     let k = Layout::new(config, channels).open;
     let frames: usize = clips.iter().map(|c| c.frames()).sum();
@@ -123,7 +123,7 @@ fn metric(config: &LappedConfig, channels: &Channels, clips: &[&Clip], rows: &[V
     (sum, (turn * scale).sqrt().max(LIGHTEST))
 }
 
-/// What a unit of each channel, and of a turn about the vertical, moves the 24 joints in one frame: (K + 1, 72), metres.
+/// The displacement of the 24 joints per unit of each channel and of the turn, in one frame: (K + 1, 72), metres.
 fn moves(channels: &Channels, clip: &Clip, rows: &[f64], n: usize, frame: usize) -> Vec<f64> {
     let k = rows.len() / n;
     let mut values: Vec<f64> = (0..k).map(|c| rows[c * n + frame]).collect();
@@ -168,7 +168,7 @@ fn mix(
     }
     let eigen = |m: &[f64]| {
         symmetric_eigen(k, m)
-            .ok_or_else(|| Error::Nothing("the training motion is out of all range; are the units right?".into()))
+            .ok_or_else(|| Error::Nothing("the training motion is out of range; are the units right?".into()))
     };
     // the symmetric root of the metric, and its inverse
     let (values, vectors) = eigen(metric)?;
@@ -188,7 +188,7 @@ fn mix(
         covariance.iter_mut().zip(&more).for_each(|(s, m)| *s += m);
     }
     let (_, mut directions) = eigen(&covariance)?;
-    // of a direction the largest number is positive, so that the same motion gives the same bytes
+    // fixed signs, so that the same motion gives the same bytes
     for d in directions.chunks_exact_mut(k) {
         let largest = d.iter().fold(0.0f64, |a, x| if x.abs() > a.abs() * (1.0 + 1e-6) { *x } else { a });
         d.iter_mut().for_each(|x| *x *= 1f64.copysign(largest));

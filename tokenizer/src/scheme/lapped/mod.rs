@@ -1,22 +1,19 @@
-//! Lapped tiles: a transform whose waves run into the neighbouring tiles, over channels mixed by what they move.
+//! Lapped tiles: a lapped transform over time, after a transform over the joints in the metric of joint positions.
 //!
-//! A word is a hop of N frames. The **open** channels (rotation vectors, continuous in time; with `heading_delta` the
-//! pelvis's tilt for its rotation; the root's height) are mixed over the joints so that an error of a component moves the
-//! body's joints equally far whichever component it is in, then go through [`Lapped`](Transform) over time; every
-//! coefficient is rounded to whole steps of one size. The **closed** ones are the root's velocity on the ground and the
-//! rate of its turn: `root`. Numbers that are zero are counted in runs, in an order in which those that were seldom
-//! non-zero in training come last, and fall away at the word's end.
+//! A word is a hop of N frames. The **open** channels (rotation vectors, continuous in time; with `heading_delta` the pelvis's
+//! tilt instead of its rotation; the root's height) are transformed so that equal errors of components move the joints equally
+//! far, then by [`Lapped`](Transform) over time; coefficients are rounded to multiples of one step. The **closed** channels
+//! are the root's ground velocity and rate of turn: `root`. Zeros are run-length coded; numbers that are seldom non-zero in
+//! training come last in a word and are dropped when they are zero.
 //!
-//! **Bound.** Every coefficient of the open channels is off by less than one step, and the transform keeps lengths: over
-//! the frames of a clip (those that fill the last hop with them), the root mean square of `|W (x - x')|` is below
-//! `step sqrt(K)`, K the number of open channels and W the matrix of [`Lapped::weigh`]; a tenth of it is usual. On the ground,
-//! and as a turn, the sum of all hops' steps is off by at most half a step of their coefficient 0 in each direction, at
-//! any time: errors never add up. Nothing clips: a number has as many characters as it needs, up to [`LARGEST`], which is
-//! beyond a root that travels a kilometre within one hop.
+//! **Bound.** Every coefficient of the open channels is off by less than one step, and the transform is orthonormal: over the
+//! frames of a clip, including the padding of the last hop, the root mean square of `|W (x - x')|` is below `step sqrt(K)`, K
+//! the number of open channels and W the matrix of [`Lapped::weigh`]; a tenth of it is usual. Ground position and turn are off
+//! by at most half a step of coefficient 0 in each direction at any time. Nothing clips: numbers take as many characters as
+//! they need, up to [`LARGEST`], a root that travels more than a kilometre within one hop.
 //!
-//! **Reach.** A changed character changes half a hop before its own and half a hop behind; beyond that nothing in the open
-//! channels, and what follows in place and turn by a constant. The last two words of a clip would read otherwise if it
-//! went on.
+//! **Reach.** A changed character affects half a hop before and after its own; beyond that it shifts later positions and turns
+//! by a constant. The last two words of a clip depend on how it continues.
 
 #[cfg(feature = "fit")]
 mod fit;
@@ -24,7 +21,7 @@ mod root;
 mod word;
 
 use super::series::{self, open_count};
-use super::walk::{Height, check_places, one_of};
+use super::walk::{Height, check_positions, one_of};
 use super::{Encoded, Scheme, UncodedPose, WordLength};
 use crate::channel::{Channel, Channels};
 use crate::transform::lapped::Lapped as Transform;
@@ -32,15 +29,14 @@ use crate::{Error, Result, Words};
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
 use serde::{Deserialize, Serialize};
 
-/// What is done over the joint dimension before the transform. The places on the ground and the turn stay out of it.
+/// The transform over the joints, before that over time. It excludes ground positions and the turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum LappedMix {
-    /// Every channel by itself, in proportion to how far it moves the joints that hang on it: its lever arm. A component
-    /// belongs to one joint.
+    /// None: every channel separately, scaled by its joint's lever arm. A component belongs to one joint.
     None {},
-    /// Channels that move the same joints are weighed together, and turned onto the directions in which the training motion
-    /// moves the body most (Karhunen and Loeve's transform in the metric of joint positions).
+    /// The Karhunen-Loève transform in the metric of joint positions: the directions in which the training motion moves the body
+    /// most.
     Klt {},
 }
 
@@ -48,24 +44,24 @@ pub enum LappedMix {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LappedConfig {
-    /// N, frames that a word stands for, 1 to 240. Default 20.
+    /// N, frames of a word, 1 to 240. Default 20.
     pub hop: u32,
-    /// The step of a coefficient, millimetres that it moves the 24 joints (root mean square), 0.01 to 1000. The mean
-    /// positional error is 0.6 to 0.9 of it. Default 12.
+    /// Quantisation step of a coefficient: its root mean square displacement of the 24 joints in millimetres, 0.01 to 1000. The
+    /// mean positional error is 0.6 to 0.9 of it. Default 12.
     pub step_mm: f64,
-    /// How eagerly a number that is seldom non-zero becomes zero, in steps of error a bit, 0 to 0.2; 0 rounds plainly. Default
-    /// 0.08, where a bit saved here costs as much as one saved by a larger step.
+    /// Rate-distortion weight: the error in steps that saving one bit is worth when a number is rounded to zero, 0 to 0.2; 0 is
+    /// plain rounding. Default 0.08, at which a bit saved here costs as much as one saved by a larger step.
     pub thrift: f64,
-    /// What is done over the joint dimension. Default klt.
+    /// The transform over the joints. Default klt.
     pub joint_transform: LappedMix,
-    /// Every joint also carries a point so far off in each direction, metres, 0.001 to 1: what rotations of hands, feet and head
-    /// count, on which no joint hangs. Default 0.1.
+    /// Distance in metres of extra points around every joint, 0.001 to 1, through which rotations of hands, feet and head count.
+    /// Default 0.1.
     pub tip_m: f64,
-    /// L: numbers of -L to L have one character, larger ones more. 1 to 10000. Default 30.
+    /// L: numbers from -L to L take one character, larger ones more. 1 to 10000. Default 30.
     pub levels: u32,
-    /// A run of up to so many zeros is one character, 1 to 1000. Default 40.
+    /// The longest run of zeros of one character, 1 to 1000. Default 40.
     pub runs: u32,
-    /// How the height is told: above the clip's floor (default) or as it is in the world (`absolute`).
+    /// How the height is coded: above the clip's floor (default) or in the world (`absolute`).
     pub height: Height,
 }
 
@@ -112,10 +108,10 @@ impl LappedConfig {
     }
 }
 
-/// The largest number; what lies beyond is counted as clipped.
+/// The largest number; larger ones are clipped and counted.
 pub const LARGEST: i32 = 1 << 20;
 
-/// Lapped tiles with what was learnt.
+/// A fitted lapped scheme.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lapped {
@@ -127,19 +123,19 @@ pub struct Lapped {
     forward: Vec<f64>,
     /// (K, K) back.
     inverse: Vec<f64>,
-    /// What a radian of the turn moves the joints, metres.
+    /// Displacement of the joints per radian of turn, metres.
     turn_arm: f64,
-    /// From which size on a number that rounds to 1 isn't zero, in thousandths of a step; by frequency and series.
+    /// Least magnitude of a number that rounds to 1, in thousandths of a step, by frequency and series; smaller ones are zero.
     thresholds: Vec<u16>,
-    /// The numbers of a word in the order they are written.
+    /// The order of a word's numbers.
     order: Vec<u32>,
 }
 
-/// Where the numbers of a word stand: by frequency, of each the open series, the turn's, x's and z's; then the facing.
+/// The layout of a word's numbers: for each frequency the open series, the turn, x and z; then the facing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Layout {
     hop: usize,
-    /// Open series, the height's among them as the last.
+    /// Open series; the height is the last.
     open: usize,
     turn: bool,
 }
@@ -168,14 +164,13 @@ impl Layout {
         (self.open, [ground, ground + 1])
     }
 
-    /// The number of the step of the turn at the hop's first frame: in the first word, where a clip faces.
+    /// Index of the turn's jump at the hop's first frame; in the first word, the clip's facing.
     fn facing(&self) -> usize {
         self.hop * self.series()
     }
 }
 
-/// Where a number that isn't zero decodes beyond the whole, in steps: the middle of what is rounded to it, weighed by how
-/// often it comes.
+/// Offset of the decoded value of non-zero numbers, in steps: the mean of the values rounded to them.
 const LIFT: f64 = 0.05;
 
 impl Lapped {
@@ -188,8 +183,8 @@ impl Lapped {
         Lapped { config, ..self }
     }
 
-    /// The components of a difference of open channels, (K): rotation vectors by ascending joint (with a turn the pelvis's
-    /// tilt x, z for its vector), then the root's height. Their length is how far the joints move, metres.
+    /// The components (K) of a difference of open channels: rotation vectors by ascending joint (with a turn, x and z of the
+    /// pelvis's tilt), then the root's height. Their length is the displacement of the joints, metres.
     ///
     /// # Panics
     /// When `difference` isn't K long.
@@ -199,7 +194,7 @@ impl Lapped {
         self.forward.chunks_exact(difference.len()).map(row).collect()
     }
 
-    /// Checks what a file says, of which these channels are coded.
+    /// Checks a file's tables against the channels.
     pub(crate) fn validate(&self, channels: &Channels) -> Result<()> {
         self.config.validate()?;
         let layout = Layout::new(&self.config, channels);
@@ -220,16 +215,16 @@ impl Lapped {
         })
     }
 
-    /// A coefficient in steps as a number; a clipped one is counted.
+    /// Rounds a coefficient in steps; counts it if it is clipped.
     fn round(&self, at: usize, x: f64, clipped: &mut u64) -> i32 {
         let size = x.abs();
-        // a bit and a half more for every whole number further, about
+        // each larger number costs about 1.5 bits more
         let n = (size + 0.5 - (1.6 * self.config.thrift).min(0.3)).floor();
         let n = if n <= 1.0 { f64::from(size >= f64::from(self.thresholds[at]) / 1000.0) } else { n };
         limited(n.copysign(x), clipped)
     }
 
-    /// The numbers of a clip's words, one word's after the other's.
+    /// The numbers of a clip's words, word by word.
     fn quantise(&self, channels: &Channels, clip: &Clip, clipped: &mut u64) -> Vec<i32> {
         let layout = Layout::new(&self.config, channels);
         let tiles = clip.frames().div_ceil(layout.hop);
@@ -252,7 +247,7 @@ impl Lapped {
         numbers
     }
 
-    /// The components (K, n) of a clip, whose last frame goes on up to n.
+    /// The components (K, n) of a clip, with its last frame repeated up to n.
     fn components(&self, channels: &Channels, clip: &Clip, n: usize) -> Vec<f64> {
         let mut rows = open_rows(channels, clip, n);
         for (row, mean) in rows.chunks_exact_mut(n).zip(&self.mean) {
@@ -261,7 +256,7 @@ impl Lapped {
         multiply(&self.forward, n, &rows)
     }
 
-    /// The open channels (K, n) that numbers decode to.
+    /// The decoded open channels (K, n).
     fn channels_of(&self, layout: Layout, numbers: &[i32]) -> Vec<f64> {
         let n = numbers.len() / layout.numbers() * layout.hop;
         let transform = Transform::new(layout.hop);
@@ -286,17 +281,17 @@ impl Lapped {
     }
 }
 
-/// The largest threshold: what decodes to 1 must be coded as 1 again.
+/// The largest threshold: a decoded 1 must encode to 1.
 const HIGHEST: u16 = 990;
 
-/// A number of whole steps within [`LARGEST`].
+/// Clips a number of steps to [`LARGEST`].
 fn limited(n: f64, clipped: &mut u64) -> i32 {
     let largest = f64::from(LARGEST);
     *clipped += u64::from(n.abs() > largest);
     n.clamp(-largest, largest) as i32
 }
 
-/// What a number decodes to, in steps.
+/// The decoded value of a number, in steps.
 fn lifted(number: i32) -> f64 {
     f64::from(number) + LIFT * f64::from(number.signum())
 }
@@ -313,12 +308,12 @@ fn open_rows(channels: &Channels, clip: &Clip, n: usize) -> Vec<f64> {
     rows
 }
 
-/// `matrix` (K, K) times `series` (K, n), always in the same order of additions.
+/// `matrix` (K, K) times `series` (K, n), always summed in the same order.
 fn multiply(matrix: &[f64], n: usize, series: &[f64]) -> Vec<f64> {
     let k = series.len() / n.max(1);
     let mut out = vec![0.0; k * n];
     for (row, out) in matrix.chunks_exact(k.max(1)).zip(out.chunks_exact_mut(n.max(1))) {
-        // a matrix of one joint's channels alone is mostly zeros
+        // without a transform the matrix is mostly zeros
         for (&weight, x) in row.iter().zip(series.chunks_exact(n.max(1))).filter(|(w, _)| **w != 0.0) {
             out.iter_mut().zip(x).for_each(|(o, x)| *o += weight * x);
         }
@@ -340,7 +335,7 @@ impl Scheme for Lapped {
     }
 
     fn encode(&self, channels: &Channels, clip: &Clip) -> Result<Encoded> {
-        check_places(clip)?;
+        check_positions(clip)?;
         let mut clipped = 0;
         let numbers = self.quantise(channels, clip, &mut clipped);
         let (mut words, mut word) = (Words::new(), Vec::new());
@@ -389,7 +384,7 @@ impl Scheme for Lapped {
     }
 
     fn fitted_numbers(&self) -> u64 {
-        // thresholds and the matrix forward are the encoder's alone
+        // thresholds and the forward matrix are used only by the encoder
         (self.mean.len() + self.inverse.len() + 1 + self.order.len()) as u64
     }
 

@@ -1,13 +1,11 @@
-//! Where the body stands and faces, in closed loop.
+//! Ground position and turn of the root, in closed loop.
 //!
-//! What goes through the transform is the velocity on the ground, as a vector of the plane, and the rate of the turn. All
-//! waves but that of coefficient 0 add up to nothing over time, so coefficient 0 alone says how far a hop leads, and the
-//! encoder adds to it what all hops before lack: nothing is lost on the way, and between two hops the body moves along a
-//! smooth wave, not along corners.
+//! The transform is applied to the ground velocity and the rate of turn. All basis functions but that of coefficient 0 sum to
+//! zero over time, so coefficient 0 alone determines the displacement of a hop. The encoder adds the errors of earlier hops to
+//! it: errors don't accumulate, and the path is smooth between hops.
 //!
-//! A hop's velocities are turned into the heading of that hop, all of them by one angle: that of its middle as the
-//! coefficients 0 of the turn up to it say or, where there is no turn, that of the pelvis's mean rotation in it. So a
-//! change of the turn turns all that follows by a constant.
+//! A hop's velocities are rotated by its heading: that of its middle, from the turn's coefficients 0 so far, or without a turn
+//! that of the pelvis's mean rotation in the hop. So changing the turn rotates all later motion by a constant.
 
 use super::{Lapped, Layout, Transform, lifted, limited};
 use crate::channel::Channels;
@@ -16,14 +14,14 @@ use kinelm_motion::rotation::{exp_map, heading};
 use kinelm_motion::{Clip, Vec3};
 use std::f64::consts::TAU;
 
-/// The root's part of a scheme.
+/// Encodes and decodes the root.
 pub(super) struct Root<'a> {
     scheme: &'a Lapped,
     layout: Layout,
     /// Whether the pelvis's rotation vector is the first of the open channels.
     vector: bool,
     transform: Transform,
-    /// (N) steps by frequency, metres: of coefficient 0 as the hop's whole way, of others as the coefficient.
+    /// (N) quantisation steps by frequency, metres: for coefficient 0 of the hop's displacement, else of the coefficient.
     steps: Vec<f64>,
 }
 
@@ -35,17 +33,17 @@ impl<'a> Root<'a> {
         let layout = Layout::new(&scheme.config, channels);
         let step = scheme.config.step();
         let transform = Transform::of_differences(layout.hop);
-        let steps = reaches(layout.hop).into_iter().map(|reach| step / reach).collect();
+        let steps = displacement_norms(layout.hop).into_iter().map(|reach| step / reach).collect();
         let vector = channels.joints().first() == Some(&0) && !layout.turn;
         Root { scheme, layout, vector, transform, steps }
     }
 
-    /// The step of a way on the ground, metres: of the sum of all hops' no direction is further off than half of it.
-    pub(super) fn way_step(&self) -> f64 {
+    /// The quantisation step of a displacement, metres: the position's error is at most half of it in each direction.
+    pub(super) fn displacement_step(&self) -> f64 {
         self.steps[0]
     }
 
-    /// Velocities of a tile that coefficient 0 sums up: the first has one fewer.
+    /// Velocities in a tile's coefficient 0; the first tile has one fewer.
     fn length(&self, tile: usize) -> f64 {
         (self.layout.hop - usize::from(tile == 0)) as f64
     }
@@ -56,19 +54,19 @@ impl<'a> Root<'a> {
         let (turn, [x, z]) = self.layout.closed();
         if self.layout.turn {
             let turns = turns(clip);
-            let step = self.way_step() / self.scheme.turn_arm;
+            let step = self.displacement_step() / self.scheme.turn_arm;
             let facing = limited((turns[0] / step).round(), clipped);
             numbers[self.layout.facing()] = facing;
-            let mut missing = turns[0] - f64::from(facing) * step;
+            let mut residual = turns[0] - f64::from(facing) * step;
             let rates = self.coefficients(&turns, n);
             for (k, tile) in numbers.chunks_exact_mut(self.layout.numbers()).enumerate() {
                 let rates = &rates[k * self.layout.hop..];
                 self.waves(tile, turn, |f| rates[f] * self.scheme.turn_arm, clipped);
                 if self.length(k) > 0.0 {
-                    missing += rates[0] * self.length(k).sqrt();
-                    let number = limited((missing / step).round(), clipped);
+                    residual += rates[0] * self.length(k).sqrt();
+                    let number = limited((residual / step).round(), clipped);
                     tile[self.layout.at(0, turn)] = number;
-                    missing -= f64::from(number) * step;
+                    residual -= f64::from(number) * step;
                 }
             }
         }
@@ -76,25 +74,26 @@ impl<'a> Root<'a> {
         let vx = self.coefficients(&places(|p| p.x), n);
         let vz = self.coefficients(&places(|p| p.z), n);
         let headings = self.headings(numbers);
-        let mut missing = (0.0, 0.0);
+        let mut residual = (0.0, 0.0);
         for (k, tile) in numbers.chunks_exact_mut(self.layout.numbers()).enumerate() {
             let at = |f: usize| (vx[k * self.layout.hop + f], vz[k * self.layout.hop + f]);
             self.waves(tile, x, |f| turned(at(f), -headings[k]).0, clipped);
             self.waves(tile, z, |f| turned(at(f), -headings[k]).1, clipped);
             if self.length(k) > 0.0 {
                 let length = self.length(k).sqrt();
-                missing = (missing.0 + at(0).0 * length, missing.1 + at(0).1 * length);
-                let way = turned(missing, -headings[k]);
-                let coded = [way.0, way.1].map(|w| limited((w / self.way_step()).round(), clipped));
+                residual = (residual.0 + at(0).0 * length, residual.1 + at(0).1 * length);
+                let displacement = turned(residual, -headings[k]);
+                let coded =
+                    [displacement.0, displacement.1].map(|w| limited((w / self.displacement_step()).round(), clipped));
                 (tile[self.layout.at(0, x)], tile[self.layout.at(0, z)]) = (coded[0], coded[1]);
-                let way = coded.map(|c| f64::from(c) * self.way_step());
-                let way = turned((way[0], way[1]), headings[k]);
-                missing = (missing.0 - way.0, missing.1 - way.1);
+                let displacement = coded.map(|c| f64::from(c) * self.displacement_step());
+                let displacement = turned((displacement[0], displacement[1]), headings[k]);
+                residual = (residual.0 - displacement.0, residual.1 - displacement.1);
             }
         }
     }
 
-    /// Coefficients (n) of the differences of a series, which stands still after its end.
+    /// Coefficients (n) of the differences of a series, which is constant after its end.
     fn coefficients(&self, series: &[f64], n: usize) -> Vec<f64> {
         let mut rates = vec![0.0; n];
         for t in 1..series.len() {
@@ -112,7 +111,7 @@ impl<'a> Root<'a> {
         }
     }
 
-    /// The turn (n; empty where there is none) and the places on the ground (n) that numbers decode to.
+    /// The decoded turn (n; empty without one) and ground positions (n).
     pub(super) fn decode(&self, numbers: &[i32]) -> (Vec<f64>, Vec<Ground>) {
         let (turn, [x, z]) = self.layout.closed();
         let tiles = || numbers.chunks_exact(self.layout.numbers()).enumerate();
@@ -144,12 +143,12 @@ impl<'a> Root<'a> {
         let number = tile[self.layout.at(frequency, series)];
         match frequency {
             0 if self.length(k) == 0.0 => 0.0,
-            0 => f64::from(number) * self.way_step() / self.length(k).sqrt(),
+            0 => f64::from(number) * self.displacement_step() / self.length(k).sqrt(),
             f => lifted(number) * self.steps[f],
         }
     }
 
-    /// The series of coefficients of its differences, with a jump at the first frame of each tile.
+    /// The series with these coefficients of its differences, plus a jump at the first frame of each tile.
     fn added_up(&self, mut rates: Vec<f64>, jump: impl Fn(usize) -> f64) -> Vec<f64> {
         self.transform.inverse(&mut rates, &mut vec![0.0; self.transform.scratch_len()]);
         let mut sum = 0.0;
@@ -163,9 +162,9 @@ impl<'a> Root<'a> {
         rates
     }
 
-    /// What a tile's first frame turns at once, radians.
+    /// The jump of the turn at a tile's first frame, radians.
     fn facing(&self, tile: &[i32]) -> f64 {
-        f64::from(tile[self.layout.facing()]) * self.way_step() / self.scheme.turn_arm
+        f64::from(tile[self.layout.facing()]) * self.displacement_step() / self.scheme.turn_arm
     }
 
     /// The heading of each tile's middle, radians.
@@ -177,15 +176,15 @@ impl<'a> Root<'a> {
         let (turn, _) = self.layout.closed();
         let mut now = 0.0;
         let heading = |(k, tile): (usize, &[i32])| {
-            let way = if self.length(k) > 0.0 { f64::from(tile[self.layout.at(0, turn)]) } else { 0.0 };
-            let way = way * self.way_step() / self.scheme.turn_arm;
-            now += self.facing(tile) + way;
-            now - 0.5 * way
+            let turn = if self.length(k) > 0.0 { f64::from(tile[self.layout.at(0, turn)]) } else { 0.0 };
+            let turn = turn * self.displacement_step() / self.scheme.turn_arm;
+            now += self.facing(tile) + turn;
+            now - 0.5 * turn
         };
         tiles.enumerate().map(heading).collect()
     }
 
-    /// The heading of the pelvis's mean rotation vector in a tile, as its coefficients 0 say; 0 where it points straight up.
+    /// The heading of the pelvis's mean rotation vector in a tile, from its coefficients 0; 0 when it points straight up.
     fn mean_heading(&self, tile: &[i32]) -> f64 {
         let s = self.scheme;
         let scale = s.config.step() / (self.layout.hop as f64).sqrt();
@@ -204,7 +203,7 @@ fn turned((x, z): Ground, turn: f64) -> Ground {
     (x * c + z * s, z * c - x * s)
 }
 
-/// The pelvis's turn in every frame, continuous; upside down that of the frame before.
+/// The pelvis's continuous turn in every frame; upside down that of the previous frame.
 fn turns(clip: &Clip) -> Vec<f64> {
     let mut now = 0.0;
     let turn = |f| {
@@ -217,9 +216,9 @@ fn turns(clip: &Clip) -> Vec<f64> {
     (0..clip.frames()).map(turn).collect()
 }
 
-/// How far a coefficient's wave of velocity carries, by frequency: the length of its sum over time. A unit of coefficient 0
-/// as a way stays for the whole hop.
-fn reaches(hop: usize) -> Vec<f64> {
+/// The norm of the displacement caused by a unit of each velocity coefficient, by frequency. A displacement by coefficient 0
+/// lasts for the whole hop.
+fn displacement_norms(hop: usize) -> Vec<f64> {
     let transform = Transform::new(hop);
     let mut scratch = vec![0.0; transform.scratch_len()];
     let wave = |f: usize| {
@@ -233,9 +232,9 @@ fn reaches(hop: usize) -> Vec<f64> {
         });
         squares.sum::<f64>().sqrt()
     };
-    let mut reaches: Vec<f64> = (0..hop).map(wave).collect();
-    reaches[0] = (hop as f64).sqrt();
-    reaches
+    let mut displacement_norms: Vec<f64> = (0..hop).map(wave).collect();
+    displacement_norms[0] = (hop as f64).sqrt();
+    displacement_norms
 }
 
 #[cfg(test)]
@@ -243,10 +242,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slow_waves_carry_further() {
-        assert_eq!(reaches(1), [1.0]);
+    fn low_frequencies_move_further() {
+        assert_eq!(displacement_norms(1), [1.0]);
         for hop in [2, 9, 30] {
-            let r = reaches(hop);
+            let r = displacement_norms(hop);
             assert!((r[0] - (hop as f64).sqrt()).abs() < 1e-12);
             // fast ones by one quarter of a tile more or less, as their sign falls
             assert!((1..hop).all(|f| (f + 2..hop).all(|g| r[f] > 0.98 * r[g])), "{r:?}");

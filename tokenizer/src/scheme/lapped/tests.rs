@@ -96,7 +96,12 @@ fn errors_on_the_ground_never_add_up() {
         let start = clip.root()[0] * Vec3::new(1.0, 0.0, 1.0);
         let off = |f: usize| (clip.root()[f] - start - back.root()[f]).length();
         let mean = |range: std::ops::Range<usize>| range.clone().map(off).sum::<f64>() / range.len() as f64;
-        assert!(mean(1800..2000) < 1.5 * mean(0..200) + root.way_step(), "{} {}", mean(0..200), mean(1800..2000));
+        assert!(
+            mean(1800..2000) < 1.5 * mean(0..200) + root.displacement_step(),
+            "{} {}",
+            mean(0..200),
+            mean(1800..2000)
+        );
         // half a step of the way in each direction, and what the waves of the hops around leave
         assert!((0..2000).all(|f| off(f) < 0.05), "{:?}", (0..2000).map(off).fold(0.0, f64::max));
     }
@@ -172,7 +177,7 @@ fn words_do_not_depend_on_where_one_faces() {
     };
     let t = fit(&clips(), RootRotation::HeadingDelta, hop(20));
     // by whole steps of the facing, so that it is told exactly
-    let step = root::Root::new(lapped(&t), t.channels()).way_step() / lapped(&t).turn_arm;
+    let step = root::Root::new(lapped(&t), t.channels()).displacement_step() / lapped(&t).turn_arm;
     let (a, b) = (t.encode(&clip).unwrap().words, t.encode(&turned(40.0 * step)).unwrap().words);
     assert_ne!(a.word(0), b.word(0));
     assert_eq!(a.slice(1..5), b.slice(1..5));

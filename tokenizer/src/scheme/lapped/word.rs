@@ -1,15 +1,15 @@
 //! Numbers of any size as characters, in an order fitted to them.
 //!
-//! Codes `0..2 L` are the numbers 1, -1, 2, -2 .. -L. The [`DIGITS`] codes behind them say that the next number is larger by
-//! so many times L, on the side of its sign; several are digits of one such count. The last codes are runs of zeros.
+//! Codes `0..2 L` are the numbers 1, -1, 2, -2 .. -L. The next [`DIGITS`] codes are digits: they add a multiple of L to the
+//! magnitude of the following number. The last codes are runs of zeros.
 
 use super::LARGEST;
 use crate::scheme::runs::{Part, Runs};
 
-/// Codes that make the next number larger by 1 to 16 times L.
+/// Digits, for 1 to 16 times L.
 const DIGITS: u32 = 16;
 
-/// How a word is written.
+/// Writes and reads the numbers of a word.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Writing<'a> {
     levels: i32,
@@ -26,12 +26,12 @@ impl<'a> Writing<'a> {
         self.runs.symbols()
     }
 
-    /// Characters of the largest number.
+    /// The most characters of a number.
     pub(super) fn most_characters(&self) -> usize {
         1 + self.digits((LARGEST - 1) / self.levels).count()
     }
 
-    /// A count of L's in digits of 1 to 16, the highest first.
+    /// A multiple of L in digits of 1 to 16, the highest first.
     fn digits(&self, mut count: i32) -> impl Iterator<Item = u16> + use<> {
         let (mut digits, mut n) = ([0; 8], 0);
         while count > 0 {
@@ -43,7 +43,7 @@ impl<'a> Writing<'a> {
         (0..n).rev().map(move |i| digits[i])
     }
 
-    /// Appends a word of numbers.
+    /// Appends numbers to a word.
     pub(super) fn write(&self, numbers: &[i32], word: &mut Vec<u16>) {
         let mut writer = self.runs.writer(word);
         for &at in self.order {
@@ -58,7 +58,7 @@ impl<'a> Writing<'a> {
         }
     }
 
-    /// The numbers of any word: what it lacks are zeros, what is too much is left out, digits without a number too.
+    /// The numbers of any word: missing ones are zeros; excess ones, and digits without a number, are dropped.
     pub(super) fn read(&self, word: &[u16], numbers: &mut [i32]) {
         numbers.fill(0);
         let (mut place, mut count) = (0, 0);

@@ -13,39 +13,39 @@ use std::path::PathBuf;
 pub enum Command {
     /// Train class tokens on a run, together with its language model
     Train(TrainArgs),
-    /// How often a classifier is right, with intervals, beside plain ones that learned from the same clips
+    /// Measure accuracy with confidence intervals, and simple classifiers trained on the same clips
     Eval(EvalArgs),
-    /// Name motion files, and say which second speaks for what
+    /// Classify motion files, second by second too
     Predict(PredictArgs),
 }
 
 #[derive(Debug, clap::Args)]
 pub struct TrainArgs {
-    /// The run to go on from (its best checkpoint), or a folder that `kinelm export` or transformers wrote
+    /// The run to start from (its best checkpoint), or a folder that `kinelm export` or transformers wrote
     #[arg(long, value_name = "RUN|DIR")]
     run: PathBuf,
     /// The labelled corpus, of the run's tokenizer
     #[arg(long, value_name = "CORPUS")]
     corpus: PathBuf,
-    /// The label fields to tell, such as genre,dancer
+    /// Label fields to classify, such as genre,dancer
     #[arg(long, value_name = "LIST", value_delimiter = ',', required = true, value_parser = clap::builder::NonEmptyStringValueParser::new())]
     fields: Vec<String>,
-    /// Where the classifier goes: a new folder, which is there when it is done
+    /// The folder of the classifier, created when training is done
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Look only at clips with this label; may be given again
+    /// Use only clips with this label; may be repeated
     #[arg(long, value_name = "FIELD=VALUE")]
     only: Vec<Only>,
-    /// The run's shape with weights that are drawn, instead of its own
+    /// Start from random weights of the run's shape, instead of its own
     #[arg(long)]
     scratch: bool,
-    /// Learn from this share of the labelled training clips, of each class of the first field at least one
+    /// Train on this fraction of the labelled clips, at least one of each class of the first field
     #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
     share: f64,
-    /// A class token sees those before it, as the thesis's does
+    /// Let a class token attend to earlier ones, as the thesis's does
     #[arg(long)]
     compat: bool,
-    /// Classes count by how frequent they are, instead of all alike
+    /// Weight classes by their frequency instead of equally
     #[arg(long)]
     unbalanced: bool,
     /// Updates
@@ -54,25 +54,25 @@ pub struct TrainArgs {
     /// Windows of an update
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..))]
     batch: u16,
-    /// The learning rate of what the run has learnt
+    /// Learning rate of the run's weights
     #[arg(long, value_name = "RATE", default_value_t = 2e-5, value_parser = super::read::positive)]
     rate: f64,
-    /// That of the heads and class tokens, which begin with nothing
+    /// Learning rate of the heads and class tokens, which start at zero
     #[arg(long, value_name = "RATE", default_value_t = 1e-3, value_parser = super::read::positive)]
     head_rate: f64,
-    /// Updates between measurements on the validation clips
+    /// Updates between validations
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..))]
     eval_every: u64,
-    /// Validation windows of a measurement at most, spread evenly; 0: all
+    /// Windows of a validation at most, spread evenly; 0: all
     #[arg(long, value_name = "N", default_value_t = 512)]
     eval_windows: usize,
-    /// Measurements without a better one after which it ends; 0: never
+    /// Stop after this many validations without improvement; 0: never
     #[arg(long, value_name = "N", default_value_t = 5)]
     patience: u64,
-    /// The seed of all that is drawn
+    /// Random seed
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Go on with a training that was stopped or killed, asked for by the same call
+    /// Resume a training that was stopped or killed; all other options as at its start
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
@@ -81,27 +81,27 @@ pub struct TrainArgs {
 
 #[derive(Debug, clap::Args)]
 pub struct EvalArgs {
-    /// What `kinelm classify train` wrote
+    /// The folder of `kinelm classify train`
     #[arg(long, value_name = "DIR")]
     classifier: PathBuf,
-    /// The corpus; its train clips are those that it learned from
+    /// The corpus; its train clips are those of the training
     #[arg(long, value_name = "CORPUS")]
     corpus: PathBuf,
-    /// The split that is measured
+    /// The split to measure
     #[arg(long, value_name = "train|valid|test", default_value = "test")]
     split: Split,
-    /// Plain classifiers too: majority class, length and first pose, nearest spectra, LDA
+    /// Also measure simple classifiers: majority class, length and first pose, nearest spectra, LDA
     #[arg(long)]
     baselines: bool,
-    /// With --baselines: LDA on the vectors of this run too
+    /// With --baselines: also LDA on this run's embeddings
     #[arg(long, value_name = "RUN|DIR", requires = "baselines")]
     run: Option<PathBuf>,
-    /// Draw the confusion of the clips too
+    /// Also plot the confusion matrix of the clips
     #[arg(long, value_name = "FILE.png|FILE.svg")]
     plot: Option<PathBuf>,
     #[command(flatten)]
     force: ForceArgs,
-    /// One JSON object instead of tables
+    /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -110,13 +110,14 @@ pub struct EvalArgs {
 
 #[derive(Debug, clap::Args)]
 pub struct PredictArgs {
-    /// What `kinelm classify train` wrote
+    /// The folder of `kinelm classify train`
     #[arg(long, value_name = "DIR")]
     classifier: PathBuf,
-    /// Motion files of any rig; one that the classifier's corpus has is read as it was read for that, unless told
+    /// Motion files of any rig; one in the classifier's corpus is read as it was for that, unless the call says
+    /// otherwise
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
-    /// A JSON object a file instead of text
+    /// Print a JSON object per file instead of text
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -210,7 +211,7 @@ fn named(args: &PredictArgs, say: Say) -> Result<()> {
     let mut classifier = Classifier::load(&args.classifier)?;
     let corpus = std::slice::from_ref(&classifier.about.corpus);
     let (options, odd) = (args.read.of_files_known(&args.files, RestFrame::Drop, corpus, say), Odd::new(say));
-    super::each_file(&args.files, "files could not be named", say, |i, file| {
+    super::each_file(&args.files, say, |i, file| {
         let (motion, found) = classifier.predict(file, &options[i])?;
         odd.warn(&motion);
         if args.json {
@@ -218,5 +219,6 @@ fn named(args: &PredictArgs, say: Say) -> Result<()> {
         }
         let fields: String = found.fields.iter().map(ToString::to_string).collect();
         print(&format!("{} ({:.1} s)\n{fields}", file.display(), found.seconds))
-    })
+    })?;
+    Ok(())
 }

@@ -12,10 +12,10 @@ use std::path::PathBuf;
 pub struct Args {
     #[command(flatten)]
     data: DataArgs,
-    /// Where the ranges go: a CSV (clip, from_s, to_s, why) that `tokenize --leave-out` takes
+    /// Where the ranges go, as a CSV (clip, from_s, to_s, why)
     #[arg(long, value_name = "FILE.csv")]
     out: PathBuf,
-    /// The tokenizer whose rate and joints clips are looked at with; if not given, 20 frames a second and 18 joints
+    /// The tokenizer whose rate and joints are used [default: 20 frames per second, 18 joints]
     #[arg(long, value_name = "FILE")]
     tokenizer: Option<PathBuf>,
     #[command(flatten)]

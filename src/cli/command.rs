@@ -10,81 +10,82 @@ use clap::Parser;
 pub struct Call {
     #[command(subcommand)]
     pub command: Command,
-    /// Threads to use; all cores if not given
+    /// Threads to use [default: all cores]
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Say only what went wrong, and nothing of how far a wait is
+    /// Print errors only: no progress, no notes
     #[arg(long, short, global = true)]
     pub quiet: bool,
 }
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// What motion files hold, and what looks wrong in them
+    /// Report what motion files contain and what looks wrong in them
     Inspect(inspect::Args),
-    /// From one motion format, rate or rig to another, by the extensions: .bvh .npz .pkl .json in, .bvh .npz .json out
+    /// Convert motion files to another format, rate or rig, by their extensions: .bvh .npz .pkl .json in, .bvh .npz
+    /// .json .glb out
     Convert(convert::Args),
-    /// A self-contained page to watch clips on, side by side
+    /// Write a self-contained page that plays clips side by side
     View(view::Args),
-    /// Fit a tokenizer; clips to words and back
+    /// Fit a tokenizer; encode clips as words and decode words
     #[command(subcommand)]
     Tokenizer(tokenizer::Command),
-    /// Motion files to a corpus of tokens
+    /// Encode motion files as a corpus of tokens
     Tokenize(tokenize::Args),
-    /// What a corpus holds; pieces of one put together
+    /// Report, clean, merge and order corpora
     #[command(subcommand)]
     Corpus(corpus::Command),
-    /// The settings that are built in
+    /// Print built-in settings
     #[command(subcommand)]
     Config(config::Command),
     /// Train a model on a corpus
     Pretrain(pretrain::Args),
-    /// Training runs: which there are, and their curves
+    /// List training runs and plot their curves
     #[command(subcommand)]
     Runs(runs::Command),
-    /// Train on from another run's weights, with more labels if the clips have them
+    /// Fine-tune the model of another run, with more conditions if the clips have labels for them
     Finetune(finetune::Args),
-    /// A learning rate for a model: a few hundred steps at rates that grow until the loss blows up, as a plot
+    /// Find a learning rate: train for a few hundred steps at growing rates until the loss diverges, and plot it
     LrFind(lr_find::Args),
-    /// A new dance that follows chosen joints of a clip
+    /// Generate dances, from nothing or from parts of a clip
     Generate(Box<generate::Args>),
-    /// Timelines of several clips, for generate timeline
+    /// Check timelines of several clips, the input of generate timeline
     #[command(subcommand)]
     Timeline(timeline::Command),
-    /// Name dancer, genre or any other label of a dance
+    /// Name the dancer, the genre or another label of a dance
     #[command(subcommand)]
     Classify(classify::Command),
-    /// A trained model as a folder that other programs read
+    /// Write a trained model as a folder for other programs
     Export(export::Args),
-    /// Such a folder as a run
+    /// Make a run of such a folder
     Import(import::Args),
-    /// A dance drawn towards another: its rotations moved until their spectrum lies between
+    /// Blend two dances: move the rotations of one until its spectrum lies between both
     Interpolate(interpolate::Args),
-    /// Clips without their fast movements
+    /// Remove fast movements from clips
     Filter(filter::Args),
-    /// Clips as they are seen in a mirror, left for right
+    /// Mirror clips, left for right
     Mirror(mirror::Args),
-    /// Pictures of a clip's spectra
+    /// Plot the spectra of a clip
     Spectrum(spectrum::Args),
-    /// Music: what a file holds, and its beats
+    /// Inspect music files, find their beats, render a piece
     #[command(subcommand)]
     Music(music::Command),
-    /// Measures
+    /// Measure corpora, models and dances
     #[command(subcommand)]
     Evaluate(evaluate::Command),
-    /// Search in a collection of dances: what else moves like this
+    /// Search a collection of dances for similar movement
     #[command(subcommand)]
     Query(query::Command),
-    /// The auto-conditioned LSTM, a baseline beside the GPT
+    /// The auto-conditioned LSTM, a baseline for the GPT
     #[command(subcommand)]
     Aclstm(aclstm::Command),
-    /// The music-to-dance dissertation's system, a baseline beside the GPT
+    /// The music-to-dance LSTM, a baseline for the GPT
     #[command(subcommand)]
     MusicLstm(music_lstm::Command),
-    /// How fast this machine does what the program does
+    /// Measure how fast this machine does what the program does
     #[command(subcommand)]
     Bench(bench::Command),
-    /// The whole way on made-up dances: no data, no network, three minutes
+    /// Run the whole pipeline on synthetic dances: no data, no network, three minutes
     Demo(demo::Args),
 }
 

@@ -6,11 +6,11 @@ use anyhow::Result;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Print settings that are built in, to begin a file of your own with: kinelm config show tiny > my.toml
+    /// Print built-in settings, to start a file of your own from: kinelm config show tiny > my.toml
     #[command(after_help = after_help())]
     Show {
-        /// A name that --config takes; of the same name in several commands, the training file's unless its kind stands in
-        /// front: music-lstm/small
+        /// A name that --config takes. Where several commands have settings of that name, the training file is printed;
+        /// prefix the kind for others: music-lstm/small
         name: String,
     },
 }

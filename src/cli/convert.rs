@@ -14,35 +14,35 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Motion files (.bvh .npz .pkl .json), or folders of them; then the file to write (.bvh .npz .json .glb), or for several
-    /// the folder, in which paths below a folder are kept. An .npz is AMASS SMPL+H; a .glb has a body and takes several
-    /// clips, which play together
+    /// Motion files (.bvh .npz .pkl .json) or folders of them, then the file to write (.bvh .npz .json .glb), or for
+    /// several a folder, where paths below a folder are kept. An .npz is AMASS SMPL+H; a .glb has a body and can hold
+    /// several clips, which play together
     #[arg(required = true, value_names = ["IN", "OUT"])]
     paths: Vec<PathBuf>,
-    /// What is written into a folder; if not given, each file's own format, .npz for a .pkl and .bvh for an .fbx
+    /// The format of files in a folder [default: each file's own; .npz for .pkl, .bvh for .fbx]
     #[arg(long, value_parser = ["bvh", "npz", "json", "glb"])]
     format: Option<String>,
-    /// Frames per second wanted
+    /// Frames per second to resample to
     #[arg(long, value_parser = super::read::rate)]
     fps: Option<f64>,
-    /// The rig wanted: smpl, a body model (SMPL_*.npz), or a motion file whose rig is meant
+    /// The rig to retarget to: smpl, a body model (SMPL_*.npz), or a motion file with the rig
     #[arg(long, value_name = "NAME|FILE")]
     skeleton: Option<String>,
-    /// Joints that go on moving, on the SMPL body: 13, 18, 24, or a list of groups, names (SMPL's or the file's own) and ids; the
-    /// others stand at rest
+    /// Joints that keep moving, on the SMPL body: 13, 18, 24, or a list of groups, names (SMPL's or the file's) and
+    /// ids; the others hold the rest pose
     #[arg(long, value_name = "LIST")]
     joints: Option<String>,
-    /// Begin here: 2.5s, 2.5 or 40f (frames of the file); with a - in front, from the end
+    /// Start here: 2.5s, 2.5 or 40f (frames of the file); negative counts from the end
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     from: Option<Moment>,
-    /// End before this
+    /// End before this time
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     to: Option<Moment>,
-    /// The unit of a BVH that is written; if not given, that of its own file, and centimetres for others
+    /// The unit of a BVH output [default: that of its own file, else cm]
     #[arg(long, value_name = "m|cm|mm|in", value_parser = metres)]
     write_unit: Option<f64>,
-    /// Write joint positions instead of AMASS: positions (F,N,3) in metres, joints, parents, fps; in the file's own order,
-    /// with all its position channels, unless rate, rig, joints or a piece is asked for
+    /// Write joint positions instead of AMASS: positions (F,N,3) in metres, joints, parents, fps; in the file's own
+    /// order with all its position channels, unless rate, rig, joints or a part is requested
     #[arg(long, conflicts_with = "write_unit")]
     positions: bool,
     #[command(flatten)]
@@ -74,7 +74,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let rig = wanted_rig(&args)?;
     let inputs: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let (options, odd) = (args.read.of_files(&inputs, RestFrame::Keep, say), Odd::new(say));
-    super::each_file(&inputs, "files could not be converted", say, |i, input| {
+    super::each_file(&inputs, say, |i, input| {
         let output = &pairs[i].output;
         let count = if pairs.len() > 1 { format!("{} of {}: ", i + 1, pairs.len()) } else { String::new() };
         let motion = format::read(input, &options[i])?;
@@ -99,7 +99,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         };
         say.line(format_args!("{count}{written}"));
         Ok(())
-    })
+    })?;
+    Ok(())
 }
 
 /// The GLB that several clips go into, and these.

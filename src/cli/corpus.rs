@@ -11,34 +11,34 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// What is in a corpus: clips, frames, hours, labels, splits, glitches, duplicates
+    /// Report what a corpus contains: clips, frames, hours, labels, splits, glitches, duplicates
     Stats {
         /// The corpus folder
         corpus: PathBuf,
-        /// One JSON object instead of text
+        /// Print one JSON object instead of text
         #[arg(long)]
         json: bool,
         #[command(flatten)]
         trust: TrustArgs,
     },
-    /// What corpora are better made without, of training clips: steps that no body makes, bodies in the floor, copies of other clips
+    /// Find ranges of train clips to exclude: impossible steps, bodies in the floor, copies of other clips
     Clean(super::clean::Args),
-    /// The windows that a training takes, in their order, for programs that train on the corpus themselves: which clip, from
-    /// which token, how many tokens, (steps, rows, 3) int64
+    /// Write the windows of a training in order, for other training programs: clip, first token and token count,
+    /// (steps, rows, 3) int64
     Order {
-        /// The corpus folder; several as `pretrain` takes them
+        /// A corpus folder; may be repeated, as for `pretrain`
         #[arg(long, value_name = "CORPUS[=WEIGHT]")]
         corpus: Vec<CorpusPart>,
-        /// The training settings: a name that `pretrain --config` knows, or a TOML
+        /// Training settings: a name that `pretrain --config` takes, or a TOML file
         #[arg(long, value_name = "NAME|FILE")]
         config: PathBuf,
-        /// Steps; those of the file if not given
+        /// Steps [default: the file's]
         #[arg(long, value_name = "N")]
         steps: Option<u64>,
-        /// The seed, over the file's
+        /// Random seed; overrides the file
         #[arg(long, value_name = "N")]
         seed: Option<u64>,
-        /// Where they go: an archive FILE.npz, or a folder that gets windows.npy
+        /// Where the windows go: an archive FILE.npz, or a folder for windows.npy
         #[arg(long, value_name = "FILE.npz|DIR")]
         out: PathBuf,
         #[command(flatten)]
@@ -46,15 +46,15 @@ pub enum Command {
         #[command(flatten)]
         trust: TrustArgs,
     },
-    /// Put the pieces of `tokenize --shard` together
+    /// Merge the shards of `tokenize --shard`
     Merge {
-        /// The pieces, in any order
+        /// The shards, in any order
         #[arg(required = true)]
         shards: Vec<PathBuf>,
-        /// Where the whole corpus goes
+        /// The corpus folder to write
         #[arg(long, value_name = "CORPUS")]
         out: PathBuf,
-        /// Replace the files of a corpus that stands at --out
+        /// Overwrite the files of a corpus in --out
         #[arg(long)]
         force: bool,
     },

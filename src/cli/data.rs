@@ -10,14 +10,15 @@ use std::path::PathBuf;
 /// DATA and its labels.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DataArgs {
-    /// Folders of motion files, or files
+    /// Motion files or folders of them
     #[arg(required = true, value_name = "DATA")]
     data: Vec<PathBuf>,
-    /// Labels of the DATA in the same place of the call: a CSV (clip, split, take, fps, skip, floor, music_from are reserved,
-    /// other columns are labels; fps, skip and floor overrule the flags) or a pattern such as '{genre}/{take}.bvh'; known names are tried by themselves
+    /// Labels of the DATA in the same position: a CSV (clip, split, take, fps, skip, floor and music_from are reserved
+    /// columns, others are labels; fps, skip and floor override the flags) or a pattern such as '{genre}/{take}.bvh'
+    /// [default: the naming patterns of known data sets]
     #[arg(long, value_name = "FILE.csv|PATTERN")]
     labels: Vec<String>,
-    /// Fail if any file is bad, instead of naming it and going on
+    /// Fail if any file is bad, instead of reporting it and going on
     #[arg(long)]
     pub strict: bool,
 }

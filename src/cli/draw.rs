@@ -4,31 +4,31 @@ use super::read::positive;
 use crate::generate::sampling::Sampling;
 use anyhow::Result;
 
-/// How the next token is drawn: the penalty first, then temperature, top-k, top-p, min-p, in this order.
+/// How tokens are sampled: the penalty first, then temperature, top-k, top-p, min-p.
 #[derive(Debug, Clone, Copy, clap::Args)]
 #[command(next_help_heading = "Drawing")]
 pub struct DrawArgs {
-    /// Always the likeliest token, instead of drawing by probability
+    /// Take the most likely token instead of sampling
     #[arg(long, conflicts_with_all = ["temperature", "top_k", "top_p", "min_p"])]
     greedy: bool,
-    /// Below 1 bolder in what is likely, above 1 in what is not
+    /// Sampling temperature: below 1 favours likely tokens, above 1 unlikely ones
     #[arg(long, default_value_t = 1.0, value_parser = positive)]
     temperature: f64,
-    /// Draw from the N likeliest tokens only
+    /// Sample from the N most likely tokens only
     #[arg(long, value_name = "N")]
     top_k: Option<usize>,
-    /// Draw from the fewest likeliest tokens only that have the probability P together; 1 cuts nothing. 0.95 where no
-    /// other option cuts: rare tokens, drawn again and again, make a body fly apart. `generate` takes 0.8 where joints
-    /// are given behind free ones from end to end (an arm, not the root alone)
+    /// Sample from the smallest set of most likely tokens whose probability reaches P; 1 truncates nothing [default:
+    /// 0.95 without other truncation; 0.8 in generate where joints are given after free ones throughout, such as an arm
+    /// but not the root alone]
     #[arg(long, value_name = "P")]
     top_p: Option<f64>,
-    /// Draw from the tokens only that are at least P times as likely as the likeliest
+    /// Sample only from tokens at least P times as likely as the most likely one
     #[arg(long, value_name = "P")]
     min_p: Option<f64>,
-    /// Divide the probability of what stood at the same place of a word a short while ago: above 1 against freezing
+    /// Divide the probability of tokens that recently stood in the same slot of a word; above 1 works against freezing
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = positive)]
     repetition_penalty: f64,
-    /// Words that the penalty looks back: frames, where a word is a frame
+    /// Words that the penalty looks back (frames, where a word is a frame)
     #[arg(long, value_name = "N", default_value_t = Sampling::default().repetition_words)]
     repetition_words: usize,
 }

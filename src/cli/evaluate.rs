@@ -17,13 +17,13 @@ use std::path::{Path, PathBuf};
 pub enum Command {
     /// Bits a frame of static models, fitted on train and measured on test: what any model has to get below
     ChannelFloors(BaselinesArgs),
-    /// Bits a frame of a trained model, with the static floors of the same tokens beside it
+    /// Bits per frame of a trained model, next to the static floors of the same tokens
     Likelihood(likelihood::Args),
-    /// Whether dances freeze, repeat themselves, answer to their prompts, copy, with real ones beside them
+    /// Whether dances freeze, repeat themselves, respond to their prompts or copy, compared with real ones
     Dance(dance::Args),
-    /// How well a model fills gaps, with straight ways through them beside it
+    /// How well a model fills gaps, compared with linear interpolation
     Gaps(gaps::Args),
-    /// What a model foretells of the next 400 ms, with standing still and going on beside it
+    /// How well a model predicts the next 400 ms, compared with zero and constant velocity
     Prediction(prediction::Args),
 }
 
@@ -38,10 +38,10 @@ pub struct BaselinesArgs {
     /// Bins of the codes in --tokens
     #[arg(long, default_value_t = 360, value_parser = clap::value_parser!(u32).range(2..=65_536))]
     bins: u32,
-    /// The split that is measured
+    /// The split to measure
     #[arg(long, default_value = "test", value_name = "train|valid|test")]
     split: Split,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -53,10 +53,10 @@ pub struct BaselinesArgs {
 /// The static models beside what is measured.
 #[derive(Debug, clap::Args)]
 pub struct FloorsArgs {
-    /// On how many frames of each split static models and xz are fitted and measured
+    /// How many frames of each split static models and xz are fitted and measured on
     #[arg(long, value_enum, default_value = "sample")]
     floors: FloorsArg,
-    /// Fit the static models on the train clips of this corpus, of the same tokenizer, instead of those of --corpus
+    /// Fit the static models on the train clips of this corpus, which has the same tokenizer, instead of --corpus
     #[arg(long, value_name = "CORPUS")]
     floors_from: Option<PathBuf>,
 }
@@ -66,7 +66,7 @@ pub struct FloorsArgs {
 enum FloorsArg {
     /// None: no static models, no xz
     None,
-    /// All, or about 200,000 in stretches where there are more
+    /// All, or a sample of about 200,000 where there are more
     Sample,
     /// All, in memory
     All,

@@ -8,13 +8,14 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The run folder; its best checkpoint is taken, or its latest where nothing was measured
+    /// The run folder; its best checkpoint is exported, or its latest where none was validated
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
-    /// Our own names and any model; or what `transformers` loads as GPT2LMHeadModel, if GPT-2 can express the model
+    /// kinelm: our own names, any model; hf: what `transformers` loads as GPT2LMHeadModel, for models that GPT-2 can
+    /// express
     #[arg(long, value_enum, default_value = "kinelm")]
     format: Format,
-    /// The folder to write, which must not be there
+    /// The folder to write, which must not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }

@@ -20,23 +20,24 @@ const LOST_SHARE: f64 = 1e-3;
 pub struct Args {
     #[command(flatten)]
     files: InOut,
-    /// The bands of a cosine transform that stay: low, up to 3.5 Hz; or middle, up to 7.3 Hz. Low, if nothing is given
+    /// The band of a cosine transform to keep: low, up to 3.5 Hz, or middle, up to 7.3 Hz [default: low]
     #[arg(long, value_enum, conflicts_with_all = ["cutoff", "keep"])]
     level: Option<Level>,
-    /// Movements faster than this go, Hz
+    /// Remove movements above this frequency, Hz
     #[arg(long, value_name = "HZ", value_parser = super::read::positive)]
     cutoff: Option<f64>,
-    /// Coefficients of the cosine transform over the whole clip that stay
+    /// Keep this many coefficients of the cosine transform over the whole clip
     #[arg(long, value_name = "K", conflicts_with = "cutoff", value_parser = super::read::count)]
     keep: Option<usize>,
-    /// A Butterworth filter of this order instead, forth and back, as scipy's butter and filtfilt
+    /// Use a zero-phase Butterworth filter of this order instead, as scipy's butter and filtfilt
     #[arg(long, value_name = "ORDER", requires = "cutoff", conflicts_with = "keep",
         value_parser = super::read::within(1..=butterworth::MAX_ORDER))]
     butterworth: Option<usize>,
-    /// Hold the feet that stand, and the body on its floor; without --level, --cutoff or --keep nothing else changes
+    /// Lock feet that are in contact with the floor, and keep the body on it; without --level, --cutoff or --keep
+    /// nothing else changes
     #[arg(long)]
     feet: bool,
-    /// One JSON object a clip
+    /// Print one JSON object per clip
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -63,7 +64,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let (options, odd) = (args.read.of_files(&clips, RestFrame::Drop, say), Odd::new(say));
     let each =
         |i: usize, clip: &Path| one((clip, &options[i]), &pairs[i].output, how.as_ref(), &args, (&outputs, &odd, say));
-    super::each_file(&clips, "clips could not be filtered", say, each)
+    super::each_file(&clips, say, each)?;
+    Ok(())
 }
 
 fn one(

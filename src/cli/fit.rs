@@ -26,38 +26,40 @@ pub struct Args {
 /// A file of settings, and flags that win over it. A key that the scheme doesn't have is refused by name.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SettingsArgs {
-    /// Settings of a tokenizer: uniform, thesis, quantile, dct-pca, lapped, or a TOML. Flags win over it
+    /// Settings: uniform, thesis, quantile, dct-pca, lapped, or a TOML file. The flags below override them
     #[arg(long, value_name = "NAME|FILE")]
     config: Option<PathBuf>,
-    /// Joints that are coded: 13, 18, 24, or a list of groups, names and ids [default: 18]
+    /// Joints to code: 13, 18, 24, or a list of groups, names and ids [default: 18]
     #[arg(long, value_name = "13|18|24|LIST")]
     joints: Option<String>,
     /// Frames per second of the words [default: 20]
     #[arg(long, value_parser = super::read::positive)]
     fps: Option<f64>,
-    /// The pelvis's rotation as it stands in the world, or its turn as steps and its tilt [default: heading_delta]
+    /// How the rotation of the root is coded: in the world, or its heading as steps and its tilt [default:
+    /// heading_delta]
     #[arg(long, value_parser = ["absolute", "heading_delta"])]
     root_rotation: Option<String>,
-    /// Byte-pair merges of characters that often stand side by side [default: 0]
+    /// Byte-pair merges of characters that often occur together [default: 0]
     #[arg(long)]
     merges: Option<u32>,
     /// How numbers become characters [default: uniform]
     #[arg(long, value_parser = ["uniform", "quantile", "dct", "lapped"])]
     scheme: Option<String>,
-    /// Bins a number [default: 360]
+    /// Bins per number [default: 360]
     #[arg(long)]
     bins: Option<u32>,
-    /// Uniform: bins centred on 0, or with an edge at 0 [default: centred]
+    /// Uniform scheme: whether a bin is centred on 0 or has an edge there [default: centred]
     #[arg(long, value_parser = ["centred", "edge"])]
     form: Option<String>,
-    /// Uniform: the root's translation as steps in the decoded heading, or as places in metres [default: velocity]
+    /// Uniform scheme: the translation of the root as steps relative to its heading, or as positions in metres
+    /// [default: velocity]
     #[arg(long, value_parser = ["velocity", "absolute"])]
     translation: Option<String>,
-    /// The root's height: above the clip's floor, as steps (not lapped), or in the world (uniform, lapped)
+    /// The height of the root: above the clip's floor, as steps (not lapped), or in the world (uniform, lapped)
     /// [default: floor]
     #[arg(long, value_parser = ["floor", "velocity", "absolute"])]
     height: Option<String>,
-    /// Any other key of the scheme, as in its file: tile=60, keep=0.1, joint_transform.type=pca (may be given again)
+    /// Any other key of the scheme, as in its file: tile=60, keep=0.1, joint_transform.type=pca; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
 }

@@ -10,7 +10,7 @@ pub struct Args {
     /// A folder that `kinelm export`, scripts/cluster or `transformers` wrote, with our tokenizer.json in it
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// The run folder to make, which must not be there
+    /// The run folder to create, which must not exist
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
 }

@@ -1,16 +1,15 @@
 //! `kinelm inspect`.
 
-use super::{Say, print, read::ReadArgs};
+use super::{Say, chain, each_file, motion_files, print, read::ReadArgs};
 use anyhow::Result;
 use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit, resolve_floor};
 use kinelm_motion::inspect::report;
 use kinelm_motion::{FaultKind, Motion, Warning};
-use kinelm_store::Kind;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Motion files (.bvh .npz .pkl .json)
+    /// Motion files (.bvh .npz .pkl .json), or folders of them
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// One JSON object a file and line instead of text
@@ -21,38 +20,33 @@ pub struct Args {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let options = args.read.of_files(&args.files, RestFrame::Keep, say);
-    let mut failed = 0;
-    for (file, options) in args.files.iter().zip(&options) {
-        match read(file, options) {
-            Ok(mut motion) => {
-                // a rig that no map knows has no feet to go by, which is said as its rig
-                let floor = resolve_floor(&mut motion, options).ok();
-                let report = report(&motion, floor);
-                print(&if args.json { report.json() + "\n" } else { report.text() })?;
-            }
-            // the one file's format says how the call is wrong
-            Err(e) if e.kind() == Kind::Call && args.files.len() == 1 && !args.json => return Err(e.into()),
-            Err(e) => {
-                failed += 1;
-                if args.json {
-                    let line = serde_json::json!({"schema": 1, "file": file, "error": e.to_string()});
-                    print(&format!("{line}\n"))?;
-                }
-                say.error(e);
-            }
+    let files = motion_files(&args.files)?;
+    let options = args.read.of_files(&files, RestFrame::Keep, say);
+    each_file(&files, say, |i, file| match read(file, &options[i]) {
+        Ok(mut motion) => {
+            // without a map for the rig there are no feet to find the floor by; the report names the rig as unknown
+            let floor = resolve_floor(&mut motion, &options[i]).ok();
+            let report = report(&motion, floor);
+            print(&if args.json { report.json() + "\n" } else { report.text() })
         }
-    }
-    anyhow::ensure!(failed == 0, "{failed} of {} files could not be read", args.files.len());
+        Err(e) => {
+            let e = e.into();
+            if args.json {
+                let line = serde_json::json!({"schema": 1, "file": file, "error": chain(&e)});
+                print(&format!("{line}\n"))?;
+            }
+            Err(e)
+        }
+    })?;
     Ok(())
 }
 
-/// A file whose unit nobody can tell is still worth a look: it is read as metres, and that is a doubt.
+/// Reads a motion. A file of an unknown unit is read as metres, with a warning.
 fn read(file: &Path, options: &ReadOptions) -> kinelm_motion::Result<Motion> {
     match format::read(file, options) {
         Err(e) if e.fault() == Some(FaultKind::UnitUnknown) => {
             let mut motion = format::read(file, &ReadOptions { unit: Unit::Metre, ..options.clone() })?;
-            let what = "the unit can't be told from the legs, lengths are shown as if metres; give --unit".into();
+            let what = "the legs don't tell the unit, lengths are shown as if in metres; give --unit".into();
             motion.warnings.push(Warning { kind: "unit_unknown", what });
             Ok(motion)
         }

@@ -14,29 +14,30 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The dance that is moved: its path, its rig, its small movements
+    /// The dance to move: its path, its rig, its small movements
     #[arg(value_name = "A")]
     a: PathBuf,
-    /// The dance that it is drawn towards
+    /// The dance to move it towards
     #[arg(value_name = "B")]
     b: PathBuf,
-    /// The dance between, on A's rig (.bvh .npz .json)
+    /// Where the blend goes, on A's rig (.bvh .npz .json)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// A page with A, the dance between, and B (.html)
+    /// Also write a page with A, the blend and B (.html)
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
-    /// Whose spectrum is B's: low cosine coefficients; components of both clips; magnitudes, which shake
+    /// The spectrum to blend: low cosine coefficients, principal components of both clips, or STFT magnitudes, which
+    /// shake
     #[arg(long, value_enum, default_value = "dct")]
     transform: Spectrum,
-    /// Coefficients or components that are moved; by themselves those up to 3.5 Hz (16 of 128 frames), or 16 components
+    /// Coefficients or components to blend [default: those up to 3.5 Hz (16 of 128 frames), or 16 components]
     #[arg(long, value_name = "K", value_parser = super::read::count)]
     keep: Option<usize>,
     #[command(flatten)]
     what: WindowArgs,
     #[command(flatten)]
     how: HowArgs,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -48,23 +49,23 @@ pub struct Args {
 /// What of the two clips.
 #[derive(Debug, clap::Args)]
 struct WindowArgs {
-    /// Frames that are blended
+    /// Frames to blend
     #[arg(long, value_name = "FRAMES", default_value_t = 128,
         value_parser = super::read::within(align::MIN_FRAMES..=align::MAX_FRAMES))]
     window: usize,
-    /// As many frames as the shorter clip has, instead
+    /// Blend as many frames as the shorter clip has
     #[arg(long, conflicts_with = "window")]
     whole: bool,
-    /// The rate at which, and that of the dance between
+    /// Frames per second of the blend
     #[arg(long, default_value_t = 60.0, value_parser = super::read::rate)]
     fps: f64,
-    /// Where A's window begins: 2.5s, 2.5 or 40f (frames of the file)
+    /// Where A's window starts: 2.5s, 2.5 or 40f (frames of the file)
     #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::read::time)]
     at_a: Moment,
-    /// Where B's window begins, the same way
+    /// Where B's window starts
     #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::read::time)]
     at_b: Moment,
-    /// Leave B's heading as it is, instead of turning B so that both begin facing the same way
+    /// Keep B's heading, instead of turning B so that both start facing the same way
     #[arg(long)]
     keep_heading: bool,
 }
@@ -72,19 +73,19 @@ struct WindowArgs {
 /// How far, and in which way.
 #[derive(Debug, clap::Args)]
 struct HowArgs {
-    /// How far from A's spectrum to B's the goal of the descent lies, 0 to 1
+    /// How far from A's spectrum (0) to B's (1) the target of the descent is
     #[arg(long, value_name = "S", default_value_t = Descent::STRENGTH, conflicts_with = "amount", value_parser = super::read::share)]
     strength: f64,
-    /// The closed form instead of a descent, this far, 0 to 1: dct and pca
+    /// Blend in closed form by this much, 0 to 1, instead of by descent (dct and pca)
     #[arg(long, value_name = "ALPHA", conflicts_with_all = ["plain", "rate", "steps"], value_parser = super::read::share)]
     amount: Option<f64>,
-    /// Plain gradient descent instead of Adam's steps
+    /// Plain gradient descent instead of Adam
     #[arg(long)]
     plain: bool,
-    /// Step size; Adam's by itself 0.01, plain descent's what leads 99 % of its way
+    /// Step size [default: 0.01 for Adam; for plain descent what covers 99 % of the distance]
     #[arg(long, value_parser = super::read::positive)]
     rate: Option<f64>,
-    /// Steps
+    /// Steps of the descent
     #[arg(long, default_value_t = Descent::STEPS)]
     steps: usize,
 }

@@ -8,25 +8,25 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The training settings, tiny, small, thesis-26m, gpt2 or a TOML; their rate, schedule, steps and run don't matter
+    /// Training settings: tiny, small, thesis-26m, gpt2 or a TOML file; their rate, schedule, steps and run aren't used
     #[arg(long, value_name = "NAME|FILE")]
     config: PathBuf,
-    /// The corpus folder; given several times, all of them, each of whose windows comes WEIGHT times a pass (1 if not given)
+    /// A corpus folder; may be repeated. The windows of each corpus come WEIGHT times an epoch [default weight: 1]
     #[arg(long, value_name = "CORPUS[=WEIGHT]")]
     corpus: Vec<CorpusPart>,
     /// Where the plot goes (.png .svg)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Steps; a smoother curve takes more
+    /// Steps; more give a smoother curve
     #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u64).range(2..))]
     steps: u64,
     /// The first rate
     #[arg(long, value_name = "RATE", default_value_t = 1e-7, value_parser = super::read::positive)]
     from: f64,
-    /// The last rate, if the loss doesn't blow up before
+    /// The last rate, if the loss doesn't diverge before
     #[arg(long, value_name = "RATE", default_value_t = 1.0, value_parser = super::read::positive)]
     to: f64,
-    /// One JSON object instead of the table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
     #[command(flatten)]

@@ -10,8 +10,8 @@ pub struct InOut {
     /// Motion files (.bvh .npz .pkl .json), or folders of them
     #[arg(required = true, value_name = "CLIP")]
     clips: Vec<PathBuf>,
-    /// The file to write (.bvh .npz .json), or a folder, which is made if it isn't there: files go by their names,
-    /// those of a folder by their paths below it
+    /// The file to write (.bvh .npz .json), or a folder, which is created: files keep their names, those of a folder
+    /// their paths below it
     #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
 }

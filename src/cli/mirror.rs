@@ -26,7 +26,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let outputs = args.force.outputs(clips.iter().cloned().chain(args.read.files()));
     outputs.check(pairs.iter().map(|p| &*p.output))?;
     let (options, odd) = (args.read.of_files(&clips, RestFrame::Keep, say), Odd::new(say));
-    super::each_file(&clips, "clips could not be mirrored", say, |i, path| {
+    super::each_file(&clips, say, |i, path| {
         let Pair { output, .. } = &pairs[i];
         let motion = format::read(path, &options[i])?;
         odd.warn(&motion);
@@ -36,5 +36,6 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         outputs.write(output, &format::to_bytes(output, &mirrored)?)?;
         super::convert::told(output, &mirrored, say);
         Ok(())
-    })
+    })?;
+    Ok(())
 }

@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// What music files hold: length, loudness, beats and tempo; a picture of one
+    /// Report length, loudness, beats and tempo of music files, or plot one
     Inspect(InspectArgs),
-    /// The beats of a music file, a time in seconds a line
+    /// Find the beats of a music file: a time in seconds per line
     Beats(BeatsArgs),
-    /// A piece at a tempo of your own, played by a small band: to try what a model makes of it
+    /// Render a piece at a given tempo, played by a small synthetic band
     Render(RenderArgs),
 }
 
@@ -23,15 +23,15 @@ pub struct InspectArgs {
     /// Music files (.wav .flac .ogg .mp3 .m4a)
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// One JSON object a file and line instead of text
+    /// Print one JSON object per file instead of text
     #[arg(long, conflicts_with = "out")]
     json: bool,
-    /// A picture of the one file (.png .svg): onset strength with the beats, pitch classes, tempo
+    /// Plot the one file (.png .svg): onset strength with the beats, pitch classes, tempo
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
     tempo: TempoArgs,
-    /// Where the stretch begins that is drawn, seconds
+    /// Where the plotted part starts, seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = super::read::seconds, requires = "out")]
     at: f64,
     /// How long it is
@@ -45,7 +45,7 @@ pub struct InspectArgs {
 pub struct BeatsArgs {
     /// A music file (.wav .flac .ogg .mp3 .m4a)
     file: PathBuf,
-    /// Where the beats go (.txt); to stdout if not given
+    /// Where the beats go (.txt) [default: stdout]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -57,26 +57,26 @@ pub struct BeatsArgs {
 /// How a pulse is counted.
 #[derive(Debug, Clone, Copy, clap::Args)]
 struct TempoArgs {
-    /// Count the pulse within these beats a minute, where a piece is heard at half or double its tempo: 120:200
+    /// Look for a tempo in this range of beats per minute, where it is found at half or double: 120:200
     #[arg(long, value_name = "LOW:HIGH", value_parser = bpm_range)]
     bpm_range: Option<beat::TempoRange>,
 }
 
 #[derive(Debug, clap::Args)]
 pub struct RenderArgs {
-    /// Beats a minute
+    /// Beats per minute, 20 to 400
     #[arg(long, default_value_t = 110.0, value_parser = bpm)]
     bpm: f64,
-    /// How long it is, up to an hour
+    /// Length in seconds, up to an hour
     #[arg(long, default_value_t = 30.0, value_parser = length)]
     seconds: f64,
-    /// Its style
+    /// The style
     #[arg(long, default_value = "pop", value_enum)]
     style: Style,
-    /// Chooses key, chords and accents
+    /// Seed of key, chords and accents
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Where it goes (.wav)
+    /// Where the piece goes (.wav)
     #[arg(long, value_name = "FILE.wav")]
     out: PathBuf,
     #[command(flatten)]
@@ -120,7 +120,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
 }
 
 fn inspect(args: &InspectArgs, say: Say) -> Result<()> {
-    each_file(&args.files, "files could not be heard", say, |_, file| {
+    each_file(&args.files, say, |_, file| {
         let told = report::report(file, args.tempo.bpm_range).map_err(Error::from);
         match told {
             Ok(told) => print(&if args.json { told.json() + "\n" } else { told.text() }),
@@ -132,7 +132,8 @@ fn inspect(args: &InspectArgs, say: Say) -> Result<()> {
                 Err(e)
             }
         }
-    })
+    })?;
+    Ok(())
 }
 
 fn draw(args: &InspectArgs, out: &Path, say: Say) -> Result<()> {

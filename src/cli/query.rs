@@ -13,11 +13,11 @@ use std::path::Path;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// An index of the windows of clips, or more clips for one
+    /// Index the windows of clips, or add clips to an index
     Build(build::Args),
-    /// What else moves like a window of a clip: a table, and a page that plays them side by side
+    /// Find windows that move like one of a clip: a table, and a page that plays them side by side
     Find(find::Args),
-    /// How well neighbours tell labels, for each transform and distance, with chance beside
+    /// Measure how well neighbours predict labels, for each transform and distance, compared with chance
     Evaluate(evaluate::Args),
 }
 
@@ -38,7 +38,7 @@ enum TransformArg {
     Dct,
     /// Coordinates in a basis fitted to the windows
     Pca,
-    /// A language model's own embedding
+    /// A language model's embedding
     Model,
 }
 

@@ -16,41 +16,42 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Reading motion")]
 pub struct ReadArgs {
-    /// The true rate of the files, where they state it wrongly
+    /// The files' true frame rate, where they state a wrong one
     #[arg(long, value_name = "FPS", value_parser = rate)]
     pub fps_source: Option<f64>,
-    /// Unit of a BVH, which has none of its own; auto, as if not given, judges by the length of the leg
+    /// The unit of a BVH, which states none; auto estimates it from the length of the legs [default: auto]
     #[arg(long, value_enum)]
     pub unit: Option<Unit>,
-    /// The axis that points up in a BVH or JSON; auto, as if not given, judges a BVH by its rest pose and its motion, a JSON has
-    /// y up
+    /// The axis that points up in a BVH or JSON; auto estimates it for a BVH from its rest pose and motion, and takes y
+    /// for a JSON [default: auto]
     #[arg(long, value_enum, allow_hyphen_values = true, value_name = "AXIS")]
     pub up: Option<Up>,
-    /// Skeleton TOML for a rig whose joint names no shipped one knows: a shipped name or a file
+    /// The skeleton map, for rigs whose joint names no built-in map knows: a built-in name or a TOML file
     #[arg(long, value_name = "NAME|FILE")]
     pub map: Option<String>,
-    /// Whether a joint's position channels replace its OFFSET, as if not given, or are added to it
+    /// Whether position channels of a joint replace its OFFSET or are added to it [default: replace]
     #[arg(long, value_enum)]
     pub bvh_position: Option<BvhPosition>,
     /// The ROOT to read, where a file has several
     #[arg(long, value_name = "NAME")]
     pub root: Option<String>,
-    /// Keep the whole rows of a file that ends early
+    /// Read the whole rows of a file that ends early
     #[arg(long)]
     pub lenient: bool,
-    /// Keep a leading rest-pose frame, as inspect, convert and view do unless told
+    /// Keep a leading rest-pose frame, the default of inspect, convert and view
     #[arg(long, conflicts_with = "drop_rest")]
     pub keep_rest: bool,
-    /// Leave out a leading rest-pose frame, as the tokenizer, corpora and prompts do unless told
+    /// Drop a leading rest-pose frame, the default of tokenizers, corpora and prompts
     #[arg(long)]
     pub drop_rest: bool,
-    /// Source frames left out at the start; with N > 0 no rest-pose frame is looked for
+    /// Source frames to drop at the start; with N > 0 no rest-pose frame is looked for
     #[arg(long, value_name = "N")]
     pub skip: Option<usize>,
-    /// Your own SMPL_*.npz: its rest offsets and shape take the place of the neutral skeleton's (AMASS, AIST++)
+    /// Your own SMPL_*.npz, whose rest offsets and shape replace those of the neutral skeleton (AMASS, AIST++)
     #[arg(long, value_name = "FILE")]
     pub body_model: Option<PathBuf>,
-    /// Where the floor is, metres, for tokenizers that code heights above it; auto goes by the feet
+    /// The height of the floor in metres, for tokenizers that code heights above it; auto estimates it from the feet
+    /// [default: auto]
     #[arg(long, value_name = "auto|METRES", value_parser = floor, allow_negative_numbers = true)]
     pub floor: Option<FloorArg>,
 }
@@ -72,17 +73,17 @@ fn floor(text: &str) -> Result<FloorArg, String> {
 }
 
 impl ReadArgs {
-    /// The files that are read beside the motion.
+    /// The files that are read besides the motion.
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
         self.map.iter().map(PathBuf::from).chain(self.body_model.clone())
     }
 
-    /// The options, with what this command does about rest-pose frames unless told.
+    /// The options of the call; `rest` is the command's default for rest-pose frames.
     pub fn options(&self, rest: RestFrame) -> ReadOptions {
         self.over(&ReadOptions { rest, ..ReadOptions::default() })
     }
 
-    /// The options that are given, and those of `read` where none are.
+    /// The options of the call, and those of `read` where the call gives none.
     fn over(&self, read: &ReadOptions) -> ReadOptions {
         ReadOptions {
             fps_source: self.fps_source.or(read.fps_source),
@@ -103,20 +104,20 @@ impl ReadArgs {
         }
     }
 
-    /// How the files of a call are read. What is given wins; else a dance is read as its sidecar says, which is said, and any
-    /// other file as this command does unless told. Of several files, what is given is said of those that no sidecar
-    /// tells of.
+    /// How each file of a call is read. Options of the call win; else a dance is read as its sidecar says, which is
+    /// reported, and any other file by the command's defaults. With several files, options of the call apply to those
+    /// without a sidecar.
     pub fn of_files<P: AsRef<Path>>(&self, files: &[P], rest: RestFrame, say: Say) -> Vec<ReadOptions> {
         self.of_files_known(files, rest, &[], say)
     }
 
-    /// [`ReadArgs::of_files`] of a call on one file.
+    /// [`ReadArgs::of_files`] for a single file.
     pub fn of_file(&self, file: &Path, rest: RestFrame, say: Say) -> ReadOptions {
         self.of_files(&[file], rest, say).remove(0)
     }
 
-    /// [`ReadArgs::of_files`] for a model that learned from `corpora`: a file without a sidecar that one of them has is read as
-    /// it was read then.
+    /// [`ReadArgs::of_files`] for a model trained on `corpora`: a file without a sidecar that is in one of them is read
+    /// as it was read for that corpus.
     pub fn of_files_known<P: AsRef<Path>>(
         &self,
         files: &[P],
@@ -159,7 +160,7 @@ impl ReadArgs {
     }
 }
 
-/// How a corpus read the file of this hash, if it has it; one that can't be read joins those that are gone.
+/// How a corpus read the file with this hash, if it contains it. A corpus that can't be read is added to `gone`.
 fn known_to<'a>(corpus: &'a Path, sha256: &str, gone: &mut BTreeSet<&'a Path>) -> Option<ReadOptions> {
     reading_in(corpus, sha256).unwrap_or_else(|_| {
         gone.insert(corpus);
@@ -167,7 +168,7 @@ fn known_to<'a>(corpus: &'a Path, sha256: &str, gone: &mut BTreeSet<&'a Path>) -
     })
 }
 
-/// What of `known` was taken over, in words.
+/// The options that were taken over from `known`, as text.
 fn how(known: &ReadOptions, read: &ReadOptions) -> Option<String> {
     let fps = known.fps_source.filter(|_| known.fps_source == read.fps_source).map(|fps| format!("{fps} fps"));
     let words: Vec<String> = fps.into_iter().chain(sidecar::in_words(known, read)).collect();
@@ -182,7 +183,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A rate, frames a second.
+/// A rate in frames per second.
 pub fn rate(text: &str) -> Result<f64, String> {
     let wrong = || format!("expected a rate above 0, at most {MOST_FPS} frames per second");
     positive(text).ok().filter(|fps| *fps <= MOST_FPS).ok_or_else(wrong)
@@ -201,28 +202,28 @@ pub fn within(range: RangeInclusive<usize>) -> impl Fn(&str) -> Result<usize, St
     }
 }
 
-/// The frames of a query's window.
+/// The frames of a window of a search.
 pub fn window(text: &str) -> Result<usize, String> {
     within(MIN_FRAMES..=MAX_FRAMES)(text)
 }
 
-/// A time from the beginning on, of what has no model: a number alone is seconds.
+/// A time from the start on, where there is no model; a bare number is seconds.
 pub fn time(text: &str) -> Result<Moment, String> {
-    match text.parse()? {
+    match moment(text)? {
         Moment::Model(_) => Err(format!("`{text}`: there is no model; {EXPECTED}")),
         time if time.number().is_sign_negative() && time.number() != 0.0 => Err("expected a time from 0 on".into()),
         time => Ok(time),
     }
 }
 
-/// A time that may lie before the beginning.
+/// A time that may be before the start.
 pub fn any_time(text: &str) -> Result<Moment, String> {
     let before = text.strip_prefix('-').map(|after| time(after).map(|_| ()));
     before.unwrap_or_else(|| time(text).map(|_| ()))?;
     text.parse()
 }
 
-/// A time of what has no frames, in seconds.
+/// A time in seconds, where there are no frames.
 pub fn seconds(text: &str) -> Result<f64, String> {
     match time(text)? {
         Moment::Seconds(s) => Ok(s),
@@ -230,26 +231,38 @@ pub fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
-/// The same, longer than nothing.
+/// A duration in seconds, above 0.
 pub fn seconds_above_0(text: &str) -> Result<f64, String> {
     seconds(text).and_then(|s| if s > 0.0 { Ok(s) } else { Err("expected more than 0 s".into()) })
 }
 
-/// How long something is, longer than nothing; a number alone is seconds.
+/// A duration above 0; a bare number is seconds.
 pub fn length(text: &str) -> Result<Moment, String> {
-    above_0(text.parse()?)
+    above_0(moment(text)?)
 }
 
-/// The same; a number alone is frames.
+/// A duration above 0; a bare number is frames.
 pub fn length_in_frames(text: &str) -> Result<Moment, String> {
     above_0(Moment::in_frames(text)?)
 }
 
+/// Seconds or frames that a length may have at most, so that it is a number of frames at any rate.
+const LONGEST: f64 = 1e9;
+
 fn above_0(length: Moment) -> Result<Moment, String> {
-    if length.number() > 0.0 { Ok(length) } else { Err(format!("{length}: expected more than nothing")) }
+    match length.number() {
+        n if n <= 0.0 => Err(format!("{length}: expected more than nothing")),
+        n if n > LONGEST => Err(format!("{length}: expected at most {LONGEST:e} seconds or frames")),
+        _ => Ok(length),
+    }
 }
 
-/// Frames of what has `fps` in a second, in a range; a number alone is frames.
+/// A time or a length; a bare number is seconds.
+fn moment(text: &str) -> Result<Moment, String> {
+    text.parse().map_err(|_| format!("`{text}` is no time; {EXPECTED}"))
+}
+
+/// A number of frames at `fps`, in a range; a bare number is frames.
 pub fn frames_at(fps: f64, range: RangeInclusive<u32>) -> impl Fn(&str) -> Result<u32, String> + Clone {
     move |text| {
         let frames = Moment::in_frames(text)?.frames(fps);
@@ -259,7 +272,22 @@ pub fn frames_at(fps: f64, range: RangeInclusive<u32>) -> impl Fn(&str) -> Resul
     }
 }
 
-/// A part of a whole.
+/// A fraction, 0 to 1.
 pub fn share(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|s| (0.0..=1.0).contains(s)).ok_or("expected a number from 0 to 1".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_length_is_refused_with_what_it_may_be() {
+        assert_eq!(length("inf").unwrap_err(), "`inf` is no time; expected 2.5s, 2.5 or 40f");
+        assert_eq!(length("1e308").unwrap_err(), "1e308s: expected at most 1e9 seconds or frames");
+        assert_eq!(length_in_frames("0").unwrap_err(), "0f: expected more than nothing");
+        assert_eq!(length("40f"), Ok(Moment::Frames(40.0)));
+        assert_eq!(time("-1s").unwrap_err(), "expected a time from 0 on");
+        assert_eq!(any_time("-1s"), Ok(Moment::Seconds(-1.0)));
+    }
 }

@@ -7,27 +7,27 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// The runs below some folders: how far they are, how well they do, whether they are running
+    /// List the runs in folders: their progress, results, and whether they are running
     List {
-        /// Folders to look through; by itself the present one
+        /// Folders to search [default: the current one]
         #[arg(value_name = "DIR")]
         folders: Vec<PathBuf>,
-        /// One JSON object a run instead of a table
+        /// Print one JSON object per run instead of a table
         #[arg(long)]
         json: bool,
     },
-    /// Curves of runs on one chart, also of those that are running: lines for training, marks for validation
+    /// Plot curves of runs, running ones too: lines for training, marks for validation
     Plot {
         /// Run folders
         #[arg(required = true, value_name = "RUN")]
         runs: Vec<PathBuf>,
-        /// Where the chart goes (.png .svg)
+        /// Where the plot goes (.png .svg)
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
-        /// What is drawn
+        /// The metric to plot
         #[arg(long, value_enum, default_value = "loss")]
         metric: Metric,
-        /// What it is drawn over; time is that of the training steps
+        /// The horizontal axis; time is that of the training steps
         #[arg(long, value_enum, default_value = "step")]
         over: Over,
         #[command(flatten)]

@@ -12,19 +12,19 @@ use std::path::PathBuf;
 pub struct Args {
     /// A motion file (.bvh .npz .pkl .json)
     clip: PathBuf,
-    /// Where the picture goes (.png .svg): a joint's spectrogram, the body's spectral embedding, the joint's coefficients
+    /// Where the plot goes (.png .svg): a joint's spectrogram, the body's spectral embedding, the joint's coefficients
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// The joint, by its name in the file; the root if none is given
+    /// The joint, by its name in the file [default: the root]
     #[arg(long, value_name = "NAME")]
     joint: Option<String>,
-    /// Where the stretch begins that is drawn: 2.5s, 2.5 or 40f
+    /// Where the plotted part starts: 2.5s, 2.5 or 40f
     #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::read::time)]
     at: Moment,
-    /// How long it is, the same way; to the clip's end if not given
+    /// Its length, in the same form [default: to the clip's end]
     #[arg(long, value_parser = super::read::length)]
     seconds: Option<Moment>,
-    /// The rate at which the clip is looked at
+    /// Frames per second to resample to
     #[arg(long, default_value_t = 60.0, value_parser = super::read::positive)]
     fps: f64,
     /// Leave out the mean pose, which outweighs all movement

@@ -14,23 +14,23 @@ use std::path::PathBuf;
 pub struct Args {
     #[command(flatten)]
     data: DataArgs,
-    /// Where tables, pictures, the page and the finished rows go; a study that was interrupted goes on there
+    /// The folder for tables, plots, the page and finished rows; an interrupted study is resumed from it
     #[arg(long, value_name = "FOLDER", default_value = "study")]
     out: PathBuf,
-    /// The rows: [[row]] tables with a name and a tokenizer's settings; unless given those of
-    /// configs/tokenizer/study.toml, with fewer than 24 joints study-13.toml
+    /// The rows: [[row]] tables with a name and a tokenizer's settings [default: configs/tokenizer/study.toml;
+    /// study-13.toml for fewer than 24 joints]
     #[arg(long, value_name = "FILE.toml")]
     schemes: Option<PathBuf>,
     /// Joints of rows that state none: 13, 18, 24, or a list of groups, names and ids
     #[arg(long, default_value = "13", value_name = "13|18|24|LIST")]
     joints: String,
-    /// Frames per second of rows that state none; unless given 60, or the slowest file's rate if that is lower
+    /// Frames per second of rows that state none [default: 60, or the slowest file's rate if lower]
     #[arg(long, value_parser = super::read::positive)]
     fps: Option<f64>,
-    /// The rows that the page shows beside the original; unless given one of the DCT tiles and one lapped row
+    /// The rows that the page shows beside the original [default: one of the DCT tiles and one lapped row]
     #[arg(long, value_name = "ROW,ROW", value_delimiter = ',')]
     show: Vec<String>,
-    /// Measure every row anew, and replace files at --out that no study wrote
+    /// Measure all rows again, and overwrite files in --out that no study wrote
     #[arg(long)]
     force: bool,
     #[command(flatten)]

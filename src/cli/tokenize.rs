@@ -16,27 +16,27 @@ use std::path::PathBuf;
 pub struct Args {
     #[command(flatten)]
     data: DataArgs,
-    /// Where the corpus folder goes
+    /// The corpus folder to write
     #[arg(long, value_name = "CORPUS")]
     out: PathBuf,
     /// The tokenizer
     #[arg(long, value_name = "FILE")]
     tokenizer: PathBuf,
-    /// Only piece I of N, counted from 0; `corpus merge` puts the pieces together
+    /// Encode only shard I of N, counted from 0; `corpus merge` puts shards together
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
-    /// Where the clips' music is: the files that the label `music` names, from the second `music_from` on, else those of the
-    /// clips' own names, here or beside the motion. The corpus keeps their beats
+    /// The folder of the clips' music: the files that the label `music` names, from the second `music_from` on, else
+    /// files with the clips' names, there or next to the motion. The corpus stores their beats
     #[arg(long, value_name = "FOLDER")]
     music: Option<PathBuf>,
-    /// Clips without music get motion-derived beats: those that their own steps tell
+    /// Give clips without music the beats of their own steps
     #[arg(long)]
     motion_beats: bool,
     /// Ranges of clips that the corpus does without, a CSV (clip, from_s, to_s, why) such as `corpus clean` writes; corpus.json
     /// lists them. A clip out of whose middle something is left out becomes two
     #[arg(long, value_name = "FILE.csv")]
     leave_out: Option<PathBuf>,
-    /// Replace the files of a corpus that stands at --out
+    /// Overwrite the files of a corpus in --out
     #[arg(long)]
     force: bool,
     #[command(flatten)]

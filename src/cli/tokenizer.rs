@@ -13,11 +13,11 @@ use std::path::PathBuf;
 pub enum Command {
     /// Fit a tokenizer on the train clips of DATA
     Fit(Box<super::fit::Args>),
-    /// A clip as one line of words
+    /// Print a clip as one line of words
     Text(TextArgs),
-    /// Words back to motion
+    /// Decode words to motion
     Decode(DecodeArgs),
-    /// Ways of turning the motion of DATA into text, measured side by side: words, bytes, bits, errors, speed
+    /// Compare tokenizers on DATA: words, bytes, bits, errors, speed
     Study(Box<super::study::Args>),
 }
 
@@ -34,7 +34,7 @@ pub struct TextArgs {
 
 #[derive(Debug, clap::Args)]
 pub struct DecodeArgs {
-    /// A text of words; - for standard input
+    /// A text file of words; - for standard input
     words: PathBuf,
     /// Where the motion goes (.bvh .npz .json)
     out: PathBuf,
@@ -43,7 +43,7 @@ pub struct DecodeArgs {
     tokenizer: PathBuf,
     #[command(flatten)]
     force: ForceArgs,
-    /// Where the floor is that heights are put back on, metres
+    /// The height of the floor that heights are added to, metres
     #[arg(long, value_name = "METRES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = metres)]
     floor: f64,
 }

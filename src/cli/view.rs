@@ -1,9 +1,8 @@
 //! `kinelm view`.
 
 use super::{
-    ForceArgs, Odd, Say, WrongCall,
+    ForceArgs, Odd, Say, WrongCall, each_file,
     read::ReadArgs,
-    readable,
     view_files::{Named, Shown, named, shown},
 };
 use crate::baselines::music_lstm;
@@ -28,31 +27,31 @@ const BODY: Range<usize> = 0..22;
 
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
-    /// Motion files, or folders of them, side by side; behind a file may stand how it is read: FILE:fps=60,skip=10 (and up,
-    /// unit, map, root, rest, position). A generated dance and its prompt are read as the file beside the dance tells
+    /// Motion files or folders of them, side by side. Reading options of one file follow its name, FILE:fps=60,skip=10
+    /// (also up, unit, map, root, rest, position). A generated dance and its prompt are read as the sidecar says
     #[arg(required = true, value_name = "CLIP")]
     clips: Vec<PathBuf>,
-    /// Where the page goes (.html), or the folder (it is there, or ends in /) of a page for each clip
+    /// Where the page goes (.html), or the folder (it exists, or ends in /) for a page per clip
     #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
-    /// Joints drawn in another colour, as they were given to generate, throughout or from one moment to another (left_arm@4s:8s);
-    /// once for all clips, or once a clip in their order
+    /// Joints to highlight, as they were given to generate, throughout or for a time (left_arm@4s:8s); once for all
+    /// clips, or once per clip in their order
     #[arg(long, value_name = "JOINTS[@FROM:TO]")]
     forced: Vec<String>,
-    /// Leave all where their files put them, as a dance and its prompt are anyway; the page's Overlay button parts them
+    /// Keep all clips in one world, as a dance and its prompt are anyway; Overlay in the page separates them
     #[arg(long)]
     together: bool,
-    /// Music that plays in step with the dancers (.mp3 .ogg .flac .wav .m4a), its beats as ticks: in the page up to 8 MiB,
-    /// else beside it. If not given, the music that a dance was made to, as the file beside it tells
+    /// Music that plays in sync with the dances (.mp3 .ogg .flac .wav .m4a), with ticks at its beats; embedded up to 8
+    /// MiB, else beside the page [default: the music a dance was generated to]
     #[arg(long, value_name = "FILE")]
     music: Option<PathBuf>,
-    /// The music's time when the dance begins: 12.5s, 12.5 or 40f (frames of the first clip); below 0 it begins later than the
-    /// dance
+    /// The time in the music at which the dance starts: 12.5s, 12.5 or 40f (frames of the first clip); negative if the
+    /// music starts later
     #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = super::read::any_time)]
     #[arg(allow_hyphen_values = true, requires = "music")]
     music_from: Moment,
-    /// When a beat of the music is hit: where knees and ankles come to rest this part of a beat behind it, to 50 ms, as
-    /// evaluate dance finds it in real dances. If not given: where all joints move slowest, on the beat itself
+    /// A beat counts as hit where knees and ankles come to rest this fraction of a beat after it, to 50 ms, as evaluate
+    /// dance measures it on real dances [default: where all joints move slowest, on the beat]
     #[arg(long, value_name = "PART", value_parser = part_of_a_beat, allow_hyphen_values = true)]
     lag: Option<f64>,
     #[command(flatten)]
@@ -86,10 +85,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let clips: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let outputs = outputs(&clips);
     outputs.check(pairs.iter().map(|p| &*p.output))?;
-    super::each_file(&clips, "clips have no page", say, |i, clip| {
+    each_file(&clips, say, |i, clip| {
         let place = given.iter().find(|place| clip.starts_with(&place.path)).unwrap_or(&given[0]);
         one(&args, &[place.of(clip.into())], &pairs[i].output, &outputs, say)
-    })
+    })?;
+    Ok(())
 }
 
 /// One page.
@@ -104,7 +104,8 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     super::page(out)?;
     let files = shown(clips, &args.read, args.together, say)?;
     files.iter().flat_map(|file| &file.notes).for_each(|note| say.line(note));
-    let read = readable(files.iter().map(|file| Ok(format::read(&file.path, &file.options)?)), say)?;
+    let paths: Vec<&Path> = files.iter().map(|file| &*file.path).collect();
+    let read = each_file(&paths, say, |i, path| Ok(format::read(path, &files[i].options)?))?;
     let (numbers, motions): (Vec<usize>, Vec<Motion>) = read.into_iter().unzip();
     let files: Vec<Shown> = numbers.iter().map(|i| files[*i].clone()).collect();
     say_times(&motions, say);

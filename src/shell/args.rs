@@ -10,10 +10,10 @@ use std::path::{Path, PathBuf};
 /// Where and how a model computes.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct ComputeArgs {
-    /// The processor, or the Nvidia card of this number (where kinelm was built with CUDA)
+    /// The CPU, or the Nvidia card with this number (if kinelm was built with CUDA)
     #[arg(long, value_name = "cpu|cuda:N", default_value = "cpu")]
     device: DeviceName,
-    /// The fastest form of the model that the device has, or the plain one that it is compared with
+    /// The implementation of the model: the fastest for the device, or the plain reference
     #[arg(long, value_name = "auto|plain", default_value = "auto", hide_short_help = true)]
     form: Form,
 }
@@ -28,8 +28,7 @@ impl ComputeArgs {
 /// How corpora are opened.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct TrustArgs {
-    /// Neither hash a corpus's files nor look through its tokens when it is opened, which takes long for many hours: they
-    /// are as they were written
+    /// Skip checking the hashes and the tokens of a corpus when it is opened, which takes long for many hours of motion
     #[arg(long)]
     trust: bool,
 }
@@ -49,15 +48,15 @@ impl TrustArgs {
     }
 }
 
-/// How a model is read, token after token.
+/// How a model is read token by token.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct ReadingArgs {
-    /// How the weights are held: as they are, or as bytes with a scale a column, which is faster where memory
-    /// limits and has cost less than 0.01 % of the bits a frame
+    /// The format of the weights while sampling: as trained, or bytes with a scale per column, which is faster where
+    /// memory bandwidth limits; int8 has cost less than 0.01 % of the bits per frame
     #[arg(long, value_enum, default_value = "f32")]
     weights: WeightKind,
-    /// How keys and values of what was read are held: as they are, or as half floats,
-    /// which has cost less than 0.01 % of the bits a frame
+    /// The format of cached keys and values: as computed, or half floats; f16 has cost less than 0.01 % of the bits per
+    /// frame
     #[arg(long, value_enum, default_value = "f32")]
     kv: KvKind,
 }
@@ -69,10 +68,10 @@ impl ReadingArgs {
     }
 }
 
-/// What a command that writes may write over.
+/// What a command may overwrite.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct ForceArgs {
-    /// Replace what stands at an output and isn't this program's own beyond doubt; never a file that the call reads
+    /// Overwrite an output that kinelm didn't write itself; never an input of the call
     #[arg(long)]
     pub force: bool,
 }

@@ -18,26 +18,34 @@ pub fn writable(path: &Path) -> Result<String> {
     Ok(extension)
 }
 
-/// Does something with each file and its number; one that fails is told and doesn't keep the others from it, but a single
-/// file's error is the call's.
-pub fn each_file(
-    files: &[PathBuf],
-    failed_what: &str,
+/// Works on each file, which `each` gets with its number. Of several files one that fails is reported and left out, which makes
+/// the call fail in the end ([`Say::left_out`]); the others' results are returned with their numbers.
+///
+/// # Errors
+/// That of a single file; that none of several could be used.
+pub fn each_file<P: AsRef<Path>, T>(
+    files: &[P],
     say: Say,
-    mut each: impl FnMut(usize, &Path) -> Result<()>,
-) -> Result<()> {
-    let mut failed = 0;
-    for (i, file) in files.iter().enumerate() {
-        if let Err(e) = each(i, file).map_err(|e| of_file(file, e)) {
-            if files.len() == 1 {
-                return Err(e);
-            }
-            failed += 1;
-            say.error(chain(&e));
+    mut each: impl FnMut(usize, &Path) -> Result<T>,
+) -> Result<Vec<(usize, T)>> {
+    let mut done = Vec::with_capacity(files.len());
+    for (i, file) in files.iter().map(AsRef::as_ref).enumerate() {
+        match each(i, file).map_err(|e| of_file(file, e)) {
+            Ok(one) => done.push((i, one)),
+            Err(e) if files.len() == 1 => return Err(e),
+            Err(e) => say.left_out(chain(&e)),
         }
     }
-    anyhow::ensure!(failed == 0, "{failed} of {} {failed_what}", files.len());
-    Ok(())
+    anyhow::ensure!(files.is_empty() || !done.is_empty(), "none of the {} files could be used", files.len());
+    Ok(done)
+}
+
+/// The motion files among these and in folders among them, at any depth.
+///
+/// # Errors
+/// A folder without motion files.
+pub fn motion_files(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    Ok(crate::corpus::in_out::files(given)?.into_iter().map(|(path, _)| path).collect())
 }
 
 /// A motion on the rig that its format is written for: an .npz is on SMPL's.
@@ -49,24 +57,7 @@ pub fn written_as(out: &Path, motion: Motion, map: Option<&str>) -> Result<Motio
     Ok(convert(motion, &wanted, map)?)
 }
 
-/// What came of each file that could be read, with its number; the others are named and left out. Where none could be, or the
-/// only one couldn't, its error is the call's.
-pub fn readable<T>(results: impl IntoIterator<Item = Result<T>>, say: Say) -> Result<Vec<(usize, T)>> {
-    let (mut kept, mut errors) = (Vec::new(), Vec::new());
-    for (i, result) in results.into_iter().enumerate() {
-        match result {
-            Ok(one) => kept.push((i, one)),
-            Err(e) => errors.push(e),
-        }
-    }
-    if kept.is_empty() && !errors.is_empty() {
-        return Err(errors.remove(0));
-    }
-    errors.iter().for_each(|e| say.left_out(chain(e)));
-    Ok(kept)
-}
-
-/// An error that names the file that it is about.
+/// An error that starts with the file that it is about.
 fn of_file(path: &Path, e: anyhow::Error) -> anyhow::Error {
     let path = path.display().to_string();
     match chain(&e).starts_with(&path) || e.is::<WrongCall>() {

@@ -16,7 +16,7 @@ static LEFT_OUT: AtomicUsize = AtomicUsize::new(0);
 /// The end of a call that has done what it could: a failure if files were left out.
 pub fn all_read() -> Result<()> {
     let left_out = LEFT_OUT.load(Ordering::Relaxed);
-    anyhow::ensure!(left_out == 0, "{} could not be read; the rest is done", kinelm_store::counted(left_out, "files"));
+    anyhow::ensure!(left_out == 0, "{} could not be used; the rest is done", kinelm_store::counted(left_out, "files"));
     Ok(())
 }
 

@@ -118,6 +118,20 @@ fn what_is_wrong_is_said_with_its_place() {
 }
 
 #[test]
+fn a_folder_is_inspected_file_by_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let inspect = |args: &[&str]| kinelm().current_dir(dir.path()).arg("inspect").args(args).assert();
+    fs::create_dir_all(dir.path().join("d/deep")).unwrap();
+    inspect(&["d"]).code(1).stderr(contains("d: found no motion file in this folder"));
+    fs::write(dir.path().join("d/deep/a.bvh"), TWO).unwrap();
+    fs::write(dir.path().join("d/b.bvh"), "no motion").unwrap();
+    let said =
+        inspect(&["d", "--json"]).code(1).stderr(contains("b.bvh:1:1").and(contains("1 file could not be used")));
+    let lines = String::from_utf8(said.get_output().stdout.clone()).unwrap();
+    assert_eq!(lines.lines().count(), 2, "{lines}");
+}
+
+#[test]
 fn folders_are_converted_with_their_paths_and_nothing_is_written_twice() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
@@ -137,7 +151,7 @@ fn folders_are_converted_with_their_paths_and_nothing_is_written_twice() {
     assert!(!at("both").exists());
     // a bad file doesn't keep the others from it
     fs::write(at("d/0.bvh"), "no motion").unwrap();
-    convert(&["d", "rest"], &[]).code(1).stderr(contains("1 of 3 files could not be converted"));
+    convert(&["d", "rest"], &[]).code(1).stderr(contains("1 file could not be used"));
     assert!(at("rest/salsa/1.bvh").exists() && at("rest/2.bvh").exists());
     // one file, one name: the extension decides, in a folder that isn't there yet
     convert(&["e/2.bvh", "far/away/two.json"], &[]).success();

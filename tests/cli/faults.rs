@@ -282,6 +282,7 @@ fn a_bad_file_among_others_is_named_the_rest_is_done_and_the_call_fails() {
         ("query build some --labels some.csv --window 32 --out some-index", "some-index/index.json"),
         ("corpus clean some --labels some.csv --out some-clean.csv", "some-clean.csv"),
         ("evaluate dance some/bad.bvh some/d0.bvh some/d1.bvh --real corpus", ""),
+        ("evaluate dance some --real corpus", ""),
         ("evaluate dance --compare some some --real corpus", ""),
         ("evaluate prediction some --labels some.csv --split train --fps 20", ""),
     ] {

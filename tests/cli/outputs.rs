@@ -91,6 +91,8 @@ const MADE: &[&str] = &[
     "generate --run run --frames 3 --out d.bvh",
     "aclstm train seeds --labels seeds.csv --config a.toml --run arun",
     "music-lstm train data --labels labels.csv --music songs --config m.toml --run mrun",
+    "aclstm generate --run arun --seed-clip data/0.bvh --seed-frames 20 --frames 5 --out a.bvh",
+    "music-lstm generate --run mrun --music songs/song0.wav --frames 40 --out m.bvh",
 ];
 
 /// A command, a call of it whose output is `OUT`, how that ends (`/`: a folder), and files or folders that the call reads.
@@ -199,6 +201,12 @@ const WRITE: &[Row] = &[
         &["arun/config.toml", "data/0.bvh", "arun/checkpoints/step-00000001/model."],
     ),
     (
+        "aclstm generate again",
+        "aclstm generate again a.bvh.kinelm.json --out OUT",
+        "bvh",
+        &["a.bvh.kinelm.json", "arun/config.toml", "data/0.bvh"],
+    ),
+    (
         "aclstm evaluate",
         "aclstm evaluate --run arun --seeds 1 --seed-frames 20 --frames 400 --write-seeds OUT",
         "/",
@@ -216,6 +224,12 @@ const WRITE: &[Row] = &[
         "music-lstm generate --run mrun --music songs/song0.wav --frames 40 --out OUT",
         "bvh",
         &["mrun/config.toml", "songs/song0.wav"],
+    ),
+    (
+        "music-lstm generate again",
+        "music-lstm generate again m.bvh.kinelm.json --out OUT",
+        "bvh",
+        &["m.bvh.kinelm.json", "mrun/config.toml", "songs/song0.wav"],
     ),
 ];
 

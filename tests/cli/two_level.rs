@@ -122,7 +122,7 @@ fn the_best_of_several_is_kept_and_made_again() {
     let said =
         place.call("generate --run run --seconds 3 --best 4 --keep-all --seed 5 --out all.bvh").assert().success();
     let said = String::from_utf8(said.get_output().stderr.clone()).unwrap();
-    assert!(said.contains("held to the train clips of") && said.contains("of 4, score"), "{said}");
+    assert!(said.contains("compared with the train clips of") && said.contains("of 4, score"), "{said}");
     let all: Vec<_> = (1..=4).map(|i| told(&format!("all-{i}.bvh"))).collect();
     let score = |i: usize| all[i]["best"]["verdict"]["score"].as_f64().unwrap();
     let is_out = |i: usize| {
@@ -223,7 +223,7 @@ fn it_learns_labels_at_once_or_later_and_dances_under_them() {
     for (labels, said) in [
         ("--label genre=salsa@0s:0.5s --label genre=waltz", "two values of genre at a time"),
         ("--label genre=salsa@0s:90s", "90s lies outside the clip"),
-        ("--label genre=salsa --label genre=waltz", "asked for twice"),
+        ("--label genre=salsa --label genre=waltz", "given twice"),
     ] {
         let call = format!("generate --run labelled --frames 20 {labels} --out no.bvh");
         place.call(&call).assert().code(2).stderr(contains(said));

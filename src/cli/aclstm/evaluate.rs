@@ -17,27 +17,27 @@ pub struct Args {
     /// The run folder of a trained network; the clips are those of its own DATA
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
-    /// The split that seeds are from
+    /// The split that seeds are taken from
     #[arg(long, value_name = "train|valid|test", default_value = "test")]
     split: Split,
     /// Seeds of each length, spread evenly over the clips
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u16).range(1..=4096))]
     seeds: u16,
-    /// Frames of a seed, at 30 a second
+    /// Frames of a seed, at 30 per second
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [100, 200, 300], value_parser = frames_at(FPS, 1..=1 << 20))]
     seed_frames: Vec<u32>,
-    /// Frames that are made of each, to see for how long they move
+    /// Frames generated from each seed, to measure for how long they keep moving
     #[arg(long, value_name = "N", default_value_t = 4000, value_parser = frames_at(FPS, SHORT as u32..=1 << 20))]
     frames: u32,
-    /// Write the longest seeds as seed-01.bvh and so on instead, at 30 frames a second, so that something else goes on from
-    /// them
+    /// Write the longest seeds instead, as seed-01.bvh and so on at 30 frames per second, for another program to
+    /// continue
     #[arg(long, value_name = "FOLDER", conflicts_with_all = ["dances", "json"])]
     write_seeds: Option<PathBuf>,
-    /// Measure these dances instead of the network's own: named as the seeds that --write-seeds writes, each beginning with
-    /// its seed, for some of them or all
+    /// Measure these dances instead of the network's: named as the seeds of --write-seeds, each starting with its seed,
+    /// for some seeds or all
     #[arg(long, value_name = "FOLDER")]
     dances: Option<PathBuf>,
-    /// One JSON object instead of tables
+    /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
     #[command(flatten)]

@@ -8,10 +8,11 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// What `kinelm aclstm evaluate --json` printed; NAME-1.json, NAME-2.json are runs of one row, whose mean is drawn
+    /// Reports that `kinelm aclstm evaluate --json` printed; NAME-1.json, NAME-2.json are runs of one row, whose mean
+    /// is plotted
     #[arg(required = true, value_name = "REPORT.json")]
     reports: Vec<PathBuf>,
-    /// Where the charts go (.png .svg)
+    /// Where the plot goes (.png .svg)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]

@@ -3,7 +3,7 @@
 use super::dance::{held_to_prompt, read_dance, told_of};
 use crate::baselines::aclstm;
 use crate::cli::read::ReadArgs;
-use crate::cli::{Odd, Say, WrongCall, print, readable};
+use crate::cli::{Odd, Say, each_file, motion_files, print, wrong_call};
 use crate::corpus::Corpus;
 use crate::evaluate::dance::Reference;
 use crate::evaluate::dance::compare::{Comparison, MeasuredDance, Side, take_of};
@@ -63,14 +63,12 @@ pub struct How<'a> {
 
 fn side(corpus: &Corpus, folder: &PathBuf, read: &ReadArgs, say: Say) -> Result<Side> {
     if !folder.exists() {
-        return Err(WrongCall(format!("--compare {}: there is no such folder", folder.display())).into());
+        wrong_call!("--compare {}: there is no such folder", folder.display());
     }
-    let files: Vec<PathBuf> =
-        crate::corpus::in_out::files(std::slice::from_ref(folder))?.into_iter().map(|(path, _)| path).collect();
+    let files = motion_files(std::slice::from_ref(folder))?;
     let (options, odd) = (read.of_files(&files, RestFrame::Drop, say), Odd::new(say));
-    let dances = files.iter().zip(&options).map(|(path, options)| measured(corpus, path, options, (&odd, say)));
-    let dances = readable(dances, say)?.into_iter().map(|(_, dance)| dance).collect();
-    Ok(Side { name: folder.display().to_string(), dances })
+    let dances = each_file(&files, say, |i, path| measured(corpus, path, &options[i], (&odd, say)))?;
+    Ok(Side { name: folder.display().to_string(), dances: dances.into_iter().map(|(_, dance)| dance).collect() })
 }
 
 fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&Odd, Say)) -> Result<MeasuredDance> {

@@ -3,7 +3,7 @@
 use super::compare::{self, How};
 use crate::baselines::music_lstm;
 use crate::cli::read::ReadArgs;
-use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, print, readable};
+use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, each_file, motion_files, print};
 use crate::corpus::Corpus;
 use crate::corpus::music::find::in_dance;
 use crate::corpus::music::piece::Piece;
@@ -24,42 +24,41 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Dances: motion files of any rig. What FILE.bvh.kinelm.json tells of a prompt is looked at
+    /// Dances: motion files of any rig, or folders of them. A sidecar, FILE.bvh.kinelm.json, tells of a prompt to compare with
     #[arg(required_unless_present = "compare", value_name = "FILE")]
     dances: Vec<PathBuf>,
-    /// Two folders of dances instead: figures of both side by side, and of what they differ by
+    /// Compare two folders of dances instead: the metrics of both and their differences
     #[arg(long, num_args = 2, value_names = ["A", "B"],
         conflicts_with_all = ["dances", "copying", "fidelity", "beats", "music"])]
     compare: Vec<PathBuf>,
-    /// The corpus of the real ones: its tokenizer codes all, its train clips give the thresholds, its valid clips stand
-    /// beside
+    /// The corpus of real dances: its tokenizer codes all dances, its train clips give the thresholds, its valid clips
+    /// are the reference
     #[arg(long, value_name = "CORPUS")]
     real: PathBuf,
-    /// Look for copies of training clips too, which takes longer
+    /// Also look for copies of training clips, which takes longer
     #[arg(long)]
     copying: bool,
-    /// Fréchet distances and diversities of kinetic and geometric features too
+    /// Also print Fréchet distances and diversities of kinetic and geometric features
     #[arg(long)]
     features: bool,
-    /// Whether a label can be told by the dances, such as genre: how often they are named as they were asked for, or as
-    /// their prompt is
+    /// Classify the dances by this label field, such as genre: how often the class is the requested one, or that of the
+    /// prompt
     #[arg(long, value_name = "FIELD")]
     fidelity: Option<String>,
-    /// How the dances keep to these beats, a time in seconds a line; if not given, to those of --music, or of the music that
-    /// each dance was made to
+    /// Measure alignment to these beats, a time in seconds per line [default: the beats of --music, or of the music
+    /// that each dance was generated to]
     #[arg(long, value_name = "FILE", conflicts_with = "music")]
     beats: Option<PathBuf>,
-    /// How the dances keep to the beats of this music; given several times: one for each dance, in their order
+    /// Measure alignment to the beats of this music; may be repeated, once per dance in their order
     #[arg(long, value_name = "FILE")]
     music: Vec<PathBuf>,
-    /// The time of the music, or of the beats, when the dances begin, such as 12.5s
-    /// [default: 0s]
+    /// The time in the music, or of the beats, at which the dances start, such as 12.5s [default: 0s]
     #[arg(long, value_name = "SECONDS", value_parser = crate::cli::read::seconds)]
     music_from: Option<f64>,
-    /// Draw every measure too: how it is spread over the real train clips and over the dances
+    /// Also plot the distribution of every metric over the real train clips and over the dances
     #[arg(long, value_name = "FILE.svg|png")]
     plot: Option<PathBuf>,
-    /// One JSON object instead of tables
+    /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -81,25 +80,24 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         return compare::run(&corpus, [a, b], &args.read, how, say);
     }
     let real = Reference::load(&corpus)?;
-    let mut told: Vec<Option<Provenance>> = args.dances.iter().map(|path| told_of(path, say)).collect();
-    let options = args.read.of_files(&args.dances, RestFrame::Drop, say);
+    let files = motion_files(&args.dances)?;
+    let mut told: Vec<Option<Provenance>> = files.iter().map(|path| told_of(path, say)).collect();
+    let options = args.read.of_files(&files, RestFrame::Drop, say);
     let odd = Odd::new(say);
-    let read = |((path, told), options): ((&PathBuf, &Option<Provenance>), _)| {
-        Ok(read_dance(&corpus, path, told.as_ref(), options, &odd)?)
-    };
-    let read = readable(args.dances.iter().zip(&told).zip(&options).map(read), say)?;
+    let read = |i: usize, path: &Path| Ok(read_dance(&corpus, path, told[i].as_ref(), &options[i], &odd)?);
+    let read = each_file(&files, say, read)?;
     let (numbers, dances): (Vec<usize>, Vec<Dance>) = read.into_iter().unzip();
     drop(odd);
     let mut report = real.report(&dances)?;
     let mut given: Option<Vec<bool>> = None;
     let mut best = BTreeMap::<usize, usize>::new();
     let mut pieces = BTreeMap::new();
-    let beats = beats(args, &mut pieces)?;
+    let beats = beats(args, files.len(), &mut pieces)?;
     let mut music_s = Vec::new();
     let mut asked = Vec::new();
     let mut joints_given = Vec::new();
     for (&i, dance) in numbers.iter().zip(&dances) {
-        let (path, told) = (&args.dances[i], told[i].take());
+        let (path, told) = (&files[i], told[i].take());
         told.iter().filter_map(|told| told.best).for_each(|of| *best.entry(of.of).or_default() += 1);
         music_s.push(match &beats {
             None => own_music(path, told.as_ref(), &mut pieces).unwrap_or_else(|e| {
@@ -123,7 +121,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         report.prompted.extend(found.map(|found| (dance.name.clone(), found)));
     }
     for (of, dances) in best {
-        say.line(format_args!("{dances} of these {} dances were chosen among {of} each", args.dances.len()));
+        say.line(format_args!("{dances} of these {} dances were chosen among {of} each", files.len()));
     }
     if args.copying {
         report.copied = Some(real.copied(&dances, &given.unwrap_or_default())?);
@@ -167,7 +165,7 @@ fn asked_label(corpus: &Corpus, field: &str, path: &Path, told: Option<&Provenan
 
 /// The beats that the dances are held to, if the call names any, seconds from their first frame: one for all, or one for each.
 /// Pieces are heard once.
-fn beats(args: &Args, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Vec<Vec<f64>>>> {
+fn beats(args: &Args, dances: usize, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Vec<Vec<f64>>>> {
     if args.music_from.is_some() && args.beats.is_none() && args.music.is_empty() {
         let what = "--music-from without --music or --beats: a dance that was made to music knows where it began";
         return Err(WrongCall(what.into()).into());
@@ -182,7 +180,7 @@ fn beats(args: &Args, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Ve
         }
         return Ok(Some(vec![beats.iter().map(|beat| beat - from_s).collect()]));
     }
-    let (music, dances) = (args.music.len(), args.dances.len());
+    let music = args.music.len();
     if music > 1 && music != dances {
         let what = format!("--music names {music} files for {dances} dances; give one for all, or one for each");
         return Err(WrongCall(what).into());

@@ -21,10 +21,10 @@ pub struct Args {
     /// A corpus folder of the same tokenizer
     #[arg(long, value_name = "CORPUS")]
     corpus: PathBuf,
-    /// The split whose clips have gaps
+    /// The split whose clips get gaps
     #[arg(long, default_value = "test", value_name = "train|valid|test")]
     split: Split,
-    /// Frames of a gap
+    /// Frames of a gap, 1 to 512
     #[arg(long, default_value_t = 20, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=512))]
     frames: u16,
     /// Gaps at most, spread evenly
@@ -37,10 +37,10 @@ pub struct Args {
     /// it was trained for it (model.goal_guidance)
     #[arg(long, value_name = "G")]
     goal_guidance: Option<f64>,
-    /// Feet are held, as `generate --feet lock` does
+    /// Lock the feet, as `generate --feet lock` does
     #[arg(long)]
     feet: bool,
-    /// The seed of the draws
+    /// Random seed
     #[arg(long, default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
@@ -49,7 +49,7 @@ pub struct Args {
     reading: ReadingArgs,
     #[command(flatten)]
     compute: ComputeArgs,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
     #[command(flatten)]

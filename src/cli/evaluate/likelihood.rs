@@ -19,19 +19,20 @@ pub struct Args {
     /// A corpus folder of the same tokenizer
     #[arg(long, value_name = "CORPUS")]
     corpus: PathBuf,
-    /// The split that is measured
+    /// The split to measure
     #[arg(long, default_value = "test", value_name = "train|valid|test")]
     split: Split,
     /// Windows at most, spread evenly; 0: all, each token scored once
     #[arg(long, default_value_t = 0, value_name = "N")]
     windows: usize,
-    /// What the model is told of a clip, where it was trained with conditions: its labels, or nothing
+    /// What the model is conditioned on, where it was trained with conditions
     #[arg(long, value_enum, default_value = "labels")]
     conditions: ConditionsArg,
-    /// Also which joints cost the bits, where a word is a frame of one character a channel
+    /// Also print the bits per joint, where a word is a frame with one character per channel
     #[arg(long)]
     per_joint: bool,
-    /// Also gaps of so many frames (10, or 10,20,40), whose end is told to a model that can be told (model.goal), and isn't
+    /// Also measure gaps of these lengths in frames (10, or 10,20,40), with and without conditioning on what follows
+    /// them, for a model that has it (model.goal)
     #[arg(long, value_name = "FRAMES", value_delimiter = ',')]
     gaps: Vec<usize>,
     #[command(flatten)]
@@ -40,7 +41,7 @@ pub struct Args {
     compute: ComputeArgs,
     #[command(flatten)]
     floors: FloorsArgs,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -52,7 +53,7 @@ pub struct Args {
 enum ConditionsArg {
     /// The clip's labels
     Labels,
-    /// Every label is unknown
+    /// Nothing: every label unknown
     None,
 }
 

@@ -17,32 +17,32 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The run folder of a trained model; left out, zero and constant velocity alone are measured, on all of the protocol's
-    /// 15 joints
+    /// The run folder of a trained model [default: only zero and constant velocity are measured, on the protocol's 15
+    /// joints]
     #[arg(long, value_name = "RUN")]
     run: Option<PathBuf>,
-    /// Frames per second without a model; clips that have fewer are left out
+    /// Frames per second without a model; slower clips are left out
     #[arg(long, value_name = "FPS", value_parser = rate, default_value_t = PROTOCOL_FPS, conflicts_with = "run")]
     fps: f64,
     #[command(flatten)]
     data: DataArgs,
-    /// The split that is measured
+    /// The split to measure
     #[arg(long, default_value = "test", value_name = "train|valid|test")]
     split: Split,
     /// Windows at most, spread evenly; 0: all
     #[arg(long, default_value_t = 0, value_name = "N")]
     windows: usize,
-    /// Samples a window; the best of them is a row of its own. 0: the greedy continuation alone
+    /// Samples per window, up to 64; the best of them is a row of its own. 0: the greedy continuation alone
     #[arg(long, default_value_t = 10, value_name = "K", value_parser = clap::value_parser!(u8).range(..=64))]
     samples: u8,
-    /// The seed of the samples
+    /// Random seed
     #[arg(long, default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
     draw: DrawArgs,
     #[command(flatten)]
     compute: ComputeArgs,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
     #[command(flatten)]

@@ -15,16 +15,16 @@ pub struct Args {
     /// The run folder of a trained network
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
-    /// The split whose music it hasn't heard: valid or test
+    /// The split of the unheard music: valid or test
     #[arg(long, value_name = "SPLIT", default_value = "test")]
     split: Split,
-    /// Frames of one long dance to that music, to see whether it freezes
+    /// Frames of one long dance to that music, to measure whether it freezes
     #[arg(long, value_name = "N", default_value_t = 12_000, value_parser = frames_at(FPS, 30..=1 << 20))]
     frames: u32,
-    /// Frequency of the Butterworth filter that dances are measured behind too, Hz
+    /// Cut-off frequency of the Butterworth filter that dances are also measured after, Hz
     #[arg(long, value_name = "HZ", default_value_t = 6.0, value_parser = crate::cli::read::positive)]
     cutoff: f64,
-    /// One JSON object instead of tables
+    /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
 }

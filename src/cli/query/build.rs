@@ -14,10 +14,10 @@ use std::path::PathBuf;
 pub struct Args {
     #[command(flatten)]
     data: DataArgs,
-    /// The index folder; clips are added to one that is there, which keeps its options
+    /// The index folder; clips are added to an existing one, which keeps its options
     #[arg(long, value_name = "INDEX")]
     out: PathBuf,
-    /// What windows are told by [default: dct]
+    /// The features of a window [default: dct]
     #[arg(long, value_enum)]
     transform: Option<TransformArg>,
     /// With --transform model: the run
@@ -26,22 +26,22 @@ pub struct Args {
     /// With --transform stft: leave out the bin at 0 Hz, which holds the mean pose
     #[arg(long)]
     no_dc: bool,
-    /// Numbers of a channel that DCT or PCA keep [default: 16]
+    /// Coefficients per channel, for DCT or PCA [default: 16]
     #[arg(long, value_name = "N", value_parser = count)]
     keep: Option<usize>,
-    /// Joints that count: 13, 18, 24, or a list of groups, names and ids [default: 24]
+    /// Joints to compare: 13, 18, 24, or a list of groups, names and ids [default: 24]
     #[arg(long, value_name = "13|18|24|LIST")]
     joints: Option<String>,
     /// Frames of a window [default: 128]
     #[arg(long, value_name = "FRAMES", value_parser = window)]
     window: Option<usize>,
-    /// Frames from a window to the next [default: 64]
+    /// Frames from one window to the next [default: 64]
     #[arg(long, value_name = "FRAMES", value_parser = count)]
     hop: Option<usize>,
     /// Frames per second [default: 60]
     #[arg(long, value_parser = rate)]
     fps: Option<f64>,
-    /// Rotation vectors that jump at half a turn (compat), instead of continuous ones
+    /// Use rotation vectors that jump at half a turn (compat), instead of continuous ones
     #[arg(long)]
     raw: bool,
     #[command(flatten)]

@@ -14,52 +14,52 @@ use std::path::PathBuf;
 pub struct Args {
     #[command(flatten)]
     data: DataArgs,
-    /// Label fields, with commas; unless given all that every clip has
+    /// Label fields, separated by commas [default: all that every clip has]
     #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
     fields: Vec<String>,
-    /// Look only at clips with this label; may be given again
+    /// Use only clips with this label; may be repeated
     #[arg(long, value_name = "FIELD=VALUE", value_parser = crate::corpus::labels::pair)]
     only: Vec<(String, String)>,
-    /// What windows are told by, with commas; unless given stft,dct,pca, and model with --run
+    /// Transforms to measure, separated by commas [default: stft,dct,pca, and model with --run]
     #[arg(long, value_enum, value_name = "stft|dct|pca|model", value_delimiter = ',')]
     transform: Vec<TransformArg>,
-    /// The run whose model's embedding is measured too
+    /// The run whose embedding is measured too
     #[arg(long, value_name = "RUN")]
     run: Option<PathBuf>,
-    /// Leave out the STFT's bin at 0 Hz, which holds the mean pose
+    /// Leave out the bin of the STFT at 0 Hz, which holds the mean pose
     #[arg(long)]
     no_dc: bool,
-    /// What near means, with commas
+    /// Distance measures, separated by commas
     #[arg(long, value_delimiter = ',', default_value = "cosine,euclid", value_enum)]
     distance: Vec<Distance>,
-    /// What is left out of the neighbours in the main figures; the others stand beside
+    /// What neighbours the main figures exclude; the others are printed too
     #[arg(long, default_value = "take", value_enum)]
     exclude: Exclude,
     /// Neighbours
     #[arg(short, default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..))]
     k: u16,
-    /// Joints that count: 13, 18, 24, or a list of groups, names and ids
+    /// Joints to compare: 13, 18, 24, or a list of groups, names and ids
     #[arg(long, value_name = "13|18|24|LIST", default_value = "24")]
     joints: String,
     /// Frames of a window
     #[arg(long, value_name = "FRAMES", default_value_t = 128, value_parser = window)]
     window: usize,
-    /// Frames from a window to the next
+    /// Frames from one window to the next
     #[arg(long, value_name = "FRAMES", default_value_t = 64, value_parser = count)]
     hop: usize,
     /// Frames per second
     #[arg(long, value_parser = rate, default_value_t = 60.0)]
     fps: f64,
-    /// Rotation vectors that jump at half a turn (compat), instead of continuous ones
+    /// Use rotation vectors that jump at half a turn (compat), instead of continuous ones
     #[arg(long)]
     raw: bool,
-    /// Markdown tables
+    /// Print Markdown tables
     #[arg(long, conflicts_with = "json")]
     markdown: bool,
-    /// One JSON object with all figures
+    /// Print one JSON object with all figures
     #[arg(long)]
     json: bool,
-    /// Write that object to a file too
+    /// Also write that object to a file
     #[arg(long, value_name = "FILE.json")]
     save: Option<PathBuf>,
     #[command(flatten)]

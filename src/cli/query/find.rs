@@ -11,32 +11,32 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A motion file, of the index or not; one that it has is read as it was then, unless reading options are given
+    /// A motion file, indexed or not; an indexed one is read as it was for the index, unless reading options are given
     #[arg(value_name = "CLIP")]
     clip: PathBuf,
     /// The index
     #[arg(long, value_name = "INDEX")]
     index: PathBuf,
-    /// How many windows
+    /// Matches to print
     #[arg(short, default_value_t = 10, value_parser = count)]
     k: usize,
-    /// Where the window begins in the clip: 2.5s, 2.5 or 40f (frames of the file); unless given it lies in the clip's middle
+    /// Where the query window starts in the clip: 2.5s, 2.5 or 40f (frames of the file) [default: the clip's middle]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = time)]
     at: Option<Moment>,
-    /// What near means
+    /// The distance measure
     #[arg(long, default_value = "cosine", value_enum)]
     distance: Distance,
-    /// What is left out: the window itself, windows that share a frame with it, its clip, its take (the same recording, a
-    /// partner's too), its choreography; each leaves out what those before it do
+    /// What to exclude: the window itself, windows that share a frame with it, its clip, its take (the same recording,
+    /// a partner's too), its choreography; each excludes what the earlier ones do
     #[arg(long, default_value = "take", value_enum)]
     exclude: Exclude,
     /// Of each clip only its nearest window
     #[arg(long)]
     one_per_clip: bool,
-    /// Write a page that plays the query beside what was found (.html)
+    /// Also write a page that plays the query and the matches (.html)
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
-    /// One JSON object instead of a table
+    /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
     #[command(flatten)]

@@ -5,11 +5,10 @@ use super::{ForceArgs, Odd, Say, print, read::ReadArgs};
 use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth};
 use anyhow::Result;
 use kinelm_motion::Motion;
-use kinelm_motion::feet::{FixedParts, FootLock, lock};
+use kinelm_motion::feet::{FixedParts, lock};
 use kinelm_motion::format::{self, ReadOptions, RestFrame, resolve_floor};
 use kinelm_motion::metric::jitter;
 use kinelm_motion::rig::map_for;
-use kinelm_store::counted;
 use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};
 
@@ -117,25 +116,8 @@ fn one(
     let jerk = before.zip(after).map(|(a, b)| format!(", jitter {a:.0} to {b:.0} m/s^3")).unwrap_or_default();
     let (out, frames, fps) = (out.display(), clip.frames(), (clip.fps() * 1e3).round() / 1e3);
     say.line(format_args!("{out}: {frames} frames at {fps} fps{kept}{jerk}"));
-    locked.iter().for_each(|locked| say_locked(locked, clip.fps(), say));
+    locked.iter().flat_map(|locked| locked.notes(clip.fps())).for_each(|note| say.line(note));
     Ok(())
-}
-
-/// What was done to feet, and where a leg couldn't reach.
-pub(in crate::cli) fn say_locked(locked: &FootLock, fps: f64, say: Say) {
-    let FootLock { locked: held, out_of_reach, moved_cm, settled_cm, carried_cm } = locked;
-    say.line(format_args!(
-        "feet: {} held, moved {moved_cm:.1} cm in the mean; the body set up or down by {settled_cm:.0} cm at most, \
-         carried {carried_cm:.0} cm",
-        counted(held.len(), "contacts")
-    ));
-    for contact in out_of_reach {
-        let side = ["left", "right"][contact.side.min(1)];
-        let [from, to] = [contact.from, contact.to].map(|f| f as f64 / fps);
-        say.line(format_args!(
-            "feet: the {side} leg can't reach where its foot would stay from {from:.2} to {to:.2} s: left as it is"
-        ));
-    }
 }
 
 impl Args {

@@ -3,12 +3,13 @@
 use super::{
     ForceArgs, Odd, Say, WrongCall, each_file,
     read::ReadArgs,
-    view_files::{Named, Shown, named, shown},
+    view_files::{Named, named, viewed},
 };
 use crate::baselines::music_lstm;
 use crate::corpus::in_out;
 use crate::evaluate::dance::beats::BeatPair;
 use crate::generate::provenance;
+use crate::generate::related::ViewedFile;
 use crate::generate::request::Span;
 use crate::view::{Figure, music, page_with};
 use anyhow::Result;
@@ -102,18 +103,18 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         .into());
     }
     super::page(out)?;
-    let files = shown(clips, &args.read, args.together, say)?;
+    let files = viewed(clips, &args.read, args.together, say)?;
     files.iter().flat_map(|file| &file.notes).for_each(|note| say.line(note));
     let paths: Vec<&Path> = files.iter().map(|file| &*file.path).collect();
     let read = each_file(&paths, say, |i, path| Ok(format::read(path, &files[i].options)?))?;
     let (numbers, motions): (Vec<usize>, Vec<Motion>) = read.into_iter().unzip();
-    let files: Vec<Shown> = numbers.iter().map(|i| files[*i].clone()).collect();
+    let files: Vec<ViewedFile> = numbers.iter().map(|i| files[*i].clone()).collect();
     say_times(&motions, say);
     let (mut figures, odd) = (Vec::new(), Odd::new(say));
     for (i, motion) in motions.iter().enumerate() {
         odd.warn(motion);
         let list = args.forced.get(numbers[i]).or(args.forced.first().filter(|_| args.forced.len() == 1));
-        let figure = figure(motion).in_world(files[i].world).regenerated(&files[i].anew_s);
+        let figure = figure(motion).in_world(files[i].world).regenerated(&files[i].generated_s);
         figures.push(match list.filter(|list| !list.is_empty()) {
             Some(list) => forced(figure, motion, list, files[i].options.map.as_deref())?,
             None => figure,

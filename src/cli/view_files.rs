@@ -1,29 +1,12 @@
-//! The files of `view`, and how each is read: options of its own (`FILE:fps=60,skip=10`), what stands beside a dance, and what
-//! the call says of all.
+//! The files of `view`, and the reading options that follow a name: `FILE:fps=60,skip=10`.
 
 use super::read::{ReadArgs, positive};
 use super::{Say, WrongCall};
-use crate::generate::provenance::{self, Provenance};
+use crate::generate::related::{ViewedFile, related};
 use anyhow::Result;
 use clap::ValueEnum;
 use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
-use kinelm_store::hash;
 use std::path::{Path, PathBuf};
-
-/// A file to be shown.
-#[derive(Debug, Clone)]
-pub struct Shown {
-    /// The file.
-    pub path: PathBuf,
-    /// How it is read.
-    pub options: ReadOptions,
-    /// Files of one number stand to each other as they put themselves.
-    pub world: Option<usize>,
-    /// Seconds in which something of it was made anew, if that is part of it.
-    pub anew_s: Vec<[f64; 2]>,
-    /// What the user should know of that.
-    pub notes: Vec<String>,
-}
 
 /// A file or a folder of the call, and the `key=value` that stand behind it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -34,76 +17,19 @@ pub struct Named {
     own: Vec<(String, String)>,
 }
 
-/// What is known of a file before it is read.
-struct Known {
-    named: Named,
-    told: Option<Provenance>,
-}
-
-/// The files of a call, read as [`ReadArgs::of_files`] has it. What a generated dance followed is read as it was followed,
-/// whatever `read` says of all; prompt and dance stand in one world, as all files do if they are `together`.
+/// How each file is read: as [`ReadArgs::of_files`] has it, as the sidecar of a dance says of its prompt, and by the options
+/// that follow its name. With `together` all files are in one world.
 ///
 /// # Errors
-/// Options of a file that are none.
-pub fn shown(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Result<Vec<Shown>> {
-    let known = clips.iter().map(Known::of).collect::<Vec<_>>();
+/// A wrong option of a file.
+pub fn viewed(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Result<Vec<ViewedFile>> {
     let paths: Vec<&Path> = clips.iter().map(|clip| &*clip.path).collect();
-    let mut all: Vec<Shown> = Vec::new();
-    for (file, options) in known.iter().zip(read.of_files(&paths, RestFrame::Keep, say)) {
-        let anew_s = file.told.as_ref().map(|told| told.generated_s.clone()).unwrap_or_default();
-        all.push(Shown { path: file.named.path.clone(), options, world: None, anew_s, notes: Vec::new() });
-    }
-    for (n, told) in known.iter().enumerate().filter_map(|(n, file)| Some((n, file.told.as_ref()?))) {
-        let followed = followed(told);
-        for m in (0..known.len()).filter(|&m| m != n && known[m].told.is_none()) {
-            let read = followed.iter().find(|(hash, _)| is_file(&known[m].named.path, hash));
-            let Some((_, read)) = read else { continue };
-            if all[m].world.is_none() {
-                all[m].options = read.clone();
-                all[m].notes.push(format!(
-                    "{}: read as {} followed it",
-                    known[m].named.path.display(),
-                    told.output.file
-                ));
-            }
-            let world = all[m].world.or(all[n].world).unwrap_or(m);
-            // a dance without a place begins in the middle, wherever its prompt does
-            if told.request.placement.is_some() {
-                (all[m].world, all[n].world) = (Some(world), Some(world));
-            }
-        }
-    }
-    for (shown, file) in all.iter_mut().zip(&known) {
-        file.named.own.iter().try_for_each(|(key, value)| set(&mut shown.options, key, value))?;
-        shown.world = if together { Some(0) } else { shown.world };
+    let mut all = related(&paths, read.of_files(&paths, RestFrame::Keep, say));
+    for (file, named) in all.iter_mut().zip(clips) {
+        named.own.iter().try_for_each(|(key, value)| set(&mut file.options, key, value))?;
+        file.world = if together { Some(0) } else { file.world };
     }
     Ok(all)
-}
-
-/// The hashes of the clips that a dance follows, and how they were read: its prompt's, or those of its plan.
-fn followed(told: &Provenance) -> Vec<(String, ReadOptions)> {
-    let Some(prompt) = &told.request.prompt else { return Vec::new() };
-    match &prompt.timeline {
-        // of one that is gone nothing can be known
-        Some(plan) => {
-            plan.clips.values().filter_map(|clip| Some((hash::of_file(&clip.file).ok()?, clip.options()))).collect()
-        }
-        None => told.prompt_sha256.iter().map(|hash| (hash.clone(), prompt.read.clone())).collect(),
-    }
-}
-
-/// Whether a file has the bytes of this hash.
-fn is_file(path: &Path, sha256: &str) -> bool {
-    hash::of_file(path).is_ok_and(|found| found == sha256)
-}
-
-impl Known {
-    fn of(clip: &Named) -> Known {
-        let path = &clip.path;
-        // one that was changed since is a file like any other; what is wrong with a sidecar, reading the clip says
-        let told = provenance::find(path).ok().flatten().filter(|told| is_file(path, &told.output.sha256));
-        Known { named: clip.clone(), told }
-    }
 }
 
 impl Named {

@@ -1,5 +1,6 @@
 //! `filter`, `spectrum` and `interpolate` as a user runs them.
 
+use crate::support::{read, save};
 use assert_cmd::Command;
 use kinelm_motion::metric::jitter;
 use kinelm_motion::{Clip, Motion, Skeleton, Source, Vec3, format, synth};
@@ -14,15 +15,6 @@ fn kinelm(command: &str) -> Command {
     let mut c = Command::cargo_bin("kinelm").unwrap();
     c.env("NO_COLOR", "1").arg(command);
     c
-}
-
-fn save(path: &Path, clip: &Clip) {
-    let motion = Motion { path: path.into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
-    format::write(path, &motion).unwrap();
-}
-
-fn read(path: &Path) -> Clip {
-    format::read(path, &format::ReadOptions::default()).unwrap().clip
 }
 
 /// Two dances of 3 s at 60 fps, and one of 30 fps on a rig of other joints.

@@ -1,5 +1,6 @@
 //! `kinelm classify` as a user runs it.
 
+use crate::support::json;
 use assert_cmd::Command;
 use kinelm_motion::{Motion, Source, format, synth};
 use predicates::prelude::PredicateBooleanExt;
@@ -52,12 +53,6 @@ impl Data {
     fn train(&self, more: &str) -> assert_cmd::assert::Assert {
         self.run(&format!("classify train --run run --corpus corpus --steps 2 --batch 2 {more}"))
     }
-}
-
-fn json(c: &mut Command) -> Value {
-    let output = c.output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
 }
 
 #[test]

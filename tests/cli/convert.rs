@@ -1,17 +1,12 @@
 //! `inspect`, `convert` and `view` as a user runs them.
 
+use crate::support::kinelm;
 use assert_cmd::Command;
 use kinelm_motion::{Clip, Motion, Source, Vec3, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use std::fs;
 use std::path::Path;
-
-fn kinelm() -> Command {
-    let mut c = Command::cargo_bin("kinelm").unwrap();
-    c.env("NO_COLOR", "1");
-    c
-}
 
 /// Two joints, three frames; Zrotation 90 lays the child along -x.
 const TWO: &str = "HIERARCHY\nROOT a\n{\n  OFFSET 0 0 0\n  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n  JOINT b\n  {\n    OFFSET 0 10 0\n    CHANNELS 3 Zrotation Xrotation Yrotation\n    End Site\n    {\n      OFFSET 0 1 0\n    }\n  }\n}\nMOTION\nFrames: 3\nFrame Time: 0.05\n1 2 3 90 0 0 0 0 0\n1 2 3 90 90 0 0 0 0\n1 2 3 0 0 0 0 0 0\n";

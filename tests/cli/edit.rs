@@ -1,5 +1,6 @@
 //! A clip edited: what is free is made anew, and no other number of its file changes.
 
+use crate::support::kinelm;
 use assert_cmd::Command;
 use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::BvhSource};
 use kinelm_motion::{Motion, Source, synth};
@@ -8,12 +9,6 @@ use predicates::str::contains;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-
-fn kinelm() -> Command {
-    let mut c = Command::cargo_bin("kinelm").unwrap();
-    c.env("NO_COLOR", "1");
-    c
-}
 
 const CONFIG: &str = "[model]\narchitecture = \"two_level\"\nlayers = 1\nheads = 2\nwidth = 16\nwindow = 32\n\
                       [model.decoder]\nlayers = 1\nheads = 2\nwidth = 16\n\
@@ -361,7 +356,10 @@ fn a_clip_that_goes_round_ends_where_it_begins() {
     for (round, name) in [("--loop", "round.bvh"), ("--loop=pose", "on.pose.bvh")] {
         let more = ["--skip", "5", round, "--loop-over", "1", "--tries", "2"];
         let told = "free all@120f:180f";
-        set.edit(&prompt, &more, name).assert().success().stderr(contains(told).and(contains("where it goes round")));
+        set.edit(&prompt, &more, name)
+            .assert()
+            .success()
+            .stderr(contains(told).and(contains("the seam of the loop jerks")));
         let new: Vec<String> = rows(&fs::read_to_string(set.at(name)).unwrap());
         assert_eq!(new.len(), 175, "as long as the clip, without what is skipped");
         assert_eq!(new[..115], old[5..120], "{round}: the words of the file up to the gap");

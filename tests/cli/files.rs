@@ -1,5 +1,6 @@
 //! What a call writes over: never what it reads, and unasked only what is its own.
 
+use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
 use kinelm_motion::{Motion, Source, format, synth};
 use predicates::str::contains;
@@ -55,14 +56,11 @@ impl Place {
     }
 
     fn call(&self, words: &str) -> Command {
-        let mut c = Command::cargo_bin("kinelm").unwrap();
-        c.env("NO_COLOR", "1").current_dir(self.0.path()).args(words.split_whitespace());
-        c
+        kinelm_in(self.0.path(), words)
     }
 
     fn done(&self, words: &str) {
-        let done = self.call(words).output().unwrap();
-        assert!(done.status.success(), "{words}: {}", String::from_utf8_lossy(&done.stderr));
+        stdout(&mut self.call(words));
     }
 
     /// Every file with its bytes and when it was written.

@@ -1,5 +1,6 @@
 //! A dance stands where its prompt stands, and what it was given lies where the prompt has it.
 
+use crate::support::{kinelm, save};
 use assert_cmd::Command;
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
@@ -13,12 +14,6 @@ use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
-
-fn kinelm() -> Command {
-    let mut c = Command::cargo_bin("kinelm").unwrap();
-    c.env("NO_COLOR", "1");
-    c
-}
 
 const CONFIG: &str = "[model]\nlayers = 1\nheads = 2\nwidth = 16\ncontext = 160\n\
                       [train]\nbatch = 2\nsteps = 2\nwarmup = 1\neval_every = 2\ncheckpoint_every = 2\n";
@@ -78,12 +73,6 @@ fn on_another_rig(clip: &Clip) -> Clip {
         pose[25] = Quat::from_rotation_y(0.8 * (0.05 * f as f64).sin());
     }
     Clip::new(rig, clip.fps(), clip.root().to_vec(), rotations).unwrap()
-}
-
-fn save(path: &Path, clip: &Clip) {
-    fs::create_dir_all(path.parent().unwrap()).unwrap();
-    let motion = Motion { path: path.into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
-    format::write(path, &motion).unwrap();
 }
 
 fn made(dir: &Path, name: &str, data: &[&Path], labels: &Path, more: &[&str]) {

@@ -19,6 +19,7 @@ mod plan;
 mod query;
 mod readme;
 mod study;
+mod support;
 mod training;
 mod two_level;
 mod words;

@@ -330,7 +330,7 @@ fn a_model_is_told_what_music_sounds_like_and_a_flat_one_its_tempo() {
     said("pretrain --config both.toml --corpus deaf --run no", 1, "no training clip of the corpora has any");
     said("pretrain --config both.toml --corpus corpus --run both", 0, "");
     assert!(String::from_utf8(bytes("both/config.toml")).unwrap().contains("[model.music_scale]"));
-    said("generate --run both --music song.wav --seconds 2 --out b.bvh", 0, " beats a minute");
+    said("generate --run both --music song.wav --seconds 2 --out b.bvh", 0, " beats per minute");
     let before = bytes("b.bvh");
     fs::remove_file(dir.join("b.bvh")).unwrap();
     said("generate again b.bvh.kinelm.json", 0, "");
@@ -355,8 +355,12 @@ fn a_model_is_told_what_music_sounds_like_and_a_flat_one_its_tempo() {
     // tempo, which a flat model can be told
     fs::write(dir.join("flat.toml"), FLAT).unwrap();
     said("pretrain --config flat.toml --corpus corpus --run flat", 0, "");
-    said("generate --run flat --music song.wav --seconds 2 --out f.bvh", 0, "told as tempo=090");
-    said("generate --run flat --music song.wav --seconds 2 --label tempo=120 --out g.bvh", 0, "told as tempo=120");
+    said("generate --run flat --music song.wav --seconds 2 --out f.bvh", 0, "conditioned on tempo=090");
+    said(
+        "generate --run flat --music song.wav --seconds 2 --label tempo=120 --out g.bvh",
+        0,
+        "conditioned on tempo=120",
+    );
     said(
         "generate --run flat --music song.wav --seconds 2 --label tempo=95 --out h.bvh",
         2,

@@ -1,5 +1,6 @@
 //! A music LSTM, as a user trains it, dances with it and measures it.
 
+use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
 use kinelm::corpus::music::dance::music;
 use kinelm_motion::format::ReadOptions;
@@ -26,14 +27,11 @@ impl Place {
 
     /// A call in the folder, its words parted by spaces.
     fn call(&self, words: &str) -> Command {
-        let mut c = Command::cargo_bin("kinelm").unwrap();
-        c.env("NO_COLOR", "1").current_dir(self.dir.path()).args(words.split_whitespace());
-        c
+        kinelm_in(self.dir.path(), words)
     }
 
     fn done(&self, words: &str) -> String {
-        let done = self.call(words).assert().success();
-        String::from_utf8(done.get_output().stdout.clone()).unwrap()
+        stdout(&mut self.call(words))
     }
 
     fn refused(&self, words: &str, message: &str) {

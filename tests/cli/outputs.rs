@@ -1,5 +1,6 @@
 //! What a call reads is never its output: every command, with what it reads as where it would write, by another name.
 
+use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
 use kinelm::corpus::music::dance::music;
 use kinelm_motion::{Motion, Source, format, synth};
@@ -25,14 +26,11 @@ impl Place {
     }
 
     fn call(&self, words: &str) -> Command {
-        let mut c = Command::cargo_bin("kinelm").unwrap();
-        c.env("NO_COLOR", "1").current_dir(self.0.path()).args(words.split_whitespace());
-        c
+        kinelm_in(self.0.path(), words)
     }
 
     fn done(&self, words: &str) {
-        let done = self.call(words).output().unwrap();
-        assert!(done.status.success(), "{words}: {}", String::from_utf8_lossy(&done.stderr));
+        stdout(&mut self.call(words));
     }
 
     /// Of a name that begins so the whole.

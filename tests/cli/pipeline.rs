@@ -1,5 +1,6 @@
 //! Motion files to a generated dance, as a user goes.
 
+use crate::support::{kinelm, save};
 use assert_cmd::Command;
 use kinelm_motion::format::resolve_floor;
 use kinelm_motion::{Motion, Source, format, synth};
@@ -8,12 +9,6 @@ use predicates::str::contains;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-
-fn kinelm() -> Command {
-    let mut c = Command::cargo_bin("kinelm").unwrap();
-    c.env("NO_COLOR", "1");
-    c
-}
 
 const CONFIG: &str = "[model]\nlayers = 1\nheads = 2\nwidth = 32\ncontext = 130\n\
                       [train]\nbatch = 2\nsteps = 4\nwarmup = 1\neval_every = 2\ncheckpoint_every = 2\n";
@@ -56,12 +51,6 @@ impl Way {
         assert_eq!(text.lines().count(), 1);
         text.trim_end().split(' ').map(|w| w.chars().collect()).collect()
     }
-}
-
-fn save(path: &Path, clip: &kinelm_motion::Clip) {
-    fs::create_dir_all(path.parent().unwrap()).unwrap();
-    let motion = Motion { path: path.into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
-    format::write(path, &motion).unwrap();
 }
 
 fn way() -> &'static Way {

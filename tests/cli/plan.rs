@@ -1,5 +1,6 @@
 //! Plans: several clips laid on a timeline, what none of them gives made anew.
 
+use crate::support::kinelm_in;
 use assert_cmd::Command;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Motion, Source, format, synth};
@@ -23,9 +24,7 @@ impl Set {
     }
 
     fn call(&self, words: &str) -> Command {
-        let mut c = Command::cargo_bin("kinelm").unwrap();
-        c.env("NO_COLOR", "1").current_dir(self.dir.path()).args(words.split_whitespace());
-        c
+        kinelm_in(self.dir.path(), words)
     }
 
     /// The numbers of a BVH's rows as they are printed.

@@ -1,5 +1,6 @@
 //! `kinelm query` as a user runs it.
 
+use crate::support::{json, kinelm};
 use assert_cmd::Command;
 use kinelm_motion::{Clip, Motion, Quat, Source, format, synth};
 use predicates::prelude::PredicateBooleanExt;
@@ -10,12 +11,6 @@ use std::path::{Path, PathBuf};
 
 const TRAIN: &str = "[model]\nlayers = 1\nheads = 2\nwidth = 32\ncontext = 60\n\
                      [train]\nbatch = 2\nsteps = 2\nwarmup = 1\neval_every = 2\ncheckpoint_every = 2\n";
-
-fn kinelm() -> Command {
-    let mut c = Command::cargo_bin("kinelm").unwrap();
-    c.env("NO_COLOR", "1");
-    c
-}
 
 /// Six short dances of two genres in three takes, and one that is too short.
 struct Data(tempfile::TempDir);
@@ -54,12 +49,6 @@ impl Data {
         c.args(["query", "find"]).arg(self.at(clip)).arg("--index").arg(self.at(index));
         c
     }
-}
-
-fn json(c: &mut Command) -> Value {
-    let output = c.output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
 }
 
 fn names(dir: &Path) -> Vec<String> {

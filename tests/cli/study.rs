@@ -1,5 +1,6 @@
 //! `kinelm tokenizer study` as a user runs it.
 
+use crate::support::kinelm;
 use assert_cmd::Command;
 use kinelm_motion::{Motion, Source, format, synth};
 use predicates::prelude::PredicateBooleanExt;
@@ -8,12 +9,6 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-
-fn kinelm() -> Command {
-    let mut c = Command::cargo_bin("kinelm").unwrap();
-    c.env("NO_COLOR", "1");
-    c
-}
 
 const ROWS: &str = "[[row]]\nname = \"coarse\"\ngroup = \"uniform\"\nscheme = { type = \"uniform\", bins = 60 }\n\
                     [[row]]\nname = \"fine\"\ngroup = \"uniform\"\nscheme = { type = \"uniform\", bins = 360 }\n\

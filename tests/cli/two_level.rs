@@ -1,5 +1,6 @@
 //! A two-level model, as a user trains it and dances with it.
 
+use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
 use kinelm_motion::{Motion, Source, format, synth};
 use predicates::str::contains;
@@ -25,14 +26,11 @@ impl Place {
 
     /// A call in the folder, its words parted by spaces.
     fn call(&self, words: &str) -> Command {
-        let mut c = Command::cargo_bin("kinelm").unwrap();
-        c.env("NO_COLOR", "1").current_dir(self.dir.path()).args(words.split_whitespace());
-        c
+        kinelm_in(self.dir.path(), words)
     }
 
     fn done(&self, words: &str) -> String {
-        let done = self.call(words).assert().success();
-        String::from_utf8(done.get_output().stdout.clone()).unwrap()
+        stdout(&mut self.call(words))
     }
 }
 
@@ -171,7 +169,7 @@ fn feet_are_held_where_no_leg_is_given_and_the_sidecar_says_so() {
         (fs::read_to_string(place.at(name)).unwrap(), said)
     };
     let (held, said) = dance("held.bvh", "");
-    assert!(said.contains("feet: ") && said.contains("contacts held"), "{said}");
+    assert!(said.contains("feet: ") && said.contains("contacts locked"), "{said}");
     let (raw, said) = dance("raw.bvh", "--feet off");
     assert!(!said.contains("feet: "), "{said}");
     let frames =

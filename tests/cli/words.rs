@@ -1,5 +1,6 @@
 //! Words of any kind through the whole program: merged characters, tiles of frames.
 
+use crate::support::{json, kinelm, read, save};
 use assert_cmd::Command;
 use kinelm::corpus::load::load_placed;
 use kinelm_motion::joints::THIRTEEN;
@@ -18,27 +19,6 @@ const FPS: f64 = 20.0;
 
 const CONFIG: &str = "[model]\nlayers = 1\nheads = 2\nwidth = 32\ncontext = 60\n\
                       [train]\nbatch = 2\nsteps = 4\nwarmup = 1\neval_every = 2\ncheckpoint_every = 2\n";
-
-fn kinelm() -> Command {
-    let mut c = Command::cargo_bin("kinelm").unwrap();
-    c.env("NO_COLOR", "1");
-    c
-}
-
-fn json(c: &mut Command) -> Value {
-    let output = c.output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
-
-fn save(path: &Path, clip: &Clip) {
-    let motion = Motion { path: path.into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
-    format::write(path, &motion).unwrap();
-}
-
-fn read(path: &Path) -> Clip {
-    format::read(path, &format::ReadOptions::default()).unwrap().clip
-}
 
 /// Six dances of lengths that no tile divides, a prompt, and a tokenizer fitted on them.
 struct Way {

@@ -32,6 +32,7 @@ pub mod open;
 pub mod output;
 pub mod prompt;
 pub mod provenance;
+pub mod related;
 pub mod request;
 pub mod sampler;
 pub mod sampling;

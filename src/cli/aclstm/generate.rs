@@ -5,7 +5,7 @@ use crate::baselines::aclstm::dance::{Recipe, Told};
 use crate::baselines::aclstm::run::Trained;
 use crate::cli::read::{ReadArgs, frames_at};
 use crate::cli::updates::{self, AgainArgs, BaselineDance};
-use crate::cli::{ForceArgs, Say, convert, filter, progress, warn, writable, written_as};
+use crate::cli::{ForceArgs, Say, convert, progress, warn, writable, written_as};
 use crate::generate::MOST_FRAMES;
 use crate::generate::request::FootMode;
 use crate::model::CheckpointChoice;
@@ -101,7 +101,7 @@ impl BaselineDance for Recipe {
         let motion = written_as(out, made.motion, self.read.map.as_deref())?;
         let bytes = format::to_bytes(out, &motion)?;
         convert::told(out, &motion, say);
-        made.locked.iter().for_each(|locked| filter::say_locked(locked, FPS, say));
+        made.locked.iter().flat_map(|locked| locked.notes(FPS)).for_each(|note| say.line(note));
         let written = (out, motion.clip.fps());
         Ok((Told::of(self, (trained.step, &trained.sha256), &made.clip_sha256, written, &bytes), bytes))
     }

@@ -1,18 +1,16 @@
 //! `kinelm evaluate dance --compare A B`.
 
-use super::dance::{held_to_prompt, read_dance, told_of};
-use crate::baselines::aclstm;
+use super::dance::{held_to_prompt, told_of};
+use crate::baselines::aclstm::dance::source_hashes;
 use crate::cli::read::ReadArgs;
 use crate::cli::{Odd, Say, each_file, motion_files, print, wrong_call};
 use crate::corpus::Corpus;
-use crate::evaluate::dance::Reference;
 use crate::evaluate::dance::compare::{Comparison, MeasuredDance, Side, take_of};
 use crate::evaluate::dance::features::Features;
-use crate::generate::provenance::Provenance;
+use crate::evaluate::dance::{Dance, Reference};
 use anyhow::Result;
 use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_store::output::Outputs;
-use kinelm_store::{hash, sidecar};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -73,27 +71,12 @@ fn side(corpus: &Corpus, folder: &PathBuf, read: &ReadArgs, say: Say) -> Result<
 
 fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&Odd, Say)) -> Result<MeasuredDance> {
     let told = told_of(path, say);
-    let sha256 = followed(path, told.as_ref())?;
-    let dance = read_dance(corpus, path, told.as_ref(), options, odd)?;
+    let sha256 = source_hashes(path, told.as_ref())?;
+    let dance = Dance::load(corpus, path, told.as_ref(), options)?;
+    odd.doubt(&dance.name, dance.doubt);
     let prompt = told.as_ref().and_then(|told| told.request.prompt.as_ref());
     let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
     let (take, in_training) = take_of(corpus, &sha256).unwrap_or_else(itself);
     let prompted = told.and_then(|told| held_to_prompt(&dance, path, &told.request, corpus.tokenizer(), say));
     Ok(MeasuredDance { dance, take, in_training, prompted })
-}
-
-/// The hashes of what a dance goes on from, or of itself.
-fn followed(path: &Path, told: Option<&Provenance>) -> Result<Vec<String>> {
-    let prompt = told.and_then(|told| told.request.prompt.as_ref());
-    if let Some(plan) = prompt.and_then(|prompt| prompt.timeline.as_ref()) {
-        let given = plan.segments.iter().filter_map(|segment| plan.clips.get(segment.clip.as_ref()?));
-        return Ok(given.map(|clip| hash::of_file(&clip.file)).collect::<kinelm_store::Result<_>>()?);
-    }
-    if let Some(of_prompt) = told.and_then(|told| told.prompt_sha256.clone()) {
-        return Ok(vec![of_prompt]);
-    }
-    match aclstm::dance::Told::load(&sidecar::path_of(path)) {
-        Ok(lstm) => Ok(vec![lstm.given_sha256]),
-        Err(_) => Ok(vec![hash::of_file(path)?]),
-    }
 }

@@ -9,15 +9,15 @@ use crate::corpus::music::find::in_dance;
 use crate::corpus::music::piece::Piece;
 use crate::evaluate::dance::fidelity::fidelity;
 use crate::evaluate::dance::prompt::PromptMetrics;
-use crate::evaluate::dance::{Dance, Reference};
+use crate::evaluate::dance::{Dance, Reference, requested_label};
 use crate::generate::prompt::given_characters;
 use crate::generate::provenance::{self, Provenance};
 use crate::generate::request::Resolved;
 use anyhow::Result;
-use kinelm_motion::format::{Format, ReadOptions, RestFrame};
+use kinelm_motion::format::RestFrame;
 use kinelm_motion::joints;
 use kinelm_music::beat::Beats;
-use kinelm_store::{hash, input};
+use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -84,8 +84,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut told: Vec<Option<Provenance>> = files.iter().map(|path| told_of(path, say)).collect();
     let options = args.read.of_files(&files, RestFrame::Drop, say);
     let odd = Odd::new(say);
-    let read = |i: usize, path: &Path| Ok(read_dance(&corpus, path, told[i].as_ref(), &options[i], &odd)?);
-    let read = each_file(&files, say, read)?;
+    let read = each_file(&files, say, |i, path| {
+        let dance = Dance::load(&corpus, path, told[i].as_ref(), &options[i])?;
+        odd.doubt(&dance.name, dance.doubt);
+        Ok(dance)
+    })?;
     let (numbers, dances): (Vec<usize>, Vec<Dance>) = read.into_iter().unzip();
     drop(odd);
     let mut report = real.report(&dances)?;
@@ -107,7 +110,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
             Some(beats) => Some(beats[i % beats.len()].clone()),
         });
         asked.push(match &args.fidelity {
-            Some(field) => asked_label(&corpus, field, path, told.as_ref())?,
+            Some(field) => requested_label(&corpus, field, path, told.as_ref())?,
             None => None,
         });
         let recipe = told.map(|told| told.request);
@@ -142,25 +145,6 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         crate::cli::draw_charts(out, &real.charts(&[("dances", dances.collect())])?, &outputs)?;
     }
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
-}
-
-/// What a dance was asked for: its label, or where it had none that of the clip that it follows or is. Nothing of one whose
-/// label changes, nor of an edited clip, which is what it was for the most part.
-fn asked_label(corpus: &Corpus, field: &str, path: &Path, told: Option<&Provenance>) -> Result<Option<String>> {
-    let of_clip = |sha256: &str| {
-        let record = corpus.clips().iter().find(|record| record.sha256 == sha256)?;
-        record.labels.get(field).cloned()
-    };
-    let Some(told) = told else { return Ok(of_clip(&hash::of_file(path)?)) };
-    if told.request.prompt.as_ref().is_some_and(|prompt| prompt.edit.is_some()) {
-        return Ok(None);
-    }
-    let mut timed = told.request.timed_labels.iter().filter(|label| label.field == field).peekable();
-    if let Some(first) = timed.peek().map(|label| label.value.clone()) {
-        return Ok(timed.all(|label| label.value == first).then_some(first));
-    }
-    let of_prompt = || of_clip(told.prompt_sha256.as_ref()?);
-    Ok(told.request.labels.get(field).cloned().or_else(of_prompt))
 }
 
 /// The beats that the dances are held to, if the call names any, seconds from their first frame: one for all, or one for each.
@@ -230,27 +214,4 @@ pub fn held_to_prompt(
         say.line(format_args!("{}: its prompt is not looked at: {e}", path.display()));
         None
     })
-}
-
-/// A dance from its file; of one that the corpus was made from as the corpus has read it.
-pub fn read_dance(
-    corpus: &Corpus,
-    path: &Path,
-    told: Option<&Provenance>,
-    options: &ReadOptions,
-    odd: &Odd,
-) -> crate::Result<Dance> {
-    Format::of(path)?; // refused by its name before it is read
-    if told.is_none() {
-        let sha256 = hash::of_file(path)?;
-        let mut same = corpus.clips().iter().filter(|record| record.sha256 == sha256);
-        if let (Some(record), None) = (same.next(), same.next()) {
-            let mut dance = Dance::of_corpus(corpus, record)?;
-            dance.name = path.display().to_string();
-            return Ok(dance);
-        }
-    }
-    let dance = Dance::of_file(path, options, corpus.tokenizer())?;
-    odd.doubt(&dance.name, dance.doubt);
-    Ok(dance)
 }

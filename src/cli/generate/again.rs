@@ -1,6 +1,6 @@
 //! `kinelm generate again`.
 
-use super::{make, say as said};
+use super::make;
 use crate::cli::{ForceArgs, Say, convert, extension, progress, writable, wrong_call};
 use crate::generate::provenance::{Moved, Provenance};
 use anyhow::Result;
@@ -47,7 +47,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     outputs.check([&*out])?;
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
     let open = first.open(request)?;
-    said::opened(&open, say)?;
+    make::report(&open, say)?;
     let bar = progress::bar(open.frames as u64, "frames", say);
     let guesses = args.guesses.map(usize::from);
     let generated = first.regenerate(&open, &out, guesses, &mut |frames| bar.set_position(frames as u64));

@@ -1,7 +1,7 @@
 //! A request carried out: the dances sampled and written.
 
-use super::{best, dance::DanceArgs, edit, say};
-use crate::cli::{ForceArgs, Say, convert, filter, progress};
+use super::{best, dance::DanceArgs};
+use crate::cli::{ForceArgs, Say, convert, progress, warn};
 use crate::generate::best::Best;
 use crate::generate::open::OpenRequest;
 use crate::generate::provenance::Provenance;
@@ -31,7 +31,7 @@ pub fn make(
         outputs.check_replaceable(&sidecar::path_of(out), None)?;
     }
     let open = OpenRequest::open_with(&request, layout)?;
-    say::opened(&open, say)?;
+    report(&open, say)?;
     let reference = args.best.reference(&open, say)?;
     let samples = args.best.best.map_or(outs.len(), usize::from);
     let sampled = sample(&open, samples, args.guesses, say)?;
@@ -52,13 +52,19 @@ pub fn make(
             let from_s = from.frame as f64 / open.tokenizer.fps();
             say.line(format_args!("continues from a second of {} (a train clip) at {from_s:.2} s", from.clip));
         }
-        edit::say_left(&generated.errors, generated.locked_fps, say);
-        if let Some(edited) = open.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()) {
-            edit::say_seam(edited, &generated, say);
-        }
-        generated.locked.iter().for_each(|locked| filter::say_locked(locked, generated.locked_fps, say));
-        say::read_back(&open, &sampled[i], out, say)?;
+        generated
+            .notes(&open)
+            .into_iter()
+            .chain(open.read_back_note(&sampled[i], out)?)
+            .for_each(|note| say.line(note));
     }
+    Ok(())
+}
+
+/// Prints what was odd in the prompt's file, and the notes on the request.
+pub fn report(open: &OpenRequest, say: Say) -> Result<()> {
+    open.prompt.iter().for_each(|prompt| warn(&prompt.clip.motion, say));
+    open.notes()?.iter().for_each(|note| say.line(note));
     Ok(())
 }
 

@@ -5,7 +5,6 @@ mod best;
 mod dance;
 mod edit;
 mod make;
-mod say;
 
 use super::read::{ReadArgs, length_in_frames};
 use super::{Say, wrong_call};

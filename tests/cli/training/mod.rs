@@ -3,17 +3,12 @@
 mod crash;
 mod watch;
 
+use crate::support::kinelm;
 use assert_cmd::Command;
 use kinelm_motion::{Motion, Source, format, synth};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-
-fn kinelm() -> Command {
-    let mut c = Command::cargo_bin("kinelm").unwrap();
-    c.env("NO_COLOR", "1");
-    c
-}
 
 /// A folder with a corpus of short made-up dances.
 struct Place {

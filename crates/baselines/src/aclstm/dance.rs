@@ -8,12 +8,14 @@ use crate::{Error, Result, sidecar as told};
 use kinelm_corpus::sidecar::as_written;
 use kinelm_generate::check_frames;
 use kinelm_generate::output::lock_feet;
+use kinelm_generate::provenance::Provenance;
 use kinelm_generate::request::FootMode;
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, FootLock};
 use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::rig::{floor, map_for};
+use kinelm_store::{hash, sidecar};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -116,5 +118,24 @@ impl Recipe {
         let fixed = FixedParts { root: false, path: false, legs: [false; 2], frames: kept };
         let (motion, locked) = lock_feet(motion, self.read.map.as_deref(), Some(floor_m), fixed)?;
         Ok(Made { motion, clip_sha256, locked: Some(locked) })
+    }
+}
+
+/// The hashes of the clips that a dance comes from: its timeline's clips, its prompt, the seed of an LSTM, or itself.
+///
+/// # Errors
+/// A file that can't be read.
+pub fn source_hashes(dance: &Path, provenance: Option<&Provenance>) -> Result<Vec<String>> {
+    let prompt = provenance.and_then(|provenance| provenance.request.prompt.as_ref());
+    if let Some(timeline) = prompt.and_then(|prompt| prompt.timeline.as_ref()) {
+        let clips = timeline.segments.iter().filter_map(|segment| timeline.clips.get(segment.clip.as_ref()?));
+        return Ok(clips.map(|clip| hash::of_file(&clip.file)).collect::<kinelm_store::Result<_>>()?);
+    }
+    if let Some(prompt) = provenance.and_then(|provenance| provenance.prompt_sha256.clone()) {
+        return Ok(vec![prompt]);
+    }
+    match Told::load(&sidecar::path_of(dance)) {
+        Ok(lstm) => Ok(vec![lstm.given_sha256]),
+        Err(_) => Ok(vec![hash::of_file(dance)?]),
     }
 }

@@ -13,6 +13,7 @@ pub mod fidelity;
 pub mod frechet;
 pub mod freeze;
 pub mod judge;
+mod load;
 mod metrics;
 pub mod positions;
 mod print;
@@ -23,6 +24,7 @@ mod report;
 mod tests;
 
 pub use coded::Dance;
+pub use load::requested_label;
 pub use metrics::GroupMetrics;
 pub use report::{Copied, Reference, Report};
 

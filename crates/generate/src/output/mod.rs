@@ -4,6 +4,7 @@ pub mod distance;
 mod feet;
 mod free_spans;
 mod likelihood;
+mod notes;
 mod placement;
 
 pub use feet::lock_feet;

@@ -12,6 +12,7 @@ pub mod settle;
 use crate::rig::{Feet, ReferencePose, SkeletonMap};
 use crate::{Clip, GlobalPose, Quat, Result, Vec3};
 use contact::{Contact, Moves, contacts};
+use kinelm_store::counted;
 use leg::Leg;
 
 /// The parts of a motion that were given and must not be changed.
@@ -40,6 +41,24 @@ pub struct FootLock {
     pub settled_cm: f64,
     /// The largest horizontal displacement of the body, centimetres.
     pub carried_cm: f64,
+}
+
+impl FootLock {
+    /// Lines to print about locked feet; frames are `fps` per second.
+    pub fn notes(&self, fps: f64) -> Vec<String> {
+        let FootLock { locked, out_of_reach, moved_cm, settled_cm, carried_cm } = self;
+        let mut notes = vec![format!(
+            "feet: {} locked, moved {moved_cm:.1} cm on average; the body moved up or down by at most {settled_cm:.0} cm, \
+             sideways by {carried_cm:.0} cm",
+            counted(locked.len(), "contacts")
+        )];
+        notes.extend(out_of_reach.iter().map(|contact| {
+            let side = ["left", "right"][contact.side.min(1)];
+            let [from, to] = [contact.from, contact.to].map(|f| f as f64 / fps);
+            format!("feet: the {side} leg can't reach its locked foot from {from:.2} to {to:.2} s: left as it is")
+        }));
+        notes
+    }
 }
 
 /// Displacements of a contact are blended in and out over this time, seconds.

@@ -3,12 +3,12 @@
 use crate::support::{read, save};
 use assert_cmd::Command;
 use kinelm_motion::metric::jitter;
-use kinelm_motion::{Clip, Motion, Skeleton, Source, Vec3, format, synth};
+use kinelm_motion::{Clip, Skeleton, Vec3, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use serde_json::Value;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 fn kinelm(command: &str) -> Command {

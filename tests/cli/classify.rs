@@ -5,7 +5,6 @@ use assert_cmd::Command;
 use kinelm_motion::{Motion, Source, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
-use serde_json::Value;
 use std::fs;
 use std::path::PathBuf;
 

@@ -1,7 +1,6 @@
 //! `inspect`, `convert` and `view` as a user runs them.
 
 use crate::support::kinelm;
-use assert_cmd::Command;
 use kinelm_motion::{Clip, Motion, Source, Vec3, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;

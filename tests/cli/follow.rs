@@ -7,7 +7,7 @@ use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::rig::{SkeletonMap, map_for};
 use kinelm_motion::rotation::{angle_between, heading};
-use kinelm_motion::{Clip, EndSite, Motion, Quat, Skeleton, Source, Vec3, smpl, synth};
+use kinelm_motion::{Clip, EndSite, Quat, Skeleton, Vec3, smpl, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use serde_json::json;

@@ -3,7 +3,7 @@
 use crate::support::{kinelm, save};
 use assert_cmd::Command;
 use kinelm_motion::format::resolve_floor;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use std::fs;

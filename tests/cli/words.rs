@@ -1,11 +1,10 @@
 //! Words of any kind through the whole program: merged characters, tiles of frames.
 
 use crate::support::{json, kinelm, read, save};
-use assert_cmd::Command;
 use kinelm::corpus::load::load_placed;
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rotation::angle_between;
-use kinelm_motion::{Clip, Motion, Quat, Source, Vec3, format, synth};
+use kinelm_motion::{Clip, Quat, Vec3, format, synth};
 use kinelm_tokenizer::{
     DctConfig, Form, Height, JointTransform, LappedConfig, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig,
     Travel, UncodedPose, UniformConfig,

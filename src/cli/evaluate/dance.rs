@@ -4,7 +4,6 @@ use super::compare::{self, How};
 use crate::baselines::music_lstm;
 use crate::cli::read::ReadArgs;
 use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, each_file, motion_files, print};
-use crate::corpus::Corpus;
 use crate::corpus::music::find::in_dance;
 use crate::corpus::music::piece::Piece;
 use crate::evaluate::dance::fidelity::fidelity;

@@ -12,7 +12,7 @@ use super::smpl_arrays::{Vectors, translations};
 use crate::error::{FaultKind, FileError, compact};
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::rotation::exp_map;
-use crate::{Clip, Error, Motion, Quat, Result, Source, Vec3, Warning, smpl};
+use crate::{Clip, Motion, Quat, Result, Source, Vec3, Warning, smpl};
 use kinelm_store::SourcePos;
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::path::Path;

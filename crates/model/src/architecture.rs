@@ -204,6 +204,8 @@ mod tests {
         assert_eq!((labelled.context, labelled.frames(&fixtures::placed())), (26, 4));
         assert!(said(TokenLayout { front: 1, ..fixtures::varying() }).contains("tiles, components or merged"));
         let other = ModelConfig { context: 25, ..whole.clone() };
-        assert!(other.validate_for(&tokens).unwrap_err().to_string().contains("4 frames has 24"));
+        assert!(
+            other.validate_for(&tokens).unwrap_err().to_string().contains("expected 24, those of a window of 4 frames")
+        );
     }
 }

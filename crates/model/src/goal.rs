@@ -451,6 +451,6 @@ mod tests {
         let config =
             TokenizerConfig { root_rotation: RootRotation::Absolute, ..TokenizerConfig::uniform(&[0], 20.0, 10) };
         let said = GoalEncoder::of(&Tokenizer::fit([&walk], config).unwrap()).unwrap_err().to_string();
-        assert!(said.contains("model.goal is true") && said.contains("heading_delta"), "{said}");
+        assert!(said.contains("model.goal = true") && said.contains("heading_delta"), "{said}");
     }
 }

@@ -195,6 +195,6 @@ mod tests {
         let config = TokenizerConfig { root_rotation: RootRotation::Absolute, ..config };
         let other = Data::one(fixture::danced(&dir.path().join("other"), config, &[(50, Split::Train)])).unwrap();
         let message = said(&ModelConfig { goal: true, ..two }, &TrainConfig::default(), &other);
-        assert!(message.contains("model.goal is true") && message.contains("heading_delta"), "{message}");
+        assert!(message.contains("model.goal = true") && message.contains("heading_delta"), "{message}");
     }
 }

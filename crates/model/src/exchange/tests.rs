@@ -306,6 +306,6 @@ fn what_is_there_stays_and_what_cannot_be_is_refused() {
         ["its inputs tell of the frame before", "its head is over steps", "its positions are turns", "it is masked"];
     for (config, reason) in beyond().into_iter().zip(reasons) {
         let message = refused(&self::made(config).run);
-        assert!(message.contains(reason) && message.ends_with("; export it with --format kinelm"), "{message}");
+        assert!(message.contains(reason) && message.ends_with("; the format `kinelm` can"), "{message}");
     }
 }

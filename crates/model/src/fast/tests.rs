@@ -448,6 +448,6 @@ fn wrong_windows_are_refused() {
         "a window takes 10 tokens, the limit is 9 tokens; the model's context holds no more"
     );
     assert_eq!(said(&[1, 2, 11], 3), "a token is id 11; expected ids below 11");
-    assert!(said(&[1; 7], 3).contains("no windows of 3"));
-    assert!(said(&[], 0).contains("no windows of 0"));
+    assert!(said(&[1; 7], 3).contains("expected as many of both, in windows of 3"));
+    assert!(said(&[], 0).contains("expected as many of both, in windows of 0"));
 }

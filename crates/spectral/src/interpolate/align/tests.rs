@@ -105,7 +105,7 @@ fn another_rig_is_put_on_the_first_ones() {
     let nobody: [String; 24] = std::array::from_fn(|i| format!("bone{i}"));
     let c = motion("c.bvh", renamed(&b.clip, std::array::from_fn(|i| nobody[i].as_str())));
     let message = Alignment::default().of(&a, &c).unwrap_err().to_string();
-    assert!(message.starts_with("c.bvh can't be put on the rig of a.bvh"), "{message}");
+    assert!(message.starts_with("c.bvh: it can't be put on the rig of a.bvh"), "{message}");
     assert_eq!(smpl::NAMES.len(), 24);
 }
 

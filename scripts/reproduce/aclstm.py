@@ -38,8 +38,8 @@ def main():
     # dances of something else are measured in the form of a network that had updates, they had none of them
     updates = lambda n: "" if "dances" in found[n][0] else f"{found[n][0]['step']} updates, "
     name = lambda n: f"{n} ({updates(n)}{runs(n)})"
-    of_length = lambda n, length: [row["figures"] for report in found[n] for row in report["rows"] if row["seed_frames"] == length]
-    of = lambda n, i, pick: [pick(figures) for figures in of_length(n, lengths[i])]
+    of_length = lambda n, length: [row["metrics"] for report in found[n] for row in report["rows"] if row["seed_frames"] == length]
+    of = lambda n, i, pick: [pick(metrics) for metrics in of_length(n, lengths[i])]
     loss = lambda n: [spread(of(n, i, lambda g: g["loss"]["mean"]), 4) for i in range(len(lengths))]
     held = lambda n, key, digits: f"{found[n][0]['rows'][0]['figures'][key]['mean']:.{digits}f}"
     seeds = [f"seed {n}" for n in lengths]
@@ -65,7 +65,7 @@ def main():
         table(f"The next 20 frames, {unit}", ["row", *seeds, "last frame held"],
               [[name(n), *(cell(n, i) for i in range(len(lengths))), held(n, f"still_{key}", digits)] for n in found])
     for span in ["short", "long"]:
-        frames = next(iter(found.values()))[0]["rows"][0]["figures"][span]["frames"]
+        frames = next(iter(found.values()))[0]["rows"][0]["metrics"][span]["frames"]
         still = lambda n, i: percent(of(n, i, lambda g: g[span]["still"]["mean"]), 0)
         never = lambda n, i: percent(of(n, i, lambda g: g[span]["never"]["mean"]), 0)
         table(f"Over {frames} frames, hip held: frames that stand still; dances that never freeze; median time to freeze",

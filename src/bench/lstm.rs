@@ -1,6 +1,7 @@
 //! `kinelm bench lstm`.
 
 use super::{How, Rates, Row, Unit, rounded, seconds};
+use crate::baselines::Settings;
 use crate::baselines::aclstm::network::{Learner, initial};
 use crate::baselines::aclstm::{Config, Form};
 use crate::shell::Say;

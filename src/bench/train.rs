@@ -42,7 +42,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let parameters: usize = weights.values().map(|w| w.elem_count()).sum();
     let (tokens, length) = (batch.inputs.len(), batch.length());
     say.line(format_args!("{parameters} parameters, {} x {length} tokens a step", batch.clips.len()));
-    let chosen = args.precision.choose(None, compute)?;
+    let chosen = args.precision.resolve(None, compute)?;
     chosen.notes.iter().for_each(|note| say.line(note));
     let mut learner =
         learner(&bench.file.model, &bench.tokens, &bench.file.train, weights, (compute, chosen.products))?;

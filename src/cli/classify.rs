@@ -1,8 +1,7 @@
 //! `kinelm classify train`, `eval` and `predict`.
 
 use super::{ForceArgs, Odd, Say, TrustArgs, print, read::ReadArgs};
-use crate::classify::baselines::compare;
-use crate::classify::{Classifier, Only, TrainOptions, report, train};
+use crate::classify::{Classifier, LabelFilter, TrainOptions, train};
 use crate::corpus::{Corpus, Split};
 use crate::model::exchange;
 use anyhow::Result;
@@ -35,7 +34,7 @@ pub struct TrainArgs {
     out: PathBuf,
     /// Use only clips with this label; may be repeated
     #[arg(long, value_name = "FIELD=VALUE")]
-    only: Vec<Only>,
+    only: Vec<LabelFilter>,
     /// Start from random weights of the run's shape, instead of its own
     #[arg(long)]
     scratch: bool,
@@ -153,13 +152,13 @@ fn trained(args: TrainArgs, say: Say) -> Result<()> {
         seed: args.seed,
     };
     let stop = crate::shell::training::stop_on_ctrl_c()?;
-    let done = train(&run, &corpus, &options, (&args.out, args.resume), &stop, &mut |told| {
-        let valid = match (told.valid_nats, told.valid_accuracy) {
+    let done = train(&run, &corpus, &options, (&args.out, args.resume), &stop, &mut |metrics| {
+        let valid = match (metrics.valid_nats, metrics.valid_accuracy) {
             (Some(nats), Some(right)) => format!("; validation {nats:.3}, {:.1} % of windows right", 100.0 * right),
             _ => String::new(),
         };
-        let (step, steps) = (told.step, options.steps);
-        let (tokens, classes) = (told.token_nats, told.class_nats);
+        let (step, steps) = (metrics.step, options.steps);
+        let (tokens, classes) = (metrics.token_nats, metrics.class_nats);
         say.line(format_args!(
             "step {step}/{steps}: motion {tokens:.3} nats a token, classes {classes:.3} nats{valid}"
         ));
@@ -189,36 +188,27 @@ fn measured(args: &EvalArgs, say: Say) -> Result<()> {
     let run = args.run.as_deref().map(exchange::load).transpose()?;
     run.iter().flat_map(|r| &r.notes).for_each(|note| say.line(note));
     super::progress::stage("naming clips");
-    let found = compare(&mut classifier, &corpus, args.split, run.as_ref(), args.baselines)?;
+    let found = classifier.evaluate(&corpus, args.split, run.as_ref(), args.baselines)?;
     if let Some(out) = &args.plot {
-        super::draw_charts(out, &report::charts(&found, &classifier.about.fields), &outputs)?;
+        super::draw_charts(out, &found.charts(), &outputs)?;
     }
-    if args.json {
-        #[derive(serde::Serialize)]
-        struct Line<'a> {
-            schema: u32,
-            fields: &'a crate::classify::Fields,
-            #[serde(flatten)]
-            found: &'a crate::classify::baselines::Comparison,
-        }
-        let line = Line { schema: 1, fields: &classifier.about.fields, found: &found };
-        return print(&(serde_json::to_string(&line)? + "\n"));
+    match args.json {
+        true => print(&(serde_json::to_string(&found)? + "\n")),
+        false => print(&found.to_string()),
     }
-    print(&report::text(&found, &classifier.about.fields))
 }
 
 fn named(args: &PredictArgs, say: Say) -> Result<()> {
     let mut classifier = Classifier::load(&args.classifier)?;
-    let corpus = std::slice::from_ref(&classifier.about.corpus);
+    let corpus = std::slice::from_ref(&classifier.manifest.corpus);
     let (options, odd) = (args.read.of_files_known(&args.files, RestFrame::Drop, corpus, say), Odd::new(say));
     super::each_file(&args.files, say, |i, file| {
         let (motion, found) = classifier.predict(file, &options[i])?;
         odd.warn(&motion);
-        if args.json {
-            return print(&(serde_json::to_string(&found)? + "\n"));
+        match args.json {
+            true => print(&(serde_json::to_string(&found)? + "\n")),
+            false => print(&found.to_string()),
         }
-        let fields: String = found.fields.iter().map(ToString::to_string).collect();
-        print(&format!("{} ({:.1} s)\n{fields}", file.display(), found.seconds))
     })?;
     Ok(())
 }

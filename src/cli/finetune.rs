@@ -2,9 +2,8 @@
 
 use super::pretrain::{self, Resume};
 use super::{ComputeArgs, Say, TrustArgs};
-use crate::train::finetune::{FinetuneOptions, finetune};
-use crate::train::{CorpusPart, Precision};
-use anyhow::{Context, Result};
+use crate::train::{CorpusPart, Precision, PretrainOptions, TrainFile, finetune};
+use anyhow::Result;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -48,9 +47,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if let Some(Resume::Resume(args)) = args.resume {
         return pretrain::resume(args, "finetune", say);
     }
-    let options = FinetuneOptions {
-        from: args.from.context("no run to start from")?,
-        config: args.config.context("no settings")?,
+    let options = PretrainOptions {
+        from: args.from,
+        file: args.config.as_deref().map(TrainFile::find).transpose()?,
         corpora: args.corpus,
         run: args.run,
         steps: args.steps,
@@ -59,6 +58,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         precision: args.precision,
         compute: args.compute.get(),
         opening: args.trust.opening(),
+        resume: false,
     };
     let summary = super::training::with_lines(say, |stop, progress| finetune(&options, stop, progress))?;
     pretrain::report(&summary, "finetune", say)

@@ -1,7 +1,7 @@
 //! `kinelm lr-find`.
 
 use super::{ComputeArgs, ForceArgs, Say, TrustArgs, print};
-use crate::train::lr_find::{Found, LrFindOptions, lr_find};
+use crate::train::lr_find::{LrFindOptions, RangeTest, lr_find};
 use crate::train::{CorpusPart, TrainFile};
 use anyhow::Result;
 use std::path::PathBuf;
@@ -65,7 +65,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         struct Line<'a> {
             schema: u32,
             #[serde(flatten)]
-            found: &'a Found,
+            found: &'a RangeTest,
         }
         return print(&(serde_json::to_string(&Line { schema: 1, found: &found })? + "\n"));
     }

@@ -1,7 +1,7 @@
 //! `kinelm runs list` and `plot`.
 
 use super::{ForceArgs, Say, print};
-use crate::train::runs::{Listed, Log, Metric, Over, chart, list, names, table};
+use crate::train::runs::{Listed, Log, Metric, XAxis, chart, list, names, table};
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -29,7 +29,7 @@ pub enum Command {
         metric: Metric,
         /// The horizontal axis; time is that of the training steps
         #[arg(long, value_enum, default_value = "step")]
-        over: Over,
+        over: XAxis,
         #[command(flatten)]
         force: ForceArgs,
     },
@@ -52,8 +52,12 @@ pub fn run(command: Command, say: Say) -> Result<()> {
             for (run, name) in runs.iter().zip(names(&runs)) {
                 let log = Log::read(run)?;
                 // the last line of a run that is being written may be half there
-                if log.odd > 1 {
-                    say.line(format_args!("{}: {} lines of metrics.jsonl can't be read", run.display(), log.odd));
+                if log.incomplete > 1 {
+                    say.line(format_args!(
+                        "{}: {} lines of metrics.jsonl can't be read",
+                        run.display(),
+                        log.incomplete
+                    ));
                 }
                 logs.push((name, log));
             }

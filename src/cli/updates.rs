@@ -1,13 +1,13 @@
 //! What the commands of the baselines have in common: training that can be resumed, dances that can be made again.
 
 use super::{ForceArgs, Say, generate, progress, training, wrong_call};
-use crate::baselines::aclstm::data::Sources;
-use crate::baselines::sidecar::{Recipe, Told};
-use crate::classify::Only;
+use crate::baselines::data::Sources;
+use crate::baselines::sidecar::{Request, Sidecar};
+use crate::baselines::train::{Event, Summary};
+use crate::classify::LabelFilter;
 use crate::model::CheckpointChoice;
 use crate::store::output::is_same;
 use crate::store::{self, sidecar};
-use crate::train::updates::{Event, Summary};
 use anyhow::Result;
 use kinelm_motion::format::ReadOptions;
 use std::path::{Path, PathBuf};
@@ -38,16 +38,16 @@ pub struct AgainArgs {
 }
 
 /// The dance of a baseline.
-pub trait BaselineDance: Recipe {
+pub trait BaselineDance: Request {
     /// The files and folders that it is made from.
     fn inputs(&self) -> Vec<PathBuf>;
     /// Its sidecar and its bytes as a file named `out`.
-    fn make(&self, which: CheckpointChoice, out: &Path, say: Say) -> Result<(Told<Self>, Vec<u8>)>;
+    fn make(&self, which: CheckpointChoice, out: &Path, say: Say) -> Result<(Sidecar<Self>, Vec<u8>)>;
 }
 
 /// Generates a dance into `out`.
-pub fn make(recipe: &impl BaselineDance, out: &Path, force: ForceArgs, say: Say) -> Result<()> {
-    let inputs = recipe.inputs();
+pub fn make(request: &impl BaselineDance, out: &Path, force: ForceArgs, say: Say) -> Result<()> {
+    let inputs = request.inputs();
     if let Some(path) = inputs.iter().find(|path| path.to_str().is_none()) {
         wrong_call!("{}: expected a path in UTF-8, which a sidecar can hold", path.display());
     }
@@ -55,20 +55,20 @@ pub fn make(recipe: &impl BaselineDance, out: &Path, force: ForceArgs, say: Say)
     outputs.check([out])?;
     outputs.check_replaceable(out, None)?;
     outputs.check_replaceable(&sidecar::path_of(out), None)?;
-    let (sidecar, bytes) = recipe.make(CheckpointChoice::Auto, out, say)?;
+    let (sidecar, bytes) = request.make(CheckpointChoice::Auto, out, say)?;
     Ok(sidecar.write(out, &bytes, &outputs)?)
 }
 
 /// Generates a dance again, from inputs that were `moved`, and compares its hash with the first.
 pub fn again<R: BaselineDance>(args: &AgainArgs, moved: impl FnOnce(&mut R), say: Say) -> Result<()> {
-    let first = Told::<R>::load(&args.sidecar)?;
+    let first = Sidecar::<R>::load(&args.sidecar)?;
     let out = generate::again::out(args.out.as_ref(), &args.sidecar, &first.output.file)?;
-    let mut recipe = first.recipe.clone();
-    moved(&mut recipe);
-    let outputs = args.force.outputs(recipe.inputs().into_iter().chain([args.sidecar.clone()]));
+    let mut request = first.request.clone();
+    moved(&mut request);
+    let outputs = args.force.outputs(request.inputs().into_iter().chain([args.sidecar.clone()]));
     outputs.check([&*out])?;
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
-    let (sidecar, bytes) = recipe.make(CheckpointChoice::Step(first.step), &out, say)?;
+    let (sidecar, bytes) = request.make(CheckpointChoice::Step(first.step), &out, say)?;
     first.check(&sidecar)?;
     match is_same(&sidecar::path_of(&out), &args.sidecar) {
         true => outputs.write(&out, &bytes).map(|_| ())?, // its sidecar is there already
@@ -91,11 +91,11 @@ pub fn follow(
     let mut bar: Option<_> = None;
     let done = train(&stop, &mut |event| match event {
         Event::Note(text) => say.line(text),
-        Event::Step(figures, steps) => {
+        Event::Step(metrics, steps) => {
             let bar = bar.get_or_insert_with(|| progress::bar(steps, "updates", say));
-            bar.set_position(figures.step);
-            if figures.step.is_multiple_of(100) {
-                let (step, loss, seconds) = (figures.step, figures.loss, figures.seconds);
+            bar.set_position(metrics.step);
+            if metrics.step.is_multiple_of(100) {
+                let (step, loss, seconds) = (metrics.step, metrics.loss, metrics.seconds);
                 say.line(format_args!("step {step}/{steps}  loss {loss:.4}  {:.0} ms an update", 1000.0 * seconds));
             }
         }
@@ -123,7 +123,7 @@ pub fn stored(path: &Path) -> Result<PathBuf> {
 }
 
 /// A run's motion and labels, as the run stores them.
-pub fn sources(data: &[PathBuf], labels: &[String], only: &[Only], read: ReadOptions) -> Result<Sources> {
+pub fn sources(data: &[PathBuf], labels: &[String], only: &[LabelFilter], read: ReadOptions) -> Result<Sources> {
     let label = |text: &String| match Path::new(text).is_file() {
         true => Ok(stored(Path::new(text))?.to_string_lossy().into_owned()),
         false => Ok::<_, anyhow::Error>(text.clone()),

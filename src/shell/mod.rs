@@ -2,6 +2,7 @@
 
 pub mod args;
 pub mod files;
+pub mod lines;
 pub mod ours;
 pub mod outcome;
 pub mod progress;

@@ -1,8 +1,9 @@
 //! A training with lines on stderr, until it is done or Ctrl-C comes.
 
 use super::Say;
+use super::lines::Lines;
 use super::progress::Telling;
-use crate::train::{Lines, PretrainOptions, Progress, Silent, Summary, pretrain};
+use crate::train::{NoProgress, PretrainOptions, Progress, Summary, pretrain};
 use anyhow::Result;
 use std::io::IsTerminal;
 use std::sync::Arc;
@@ -20,7 +21,7 @@ pub fn with_lines(
 ) -> Result<Summary> {
     let stop = stop_on_ctrl_c()?;
     let mut lines = Lines::new(Telling::of("training"), std::io::stderr().is_terminal());
-    let progress: &mut dyn Progress = if say.quiet() { &mut Silent } else { &mut lines };
+    let progress: &mut dyn Progress = if say.quiet() { &mut NoProgress } else { &mut lines };
     Ok(train(&stop, progress)?)
 }
 

@@ -1,7 +1,5 @@
-//! What stands beside a dance that another model than a GPT made.
-//!
-//! The file is `dance.bvh.kinelm.json`, as beside any dance ([`kinelm_generate::provenance`]); which model's it is, its recipe's key
-//! tells: `aclstm`, `music_lstm`.
+//! The sidecar of an LSTM's dance: `dance.bvh.kinelm.json`, as beside any dance ([`kinelm_generate::provenance`]). The key of
+//! its request names the model: `aclstm`, `music_lstm`.
 
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
@@ -17,24 +15,24 @@ use std::path::Path;
 /// The layout that this program writes and reads.
 const SCHEMA: u32 = 2;
 
-/// Everything that decides a dance of some model, but the bytes of the network and of what it is given.
-pub trait Recipe: Clone + Serialize + DeserializeOwned {
-    /// The key of the recipe.
+/// A dance to generate. With the bytes of the network and of its input it decides the dance.
+pub trait Request: Clone + Serialize + DeserializeOwned {
+    /// The key of the request.
     const KEY: &'static str;
-    /// What the network is given, and the key of its hash.
-    const GIVEN: [&'static str; 2];
-    /// The command that makes such dances.
+    /// The network's input, and the key of its hash.
+    const INPUT: [&'static str; 2];
+    /// The command that generates such dances.
     const COMMAND: &'static str;
     /// The run folder.
     fn run(&self) -> &Path;
-    /// How a dance is read that is written to the file `dance`.
+    /// How a dance that is written to the file `dance` is read.
     fn read_back(&self, dance: &Path) -> ReadOptions;
 }
 
-/// What is told of a dance.
+/// The sidecar of a dance.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Told<R> {
+pub struct Sidecar<R> {
     /// The layout's version, `SCHEMA`.
     pub schema: u32,
     /// The program's version.
@@ -43,22 +41,22 @@ pub struct Told<R> {
     pub output: FileHash,
     /// How it is read.
     pub read: ReadOptions,
-    /// SHA-256 of the dance that this one takes the place of.
+    /// SHA-256 of the dance that this one replaces.
     #[serde(default)]
     pub replaces: Option<String>,
-    /// What decides it.
-    pub recipe: R,
-    /// Updates that the network had.
+    /// What was requested.
+    pub request: R,
+    /// Updates of the network.
     pub step: u64,
     /// SHA-256 of its weights' file.
     pub weights_sha256: String,
-    /// SHA-256 of the file that the network is given.
-    pub given_sha256: String,
-    /// Instructions of the processor that the engine used.
+    /// SHA-256 of the input.
+    pub input_sha256: String,
+    /// The processor instructions that the engine used.
     pub kernels: String,
 }
 
-impl<R: Recipe> Serialize for Told<R> {
+impl<R: Request> Serialize for Sidecar<R> {
     fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("schema", &self.schema)?;
@@ -68,34 +66,34 @@ impl<R: Recipe> Serialize for Told<R> {
         if let Some(replaces) = &self.replaces {
             map.serialize_entry("replaces", replaces)?;
         }
-        map.serialize_entry(R::KEY, &self.recipe)?;
+        map.serialize_entry(R::KEY, &self.request)?;
         map.serialize_entry("step", &self.step)?;
         map.serialize_entry("weights_sha256", &self.weights_sha256)?;
-        map.serialize_entry(R::GIVEN[1], &self.given_sha256)?;
+        map.serialize_entry(R::INPUT[1], &self.input_sha256)?;
         map.serialize_entry("kernels", &self.kernels)?;
         map.end()
     }
 }
 
-impl<R: Recipe> Told<R> {
-    /// Of a dance that is to be written at a rate, by its bytes; `weights`: updates that they had, and their hash.
+impl<R: Request> Sidecar<R> {
+    /// Of a dance with these bytes and rate; `weights`: their updates, and their hash.
     pub fn of(
-        recipe: &R,
+        request: &R,
         (step, weights): (u64, &str),
-        given_sha256: &str,
+        input_sha256: &str,
         (dance, fps): (&Path, f64),
         bytes: &[u8],
-    ) -> Told<R> {
-        Told {
+    ) -> Sidecar<R> {
+        Sidecar {
             schema: SCHEMA,
             kinelm: env!("CARGO_PKG_VERSION").into(),
             output: FileHash { file: sidecar::name_of(dance), sha256: FileRecord::of(bytes).sha256 },
-            read: ReadOptions { fps_source: Some(fps), ..recipe.read_back(dance) },
+            read: ReadOptions { fps_source: Some(fps), ..request.read_back(dance) },
             replaces: None,
-            recipe: recipe.clone(),
+            request: request.clone(),
             step,
             weights_sha256: weights.into(),
-            given_sha256: given_sha256.into(),
+            input_sha256: input_sha256.into(),
             kernels: kinelm_engine::dispatch::name().into(),
         }
     }
@@ -104,12 +102,12 @@ impl<R: Recipe> Told<R> {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for text that is no such file, of another model's dance, or of another version.
-    pub fn load(path: &Path) -> Result<Told<R>> {
-        Told::parse(path, &input::text(path).map_err(Error::io(path))?)
+    pub fn load(path: &Path) -> Result<Sidecar<R>> {
+        Sidecar::parse(path, &input::text(path).map_err(Error::io(path))?)
     }
 
-    /// [`Told::load`] of such a file's text.
-    fn parse(path: &Path, text: &str) -> Result<Told<R>> {
+    /// [`Sidecar::load`] of such a file's text.
+    fn parse(path: &Path, text: &str) -> Result<Sidecar<R>> {
         let expected = format!("what {} wrote beside a dance", R::COMMAND);
         let wrong = |e: serde_json::Error| Error::file(path, e.to_string(), expected.clone(), "");
         let mut value: Value = serde_json::from_str(text).map_err(wrong)?;
@@ -119,43 +117,40 @@ impl<R: Recipe> Told<R> {
             return Err(Error::file(path, found, expected, "make it again with this version"));
         }
         if let Some(object) = value.as_object_mut() {
-            for (theirs, ours) in [(R::KEY, "recipe"), (R::GIVEN[1], "given_sha256")] {
+            for (theirs, ours) in [(R::KEY, "request"), (R::INPUT[1], "input_sha256")] {
                 match object.remove(theirs) {
                     Some(value) => object.insert(ours.into(), value),
                     None => return Err(Error::file(path, format!("no `{theirs}`"), expected, "")),
                 };
             }
         }
-        let told: Told<R> = serde_json::from_value(value).map_err(wrong)?;
-        match files::is_plain(&told.output.file) {
-            true => Ok(told),
+        let found: Sidecar<R> = serde_json::from_value(value).map_err(wrong)?;
+        match files::is_plain(&found.output.file) {
+            true => Ok(found),
             false => {
-                let (found, expected) = (format!("`{}`", told.output.file), "the name of a dance beside this file");
+                let (found, expected) = (format!("`{}`", found.output.file), "the name of a dance beside this file");
                 Err(Error::file(path, found, expected, "it isn't as it was written"))
             }
         }
     }
 
-    /// Refuses a network or a file that is not the one that made the dance, and bytes that came out different.
+    /// Refuses another network or input than the dance's, and other bytes.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] that names what has changed, with both hashes.
-    pub fn check(&self, now: &Told<R>) -> Result<()> {
-        let run = now.recipe.run().display();
+    /// [`kinelm_store::Error::Invalid`] for what has changed, with both hashes.
+    pub fn check(&self, now: &Sidecar<R>) -> Result<()> {
+        let run = now.request.run().display();
         let all = [
             (format!("{run}: the weights at step {}", self.step), &self.weights_sha256, &now.weights_sha256),
-            (format!("{run}: {}", R::GIVEN[0]), &self.given_sha256, &now.given_sha256),
+            (format!("{run}: {}", R::INPUT[0]), &self.input_sha256, &now.input_sha256),
             (format!("{}: the dance", self.output.file), &self.output.sha256, &now.output.sha256),
         ];
         for (what, then, now_is) in all {
             if then != now_is {
-                let (kernels, by) = (&self.kernels, &self.kinelm);
-                let what =
-                    format!("{what} has SHA-256 {now_is}, then {then}, made by kinelm {by} with the kernels {kernels}");
-                return Err(Error::call(format!(
-                    "{what}; this is {} with {}. Nothing was written",
-                    now.kinelm, now.kernels
-                )));
+                let by = |made: &Sidecar<R>| format!("kinelm {} with the kernels {}", made.kinelm, made.kernels);
+                let found = format!("of SHA-256 {now_is}, by {}", by(now));
+                let expected = format!("{then}, by {}; nothing was written", by(self));
+                return Err(Error::invalid(what, found, expected));
             }
         }
         Ok(())

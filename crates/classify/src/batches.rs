@@ -1,4 +1,4 @@
-//! Which windows an update learns from, and what each is asked: a function of (seed, update) and of nothing else.
+//! The windows of an update and their class rows: a function of (seed, update) and of nothing else.
 
 use super::fields::{Field, Fields};
 use super::learner::Batch;
@@ -9,19 +9,19 @@ use kinelm_model::class_windows::{Layout, Window, mask};
 use kinelm_model::fast::{ClassRow, Windows};
 use kinelm_store::random;
 
-/// The training windows. A pass takes each once, in an order that it draws.
+/// The training windows. A pass takes each once, in a random order.
 pub(super) struct Batches<'a> {
     corpus: &'a Corpus,
     clips: Vec<&'a ClipRecord>,
     fields: &'a Fields,
     layout: &'a Layout,
     windows: Vec<Window>,
-    /// Per field and class.
+    /// Loss weights, per field and class.
     weights: Vec<Vec<f64>>,
     batch: usize,
     compat: bool,
     seed: u64,
-    /// Of the pass drawn last.
+    /// Of the present pass.
     order: Option<(u64, Vec<usize>)>,
 }
 
@@ -48,12 +48,12 @@ impl<'a> Batches<'a> {
         Batches { corpus, clips, fields, layout, windows, weights, batch, compat, seed, order: None }
     }
 
-    /// How many clips there are.
+    /// The number of clips.
     pub fn clips(&self) -> usize {
         self.clips.len()
     }
 
-    /// How many windows there are.
+    /// The number of windows.
     pub fn windows(&self) -> usize {
         self.windows.len()
     }
@@ -61,7 +61,7 @@ impl<'a> Batches<'a> {
     /// The windows of an update.
     ///
     /// # Errors
-    /// A corpus that can't be read any more.
+    /// A corpus that can no longer be read.
     pub fn batch(&mut self, update: u64) -> Result<Numbers> {
         let first = update * self.batch as u64;
         let chosen: Vec<Window> = (first..first + self.batch as u64).map(|place| self.window(place)).collect();
@@ -82,11 +82,11 @@ impl<'a> Batches<'a> {
         Ok(numbers)
     }
 
-    /// The window at a place of all passes, one behind the other.
+    /// The window at a place of all passes, one after the other.
     fn window(&mut self, place: u64) -> Window {
         let all = self.windows.len() as u64;
         let (pass, at) = (place / all, (place % all) as usize);
-        if self.order.as_ref().is_none_or(|(drawn, _)| *drawn != pass) {
+        if self.order.as_ref().is_none_or(|(of, _)| *of != pass) {
             let mut order: Vec<usize> = (0..self.windows.len()).collect();
             random::shuffle(&mut order, &mut random::stream(self.seed, "class windows", pass, 0));
             self.order = Some((pass, order));
@@ -109,7 +109,7 @@ pub(super) struct Numbers {
 }
 
 impl Numbers {
-    /// Windows without questions, of the ids that `ids_of` gives.
+    /// Windows without class rows, of the ids that `ids_of` gives.
     ///
     /// # Errors
     /// Those of `ids_of`.
@@ -123,12 +123,12 @@ impl Numbers {
         Ok(Numbers { inputs, targets, hiding: layout.hiding(&words, compat), rows: Vec::new(), clips: Vec::new() })
     }
 
-    /// With their questions.
+    /// With their class rows.
     pub fn as_batch(&self, layout: &Layout) -> Batch<'_> {
         Batch { windows: self.as_windows(layout), rows: &self.rows, clips: &self.clips }
     }
 
-    /// As the model reads them.
+    /// Without.
     pub fn as_windows(&self, layout: &Layout) -> Windows<'_> {
         let mask = mask(self.hiding.as_deref());
         Windows { inputs: &self.inputs, targets: &self.targets, length: layout.length(), mask, conditioning: None }

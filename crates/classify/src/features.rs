@@ -1,4 +1,4 @@
-//! What the plain classifiers read of a window of motion.
+//! Features of motion windows for the plain classifiers.
 
 use crate::Result;
 use kinelm_corpus::{ClipRecord, Corpus};
@@ -7,7 +7,7 @@ use kinelm_motion::Clip;
 use kinelm_spectral::{LowDct, Series, Transform, WindowSpec};
 use kinelm_tokenizer::UncodedPose;
 
-/// Of some frames of a channel the mean, the standard deviation and the mean absolute first difference.
+/// Mean, standard deviation and mean absolute first difference of some frames of a channel.
 pub fn moments_of(x: &[f64]) -> [f64; 3] {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;
@@ -16,7 +16,7 @@ pub fn moments_of(x: &[f64]) -> [f64; 3] {
     [mean, deviation, steps]
 }
 
-/// A clip as its corpus codes it: channels over time.
+/// The channels of a clip over time, as its corpus codes it.
 pub(super) struct Motion {
     clip: Clip,
     /// Rotation vectors of the coded joints.
@@ -43,8 +43,7 @@ impl Motion {
         Ok(Motion { clip, series, steps })
     }
 
-    /// Of every channel its mean, its standard deviation, its mean absolute first difference (docs/classification.md, "Plain
-    /// classifiers").
+    /// [`moments_of`] every channel of a window (docs/classification.md, "Plain classifiers").
     pub fn window(&self, window: &Window, frames_per_word: usize) -> Vec<f64> {
         let from = window.word * frames_per_word;
         let to = ((window.word + window.words) * frames_per_word).min(self.clip.frames());
@@ -53,17 +52,17 @@ impl Motion {
         rotations.chunks_exact(to - from).chain(steps).flat_map(moments_of).collect()
     }
 
-    /// What doesn't move: the logarithm of its frames, and how it starts.
+    /// What doesn't move: the logarithm of the number of frames, and the first pose.
     pub fn start(&self) -> Vec<f64> {
         let pose = self.series.window(0, 1).into_iter().chain(self.steps.iter().map(|steps| steps[0]));
         std::iter::once((self.clip.frames() as f64).ln()).chain(pose).collect()
     }
 
-    /// Low cosine coefficients of its windows of 128 frames at 60 a second (docs/query.md), of norm 1; a clip that is shorter
-    /// holds its last pose.
+    /// Low cosine coefficients of its windows of 128 frames at 60 a second (docs/query.md), of norm 1; a shorter clip holds
+    /// its last pose.
     ///
     /// # Errors
-    /// A rate that can't be had.
+    /// A rate that the clip can't be resampled to.
     pub fn spectra(&self, joints: &[usize]) -> Result<Vec<Vec<f64>>> {
         let spec = WindowSpec::default();
         let transform = Transform::Dct(LowDct::new(spec.frames, 16));

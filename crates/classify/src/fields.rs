@@ -1,4 +1,4 @@
-//! What is to be told of a clip: label fields and their classes.
+//! Label fields and their classes.
 
 use crate::{Error, Result};
 use kinelm_corpus::labels::pair;
@@ -12,12 +12,12 @@ pub struct Field {
     pub name: String,
     /// Its values in the training clips, sorted.
     pub classes: Vec<String>,
-    /// Clips of each class that are learned from.
+    /// Training clips of each class.
     pub clips: Vec<usize>,
 }
 
 impl Field {
-    /// The class of a clip; `None` without the label, or with a value that training didn't have.
+    /// The class of a clip; `None` without the label, or with a value that no training clip has.
     pub fn class_of(&self, clip: &ClipRecord) -> Option<usize> {
         let value = clip.labels.get(&self.name)?;
         self.classes.binary_search(value).ok()
@@ -32,13 +32,13 @@ impl Fields {
     /// These fields, with the classes that the training clips among `clips` have.
     ///
     /// # Errors
-    /// A field named twice, one that no training clip has (those there are, are listed), one of a single class.
+    /// A field given twice, one that no training clip has (the message lists those that are), one of a single class.
     pub fn of(corpus: &Corpus, clips: &[&ClipRecord], names: &[String]) -> Result<Fields> {
         let train: Vec<&ClipRecord> = clips.iter().copied().filter(|c| c.split == Split::Train).collect();
         let mut fields: Vec<Field> = Vec::new();
         for name in names {
             if fields.iter().any(|f| f.name == *name) {
-                return Err(Error::call(format!("the field `{name}` is given twice; give it once")));
+                return Err(Error::invalid("`fields`", format!("{name}, given twice"), "every field once"));
             }
             let mut classes: Vec<String> = train.iter().filter_map(|c| c.labels.get(name)).cloned().collect();
             classes.sort();
@@ -51,7 +51,7 @@ impl Fields {
             fields.push(Field { name: name.clone(), classes, clips });
         }
         match fields.is_empty() {
-            true => Err(Error::call("no label field to tell; give some by --fields, such as genre,dancer")),
+            true => Err(Error::missing("label field to classify by", "give some as `fields`, such as genre,dancer")),
             false => Ok(Fields(fields)),
         }
     }
@@ -66,12 +66,12 @@ impl Fields {
         self
     }
 
-    /// n: how many.
+    /// n: the number of fields.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether there are none.
+    /// Whether there is no field.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -87,40 +87,40 @@ fn too_few(corpus: &Corpus, train: &[&ClipRecord], name: &str, classes: &[String
             (format!("the training clips have one {name} alone, {one}"), "take other clips, or another split".into())
         }
         _ if train.is_empty() => ("no training clips".into(), "give some clips the split `train`".into()),
-        _ if known.is_empty() => (format!("no training clip has the label `{name}`"), "tokenize with --labels".into()),
+        _ if known.is_empty() => (format!("no training clip has the label `{name}`"), "tokenize with `labels`".into()),
         _ => (format!("no training clip has the label `{name}`"), format!("they have {known}")),
     };
     Error::file(corpus.dir(), found, format!("training clips of two classes of `{name}` or more"), help)
 }
 
-/// A condition on labels, `field=value`: the clips that are looked at.
+/// A label that clips must have, `field=value`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Only {
+pub struct LabelFilter {
     /// The field.
     pub field: String,
     /// Its value.
     pub value: String,
 }
 
-impl std::str::FromStr for Only {
+impl std::str::FromStr for LabelFilter {
     type Err = Error;
 
-    fn from_str(text: &str) -> Result<Only> {
+    fn from_str(text: &str) -> Result<LabelFilter> {
         let (field, value) = pair(text)?;
-        Ok(Only { field, value })
+        Ok(LabelFilter { field, value })
     }
 }
 
-/// The clips of a corpus that have frames and meet all conditions.
+/// The clips of a corpus that have frames and all these labels.
 ///
 /// # Errors
-/// None are left.
-pub fn clips<'a>(corpus: &'a Corpus, only: &[Only]) -> Result<Vec<&'a ClipRecord>> {
+/// There are none.
+pub fn clips<'a>(corpus: &'a Corpus, only: &[LabelFilter]) -> Result<Vec<&'a ClipRecord>> {
     let meets = |c: &&ClipRecord| c.frames > 0 && only.iter().all(|o| c.labels.get(&o.field) == Some(&o.value));
     let found: Vec<&ClipRecord> = corpus.clips().iter().filter(meets).collect();
     if found.is_empty() {
-        let asked: Vec<String> = only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();
-        let expected = format!("clips with {}", if asked.is_empty() { "frames".into() } else { asked.join(", ") });
+        let labels: Vec<String> = only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();
+        let expected = format!("clips with {}", if labels.is_empty() { "frames".into() } else { labels.join(", ") });
         return Err(Error::file(corpus.dir(), "no such clip", expected, "see kinelm corpus stats for the labels"));
     }
     Ok(found)
@@ -131,11 +131,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn conditions_are_read() {
-        let only: Only = "genre=salsa".parse().unwrap();
+    fn label_filters_are_parsed() {
+        let only: LabelFilter = "genre=salsa".parse().unwrap();
         assert_eq!((only.field.as_str(), only.value.as_str()), ("genre", "salsa"));
         for wrong in ["genre", "=salsa", "genre="] {
-            assert!(wrong.parse::<Only>().unwrap_err().to_string().contains("expected FIELD=VALUE"));
+            assert!(wrong.parse::<LabelFilter>().unwrap_err().to_string().contains("expected FIELD=VALUE"));
         }
     }
 }

@@ -1,20 +1,19 @@
 //! A classifier's folder: `classifier.json`, the weights it names, `tokenizer.json`, `metrics.jsonl`.
 
-use super::fields::{Fields, Only};
-use super::learner::head_name;
+use super::fields::{Fields, LabelFilter};
+use super::learner::heads;
 use crate::{Error, Result};
-use candle_core::Tensor;
 use kinelm_engine::arena::Floats;
 use kinelm_model::class_windows::Layout;
 use kinelm_model::fast::Fast;
 use kinelm_model::{Architecture, ModelConfig, TokenLayout, weights};
 use kinelm_store::{FileRecord, files, input};
 use kinelm_tokenizer::Tokenizer;
+use kinelm_train::optimizer::floats;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-pub(super) const ABOUT: &str = "classifier.json";
+pub(super) const MANIFEST: &str = "classifier.json";
 pub(super) const TOKENIZER: &str = "tokenizer.json";
 pub(super) const METRICS: &str = "metrics.jsonl";
 
@@ -23,43 +22,43 @@ pub(super) const SCHEMA: u32 = 2;
 
 /// `classifier.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct About {
+pub struct Manifest {
     /// The version of this file, `SCHEMA`.
     pub schema: u32,
     /// The program that wrote it.
     pub kinelm: String,
     /// The shape of the model.
     pub model: ModelConfig,
-    /// Its tokens without the class tokens, which in a flat model are the ids behind them.
+    /// Its tokens without the class tokens, which in a flat model are the ids after them.
     pub tokens: TokenLayout,
-    /// What it tells.
+    /// The fields and their classes.
     pub fields: Fields,
-    /// Whether a class token sees those before it.
+    /// Whether class tokens attend to those before them.
     pub compat: bool,
-    /// The clips it learned from met these.
-    pub only: Vec<Only>,
-    /// The corpus that it learned from.
+    /// Labels that the training clips had.
+    pub only: Vec<LabelFilter>,
+    /// The corpus that it was trained on.
     pub corpus: PathBuf,
-    /// The run that it began with; none where it began with nothing.
+    /// The run that it began with; `None` for random weights.
     pub from: Option<PathBuf>,
-    /// The share of the training clips whose labels it saw.
+    /// The share of the training clips that were used.
     pub share: f64,
-    /// The seed that chose them, and drew all else.
+    /// The seed that chose them, and of all random numbers.
     pub seed: u64,
     /// Updates done.
     pub step: u64,
-    /// Mean -ln p of the class on the validation windows, summed over the fields; none without validation clips.
+    /// Mean -ln p of the class on the validation windows, summed over the fields; `None` without validation clips.
     pub valid_nats: Option<f64>,
     /// The hash of its tokenizer without conditioning tokens.
     pub tokenizer: String,
-    /// The weights' file and what it holds.
+    /// The weights' file, with its length and hash.
     pub weights: (String, FileRecord),
 }
 
 /// A trained classifier.
 pub struct Classifier {
     /// What it is.
-    pub about: About,
+    pub manifest: Manifest,
     /// Its tokenizer.
     pub tokenizer: Tokenizer,
     pub(super) model: Fast,
@@ -73,10 +72,12 @@ impl Classifier {
     /// # Errors
     /// A folder that is none; another version; files that are missing, cut short or of something else: each is named.
     pub fn load(folder: &Path) -> Result<Classifier> {
-        let path = folder.join(ABOUT);
+        let path = folder.join(MANIFEST);
         let help = "a classifier is a folder that `kinelm classify train --out FOLDER` wrote";
         let text = input::text(&path).map_err(|e| match e.kind() {
-            std::io::ErrorKind::NotFound => Error::file(folder, format!("no {ABOUT}"), "a classifier's folder", help),
+            std::io::ErrorKind::NotFound => {
+                Error::file(folder, format!("no {MANIFEST}"), "a classifier's folder", help)
+            }
             _ => Error::io(&path)(e),
         })?;
         let found = serde_json::from_str::<serde_json::Value>(&text).ok().and_then(|v| v["schema"].as_u64());
@@ -89,9 +90,9 @@ impl Classifier {
                 "train it again, or take the kinelm that wrote it",
             ));
         }
-        let about: About = serde_json::from_str(&text)
-            .map_err(|e| Error::file(&path, e.to_string(), "what tells of a classifier", help))?;
-        let (name, record) = &about.weights;
+        let manifest: Manifest = serde_json::from_str(&text)
+            .map_err(|e| Error::file(&path, e.to_string(), "the manifest of a classifier", help))?;
+        let (name, record) = &manifest.weights;
         if !files::is_plain(name) {
             let expected = "the name of a file in the classifier's folder";
             return Err(Error::file(&path, format!("weights in `{name}`"), expected, help));
@@ -105,53 +106,29 @@ impl Classifier {
         }
         let mut tensors = weights::from_bytes(&at, &bytes)?;
         let tokenizer = Tokenizer::load(folder.join(TOKENIZER))?;
-        if tokenizer.base_hash() != about.tokenizer {
-            // one of the same shape would read other motion into the codes, and nothing else would tell
-            let (found, expected) = (tokenizer.base_hash(), &about.tokenizer);
+        if tokenizer.base_hash() != manifest.tokenizer {
+            // a tokenizer of the same shape would decode other motion, unnoticed
+            let (found, expected) = (tokenizer.base_hash(), &manifest.tokenizer);
             let help = "put back the tokenizer.json that the classifier was trained with, or train it again";
             let at = folder.join(TOKENIZER);
             return Err(Error::file(at, format!("tokenizer {found}"), format!("the classifier's, {expected}"), help));
         }
-        let layout = Layout::new(&about.model, &about.tokens, about.fields.len())?;
-        let heads = heads(&at, &about.fields, about.model.width, &mut tensors)?;
-        let (config, tokens) = grown(&about.model, &about.tokens, &about.fields);
+        let layout = Layout::new(&manifest.model, &manifest.tokens, manifest.fields.len())?;
+        let parameters = heads(&manifest.fields, manifest.model.width);
+        let heads = floats("classifier", &parameters, &tensors, |p| p.name.clone())?;
+        tensors.retain(|name, _| parameters.iter().all(|p| p.name != *name));
+        let (config, tokens) = extended(&manifest.model, &manifest.tokens, &manifest.fields);
         let model = Fast::from_tensors(&config, &tokens, tensors)?;
-        Ok(Classifier { about, tokenizer, model, heads, layout })
+        Ok(Classifier { manifest, tokenizer, model, heads, layout })
     }
 }
 
-/// A model with a class token a field behind its tokens, or with as many class rows.
-pub(super) fn grown(config: &ModelConfig, tokens: &TokenLayout, fields: &Fields) -> (ModelConfig, TokenLayout) {
+/// A model with a class token per field after its tokens, or with as many class rows.
+pub(super) fn extended(config: &ModelConfig, tokens: &TokenLayout, fields: &Fields) -> (ModelConfig, TokenLayout) {
     match config.architecture {
         Architecture::Flat => {
             (config.clone(), TokenLayout { vocabulary: tokens.vocabulary + fields.len(), ..tokens.clone() })
         }
         Architecture::TwoLevel => (ModelConfig { classes: fields.len(), ..config.clone() }, tokens.clone()),
     }
-}
-
-/// The heads of the fields out of the tensors of the file at `path`.
-///
-/// # Errors
-/// A head that is missing or of another shape.
-pub(super) fn heads(
-    path: &Path,
-    fields: &Fields,
-    width: usize,
-    tensors: &mut BTreeMap<String, Tensor>,
-) -> Result<Vec<Floats>> {
-    let one = |field: &super::Field| {
-        let (name, shape) = (head_name(&field.name), [field.classes.len(), width]);
-        let tensor = tensors.remove(&name).filter(|t| t.dims() == shape);
-        let tensor = tensor.ok_or_else(|| {
-            Error::file(
-                path,
-                format!("no tensor {name} of shape {shape:?}"),
-                "the heads of all fields",
-                "train it again",
-            )
-        })?;
-        Ok(Floats::of(&tensor.flatten_all()?.to_vec1::<f32>()?))
-    };
-    fields.0.iter().map(one).collect()
 }

@@ -1,4 +1,4 @@
-//! Linear discriminant analysis with Ledoit and Wolf's shrinkage, behind standardisation and principal components.
+//! Linear discriminant analysis with Ledoit and Wolf's shrinkage, after standardisation and principal components.
 //!
 //! As scikit-learn's `StandardScaler`, `PCA(64)` and `LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")` one after
 //! the other: every class's covariance is shrunk by itself in standardised numbers, and they are averaged by their priors.
@@ -7,7 +7,7 @@
 
 use crate::{Error, Result};
 
-/// Components that are kept of the features (docs/classification.md, "Plain classifiers").
+/// Principal components of the features (docs/classification.md, "Plain classifiers").
 pub const COMPONENTS: usize = 64;
 
 /// A fitted classifier.
@@ -29,7 +29,7 @@ impl Lda {
     /// No rows; numbers that are not finite.
     pub fn fit(rows: &[Vec<f64>], labels: &[usize], classes: usize, components: usize) -> Result<Lda> {
         let Some(first) = rows.first() else {
-            return Err(Error::call("no labelled examples to fit a linear classifier to"));
+            return Err(Error::missing("labelled examples", "a linear classifier is fitted to them"));
         };
         let features = first.len();
         let (mean, deviation) = moments(rows, features);
@@ -67,7 +67,7 @@ impl Lda {
         let standard: Vec<f64> = row.iter().zip(&self.mean).zip(&self.scale).map(|((x, m), s)| (x - m) / s).collect();
         let point = project(&self.basis, &standard);
         let logits = self.weights.chunks(point.len()).zip(&self.intercepts).map(|(w, b)| dot(w, &point) + b).collect();
-        super::eval::normalised(logits)
+        super::scores::normalised(logits)
     }
 }
 
@@ -121,7 +121,7 @@ fn shrunk_covariance(rows: &[Vec<f64>], p: usize) -> Vec<f64> {
 }
 
 fn eigen(n: usize, matrix: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
-    let none = || Error::call("the features of a linear classifier are not finite");
+    let none = || Error::NotFinite("the features of a linear classifier are not finite".into());
     kinelm_linalg::symmetric_eigen(n, matrix).ok_or_else(none)
 }
 
@@ -147,7 +147,7 @@ mod tests {
     use super::*;
     use serde::Deserialize;
 
-    /// What scikit-learn made of the same numbers; `scripts/reference/lda.py`.
+    /// scikit-learn's results on the same numbers; `scripts/reference/lda.py`.
     #[derive(Deserialize)]
     struct Golden {
         cases: Vec<Case>,
@@ -158,7 +158,8 @@ mod tests {
         components: usize,
         rows: Vec<Vec<f64>>,
         labels: Vec<usize>,
-        asked: Vec<Vec<f64>>,
+        #[serde(rename = "asked")]
+        rows_to_classify: Vec<Vec<f64>>,
         log_p: Vec<Vec<f64>>,
     }
 
@@ -170,16 +171,16 @@ mod tests {
         for case in golden.cases {
             let classes = case.log_p[0].len();
             let lda = Lda::fit(&case.rows, &case.labels, classes, case.components).unwrap();
-            for (row, expected) in case.asked.iter().zip(&case.log_p) {
+            for (row, expected) in case.rows_to_classify.iter().zip(&case.log_p) {
                 let found = lda.log_p(row);
-                let far = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                assert!(far < 1e-8, "{found:?}, expected {expected:?}");
+                let error = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                assert!(error < 1e-8, "{found:?}, expected {expected:?}");
             }
         }
     }
 
     #[test]
-    fn a_class_without_examples_is_never_named() {
+    fn a_class_without_examples_is_never_predicted() {
         let rows = vec![vec![0.0, 1.0], vec![0.1, 1.2], vec![1.0, 0.0], vec![1.1, 0.3]];
         let lda = Lda::fit(&rows, &[0, 0, 2, 2], 3, 2).unwrap();
         let log_p = lda.log_p(&[0.0, 1.1]);

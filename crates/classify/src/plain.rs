@@ -1,8 +1,8 @@
-//! The plain classifiers that a trained one stands beside.
+//! Plain classifiers, as baselines for a trained one.
 
-use super::eval::{Named, Source, normalised, pooled};
 use super::features::Motion;
 use super::lda::{COMPONENTS, Lda};
+use super::scores::{ClassScores, Source, normalised, pooled};
 use crate::Result;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_model::LoadedRun;
@@ -13,33 +13,33 @@ use rayon::prelude::*;
 /// Neighbours that vote: docs/query.md, "Do neighbours tell labels?".
 const NEIGHBOURS: usize = 10;
 
-/// What one of them says.
-pub(super) struct Said {
+/// The classes by one of them.
+pub(super) struct Classified {
     /// Its name.
     pub name: &'static str,
     /// Of windows, or of whole clips.
-    pub named: Vec<Named>,
-    /// Which.
+    pub scores: Vec<ClassScores>,
+    /// Whether of windows.
     pub by_window: bool,
 }
 
-/// Numbers of clips, those of the training clips first, then of those that are asked about.
+/// Features of the training clips, and of the clips to classify.
 pub(super) struct Plain {
-    /// A row a clip: its length and first pose.
-    still: [Vec<Vec<f64>>; 2],
-    /// Some rows a clip: low cosine coefficients.
+    /// A row per clip: its length and first pose.
+    static_features: [Vec<Vec<f64>>; 2],
+    /// Rows per clip: low cosine coefficients.
     spectra: [Vec<Vec<Vec<f64>>>; 2],
-    /// A row a window: means, deviations and steps of its channels.
-    moving: [Rows; 2],
-    /// A row a window: the mean of a run's final vectors.
+    /// A row per window: means, deviations and steps of its channels.
+    moments: [Rows; 2],
+    /// A row per window: the mean of a run's final vectors.
     vectors: Option<[Rows; 2]>,
 }
 
-/// A row a window.
+/// A row per window.
 type Rows = Vec<(Window, Vec<f64>)>;
 
 impl Plain {
-    /// Reads the training clips and those that are asked about; vectors with a run alone.
+    /// Reads the training clips and those to classify; vectors only with a run.
     ///
     /// # Errors
     /// A corpus that doesn't hold together, or of another tokenizer than the run's.
@@ -49,67 +49,67 @@ impl Plain {
         run: Option<&LoadedRun>,
         clips: [&[&ClipRecord]; 2],
     ) -> Result<Plain> {
-        let [seen, asked] =
+        let [train, test] =
             clips.map(|clips| clips.par_iter().map(|c| Motion::of(corpus, c)).collect::<Result<Vec<_>>>());
-        let motions = [seen?, asked?];
+        let motions = [train?, test?];
         let joints = &corpus.tokenizer().config().joints;
-        let [known, near] =
+        let [train, test] =
             motions.each_ref().map(|motions| motions.par_iter().map(|m| m.spectra(joints)).collect::<Result<Vec<_>>>());
         let frames = corpus.tokenizer().frames_per_word();
-        let moving = [0, 1].map(|part| {
+        let moments = [0, 1].map(|part| {
             let windows = Source::of(corpus, clips[part]).windows(layout);
             windows.into_iter().map(|w| (w, motions[part][w.clip].window(&w, frames))).collect()
         });
         Ok(Plain {
-            still: motions.each_ref().map(|motions| motions.iter().map(Motion::start).collect()),
-            spectra: [known?, near?],
-            moving,
+            static_features: motions.each_ref().map(|motions| motions.iter().map(Motion::start).collect()),
+            spectra: [train?, test?],
+            moments,
             vectors: run.map(|run| vectors(corpus, run, clips)).transpose()?,
         })
     }
 
-    /// What each says of one field, whose classes the training clips have by `labels`.
+    /// The classes of one field by every classifier; `labels` are those of the training clips.
     ///
     /// # Errors
     /// No labels; numbers that are not finite.
-    pub fn say(&self, labels: &[Option<usize>], classes: usize) -> Result<Vec<Said>> {
+    pub fn classify(&self, labels: &[Option<usize>], classes: usize) -> Result<Vec<Classified>> {
         let whole = |name, log_p: Vec<Vec<f64>>| {
-            let named = |(clip, log_p)| Named { clip, words: 0..0, log_p: vec![log_p] };
-            Said { name, named: log_p.into_iter().enumerate().map(named).collect(), by_window: false }
+            let scores = |(clip, log_p)| ClassScores { clip, words: 0..0, log_p: vec![log_p] };
+            Classified { name, scores: log_p.into_iter().enumerate().map(scores).collect(), by_window: false }
         };
-        let windows = |name, rows: &[Rows; 2]| -> Result<Said> {
+        let windows = |name, rows: &[Rows; 2]| -> Result<Classified> {
             let lda = linear(rows[0].iter().map(|(w, row)| (row, labels[w.clip])), classes)?;
-            let named = |(w, row): &(Window, Vec<f64>)| Named {
+            let scores = |(w, row): &(Window, Vec<f64>)| ClassScores {
                 clip: w.clip,
                 words: w.word..w.word + w.words,
                 log_p: vec![lda.log_p(row)],
             };
-            Ok(Said { name, named: rows[1].iter().map(named).collect(), by_window: true })
+            Ok(Classified { name, scores: rows[1].iter().map(scores).collect(), by_window: true })
         };
-        let still = linear(self.still[0].iter().zip(labels).map(|(row, label)| (row, *label)), classes)?;
-        let mut said = vec![
-            whole("majority class", vec![majority(labels, classes); self.still[1].len()]),
-            whole("length and first pose", self.still[1].iter().map(|row| still.log_p(row)).collect()),
+        let still = linear(self.static_features[0].iter().zip(labels).map(|(row, label)| (row, *label)), classes)?;
+        let mut found = vec![
+            whole("majority class", vec![majority(labels, classes); self.static_features[1].len()]),
+            whole("length and first pose", self.static_features[1].iter().map(|row| still.log_p(row)).collect()),
             whole("nearest spectra", self.nearest(labels, classes)),
-            windows("LDA", &self.moving)?,
+            windows("LDA", &self.moments)?,
         ];
         if let Some(vectors) = &self.vectors {
-            said.push(windows("LDA of the model's vectors", vectors)?);
+            found.push(windows("LDA of the model's vectors", vectors)?);
         }
-        Ok(said)
+        Ok(found)
     }
 
     /// ln p of every clip by the votes of its windows' neighbours.
     fn nearest(&self, labels: &[Option<usize>], classes: usize) -> Vec<Vec<f64>> {
-        let [known, asked] = &self.spectra;
-        let known: Vec<(&Vec<f64>, usize)> = known
+        let [train, test] = &self.spectra;
+        let known: Vec<(&Vec<f64>, usize)> = train
             .iter()
             .zip(labels)
             .filter_map(|(windows, label)| Some((windows, (*label)?)))
             .flat_map(|(windows, label)| windows.iter().map(move |w| (w, label)))
             .collect();
         let votes = |windows: &Vec<Vec<f64>>| {
-            let mut votes = vec![1.0; classes]; // one for each: a share of 0 has no logarithm
+            let mut votes = vec![1.0; classes]; // one each: a share of 0 has no logarithm
             for window in windows {
                 let near = |(known, label): &(&Vec<f64>, usize)| {
                     (known.iter().zip(window).map(|(a, b)| a * b).sum::<f64>(), *label)
@@ -121,7 +121,7 @@ impl Plain {
             }
             normalised(votes.iter().map(|v: &f64| v.ln()).collect())
         };
-        asked.par_iter().map(votes).collect()
+        test.par_iter().map(votes).collect()
     }
 }
 
@@ -142,7 +142,7 @@ fn linear<'a>(rows: impl Iterator<Item = (&'a Vec<f64>, Option<usize>)>, classes
 fn vectors(corpus: &Corpus, run: &LoadedRun, clips: [&[&ClipRecord]; 2]) -> Result<[Rows; 2]> {
     super::train::run_tokenizer(run, corpus)?;
     let mut model = Fast::from_tensors(&run.config, &run.tokens, run.weights.clone())?;
-    // no class tokens: the model doesn't know them
+    // the model has no class tokens
     let layout = Layout::new(&run.config, &run.tokens, 0)?;
     let mut read = |clips: &[&ClipRecord]| -> Result<Rows> {
         let source = Source::of(corpus, clips);

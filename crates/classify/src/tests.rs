@@ -1,6 +1,5 @@
 //! Classifiers of a small corpus whose classes show in how characters move.
 
-use super::baselines::compare;
 use super::train::Summary;
 use super::*;
 use kinelm_corpus::samples::{clip, walk};
@@ -83,7 +82,7 @@ fn trained(
 }
 
 #[test]
-fn class_tokens_learn_what_motion_shows_and_the_folder_says_the_same() {
+fn class_tokens_learn_what_motion_shows_and_load_the_same() {
     for run in [run, two_levels] {
         learns(run);
     }
@@ -97,7 +96,7 @@ fn learns(run: fn(&Path) -> LoadedRun) {
     assert_eq!(done.fields.0[1].classes, ["high", "low"]);
     assert_eq!(done.fields.0[1].clips.iter().sum::<usize>(), 23);
     let mut classifier = Classifier::load(&dir.path().join("c")).unwrap();
-    let found = compare(&mut classifier, &corpus, Split::Test, Some(&run), true).unwrap();
+    let found = classifier.evaluate(&corpus, Split::Test, Some(&run), true).unwrap();
     assert_eq!((found.clips, found.left_out.as_slice()), ([24, 8], &[0, 0][..]));
     let right = |name: &str, field: &str| {
         found.rows.iter().find(|r| r.name == name && r.field == field).map(|r| r.clips.accuracy).unwrap()
@@ -106,7 +105,7 @@ fn learns(run: fn(&Path) -> LoadedRun) {
     assert!(right("class tokens", "way") >= 0.75, "{found:?}");
     assert!((0.4..=0.6).contains(&right("majority class", "way")));
     assert_eq!(found.rows.len(), 12);
-    let text = report::text(&found, &classifier.about.fields);
+    let text = found.to_string();
     assert!(
         text.contains("LDA of the model's vectors") && text.contains("place: 2 classes; training clips: high"),
         "{text}"
@@ -114,18 +113,18 @@ fn learns(run: fn(&Path) -> LoadedRun) {
     // the number of threads changes no byte
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     one.install(|| trained(dir.path(), &run, &corpus, &options(), "d")).unwrap();
-    let weights = |name: &str| fs::read(dir.path().join(name).join(&classifier.about.weights.0)).unwrap();
+    let weights = |name: &str| fs::read(dir.path().join(name).join(&classifier.manifest.weights.0)).unwrap();
     assert!(weights("c") == weights("d"));
 }
 
 #[test]
-fn nothing_has_the_final_name_before_the_end_and_a_training_that_was_cut_goes_on_to_the_same_bytes() {
+fn nothing_has_the_final_name_before_the_end_and_an_interrupted_training_resumes_to_the_same_bytes() {
     for run in [run, two_levels] {
-        goes_on(run);
+        resumes(run);
     }
 }
 
-fn goes_on(run: fn(&Path) -> LoadedRun) {
+fn resumes(run: fn(&Path) -> LoadedRun) {
     let dir = tempfile::tempdir().unwrap();
     let (corpus, run) = (corpus(dir.path()), run(dir.path()));
     let options = TrainOptions { steps: 30, eval_every: 8, ..options() };
@@ -133,22 +132,22 @@ fn goes_on(run: fn(&Path) -> LoadedRun) {
     let (out, work) = (dir.path().join("cut"), dir.path().join("cut.training"));
     let go = |options: &TrainOptions, resume: bool, most: u64| {
         let stop = AtomicBool::new(most == 0);
-        train(&run, &corpus, options, (&out, resume), &stop, &mut |told| {
-            stop.store(told.step >= most, Ordering::Relaxed)
+        train(&run, &corpus, options, (&out, resume), &stop, &mut |metrics| {
+            stop.store(metrics.step >= most, Ordering::Relaxed)
         })
         .map_err(|e| e.to_string())
     };
     assert!(go(&options, true, 99).unwrap_err().contains("leave `resume` out to begin one"));
-    // between measurements, in one (which is then due first of all), and at one
+    // between measurements, in one (which is then made first), and at one
     let calls = (2..=8).map(|step| (true, 0, step));
     for (resume, most, step) in [(false, 0, 1)].into_iter().chain(calls).chain([(true, 0, 8), (true, 16, 16)]) {
         let done = go(&options, resume, most).unwrap();
         assert_eq!((done.step, done.stopped, out.exists()), (step, true, false));
     }
-    assert!(go(&options, false, 99).unwrap_err().contains("the same call with `resume` goes on"));
+    assert!(go(&options, false, 99).unwrap_err().contains("the same call with `resume` continues it"));
     let other = TrainOptions { rate: 1e-4, ..options.clone() };
     let message = go(&other, true, 99).unwrap_err();
-    assert!(message.contains("found rate = 0.0001 asked for, expected rate = 0.003, as begun"), "{message}");
+    assert!(message.contains("found rate = 0.0001 requested, expected rate = 0.003, as begun"), "{message}");
     let done = go(&options, true, 99).unwrap();
     assert_eq!((done.step, done.stopped, work.exists()), (30, false, false));
     let files = |name: &str| {
@@ -164,7 +163,7 @@ fn goes_on(run: fn(&Path) -> LoadedRun) {
 }
 
 #[test]
-fn a_share_of_the_labels_and_a_condition_choose_the_clips() {
+fn a_share_of_the_labels_and_a_filter_choose_the_clips() {
     let dir = tempfile::tempdir().unwrap();
     let (corpus, run) = (corpus(dir.path()), run(dir.path()));
     let few = TrainOptions { share: 0.01, steps: 2, ..options() };
@@ -172,18 +171,18 @@ fn a_share_of_the_labels_and_a_condition_choose_the_clips() {
     let some = |share: f64| {
         let all: Vec<&ClipRecord> = fields::clips(&corpus, &[]).unwrap();
         let fields = Fields::of(&corpus, &all, &options().fields).unwrap();
-        super::train::learned_from(&all, &fields, share, 1).iter().map(|c| c.key).collect::<Vec<_>>()
+        super::train::training_clips(&all, &fields, share, 1).iter().map(|c| c.key).collect::<Vec<_>>()
     };
     let (third, half) = (some(0.3), some(0.5));
     assert!(third.len() == 8 && half.len() == 12 && third.iter().all(|k| half.contains(k)), "{third:?} {half:?}");
-    let only = vec!["place=high".parse::<Only>().unwrap()];
+    let only = vec!["place=high".parse::<LabelFilter>().unwrap()];
     let high = TrainOptions { only, fields: vec!["way".into()], steps: 2, scratch: true, ..options() };
     assert_eq!(trained(dir.path(), &run, &corpus, &high, "high").unwrap().clips, 12);
-    assert!(Classifier::load(&dir.path().join("high")).unwrap().about.from.is_none());
+    assert!(Classifier::load(&dir.path().join("high")).unwrap().manifest.from.is_none());
 }
 
 #[test]
-fn what_cannot_be_told_is_refused() {
+fn what_cannot_be_learned_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let (corpus, run) = (corpus(dir.path()), run(dir.path()));
     let said = |options: &TrainOptions| trained(dir.path(), &run, &corpus, options, "x").unwrap_err();
@@ -197,7 +196,7 @@ fn what_cannot_be_told_is_refused() {
     let message = said(&TrainOptions { only: vec!["way=up".parse().unwrap()], ..of(&["way"]) });
     assert!(message.contains("have one way alone, up"), "{message}");
     assert!(said(&TrainOptions { only: vec!["way=left".parse().unwrap()], ..of(&["way"]) }).contains("no such clip"));
-    assert!(said(&TrainOptions { share: 0.0, ..options() }).contains("a share of 0"));
+    assert!(said(&TrainOptions { share: 0.0, ..options() }).contains("`share` is 0; expected above 0"));
     assert!(!dir.path().join("x").exists(), "nothing is begun");
     let config = ModelConfig { context: 8, ..run.config.clone() };
     assert!(said_layout(&config, &run.tokens).contains("expected room for a word"));

@@ -1,59 +1,59 @@
 //! Training of a classifier from a pre-trained run, or from nothing.
 
 use super::batches::Batches;
-use super::eval::{Named, Source, read_windows};
-use super::fields::{self, Field, Fields, Only};
-use super::folder::{About, SCHEMA, grown, heads};
-use super::learner::{Learner, first_heads};
-use super::work::{Asked, Saved, Work};
+use super::fields::{self, Field, Fields, LabelFilter};
+use super::folder::{Manifest, SCHEMA, extended};
+use super::learner::{Learner, first_heads, heads};
+use super::scores::{ClassScores, Source, read_windows};
+use super::unfinished::{Call, Saved, Unfinished};
 use crate::{Error, Result};
-use candle_core::Tensor;
 use kinelm_corpus::{ClipRecord, Corpus, Split};
+use kinelm_model::checkpoint::State;
 use kinelm_model::class_windows::Layout;
 use kinelm_model::fast::{Fast, Losses};
 use kinelm_model::{Dropout, LoadedRun, layout};
 use kinelm_store::{FileRecord, random};
 use kinelm_tokenizer::Tokenizer;
-use kinelm_train::grow::{Language, grow};
+use kinelm_train::optimizer::{Tensors, floats};
+use kinelm_train::resize::{Inputs, resize};
 use kinelm_train::schedule::rate;
-use kinelm_train::{Schedule, TrainConfig};
+use kinelm_train::trainer::{Cadence, Files};
+use kinelm_train::{Schedule, Task, TrainConfig, Trainer};
 use rand_chacha::rand_core::RngCore;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What to learn, from what.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrainOptions {
-    /// The label fields to tell.
+    /// The label fields to classify by.
     pub fields: Vec<String>,
-    /// The clips that are looked at.
-    pub only: Vec<Only>,
-    /// The run's shape with weights that are drawn instead of its own.
+    /// Labels that clips must have.
+    pub only: Vec<LabelFilter>,
+    /// The run's shape with random weights instead of its own.
     pub scratch: bool,
-    /// The share of the training clips whose labels are seen, above 0 up to 1: of each class at least one clip. The others
-    /// are left out.
+    /// The share of the training clips that are used, above 0 up to 1: of each class at least one clip.
     pub share: f64,
-    /// Class tokens see those before them.
+    /// Class tokens attend to those before them.
     pub compat: bool,
-    /// A class counts by its share of the windows instead of all classes alike.
+    /// Classes are weighted by their shares of the windows, instead of equally.
     pub unbalanced: bool,
     /// Updates.
     pub steps: u64,
     /// Windows of a step.
     pub batch: usize,
-    /// The learning rate of what was trained before.
+    /// The learning rate of the pretrained weights.
     pub rate: f64,
-    /// That of the heads and the class tokens: they begin with nothing.
+    /// That of the heads and the class tokens, which are new.
     pub head_rate: f64,
     /// Updates between measurements on the validation clips.
     pub eval_every: u64,
-    /// Validation windows of a measurement at most, spread evenly; 0: all.
+    /// Largest number of validation windows of a measurement, evenly spread; 0: all.
     pub eval_windows: usize,
-    /// Measurements without a better one after which it ends; 0: never.
+    /// Measurements without improvement after which training ends; 0: never.
     pub patience: u64,
-    /// Every random number comes from it.
+    /// The seed of all random numbers.
     pub seed: u64,
 }
 
@@ -80,7 +80,7 @@ impl Default for TrainOptions {
 }
 
 impl TrainOptions {
-    /// As the trainer's schedule has it: a twentieth of warm-up, then a cosine.
+    /// 5 % of warm-up, then a cosine.
     fn schedule(&self) -> TrainConfig {
         TrainConfig {
             batch: self.batch,
@@ -94,49 +94,49 @@ impl TrainOptions {
     }
 }
 
-/// Figures of a measurement or a step, as `metrics.jsonl` has them.
+/// Metrics of a measurement, as `metrics.jsonl` has them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Told {
+pub struct EvalMetrics {
     /// Updates done.
     pub step: u64,
-    /// Mean -ln p of the motion's tokens over the updates since the line before.
+    /// Mean -ln p of the motion's tokens over the updates since the last measurement.
     pub token_nats: f64,
     /// Mean weighted -ln p of the classes, summed over the fields.
     pub class_nats: f64,
     /// The same on the validation windows, unweighted.
     pub valid_nats: Option<f64>,
-    /// Share of validation windows whose class is the likeliest, averaged over the fields.
+    /// Share of the validation windows that are classified right, averaged over the fields.
     pub valid_accuracy: Option<f64>,
 }
 
-/// How it ended.
+/// How training ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Summary {
-    /// What it tells.
+    /// The fields and their classes.
     pub fields: Fields,
-    /// Training clips, and windows of them.
+    /// Training clips.
     pub clips: usize,
     /// Windows of those.
     pub windows: usize,
     /// Updates done.
     pub step: u64,
-    /// The step whose weights were kept.
+    /// The step of the weights that are stored.
     pub best: u64,
-    /// Its validation figures.
+    /// Their -ln p on the validation windows.
     pub valid_nats: Option<f64>,
     /// Whether it was stopped.
     pub stopped: bool,
 }
 
-/// Where a training stands after an update.
+/// The state of a training after an update.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub(super) struct Standing {
+pub(super) struct TrainState {
     /// Updates done.
     pub step: u64,
     /// Lines of `metrics.jsonl`.
-    pub told: usize,
-    /// Whether the measurement behind the last update was broken off: it comes before the next.
-    due: bool,
+    pub lines: usize,
+    /// Whether the measurement after the last update was interrupted: it comes before the next.
+    pub due: bool,
     /// The best measurement's step and -ln p.
     best: u64,
     valid_nats: Option<f64>,
@@ -145,15 +145,15 @@ pub(super) struct Standing {
     averages: Averages,
 }
 
-/// Trains a classifier and writes it to the new folder `out`. It works on the rayon pool that it is called in; the number of
-/// threads changes nothing. Where there are validation clips the weights with the lowest -ln p of their classes are kept,
-/// else the last.
+/// Trains a classifier and writes it to the new folder `out`. Of the weights at all measurements those with the lowest -ln p
+/// on the validation clips are stored; without validation clips the last. It works on the rayon pool that it is called in,
+/// whose number of threads changes nothing.
 ///
-/// Until it is done, `out` with `.training` behind it holds all that is needed to go on: with `resume` a training that was
-/// stopped or killed does, and has the bytes of one that was not.
+/// Until training is done, `out` with `.training` appended holds its state: with `resume` a training that was stopped or
+/// killed continues from there to the same bytes.
 ///
 /// # Errors
-/// A folder that is there; nothing, or something else, to go on with; fields, classes or clips that aren't; a corpus of
+/// A folder that exists; nothing, or another training, to resume; fields, classes or clips that don't exist; a corpus of
 /// another tokenizer; a loss that is not finite; what the system refuses.
 pub fn train(
     run: &LoadedRun,
@@ -161,96 +161,159 @@ pub fn train(
     options: &TrainOptions,
     (out, resume): (&Path, bool),
     stop: &AtomicBool,
-    tell: &mut dyn FnMut(&Told),
+    progress: &mut dyn FnMut(&EvalMetrics),
 ) -> Result<Summary> {
     check(options)?;
     let tokenizer = run_tokenizer(run, corpus)?;
     let clips = fields::clips(corpus, &options.only)?;
     let fields = Fields::of(corpus, &clips, &options.fields)?;
     let layout = Layout::new(&run.config, &run.tokens, fields.len())?;
-    let learned = learned_from(&clips, &fields, options.share, options.seed);
-    let fields = fields.counted(&learned);
-    let mut batches = Batches::new(corpus, learned, &fields, &layout, options);
+    let training = training_clips(&clips, &fields, options.share, options.seed);
+    let fields = fields.counted(&training);
+    let batches = Batches::new(corpus, training, &fields, &layout, options);
+    let (training_clips, windows) = (batches.clips(), batches.windows());
     let valid: Vec<&ClipRecord> = clips.iter().copied().filter(|c| c.split == Split::Valid).collect();
-    let asked = Asked {
+    let call = Call {
         weights: run.weights_sha256(),
         corpus: corpus.hash().into(),
         tokenizer: tokenizer.hash(),
         options: options.clone(),
     };
-    let (mut work, saved) = Work::open(out, &tokenizer, &asked, resume)?;
-    let (mut learner, mut standing) = match saved {
-        Some(saved) => go_on(run, &fields, saved, out)?,
-        None => (begin(run, &fields, options)?, Standing::default()),
+    let (folder, saved) = Unfinished::open(out, &tokenizer, &call, resume)?;
+    let checkpoints = folder.checkpoints();
+    let (learner, state) = match saved {
+        Some(saved) => resumed(run, &fields, saved)?,
+        None => (new_learner(run, &fields, options)?, TrainState::default()),
     };
-    let about = About { corpus: absolute(corpus.dir())?, ..about(run, &tokenizer, &fields, options) };
+    let manifest = Manifest { corpus: absolute(corpus.dir())?, ..manifest(run, &tokenizer, &fields, options) };
+    let (step, due, every) = (state.step, state.due, options.eval_every.max(1));
+    let cadence = Cadence { steps: options.steps, eval_every: every, checkpoint_every: every, keep: 1 };
     let train = options.schedule();
-    let is_over = |s: &Standing| s.step >= options.steps || (options.patience > 0 && s.worse >= options.patience);
-    let mut stopped = false;
-    while (standing.due || !is_over(&standing)) && !stopped {
-        if !standing.due {
-            let (step, now) = (standing.step, rate(&train, standing.step));
-            let numbers = batches.batch(step)?;
-            let (share, seed) = (run.config.dropout, options.seed);
-            let dropout = (share > 0.0).then_some(Dropout { share, seed, step, first: 0 });
-            let rates = [now, now / options.rate * options.head_rate];
-            let counted = numbers.targets.iter().filter(|&&t| t != run.tokens.pad).count();
-            let found = learner.step(numbers.as_batch(&layout), dropout.as_ref(), &train, rates);
-            standing.averages.add(found.map_err(|e| failed(e, step, out))?, counted);
-            standing.step = step + 1;
-            standing.due = standing.step == options.steps || standing.step.is_multiple_of(options.eval_every.max(1));
-        }
-        let was_due = standing.due;
-        if standing.due {
-            let source = Source { most: options.eval_windows, stop: Some(stop), ..Source::of(corpus, &valid) };
-            match measure(&mut learner, &layout, options.compat, &source, &valid, &fields) {
-                Err(Error::Store(kinelm_store::Error::Stopped(_))) => {}
-                measured => {
-                    let told = standing.measured(measured?);
-                    work.tell(&told)?;
-                    tell(&told);
-                    if standing.best == told.step {
-                        let about = About { step: told.step, valid_nats: told.valid_nats, ..about.clone() };
-                        work.better(about, &learner.tensors(&fields)?)?;
-                    }
-                }
-            }
-        }
-        stopped = stop.load(Ordering::Relaxed) && (standing.due || !is_over(&standing));
-        if was_due || stopped {
-            work.save(&standing, &learner.tensors(&fields)?, &learner.moments(&fields)?)?;
-        }
+    let (pad, dropout) = (run.tokens.pad, run.config.dropout);
+    let (layout, fields) = (&layout, &fields);
+    let task = Training {
+        corpus,
+        options,
+        layout,
+        fields,
+        valid,
+        stop,
+        progress,
+        learner,
+        batches,
+        folder,
+        manifest,
+        state,
+        train,
+        pad,
+        dropout,
+    };
+    let before = State::new(step, 0, 0, options.seed, None);
+    let mut trainer = Trainer::new(task, cadence, Some(checkpoints), before).measuring(due);
+    let mut is_stopped = false;
+    while !is_stopped && let Some(step) = trainer.next() {
+        step?;
+        is_stopped = stop.load(Ordering::Relaxed);
     }
-    if !stopped {
-        work.finish()?;
+    let stopped = !trainer.is_done();
+    match stopped {
+        true => trainer.finish()?,
+        false => trainer.task.folder.finish()?,
     }
-    let Standing { step, best, valid_nats, .. } = standing;
-    let (clips, windows) = (batches.clips(), batches.windows());
-    Ok(Summary { fields: fields.clone(), clips, windows, step, best, valid_nats, stopped })
+    let TrainState { step, best, valid_nats, .. } = trainer.task.state;
+    Ok(Summary { fields: fields.clone(), clips: training_clips, windows, step, best, valid_nats, stopped })
+}
+
+/// A classifier as the training loop trains it.
+struct Training<'a> {
+    corpus: &'a Corpus,
+    options: &'a TrainOptions,
+    layout: &'a Layout,
+    fields: &'a Fields,
+    /// The validation clips.
+    valid: Vec<&'a ClipRecord>,
+    stop: &'a AtomicBool,
+    progress: &'a mut dyn FnMut(&EvalMetrics),
+    learner: Learner,
+    batches: Batches<'a>,
+    folder: Unfinished,
+    manifest: Manifest,
+    state: TrainState,
+    train: TrainConfig,
+    pad: u32,
+    dropout: f64,
+}
+
+impl Task for Training<'_> {
+    type Step = ();
+
+    fn update(&mut self, state: &mut State) -> Result<()> {
+        let (step, rate) = (state.step, rate(&self.train, state.step));
+        let numbers = self.batches.batch(step)?;
+        let dropout = Dropout { share: self.dropout, seed: self.options.seed, step, first: 0 };
+        let dropout = (self.dropout > 0.0).then_some(&dropout);
+        let rates = [rate, rate / self.options.rate * self.options.head_rate];
+        let counted = numbers.targets.iter().filter(|&&t| t != self.pad).count();
+        let found = self.learner.step(numbers.as_batch(self.layout), dropout, &self.train, rates)?;
+        self.state.averages.add(found, counted);
+        state.step = step + 1;
+        self.state.step = state.step;
+        Ok(())
+    }
+
+    fn measure(&mut self, _: &mut State) -> Result<Option<bool>> {
+        let source =
+            Source { most: self.options.eval_windows, stop: Some(self.stop), ..Source::of(self.corpus, &self.valid) };
+        let compat = self.options.compat;
+        let measured = match measure(&mut self.learner, self.layout, compat, &source, &self.valid, self.fields) {
+            Err(Error::Store(kinelm_store::Error::Stopped(_))) => return Ok(None),
+            measured => measured?,
+        };
+        let metrics = self.state.measured(measured);
+        self.folder.log(&metrics)?;
+        (self.progress)(&metrics);
+        let best = self.state.best == metrics.step;
+        if best {
+            let manifest = Manifest { step: metrics.step, valid_nats: metrics.valid_nats, ..self.manifest.clone() };
+            self.folder.save_best(manifest, &self.learner.tensors()?)?;
+        }
+        Ok(Some(best))
+    }
+
+    fn is_over(&self, _: &State) -> bool {
+        self.options.patience > 0 && self.state.worse >= self.options.patience
+    }
+
+    fn files(&mut self, due: bool) -> Result<Files> {
+        self.state.due = due;
+        Unfinished::files(&self.state, &self.learner.tensors()?, &self.learner.moments()?)
+    }
 }
 
 /// What learns, before the first update.
-fn begin(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<Learner> {
-    let (config, tokens) = grown(&run.config, &run.tokens, fields);
+fn new_learner(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<Learner> {
+    let (config, tokens) = extended(&run.config, &run.tokens, fields);
     let model = Fast::from_tensors(&config, &tokens, first_weights(run, fields, options)?)?;
     let heads = first_heads(fields, run.config.width, options.seed);
-    Ok(Learner::new(model, heads, run.tokens.vocabulary as u32))
+    Ok(Learner::new(model, fields, heads, run.tokens.vocabulary as u32))
 }
 
-/// What learns, where it stood.
-fn go_on(run: &LoadedRun, fields: &Fields, saved: Saved, out: &Path) -> Result<(Learner, Standing)> {
-    let Saved { standing, mut tensors, moments } = saved;
-    let heads = heads(out, fields, run.config.width, &mut tensors)?;
-    let (config, tokens) = grown(&run.config, &run.tokens, fields);
+/// What learns, and its state, from a checkpoint.
+fn resumed(run: &LoadedRun, fields: &Fields, saved: Saved) -> Result<(Learner, TrainState)> {
+    let Saved { state, mut tensors, moments } = saved;
+    let parameters = heads(fields, run.config.width);
+    let heads = floats("checkpoint", &parameters, &tensors, |p| p.name.clone())?;
+    tensors.retain(|name, _| parameters.iter().all(|p| p.name != *name));
+    let (config, tokens) = extended(&run.config, &run.tokens, fields);
     let model = Fast::from_tensors(&config, &tokens, tensors)?;
-    let mut learner = Learner::new(model, heads, run.tokens.vocabulary as u32);
-    learner.restore(fields, &moments, standing.step)?;
-    Ok((learner, standing))
+    let mut learner = Learner::new(model, fields, heads, run.tokens.vocabulary as u32);
+    learner.restore(&moments, state.step)?;
+    Ok((learner, state))
 }
 
-/// What the folder says of itself, before the first update.
-fn about(run: &LoadedRun, tokenizer: &Tokenizer, fields: &Fields, options: &TrainOptions) -> About {
-    About {
+/// `classifier.json` before the first update.
+fn manifest(run: &LoadedRun, tokenizer: &Tokenizer, fields: &Fields, options: &TrainOptions) -> Manifest {
+    Manifest {
         schema: SCHEMA,
         kinelm: env!("CARGO_PKG_VERSION").into(),
         model: run.config.clone(),
@@ -273,16 +336,7 @@ fn absolute(dir: &Path) -> Result<PathBuf> {
     std::path::absolute(dir).map_err(Error::io(dir))
 }
 
-/// A step's error with what can be done about it.
-fn failed(e: Error, step: u64, out: &Path) -> Error {
-    if !matches!(e, Error::NotFinite(_)) {
-        return e; // no rate is to blame
-    }
-    let help = "take lower rates by --rate and --head-rate";
-    Error::file(out, format!("at step {}: {e}", step + 1), "a loss that is a number", help)
-}
-
-/// Losses since they were last told.
+/// Sums of the losses since the last measurement.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 struct Averages {
     updates: u32,
@@ -291,52 +345,49 @@ struct Averages {
 }
 
 impl Averages {
-    /// An update's losses, the motion's over `counted` tokens.
+    /// Adds an update's losses, the motion's over `counted` tokens.
     fn add(&mut self, found: Losses, counted: usize) {
         self.updates += 1;
         self.tokens += found.tokens / counted.max(1) as f64;
         self.classes += found.classes;
     }
-
-    /// Their means, beside what was measured; they begin anew.
-    fn told(&mut self, step: u64, measured: Option<(f64, f64)>) -> Told {
-        let Averages { updates, tokens, classes } = std::mem::take(self);
-        let many = f64::from(updates.max(1));
-        let (valid_nats, valid_accuracy) = measured.unzip();
-        Told { step, token_nats: tokens / many, class_nats: classes / many, valid_nats, valid_accuracy }
-    }
 }
 
-impl Standing {
-    /// A measurement's line. It stands for the best if it is better than those before; without validation clips every one is.
-    fn measured(&mut self, measured: Option<(f64, f64)>) -> Told {
-        let told = self.averages.told(self.step, measured);
-        (self.due, self.told) = (false, self.told + 1);
-        let better = match (told.valid_nats, self.valid_nats) {
+impl TrainState {
+    /// The metrics of a measurement. It is the best if it is better than those before; without validation clips every one
+    /// is.
+    fn measured(&mut self, measured: Option<(f64, f64)>) -> EvalMetrics {
+        let Averages { updates, tokens, classes } = std::mem::take(&mut self.averages);
+        let updates = f64::from(updates.max(1));
+        let (valid_nats, valid_accuracy) = measured.unzip();
+        self.lines += 1;
+        let better = match (valid_nats, self.valid_nats) {
             (Some(now), Some(before)) => now < before,
             _ => true,
         };
         match better {
-            true => (self.best, self.valid_nats, self.worse) = (told.step, told.valid_nats, 0),
+            true => (self.best, self.valid_nats, self.worse) = (self.step, valid_nats, 0),
             false => self.worse += 1,
         }
-        told
+        let (token_nats, class_nats) = (tokens / updates, classes / updates);
+        EvalMetrics { step: self.step, token_nats, class_nats, valid_nats, valid_accuracy }
     }
 }
 
 fn check(options: &TrainOptions) -> Result<()> {
-    let fault = match options {
-        o if !(o.share > 0.0 && o.share <= 1.0) => format!("a share of {}; expected above 0, at most 1", o.share),
-        o if o.steps == 0 || o.batch == 0 => "0 steps or windows; expected 1 or more".into(),
-        o if [o.rate, o.head_rate].iter().any(|r| !(*r > 0.0 && r.is_finite())) => {
-            format!("rates {} and {}; expected numbers above 0", o.rate, o.head_rate)
-        }
-        _ => return Ok(()),
-    };
-    Err(Error::call(fault))
+    let TrainOptions { share, steps, batch, rate, head_rate, .. } = *options;
+    let positive = |x: f64| x > 0.0 && x.is_finite();
+    match () {
+        () if !(share > 0.0 && share <= 1.0) => Err(Error::invalid("`share`", share, "above 0, at most 1")),
+        () if steps == 0 => Err(Error::invalid("`steps`", steps, "1 or more")),
+        () if batch == 0 => Err(Error::invalid("`batch`", batch, "1 or more")),
+        () if !positive(rate) => Err(Error::invalid("`rate`", rate, "a number above 0")),
+        () if !positive(head_rate) => Err(Error::invalid("`head_rate`", head_rate, "a number above 0")),
+        () => Ok(()),
+    }
 }
 
-/// The run's tokenizer, which must be the corpus's but for labels.
+/// The run's tokenizer, which must be the corpus's except for labels.
 pub(super) fn run_tokenizer(run: &LoadedRun, corpus: &Corpus) -> Result<Tokenizer> {
     let tokenizer = run.load_tokenizer()?;
     same_tokenizer(&tokenizer.base_hash(), corpus)?;
@@ -354,29 +405,29 @@ pub(super) fn same_tokenizer(expected: &str, corpus: &Corpus) -> Result<()> {
     Err(Error::file(corpus.dir(), found, expected, help))
 }
 
-/// The run's weights, or drawn ones, with rows for what answers.
-fn first_weights(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<BTreeMap<String, Tensor>> {
-    let (config, tokens) = grown(&run.config, &run.tokens, fields);
+/// The run's weights, or random ones, with rows for the class tokens.
+fn first_weights(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<Tensors> {
+    let (config, tokens) = extended(&run.config, &run.tokens, fields);
     if options.scratch {
         return layout::initial(&config, &tokens, options.seed);
     }
-    let language = |tokens| Language { tokens, conditions: &run.conditions };
-    grow(&run.weights, &config, language(&run.tokens), language(&tokens), options.seed)
+    let inputs = |tokens| Inputs { tokens, conditions: &run.conditions };
+    resize(&run.weights, &config, inputs(&run.tokens), inputs(&tokens), options.seed)
 }
 
-/// The clips that a classifier learns from.
-pub(super) fn learned_from<'a>(
+/// The clips that a classifier is trained on.
+pub(super) fn training_clips<'a>(
     clips: &[&'a ClipRecord],
     fields: &Fields,
     share: f64,
     seed: u64,
 ) -> Vec<&'a ClipRecord> {
-    let told = |c: &&&ClipRecord| c.split == Split::Train && fields.0.iter().any(|f| f.class_of(c).is_some());
-    let train: Vec<&ClipRecord> = clips.iter().filter(told).copied().collect();
+    let has_class = |c: &&&ClipRecord| c.split == Split::Train && fields.0.iter().any(|f| f.class_of(c).is_some());
+    let train: Vec<&ClipRecord> = clips.iter().filter(has_class).copied().collect();
     if share < 1.0 { labelled(&train, &fields.0[0], share, seed) } else { train }
 }
 
-/// Of each class of the first field, the first clips by a hash of their take: a share that grows keeps its clips.
+/// Of each class of the first field, the first clips by a hash of their take: a larger share contains a smaller one.
 fn labelled<'a>(clips: &[&'a ClipRecord], field: &Field, share: f64, seed: u64) -> Vec<&'a ClipRecord> {
     let mut kept = Vec::new();
     for class in 0..field.classes.len() {
@@ -393,7 +444,7 @@ fn labelled<'a>(clips: &[&'a ClipRecord], field: &Field, share: f64, seed: u64) 
     kept
 }
 
-/// Mean -ln p of the classes of validation windows, summed over the fields, and the mean share that is right.
+/// Mean -ln p of the classes of the validation windows, summed over the fields, and the mean accuracy.
 fn measure(
     learner: &mut Learner,
     layout: &Layout,
@@ -402,17 +453,17 @@ fn measure(
     valid: &[&ClipRecord],
     fields: &Fields,
 ) -> Result<Option<(f64, f64)>> {
-    let named = read_windows(&mut learner.model, &learner.heads, layout, compat, source)?;
+    let scores = read_windows(&mut learner.model, &learner.heads, layout, compat, source)?;
     let (mut nats, mut right, mut some) = (0.0, 0.0, 0);
     for (table, field) in fields.0.iter().enumerate() {
-        let asked: Vec<(usize, &Named)> =
-            named.iter().filter_map(|n| Some((field.class_of(valid[n.clip])?, n))).collect();
-        if asked.is_empty() {
+        let labelled: Vec<(usize, &ClassScores)> =
+            scores.iter().filter_map(|n| Some((field.class_of(valid[n.clip])?, n))).collect();
+        if labelled.is_empty() {
             continue;
         }
-        let count = asked.len() as f64;
-        nats -= asked.iter().map(|(class, n)| n.log_p[table][*class]).sum::<f64>() / count;
-        right += asked.iter().filter(|(class, n)| n.likeliest(table) == *class).count() as f64 / count;
+        let count = labelled.len() as f64;
+        nats -= labelled.iter().map(|(class, n)| n.log_p[table][*class]).sum::<f64>() / count;
+        right += labelled.iter().filter(|(class, n)| n.likeliest(table) == *class).count() as f64 / count;
         some += 1;
     }
     Ok((some > 0).then(|| (nats, right / f64::from(some))))

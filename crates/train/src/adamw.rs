@@ -1,16 +1,15 @@
-//! AdamW from plain tensor operations, on the model's device; moments in f32.
+//! AdamW from plain tensor operations, on the model's device; moments in f32. The oracle of [`super::optimizer`].
 //!
 //! Source: Loshchilov and Hutter, "Decoupled weight decay regularization" (2019); the order of operations is PyTorch's.
 
 use super::config::TrainConfig;
-use super::learner::in_order;
+use super::optimizer::{MOMENTS, Tensors, in_order};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
 use kinelm_model::layout::{Parameter, Role};
 use kinelm_model::{Gpt, layout};
-use std::collections::BTreeMap;
 
-/// The optimizer's state.
+/// The moments of all variables.
 pub struct AdamW {
     parameters: Vec<Parameter>,
     moments: Vec<[Tensor; 2]>,
@@ -21,9 +20,6 @@ pub struct AdamW {
     /// Updates done.
     step: u64,
 }
-
-/// What the two moments are called in a checkpoint.
-pub const MOMENTS: [&str; 2] = ["first", "second"];
 
 impl AdamW {
     /// Before the first update.
@@ -38,14 +34,15 @@ impl AdamW {
         Ok(AdamW { parameters, moments, betas, epsilon, weight_decay, table_rate, step: 0 })
     }
 
-    /// Moves every variable of `model` by its gradient times `share`, at the learning rate `rate`, tables at theirs. The gradients stand in
-    /// the order of the variables' names.
+    /// Moves every variable of `model` by its gradient times `share`, at the learning rate `rate`, tables at theirs. The
+    /// gradients are in the order of the variables' names.
     ///
     /// # Errors
     /// Gradients of another model.
     pub fn update(&mut self, model: &Gpt, gradients: &[Tensor], share: f64, rate: f64) -> Result<()> {
         if gradients.len() != self.parameters.len() {
-            return Err(Error::call(format!("{} gradients for {} variables", gradients.len(), self.parameters.len())));
+            let (found, expected) = (gradients.len(), self.parameters.len());
+            return Err(Error::Weights(format!("{found} gradients for {expected} variables")));
         }
         self.step += 1;
         let [b1, b2] = self.betas;
@@ -55,13 +52,13 @@ impl AdamW {
             *first = ((&*first * b1)? + (&g * (1.0 - b1))?)?;
             *second = ((&*second * b2)? + (g.sqr()? * (1.0 - b2))?)?;
             let root = ((second.sqrt()? / correction2.sqrt())? + self.epsilon)?;
-            let (rate, keep) = match parameter.role {
+            let (rate, decayed) = match parameter.role {
                 Role::Vector => (rate, 1.0),
                 Role::Matrix => (rate, 1.0 - rate * self.weight_decay),
                 Role::Table => (rate * self.table_rate, 1.0),
             };
             let var = &model.vars()[&parameter.name];
-            let x = (var.as_detached_tensor() * keep)?;
+            let x = (var.as_detached_tensor() * decayed)?;
             var.set(&(x - (&*first * (rate / correction1))?.div(&root)?)?)?;
         }
         Ok(())
@@ -71,8 +68,8 @@ impl AdamW {
     ///
     /// # Errors
     /// What the device refuses.
-    pub fn tensors(&self) -> Result<BTreeMap<String, Tensor>> {
-        let mut all = BTreeMap::new();
+    pub fn tensors(&self) -> Result<Tensors> {
+        let mut all = Tensors::new();
         for (p, moments) in self.parameters.iter().zip(&self.moments) {
             for (prefix, moment) in MOMENTS.iter().zip(moments) {
                 all.insert(format!("{prefix}.{}", p.name), moment.to_device(&Device::Cpu)?);
@@ -81,11 +78,11 @@ impl AdamW {
         Ok(all)
     }
 
-    /// Goes on from the state after `step` updates.
+    /// Continues from the moments after `step` updates.
     ///
     /// # Errors
     /// Moments that are missing or of another shape, each named.
-    pub fn restore(&mut self, tensors: BTreeMap<String, Tensor>, step: u64) -> Result<()> {
+    pub fn restore(&mut self, tensors: Tensors, step: u64) -> Result<()> {
         for (i, prefix) in MOMENTS.iter().enumerate() {
             let name = |p: &Parameter| format!("{prefix}.{}", p.name);
             let all = in_order("optimizer", &self.parameters, &tensors, name)?;
@@ -142,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_come_back_and_missing_ones_are_named() {
+    fn moments_are_restored_and_missing_ones_are_named() {
         let tokens = TokenLayout {
             vocabulary: 11,
             word: 4,

@@ -1,20 +1,20 @@
-//! Which windows a step trains on: a function of (seed, step, place in the batch) and of nothing else.
+//! The windows of a step: a function of (seed, step, index in the batch) and of nothing else.
 //!
-//! A pass over the corpus takes, of a clip of so many words where n whole ones fit into a window, words/n windows, rounded
-//! up (of words that differ in length: of its tokens one in as many as fit): its possible starts are cut into that many equal
-//! stretches and one start is drawn in each. So a pass sees nearly every word about once, and every pass sees them at other
-//! places of the window. The order of a pass is a random one.
+//! Where n whole words fit into a window, a pass takes ceil(words / n) windows of a clip. (Where words differ in length:
+//! ceil(tokens / window).) The possible starts of the clip are divided into that many equal stretches, with one random start
+//! in each. So a pass sees nearly every word about once, and each pass sees it elsewhere in the window. The order of a pass
+//! is random.
 //!
-//! Of several corpora a pass takes, of each, weight times as many windows as it has (rounded, one at least): whole rounds of
-//! them, and a drawn part of a round, of which the next pass takes the rest.
+//! A round takes all windows of a corpus once. A pass takes weight times as many windows of each corpus, rounded, at least
+//! one: whole rounds, and a random part of a round, of which the next pass takes the rest.
 
 use super::augment::{Augment, Changed};
 use super::config::TrainConfig;
 use super::data::{Data, Part};
 use super::gaps::Gaps;
-use super::heard::Heard;
+use super::music::MusicConditioning;
 use super::run::RunFile;
-use super::window::{Stand, WindowId};
+use super::window::{WindowId, WindowSpan};
 use crate::{Error, Result};
 use kinelm_corpus::music::tempo;
 use kinelm_corpus::windows::{fill_sequence, whole_words};
@@ -30,12 +30,12 @@ use rayon::prelude::*;
 pub struct Batch {
     /// (B, T) ids: the front, and all tokens but the last.
     pub inputs: Vec<u32>,
-    /// (B, T) ids: from the last of the front on the tokens; `<pad>` before, and where the clip has ended.
-    /// Of a masked model the chosen tokens, each at its own place, and `<pad>` elsewhere.
+    /// (B, T) ids: the tokens, from the last position of the front on; `<pad>` before, and after the end of the clip.
+    /// For a masked model the masked tokens, each at its own position, and `<pad>` elsewhere.
     pub targets: Vec<u32>,
-    /// Names of the windows' clips, with the frame at which the window starts.
+    /// Names of the windows' clips, with the window's first frame.
     pub clips: Vec<String>,
-    /// What the windows' frames are told of what is given ahead, if any are.
+    /// Goals and music of the windows' frames, if any have them.
     pub conditioning: Option<Conditioning>,
 }
 
@@ -45,7 +45,7 @@ impl Batch {
         self.inputs.len() / self.clips.len().max(1)
     }
 
-    /// Targets that count, those that aren't `pad`.
+    /// The number of targets that aren't `pad`.
     pub fn counted(&self, pad: u32) -> usize {
         self.targets.iter().filter(|&&t| t != pad).count()
     }
@@ -55,19 +55,19 @@ impl Batch {
 pub struct Batches<'a> {
     data: &'a Data,
     clips: Vec<TrainClip<'a>>,
-    ends: Vec<usize>, // per clip: windows of a round up to and with it
+    ends: Vec<usize>, // per clip: windows of a round up to it, inclusive
     shares: Vec<Share>,
     context: usize,
-    word: usize, // W, or that of the longest word
-    room: usize, // of the context: tokens of words that are asked about
+    word: usize, // W, or the length of the longest word
+    room: usize, // tokens of words that are targets in a window
     batch: usize,
     seed: u64,
     label_dropout: f64,
     masked: bool,
     augment: Option<Augment>,
     gaps: Option<Gaps>,
-    heard: Option<Heard>,
-    order: Option<(u64, Vec<WindowId>)>, // of the pass drawn last
+    music: Option<MusicConditioning>,
+    order: Option<(u64, Vec<WindowId>)>, // of the present pass
 }
 
 /// A clip of one of the corpora.
@@ -78,23 +78,22 @@ struct TrainClip<'a> {
     words: ClipWords<'a>,
 }
 
-/// What a corpus gives to a pass.
+/// A corpus's share of a pass.
 struct Share {
     /// The first of its windows, counted over all corpora.
     first: usize,
     /// Its windows: one round takes them all once.
     windows: usize,
-    /// How many of them a pass takes: those behind the last pass's, round after round.
+    /// The number that a pass takes: those after the last pass's, round after round.
     a_pass: usize,
 }
 
 impl<'a> Batches<'a> {
-    /// The windows of `context` tokens of the training clips, `train.batch` at a time, with their labels in front as the
-    /// data's conditions know them.
+    /// The windows of `context` tokens of the training clips, `train.batch` at a time, with their labels in front.
     ///
     /// # Errors
-    /// A corpus without a training clip that has a frame; a context that doesn't hold a word of the one length that all
-    /// have; more than 2^32 windows a pass.
+    /// A corpus without a training clip that has a frame; a context shorter than a word, where all words have one length;
+    /// more than 2^32 windows a pass.
     pub fn new(data: &'a Data, context: usize, train: &TrainConfig) -> Result<Batches<'a>> {
         let room = (context + 1).saturating_sub(data.conditions().len());
         whole_words(room, 1)?;
@@ -116,12 +115,17 @@ impl<'a> Batches<'a> {
                 let help = "give some clips the split `train` when making it";
                 return Err(Error::file(corpus.dir(), "no training clip", "a corpus with training clips", help));
             }
-            // a corpus of small weight still comes
+            // a corpus of small weight has one window
             shares.push(Share { first, windows, a_pass: ((weight * windows as f64).round() as usize).max(1) });
         }
         let pass: usize = shares.iter().map(|s| s.a_pass).sum();
         if u32::try_from(pass).is_err() {
-            return Err(Error::call(format!("{pass} windows a pass; expected at most 2^32 - 1: lower the weights")));
+            return Err(Error::limit(
+                "a pass",
+                format!("{pass} windows"),
+                "2^32 - 1 windows",
+                "lower the weights of the corpora",
+            ));
         }
         let word = data.tokenizer().longest_word();
         let (batch, seed, label_dropout) = (train.batch, train.seed, train.label_dropout);
@@ -139,18 +143,18 @@ impl<'a> Batches<'a> {
             masked: false,
             augment: None,
             gaps: None,
-            heard: None,
+            music: None,
             order: None,
         })
     }
 
-    /// The windows of a run, changed as it says.
+    /// The windows of a run, with its augmentation and conditioning.
     ///
     /// # Errors
     /// As [`Batches::new`] and [`Augment::new`].
     pub fn of_run(run: &RunFile, data: &'a Data) -> Result<Batches<'a>> {
         let masked = run.model.kind == ModelKind::Masked;
-        // a masked model's last input predicts no token behind it: the window is one shorter
+        // a masked model's last input predicts no next token: the window is one shorter
         let context = run.model.context - usize::from(masked);
         let batches = Batches::new(data, context, &run.train)?;
         Ok(Batches {
@@ -158,7 +162,11 @@ impl<'a> Batches<'a> {
             context: run.model.context,
             augment: Augment::new(&run.augment, data.tokenizer(), run.train.seed)?,
             gaps: Gaps::new(run.train.gaps, data.tokenizer(), run.train.seed)?,
-            heard: Heard::new(&run.model, run.train.seed, (batches.room / batches.word, data.tokenizer().fps())),
+            music: MusicConditioning::new(
+                &run.model,
+                run.train.seed,
+                (batches.room / batches.word, data.tokenizer().fps()),
+            ),
             ..batches
         })
     }
@@ -171,7 +179,7 @@ impl<'a> Batches<'a> {
     /// The windows of step `step`.
     ///
     /// # Errors
-    /// A corpus that can't be read any more.
+    /// A corpus that can no longer be read.
     pub fn batch(&mut self, step: u64) -> Result<Batch> {
         let (b, t) = (self.batch, self.context);
         let windows: Vec<WindowId> = (0..b as u64).map(|i| self.window(step * b as u64 + i)).collect();
@@ -180,44 +188,45 @@ impl<'a> Batches<'a> {
         let fill = |(input, target, &window): (&mut [u32], &mut [u32], &WindowId)| self.fill(window, input, target);
         let filled: Vec<(String, Option<Conditioning>, Vec<f32>)> =
             rows.into_par_iter().map(fill).collect::<Result<_>>()?;
-        let (mut clips, mut told, mut music) = (Vec::new(), Vec::new(), Vec::new());
-        for (clip, ahead, heard) in filled {
+        let (mut clips, mut goals, mut music) = (Vec::new(), Vec::new(), Vec::new());
+        for (clip, goal, of_window) in filled {
             clips.push(clip);
-            told.push(ahead);
-            music.extend(heard);
+            goals.push(goal);
+            music.extend(of_window);
         }
-        let mut told = together(told);
+        let mut conditioning = concatenated(goals);
         if !music.is_empty() {
-            told.get_or_insert_default().music = music;
+            conditioning.get_or_insert_default().music = music;
         }
-        Ok(Batch { inputs, targets, clips, conditioning: told })
+        Ok(Batch { inputs, targets, clips, conditioning })
     }
 
-    /// Writes a window (T); gives the name of its clip and where it starts, what it is told ahead, and (F, M) of music.
+    /// Fills a window (T). Returns the name of its clip with its first frame, its goals, and (F, M) its music.
     fn fill(
         &self,
         window: WindowId,
         input: &mut [u32],
         target: &mut [u32],
     ) -> Result<(String, Option<Conditioning>, Vec<f32>)> {
-        let stand = self.stand(window);
-        let TrainClip { corpus, record, .. } = self.clips[stand.clip];
+        let span = self.span(window);
+        let TrainClip { corpus, record, .. } = self.clips[span.clip];
         let augment = self.augment.as_ref();
         let gaps = self.gaps.as_ref().filter(|gaps| gaps.takes(window));
         // gaps reach beyond the window
         let beyond = gaps.map_or(0, |gaps| gaps.reach() * self.word);
-        let wide = Stand { tokens: (record.tokens - stand.start).min(stand.tokens + beyond), ..stand };
+        let wide = WindowSpan { tokens: (record.tokens - span.start).min(span.tokens + beyond), ..span };
         let changed = augment.and_then(|a| a.ids(corpus, record, &wide, window, self.room + beyond));
         let (mut ids, first, factor) = match changed {
             Some(Changed { ids, first, factor }) => (ids, first, factor),
-            None => (corpus.ids(record, wide.start..wide.start + wide.tokens)?, stand.word as f64, 1.0),
+            None => (corpus.ids(record, wide.start..wide.start + wide.tokens)?, span.word as f64, 1.0),
         };
-        let of_music = |heard: &Heard| heard.told((corpus, record), window, (first, factor));
-        let heard = self.heard.as_ref().map_or(Ok(Vec::new()), of_music)?;
+        let of_music = |music: &MusicConditioning| music.of_window((corpus, record), window, (first, factor));
+        let music = self.music.as_ref().map_or(Ok(Vec::new()), of_music)?;
         let front = self.front(record, window, factor);
         let (pad, dropped) = (Special::Pad.id(), augment.map_or_else(Vec::new, |a| a.dropped(window)));
-        let shown = ids.len().min(stand.tokens);
-        let told = gaps.map(|gaps| gaps.told(window, &ids, (shown / self.word, self.room / self.word), &dropped));
+        let shown = ids.len().min(span.tokens);
+        let goals =
+            gaps.map(|gaps| gaps.conditioning(window, &ids, (shown / self.word, self.room / self.word), &dropped));
         ids.truncate(shown);
         if self.masked {
             let may = |k: usize| !dropped.contains(&(k % self.word));
@@ -233,20 +242,20 @@ impl<'a> Batches<'a> {
             let first = front.len() - usize::from(!self.masked);
             hide(&dropped, self.word, &mut input[front.len()..], &mut target[first..]);
         }
-        Ok((format!("{} from frame {}", record.name, corpus.frames_of(record, 0..stand.word)), told, heard))
+        Ok((format!("{} from frame {}", record.name, corpus.frames_of(record, 0..span.word)), goals, music))
     }
 
-    /// The window at a place in the order of the data: of step s, place i of the batch, that is s B + i.
+    /// The window at an index of the data: window i of step s has s B + i.
     pub fn window(&mut self, place: u64) -> WindowId {
         let (pass, at) = (place / self.pass() as u64, place % self.pass() as u64);
         if self.order.as_ref().is_none_or(|(p, _)| *p != pass) {
-            self.order = Some((pass, self.draw(pass)));
+            self.order = Some((pass, self.shuffled(pass)));
         }
         self.order.as_ref().map_or(WindowId { round: 0, number: 0 }, |(_, order)| order[at as usize])
     }
 
-    /// The windows of a pass in the order of Fisher and Yates.
-    fn draw(&self, pass: u64) -> Vec<WindowId> {
+    /// The windows of a pass in random order (Fisher and Yates).
+    fn shuffled(&self, pass: u64) -> Vec<WindowId> {
         let mut order: Vec<WindowId> = Vec::with_capacity(self.pass());
         for share in &self.shares {
             let (windows, a_pass) = (share.windows as u64, share.a_pass as u64);
@@ -255,7 +264,7 @@ impl<'a> Batches<'a> {
                 let (low, high) =
                     (from.max(round * windows) - round * windows, to.min((round + 1) * windows) - round * windows);
                 let mut numbers: Vec<usize> = (share.first..share.first + share.windows).collect();
-                // which of a round's windows a pass takes is drawn where it doesn't take all
+                // a random part of the round, where the pass doesn't take all
                 if (low, high) != (0, windows) {
                     random::shuffle(&mut numbers, &mut random::stream(self.seed, "round", round, share.first as u64));
                 }
@@ -268,8 +277,8 @@ impl<'a> Batches<'a> {
         order
     }
 
-    /// What stands in front of a window that is `factor` times as fast as its clip: the clip's labels, each hidden in a share of
-    /// the windows.
+    /// The front of a window that is `factor` times as fast as its clip: the clip's labels, each hidden in a share of the
+    /// windows.
     fn front(&self, clip: &ClipRecord, WindowId { round, number }: WindowId, factor: f64) -> Vec<u32> {
         let conditions = self.data.conditions();
         let mut front = match tempo::faster(&clip.labels, &conditions.values(tempo::FIELD), factor) {
@@ -285,43 +294,43 @@ impl<'a> Batches<'a> {
         front
     }
 
-    /// Where a window stands: its clip, the word and token it starts at.
-    pub fn stand(&self, WindowId { round, number }: WindowId) -> Stand {
+    /// The tokens that a window shows.
+    pub fn span(&self, WindowId { round, number }: WindowId) -> WindowSpan {
         let index = self.ends.partition_point(|&end| end <= number);
         let TrainClip { record, words, .. } = self.clips[index];
         let before = if index == 0 { 0 } else { self.ends[index - 1] };
         let (stretch, stretches) = (number - before, self.ends[index] - before);
-        // up to the first word from which on the whole rest fits
+        // up to the first word from which the whole rest fits
         let starts = (words.before(words.tokens().saturating_sub(self.room)) + 1).min(words.len());
         let (low, high) = (starts * stretch / stretches, starts * (stretch + 1) / stretches);
         let mut rng = random::stream(self.seed, "window", round, number as u64);
         let word = low + (random::unit(&mut rng) * (high - low) as f64) as usize;
         let (start, end) = (words.start(word), words.start(word + 1));
         let inside = match end - start > self.room {
-            // a word that is longer than a window is begun anywhere, so that its end is seen too
+            // a word that is longer than a window begins anywhere, so that its end is seen too
             true => (random::unit(&mut rng) * (end - start - self.room + 1) as f64) as usize,
             false => 0,
         };
         let start = start + inside;
-        Stand { clip: index, word, start, tokens: (record.tokens - start).min(self.room) }
+        WindowSpan { clip: index, word, start, tokens: (record.tokens - start).min(self.room) }
     }
 
-    /// The training clips, those of one corpus behind those of the one before.
+    /// The training clips, corpus after corpus.
     pub fn clips(&self) -> impl Iterator<Item = (&'a Corpus, &'a ClipRecord)> + '_ {
         self.clips.iter().map(|c| (c.corpus, c.record))
     }
 }
 
-/// What the frames of all windows are told, if any window's are.
-fn together(windows: Vec<Option<Conditioning>>) -> Option<Conditioning> {
-    let nothing = windows.iter().flatten().next()?.none_like();
+/// The goals of all windows, if any window has some.
+fn concatenated(windows: Vec<Option<Conditioning>>) -> Option<Conditioning> {
+    let none = windows.iter().flatten().next()?.none_like();
     let mut all = Conditioning::default();
-    windows.iter().for_each(|told| all.extend(told.as_ref().unwrap_or(&nothing)));
+    windows.iter().for_each(|goals| all.extend(goals.as_ref().unwrap_or(&none)));
     Some(all)
 }
 
-/// Puts `<mask>` for the tokens at these places of each word of `word` tokens, and asks for none of them. Both begin with a
-/// word's first token.
+/// Replaces the tokens at these slots of each word of `word` tokens by `<mask>`, and their targets by `<pad>`. Both begin
+/// with a word's first token.
 fn hide(places: &[usize], word: usize, inputs: &mut [u32], targets: &mut [u32]) {
     let pad = Special::Pad.id();
     let hidden = |k: usize| places.contains(&(k % word));
@@ -345,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pass_has_every_stretch_once_and_steps_can_be_asked_in_any_order() {
+    fn a_pass_has_every_stretch_once_and_steps_come_in_any_order() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (3, Split::Train), (9, Split::Valid)]))
             .unwrap();
@@ -371,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_start_at_a_frame_behind_bos_and_short_clips_are_padded() {
+    fn windows_start_at_a_frame_after_bos_and_short_clips_are_padded() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::corpus(dir.path(), &[(3, Split::Train)])).unwrap();
         let corpus = &data.parts()[0].corpus;
@@ -418,9 +427,8 @@ mod tests {
         }
     }
 
-    /// How often each window of each corpus (of 6 + 2 and 10 + 2 windows) comes in a pass, by clip.
     #[test]
-    fn a_pass_takes_of_each_corpus_what_its_weight_says() {
+    fn a_pass_takes_each_corpus_as_often_as_its_weight() {
         let dir = tempfile::tempdir().unwrap();
         let corpora = [("a", 30), ("b", 50)].map(|(name, frames)| {
             std::fs::create_dir(dir.path().join(name)).unwrap();
@@ -441,23 +449,23 @@ mod tests {
         };
         assert_eq!(counts([1.0, 1.0], 3..4), (20, vec![1; 20]));
         assert_eq!(counts([1.0, 3.0], 1..2), (8 + 36, [vec![1; 8], vec![3; 12]].concat()));
-        // a quarter of 8 windows: each comes once in four passes; a half of 12: once in two
+        // 25 % of 8 windows: each comes once in four passes; 50 % of 12: once in two
         assert_eq!(counts([0.25, 0.5], 0..4), (2 + 6, [vec![1; 8], vec![2; 12]].concat()));
         let (_, once) = counts([0.25, 0.5], 0..1);
         assert_eq!((once[..8].iter().sum::<i32>(), once[8..].iter().sum::<i32>()), (2, 6));
-        // 1.5 times 8 and 12: nothing comes more than twice
+        // 1.5 times 8 and 12: no window comes more than twice
         let (pass, found) = counts([1.5, 1.5], 1..2);
         assert_eq!((pass, found[..8].iter().sum::<i32>(), found.iter().max()), (12 + 18, 12, Some(&2)));
         assert_eq!(counts([1e-3, 1.0], 0..8).1[..8], [1; 8]);
     }
 
     #[test]
-    fn labels_stand_in_front_and_a_share_of_them_is_hidden() {
+    fn labels_precede_windows_and_a_share_of_them_is_hidden() {
         let dir = tempfile::tempdir().unwrap();
         let corpus = fixture::corpus(dir.path(), &[(30, Split::Train), (40, Split::Train)]);
         let fields = ["dancer", "genre"].map(String::from);
         let data = Data::of(vec![Part { corpus, weight: 1.0 }], None, &fields).unwrap();
-        // ids behind the 10 characters, in the order of the fields
+        // ids after the 10 characters, in the order of the fields
         assert_eq!(data.tokenizer().vocabulary().conditioning(), ["<genre:a>", "<genre:b>", "<dancer:61>"]);
         let windows = |label_dropout: f64, batch| {
             let train = TrainConfig { batch, label_dropout, ..Default::default() };
@@ -485,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn batches_of_a_masked_model_ask_for_hidden_tokens_at_their_own_places() {
+    fn targets_of_a_masked_model_are_the_masked_tokens() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (3, Split::Train)])).unwrap();
         let train = TrainConfig { batch: 7, ..Default::default() };

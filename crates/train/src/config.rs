@@ -1,10 +1,11 @@
-//! A training file: `[model]`, `[train]`, and where the corpus and the run are.
+//! Training files: `[model]`, `[train]`, `[augment]`, and the paths of corpus and run.
 
 use super::augment::AugmentConfig;
 use super::data::CorpusPart;
 use super::precision::Precision;
 use super::schedule::Schedule;
 use super::stages::{self, Stage};
+use super::trainer::Cadence;
 use crate::{Error, Result};
 use kinelm_corpus::conditions::in_order;
 use kinelm_model::{ModelConfig, TokenLayout};
@@ -12,7 +13,7 @@ use kinelm_store::{input, presets};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Training files.
+/// The built-in training files.
 pub const TRAIN: &kinelm_store::presets::Presets = &[
     ("tiny", include_str!("../configs/tiny.toml")),
     ("small", include_str!("../configs/small.toml")),
@@ -42,11 +43,14 @@ pub struct TrainFile {
     pub model: ModelConfig,
     /// How it is trained.
     pub train: TrainConfig,
-    /// How the motion is changed on the way.
+    /// How the motion is augmented.
     pub augment: AugmentConfig,
     /// The file, for messages.
     #[serde(skip)]
     pub path: Option<PathBuf>,
+    /// The keys of `[model]` that the file gives.
+    #[serde(skip)]
+    pub given: toml::Table,
 }
 
 /// The `[train]` table. Where the defaults come from: docs/training.md.
@@ -55,7 +59,7 @@ pub struct TrainFile {
 pub struct TrainConfig {
     /// B: windows of a step, 1..=65536. Default 8.
     pub batch: usize,
-    /// Steps in all, where the schedule ends too. Default 1,000.
+    /// Steps in all, at which the schedule ends. Default 1,000.
     pub steps: u64,
     /// Highest learning rate, above 0. Default 2e-4.
     pub learning_rate: f64,
@@ -65,7 +69,7 @@ pub struct TrainConfig {
     pub warmup: u64,
     /// Where `cosine` ends, as a share of the rate, 0..=1. Default 0.1.
     pub final_share: f64,
-    /// AdamW's memory of the gradient and of its square, each 0 up to below 1. Default 0.9 and 0.95.
+    /// AdamW's decay of the two moments, each 0 up to below 1. Default 0.9 and 0.95.
     pub betas: [f64; 2],
     /// AdamW's epsilon, above 0. Default 1e-8.
     pub epsilon: f64,
@@ -73,44 +77,44 @@ pub struct TrainConfig {
     pub weight_decay: f64,
     /// Largest norm of the gradient; 0 means no limit. Default 1.
     pub clip_norm: f64,
-    /// What the rate of tables whose rows are looked up is multiplied with, above 0 and at most 100. Default 1.
+    /// Factor of the learning rate for tables whose rows are looked up, above 0 and at most 100. Default 1.
     pub table_rate: f64,
-    /// Every random number comes from it. Default 1.
+    /// The seed of all random numbers. Default 1.
     pub seed: u64,
     /// Steps between measurements on the validation clips; 0 means only at the end. Default 250.
     pub eval_every: u64,
-    /// Most validation windows of a measurement, spread evenly; 0 means all. Default 128.
+    /// Largest number of validation windows of a measurement, evenly spread; 0 means all. Default 128.
     pub eval_windows: usize,
     /// Steps between checkpoints; 0 means only at the end and where validation is best. Default 250.
     pub checkpoint_every: u64,
-    /// Checkpoints kept beside the best, 1 or more. Default 2.
+    /// Checkpoints that stay beside the best, 1 or more. Default 2.
     pub keep: usize,
     /// Batches of a step, computed one after the other in the memory of one, 1..=65536. Default 1.
     pub accumulate: usize,
-    /// Measurements without a better one after which the run ends; 0 means that it never ends for that. Default 0.
+    /// Measurements without improvement after which the run ends; 0 means never. Default 0.
     pub patience: u64,
-    /// Decay of the moving average of the weights, which is then measured, loaded and exported in their place: 0 up to
-    /// below 1; 0 means none. Default 0.
+    /// Decay of the moving average of the weights, which is then measured, loaded and exported in their place, 0 up to below
+    /// 1; 0 means no average. Default 0.
     pub ema: f64,
-    /// Measurements between dances that are generated into the run's `samples/`; 0 means none. Masked models draw none.
+    /// Measurements between dances that are generated into the run's `samples/`; 0 means none. Masked models generate none.
     /// Default 0.
     pub sample_every: u64,
-    /// Label fields that the model is told of, one token each in front of a window. Default none.
+    /// Label fields that the model is conditioned on, one token each before a window. Default none.
     pub conditions: Vec<String>,
-    /// Share of the labels that are hidden in training, each by itself, so that the model serves without them too,
-    /// 0..=1. Default 0.1.
+    /// Share of the labels that are hidden in training, independently, so that the model works without them too, 0..=1.
+    /// Default 0.1.
     pub label_dropout: f64,
-    /// What the gradients pull towards. Default `cross_entropy`.
+    /// The loss whose gradients are taken. Default `cross_entropy`.
     pub loss: Loss,
-    /// How wide `ordinal` spreads a target, in bins, above 0 and at most 100. Default 0.75.
+    /// Deviation of the targets of `ordinal`, in bins, above 0 and at most 100. Default 0.75.
     pub ordinal_width: f64,
-    /// In which numbers products are computed: `f32`, `bf16` or `auto`. Default `f32`.
+    /// Numbers that products are computed in: `f32`, `bf16` or `auto`. Default `f32`.
     pub precision: Precision,
-    /// Share of the windows in which runs of frames count as free and the model is told what is given behind them, 0..=1.
+    /// Share of the windows with gaps, in which the model is conditioned on the goals after them, 0..=1.
     /// Needs `model.goal`. Default 0.
     #[serde(skip_serializing_if = "is_none")]
     pub gaps: f64,
-    /// Windows that grow: those of the first steps. Default none.
+    /// The shorter windows of the first steps. Default none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub stages: Vec<Stage>,
 }
@@ -119,13 +123,13 @@ fn is_none(share: &f64) -> bool {
     *share == 0.0
 }
 
-/// What the gradients pull towards; the loss that is reported is the cross-entropy with the target itself in any case.
+/// The loss whose gradients are taken. The reported loss is always the cross-entropy with the target itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Loss {
-    /// The target.
+    /// Cross-entropy with the target.
     CrossEntropy,
-    /// The target's bin and those around it, by a Gaussian kernel: round the circle for angles, up to the ends for others.
+    /// Cross-entropy with the target smoothed over neighbouring bins by a Gaussian, which wraps around for angles.
     Ordinal,
 }
 
@@ -164,10 +168,10 @@ impl Default for TrainConfig {
 }
 
 impl TrainFile {
-    /// The training file of a name that is built in ([`TRAIN`]), else that of a path.
+    /// The built-in training file of a name ([`TRAIN`]), else that of a path.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] when it is neither, else those of [`TrainFile::load`].
+    /// Neither of them; those of [`TrainFile::load`].
     pub fn find(name_or_path: &Path) -> Result<TrainFile> {
         match presets::find(TRAIN, name_or_path, "training file")? {
             Some(text) => TrainFile::parse(text, name_or_path),
@@ -175,10 +179,10 @@ impl TrainFile {
         }
     }
 
-    /// Reads a training file; its paths become relative to where it stands.
+    /// Reads a training file. Its paths are relative to its folder.
     ///
     /// # Errors
-    /// A file that can't be read, keys that are unknown or outside their limits (line and column where TOML tells them).
+    /// A file that can't be read; keys that are unknown (with line and column) or outside their limits.
     pub fn load(path: &Path) -> Result<TrainFile> {
         let text = input::text(path).map_err(|e| match e.kind() {
             std::io::ErrorKind::InvalidData => Error::file(path, "bytes that are no text", "a training TOML", ""),
@@ -193,37 +197,38 @@ impl TrainFile {
         Ok(file)
     }
 
-    /// An error of settings that are wrong for a corpus, with the file that they stand in.
-    pub fn named(&self, error: Error) -> Error {
-        match (error, &self.path) {
-            (Error::Store(kinelm_store::Error::Call(what)), Some(path)) => {
-                Error::call(format!("{}: {what}", path.display()))
-            }
-            (error, _) => error,
+    /// An error of settings that don't fit a corpus, with the file that they stand in.
+    pub fn located(&self, error: Error) -> Error {
+        match &self.path {
+            Some(path) => in_file(path, error),
+            None => error,
         }
     }
 
-    /// The corpora that the file names, whichever way; none if it names none.
+    /// The corpora of the file, from `corpus` or `[[corpora]]`.
     ///
     /// # Errors
-    /// Both ways at once.
+    /// Both of them.
     pub fn corpora(&self) -> Result<Vec<CorpusPart>> {
         match &self.corpus {
             Some(corpus) if self.corpora.is_empty() => Ok(vec![CorpusPart::once(corpus)]),
-            Some(_) => Err(Error::call("corpus and [[corpora]]; expected one of them")),
+            Some(_) => Err(Error::unsupported("corpus and [[corpora]]", "a file has one of them")),
             None => Ok(self.corpora.clone()),
         }
     }
 
-    /// Reads the text of a training file; `path` is for messages. Paths stay as they are.
+    /// Parses the text of a training file; `path` is for messages. Paths stay as they are.
     ///
     /// # Errors
     /// As [`TrainFile::load`].
     pub fn parse(text: &str, path: &Path) -> Result<TrainFile> {
-        let file: TrainFile = toml::from_str(text).map_err(|e| {
+        let wrong = |e: toml::de::Error| {
             let help = "configs/train/ has examples with every key";
             Error::in_text((path, text), e.span(), in_words(e.message()), "a training file", help)
-        })?;
+        };
+        let mut file: TrainFile = toml::from_str(text).map_err(wrong)?;
+        let table: toml::Table = toml::from_str(text).map_err(wrong)?;
+        file.given = table.get("model").and_then(toml::Value::as_table).cloned().unwrap_or_default();
         let corpora = || file.corpora()?.iter().try_for_each(CorpusPart::validate);
         let checked = file
             .model
@@ -231,12 +236,23 @@ impl TrainFile {
             .and_then(|()| file.train.validate())
             .and_then(|()| file.augment.validate())
             .and_then(|()| corpora());
-        checked.map_err(|e| Error::call(format!("{}: {e}", path.display())))?;
+        checked.map_err(|e| in_file(path, e))?;
         Ok(file)
     }
 }
 
-/// What the reader of TOML says of types, in words that aren't Rust's.
+/// An error of a key, with the file that it stands in.
+pub fn in_file(path: &Path, error: Error) -> Error {
+    use kinelm_store::Error as Store;
+    let at = |what: String| format!("{}: {what}", path.display());
+    match error {
+        Error::Store(Store::Invalid { name, found, expected }) => Error::invalid(at(name), found, expected),
+        Error::Store(Store::Unsupported { what, why }) => Error::unsupported(at(what), why),
+        error => error,
+    }
+}
+
+/// The TOML parser's names of types without Rust's.
 fn in_words(message: &str) -> String {
     let whole = ["usize", "u64", "u32"].iter().fold(message.to_string(), |text, kind| {
         text.replace(&format!("expected {kind}"), "expected a whole number, 0 or more")
@@ -245,32 +261,38 @@ fn in_words(message: &str) -> String {
 }
 
 impl TrainConfig {
-    /// Whether, after `step` updates, so many measurements were no better than that after `best` that the run ends.
+    /// How often the training loop measures and saves.
+    pub(crate) fn cadence(&self) -> Cadence {
+        let TrainConfig { steps, eval_every, checkpoint_every, keep, .. } = *self;
+        Cadence { steps, eval_every, checkpoint_every, keep }
+    }
+
+    /// Whether `train.patience` measurements up to `step` were no better than that after step `best`.
     pub fn is_patience_out(&self, step: u64, best: Option<u64>) -> bool {
         let measured = |step: u64| step / self.eval_every.max(1);
         self.patience > 0 && best.is_some_and(|best| measured(step) >= measured(best) + self.patience)
     }
 
-    /// How wide targets are smoothed, in bins; `None`: not at all.
+    /// Deviation of smoothed targets, in bins; `None`: targets aren't smoothed.
     pub fn smoothing(&self) -> Option<f64> {
         (self.loss == Loss::Ordinal).then_some(self.ordinal_width)
     }
 
-    /// Checks every key, that words of `tokens` have what the loss asks for, and that `model` holds the windows.
+    /// Checks every key, alone and against the model and its tokens.
     ///
     /// # Errors
-    /// As [`Self::validate`]; `ordinal` for words whose places aren't of one kind each; those of
+    /// As [`Self::validate`]; `ordinal` for words whose slots have no bins of one kind each; those of
     /// [`stages::validate_for`].
     pub fn validate_for(&self, model: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
         self.validate()?;
         stages::validate_for(&self.stages, model, tokens)?;
         if self.gaps > 0.0 && !model.goal {
-            let what = "expected 0, or model.goal = true: what is told in gaps needs a model that can be told";
-            return Err(Error::call(format!("train.gaps is {}; {what}", self.gaps)));
+            return Err(Error::invalid("train.gaps", self.gaps, "0, or a goal-conditioned model (model.goal = true)"));
         }
         if self.loss == Loss::Ordinal && tokens.places.is_empty() {
-            let why = "words of this tokenizer have no places of one kind each, so that no bin has neighbours";
-            return Err(Error::call(format!("train.loss is ordinal; expected cross_entropy: {why}")));
+            let why =
+                "the slots of this tokenizer's words have no bins of one kind each, so that no bin has neighbours";
+            return Err(Error::invalid("train.loss", "ordinal", format!("cross_entropy: {why}")));
         }
         Ok(())
     }
@@ -282,7 +304,7 @@ impl TrainConfig {
     pub fn validate(&self) -> Result<()> {
         let check = |holds: bool, key: &str, found: String, limits: &str| match holds {
             true => Ok(()),
-            false => Err(Error::call(format!("train.{key} is {found}; expected {limits}"))),
+            false => Err(Error::invalid(format!("train.{key}"), found, limits)),
         };
         let number =
             |holds: bool, key, found: f64, limits| check(holds && found.is_finite(), key, found.to_string(), limits);
@@ -307,7 +329,7 @@ impl TrainConfig {
         check((1..=65_536).contains(&self.accumulate), "accumulate", self.accumulate.to_string(), "1 to 65536")?;
         number((0.0..1.0).contains(&self.ema), "ema", self.ema, "0 (none) up to below 1")?;
         let measured = |key, found: u64| {
-            let limits = "0 where eval_every is 0: nothing is measured on the way";
+            let limits = "0 where eval_every is 0: only the last step is measured";
             check(found == 0 || self.eval_every > 0, key, found.to_string(), limits)
         };
         measured("patience", self.patience)?;
@@ -326,7 +348,7 @@ mod tests {
     use kinelm_model::HeadKind;
 
     #[test]
-    fn neighbours_are_asked_for_where_bins_have_some() {
+    fn ordinal_loss_needs_bins_with_neighbours() {
         let train: TrainConfig = toml::from_str("loss = \"ordinal\"").unwrap();
         assert_eq!((train.smoothing(), TrainConfig::default().smoothing()), (Some(0.75), None));
         let model = ModelConfig::default();
@@ -336,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn shipped_files_hold_and_have_the_promised_sizes() {
+    fn built_in_files_are_valid_and_have_the_promised_sizes() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
         let load = |name: &str| TrainFile::load(&folder.join(name)).unwrap().model;
         let [tiny, small, thesis, gpt2] = ["tiny.toml", "small.toml", "thesis-26m.toml", "gpt2.toml"].map(load);

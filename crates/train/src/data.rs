@@ -1,4 +1,4 @@
-//! What a run learns from: corpora of one tokenizer, how often the windows of each come, and the labels it is told of.
+//! The data of a run: corpora of one tokenizer with their weights, and the label fields that it is conditioned on.
 
 use crate::{Error, Result};
 use kinelm_corpus::conditions::{Conditions, with_labels};
@@ -11,13 +11,13 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// A corpus that is asked for: in a training file a table of `[[corpora]]`, on the command line `DIR` or `DIR=WEIGHT`.
+/// A corpus of a run: a table of `[[corpora]]` in a training file, `DIR` or `DIR=WEIGHT` as text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CorpusPart {
     /// The corpus folder; in a file, relative to the file.
     pub path: PathBuf,
-    /// How often a pass takes each of its windows, 0.001 to 1,000. Default 1.
+    /// How many times a pass takes each of its windows, 0.001 to 1,000. Default 1.
     #[serde(default = "one")]
     pub weight: f64,
 }
@@ -27,7 +27,7 @@ fn one() -> f64 {
 }
 
 impl CorpusPart {
-    /// The corpus in a folder, its windows once a pass.
+    /// The corpus in a folder, with weight 1.
     pub fn once(path: impl Into<PathBuf>) -> CorpusPart {
         CorpusPart { path: path.into(), weight: 1.0 }
     }
@@ -35,13 +35,12 @@ impl CorpusPart {
     /// Checks the weight.
     ///
     /// # Errors
-    /// A weight outside its limits, with both.
+    /// A weight outside its limits.
     pub fn validate(&self) -> Result<()> {
         match (0.001..=1000.0).contains(&self.weight) {
             true => Ok(()),
             false => {
-                let (path, weight) = (self.path.display(), self.weight);
-                Err(Error::call(format!("the weight of {path} is {weight}; expected 0.001 to 1000")))
+                Err(Error::invalid(format!("the weight of {}", self.path.display()), self.weight, "0.001 to 1000"))
             }
         }
     }
@@ -59,12 +58,12 @@ impl FromStr for CorpusPart {
     }
 }
 
-/// A corpus, open.
+/// An open corpus.
 #[derive(Debug)]
 pub struct Part {
     /// The corpus.
     pub corpus: Corpus,
-    /// How often a pass takes each of its windows.
+    /// How many times a pass takes each of its windows.
     pub weight: f64,
 }
 
@@ -77,12 +76,11 @@ pub struct Data {
 }
 
 impl Data {
-    /// Opens corpora for a run that is told of `fields`. Its tokenizer is `tokenizer`, or the first corpus's, with a token
+    /// Opens corpora for a run conditioned on `fields`. Its tokenizer is `tokenizer`, or the first corpus's, with a token
     /// for every value that training clips have of the fields.
     ///
     /// # Errors
-    /// No corpus; one that can't be opened, or made with another tokenizer (whatever labels were added to it); a field
-    /// that nothing knows.
+    /// No corpus; one that can't be opened, or has another tokenizer (labels apart); a field that no clip has.
     pub fn open(
         parts: &[CorpusPart],
         tokenizer: Option<&Tokenizer>,
@@ -96,13 +94,13 @@ impl Data {
         Data::of(parts.iter().map(open).collect::<Result<_>>()?, tokenizer, fields)
     }
 
-    /// As [`Data::open`], of corpora that are open.
+    /// As [`Data::open`], from open corpora.
     ///
     /// # Errors
     /// As [`Data::open`].
     pub fn of(parts: Vec<Part>, tokenizer: Option<&Tokenizer>, fields: &[String]) -> Result<Data> {
         let Some(first) = parts.first() else {
-            return Err(Error::call("no corpus; give one by --corpus or in the training file"));
+            return Err(Error::missing("corpus", "give `corpus`, or `corpus` in the training file"));
         };
         let own = tokenizer.unwrap_or(first.corpus.tokenizer());
         let base = own.base_hash();
@@ -143,17 +141,17 @@ impl Data {
         &self.tokenizer
     }
 
-    /// What stands in front of a window.
+    /// The label fields, which precede a window.
     pub fn conditions(&self) -> &Conditions {
         &self.conditions
     }
 
-    /// What the tokenizer and the conditions decide about a model.
+    /// What the tokenizer and the label fields decide about a model.
     pub fn tokens(&self) -> TokenLayout {
         TokenLayout { front: self.conditions.len(), ..TokenLayout::of(&self.tokenizer) }
     }
 
-    /// Tokens a frame of the training clips, on average over all corpora as often as they come.
+    /// Mean tokens per frame of the training clips, over all corpora by their weights.
     pub fn tokens_per_frame(&self) -> f64 {
         let sum = |of: &dyn Fn(&ClipRecord) -> usize| -> f64 {
             let of_part = |p: &Part| p.weight * p.corpus.split(Split::Train).map(of).sum::<usize>() as f64;
@@ -167,11 +165,11 @@ impl Data {
         self.parts.iter().any(|p| p.corpus.split(Split::Train).any(|c| c.beats.is_some()))
     }
 
-    /// Mean and deviation of what the music of the training clips sounds like, over all corpora as often as they come; `None`:
-    /// no clip has any.
+    /// Mean and deviation of the music features of the training clips, over all corpora by their weights; `None`: no clip
+    /// has any.
     ///
     /// # Errors
-    /// A corpus that can't be read any more.
+    /// A corpus that can no longer be read.
     pub fn music_scale(&self) -> Result<Option<Scale>> {
         let mut scaling = Scaling::default();
         for part in &self.parts {
@@ -187,8 +185,8 @@ impl Data {
         self.parts.iter().any(|p| p.corpus.split(split).any(|c| c.frames > 0))
     }
 
-    /// Bits a frame of the clips of a split, those of all corpora together, each frame counting once whatever its corpus's
-    /// weight. `most` windows at most (0: all) are shared out by the windows that the corpora have, one at least to each.
+    /// Bits per frame of the clips of a split, over all corpora, each frame counting once. At most `most` windows (0: all) are
+    /// read, in proportion to the windows of the corpora, at least one of each.
     ///
     /// # Errors
     /// Those of [`likelihood`].
@@ -210,7 +208,7 @@ impl Data {
     }
 }
 
-/// Several corpora's figures as one.
+/// The likelihood over several corpora.
 fn together(all: &[Likelihood]) -> Option<Likelihood> {
     let (first, rest) = all.split_first()?;
     if rest.is_empty() {
@@ -246,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_are_read_behind_the_last_equals_sign() {
+    fn weights_are_parsed_after_the_last_equals_sign() {
         let part = |text: &str| text.parse::<CorpusPart>().map_err(|e| e.to_string());
         assert_eq!(part("a/b"), Ok(CorpusPart::once("a/b")));
         assert_eq!(part("a=b=2.5"), Ok(CorpusPart { path: "a=b".into(), weight: 2.5 }));

@@ -1,6 +1,6 @@
-//! For the tests: a run on one of the small corpora, which are [`kinelm_corpus::fixture`]'s.
+//! For tests: a run on one of the small corpora of [`kinelm_corpus::fixture`].
 
-use crate::{CorpusPart, PretrainOptions, Silent, TrainConfig, TrainFile, pretrain};
+use crate::{CorpusPart, NoProgress, PretrainOptions, TrainConfig, TrainFile, pretrain};
 pub use kinelm_corpus::fixture::*;
 pub use kinelm_model::fixtures::TOKENS;
 use kinelm_model::{CheckpointChoice, LoadedRun, ModelConfig, load_run};
@@ -15,6 +15,6 @@ pub fn run(dir: &Path, model: ModelConfig, train: TrainConfig) -> LoadedRun {
         run: Some(dir.join("run")),
         ..Default::default()
     };
-    pretrain(&options, &AtomicBool::new(false), &mut Silent).unwrap();
+    pretrain(&options, &AtomicBool::new(false), &mut NoProgress).unwrap();
     load_run(&dir.join("run"), CheckpointChoice::Auto).unwrap()
 }

@@ -1,4 +1,4 @@
-//! A run folder that one process writes.
+//! Run folders, each written by one process.
 
 use super::provenance::{self, PROVENANCE};
 use crate::{Error, Result};
@@ -10,14 +10,14 @@ use std::io::{ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The file that a writing process holds locked; it says its number.
+/// The file that the writing process locks; it contains the process id.
 const LOCK: &str = ".lock";
-/// How often, and after which time, a lock is tried: whoever looks whether a run is going holds it for an instant.
+/// Attempts to lock, and the time between them: [`is_written`] holds the lock for an instant.
 const TRIES: (u32, Duration) = (5, Duration::from_millis(40));
-/// What a folder holds before its `config.toml`.
+/// Files that are written before `config.toml`.
 const EARLY: [&str; 6] = [LOCK, "samples", "checkpoints", "corpus.json", TOKENIZER, PROVENANCE];
 
-/// A run folder, locked while this lives, and given free by the system if the process dies.
+/// A run folder that is locked while this value lives. The system releases the lock if the process dies.
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
@@ -25,10 +25,11 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Makes the folder of a new run. One whose beginning was cut short is begun again.
+    /// Makes the folder of a new run. One that was begun incompletely is begun again.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Taken`] for a folder that is there and not empty; another process that writes it; what the system refuses.
+    /// [`kinelm_store::Error::Taken`] for a folder that exists and isn't empty; another process that writes it; what the
+    /// system refuses.
     pub fn create(run: &Path) -> Result<RunFolder> {
         check_free(run)?;
         fs::create_dir_all(run).map_err(Error::io(run))?;
@@ -42,7 +43,7 @@ impl RunFolder {
         Ok(folder)
     }
 
-    /// The folder of a run that is there, to go on with it.
+    /// The folder of a run to resume.
     ///
     /// # Errors
     /// A folder without a run; another process that writes it.
@@ -56,7 +57,7 @@ impl RunFolder {
         Ok(folder)
     }
 
-    /// Any folder of one writer.
+    /// Locks any folder.
     ///
     /// # Errors
     /// Another process that writes it; what the system refuses.
@@ -73,7 +74,7 @@ impl RunFolder {
                     return Ok(RunFolder { path: run.to_owned(), _lock: Some(file) });
                 }
                 Err(TryLockError::WouldBlock) => std::thread::sleep(TRIES.1),
-                // file systems without locks can't tell
+                // a file system without locks
                 Err(TryLockError::Error(e)) if e.kind() == ErrorKind::Unsupported => {
                     return Ok(RunFolder { path: run.to_owned(), _lock: None });
                 }
@@ -83,40 +84,41 @@ impl RunFolder {
         let mut who = String::new();
         let _ = file.rewind().and_then(|()| file.read_to_string(&mut who));
         let who = if who.is_empty() { String::new() } else { format!(" (number {who})") };
-        Err(Error::call(format!("{} is being written by another process{who}; stop that one first", run.display())))
+        Err(Error::taken(run, format!("is being written by another process{who}; stop that one first")))
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 }
 
-/// Whether a process writes this run just now.
+/// Whether a process is writing this run.
 pub fn is_written(run: &Path) -> bool {
     let lock = input::peek(&run.join(LOCK));
     lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
-/// Removes what a killed process left half written.
+/// Removes the incomplete files of a killed process.
 fn sweep(run: &Path) -> Result<()> {
     for entry in fs::read_dir(run).map_err(Error::io(run))?.flatten() {
-        if is_half(&entry.file_name().to_string_lossy()) {
+        if is_incomplete(&entry.file_name().to_string_lossy()) {
             fs::remove_file(entry.path()).map_err(Error::io(entry.path()))?;
         }
     }
     Ok(())
 }
 
-/// Whether this is the name of a file that was being written; under the lock by nobody who lives.
-fn is_half(name: &str) -> bool {
+/// Whether this is the name of an incomplete file; under the lock no living process writes it.
+fn is_incomplete(name: &str) -> bool {
     name.ends_with(".part") && files::left_over(name).is_some()
 }
 
-/// Removes a run, all of it or nothing.
+/// Removes a run, whole or not at all.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Taken`] where anything is in it that no training writes; a run that is being written; what the system refuses.
+/// [`kinelm_store::Error::Taken`] for a file in it that no training writes; a run that is being written; what the system
+/// refuses.
 pub fn remove(run: &Path) -> Result<()> {
     let _locked = RunFolder::locked(run)?;
     let names = |folder: &Path| -> Result<Vec<String>> {
@@ -140,15 +142,15 @@ pub fn remove(run: &Path) -> Result<()> {
     fs::remove_dir_all(run).map_err(Error::io(run))
 }
 
-/// Whether this describes a corpus of several: `corpus-2.json` and so on.
+/// Whether this is the manifest of a further corpus: `corpus-2.json` and so on.
 fn is_corpus(name: &str) -> bool {
     name.strip_prefix("corpus-").is_some_and(|n| n.ends_with(".json"))
 }
 
-/// Refuses a folder that no run can begin in.
+/// Refuses a folder in which no run can begin.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Taken`] then.
+/// [`kinelm_store::Error::Taken`] for such a folder.
 pub fn check_free(run: &Path) -> Result<()> {
     let help = match run.join(CONFIG).is_file() {
         _ if is_free(run) => return Ok(()),
@@ -158,14 +160,14 @@ pub fn check_free(run: &Path) -> Result<()> {
     Err(Error::taken(run, format!("exists; {help}")))
 }
 
-/// Whether nothing is there, or nothing but what a process left that died while it began a run.
+/// Whether it doesn't exist, is empty, or holds only the beginning of a run whose process died.
 fn is_free(run: &Path) -> bool {
     if fs::symlink_metadata(run).is_err() {
         return true;
     }
     let Ok(entries) = fs::read_dir(run) else { return false };
     let names: Vec<String> = entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
-    let early = |name: &String| EARLY.contains(&name.as_str()) || is_corpus(name) || is_half(name);
+    let early = |name: &String| EARLY.contains(&name.as_str()) || is_corpus(name) || is_incomplete(name);
     names.is_empty() || (names.iter().any(|n| n == LOCK) && names.iter().all(early))
 }
 
@@ -190,9 +192,9 @@ mod tests {
         RunFolder::open(&run).unwrap();
     }
 
-    /// Both saw that the folder is free; the second gets the lock when the first has begun its run and ended it.
+    /// Both find the folder free; the second gets the lock after the first has begun and ended its run.
     #[test]
-    fn free_is_asked_again_under_the_lock() {
+    fn free_is_checked_again_under_the_lock() {
         let dir = tempfile::tempdir().unwrap();
         let run = dir.path().join("run");
         fs::create_dir(&run).unwrap();
@@ -231,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_beginning_that_was_cut_short_is_begun_again_and_nothing_else_is_touched() {
+    fn an_incomplete_beginning_is_begun_again_and_nothing_else_is_touched() {
         let dir = tempfile::tempdir().unwrap();
         let run = dir.path().join("run");
         drop(RunFolder::create(&run).unwrap());

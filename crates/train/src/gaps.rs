@@ -1,8 +1,8 @@
-//! Gaps in what a model learns from: runs of frames that are free, of which it is told what is given behind them
+//! Gaps in training windows: runs of frames that count as free, in which the model is conditioned on the goal after them
 //! ([`kinelm_model::goal`]). Nothing is hidden from it and every character is still its target.
 //!
-//! A window that gets gaps gets several: known runs of 1 to 40 frames and gaps of 2 to 60 between them, lengths that are
-//! uniform in their logarithms. In 3 of 10 windows only some joints are free.
+//! A window with gaps has several: known runs of 1 to 40 frames and gaps of 2 to 60 between them, log-uniform in length. In
+//! 30 % of these windows only some joints are free.
 
 use super::window::WindowId;
 use crate::{Error, Result};
@@ -20,13 +20,13 @@ const RUN: f64 = 40.0;
 /// Gaps are shorter than this.
 const GAP: f64 = 61.0;
 
-/// What draws gaps.
+/// Samples gaps.
 #[derive(Debug)]
 pub struct Gaps {
     share: f64,
     seed: u64,
-    ahead: GoalEncoder,
-    /// The places of each coded joint, the root's translation with joint 0.
+    goals: GoalEncoder,
+    /// The slots of each coded joint, the root's translation with joint 0.
     joints: Vec<Vec<usize>>,
 }
 
@@ -34,20 +34,20 @@ impl Gaps {
     /// Gaps in a share of the windows; `None` where that is 0.
     ///
     /// # Errors
-    /// A tokenizer whose frames can't be told what is ahead.
+    /// A tokenizer whose frames can't be goals.
     pub fn new(share: f64, tokenizer: &Tokenizer, seed: u64) -> Result<Option<Gaps>> {
         if share == 0.0 {
             return Ok(None);
         }
         let places = |&joint: &usize| {
             let selection = Selection { joints: vec![joint], translation: joint == 0 };
-            tokenizer.slots_of(&selection).map_err(|e| Error::call(format!("train.gaps is {share}: {e}")))
+            tokenizer.slots_of(&selection).map_err(|e| Error::unsupported("train.gaps", e.to_string()))
         };
         let joints = tokenizer.channels().joints().iter().map(places).collect::<Result<_>>()?;
-        Ok(Some(Gaps { share, seed, ahead: GoalEncoder::of(tokenizer)?, joints }))
+        Ok(Some(Gaps { share, seed, goals: GoalEncoder::of(tokenizer)?, joints }))
     }
 
-    /// Words behind a window that its gaps may reach to.
+    /// Words after a window that the goals of its gaps may lie in.
     pub fn reach(&self) -> usize {
         FARTHEST
     }
@@ -57,33 +57,33 @@ impl Gaps {
         random::unit(&mut self.stream("gaps", window)) < self.share
     }
 
-    /// What a window of so many `frames` is told of the ids (F W) of its `shown` words and those behind it. Places that are
-    /// `hidden` from the model are told nothing.
-    pub fn told(
+    /// The goal conditioning of a window of `frames` frames, from the ids (F W) of its `shown` words and those after it.
+    /// Slots that are `hidden` from the model are no goals.
+    pub fn conditioning(
         &self,
         window: WindowId,
         ids: &[u32],
         (shown, frames): (usize, usize),
         hidden: &[usize],
     ) -> Conditioning {
-        let (codes, c) = (self.ahead.codes(ids), self.ahead.characters());
+        let (codes, c) = (self.goals.codes(ids), self.goals.characters());
         let all = codes.len() / c;
         let mut rng = self.stream("gap", window);
         let free = self.free(&mut rng, hidden);
         let mut given = vec![true; codes.len()];
-        for gap in drawn(&mut rng, shown.min(all), all) {
+        for gap in sampled(&mut rng, shown.min(all), all) {
             for word in given[gap.start * c..gap.end * c].chunks_exact_mut(c) {
                 word.iter_mut().zip(&free).for_each(|(given, free)| *given = !free);
             }
         }
-        GoalTrack::new(self.ahead.clone(), codes, given, 0).conditioning(frames)
+        GoalTrack::new(self.goals.clone(), codes, given, 0).conditioning(frames)
     }
 
     fn stream(&self, purpose: &str, window: WindowId) -> impl RngCore + use<> {
         random::stream(self.seed, purpose, window.round, window.number as u64)
     }
 
-    /// (C) which places are free in a window's gaps.
+    /// (C) which slots are free in a window's gaps.
     fn free(&self, rng: &mut impl RngCore, hidden: &[usize]) -> Vec<bool> {
         let mut joints: Vec<&Vec<usize>> = self.joints.iter().collect();
         if random::unit(rng) < SOME_JOINTS && joints.len() > 1 {
@@ -91,15 +91,15 @@ impl Gaps {
             let some = 1 + (random::unit(rng) * (joints.len() - 1) as f64) as usize;
             joints.truncate(some);
         }
-        let mut free = vec![false; self.ahead.characters()];
+        let mut free = vec![false; self.goals.characters()];
         joints.into_iter().flatten().for_each(|&place| free[place] = true);
         hidden.iter().for_each(|&place| free[place] = false);
         free
     }
 }
 
-/// Gaps that begin within the first `shown` frames and behind which one of `all` is given.
-fn drawn(rng: &mut impl RngCore, shown: usize, all: usize) -> Vec<Range<usize>> {
+/// Gaps that begin within the first `shown` frames and end before the last of `all`.
+fn sampled(rng: &mut impl RngCore, shown: usize, all: usize) -> Vec<Range<usize>> {
     let mut length = |least: f64, most: f64| (least * (random::unit(rng) * (most / least).ln()).exp()) as usize;
     let (mut gaps, mut at) = (Vec::new(), 0);
     loop {
@@ -125,10 +125,10 @@ mod tests {
     use kinelm_tokenizer::{RootRotation, TokenizerConfig};
 
     #[test]
-    fn gaps_lie_within_what_is_shown_and_end_where_something_is_given() {
+    fn gaps_begin_in_the_window_and_end_before_a_given_frame() {
         let (mut known, mut free, mut longest) = (0, 0, 0);
         for seed in 0..300 {
-            let gaps = drawn(&mut random::stream(seed, "gap", 0, 0), 128, 192);
+            let gaps = sampled(&mut random::stream(seed, "gap", 0, 0), 128, 192);
             let mut at = 0;
             for gap in gaps {
                 assert!(gap.start > at && gap.start < 128 && gap.end < 192 && (2..61).contains(&gap.len()), "{gap:?}");
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_share_of_the_windows_is_told_and_nothing_else_changes() {
+    fn a_share_of_the_windows_is_conditioned_and_nothing_else_changes() {
         let dir = tempfile::tempdir().unwrap();
         let corpus = fixture::turning(dir.path(), &[(150, Split::Train), (40, Split::Train), (30, Split::Valid)]);
         let data = Data::one(corpus).unwrap();
@@ -165,14 +165,14 @@ mod tests {
         let (without, with) = (batch(&data, 0.0, augment), batch(&data, 0.5, augment));
         assert_eq!((&without.inputs, &without.targets, &without.clips), (&with.inputs, &with.targets, &with.clips));
         assert_eq!(without.conditioning, None);
-        let told = with.conditioning.clone().unwrap();
-        assert_eq!((told.rows[0].len(), told.numbers.len() % (200 * 24)), (200 * 24 * 10, 0));
-        let of_window = told.numbers.len() / 200;
-        let is_told = |window: &&[f32]| window.iter().any(|x| *x != 0.0);
-        let windows = told.numbers.chunks(of_window).filter(is_told).count();
+        let conditioning = with.conditioning.clone().unwrap();
+        assert_eq!((conditioning.rows[0].len(), conditioning.numbers.len() % (200 * 24)), (200 * 24 * 10, 0));
+        let of_window = conditioning.numbers.len() / 200;
+        let is_conditioned = |window: &&[f32]| window.iter().any(|x| *x != 0.0);
+        let windows = conditioning.numbers.chunks(of_window).filter(is_conditioned).count();
         assert!((75..110).contains(&windows), "{windows} of 200 windows");
-        // now and then the root is told alone, or not at all
-        let words: Vec<&[u32]> = told.rows[0].chunks(10).collect();
+        // sometimes the root is the only goal, or none
+        let words: Vec<&[u32]> = conditioning.rows[0].chunks(10).collect();
         let has = |word: &&&[u32], place: usize| word[place] != kinelm_engine::op::embedding::NONE;
         for (root, knee) in [(true, false), (false, true), (true, true)] {
             assert!(words.iter().any(|word| has(&word, 0) == root && has(&word, 6) == knee), "{root} {knee}");
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_ask_for_a_model_that_can_be_told_and_a_tokenizer_that_tells() {
+    fn gaps_need_a_goal_conditioned_model_and_a_tokenizer_of_frames() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::turning(dir.path(), &[(50, Split::Train)])).unwrap();
         let train = TrainConfig { gaps: 0.5, ..Default::default() };
@@ -190,7 +190,7 @@ mod tests {
         let said = |model: &ModelConfig, train: &TrainConfig, data: &Data| {
             RunFile::new(model, train, data).unwrap_err().to_string()
         };
-        assert!(said(&two, &train, &data).contains("train.gaps is 0.5; expected 0, or model.goal = true"));
+        assert!(said(&two, &train, &data).contains("train.gaps is 0.5; expected 0, or a goal-conditioned model"));
         let config = TokenizerConfig::uniform(&[0], 20.0, 20);
         let config = TokenizerConfig { root_rotation: RootRotation::Absolute, ..config };
         let other = Data::one(fixture::danced(&dir.path().join("other"), config, &[(50, Split::Train)])).unwrap();

@@ -1,4 +1,4 @@
-//! Models that were trained elsewhere become runs.
+//! Import of models that were trained elsewhere.
 
 use super::provenance::{self, PROVENANCE};
 use super::run::RunFile;
@@ -11,22 +11,22 @@ use kinelm_store::files::PendingFolder;
 use kinelm_tokenizer::Tokenizer;
 use std::path::Path;
 
-/// Makes the run folder `run` of a folder that `kinelm export`, scripts/cluster or `transformers` wrote: a tokenizer, one
-/// checkpoint, `config.toml`. It is whole or not there. What it holds is given back, with notes for the user.
+/// Makes the run folder `run` from a folder that `kinelm export`, scripts/cluster or `transformers` wrote: a tokenizer, one
+/// checkpoint, `config.toml`. It is whole or doesn't exist. Returns the model, with notes for the user.
 ///
 /// # Errors
 /// Something else at `run`; a folder that is a run already; as [`exchange::load`]; what the system refuses.
 pub fn import(folder: &Path, run: &Path) -> Result<LoadedRun> {
     if folder.join(CONFIG).is_file() {
-        return Err(Error::call(format!("{} is a run already; there is nothing to import", folder.display())));
+        return Err(Error::unsupported(folder.display().to_string(), "it is a run already"));
     }
     let found = exchange::load(folder)?;
     let tokenizer = found.load_tokenizer()?;
     let file = RunFile::imported(&found, &tokenizer);
     let work = PendingFolder::create(run)?;
     write(work.path(), &found, &tokenizer, &file)?;
-    work.commit("give a folder that isn't there")?;
-    // not among the files by which a folder that is there is told to be the same
+    work.settle("give a folder that isn't there")?;
+    // after settling, which compares the files of a folder that exists
     if !run.join(PROVENANCE).exists() {
         provenance::note(run)?;
     }
@@ -43,7 +43,7 @@ fn write(work: &Path, found: &LoadedRun, tokenizer: &Tokenizer, file: &RunFile) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{PretrainOptions, Silent, TrainConfig, fixture, pretrain};
+    use crate::{NoProgress, PretrainOptions, TrainConfig, fixture, pretrain};
     use kinelm_corpus::{Corpus, Split};
     use kinelm_model::exchange::{Format, export};
     use kinelm_model::likelihood::likelihood;
@@ -101,23 +101,23 @@ mod tests {
                 assert_eq!(bytes(&back), bytes(&run));
             }
             assert_eq!(fs::read(&back.tokenizer).unwrap(), fs::read(&run.tokenizer).unwrap());
-            // it can be exported again, and has no training of its own
+            // it can be exported again, and has no training to resume
             export(&back, format, &at("again")).unwrap();
             assert_eq!(fs::read(at("again").join(WEIGHTS)).unwrap(), fs::read(at("out").join(WEIGHTS)).unwrap());
             let resumed = PretrainOptions { run: Some(at("back")), resume: true, ..Default::default() };
-            let message = pretrain(&resumed, &AtomicBool::new(false), &mut Silent).err().unwrap().to_string();
-            assert!(message.contains("was imported, and has no training to go on with"), "{message}");
+            let message = pretrain(&resumed, &AtomicBool::new(false), &mut NoProgress).err().unwrap().to_string();
+            assert!(message.contains("was imported, and has no training to resume"), "{message}");
         }
     }
 
     #[test]
-    fn what_is_there_stays() {
+    fn existing_folders_stay() {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
         let model = ModelConfig { layers: 1, heads: 1, width: 8, context: 30, ..Default::default() };
         trained(dir.path(), model);
         let said = |from: &str, to: &str| import(&at(from), &at(to)).err().unwrap().to_string();
-        assert!(said("run", "other").ends_with("run is a run already; there is nothing to import"));
+        assert!(said("run", "other").ends_with("run: it is a run already"));
         let run = load_run(&at("run"), CheckpointChoice::Auto).unwrap();
         export(&run, Format::Kinelm, &at("out")).unwrap();
         assert!(said("out", "corpus").ends_with("corpus exists, with other contents; give a folder that isn't there"));

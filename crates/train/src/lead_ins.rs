@@ -1,4 +1,4 @@
-//! Which seconds of the train clips a run keeps as lead-ins of unprompted dances.
+//! Selection of lead-ins: seconds of training clips with which unprompted dances begin.
 
 use super::data::Data;
 use crate::Result;
@@ -9,10 +9,10 @@ use kinelm_store::{files, random};
 use kinelm_tokenizer::UncodedPose;
 use std::path::Path;
 
-/// Lead-ins of each label value, and of clips with any labels.
+/// Lead-ins per label value, and of clips with any labels.
 const EACH: u64 = 8;
-/// Drawn for each, of which one is kept.
-const DRAWN: usize = 5;
+/// Candidates for each.
+const CANDIDATES: usize = 5;
 
 /// A train clip that is long enough.
 struct Candidate<'a> {
@@ -20,29 +20,29 @@ struct Candidate<'a> {
     number: usize,
     corpus: &'a Corpus,
     clip: &'a ClipRecord,
-    /// Words that a lead-in can begin at.
+    /// The number of words that a lead-in can begin at.
     starts: usize,
-    /// How often training takes each.
+    /// The corpus's weight.
     weight: f64,
 }
 
-/// Writes the lead-ins of a run where it has none yet.
+/// Writes the lead-ins of a run, unless it has some.
 ///
 /// # Errors
-/// A corpus that can't be read any more; what the system refuses.
+/// A corpus that can no longer be read; what the system refuses.
 pub fn write(run: &Path, seed: u64, data: &Data) -> Result<()> {
     let path = run.join(LEAD_INS);
     if path.exists() {
         return Ok(());
     }
-    Ok(files::write_whole(&path, draw(seed, data)?.to_json().as_bytes())?)
+    Ok(files::write_whole(&path, select(seed, data)?.to_json().as_bytes())?)
 }
 
-/// Eight lead-ins of any clips and eight for every label value of the conditions, from streams of the run's seed.
+/// Eight lead-ins of any clips and eight per value of the label fields, from random streams of the run's seed.
 ///
 /// # Errors
-/// A corpus that can't be read any more.
-pub fn draw(seed: u64, data: &Data) -> Result<LeadIns> {
+/// A corpus that can no longer be read.
+pub fn select(seed: u64, data: &Data) -> Result<LeadIns> {
     let words = lead_in::words(data.tokenizer());
     let mut all = Vec::new();
     for (number, part) in (1..).zip(data.parts()) {
@@ -55,7 +55,7 @@ pub fn draw(seed: u64, data: &Data) -> Result<LeadIns> {
     let mut group = 0..;
     let mut of = |clips: &[&Candidate]| {
         let group = group.next().unwrap_or_default();
-        drawn(seed, group, clips, (words, data))
+        of_clips(seed, group, clips, (words, data))
     };
     let any = of(&all.iter().collect::<Vec<_>>())?;
     let mut labelled = Vec::new();
@@ -68,17 +68,17 @@ pub fn draw(seed: u64, data: &Data) -> Result<LeadIns> {
     Ok(LeadIns::new(data.tokenizer(), any, labelled))
 }
 
-/// Lead-ins of some clips: all that could begin one, as often as training takes them, stand in a row that is cut into
-/// [`EACH`] equal stretches. In each [`DRAWN`] are drawn, of which the second fastest is kept: who stands goes on standing, and
-/// the fastest may be a leap. None comes twice.
-fn drawn(seed: u64, group: u64, clips: &[&Candidate], (words, data): (usize, &Data)) -> Result<Vec<LeadIn>> {
+/// Lead-ins of some clips. All starts, weighted as in training, are divided into [`EACH`] equal stretches. Each stretch
+/// gives the second fastest of [`CANDIDATES`] random starts: from standing a dance tends to stay still, and the fastest may be a
+/// jump. Duplicates are dropped.
+fn of_clips(seed: u64, group: u64, clips: &[&Candidate], (words, data): (usize, &Data)) -> Result<Vec<LeadIn>> {
     let mass = |c: &Candidate| c.weight * c.starts as f64;
     let all: f64 = clips.iter().map(|c| mass(c)).sum();
     let mut found: Vec<LeadIn> = Vec::new();
     for i in 0..EACH {
         let mut rng = random::stream(seed, "lead-in", group, i);
-        let mut drawn: Vec<(f64, LeadIn)> = Vec::new();
-        for _ in 0..DRAWN {
+        let mut candidates: Vec<(f64, LeadIn)> = Vec::new();
+        for _ in 0..CANDIDATES {
             let mut at = (i as f64 + random::unit(&mut rng)) / EACH as f64 * all;
             let Some(last) = clips.last() else { return Ok(found) };
             let clip = clips.iter().find(|c| {
@@ -86,12 +86,12 @@ fn drawn(seed: u64, group: u64, clips: &[&Candidate], (words, data): (usize, &Da
                 at -= if here { 0.0 } else { mass(c) };
                 here
             });
-            // sums that were rounded may end behind the last
+            // rounded sums may end after the last clip
             let lead_in = clip.unwrap_or(last).lead_in(at, words, data)?;
-            drawn.push((speed(&lead_in.ids, data)?, lead_in));
+            candidates.push((speed(&lead_in.ids, data)?, lead_in));
         }
-        drawn.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let (_, second) = drawn.swap_remove(1);
+        candidates.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (_, second) = candidates.swap_remove(1);
         if found.iter().all(|other| other.from != second.from) {
             found.push(second);
         }
@@ -100,7 +100,7 @@ fn drawn(seed: u64, group: u64, clips: &[&Candidate], (words, data): (usize, &Da
 }
 
 impl Candidate<'_> {
-    /// The one that begins at a place of its starts, each as wide as it is heavy.
+    /// The lead-in at a position of its starts, each as wide as the corpus's weight.
     fn lead_in(&self, at: f64, words: usize, data: &Data) -> Result<LeadIn> {
         let word = ((at / self.weight) as usize).min(self.starts - 1);
         let frame = word * data.tokenizer().frames_per_word();
@@ -111,7 +111,7 @@ impl Candidate<'_> {
     }
 }
 
-/// How fast the joints of some words go in the mean, m/s.
+/// Mean speed of the joints over some words, m/s.
 fn speed(ids: &[u32], data: &Data) -> Result<f64> {
     let tokenizer = data.tokenizer();
     let clip = tokenizer.decode(&tokenizer.words_of_ids(ids).words, UncodedPose::Identity)?;
@@ -134,9 +134,9 @@ mod tests {
             [(300, Split::Train), (200, Split::Train), (19, Split::Train), (90, Split::Valid), (21, Split::Train)];
         let corpus = fixture::corpus(dir.path(), &clips);
         let data = Data::of(vec![Part { corpus, weight: 2.0 }], None, &["genre".into()]).unwrap();
-        let all = draw(5, &data).unwrap();
-        assert_eq!(draw(5, &data).unwrap(), all);
-        assert_ne!(draw(6, &data).unwrap(), all);
+        let all = select(5, &data).unwrap();
+        assert_eq!(select(5, &data).unwrap(), all);
+        assert_ne!(select(6, &data).unwrap(), all);
         write(dir.path(), 5, &data).unwrap();
         write(dir.path(), 6, &data).unwrap();
         assert_eq!(LeadIns::load(dir.path(), data.tokenizer()).unwrap(), Some(all.clone()), "what is there stays");
@@ -164,12 +164,12 @@ mod tests {
             let ids = corpus.word_ids(clip, lead_in.1..lead_in.1 + 20).unwrap();
             assert_eq!(all.find(&from).unwrap().ids, ids);
         }
-        // two of its starts, however long the others are
+        // two of its starts, for any length of the others
         assert!(chosen(Some("b")).iter().all(|(_, frame, _)| *frame <= 180));
     }
 
     #[test]
-    fn corpora_come_as_often_as_training_takes_them() {
+    fn corpora_are_weighted_as_in_training() {
         let dir = tempfile::tempdir().unwrap();
         let corpora = ["a", "b"].map(|name| {
             std::fs::create_dir(dir.path().join(name)).unwrap();
@@ -177,7 +177,7 @@ mod tests {
         });
         let parts = corpora.into_iter().zip([1.0, 3.0]).map(|(corpus, weight)| Part { corpus, weight }).collect();
         let data = Data::of(parts, None, &[]).unwrap();
-        let all = draw(5, &data).unwrap();
+        let all = select(5, &data).unwrap();
         let of = |seed| all.choose(data.conditions(), &[1], seed).unwrap().from.clone();
         let found: BTreeSet<_> = (0..200).map(of).map(|from| (from.corpus, from.frame)).collect();
         assert_eq!(found.iter().filter(|(corpus, _)| *corpus == 1).count(), 2, "{found:?}");

@@ -1,48 +1,47 @@
-//! What the training loop needs of a model, whatever computes it.
+//! A model that learns, whatever computes it.
 
 use super::batches::Batch;
 use super::config::TrainConfig;
 use super::fast::FastLearner;
+use super::optimizer::Tensors;
 use super::plain::Plain;
+use super::stages::Stages;
 use crate::{Error, Result};
-use candle_core::Tensor;
 use kinelm_engine::linear::Products;
 use kinelm_model::fast::Fast;
-use kinelm_model::layout::Parameter;
 use kinelm_model::{Compute, Gpt, ModelConfig, Scores, TokenLayout, weights};
-use std::collections::BTreeMap;
 
-/// What a step computes before its update.
+/// Loss and gradient norm of a batch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+pub struct BatchLoss {
     /// Mean over the targets that count, nats a token.
     pub loss: f64,
     /// Targets that count.
     pub counted: usize,
-    /// Euclidean norm of the mean loss's gradient over all variables; may be infinite or no number.
+    /// Euclidean norm of the mean loss's gradient over all variables; may be infinite or NaN.
     pub norm: f64,
 }
 
-/// A model that learns: weights, their gradients and the optimizer's moments, wherever they are kept.
+/// Weights, their gradients and the optimizer's moments, on any device.
 ///
 /// It works on the rayon pool that it is called in, whose number of threads changes no bit.
 pub trait Learner: Scores + Send {
-    /// Loss and gradients of a batch, with the dropout of step `step`; the gradients stay here for [`Learner::update`].
+    /// Loss and gradients of a batch, with the dropout of step `step`. The gradients stay here for [`Learner::update`].
     ///
     /// # Errors
     /// As [`Learner::gradients_of`].
-    fn gradients(&mut self, batch: &Batch, step: u64) -> Result<Found> {
+    fn gradients(&mut self, batch: &Batch, step: u64) -> Result<BatchLoss> {
         self.gradients_of(std::slice::from_ref(batch), step)
     }
 
-    /// The same of several batches as if they were one, computed one after the other in the memory of one: the mean is that
-    /// over all their targets that count, and dropout counts their windows through.
+    /// Loss and gradients of several batches as of one, computed one after the other in the memory of one: the mean is over
+    /// all their targets that count, and dropout numbers their windows consecutively.
     ///
     /// # Errors
-    /// A loss that is not finite: the clips are named; what the device refuses.
-    fn gradients_of(&mut self, batches: &[Batch], step: u64) -> Result<Found>;
+    /// [`Error::NotFinite`] for a loss that is not finite, with the clips; what the device refuses.
+    fn gradients_of(&mut self, batches: &[Batch], step: u64) -> Result<BatchLoss>;
 
-    /// Moves the weights by the gradients found last, times `share`, at the learning rate `rate`.
+    /// Moves the weights by the last gradients times `share`, at the learning rate `rate`.
     ///
     /// # Errors
     /// What the device refuses.
@@ -52,42 +51,40 @@ pub trait Learner: Scores + Send {
     ///
     /// # Errors
     /// What the device refuses.
-    fn weights(&self) -> Result<BTreeMap<String, Tensor>>;
+    fn weights(&self) -> Result<Tensors>;
 
     /// The optimizer's moments, `first.{name}` and `second.{name}`, in f32 on the CPU.
     ///
     /// # Errors
     /// What the device refuses.
-    fn moments(&self) -> Result<BTreeMap<String, Tensor>>;
+    fn moments(&self) -> Result<Tensors>;
 
-    /// Goes on from these moments, which stood after `step` updates.
+    /// Continues from the moments after `step` updates.
     ///
     /// # Errors
     /// Moments that are missing or of another shape, each named.
-    fn restore(&mut self, moments: BTreeMap<String, Tensor>, step: u64) -> Result<()>;
+    fn restore(&mut self, moments: Tensors, step: u64) -> Result<()>;
 
-    /// The moving average of the weights by name ([`super::average`]), in f32 on the CPU; none where the configuration
-    /// has none.
+    /// The moving average of the weights by name ([`super::ema`]), in f32 on the CPU; `None` where `train.ema` is 0.
     ///
     /// # Errors
     /// What the device refuses.
-    fn averages(&self) -> Result<Option<BTreeMap<String, Tensor>>>;
+    fn averages(&self) -> Result<Option<Tensors>>;
 
-    /// Goes on from this moving average.
+    /// Continues from this moving average.
     ///
     /// # Errors
     /// Tensors that are missing or of another shape, each named; a configuration without an average.
-    fn restore_averages(&mut self, averages: BTreeMap<String, Tensor>) -> Result<()>;
+    fn restore_averages(&mut self, averages: Tensors) -> Result<()>;
 
-    /// Weights and their average change places, to measure with the average and then to go on; nothing where there is
-    /// none.
+    /// Swaps the weights and their average, to measure the average; does nothing without one.
     ///
     /// # Errors
     /// What the device refuses.
-    fn exchange(&mut self) -> Result<()>;
+    fn swap_averages(&mut self) -> Result<()>;
 }
 
-/// The learner of the form and on the device that are wanted, beginning with these `weights`.
+/// The learner of a form and a device, beginning with these `weights`.
 ///
 /// # Errors
 /// Weights that don't fit the configuration, a device that isn't there.
@@ -95,7 +92,7 @@ pub fn learner(
     model: &ModelConfig,
     tokens: &TokenLayout,
     train: &TrainConfig,
-    weights: BTreeMap<String, Tensor>,
+    weights: Tensors,
     (compute, products): (Compute, Products),
 ) -> Result<Box<dyn Learner>> {
     if compute.is_fast() {
@@ -108,22 +105,62 @@ pub fn learner(
     Ok(Box::new(Plain::new(gpt, train)?))
 }
 
-/// What gradients of norm `norm` are multiplied with so that they stay within `limit` (0: no limit), as PyTorch clips.
+/// A learner with the batches of its steps.
+pub struct Fit<'a> {
+    stages: Stages<'a>,
+    /// What learns.
+    pub learner: Box<dyn Learner>,
+    clip_norm: f64,
+}
+
+impl<'a> Fit<'a> {
+    /// `learner` on these windows.
+    pub fn new(stages: Stages<'a>, learner: Box<dyn Learner>, train: &TrainConfig) -> Fit<'a> {
+        Fit { stages, learner, clip_norm: train.clip_norm }
+    }
+
+    /// Loss and gradients of step `step`, and the number of its windows.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] for a loss or a gradient that is not finite, with the clips; what the device refuses.
+    pub fn gradients(&mut self, step: u64) -> Result<(BatchLoss, usize)> {
+        let batches = self.stages.of_step(step)?;
+        let found = self.learner.gradients_of(&batches, step)?;
+        let clips: Vec<&String> = batches.iter().flat_map(|b| &b.clips).collect();
+        match found.norm.is_finite() {
+            true => Ok((found, clips.len())),
+            false => {
+                let clips = listed(clips.into_iter());
+                Err(Error::NotFinite(format!("the gradient's norm is {} on {clips}", found.norm)))
+            }
+        }
+    }
+
+    /// Moves the weights by the last gradients, whose norm is `norm`, at the learning rate `rate`.
+    ///
+    /// # Errors
+    /// What the device refuses.
+    pub fn update(&mut self, norm: f64, rate: f64) -> Result<()> {
+        self.learner.update(clip_share(norm, self.clip_norm), rate)
+    }
+}
+
+/// The factor that clips gradients of norm `norm` to `limit` (0: no limit), as PyTorch's `clip_grad_norm_`.
 pub fn clip_share(norm: f64, limit: f64) -> f64 {
     if limit > 0.0 { (limit / (norm + 1e-6)).min(1.0) } else { 1.0 }
 }
 
-/// The error of a loss that is not finite, on these of a batch's windows.
+/// The error of a loss that is not finite, on these clips.
 pub fn not_finite(loss: f64, clips: &[String]) -> Error {
     Error::NotFinite(format!("the loss is {loss} on {}", listed(clips.iter())))
 }
 
-/// The error of a moving average that the configuration doesn't have.
+/// The error of a moving average for a configuration without one.
 pub fn no_average() -> Error {
-    Error::call("a moving average of the weights; expected none, as train.ema is 0")
+    Error::invalid("train.ema", 0, "a decay above 0: there is a moving average of the weights")
 }
 
-/// The windows of a step for a message: the first of them, and how many more there are.
+/// The windows of a step for a message: the first 32, and how many more there are.
 pub fn listed<'a>(mut clips: impl ExactSizeIterator<Item = &'a String>) -> String {
     const MOST: usize = 32;
     let some: Vec<&str> = clips.by_ref().take(MOST).map(String::as_str).collect();
@@ -133,25 +170,9 @@ pub fn listed<'a>(mut clips: impl ExactSizeIterator<Item = &'a String>) -> Strin
     }
 }
 
-/// The tensors `all` in the order of the parameters, each of its shape; `what` they are is for the message.
-pub fn in_order(
-    what: &str,
-    parameters: &[Parameter],
-    all: &BTreeMap<String, Tensor>,
-    name: impl Fn(&Parameter) -> String,
-) -> Result<Vec<Tensor>> {
-    let one = |p: &Parameter| {
-        let name = name(p);
-        let tensor = all.get(&name).filter(|t| t.dims() == p.shape).cloned();
-        tensor.ok_or_else(|| Error::call(format!("the {what} has no {name} of shape {:?}", p.shape)))
-    };
-    parameters.iter().map(one).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinelm_model::layout;
 
     #[test]
     fn the_limit_of_a_norm() {
@@ -161,25 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn tensors_are_in_order_and_a_missing_one_is_named() {
-        let (config, tokens) = kinelm_model::fixtures::every(36)
-            .into_iter()
-            .find(|(config, tokens)| !config.architecture.is_flat() && tokens.front > 1)
-            .unwrap();
-        let parameters = layout::parameters(&config, &tokens);
-        let mut all: BTreeMap<String, Tensor> = layout::initial(&config, &tokens, 1).unwrap();
-        all = all.into_iter().map(|(name, x)| (format!("first.{name}"), x.affine(1.0, 1.0).unwrap())).collect();
-        let read =
-            |all: &BTreeMap<String, Tensor>| in_order("optimizer", &parameters, all, |p| format!("first.{}", p.name));
-        let whole = read(&all).unwrap();
-        assert!(parameters.iter().zip(&whole).all(|(p, tensor)| tensor.dims() == p.shape));
-        all.remove("first.frame.label.weight").unwrap();
-        let refused = read(&all).unwrap_err().to_string();
-        assert!(refused.contains("no first.frame.label.weight of shape [26, 12]"), "{refused}");
-    }
-
-    #[test]
-    fn long_lists_are_cut() {
+    fn long_lists_are_shortened() {
         let names: Vec<String> = (0..34).map(|i| format!("c{i}")).collect();
         assert_eq!(listed(names[..2].iter()), "c0, c1");
         assert!(listed(names.iter()).ends_with("c31 and 2 more windows"));

@@ -1,28 +1,30 @@
 //! Training: from a corpus to a run folder.
+//!
+//! [`trainer`] is the one training loop; a [`trainer::Task`] is what it trains: a GPT ([`pretrain`](fn@pretrain),
+//! [`finetune`](fn@finetune)), the learning-rate range test, and the classifiers and LSTMs of other crates.
 #![forbid(unsafe_code)]
 
 pub mod adamw;
 pub mod augment;
-pub mod average;
 pub mod batches;
 pub mod config;
 pub mod data;
+pub mod ema;
 pub mod fast;
-pub mod finetune;
 #[cfg(any(test, feature = "fixtures"))]
 #[doc(hidden)]
 pub mod fixture;
 pub mod folder;
 mod gaps;
-pub mod grow;
-mod heard;
 pub mod import;
 pub mod lead_ins;
 pub mod learner;
 pub mod lr_find;
+pub mod memory;
 pub mod metrics;
+mod music;
+pub mod optimizer;
 pub mod order;
-pub mod parameters;
 #[cfg(test)]
 mod parity;
 pub mod plain;
@@ -30,7 +32,7 @@ pub mod precision;
 pub mod pretrain;
 pub mod progress;
 pub mod provenance;
-pub mod room;
+pub mod resize;
 pub mod run;
 pub mod runs;
 pub mod sample;
@@ -39,14 +41,15 @@ pub mod schedule;
 mod shapes;
 pub mod stages;
 mod tensorboard;
-pub mod updates;
+pub mod trainer;
 pub mod window;
 
 pub use config::{TrainConfig, TrainFile};
 pub use data::{CorpusPart, Data};
 pub use kinelm_model::{Error, Result};
-pub use learner::{Found, Learner, learner};
+pub use learner::{BatchLoss, Learner, learner};
 pub use precision::Precision;
-pub use pretrain::{PretrainOptions, Summary, pretrain};
-pub use progress::{Lines, Progress, Silent};
+pub use pretrain::{PretrainOptions, Summary, finetune, pretrain};
+pub use progress::{NoProgress, Progress};
 pub use schedule::Schedule;
+pub use trainer::{Task, Trainer};

@@ -1,35 +1,39 @@
 //! The learning-rate range test: a few hundred steps at rates that grow until the loss blows up (docs/training.md, "Which
 //! rate").
 //!
-//! Source: Smith, "Cyclical learning rates for training neural networks" (2017); the smoothing and the end at a multiple
-//! of the least loss are fastai's.
+//! Source: Smith, "Cyclical learning rates for training neural networks" (2017); the smoothing, and stopping at a multiple
+//! of the least loss, are fastai's.
 
-use super::batches::{Batch, Batches};
 use super::config::{TrainConfig, TrainFile};
 use super::data::{CorpusPart, Data};
-use super::learner::{clip_share, learner};
-use super::room;
+use super::learner::{Fit, learner};
+use super::memory;
 use super::run::RunFile;
+use super::stages::Stages;
+use super::trainer::{Cadence, Files, Task, Trainer};
 use crate::{Error, Result};
 use kinelm_corpus::Opening;
+use kinelm_model::checkpoint::State;
 use kinelm_model::{Compute, layout};
 use kinelm_view::plot::{Chart, Look, Rule, Scale, Series};
 use serde::Serialize;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What stays of the smoothed loss at a step.
+/// Decay of the smoothed loss from step to step.
 const SMOOTHING: f64 = 0.98;
-/// The test ends where the smoothed loss is so many times its least.
+/// The test ends where the smoothed loss is this multiple of its least.
 const BLOWN_UP: f64 = 4.0;
+/// From this multiple of its least on, the smoothed loss has risen rather than wavered.
+const RISEN: f64 = 1.1;
 /// The suggestion is the turn over this.
 const SAFETY: f64 = 10.0;
 
 /// What is tested, and over which rates.
 #[derive(Debug, Clone)]
 pub struct LrFindOptions {
-    /// The training file; its rate, schedule, steps and run don't matter.
+    /// The training file; its rate, schedule, steps, stages and run are ignored.
     pub file: TrainFile,
-    /// The corpora, over those in the file.
+    /// The corpora, in place of those in the file.
     pub corpora: Vec<CorpusPart>,
     /// Steps, 2 or more.
     pub steps: u64,
@@ -45,24 +49,24 @@ pub struct LrFindOptions {
 
 /// One step of the test.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Tried {
+pub struct RangeStep {
     /// Counted from 1.
     pub step: u64,
     /// The learning rate of its update.
     pub rate: f64,
     /// The loss before that update, nats a token.
     pub loss: f64,
-    /// The losses so far, smoothed.
+    /// The smoothed losses so far.
     pub smoothed: f64,
 }
 
-/// What the test found.
+/// The result of a range test.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Found {
+pub struct RangeTest {
     /// The steps.
-    pub steps: Vec<Tried>,
-    /// The rate from which on the smoothed loss rises for good: where it is least. None if it was still falling at the
-    /// last rate, or never fell.
+    pub steps: Vec<RangeStep>,
+    /// The rate at which the smoothed loss is least, before it rises for good. `None` if it was still falling at the last
+    /// rate, or never fell.
     pub turn: Option<f64>,
     /// A tenth of the turn.
     pub suggestion: Option<f64>,
@@ -70,80 +74,107 @@ pub struct Found {
     pub blew_up: bool,
 }
 
-/// Trains a model that nobody keeps, at rates that grow exponentially. `tell` hears every step.
+/// Trains a model at rates that grow exponentially, and discards it. `progress` receives every step.
 ///
 /// # Errors
-/// Options outside their limits; what training refuses before its first step; a loss that is not finite at once.
-pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, tell: &mut dyn FnMut(&Tried)) -> Result<Found> {
+/// Options outside their limits; what training refuses before its first step; a first loss that is not finite.
+pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, progress: &mut dyn FnMut(&RangeStep)) -> Result<RangeTest> {
     check(options)?;
     let corpora = if options.corpora.is_empty() { options.file.corpora()? } else { options.corpora.clone() };
-    let train = TrainConfig { ema: 0.0, steps: options.steps, ..options.file.train.clone() };
+    let train = TrainConfig { ema: 0.0, steps: options.steps, stages: Vec::new(), ..options.file.train.clone() };
     let data = Data::open(&corpora, None, &train.conditions, options.opening)?;
     let file = RunFile { augment: options.file.augment, ..RunFile::new(&options.file.model, &train, &data)? };
-    room::check(&file.model, &file.tokens, &train)?;
-    let mut batches = Batches::of_run(&file, &data)?;
+    memory::check(&file.model, &file.tokens, &train)?;
+    let stages = Stages::of_run(&file, &data)?;
     let weights = layout::initial(&file.model, &file.tokens, train.seed)?;
-    let products = train.precision.choose(None, options.compute)?.products;
-    let mut learner = learner(&file.model, &file.tokens, &train, weights, (options.compute, products))?;
-    let mut test = Test::default();
-    for step in 0..options.steps {
+    let products = train.precision.resolve(None, options.compute)?.products;
+    let learner = learner(&file.model, &file.tokens, &train, weights, (options.compute, products))?;
+    let test = Test { fit: Fit::new(stages, learner, &train), options, curve: Curve::default(), blew_up: false };
+    let cadence = Cadence { steps: options.steps, ..train.cadence() };
+    let mut trainer = Trainer::new(test, cadence, None, State::new(0, 0, 0, train.seed, None));
+    loop {
         if stop.load(Ordering::Relaxed) {
-            return Err(Error::stopped(format!("stopped after {step} of {} steps", options.steps)));
+            let (step, steps) = (trainer.state().step, options.steps);
+            return Err(Error::stopped(format!("stopped after {step} of {steps} steps")));
         }
-        let parts = train.accumulate as u64;
-        let batches: Vec<Batch> =
-            (step * parts..(step + 1) * parts).map(|i| batches.batch(i)).collect::<Result<_>>()?;
-        let rate = options.from * (options.to / options.from).powf(step as f64 / (options.steps - 1) as f64);
-        let gradients = match learner.gradients_of(&batches, step) {
-            Ok(found) if found.norm.is_finite() => found,
-            // the rates before it were too high
-            Ok(_) | Err(Error::NotFinite(_)) if step > 0 => return Ok(test.end(true)),
-            Ok(found) => return Err(Error::NotFinite(format!("the first gradient's norm is {}", found.norm))),
-            Err(e) => return Err(e),
-        };
-        if let Some(tried) = test.step(rate, gradients.loss) {
-            tell(tried);
+        match trainer.next() {
+            Some(step) => step?.iter().for_each(&mut *progress),
+            None => return Ok(trainer.task.curve.end(trainer.task.blew_up)),
         }
-        if test.blew_up() {
-            return Ok(test.end(true));
-        }
-        learner.update(clip_share(gradients.norm, train.clip_norm), rate)?;
     }
-    Ok(test.end(false))
 }
 
 fn check(options: &LrFindOptions) -> Result<()> {
     let LrFindOptions { steps, from, to, .. } = *options;
     if steps < 2 {
-        return Err(Error::call(format!("{steps} steps; expected 2 or more")));
+        return Err(Error::invalid("`steps`", steps, "2 or more"));
     }
     if !(from > 0.0 && to > from && to.is_finite()) {
-        return Err(Error::call(format!("rates from {from} to {to}; expected a first above 0 and a last above that")));
+        return Err(Error::invalid(
+            "`from`",
+            format!("{from} and `to` {to}"),
+            "a first rate above 0 and a last above that",
+        ));
     }
     Ok(())
 }
 
-/// A smoothed loss so many times the least has risen for good.
-const RISEN: f64 = 1.1;
+/// A model as the range test trains it.
+struct Test<'a> {
+    fit: Fit<'a>,
+    options: &'a LrFindOptions,
+    curve: Curve,
+    blew_up: bool,
+}
+
+impl Task for Test<'_> {
+    /// `None` where the loss is not finite: the rates before were too high.
+    type Step = Option<RangeStep>;
+
+    fn update(&mut self, state: &mut State) -> Result<Option<RangeStep>> {
+        let LrFindOptions { steps, from, to, .. } = *self.options;
+        let rate = from * (to / from).powf(state.step as f64 / (steps - 1) as f64);
+        let found = match self.fit.gradients(state.step) {
+            Err(Error::NotFinite(_)) if state.step > 0 => None,
+            found => Some(found?.0),
+        };
+        state.step += 1;
+        let step = found.map(|found| self.curve.step(rate, found.loss));
+        self.blew_up = step.is_none() || self.curve.blew_up();
+        if let Some(found) = found.filter(|_| !self.blew_up) {
+            self.fit.update(found.norm, rate)?;
+        }
+        Ok(step)
+    }
+
+    fn is_over(&self, _: &State) -> bool {
+        self.blew_up
+    }
+
+    fn files(&mut self, _due: bool) -> Result<Files> {
+        Ok(Vec::new())
+    }
+}
 
 /// The losses so far.
 #[derive(Default)]
-struct Test {
-    steps: Vec<Tried>,
-    /// The moving average before its correction.
+struct Curve {
+    steps: Vec<RangeStep>,
+    /// The moving average before its bias correction.
     average: f64,
 }
 
-impl Test {
-    fn step(&mut self, rate: f64, loss: f64) -> Option<&Tried> {
+impl Curve {
+    fn step(&mut self, rate: f64, loss: f64) -> RangeStep {
         let step = self.steps.len() as u64 + 1;
         self.average = SMOOTHING * self.average + (1.0 - SMOOTHING) * loss;
         let smoothed = self.average / (1.0 - SMOOTHING.powf(step as f64));
-        self.steps.push(Tried { step, rate, loss, smoothed });
-        self.steps.last()
+        let step = RangeStep { step, rate, loss, smoothed };
+        self.steps.push(step);
+        step
     }
 
-    /// Where the smoothed loss is least.
+    /// The index of the least smoothed loss.
     fn least(&self) -> Option<usize> {
         (0..self.steps.len()).min_by(|&a, &b| self.steps[a].smoothed.total_cmp(&self.steps[b].smoothed))
     }
@@ -153,26 +184,25 @@ impl Test {
         self.steps.last().is_some_and(|last| last.smoothed > BLOWN_UP * least)
     }
 
-    fn end(self, blew_up: bool) -> Found {
+    fn end(self, blew_up: bool) -> RangeTest {
         let inside = |i: &usize| (1..self.steps.len().saturating_sub(1)).contains(i);
-        // where the loss only ever fell there is a turn all the same if it was no number right behind
+        // a loss that only fell has a turn where the next one was not finite
         let least = self.least().filter(|i| inside(i) || (blew_up && *i > 0));
-        // a loss that hardly rises behind its least has only wavered
         let least = least.filter(|&i| {
-            let rose = |last: &Tried| last.smoothed > RISEN * self.steps[i].smoothed;
+            let rose = |last: &RangeStep| last.smoothed > RISEN * self.steps[i].smoothed;
             blew_up || self.steps.last().is_some_and(rose)
         });
         let turn = least.map(|i| self.steps[i].rate);
-        Found { turn, suggestion: turn.map(|t| t / SAFETY), blew_up, steps: self.steps }
+        RangeTest { turn, suggestion: turn.map(|t| t / SAFETY), blew_up, steps: self.steps }
     }
 }
 
-impl Found {
+impl RangeTest {
     /// A table for a terminal: a row every quarter of a decade, the turn and the suggestion.
     pub fn table(&self) -> String {
         let mut text = format!("{:>6}  {:>9}  {:>9}  {:>9}\n", "step", "rate", "loss", "smoothed");
         let mut next = f64::MIN;
-        for (i, Tried { step, rate, loss, smoothed }) in self.steps.iter().enumerate() {
+        for (i, RangeStep { step, rate, loss, smoothed }) in self.steps.iter().enumerate() {
             if rate.log10() >= next || i + 1 == self.steps.len() {
                 text += &format!("{step:>6}  {rate:>9.2e}  {loss:>9.4}  {smoothed:>9.4}\n");
                 next = rate.log10() + 0.25;
@@ -186,9 +216,9 @@ impl Found {
         }
     }
 
-    /// Loss against rate, turn and suggestion marked.
+    /// Loss over rate, with the turn and the suggestion.
     pub fn chart(&self) -> Chart {
-        let series = |name: &str, look, y: fn(&Tried) -> f64| Series {
+        let series = |name: &str, look, y: fn(&RangeStep) -> f64| Series {
             name: name.into(),
             points: self.steps.iter().map(|t| (t.rate, y(t))).collect(),
             look,
@@ -214,9 +244,9 @@ mod tests {
     use kinelm_corpus::Split;
     use kinelm_model::ModelConfig;
 
-    /// A loss that falls to rate 1e-3 and rises fourfold behind.
-    fn made(steps: u64) -> Test {
-        let mut test = Test::default();
+    /// A loss that falls to rate 1e-3 and rises fourfold after.
+    fn curve(steps: u64) -> Curve {
+        let mut test = Curve::default();
         for i in 0..steps {
             let rate = 1e-7 * 10f64.powf(7.0 * i as f64 / (steps - 1) as f64);
             let x = rate.log10() + 3.0;
@@ -230,7 +260,7 @@ mod tests {
 
     #[test]
     fn smoothing_is_the_corrected_average_and_the_end_is_four_times_the_least() {
-        let mut test = Test::default();
+        let mut test = Curve::default();
         for loss in [4.0, 2.0, 3.0] {
             test.step(1.0, loss);
         }
@@ -238,7 +268,7 @@ mod tests {
         let expected = (0.9604 * 4.0 + 0.98 * 2.0 + 3.0) * 0.02 / (1.0 - 0.941192);
         assert!((test.steps[2].smoothed - expected).abs() < 1e-12, "{:?}", test.steps[2]);
         assert_eq!(test.steps[0].smoothed, 4.0);
-        let test = made(3000);
+        let test = curve(3000);
         assert!(test.blew_up());
         let found = test.end(true);
         let turn = found.turn.unwrap();
@@ -252,7 +282,7 @@ mod tests {
     #[test]
     fn a_loss_that_never_turned_has_no_suggestion() {
         let of = |losses: &[f64], blew_up| {
-            let mut test = Test::default();
+            let mut test = Curve::default();
             for loss in losses {
                 test.step(0.1, *loss);
             }

@@ -1,4 +1,4 @@
-//! Figures of a run as it goes: `metrics.jsonl`, one object a line, and TensorBoard's events.
+//! The metrics of a run: `metrics.jsonl`, one object per line, and TensorBoard events.
 
 use super::tensorboard::EventFile;
 use crate::{Error, Result};
@@ -10,26 +10,26 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Figures of one step.
+/// Metrics of one step.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct StepFigures {
+pub struct StepMetrics {
     /// Updates done with it.
     pub step: u64,
     /// Mean loss of its batch, nats a token.
     pub loss: f64,
-    /// The same as bits a frame, of as many tokens as the training clips have on average.
+    /// The same as bits per frame, at the training clips' mean number of tokens per frame.
     pub bits_per_frame: f64,
     /// The learning rate.
     pub rate: f64,
     /// The gradient's norm before clipping.
     pub gradient_norm: f64,
-    /// Tokens trained on so far, padding left out.
+    /// Tokens trained on so far, without padding.
     pub tokens: u64,
-    /// Tokens a second of this step.
+    /// Tokens per second of this step.
     pub tokens_per_second: f64,
 }
 
-/// The files of a run's figures.
+/// The open metrics files of a run.
 pub struct Metrics {
     path: PathBuf,
     file: File,
@@ -37,7 +37,7 @@ pub struct Metrics {
 }
 
 impl Metrics {
-    /// Opens the figures of `run`, taking out those of steps after `step`: the run goes on from there.
+    /// Opens the metrics of `run`, taking out those of steps after `step`: the run goes on from there.
     ///
     /// # Errors
     /// What the system refuses.
@@ -58,7 +58,7 @@ impl Metrics {
         Ok(Metrics { path, file, events: EventFile::create(run, step, &config)? })
     }
 
-    /// Makes what was written last, so that a checkpoint written after it never knows more than they do.
+    /// Syncs the file to disk, so that no later checkpoint is ahead of it.
     ///
     /// # Errors
     /// What the system refuses.
@@ -66,13 +66,13 @@ impl Metrics {
         self.file.sync_data().map_err(Error::io(&self.path))
     }
 
-    /// Writes the figures of a step.
+    /// Writes the metrics of a step.
     ///
     /// # Errors
     /// What the system refuses.
-    pub fn step(&mut self, figures: &StepFigures) -> Result<()> {
-        self.line("train", figures)?;
-        let f = figures;
+    pub fn step(&mut self, metrics: &StepMetrics) -> Result<()> {
+        self.line("train", metrics)?;
+        let f = metrics;
         let values = [
             ("train/loss", f.loss),
             ("train/bits_per_frame", f.bits_per_frame),
@@ -100,25 +100,24 @@ impl Metrics {
         self.events.scalars(step, &values)
     }
 
-    /// Writes any figures of a step: a line of this kind, and these values for TensorBoard.
+    /// Writes any metrics of a step: a line of this kind, and these values for TensorBoard.
     ///
     /// # Errors
     /// What the system refuses.
-    pub fn other(&mut self, kind: &str, step: u64, figures: &impl Serialize, values: &[(&str, f64)]) -> Result<()> {
-        self.line(kind, figures)?;
+    pub fn other(&mut self, kind: &str, step: u64, metrics: &impl Serialize, values: &[(&str, f64)]) -> Result<()> {
+        self.line(kind, metrics)?;
         self.events.scalars(step, values)
     }
 
-    fn line(&mut self, kind: &str, figures: &impl Serialize) -> Result<()> {
+    fn line(&mut self, kind: &str, metrics: &impl Serialize) -> Result<()> {
         #[derive(Serialize)]
         struct Line<'a, T> {
             schema: u32,
             kind: &'a str,
             #[serde(flatten)]
-            figures: &'a T,
+            metrics: &'a T,
         }
-        let line = serde_json::to_string(&Line { schema: 1, kind, figures })
-            .map_err(|e| Error::call(format!("figures that can't be written: {e}")))?;
+        let line = serde_json::to_string(&Line { schema: 1, kind, metrics }).expect("metrics are JSON");
         // one write a line, so that a killed process leaves whole lines
         self.file.write_all(format!("{line}\n").as_bytes()).map_err(Error::io(&self.path))
     }
@@ -129,9 +128,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn going_back_takes_out_later_lines_and_half_ones() {
+    fn resuming_drops_later_and_incomplete_lines() {
         let dir = tempfile::tempdir().unwrap();
-        let figures = |step| StepFigures {
+        let of_step = |step| StepMetrics {
             step,
             loss: 1.5,
             bits_per_frame: 3.0,
@@ -142,14 +141,14 @@ mod tests {
         };
         let mut metrics = Metrics::open(dir.path(), 0).unwrap();
         for step in 1..=4 {
-            metrics.step(&figures(step)).unwrap();
+            metrics.step(&of_step(step)).unwrap();
         }
         drop(metrics);
         let path = dir.path().join("metrics.jsonl");
         let mut text = std::fs::read_to_string(&path).unwrap();
         text.push_str("{\"schema\":1,\"kind\":\"tr");
         std::fs::write(&path, text).unwrap();
-        Metrics::open(dir.path(), 2).unwrap().step(&figures(3)).unwrap();
+        Metrics::open(dir.path(), 2).unwrap().step(&of_step(3)).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         let steps: Vec<u64> = text
             .lines()

@@ -1,4 +1,4 @@
-//! The windows of a training in their order, for programs that train on them themselves.
+//! The windows of a training in order, for other programs that train on them.
 
 use super::batches::Batches;
 use super::data::Data;
@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
-/// Which windows each step trains on, (steps, rows, 3): the clip, its first token that the window shows and how many it
-/// shows; rows are those of all batches of a step. Clips count from 0 over the training clips that have frames, in the
-/// order of `clips.jsonl`, those of a second corpus behind those of the first.
+/// The windows of each step, (steps, rows, 3): the clip, the first token of it that the window shows, and the number of
+/// tokens. Rows are those of all batches of a step. Clips count from 0 over the training clips that have frames, in the
+/// order of `clips.jsonl`, corpus after corpus.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Order {
     /// Windows of a step: batch times accumulate.
@@ -21,30 +21,29 @@ pub struct Order {
     pub windows: Vec<i64>,
 }
 
-/// Windows of an order, at most: 2.4 GB.
+/// The largest order: 2.4 GB.
 const MOST_WINDOWS: u64 = 100_000_000;
 
-/// The order of the first `steps` steps of a run, without what augmentation changes of a window.
+/// The order of the first `steps` steps of a run, without augmentation.
 ///
 /// # Errors
-/// Those of [`Batches::of_run`]; windows that grow.
+/// Those of [`Batches::of_run`]; a run with stages; too many windows.
 pub fn order(run: &RunFile, data: &Data, steps: u64) -> Result<Order> {
     if !run.train.stages.is_empty() {
-        let what = "train.stages, whose windows grow; an order has windows of one size: leave the stages out";
-        return Err(Error::call(what));
+        let why = "an order has windows of one length; leave the stages out";
+        return Err(Error::unsupported("train.stages", why));
     }
     let mut batches = Batches::of_run(run, data)?;
     let rows = run.train.batch * run.train.accumulate;
     if steps.checked_mul(rows as u64).is_none_or(|all| all > MOST_WINDOWS) {
-        let what =
-            format!("{steps} steps of {rows} windows; expected {MOST_WINDOWS} windows at most: ask for fewer steps");
-        return Err(Error::call(what));
+        let (needs, limit) = (format!("{rows} windows each"), format!("{MOST_WINDOWS} windows"));
+        return Err(Error::limit(format!("an order of {steps} steps"), needs, limit, "request fewer `steps`"));
     }
     let mut windows = Vec::new();
     for place in 0..steps * rows as u64 {
         let window = batches.window(place);
-        let stand = batches.stand(window);
-        windows.extend([stand.clip, stand.start, stand.tokens].map(|n| n as i64));
+        let span = batches.span(window);
+        windows.extend([span.clip, span.start, span.tokens].map(|n| n as i64));
     }
     Ok(Order { rows, windows })
 }
@@ -53,7 +52,7 @@ impl Order {
     /// `windows` (steps, rows, 3) int64 as a file: `windows.npy` in the folder `out`, or an archive if `out` ends in `.npz`.
     ///
     /// # Errors
-    /// What the memory of archives refuses.
+    /// What writing the archive refuses.
     pub fn to_file(&self, out: &Path) -> Result<(PathBuf, Vec<u8>)> {
         let npy = self.npy().map_err(Error::io(out))?;
         if out.extension().is_some_and(|e| e == "npz") {
@@ -92,12 +91,12 @@ mod tests {
         let run = RunFile::new(&model, &TrainConfig { batch: 2, ..Default::default() }, &data).unwrap();
         for steps in [99_999_999_999, u64::MAX] {
             let message = order(&run, &data, steps).unwrap_err().to_string();
-            assert!(message.contains("expected 100000000 windows at most"), "{message}");
+            assert!(message.contains("the limit is 100000000 windows"), "{message}");
         }
     }
 
     #[test]
-    fn the_windows_are_those_that_training_takes() {
+    fn the_windows_are_those_of_training() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::corpus(dir.path(), &[(30, Split::Train), (9, Split::Valid), (4, Split::Train)]))
             .unwrap();

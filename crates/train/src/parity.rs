@@ -77,8 +77,8 @@ fn check_gradients(form: &str, found: &BTreeMap<String, Vec<f32>>, g: &Value) {
     let expected: BTreeMap<&String, Vec<f32>> = found.keys().map(|n| (n, numbers(&g["gradients"][n]))).collect();
     let floor = 1e-3 * expected.values().map(|e| largest(e)).fold(0.0, f32::max);
     for (name, found) in found {
-        let apart = furthest(found, &expected[name]) / largest(&expected[name]).max(floor);
-        assert!(apart < BOUND, "{form}: {name}: {apart}");
+        let error = furthest(found, &expected[name]) / largest(&expected[name]).max(floor);
+        assert!(error < BOUND, "{form}: {name}: {error}");
     }
 }
 
@@ -93,8 +93,8 @@ fn logits_and_gradients_are_pytorchs_to_1e_4() {
     let (inputs, targets) = (&batch.inputs, &batch.targets);
     let windows = Windows { inputs, targets, length: context, mask: Mask::Causal, conditioning: None };
     for (form, logits) in [("plain", logits), ("fast", fast.logits(windows).unwrap())] {
-        let apart = furthest(&logits, &numbers(&g["logits"]));
-        assert!(apart < BOUND, "{form}: logits: {apart}");
+        let error = furthest(&logits, &numbers(&g["logits"]));
+        assert!(error < BOUND, "{form}: logits: {error}");
     }
     let (mut plain, mut fast) =
         (Plain::new(gpt, &TrainConfig::default()).unwrap(), FastLearner::new(fast, &TrainConfig::default()));

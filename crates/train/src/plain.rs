@@ -1,25 +1,25 @@
-//! The plain model as it learns: the tensor library's gradients, on any device.
+//! The plain form as it learns: the tensor library's gradients, on any device.
 
 use super::adamw::AdamW;
-use super::average;
 use super::batches::Batch;
 use super::config::TrainConfig;
-use super::learner::{Found, Learner, in_order, no_average, not_finite};
+use super::ema;
+use super::learner::{BatchLoss, Learner, no_average, not_finite};
+use super::optimizer::{Tensors, in_order};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
 use kinelm_model::goal::Conditioning;
 use kinelm_model::{Dropout, Gpt, ModelConfig, Scores, TokenLayout, layout};
-use std::collections::BTreeMap;
 
-/// Attention scores of one layer that are computed at a time; the graph keeps about six such tensors a layer.
+/// Attention scores of one layer that are computed at a time; the graph holds about six such tensors per layer.
 const PIECE_SCORES: usize = 1 << 24;
 
-/// The plain model and its optimizer.
+/// The plain form and its optimizer.
 pub struct Plain {
     model: Gpt,
     optimizer: AdamW,
     dropout: Option<Dropout>,
-    /// Of the last step, in the order of the variables.
+    /// Gradients of the last step, in the order of the variables.
     gradients: Vec<Tensor>,
     /// The moving average of the weights, in that order, and its decay.
     averages: Option<(Vec<Tensor>, f64)>,
@@ -42,12 +42,12 @@ impl Plain {
         Ok(Plain { optimizer, model, dropout, gradients: Vec::new(), averages, step: 0 })
     }
 
-    /// The model as it is now.
+    /// The model with its present weights.
     pub fn model(&self) -> &Gpt {
         &self.model
     }
 
-    /// The gradients found last, by the names of their variables.
+    /// The last gradients, by the names of their variables.
     pub fn gradients_by_name(&self) -> impl Iterator<Item = (&str, &Tensor)> {
         self.model.vars().keys().map(String::as_str).zip(&self.gradients)
     }
@@ -57,11 +57,11 @@ impl Plain {
         let mut store = loss.backward()?;
         let mut found = Vec::with_capacity(self.model.vars().len());
         for (i, (name, var)) in self.model.vars().iter().enumerate() {
-            let missing = || Error::call(format!("variable {name} got no gradient: the graph is cut before it"));
+            let missing = || Error::Weights(format!("variable {name} got no gradient: the graph is cut before it"));
             let gradient = match store.remove(var.as_tensor()) {
-                // a batch may have nothing to tell
+                // a batch may have no goals
                 None if layout::GOAL.contains(&name.as_str()) => var.zeros_like()?,
-                // what remembers its graph would keep it alive
+                // an attached gradient would keep the graph alive
                 found => found.ok_or_else(missing)?.detach(),
             };
             found.push(match self.gradients.get(i) {
@@ -74,14 +74,14 @@ impl Plain {
     }
 }
 
-/// Windows of `length` tokens that are computed together.
+/// The number of windows of `length` tokens that are computed together.
 fn piece(config: &ModelConfig, length: usize) -> usize {
     (PIECE_SCORES / (config.heads * length * length).max(1)).max(1)
 }
 
 impl Plain {
     /// Adds the gradients of one batch, whose windows have the numbers from `before` on in their step, over the `counted`
-    /// targets of the step; its part of the loss.
+    /// targets of the step. Returns its part of the loss.
     fn add_batch(&mut self, batch: &Batch, step: u64, before: u64, counted: usize) -> Result<f64> {
         let length = batch.length();
         let rows = piece(self.model.config(), length);
@@ -90,9 +90,12 @@ impl Plain {
             let part = first * length..(first + clips.len()) * length;
             let dropout = self.dropout.map(|d| Dropout { step, first: before + first as u64, ..d });
             let ids = self.model.ids(&batch.inputs[part.clone()], length)?;
-            let told =
-                batch.conditioning.as_ref().map(|told| told.windows(first..first + clips.len(), batch.clips.len()));
-            let loss = self.model.loss_sum_conditioned(&ids, &batch.targets[part], dropout.as_ref(), told.as_ref())?;
+            let conditioning = batch
+                .conditioning
+                .as_ref()
+                .map(|conditioning| conditioning.windows(first..first + clips.len(), batch.clips.len()));
+            let loss =
+                self.model.loss_sum_conditioned(&ids, &batch.targets[part], dropout.as_ref(), conditioning.as_ref())?;
             let loss = (loss / counted.max(1) as f64)?;
             let value = loss.to_scalar::<f32>()? as f64;
             if !value.is_finite() {
@@ -106,7 +109,7 @@ impl Plain {
 }
 
 impl Learner for Plain {
-    fn gradients_of(&mut self, batches: &[Batch], step: u64) -> Result<Found> {
+    fn gradients_of(&mut self, batches: &[Batch], step: u64) -> Result<BatchLoss> {
         let counted = batches.iter().map(|b| b.counted(self.model.tokens().pad)).sum();
         self.gradients.clear();
         let (mut loss, mut before) = (0.0, 0);
@@ -114,14 +117,14 @@ impl Learner for Plain {
             loss += self.add_batch(batch, step, before, counted)?;
             before += batch.clips.len() as u64;
         }
-        Ok(Found { loss, counted, norm: norm(&self.gradients)? })
+        Ok(BatchLoss { loss, counted, norm: norm(&self.gradients)? })
     }
 
     fn update(&mut self, share: f64, rate: f64) -> Result<()> {
         self.optimizer.update(&self.model, &self.gradients, share, rate)?;
         self.step += 1;
         if let Some((averages, decay)) = &mut self.averages {
-            let share = average::share(*decay, self.step);
+            let share = ema::share(*decay, self.step);
             for (average, var) in averages.iter_mut().zip(self.model.vars().values()) {
                 *average = (&*average + ((var.as_detached_tensor() - &*average)? * share)?)?;
             }
@@ -129,28 +132,28 @@ impl Learner for Plain {
         Ok(())
     }
 
-    fn weights(&self) -> Result<BTreeMap<String, Tensor>> {
+    fn weights(&self) -> Result<Tensors> {
         let copy = |t: &Tensor| t.to_device(&Device::Cpu)?.copy();
         self.model.vars().iter().map(|(n, v)| Ok((n.clone(), copy(&v.as_detached_tensor())?))).collect()
     }
 
-    fn moments(&self) -> Result<BTreeMap<String, Tensor>> {
+    fn moments(&self) -> Result<Tensors> {
         self.optimizer.tensors()
     }
 
-    fn restore(&mut self, moments: BTreeMap<String, Tensor>, step: u64) -> Result<()> {
+    fn restore(&mut self, moments: Tensors, step: u64) -> Result<()> {
         self.step = step;
         self.optimizer.restore(moments, step)
     }
 
-    fn averages(&self) -> Result<Option<BTreeMap<String, Tensor>>> {
+    fn averages(&self) -> Result<Option<Tensors>> {
         let Some((averages, _)) = &self.averages else { return Ok(None) };
         let copy = |t: &Tensor| t.to_device(&Device::Cpu)?.copy();
         let all = self.model.vars().keys().zip(averages);
         Ok(Some(all.map(|(n, t)| Ok((n.clone(), copy(t)?))).collect::<Result<_>>()?))
     }
 
-    fn restore_averages(&mut self, averages: BTreeMap<String, Tensor>) -> Result<()> {
+    fn restore_averages(&mut self, averages: Tensors) -> Result<()> {
         let (own, _) = self.averages.as_mut().ok_or_else(no_average)?;
         let parameters = layout::parameters(self.model.config(), self.model.tokens());
         let all = in_order("average", &parameters, &averages, |p| p.name.clone())?;
@@ -158,7 +161,7 @@ impl Learner for Plain {
         Ok(())
     }
 
-    fn exchange(&mut self) -> Result<()> {
+    fn swap_averages(&mut self) -> Result<()> {
         if let Some((averages, _)) = &mut self.averages {
             for (average, var) in averages.iter_mut().zip(self.model.vars().values()) {
                 let weights = var.as_detached_tensor().copy()?;
@@ -182,10 +185,10 @@ impl Scores for Plain {
         &mut self,
         windows: (&[u32], &[u32]),
         length: usize,
-        told: Option<&Conditioning>,
+        conditioning: Option<&Conditioning>,
         out: &mut [f32],
     ) -> Result<()> {
-        self.model.nats_conditioned(windows, length, told, out)
+        self.model.nats_conditioned(windows, length, conditioning, out)
     }
 }
 
@@ -268,8 +271,8 @@ mod tests {
         }
         assert!((loss - whole.loss).abs() < 1e-6);
         for ((name, part), all) in plain.gradients_by_name().zip(&gradients) {
-            let apart = (part - all).unwrap().abs().unwrap().max_all().unwrap().to_scalar::<f32>().unwrap();
-            assert!(apart < 1e-6, "{name}: {apart}");
+            let error = (part - all).unwrap().abs().unwrap().max_all().unwrap().to_scalar::<f32>().unwrap();
+            assert!(error < 1e-6, "{name}: {error}");
         }
         assert!((norm(&plain.gradients).unwrap() - whole.norm).abs() < 1e-5);
         let two = [Tensor::new(&[3f32], &Device::Cpu).unwrap(), Tensor::new(&[[0f32], [4.0]], &Device::Cpu).unwrap()];

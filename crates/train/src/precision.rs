@@ -1,21 +1,21 @@
-//! In which numbers a training multiplies, as a training file asks for it and as a machine can do it.
+//! The numbers that products are computed in, as requested and as the machine supports.
 
 use crate::{Error, Result};
 use kinelm_engine::linear::Products;
 use kinelm_model::Compute;
 use serde::{Deserialize, Serialize};
 
-/// In which numbers the products of training are computed. Weights, optimizer, sums, softmax and norms are f32 in any case,
-/// and so is every measurement.
+/// The numbers that the products of training are computed in. Weights, optimizer, sums, softmax, norms and measurements are
+/// always f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// f32.
     #[default]
     F32,
-    /// Factors are rounded to bf16 on their way into a product; sums are f32.
+    /// Factors are rounded to bf16; sums are f32.
     Bf16,
-    /// bf16 where the processor multiplies it on tiles (AMX), else f32. A run that is gone on with stays what it was.
+    /// bf16 on processors with bf16 tiles (AMX), else f32. A resumed run keeps its numbers.
     Auto,
 }
 
@@ -27,14 +27,14 @@ impl std::str::FromStr for Precision {
             "f32" => Ok(Precision::F32),
             "bf16" => Ok(Precision::Bf16),
             "auto" => Ok(Precision::Auto),
-            other => Err(Error::call(format!("precision {other:?}; expected f32, bf16 or auto"))),
+            other => Err(Error::invalid("`precision`", format!("{other:?}"), "f32, bf16 or auto")),
         }
     }
 }
 
-/// How a training multiplies from now on.
+/// A precision on this machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Chosen {
+pub struct Resolved {
     /// The kernels.
     pub products: Products,
     /// What the user should know.
@@ -42,18 +42,19 @@ pub struct Chosen {
 }
 
 impl Precision {
-    /// The kernels of this machine, after those of the name `ran`, if a checkpoint tells.
+    /// The kernels of this machine, for a run whose checkpoint was computed by the kernels named `ran`, if there is one.
     ///
     /// # Errors
-    /// bf16 of a form or a device that computes in f32 alone.
-    pub fn choose(self, ran: Option<&str>, compute: Compute) -> Result<Chosen> {
+    /// bf16 for a form or a device that computes only in f32.
+    pub fn resolve(self, ran: Option<&str>, compute: Compute) -> Result<Resolved> {
         if !compute.is_fast() {
             return match self {
-                Precision::Bf16 => Err(Error::call(
-                    "train.precision is bf16, which the CPU's fast form computes; this form computes in f32: ask for f32 \
-                     (--precision f32), or for the fast form",
+                Precision::Bf16 => Err(Error::invalid(
+                    "train.precision",
+                    "bf16",
+                    "f32, which this form computes in, or the CPU's fast form",
                 )),
-                _ => Ok(Chosen { products: Products::F32, notes: Vec::new() }),
+                _ => Ok(Resolved { products: Products::F32, notes: Vec::new() }),
             };
         }
         let products = match (self, ran) {
@@ -77,10 +78,10 @@ impl Precision {
             }
             None => (),
         }
-        Ok(Chosen { products, notes })
+        Ok(Resolved { products, notes })
     }
 
-    /// What a checkpoint says of the kernels; nothing where all is f32 because it was asked for.
+    /// The name of the kernels for a checkpoint; `None` where f32 was requested.
     pub fn recorded(self, products: Products) -> Option<String> {
         (self != Precision::F32).then(|| products.name().into())
     }
@@ -92,17 +93,17 @@ mod tests {
     use kinelm_model::Form;
 
     #[test]
-    fn what_ran_decides_what_runs_on() {
+    fn a_checkpoints_kernels_decide_auto() {
         let cpu = Compute::default();
         let best = Products::bf16();
         let auto = if best == Products::Tiles { Products::Tiles } else { Products::F32 };
-        let chosen = |asked: Precision, ran| asked.choose(ran, cpu).unwrap();
-        assert_eq!(chosen(Precision::F32, None), Chosen { products: Products::F32, notes: Vec::new() });
+        let chosen = |asked: Precision, ran| asked.resolve(ran, cpu).unwrap();
+        assert_eq!(chosen(Precision::F32, None), Resolved { products: Products::F32, notes: Vec::new() });
         assert_eq!(chosen(Precision::Bf16, None).products, best);
         let first = chosen(Precision::Auto, None);
         assert_eq!((first.products, first.notes.len()), (auto, 1));
-        // what auto took once, it takes again, in silence on the same kernels
-        assert_eq!(chosen(Precision::Auto, Some("f32")), Chosen { products: Products::F32, notes: Vec::new() });
+        // auto keeps its kernels, and notes nothing on the same ones
+        assert_eq!(chosen(Precision::Auto, Some("f32")), Resolved { products: Products::F32, notes: Vec::new() });
         assert_eq!(chosen(Precision::Auto, Some(best.name())).products, best);
         let other = if best == Products::Tiles { "emulated" } else { "amx" };
         let said = chosen(Precision::Bf16, Some(other)).notes.join("\n");
@@ -117,8 +118,8 @@ mod tests {
     #[test]
     fn the_plain_form_has_no_bf16() {
         let plain = Compute { form: Form::Plain, ..Default::default() };
-        let said = Precision::Bf16.choose(None, plain).unwrap_err().to_string();
-        assert!(said.contains("train.precision is bf16") && said.contains("--precision f32"), "{said}");
-        assert_eq!(Precision::Auto.choose(None, plain).unwrap().products, Products::F32);
+        let said = Precision::Bf16.resolve(None, plain).unwrap_err().to_string();
+        assert!(said.contains("train.precision is bf16; expected f32"), "{said}");
+        assert_eq!(Precision::Auto.resolve(None, plain).unwrap().products, Products::F32);
     }
 }

@@ -1,7 +1,7 @@
-//! Who began a run, when and where: `provenance.json` beside its `config.toml`, which has nothing of it, so that the same
-//! settings give the same bytes.
+//! The calls, dates and machines of a run: `provenance.json`. They aren't in `config.toml`, so that the same settings give the
+//! same bytes there.
 
-use crate::{Error, Result};
+use crate::Result;
 use kinelm_store::{files, input};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -13,13 +13,13 @@ pub const PROVENANCE: &str = "provenance.json";
 /// The layout's version.
 const VERSION: u32 = 1;
 
-/// What stands in the file.
+/// The contents of the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
     /// The layout's version.
     pub version: u32,
-    /// The call that began the run, and behind it those that went on with it.
+    /// The call that began the run, and those that resumed it.
     pub calls: Vec<Call>,
 }
 
@@ -27,7 +27,7 @@ pub struct Provenance {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Call {
-    /// Its command line, a word each.
+    /// The words of its command line.
     pub command: Vec<String>,
     /// The version of kinelm.
     pub kinelm: String,
@@ -42,7 +42,7 @@ pub struct Call {
 /// The commit that the program was built from.
 static COMMIT: OnceLock<&str> = OnceLock::new();
 
-/// Says which commit the program was built from: runs keep it. Only the first call counts.
+/// Sets the commit that the program was built from, which runs store. Only the first call counts.
 pub fn built_from(commit: &'static str) {
     let _ = COMMIT.set(commit);
 }
@@ -60,7 +60,7 @@ impl Call {
     }
 }
 
-/// Adds this process to the calls of a run's folder. What can't be read there is begun anew: no run fails for it.
+/// Adds this process to the calls of a run. A file that can't be read is replaced: no run fails for it.
 ///
 /// # Errors
 /// What the system refuses.
@@ -69,7 +69,7 @@ pub fn note(run: &Path) -> Result<()> {
     let found = input::bytes(&path).ok().and_then(|bytes| serde_json::from_slice::<Provenance>(&bytes).ok());
     let mut all = found.unwrap_or(Provenance { version: VERSION, calls: Vec::new() });
     all.calls.push(Call::now());
-    let text = serde_json::to_string_pretty(&all).map_err(|e| Error::call(format!("{PROVENANCE}: {e}")))?;
+    let text = serde_json::to_string_pretty(&all).expect("strings are JSON");
     Ok(files::write_whole(&path, (text + "\n").as_bytes())?)
 }
 
@@ -79,7 +79,7 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn every_call_is_kept() {
+    fn every_call_is_stored() {
         let dir = tempfile::tempdir().unwrap();
         note(dir.path()).unwrap();
         note(dir.path()).unwrap();

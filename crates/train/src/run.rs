@@ -26,29 +26,29 @@ pub struct RunFile {
     pub version: u32,
     /// The tokenizer's hash.
     pub tokenizer_sha256: String,
-    /// The corpora, as they were.
+    /// The corpora.
     pub corpora: Vec<RunCorpus>,
     /// The model.
     pub model: ModelConfig,
     /// How it is trained.
     pub train: TrainConfig,
-    /// How the motion is changed on the way.
+    /// How the motion is augmented.
     #[serde(default)]
     pub augment: AugmentConfig,
     /// What the tokenizer decided.
     pub tokens: TokenLayout,
-    /// Where its first weights are from, if they weren't drawn.
+    /// The origin of its first weights, unless they are random.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<Origin>,
 }
 
-/// Where the first weights of a run are from.
+/// The origin of a run's first weights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Origin {
-    /// The run's or exported folder, in the file from the run's on.
+    /// A run or an exported folder; in the file, relative to the run.
     pub path: PathBuf,
-    /// How many updates they had there.
+    /// Their updates.
     pub step: u64,
     /// SHA-256 of the weights as kinelm writes them.
     #[serde(default)]
@@ -59,11 +59,11 @@ pub struct Origin {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunCorpus {
-    /// Its folder, in the file from the run's on.
+    /// Its folder; in the file, relative to the run.
     pub path: PathBuf,
     /// Its hash.
     pub sha256: String,
-    /// How often a pass takes each of its windows.
+    /// How many times a pass takes each of its windows.
     pub weight: f64,
 }
 
@@ -89,7 +89,7 @@ impl RunFile {
         if model.goal {
             GoalEncoder::of(data.tokenizer())?;
         }
-        let model = told_music(model, data)?;
+        let model = with_music_scale(model, data)?;
         Ok(RunFile {
             version: VERSION,
             tokenizer_sha256: data.tokenizer().hash(),
@@ -110,7 +110,7 @@ impl RunFile {
             corpora: Vec::new(),
             augment: AugmentConfig::default(),
             model: run.config.resolved(&run.tokens),
-            // it is done with what it was trained for elsewhere
+            // its steps are done
             train: TrainConfig {
                 conditions: run.conditions.clone(),
                 steps: run.state.step.max(1),
@@ -121,7 +121,7 @@ impl RunFile {
         }
     }
 
-    /// Names the corpora where they were found now; whether one of them was elsewhere.
+    /// Sets the corpora's present paths. Returns whether one of them has moved.
     ///
     /// # Errors
     /// A corpus path that can't be made absolute.
@@ -133,7 +133,7 @@ impl RunFile {
         Ok(moved)
     }
 
-    /// Puts the tokenizer and the descriptions of the corpora into the run folder: `corpus.json`, `corpus-2.json`, ...
+    /// Copies the tokenizer and the manifests of the corpora into the run folder: `corpus.json`, `corpus-2.json`, ...
     ///
     /// # Errors
     /// What the system refuses.
@@ -161,7 +161,7 @@ impl RunFile {
     /// What the system refuses.
     pub fn write(&self, run: &Path) -> Result<()> {
         let file = self.with_paths(|path| files::path_from(run, path));
-        let text = toml::to_string(&file).map_err(|e| Error::call(format!("{CONFIG} can't be written: {e}")))?;
+        let text = toml::to_string(&file).expect("a run's configuration is TOML");
         Ok(files::write_whole(&run.join(CONFIG), text.as_bytes())?)
     }
 
@@ -188,27 +188,24 @@ impl RunFile {
         Ok(file.with_paths(|path| files::path_in(run, path)))
     }
 
-    /// Opens what the run at `run` was begun on; `corpora` are the folders if they lie elsewhere now.
+    /// Opens the data that the run at `run` was begun on; `corpora` are the folders if they have moved.
     ///
     /// # Errors
-    /// A run that was imported, which has none; another number of corpora, other corpora or weights, each with both; a tokenizer
-    /// that is gone, damaged or another.
+    /// An imported run, which has none; another number of corpora, other corpora or weights; a tokenizer that is gone, damaged
+    /// or another.
     pub fn data(&self, run: &Path, corpora: &[CorpusPart], opening: Opening) -> Result<Data> {
         if self.corpora.is_empty() {
-            let (run, what) = (run.display(), "was imported, and has no training to go on with");
-            return Err(Error::call(format!(
-                "{run} {what}; begin a run with its weights: finetune or pretrain --from it"
-            )));
+            let why = "was imported, and has no training to resume; begin a new run `from` it";
+            return Err(Error::unsupported("`resume`", format!("{} {why}", run.display())));
         }
         let own: Vec<CorpusPart> =
             self.corpora.iter().map(|c| CorpusPart { path: c.path.clone(), weight: c.weight }).collect();
         let parts = if corpora.is_empty() { &own } else { corpora };
         if parts.len() != own.len() || parts.iter().zip(&own).any(|(p, own)| p.weight != own.weight) {
             let weights = |p: &[CorpusPart]| p.iter().map(|p| p.weight.to_string()).collect::<Vec<_>>().join(", ");
-            let (found, expected) = (weights(parts), weights(&own));
-            let what =
-                format!("corpora of the weights {found}; the run was begun on corpora of the weights {expected}");
-            return Err(Error::call(what));
+            let found = format!("of the weights {}", weights(parts));
+            let expected = format!("the weights {}, as the run was begun", weights(&own));
+            return Err(Error::invalid("`corpora`", found, expected));
         }
         let tokenizer = load_tokenizer(&run.join(TOKENIZER), &self.tokenizer_sha256)?;
         let open = |(p, own): (&CorpusPart, &RunCorpus)| {
@@ -237,18 +234,17 @@ impl RunFile {
     }
 }
 
-/// What tells how to read the rest.
+/// The version of a configuration.
 #[derive(Deserialize)]
 struct Versioned {
     version: u32,
 }
 
-/// A model that is told music its training clips have; what is told of its sound standardised by them, or as the weights that it
-/// begins with have learned it.
-fn told_music(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
+/// The model with its music features standardised over the training clips, or as the weights that it begins with.
+fn with_music_scale(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
     let none = |what: &str| {
-        let help = "and no training clip of the corpora has any; kinelm tokenize --music FOLDER keeps it";
-        Err(Error::call(format!("model.music asks for {what}, {help}")))
+        let help = "model.music needs it, and no training clip of the corpora has any; kinelm tokenize with `music`";
+        Err(Error::missing(what, help))
     };
     if model.music.has_beats() && !data.has_music() {
         return none("music");
@@ -256,17 +252,16 @@ fn told_music(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
     if !model.music.has_features() {
         return Ok(ModelConfig { music_scale: None, ..model });
     }
-    // a corpus of another rate has heard beats alone
-    let rate = rate_of(data.tokenizer().fps());
-    rate.map_err(|e| Error::call(format!("model.music asks for what music sounds like: {e}")))?;
+    // corpora of other rates store beats alone
+    rate_of(data.tokenizer().fps())?;
     let of_data = data.music_scale()?;
     match of_data {
         Some(_) => Ok(ModelConfig { music_scale: model.music_scale.or(of_data), ..model }),
-        None => none("what music sounds like"),
+        None => none("music features"),
     }
 }
 
-/// What a run says of where its weights came from.
+/// The origin of weights out of a run or an exported folder.
 ///
 /// # Errors
 /// Tensors that are not f32; a path that can't be made absolute.

@@ -1,4 +1,4 @@
-//! Dances out of a model while it is trained.
+//! Dances of a model during its training.
 
 use super::run::RunFile;
 use crate::{Error, Result};
@@ -16,28 +16,28 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-/// Length of a dance.
+/// Length of a dance, seconds.
 const SECONDS: f64 = 5.0;
 
-/// Writes a free dance of the model of these weights, at temperature 1 from the run's seed, as `step-XXXXXXXX.bvh` and as
-/// a page beside it into the run's `samples/`. Returns the page.
+/// Writes an unprompted dance of the model with these weights, at temperature 1 from the run's seed, as `step-XXXXXXXX.bvh`
+/// and as a page beside it into the run's `samples/`. Returns the page.
 ///
-/// It draws from streams of its own: training's bits stay what they are.
+/// Its random streams are its own, so that training keeps its bits.
 ///
 /// # Errors
-/// Whatever goes wrong on the way, a panic too: no dance is worth a run.
+/// Any failure, a panic too: it must not end the run.
 pub fn sample(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
-    let draw = AssertUnwindSafe(|| draw(run, step, file, weights));
-    catch_unwind(draw).unwrap_or_else(|_| Err(Error::call("the generator panicked")))
+    let write = AssertUnwindSafe(|| write(run, step, file, weights));
+    catch_unwind(write).unwrap_or_else(|_| Err(Error::unsupported("this dance", "its generation panicked")))
 }
 
-fn draw(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
+fn write(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
     let tokenizer = load_tokenizer(&run.join(TOKENIZER), &file.tokenizer_sha256)?;
     let gpt = Gpt::from_tensors(&file.model, &file.tokens, weights)?;
     let mut reader = Reader::new(&gpt, ReaderOptions::default())?;
     let frames = (SECONDS * tokenizer.fps()).round() as usize;
     let words = frames.div_ceil(tokenizer.frames_per_word());
-    // no condition is asked for
+    // without labels
     let mut front = vec![Special::Unk.id(); file.tokens.front];
     front[0] = Special::Bos.id();
     let mut plan = SamplingPlan::free(

@@ -7,15 +7,15 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Schedule {
-    /// It stays.
+    /// Constant.
     Constant,
-    /// Half a cosine down to `final_share` of it at the last step.
+    /// Half a cosine down to `final_share` of the rate at the last step.
     Cosine,
 }
 
 /// The rate of the update that makes step `step` (from 0) of the run.
 ///
-/// It rises in equal steps over the warm-up: update 0 has 1/warmup of the rate, update warmup - 1 all of it.
+/// It rises linearly over the warm-up: update 0 has 1/warmup of the rate, update warmup - 1 all of it.
 pub fn rate(config: &TrainConfig, step: u64) -> f64 {
     let most = config.learning_rate;
     if step < config.warmup {

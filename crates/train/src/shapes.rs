@@ -71,8 +71,8 @@ fn check(case: &Value) {
         let bound = BOUND * largest(&p.name).max(floor);
         assert!(found.iter().all(|g| g.abs() as f64 <= largest(&p.name) + bound), "{what}: {} is too large", p.name);
         for (place, number) in places.into_iter().zip(numbers) {
-            let apart = (found[place] as f64 - number).abs();
-            assert!(apart <= bound, "{what}: {}[{place}]: {}, expected {number}", p.name, found[place]);
+            let error = (found[place] as f64 - number).abs();
+            assert!(error <= bound, "{what}: {}[{place}]: {}, expected {number}", p.name, found[place]);
         }
     }
 }

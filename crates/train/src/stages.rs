@@ -1,7 +1,7 @@
-//! Windows that grow: what `[[train.stages]]` says of the first steps of a run, and the windows of each of its steps.
+//! Stages: windows that grow over a run, by `[[train.stages]]`.
 //!
-//! Short windows come first because many small steps learn faster than few large ones, and what is near is learned before
-//! what is far: docs/results/two-level.md.
+//! Short windows come first because many small steps learn faster than few large ones, and short-range dependencies are
+//! learned before long-range ones: docs/results/two-level.md.
 
 use super::batches::{Batch, Batches};
 use super::config::TrainConfig;
@@ -11,25 +11,25 @@ use crate::{Error, Result};
 use kinelm_model::{ModelConfig, ModelKind, TokenLayout};
 use serde::{Deserialize, Serialize};
 
-/// The windows of a run until a share of its steps. Behind the last stage they are the model's, `train.batch` at a time.
+/// The windows of a run up to a share of its steps. After the last stage they are the model's, `train.batch` at a time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stage {
-    /// The share of all steps at which it ends, above that of the stage before and below 1.
+    /// The share of all steps at which it ends, above that of the previous stage and below 1.
     pub until: f64,
     /// Frames of a window, at most the model's.
     pub frames: usize,
-    /// Windows computed together, 1..=65536.
+    /// Windows of a batch, 1..=65536.
     pub batch: usize,
 }
 
 impl Stage {
-    /// The first step behind it, of a run of so many.
+    /// The first step after it, in a run of `steps` steps.
     fn end(&self, steps: u64) -> u64 {
         (self.until * steps as f64).round() as u64
     }
 
-    /// T: tokens of its windows, as `context` counts them.
+    /// T: tokens of its windows, as in `model.context`.
     fn context(&self, model: &ModelConfig, tokens: &TokenLayout) -> usize {
         // a masked model's last input predicts nothing
         let last = usize::from(model.kind == ModelKind::Masked);
@@ -37,15 +37,15 @@ impl Stage {
     }
 }
 
-/// Checks that stages follow each other, each key within its limits.
+/// Checks the keys of stages, and their order.
 ///
 /// # Errors
-/// The first that doesn't hold, with its number.
+/// The first key outside its limits, with the stage's number.
 pub fn validate(stages: &[Stage]) -> Result<()> {
     let mut before = 0.0;
     for (i, stage) in stages.iter().enumerate() {
         let wrong = |key: &str, found: String, limits: String| {
-            Err(Error::call(format!("train.stages: stage {} has {key} = {found}; expected {limits}", i + 1)))
+            Err(Error::invalid(format!("train.stages: `{key}` of stage {}", i + 1), found, limits))
         };
         if !(stage.until > before && stage.until < 1.0) {
             return wrong("until", stage.until.to_string(), format!("more than {before} and less than 1"));
@@ -61,27 +61,31 @@ pub fn validate(stages: &[Stage]) -> Result<()> {
     Ok(())
 }
 
-/// Checks that a model has room for the windows of all stages.
+/// Checks that the model's window holds those of all stages.
 ///
 /// # Errors
-/// Words that differ in length, which have no count of frames; more frames than the model's window holds.
+/// Words that differ in length, whose windows have no number of frames; more frames than the model's window holds.
 pub fn validate_for(stages: &[Stage], model: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
     for (i, stage) in stages.iter().enumerate() {
-        let stage_is = format!("train.stages: stage {} has windows of {} frames", i + 1, stage.frames);
+        let frames = format!("train.stages: `frames` of stage {}", i + 1);
         if tokens.varying {
-            let what =
-                "words of this tokenizer differ in length, so that windows are no number of frames: leave it out";
-            return Err(Error::call(format!("{stage_is}; {what}")));
+            let why =
+                "the words of this tokenizer differ in length, so that windows have no number of frames; leave it out";
+            return Err(Error::unsupported(frames, why));
         }
         let most = model.frames(tokens);
         if stage.frames > most {
-            return Err(Error::call(format!("{stage_is}; the model's has {most}, where the last of them must lie")));
+            return Err(Error::invalid(
+                frames,
+                stage.frames,
+                format!("{most} or less, the frames of the model's window"),
+            ));
         }
     }
     Ok(())
 }
 
-/// Tokens that are computed together, at most, in a run of these stages.
+/// The largest number of tokens of a batch, over all stages.
 pub fn most_tokens(train: &TrainConfig, model: &ModelConfig, tokens: &TokenLayout) -> usize {
     let stages = train.stages.iter().map(|s| s.batch * s.context(model, tokens).min(model.context));
     stages.chain([train.batch * model.context]).max().unwrap_or(0)
@@ -100,7 +104,7 @@ struct Running<'a> {
 }
 
 impl<'a> Stages<'a> {
-    /// Of a run.
+    /// The windows of a run.
     ///
     /// # Errors
     /// As [`Batches::of_run`].
@@ -118,10 +122,10 @@ impl<'a> Stages<'a> {
         Ok(Stages { stages, accumulate: run.train.accumulate as u64 })
     }
 
-    /// The batches of step `step`: as many as are accumulated.
+    /// The batches of step `step`, which are accumulated.
     ///
     /// # Errors
-    /// A corpus that can't be read any more.
+    /// A corpus that can no longer be read.
     pub fn of_step(&mut self, step: u64) -> Result<Vec<Batch>> {
         let parts = self.accumulate;
         let Running { first, batches } = self.at(step);
@@ -152,23 +156,23 @@ mod tests {
         validate(&[stage(0.4, 3, 2), stage(0.7, 2, 1)]).unwrap();
         assert_eq!(
             said(&[stage(0.4, 3, 2), stage(0.4, 6, 1)]),
-            "train.stages: stage 2 has until = 0.4; expected more than 0.4 and less than 1"
+            "train.stages: `until` of stage 2 is 0.4; expected more than 0.4 and less than 1"
         );
-        assert!(said(&[stage(f64::NAN, 3, 2)]).contains("stage 1 has until = NaN"));
+        assert!(said(&[stage(f64::NAN, 3, 2)]).contains("`until` of stage 1 is NaN"));
         assert!(said(&[stage(1.0, 3, 2)]).contains("less than 1"));
-        assert!(said(&[stage(0.5, 0, 2)]).contains("frames = 0; expected 1 or more"));
-        assert!(said(&[stage(0.5, 1, 0)]).contains("batch = 0; expected 1 to 65536"));
+        assert!(said(&[stage(0.5, 0, 2)]).contains("`frames` of stage 1 is 0; expected 1 or more"));
+        assert!(said(&[stage(0.5, 1, 0)]).contains("`batch` of stage 1 is 0; expected 1 to 65536"));
         let model = ModelConfig { context: 36, ..Default::default() };
         validate_for(&[stage(0.5, 5, 1)], &model, &TOKENS).unwrap();
         let message = validate_for(&[stage(0.5, 6, 1)], &model, &TOKENS).unwrap_err().to_string();
-        assert!(message.contains("stage 1 has windows of 6 frames; the model's has 5"), "{message}");
+        assert!(message.contains("`frames` of stage 1 is 6; expected 5 or less"), "{message}");
         let varying = TokenLayout { varying: true, ..TOKENS };
         let message = validate_for(&[stage(0.5, 5, 1)], &model, &varying).unwrap_err().to_string();
         assert!(message.contains("differ in length"), "{message}");
     }
 
     #[test]
-    fn each_step_has_the_windows_of_its_stage_and_steps_can_be_asked_in_any_order() {
+    fn each_step_has_the_windows_of_its_stage_and_steps_come_in_any_order() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::corpus(dir.path(), &[(60, Split::Train), (20, Split::Train)])).unwrap();
         for (kind, context) in [(ModelKind::Causal, 36), (ModelKind::Masked, 37)] {

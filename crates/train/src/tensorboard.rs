@@ -16,8 +16,8 @@ pub struct EventFile {
 }
 
 impl EventFile {
-    /// Begins a new event file in `folder` for a run that stands after `step` updates and has this configuration. Readers
-    /// throw away what earlier files say of later steps.
+    /// Begins a new event file in `folder` for a run after `step` updates, with its configuration. Readers discard later steps
+    /// of earlier files.
     ///
     /// # Errors
     /// What the system refuses.
@@ -59,13 +59,13 @@ fn now() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
 }
 
-/// An event of a session that begins before `step`.
+/// An event that begins a session at `step`.
 fn begun(time: f64, step: u64) -> Vec<u8> {
     let start = number(1, 1);
     [double(1, time), number(2, step), bytes(7, &start)].concat()
 }
 
-/// An event of one text, shown as it is: Markdown's form of code.
+/// An event of one text, as Markdown code.
 fn text(time: f64, step: u64, tag: &str, text: &str) -> Vec<u8> {
     let code: String = text.lines().flat_map(|line| ["    ", line, "\n"]).collect();
     // a tensor without dimensions of one string

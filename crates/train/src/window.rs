@@ -1,21 +1,21 @@
-//! Which window of a corpus a step trains on, and where it stands.
+//! A training window of a corpus.
 
-/// A window of a pass: its number over all corpora, and the round in which its corpus gives it. Random numbers that
-/// belong to a window come from both.
+/// A window's number over all corpora, and the round in which its corpus gives it. The random streams of a window come
+/// from both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WindowId {
-    /// Which time it comes.
+    /// How many times its corpus gave all its windows before.
     pub round: u64,
     /// Its number among the windows of all corpora.
     pub number: usize,
 }
 
-/// Where a window stands.
+/// The tokens of a clip that a window shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stand {
+pub struct WindowSpan {
     /// Index into [`super::batches::Batches::clips`].
     pub clip: usize,
-    /// The word it starts in, which it starts at but for words that are longer than a window.
+    /// The word of its first token. A window begins at a word, unless the word is longer than the window.
     pub word: usize,
     /// Its first token, counted from the clip's.
     pub start: usize,

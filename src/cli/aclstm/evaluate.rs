@@ -1,6 +1,6 @@
 //! `kinelm aclstm evaluate`.
 
-use crate::baselines::aclstm::FPS;
+use crate::baselines::FPS;
 use crate::baselines::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
 use crate::baselines::aclstm::run::Trained;
 use crate::cli::read::frames_at;

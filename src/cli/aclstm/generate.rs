@@ -1,7 +1,7 @@
 //! `kinelm aclstm generate`.
 
-use crate::baselines::aclstm::FPS;
-use crate::baselines::aclstm::dance::{Recipe, Told};
+use crate::baselines::FPS;
+use crate::baselines::aclstm::dance::{Request, Sidecar};
 use crate::baselines::aclstm::run::Trained;
 use crate::cli::read::{ReadArgs, frames_at};
 use crate::cli::updates::{self, AgainArgs, BaselineDance};
@@ -62,16 +62,16 @@ enum Again {
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
     if let Some(Again::Again { again, seed_clip }) = &args.again {
-        let moved = |recipe: &mut Recipe| {
-            updates::set(&mut recipe.run, again.run.clone());
-            updates::set(&mut recipe.clip, seed_clip.clone());
+        let moved = |request: &mut Request| {
+            updates::set(&mut request.run, again.run.clone());
+            updates::set(&mut request.clip, seed_clip.clone());
         };
         return updates::again(again, moved, say);
     }
     let out = args.out.as_deref().context("no file to write to")?;
     writable(out)?;
     let clip = args.seed_clip.clone().context("no clip to continue")?;
-    let recipe = Recipe {
+    let request = Request {
         run: args.run.clone().context("no run folder")?,
         read: args.read.of_file(&clip, RestFrame::Keep, say),
         clip,
@@ -81,20 +81,20 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         with_seed: args.with_seed,
         feet: args.feet,
     };
-    updates::make(&recipe, out, args.force, say)
+    updates::make(&request, out, args.force, say)
 }
 
-impl BaselineDance for Recipe {
+impl BaselineDance for Request {
     fn inputs(&self) -> Vec<PathBuf> {
         let read = self.read.map.iter().map(PathBuf::from).chain(self.read.body_model.clone());
         [self.run.clone(), self.clip.clone()].into_iter().chain(read).collect()
     }
 
-    fn make(&self, which: CheckpointChoice, out: &Path, say: Say) -> Result<(Told, Vec<u8>)> {
+    fn make(&self, which: CheckpointChoice, out: &Path, say: Say) -> Result<(Sidecar, Vec<u8>)> {
         let trained = Trained::load(&self.run, which)?;
         trained.notes.iter().for_each(|note| say.line(note));
         let bar = progress::bar(self.frames as u64, "frames", say);
-        let made = Recipe::make(self, &trained, &mut |frames| bar.set_position(frames as u64));
+        let made = Request::generate(self, &trained, &mut |frames| bar.set_position(frames as u64));
         drop(bar);
         let made = made?;
         warn(&made.motion, say);
@@ -103,6 +103,6 @@ impl BaselineDance for Recipe {
         convert::told(out, &motion, say);
         made.locked.iter().flat_map(|locked| locked.notes(FPS)).for_each(|note| say.line(note));
         let written = (out, motion.clip.fps());
-        Ok((Told::of(self, (trained.step, &trained.sha256), &made.clip_sha256, written, &bytes), bytes))
+        Ok((Sidecar::of(self, (trained.step, &trained.sha256), &made.clip_sha256, written, &bytes), bytes))
     }
 }

@@ -1,8 +1,9 @@
 //! `kinelm aclstm train`.
 
-use crate::baselines::aclstm::train::{Asked, train};
+use crate::baselines::Settings;
+use crate::baselines::aclstm::train::{Start, train};
 use crate::baselines::aclstm::{Config, Form};
-use crate::classify::Only;
+use crate::classify::LabelFilter;
 use crate::cli::Say;
 use crate::cli::read::{ReadArgs, positive};
 use crate::cli::updates::{self, ResumeArgs, set};
@@ -24,7 +25,7 @@ pub struct Args {
     labels: Vec<String>,
     /// Use only clips with this label; may be repeated
     #[arg(long, value_name = "FIELD=VALUE")]
-    only: Vec<Only>,
+    only: Vec<LabelFilter>,
     /// Settings: 256, published, or a TOML file. The flags below override them
     #[arg(long, value_name = "NAME|FILE")]
     config: Option<PathBuf>,
@@ -68,14 +69,14 @@ pub struct Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     // the margin leaves out what precedes the motion
     let sources = updates::sources(&args.data, &args.labels, &args.only, args.read.options(RestFrame::Keep))?;
-    follow(&args.run, &Asked::New(config(&args)?, sources), say)
+    follow(&args.run, &Start::New(config(&args)?, sources), say)
 }
 
 pub fn resume(args: &ResumeArgs, say: Say) -> Result<()> {
-    follow(&args.run, &Asked::Resumed(args.steps), say)
+    follow(&args.run, &Start::Resume(args.steps), say)
 }
 
-fn follow(run: &Path, request: &Asked, say: Say) -> Result<()> {
+fn follow(run: &Path, request: &Start, say: Say) -> Result<()> {
     updates::follow("kinelm aclstm", run, say, |stop, report| train(run, request, stop, report))
 }
 

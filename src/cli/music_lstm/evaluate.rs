@@ -1,6 +1,6 @@
 //! `kinelm music-lstm evaluate`.
 
-use crate::baselines::music_lstm::FPS;
+use crate::baselines::FPS;
 use crate::baselines::music_lstm::evaluate::{Options, evaluate};
 use crate::baselines::music_lstm::run::Trained;
 use crate::cli::read::frames_at;
@@ -36,7 +36,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
     let trained = Trained::load(&args.run, CheckpointChoice::Auto)?;
     trained.notes.iter().for_each(|note| say.line(note));
-    let options = Options { unheard: args.split, frames: args.frames as usize, cutoff_hz: args.cutoff };
+    let options = Options { split: args.split, frames: args.frames as usize, cutoff_hz: args.cutoff };
     let bar = progress::bar(0, "frames", say);
     let report = evaluate(&trained, &options, &mut |done| bar.set_position(done as u64));
     drop(bar);

@@ -1,7 +1,7 @@
 //! `kinelm music-lstm generate`.
 
-use crate::baselines::music_lstm::FPS;
-use crate::baselines::music_lstm::dance::{Recipe, Told};
+use crate::baselines::FPS;
+use crate::baselines::music_lstm::dance::{Request, Sidecar};
 use crate::baselines::music_lstm::run::Trained;
 use crate::cli::read::{frames_at, time};
 use crate::cli::updates::{self, AgainArgs, BaselineDance};
@@ -51,39 +51,39 @@ enum Again {
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
     if let Some(Again::Again { again, music }) = &args.again {
-        let moved = |recipe: &mut Recipe| {
-            updates::set(&mut recipe.run, again.run.clone());
-            updates::set(&mut recipe.music, music.clone());
+        let moved = |request: &mut Request| {
+            updates::set(&mut request.run, again.run.clone());
+            updates::set(&mut request.music, music.clone());
         };
         return updates::again(again, moved, say);
     }
     let out = args.out.as_deref().context("no file to write to")?;
     writable(out)?;
-    let recipe = Recipe {
+    let request = Request {
         run: args.run.clone().context("no run folder")?,
         music: args.music.clone().context("no music")?,
         from_s: args.music_from.seconds(FPS),
         frames: args.frames.map(|frames| frames as usize),
     };
-    updates::make(&recipe, out, args.force, say)
+    updates::make(&request, out, args.force, say)
 }
 
-impl BaselineDance for Recipe {
+impl BaselineDance for Request {
     fn inputs(&self) -> Vec<PathBuf> {
         vec![self.run.clone(), self.music.clone()]
     }
 
-    fn make(&self, which: CheckpointChoice, out: &Path, say: Say) -> Result<(Told, Vec<u8>)> {
+    fn make(&self, which: CheckpointChoice, out: &Path, say: Say) -> Result<(Sidecar, Vec<u8>)> {
         let trained = Trained::load(&self.run, which)?;
         trained.notes.iter().for_each(|note| say.line(note));
         let bar = progress::bar(self.frames.unwrap_or(0) as u64, "frames", say);
-        let made = Recipe::make(self, &trained, &mut |frames| bar.set_position(frames as u64));
+        let made = Request::generate(self, &trained, &mut |frames| bar.set_position(frames as u64));
         drop(bar);
         let made = made?;
         let motion = written_as(out, made.motion, None)?;
         let bytes = format::to_bytes(out, &motion)?;
         convert::told(out, &motion, say);
         let written = (out, motion.clip.fps());
-        Ok((Told::of(self, (trained.step, &trained.sha256), &made.music_sha256, written, &bytes), bytes))
+        Ok((Sidecar::of(self, (trained.step, &trained.sha256), &made.music_sha256, written, &bytes), bytes))
     }
 }

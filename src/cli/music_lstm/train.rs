@@ -1,10 +1,11 @@
 //! `kinelm music-lstm train`.
 
+use crate::baselines::Settings;
 use crate::baselines::music_lstm::Config;
 use crate::baselines::music_lstm::config::{Audio, Effort, Pose};
-use crate::baselines::music_lstm::data::Places;
-use crate::baselines::music_lstm::train::{Asked, train};
-use crate::classify::Only;
+use crate::baselines::music_lstm::data::MusicSources;
+use crate::baselines::music_lstm::train::{Start, train};
+use crate::classify::LabelFilter;
 use crate::cli::Say;
 use crate::cli::read::{ReadArgs, positive};
 use crate::cli::updates::{self, ResumeArgs, set};
@@ -28,7 +29,7 @@ pub struct Args {
     labels: Vec<String>,
     /// Use only clips with this label; may be repeated
     #[arg(long, value_name = "FIELD=VALUE")]
-    only: Vec<Only>,
+    only: Vec<LabelFilter>,
     /// Settings: small, dissertation, or a TOML file. The flags below override them
     #[arg(long, value_name = "NAME|FILE")]
     config: Option<PathBuf>,
@@ -66,15 +67,15 @@ pub struct Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     // the margin leaves out what precedes the motion
     let motion = updates::sources(&args.data, &args.labels, &args.only, args.read.options(RestFrame::Keep))?;
-    let places = Places { music: updates::stored(&args.music)?, motion };
-    follow(&args.run, &Asked::New(config(&args)?, places), say)
+    let places = MusicSources { music: updates::stored(&args.music)?, motion };
+    follow(&args.run, &Start::New(config(&args)?, places), say)
 }
 
 pub fn resume(args: &ResumeArgs, say: Say) -> Result<()> {
-    follow(&args.run, &Asked::Resumed(args.steps), say)
+    follow(&args.run, &Start::Resume(args.steps), say)
 }
 
-fn follow(run: &Path, request: &Asked, say: Say) -> Result<()> {
+fn follow(run: &Path, request: &Start, say: Say) -> Result<()> {
     updates::follow("kinelm music-lstm", run, say, |stop, report| train(run, request, stop, report))
 }
 

@@ -1,15 +1,15 @@
-//! What a run is to be like.
+//! The settings of a run.
 
-use super::form::Form;
-use super::rig;
-use crate::{Error, Result};
+use crate::Result;
+use crate::form::Form;
+use crate::rig;
+use crate::run::{Settings, positive, within};
 use kinelm_engine::lstm::{Shape, Wiring};
-use kinelm_store::presets;
+use kinelm_store::presets::Presets;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
 
 /// Settings of auto-conditioned LSTMs.
-pub const ACLSTM: &kinelm_store::presets::Presets = &[
+pub const ACLSTM: &Presets = &[
     ("256", include_str!("../../configs/aclstm/256.toml")),
     ("published", include_str!("../../configs/aclstm/published.toml")),
 ];
@@ -18,7 +18,7 @@ pub const ACLSTM: &kinelm_store::presets::Presets = &[
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// How a pose is written.
+    /// The representation of a pose.
     pub form: Form,
     /// The order of the root's angles, such as `YXZ`, instead of its file's; for [`Form::Euler`].
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -27,26 +27,26 @@ pub struct Config {
     pub width: usize,
     /// L.
     pub layers: usize,
-    /// How layers are joined.
+    /// How layers are connected.
     #[serde(with = "WiringName")]
     pub wiring: Wiring,
-    /// True frames of a sequence that follow each other; at least 1.
+    /// Consecutive ground-truth inputs; at least 1.
     pub groundtruth: usize,
-    /// The network's own that come behind them, by turns; 0: it is never fed its own.
+    /// The network's own outputs that follow them as inputs, alternating; 0: none.
     pub condition: usize,
     /// T, steps of a sequence.
     pub length: usize,
     /// B.
     pub batch: usize,
-    /// Adam's.
+    /// Adam's learning rate.
     pub learning_rate: f64,
     /// Updates in all.
     pub steps: u64,
-    /// Whether every sequence is turned about the vertical by any angle.
+    /// Whether every sequence is turned about the vertical by a random angle.
     pub turn: bool,
-    /// Frames of a file, at both its ends, that are not used.
+    /// Frames at both ends of a file that are not used.
     pub margin: usize,
-    /// Of all that is drawn.
+    /// The seed of all random numbers.
     pub seed: u64,
     /// Updates between checkpoints; 0: only at the end.
     pub checkpoint_every: u64,
@@ -85,49 +85,34 @@ impl Default for Config {
     }
 }
 
-impl Config {
-    /// The settings of a name that is built in ([`ACLSTM`]), else those of a TOML.
-    ///
-    /// # Errors
-    /// [`kinelm_store::Error::Call`] when it is neither; a file that can't be read; keys that are unknown or outside their limits.
-    pub fn find(name_or_path: &Path) -> Result<Config> {
-        let config: Config = presets::read(ACLSTM, name_or_path, ("aclstm", "settings of an auto-conditioned LSTM"))?;
-        config.validate().map_err(|e| Error::call(format!("{}: {e}", name_or_path.display())))?;
-        Ok(config)
-    }
+impl Settings for Config {
+    const PRESETS: &'static Presets = ACLSTM;
+    const FOLDER: (&'static str, &'static str) = ("aclstm", "settings of an auto-conditioned LSTM");
 
-    /// Checks every key.
-    ///
-    /// # Errors
-    /// [`kinelm_store::Error::Call`] with the first key outside its limits, and both.
-    pub fn validate(&self) -> Result<()> {
-        let whole = |key: &str, found: u64, least: u64, most: u64| match (least..=most).contains(&found) {
-            true => Ok(()),
-            false => Err(Error::call(format!("{key} is {found}; expected {least} to {most}"))),
-        };
-        whole("width", self.width as u64, 1, 8192)?;
-        whole("layers", self.layers as u64, 1, 16)?;
-        whole("groundtruth", self.groundtruth as u64, 1, 65_536)?;
-        whole("condition", self.condition as u64, 0, 65_536)?;
-        whole("length", self.length as u64, 1, 4096)?;
-        whole("batch", self.batch as u64, 1, 4096)?;
-        whole("steps", self.steps, 1, 1 << 40)?;
-        whole("margin", self.margin as u64, 0, 65_536)?;
-        whole("keep", self.keep as u64, 1, 65_536)?;
+    fn validate(&self) -> Result<()> {
+        within("width", self.width, 1..=8192)?;
+        within("layers", self.layers, 1..=16)?;
+        within("groundtruth", self.groundtruth, 1..=65_536)?;
+        within("condition", self.condition, 0..=65_536)?;
+        within("length", self.length, 1..=4096)?;
+        within("batch", self.batch, 1..=4096)?;
+        within("steps", self.steps, 1..=1 << 40)?;
+        within("margin", self.margin, 0..=65_536)?;
+        within("keep", self.keep, 1..=65_536)?;
         // TOML has no larger integers
-        whole("seed", self.seed, 0, i64::MAX as u64)?;
-        if !(self.learning_rate > 0.0 && self.learning_rate.is_finite()) {
-            return Err(Error::call(format!("learning_rate is {}; expected a number above 0", self.learning_rate)));
-        }
+        within("seed", self.seed, 0..=i64::MAX as u64)?;
+        positive("learning_rate", self.learning_rate)?;
         self.root_order.as_deref().map_or(Ok(()), |letters| rig::order(letters).map(|_| ()))
     }
+}
 
-    /// The network's shape for so many channels.
+impl Config {
+    /// The network's shape for this number of channels.
     pub fn shape(&self, channels: usize) -> Shape {
         Shape { channels, width: self.width, layers: self.layers, wiring: self.wiring }
     }
 
-    /// (T) which steps see true frames: some true, some the network's own, by turns.
+    /// (T) which steps have ground-truth input; the others have the network's own output.
     pub fn given(&self) -> Vec<bool> {
         (0..self.length).map(|t| t % (self.groundtruth + self.condition) < self.groundtruth).collect()
     }
@@ -136,9 +121,10 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     #[test]
-    fn true_frames_and_own_ones_by_turns() {
+    fn ground_truth_and_own_frames_alternate() {
         let count = |condition| Config { condition, ..Config::default() }.given().iter().filter(|g| **g).count();
         assert_eq!([0, 5, 30, 45].map(count), [100, 50, 15, 10]);
     }
@@ -154,7 +140,7 @@ mod tests {
         assert!(said("width = 8\nwidht = 9\n").contains("a.toml:2:1: found unknown field `widht`"));
         assert!(said("groundtruth = 0").contains("groundtruth is 0; expected 1 to 65536"));
         assert!(said("learning_rate = nan").contains("learning_rate is NaN"));
-        assert!(said("root_order = \"ZZX\"").contains("an order of angles \"ZZX\""));
+        assert!(said("root_order = \"ZZX\"").contains("the order of a joint's angles is \"ZZX\""));
         assert!(said("wiring = \"new\"").contains("a.toml:1:"));
         assert_eq!(Config::find(Path::new("256")).unwrap(), Config::default());
         assert_eq!(Config::find(Path::new("published")).unwrap().shape(171).parameters(), 21_871_787);

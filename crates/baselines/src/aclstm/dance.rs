@@ -1,10 +1,9 @@
-//! A dance that goes on from a clip, on that clip's own rig, and the file beside it that tells where it is from.
+//! A dance that continues a clip, on that clip's own rig, and its sidecar.
 
-use super::FPS;
-use super::data::{inner, read, stride};
-use super::form::frames_of_steps;
 use super::run::Trained;
-use crate::{Error, Result, sidecar as told};
+use crate::data::{inner, read, stride};
+use crate::form::frames_of_steps;
+use crate::{Error, FPS, Result, sidecar};
 use kinelm_corpus::sidecar::as_written;
 use kinelm_generate::check_frames;
 use kinelm_generate::output::lock_feet;
@@ -19,31 +18,31 @@ use kinelm_store::{hash, sidecar};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Everything that decides a dance, but the bytes of the network and of the clip.
+/// A dance to generate. With the bytes of the network and of the clip it decides the dance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recipe {
+pub struct Request {
     /// The run folder.
     pub run: PathBuf,
     /// The clip.
     pub clip: PathBuf,
     /// How it is read.
     pub read: ReadOptions,
-    /// Where the seed begins: frames at the network's rate, behind the run's margin.
+    /// The seed's first frame at the network's rate, after the run's margin.
     pub from: usize,
     /// Frames of the seed.
     pub seed_frames: usize,
-    /// Frames that are made.
+    /// Frames to generate.
     pub frames: usize,
-    /// Whether the seed stands in front of them.
+    /// Whether the seed precedes them in the file.
     pub with_seed: bool,
     /// What is done to the feet.
     pub feet: FootMode,
 }
 
-impl told::Recipe for Recipe {
+impl sidecar::Request for Request {
     const KEY: &'static str = "aclstm";
-    const GIVEN: [&'static str; 2] = ["the clip", "clip_sha256"];
+    const INPUT: [&'static str; 2] = ["the clip", "clip_sha256"];
     const COMMAND: &'static str = "kinelm aclstm generate";
 
     fn run(&self) -> &Path {
@@ -57,54 +56,54 @@ impl told::Recipe for Recipe {
     }
 }
 
-/// What stands beside a dance.
-pub type Told = told::Told<Recipe>;
+/// The sidecar of a dance.
+pub type Sidecar = sidecar::Sidecar<Request>;
 
-/// A dance.
-pub struct Made {
+/// A generated dance.
+pub struct Generated {
     /// On the clip's rig.
     pub motion: Motion,
     /// SHA-256 of the clip's file.
     pub clip_sha256: String,
-    /// What was done to its feet.
+    /// How its feet were locked.
     pub locked: Option<FootLock>,
 }
 
-impl Recipe {
-    /// Carries it out; `progress` is told the frames done.
+impl Request {
+    /// Generates the dance; `progress` receives the number of frames done.
     ///
     /// # Errors
     /// What reading the clip fails with; another rig than the run's, with the joints; a rate that is no multiple of the
-    /// network's; a clip that is shorter than the seed; a network that runs away; a rig whose feet no skeleton map knows,
-    /// where they are to be held.
-    pub fn make(&self, trained: &Trained, progress: &mut dyn FnMut(usize)) -> Result<Made> {
+    /// network's; a clip that is shorter than the seed; a network that diverges; feet to lock on a rig without a skeleton
+    /// map.
+    pub fn generate(&self, trained: &Trained, progress: &mut dyn FnMut(usize)) -> Result<Generated> {
         [self.frames, self.from, self.seed_frames].into_iter().try_for_each(check_frames)?;
         let (mut motion, clip_sha256) = read(&self.clip, &self.read)?;
         trained.file.rig.check(&self.clip, motion.clip.skeleton())?;
         stride(&self.clip, motion.clip.fps())?;
-        // a rest pose in front lies within the margin
+        // a rest pose at the start is within the margin
         motion.warnings.retain(|warning| warning.kind != "rest_frame" || trained.file.config.margin == 0);
         let clip = resample(&inner(&motion.clip, trained.file.config.margin), FPS, Method::Stride)?;
-        // one more: the last step of the hip leads to it
+        // one more frame: the last step of the hip leads to it
         let (n, needed) = (self.seed_frames, self.from + self.seed_frames + 1);
         if n == 0 || clip.frames() < needed {
             let margin = trained.file.config.margin;
             let found =
                 format!("{} frames at {FPS} a second, {margin} at both ends of the file left out", clip.frames());
             let expected =
-                format!("{needed}: {} before the seed, its {n}, at least 1, and the one behind it", self.from);
+                format!("{needed}: {} before the seed, its {n}, at least 1, and the one after it", self.from);
             return Err(Error::file(&self.clip, found, expected, "take a shorter seed, or a longer clip"));
         }
         let coder = &trained.coder;
         let c = coder.channels();
         let seed = coder.frames(&clip.slice(self.from..needed));
-        let made = trained.go_on(&[&seed], self.frames, progress)?.remove(0);
+        let steps = trained.roll_out(&[&seed], self.frames, progress)?.remove(0);
         let at = &seed[n * c..];
-        let made = frames_of_steps(&made, c, [at[0], at[2]]);
+        let dance = frames_of_steps(&steps, c, [at[0], at[2]]);
         let skeleton = motion.clip.skeleton().clone();
         let (frames, kept) = match self.with_seed {
-            true => ([&seed[..n * c], &made[..]].concat(), n),
-            false => (made, 0),
+            true => ([&seed[..n * c], &dance[..]].concat(), n),
+            false => (dance, 0),
         };
         let floor_m = match self.feet {
             FootMode::Off => None,
@@ -114,10 +113,10 @@ impl Recipe {
             }
         };
         motion.clip = coder.clip(&frames, &skeleton, FPS)?;
-        let Some(floor_m) = floor_m else { return Ok(Made { motion, clip_sha256, locked: None }) };
+        let Some(floor_m) = floor_m else { return Ok(Generated { motion, clip_sha256, locked: None }) };
         let fixed = FixedParts { root: false, path: false, legs: [false; 2], frames: kept };
         let (motion, locked) = lock_feet(motion, self.read.map.as_deref(), Some(floor_m), fixed)?;
-        Ok(Made { motion, clip_sha256, locked: Some(locked) })
+        Ok(Generated { motion, clip_sha256, locked: Some(locked) })
     }
 }
 

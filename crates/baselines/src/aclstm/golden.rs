@@ -1,12 +1,11 @@
-//! The network that learns, held to PyTorch and to plain tensor operations.
+//! The network and its updates against PyTorch and plain tensor operations.
 
-use super::form::Form;
 use super::network::Learner;
 use super::plain;
+use crate::form::Form;
 use candle_core::{Device, Tensor};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::{Lstm, Shape, Wiring};
-use kinelm_store::random;
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -41,7 +40,7 @@ fn near(what: &str, found: &[f32], expected: &[f64]) {
     }
 }
 
-/// As the script makes them.
+/// As scripts/reference/aclstm.py makes them.
 fn numbers(salt: usize, len: usize) -> Vec<f32> {
     (0..len).map(|k| (0.4 * (1.7 * k as f64 + 0.9 * salt as f64).sin()) as f32).collect()
 }
@@ -72,7 +71,8 @@ fn outputs_gradients_and_ten_losses_are_pytorchs() {
             let found = learner.gradients(&sequence[..given.len() * row], &sequence[row..], &given);
             assert!((found - expected).abs() < 2e-5, "{what}, step {step}: {found}, expected {expected}");
             if step == 0 {
-                for (i, (found, expected)) in learner.parameters.gradients.iter().zip(&gradients).enumerate() {
+                for (i, (found, expected)) in learner.parameters.optimizer.gradients.iter().zip(&gradients).enumerate()
+                {
                     near(&format!("{what}, tensor {i}"), found, expected);
                 }
             }
@@ -83,28 +83,29 @@ fn outputs_gradients_and_ten_losses_are_pytorchs() {
 
 #[test]
 fn the_engine_is_the_plain_form() {
-    let mut rng = random::stream(3, "plain", 0, 0);
-    let mut draw = |len: usize| (0..len).map(|_| 0.3 * random::normal(&mut rng) as f32).collect::<Vec<f32>>();
+    let mut rng = kinelm_store::random::stream(3, "plain", 0, 0);
+    let mut random =
+        |len: usize| (0..len).map(|_| 0.3 * kinelm_store::random::normal(&mut rng) as f32).collect::<Vec<f32>>();
     for (channels, width, layers, batch, mask) in
         [(9, 40, 3, 4, "gggffggff"), (5, 130, 2, 1, "gffffff"), (3, 7, 1, 3, "gggg")]
     {
         for compat in [false, true] {
             let shape = Shape { channels, width, layers, wiring: wiring(compat) };
             let given: Vec<bool> = mask.chars().map(|c| c == 'g').collect();
-            let weights: Vec<Floats> = shape.tensors().iter().map(|[r, c]| Floats::of(&draw(r * c))).collect();
+            let weights: Vec<Floats> = shape.tensors().iter().map(|[r, c]| Floats::of(&random(r * c))).collect();
             let size = (given.len(), batch, channels);
             let len = given.len() * batch * channels;
-            let (inputs, pull) = (draw(len), draw(len));
+            let (inputs, d_out) = (random(len), random(len));
             let wide = |x: &[f32]| x.iter().map(|x| *x as f64).collect::<Vec<f64>>();
             let tensor = |x: &[f32]| Tensor::from_vec(wide(x), size, &Device::Cpu).unwrap();
             let plain: Vec<Vec<f64>> = weights.iter().map(|w| wide(w)).collect();
             let (outputs, gradients) =
-                plain::outputs_and_gradients(&shape, &plain, &tensor(&inputs), &given, &tensor(&pull)).unwrap();
+                plain::outputs_and_gradients(&shape, &plain, &tensor(&inputs), &given, &tensor(&d_out)).unwrap();
             let mut lstm = Lstm::new(shape, batch, given.len(), true);
             lstm.pack(&weights);
             near(&format!("{shape:?}"), lstm.forward(&inputs, &given), &outputs);
             let mut found: Vec<Floats> = weights.iter().map(|w| Floats::new(w.len())).collect();
-            lstm.backward(&pull, &mut found);
+            lstm.backward(&d_out, &mut found);
             for (i, (found, expected)) in found.iter().zip(&gradients).enumerate() {
                 near(&format!("{shape:?}, tensor {i}"), found, expected);
             }

@@ -1,17 +1,17 @@
-//! How far foretold frames are from true ones, in each form's own measure, and its gradient.
+//! The error of predicted frames, in each form's own measure, and its gradient.
 //!
 //! Positions: the mean square over all channels. Angles: the mean square of the hip's channels plus the mean of 1 - cos of
 //! the differences. Quaternions: the same of the hip plus the mean over joints of the angle 2 arccos |q.q'| between the
 //! normalised ones, radians. All are means, over rows and channels or joints; the three can't be compared.
 
-use super::form::Form;
+use crate::form::Form;
 use rayon::prelude::*;
 
-/// An arc cosine has no slope at 1: the product of two quaternions counts up to here.
+/// The arc cosine has no derivative at 1: products of quaternions are clamped to this.
 const NEAREST: f64 = 1.0 - 1e-7;
-/// Shorter quaternions are taken to be so long, as PyTorch's `normalize` does.
+/// The least length that quaternions are divided by, as in PyTorch's `normalize`.
 const SHORTEST: f64 = 1e-12;
-/// Rows that a thread takes.
+/// Rows of a parallel piece.
 const ROWS: usize = 64;
 
 /// The loss of `found` (R, C) against `truth` (R, C); `gradients` (R, C) becomes its gradient.
@@ -87,7 +87,7 @@ fn quaternions(found: &[f32], truth: &[f32], gradients: &mut [f32], rows: f64) -
     sum / n
 }
 
-/// A quaternion of length 1, and its length before.
+/// A normalised quaternion, and its original length.
 fn unit(q: &[f32]) -> ([f64; 4], f64) {
     let q: [f64; 4] = std::array::from_fn(|i| q[i] as f64);
     let length = q.iter().map(|x| x * x).sum::<f64>().sqrt().max(SHORTEST);
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_are_slopes() {
+    fn gradients_are_finite_differences() {
         for (form, c) in FORMS {
             let (found, truth) = (numbers("found", 70 * c), numbers("truth", 70 * c));
             let mut gradients = vec![7.0; found.len()];
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn the_true_frame_has_no_slope() {
+    fn the_true_frame_has_no_gradient() {
         for (form, c) in FORMS {
             let truth = numbers("truth", 3 * c);
             let mut gradients = vec![7.0; truth.len()];

@@ -1,17 +1,18 @@
-//! The network from plain tensor operations, differentiable, in f64: what the engine is held to.
+//! The network from plain tensor operations, differentiable, in f64: the oracle of the engine.
 
 use crate::Result;
 use candle_core::{DType, Device, Tensor, Var};
 use candle_nn::ops::sigmoid;
 use kinelm_engine::lstm::{Shape, Wiring};
 
-/// Outputs (T, B, C) of a sequence that begins at rest, and the gradients of all weights by `pull` (T, B, C), the outputs'.
+/// Outputs (T, B, C) of a sequence from the zero state, and the gradients of all weights for gradients `d_out` (T, B, C) of
+/// the outputs.
 pub fn outputs_and_gradients(
     shape: &Shape,
     weights: &[Vec<f64>],
     inputs: &Tensor,
     given: &[bool],
-    pull: &Tensor,
+    d_out: &Tensor,
 ) -> Result<(Vec<f64>, Vec<Vec<f64>>)> {
     let vars: Vec<Var> = weights
         .iter()
@@ -45,7 +46,7 @@ pub fn outputs_and_gradients(
         outputs.push(last.clone());
     }
     let outputs = Tensor::stack(&outputs, 0)?;
-    let gradients = (&outputs * pull)?.sum_all()?.backward()?;
+    let gradients = (&outputs * d_out)?.sum_all()?.backward()?;
     let of = |var: &Var| match gradients.get(var) {
         Some(gradient) => gradient.flatten_all()?.to_vec1::<f64>(),
         None => Ok(vec![0.0; var.elem_count()]),

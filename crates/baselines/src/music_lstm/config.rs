@@ -1,20 +1,20 @@
-//! What a run is to be like.
+//! The settings of a run, and the shape of a network.
 
-use super::HEARD;
+use super::SPECTRUM;
+use crate::run::{Settings, positive, within};
 use crate::{Error, Result};
 use kinelm_engine::lstm::Single;
 use kinelm_music::stft::Form;
-use kinelm_store::presets;
+use kinelm_store::presets::Presets;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
 
 /// Settings of music LSTMs.
-pub const MUSIC_LSTM: &kinelm_store::presets::Presets = &[
+pub const MUSIC_LSTM: &Presets = &[
     ("small", include_str!("../../configs/music_lstm/small.toml")),
     ("dissertation", include_str!("../../configs/music_lstm/dissertation.toml")),
 ];
 
-/// How a frame of music is heard.
+/// The spectrum of a frame of music.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -22,12 +22,12 @@ pub enum Audio {
     /// Six windows around the frame's time, logarithms, each number standardised over the training music.
     #[default]
     Fixed,
-    /// As printed: a piece cut out and mirrored, magnitudes as they are.
+    /// As printed: a piece of the signal, mirrored, and plain magnitudes.
     Compat,
 }
 
 impl Audio {
-    /// As the spectra have it.
+    /// The form of the spectra.
     pub fn form(self) -> Form {
         match self {
             Audio::Fixed => Form::Fixed,
@@ -36,30 +36,30 @@ impl Audio {
     }
 }
 
-/// How far poses are from true ones.
+/// The loss of poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Pose {
-    /// The mean square of the quaternions' numbers, each true one with the sign that lies nearer.
+    /// The mean square error of the quaternions' components, true ones with the nearer sign.
     #[default]
     Aligned,
     /// The same with the signs as they are.
     Compat,
-    /// It isn't asked.
+    /// No loss.
     None,
 }
 
-/// How far the effort of a dance is from the true one.
+/// The loss of Laban's weight effort.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Effort {
     /// By angular speeds ([`super::effort`]).
     Corrected,
-    /// As printed, where it tells orientations.
+    /// As printed, where it depends on orientations.
     Compat,
-    /// It isn't asked.
+    /// No loss.
     #[default]
     None,
 }
@@ -68,37 +68,37 @@ pub enum Effort {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// How music is heard.
+    /// The spectra of the music.
     pub audio: Audio,
-    /// Widths of the linear layers between a frame of music and four numbers a joint.
+    /// Widths of the linear layers between a frame of music and four numbers per joint.
     pub encoder: Vec<usize>,
     /// D, units of a layer of LSTM.
     pub width: usize,
-    /// L, layers of LSTM before the one whose units are the joints'.
+    /// L, LSTM layers before the one whose units are the joints'.
     pub layers: usize,
-    /// Share of the numbers between layers that are dropped in training, 0 to below 1.
+    /// Dropout between layers, 0 to below 1.
     pub dropout: f64,
-    /// How often the last layer sees the true frame before, in place of its own, in training: 0 to 1.
+    /// Teacher forcing: the share of training steps in which the last layer reads the true previous frame, 0 to 1.
     pub teacher: f64,
     /// The loss of poses.
     pub pose: Pose,
-    /// The loss of effort, added to it.
+    /// The loss of effort, which is added.
     pub effort: Effort,
-    /// It is added in every so manieth update; 1: in all.
+    /// It is added in every n-th update; 1: in all.
     pub effort_every: u64,
     /// T, steps of a sequence.
     pub length: usize,
     /// B.
     pub batch: usize,
-    /// Adam's.
+    /// Adam's learning rate.
     pub learning_rate: f64,
-    /// The longest that gradients may be; 0: as they are.
+    /// The largest norm of gradients; 0: no limit.
     pub clip: f64,
     /// Updates in all.
     pub steps: u64,
-    /// Frames of a file, at both its ends, that are not used.
+    /// Frames at both ends of a file that are not used.
     pub margin: usize,
-    /// Of all that is drawn.
+    /// The seed of all random numbers.
     pub seed: u64,
     /// Updates between checkpoints; 0: only at the end.
     pub checkpoint_every: u64,
@@ -131,61 +131,45 @@ impl Default for Config {
     }
 }
 
-impl Config {
-    /// The settings of a name that is built in ([`MUSIC_LSTM`]), else those of a TOML.
-    ///
-    /// # Errors
-    /// [`kinelm_store::Error::Call`] when it is neither; a file that can't be read; keys that are unknown or outside their limits.
-    pub fn find(name_or_path: &Path) -> Result<Config> {
-        let config: Config = presets::read(MUSIC_LSTM, name_or_path, ("music_lstm", "settings of a music LSTM"))?;
-        config.validate().map_err(|e| Error::call(format!("{}: {e}", name_or_path.display())))?;
-        Ok(config)
-    }
+impl Settings for Config {
+    const PRESETS: &'static Presets = MUSIC_LSTM;
+    const FOLDER: (&'static str, &'static str) = ("music_lstm", "settings of a music LSTM");
 
-    /// Checks every key.
-    ///
-    /// # Errors
-    /// [`kinelm_store::Error::Call`] with the first key outside its limits, and both.
-    pub fn validate(&self) -> Result<()> {
-        let wrong = |text: String| Err(Error::call(text));
-        let whole = |key: &str, found: u64, least: u64, most: u64| match (least..=most).contains(&found) {
-            true => Ok(()),
-            false => wrong(format!("{key} is {found}; expected {least} to {most}")),
-        };
-        whole("encoder's layers", self.encoder.len() as u64, 1, 8)?;
-        self.encoder.iter().try_for_each(|width| whole("encoder", *width as u64, 1, 8192))?;
-        whole("width", self.width as u64, 1, 8192)?;
-        whole("layers", self.layers as u64, 1, 16)?;
-        whole("effort_every", self.effort_every, 1, 1 << 20)?;
-        whole("length", self.length as u64, 2, 4096)?;
-        whole("batch", self.batch as u64, 1, 4096)?;
-        whole("steps", self.steps, 1, 1 << 40)?;
-        whole("margin", self.margin as u64, 0, 65_536)?;
-        whole("keep", self.keep as u64, 1, 65_536)?;
+    fn validate(&self) -> Result<()> {
+        within("encoder's layers", self.encoder.len(), 1..=8)?;
+        self.encoder.iter().try_for_each(|width| within("encoder", *width, 1..=8192))?;
+        within("width", self.width, 1..=8192)?;
+        within("layers", self.layers, 1..=16)?;
+        within("effort_every", self.effort_every, 1..=1 << 20)?;
+        within("length", self.length, 2..=4096)?;
+        within("batch", self.batch, 1..=4096)?;
+        within("steps", self.steps, 1..=1 << 40)?;
+        within("margin", self.margin, 0..=65_536)?;
+        within("keep", self.keep, 1..=65_536)?;
         // TOML has no larger integers
-        whole("seed", self.seed, 0, i64::MAX as u64)?;
+        within("seed", self.seed, 0..=i64::MAX as u64)?;
         if !(0.0..1.0).contains(&self.dropout) {
-            return wrong(format!("dropout is {}; expected 0 to below 1", self.dropout));
+            return Err(Error::invalid("dropout", self.dropout, "0 to below 1"));
         }
-        if !(0.0..=1.0).contains(&self.teacher) {
-            return wrong(format!("teacher is {}; expected 0 to 1", self.teacher));
-        }
-        if !(self.learning_rate > 0.0 && self.learning_rate.is_finite()) {
-            return wrong(format!("learning_rate is {}; expected a number above 0", self.learning_rate));
-        }
+        within("teacher", self.teacher, 0.0..=1.0)?;
+        positive("learning_rate", self.learning_rate)?;
         if !(self.clip >= 0.0 && self.clip.is_finite()) {
-            return wrong(format!("clip is {}; expected 0 or a number above it", self.clip));
+            return Err(Error::invalid("clip", self.clip, "0 or a number above it"));
         }
         match (self.pose, self.effort, self.effort_every) {
-            (Pose::None, Effort::None, _) => wrong("pose and effort are both \"none\"; ask for one of them".into()),
+            (Pose::None, Effort::None, _) => {
+                Err(Error::invalid("`pose`", "\"none\"", "a loss, as `effort` is \"none\" too"))
+            }
             (Pose::None, _, every @ 2..) => {
-                wrong(format!("effort_every is {every}, and pose \"none\": most updates would ask nothing; expected 1"))
+                Err(Error::invalid("effort_every", every, "1, as pose is \"none\": other updates have no loss"))
             }
             _ => Ok(()),
         }
     }
+}
 
-    /// The network's shape for a rig of so many joints.
+impl Config {
+    /// The network's shape for a rig of this number of joints.
     pub fn shape(&self, joints: usize) -> Shape {
         Shape { encoder: self.encoder.clone(), width: self.width, layers: self.layers, joints }
     }
@@ -196,10 +180,10 @@ impl Config {
     }
 }
 
-/// What a network is like.
+/// The shape of a network.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shape {
-    /// Widths of the linear layers but the last, which has 4J.
+    /// Widths of the linear layers except the last, which has 4J.
     pub encoder: Vec<usize>,
     /// D.
     pub width: usize,
@@ -218,17 +202,17 @@ impl Shape {
     /// Inputs and outputs of the linear layers.
     pub fn linear(&self) -> Vec<[usize; 2]> {
         let widths: Vec<usize> =
-            [HEARD].into_iter().chain(self.encoder.iter().copied()).chain([self.channels()]).collect();
+            [SPECTRUM].into_iter().chain(self.encoder.iter().copied()).chain([self.channels()]).collect();
         widths.windows(2).map(|pair| [pair[0], pair[1]]).collect()
     }
 
-    /// Inputs and units of the layers of LSTM, the joints' last.
+    /// Inputs and units of the LSTM layers, the joints' last.
     pub fn recurrent(&self) -> Vec<[usize; 2]> {
         let below = |l: usize| if l == 0 { self.channels() } else { self.width };
         (0..self.layers).map(|l| [below(l), self.width]).chain([[self.width, self.channels()]]).collect()
     }
 
-    /// Numbers that learn.
+    /// The number of parameters.
     pub fn parameters(&self) -> usize {
         let linear: usize = self.linear().iter().map(|[k, m]| (k + 1) * m).sum();
         let sizes = self.recurrent().into_iter().flat_map(|[inputs, width]| Single::tensors(inputs, width));
@@ -239,9 +223,10 @@ impl Shape {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     #[test]
-    fn the_published_network_has_twelve_million_numbers() {
+    fn the_published_network_has_twelve_million_parameters() {
         let published = Config::find(Path::new("dissertation")).unwrap();
         assert_eq!(published.shape(43).parameters(), 12_020_884);
         let small = Config::find(Path::new("small")).unwrap();
@@ -260,8 +245,8 @@ mod tests {
         assert!(said("encoder = []").contains("encoder's layers is 0; expected 1 to 8"));
         assert!(said("teacher = 1.5").contains("teacher is 1.5; expected 0 to 1"));
         assert!(said("dropout = 1.0").contains("dropout is 1; expected 0 to below 1"));
-        assert!(said("pose = \"none\"").contains("both \"none\""));
-        assert!(said("pose = \"none\"\neffort = \"compat\"").contains("effort_every is 4, and pose \"none\""));
+        assert!(said("pose = \"none\"").contains("`pose` is \"none\""));
+        assert!(said("pose = \"none\"\neffort = \"compat\"").contains("effort_every is 4; expected 1"));
         assert!(said("effort = \"laban\"").contains("a.toml:1:"));
     }
 }

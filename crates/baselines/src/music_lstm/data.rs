@@ -1,11 +1,10 @@
-//! Clips with the music laid beside them: their rotations at the file's own rate, and the spectra of every thirtieth of a
-//! second that they last.
+//! Clips with their music: rotations at the file's own rate, and 30 spectra a second.
 
+use super::SPECTRUM;
 use super::config::{Audio, Config};
-use super::{FPS, HEARD};
-use crate::aclstm::data::{Hashes, Recording, Recordings, Sources};
-use crate::aclstm::form::{Coder, Form};
-use crate::{Error, Result};
+use crate::data::{Hashes, Recording, Recordings, Sources};
+use crate::form::{Coder, Form};
+use crate::{Error, FPS, Result};
 use kinelm_corpus::Split;
 use kinelm_corpus::music::find::Finder;
 use kinelm_music::stft::stft;
@@ -17,49 +16,49 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Spectra that music may lack at its end: the last one stands for them.
+/// Spectra that music may lack at its end; the last one is repeated.
 const SLACK: usize = 15;
-/// Spectra without a louder number are of silence.
+/// Spectra without a larger number are silence.
 const SILENT: f32 = 1e-3;
 
 /// Where a run's motion and music are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Places {
+pub struct MusicSources {
     /// The folder of the music.
     pub music: PathBuf,
     /// The motion.
     pub motion: Sources,
 }
 
-impl Places {
+impl MusicSources {
     /// With other paths.
-    pub fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> Places {
-        Places { music: path(&self.music), motion: self.motion.with_paths(&path) }
+    pub fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> MusicSources {
+        MusicSources { music: path(&self.music), motion: self.motion.with_paths(&path) }
     }
 }
 
 /// A clip with its music.
-pub struct Danced {
-    /// What is known of the clip.
+pub struct MusicClip {
+    /// The clip.
     pub recording: Recording,
-    /// (F, 4J) unit quaternions as w, x, y, z, their signs running on, at the clip's own rate.
+    /// (F, 4J) unit quaternions as w, x, y, z, their signs continuous, at the clip's own rate.
     pub poses: Vec<f32>,
     /// The music's file.
     pub music: PathBuf,
     /// (n, N) spectra, FPS of them a second.
-    pub heard: Vec<f32>,
+    pub spectra: Vec<f32>,
     /// The music's time at the clip's first frame, and that of the first spectrum, in spectra.
     from: f64,
     first: usize,
 }
 
-impl Danced {
+impl MusicClip {
     /// The spectrum at a frame of the clip.
     pub fn at(&self, frame: usize) -> &[f32] {
         let time = self.from + frame as f64 * FPS / self.recording.clip.fps();
-        let at = (time.round() as usize).saturating_sub(self.first).min(self.heard.len() / HEARD - 1);
-        &self.heard[at * HEARD..][..HEARD]
+        let at = (time.round() as usize).saturating_sub(self.first).min(self.spectra.len() / SPECTRUM - 1);
+        &self.spectra[at * SPECTRUM..][..SPECTRUM]
     }
 
     /// (T, N) the spectra of the clip's frames at the network's rate.
@@ -69,31 +68,31 @@ impl Danced {
 }
 
 /// The clips of a run that have music.
-pub struct Dances {
+pub struct MusicClips {
     /// In the order of their names.
-    pub all: Vec<Danced>,
-    /// One hash of all files of motion and music, and of the times at which clips begin.
+    pub all: Vec<MusicClip>,
+    /// One hash of all motion and music files, and of the times at which clips begin.
     pub sha256: String,
     /// SHA-256 of each of these files.
     pub files: Hashes,
-    /// What the user should be told.
-    pub said: Vec<String>,
+    /// What the user should know.
+    pub notes: Vec<String>,
 }
 
-impl Dances {
-    /// Hears the music of clips; `wanted` says of which.
+impl MusicClips {
+    /// Reads the music of the clips that `is_used` selects.
     ///
     /// # Errors
-    /// A folder, or a file that a label names, that isn't there; music that can't be read, is silent, or ends before the
-    /// dance; no clip with music.
-    pub fn hear(
+    /// A missing folder, or file that a label names; music that can't be read, is silent, or ends before the dance; no clip
+    /// with music.
+    pub fn load(
         recordings: &Recordings,
-        places: &Places,
+        sources: &MusicSources,
         audio: Audio,
         margin: usize,
-        wanted: impl Fn(&Recording) -> bool,
-    ) -> Result<Dances> {
-        let folder = &places.music;
+        is_used: impl Fn(&Recording) -> bool,
+    ) -> Result<MusicClips> {
+        let folder = &sources.music;
         if !folder.is_dir() {
             return Err(Error::file(folder, "no folder", "one that holds music", "see docs/music-lstm.md"));
         }
@@ -111,53 +110,52 @@ impl Dances {
             }
             let from_s = one.item.music_from_s.unwrap_or(0.0);
             hash.update(format!("{}\0{from_s}\0{}\n", one.name, hashes[&music]));
-            if !wanted(one) || one.clip.frames() == 0 {
+            if !is_used(one) || one.clip.frames() == 0 {
                 continue;
             }
             let from = (from_s + margin as f64 / one.clip.fps()) * FPS;
             if from < 0.0 {
-                let what = format!("{}: its music begins {from_s} s after it", one.name);
-                return Err(Error::call(format!("{what}; music_from must be 0 or above")));
+                return Err(Error::invalid(format!("`music_from` of {}", one.name), from_s, "0 or more seconds"));
             }
             let frames = coder.frames(&one.clip);
             let rotations = frames.chunks_exact(coder.channels()).flat_map(|frame| &frame[3..]);
-            all.push(Danced {
+            all.push(MusicClip {
                 recording: one.clone(),
                 poses: rotations.map(|x| *x as f32).collect(),
                 music,
-                heard: Vec::new(),
+                spectra: Vec::new(),
                 from,
                 first: from.round() as usize,
             });
         }
         if all.is_empty() {
-            let what = format!("no clip with music in {}; {} without", folder.display(), without.len());
             let help = "a column `music` of the labels names the file, or it has the clip's name";
-            return Err(Error::call(format!("{what}: {help}")));
+            let help = format!("{} without: {help}", without.len());
+            return Err(Error::missing(format!("clip with music in {}", folder.display()), help));
         }
-        let said = match without.is_empty() {
+        let notes = match without.is_empty() {
             true => Vec::new(),
             false => vec![format!("{} clips have no music and are left out", without.len())],
         };
-        hear_all(&mut all, audio)?;
+        read_spectra(&mut all, audio)?;
         let music = hashes.into_iter().map(|(path, hash)| (path.display().to_string(), hash));
         let files = recordings.files().into_iter().chain(music).collect();
-        Ok(Dances { all, sha256: kinelm_store::hash::hex(hash), files, said })
+        Ok(MusicClips { all, sha256: kinelm_store::hash::hex(hash), files, notes })
     }
 
-    /// Those of a split.
-    pub fn split(&self, split: Split) -> impl Iterator<Item = &Danced> {
+    /// The clips of a split.
+    pub fn split(&self, split: Split) -> impl Iterator<Item = &MusicClip> {
         self.all.iter().filter(move |one| one.recording.split == split)
     }
 }
 
-/// Every file is heard once.
-fn hear_all(all: &mut [Danced], audio: Audio) -> Result<()> {
-    let mut of: BTreeMap<PathBuf, Vec<&mut Danced>> = BTreeMap::new();
+/// Reads every file once.
+fn read_spectra(all: &mut [MusicClip], audio: Audio) -> Result<()> {
+    let mut of: BTreeMap<PathBuf, Vec<&mut MusicClip>> = BTreeMap::new();
     all.iter_mut().for_each(|one| of.entry(one.music.clone()).or_default().push(one));
-    let files: Vec<(PathBuf, Vec<&mut Danced>)> = of.into_iter().collect();
+    let files: Vec<(PathBuf, Vec<&mut MusicClip>)> = of.into_iter().collect();
     files.into_par_iter().try_for_each(|(path, mut dances)| {
-        let range = |one: &Danced| {
+        let range = |one: &MusicClip| {
             let last = one.from + (one.recording.clip.frames() - 1) as f64 * FPS / one.recording.clip.fps();
             one.first..last.round() as usize + 1
         };
@@ -165,7 +163,7 @@ fn hear_all(all: &mut [Danced], audio: Audio) -> Result<()> {
         let mut take = |frame: &[f32]| {
             for one in &mut dances {
                 if range(one).contains(&at) {
-                    one.heard.extend_from_slice(frame);
+                    one.spectra.extend_from_slice(frame);
                 }
             }
             at += 1;
@@ -173,43 +171,42 @@ fn hear_all(all: &mut [Danced], audio: Audio) -> Result<()> {
         };
         let frames = stft(&path, audio.form(), FPS, &mut take)?;
         for one in &mut dances {
-            check(&path, frames, &range(one), &one.heard)
-                .map_err(|e| Error::call(format!("{}: {e}", one.recording.name)))?;
+            check(&path, frames, &range(one), &one.spectra)?;
         }
         Ok(())
     })
 }
 
-/// Refuses music of `frames` spectra that is too short for a dance in this range of them, or silent in it.
+/// Refuses music of `frames` spectra that is shorter than a dance over this range of them, or silent in it.
 ///
 /// # Errors
 /// [`kinelm_store::Error::File`] with what was found and expected.
-pub fn check(path: &Path, frames: usize, range: &Range<usize>, heard: &[f32]) -> Result<()> {
+pub fn check(path: &Path, frames: usize, range: &Range<usize>, spectra: &[f32]) -> Result<()> {
     let s = |n: usize| n as f64 / FPS;
-    if range.end > frames + SLACK || heard.is_empty() {
-        let found = format!("{:.2} s of music behind {:.2} s", s(frames.saturating_sub(range.start)), s(range.start));
+    if range.end > frames + SLACK || spectra.is_empty() {
+        let found = format!("{:.2} s of music after {:.2} s", s(frames.saturating_sub(range.start)), s(range.start));
         let expected = format!("{:.2} s, as long as the dance", s(range.len()));
         return Err(Error::file(path, found, expected, "take longer music, or a shorter dance"));
     }
-    if heard.iter().all(|x| x.abs() < SILENT) {
+    if spectra.iter().all(|x| x.abs() < SILENT) {
         let found = format!("silence from {:.2} s to {:.2} s", s(range.start), s(range.end));
-        return Err(Error::file(path, found, "music", "kinelm music inspect shows what is heard"));
+        return Err(Error::file(path, found, "music", "see kinelm music inspect"));
     }
     Ok(())
 }
 
-/// Mean and deviation of each number over the spectra of some dances, for [`Audio::Fixed`]; else 0 and 1.
-pub fn standard(dances: &[&Danced], audio: Audio) -> [Vec<f32>; 2] {
+/// Mean and deviation of each number over the spectra of some clips, for [`Audio::Fixed`]; else 0 and 1.
+pub fn scale(clips: &[&MusicClip], audio: Audio) -> [Vec<f32>; 2] {
     if audio == Audio::Compat {
-        return [vec![0.0; HEARD], vec![1.0; HEARD]];
+        return [vec![0.0; SPECTRUM], vec![1.0; SPECTRUM]];
     }
-    // numbers whose loudness hardly changes mustn't be blown up
+    // nearly constant numbers must not be amplified
     const LEAST: f64 = 0.05;
-    let frames = || dances.iter().flat_map(|one| one.heard.chunks_exact(HEARD));
+    let frames = || clips.iter().flat_map(|one| one.spectra.chunks_exact(SPECTRUM));
     let n = frames().count() as f64;
-    let mut mean = vec![0.0f64; HEARD];
+    let mut mean = vec![0.0f64; SPECTRUM];
     frames().for_each(|frame| mean.iter_mut().zip(frame).for_each(|(m, x)| *m += f64::from(*x) / n));
-    let mut square = vec![0.0f64; HEARD];
+    let mut square = vec![0.0f64; SPECTRUM];
     for frame in frames() {
         square.iter_mut().zip(&mean).zip(frame).for_each(|((s, m), x)| *s += (f64::from(*x) - m).powi(2) / n);
     }
@@ -220,16 +217,16 @@ pub fn standard(dances: &[&Danced], audio: Audio) -> [Vec<f32>; 2] {
 /// Training clips that are long enough for a sequence, and the names of those that aren't.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] when none is.
-pub fn learned(dances: Dances, config: &Config) -> Result<(Vec<Danced>, Vec<String>)> {
+/// [`kinelm_store::Error::Missing`] when none is.
+pub fn training_clips(clips: MusicClips, config: &Config) -> Result<(Vec<MusicClip>, Vec<String>)> {
     let needed = config.length + 1;
-    let training = dances.all.into_iter().filter(|one| one.recording.split == Split::Train);
-    let (long, short): (Vec<Danced>, Vec<Danced>) = training.partition(|one| one.recording.frames() >= needed);
+    let training = clips.all.into_iter().filter(|one| one.recording.split == Split::Train);
+    let (long, short): (Vec<MusicClip>, Vec<MusicClip>) = training.partition(|one| one.recording.frames() >= needed);
     let short: Vec<String> = short.into_iter().map(|one| one.recording.name).collect();
     if long.is_empty() {
-        let what =
-            format!("no training clip with music and {needed} frames at {FPS} a second; {} are shorter", short.len());
-        return Err(Error::call(format!("{what}: take a shorter length, or other clips")));
+        let what = format!("training clip with music and {needed} frames at {FPS} a second");
+        let help = format!("{} are shorter: take a shorter length, or other clips", short.len());
+        return Err(Error::missing(what, help));
     }
     Ok((long, short))
 }

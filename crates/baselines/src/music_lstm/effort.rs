@@ -1,21 +1,21 @@
-//! Laban's weight effort as a sum of angular speeds, and how far that of one dance is from another's.
+//! Laban's weight effort as a sum of angular speeds, and the error of one dance's effort against another's.
 //!
-//! `w_j(t) = s rotvec(q_j(t+1) conj q_j(t))`, the shorter turn, rad/s at s frames a second; `e(t) = sum_j m_j |w_j(t)|`;
+//! `w_j(t) = s rotvec(q_j(t+1) conj q_j(t))`, the shorter rotation, rad/s at s frames a second; `e(t) = sum_j m_j |w_j(t)|`;
 //! the loss is the mean over t of `(ln(1 + smooth e) - ln(1 + smooth e'))^2`, smoothed over 0.25 s.
 //!
-//! The dissertation sets omega = 2 dq conj(q), dq = q(t+1) conj(q(t)): of unit quaternions that has length 2 whatever
-//! moves, and tells orientations. From q' = omega q / 2 follows omega = 2 q' conj(q); where a difference is needed, a
-//! rotation stands. [`compat`] is that form.
+//! The dissertation sets omega = 2 dq conj(q) with dq = q(t+1) conj(q(t)). For unit quaternions this has length 2 for any
+//! movement, and depends on orientations. From q' = omega q / 2 follows omega = 2 q' conj(q): it puts a rotation where a
+//! difference is needed. [`compat`] is that form.
 
-use super::FPS;
+use crate::FPS;
 use kinelm_motion::{Quat, Skeleton};
 
 /// Seconds over which effort is smoothed.
 const SMOOTH_S: f64 = 0.25;
-/// Turns below this have no direction.
+/// The least sine of half a rotation that has a direction.
 const NO_TURN: f64 = 1e-9;
 
-/// Each joint's share of the bones' lengths that lie below it: what moves when it turns.
+/// Each joint's share of the bones' lengths below it, which its rotation moves.
 pub fn shares(skeleton: &Skeleton) -> Vec<f64> {
     let mut below: Vec<f64> = vec![0.0; skeleton.joints()];
     for end in skeleton.ends() {
@@ -30,11 +30,11 @@ pub fn shares(skeleton: &Skeleton) -> Vec<f64> {
     below.iter().map(|one| if all > 0.0 { one / all } else { 1.0 }).collect()
 }
 
-/// The shorter turn between two unit quaternions, radians, and its gradient by each of them.
+/// The angle between two unit quaternions, radians, and its gradient by each of them.
 fn turn(a: Quat, b: Quat) -> (f64, Quat, Quat) {
     let dot = a.dot(b);
     let sign = if dot < 0.0 { -1.0 } else { 1.0 };
-    // what of one stands across the other: its length is the sine of half the turn
+    // the components orthogonal to the other: their length is the sine of half the angle
     let (of_a, of_b) = (b * sign - a * dot.abs(), a * sign - b * dot.abs());
     let sine = of_b.length();
     let angle = 2.0 * sine.atan2(dot.abs());
@@ -44,14 +44,14 @@ fn turn(a: Quat, b: Quat) -> (f64, Quat, Quat) {
     }
 }
 
-/// (T - 1) effort of frames (T, J) of unit quaternions at `fps`, joints weighed by `weights` (J), rad/s.
+/// (T - 1) effort of frames (T, J) of unit quaternions at `fps`, joints weighted by `weights` (J), rad/s.
 pub fn effort(frames: &[Quat], weights: &[f64], fps: f64) -> Vec<f64> {
     let j = weights.len();
     let steps = frames.chunks_exact(j).zip(frames.chunks_exact(j).skip(1));
     steps.map(|(a, b)| (0..j).map(|i| weights[i] * fps * turn(a[i], b[i]).0).sum()).collect()
 }
 
-/// Means over [`SMOOTH_S`], of fewer numbers where there are no more.
+/// Moving means over [`SMOOTH_S`], or over all numbers where there are fewer.
 fn smooth(effort: &[f64]) -> (usize, Vec<f64>) {
     let window = ((SMOOTH_S * FPS).round() as usize).clamp(1, effort.len().max(1));
     (window, effort.windows(window).map(|some| some.iter().sum::<f64>() / window as f64).collect())
@@ -67,9 +67,9 @@ pub fn corrected(found: &[Quat], truth: &[Quat], weights: &[f64], scale: f64, gr
     let mut loss = 0.0;
     let mut by_step = vec![0.0; (found.len() / j).saturating_sub(1)];
     for (t, (own, theirs)) in own.iter().zip(&theirs).enumerate() {
-        let apart = own.ln_1p() - theirs.ln_1p();
-        loss += apart * apart / n;
-        let slope = 2.0 * apart / (n * (1.0 + own) * window as f64);
+        let error = own.ln_1p() - theirs.ln_1p();
+        loss += error * error / n;
+        let slope = 2.0 * error / (n * (1.0 + own) * window as f64);
         by_step[t..t + window].iter_mut().for_each(|step| *step += slope);
     }
     for (t, slope) in by_step.iter().enumerate() {
@@ -84,27 +84,27 @@ pub fn corrected(found: &[Quat], truth: &[Quat], weights: &[f64], scale: f64, gr
     loss
 }
 
-/// The dissertation's omega of two frames of a joint: 2 dq conj(q). A joint that leaps by 120 degrees and back, frame after
-/// frame, about the axis of a pose and from a third of a turn beside it, has the same as one at rest in that pose.
+/// The dissertation's omega of two frames of a joint: 2 dq conj(q). A joint that jumps by 120 degrees and back in every
+/// frame, about the axis of a pose's rotation, has the omega of one at rest in that pose.
 pub fn omega(a: Quat, b: Quat) -> Quat {
     let back = a.conjugate();
     b * back * back * 2.0
 }
 
-/// The loss as printed: the mean over joints, steps and numbers of the squares of what [`omega`] differs by. Else as
+/// The loss as printed: the mean square difference of [`omega`] over joints, steps and components. Otherwise as
 /// [`corrected`].
 pub fn compat(found: &[Quat], truth: &[Quat], joints: usize, scale: f64, gradients: &mut [Quat]) -> f64 {
     let n = 4.0 * found.len().saturating_sub(joints) as f64;
     let mut loss = 0.0;
     for b in joints..found.len() {
         let a = b - joints;
-        let apart = omega(found[a], found[b]) - omega(truth[a], truth[b]);
-        loss += apart.length_squared() / n;
-        let pull = apart * (2.0 * 2.0 * scale / n);
-        // adjoints: of what stands to a factor's left and right, the conjugates
+        let error = omega(found[a], found[b]) - omega(truth[a], truth[b]);
+        loss += error.length_squared() / n;
+        let d_omega = error * (2.0 * 2.0 * scale / n);
+        // the adjoint of a product is the product with conjugates
         let (q, back) = (found[b], found[a].conjugate());
-        gradients[b] += pull * (back * back).conjugate();
-        let of_back = q.conjugate() * pull * back.conjugate() + (q * back).conjugate() * pull;
+        gradients[b] += d_omega * (back * back).conjugate();
+        let of_back = q.conjugate() * d_omega * back.conjugate() + (q * back).conjugate() * d_omega;
         gradients[a] += of_back.conjugate();
     }
     loss
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn rest_has_none_and_a_radian_a_second_has_one() {
+    fn effort_is_the_angular_speed() {
         for fps in [30.0, 60.0, 120.0] {
             for fixed in any("fixed", 5) {
                 let spin = |rate: f64| -> Vec<Quat> {
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn the_printed_form_has_length_two_at_rest_and_tells_orientation() {
+    fn the_printed_form_has_length_two_at_rest_and_depends_on_orientation() {
         let at = any("at rest", 2);
         for q in &at {
             assert!((omega(*q, *q).length() - 2.0).abs() < 1e-12);
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn the_printed_form_takes_leaps_of_a_third_of_a_turn_for_rest() {
+    fn the_printed_form_takes_jumps_of_120_degrees_for_rest() {
         for rest in any("leap", 5) {
             let axis = Vec3::new(rest.x, rest.y, rest.z).normalize();
             let [a, b] = [1.0, 2.0].map(|k| Quat::from_axis_angle(axis, k * 2.0 * std::f64::consts::TAU / 3.0) * rest);
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_below_a_joint_weighs() {
+    fn bones_below_a_joint_are_its_weight() {
         let names = ["hip", "knee", "foot"].map(String::from).to_vec();
         let offsets = vec![Vec3::ZERO, Vec3::Y * -3.0, Vec3::Y * -1.0];
         let leg = Skeleton::new(names, vec![None, Some(0), Some(1)], offsets, vec![]).unwrap();
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_are_slopes() {
+    fn gradients_are_finite_differences() {
         let (found, truth) = (any("found", 24), any("truth", 24));
         slopes(&found, &|x, g| compat(x, &truth, 2, 1.0, g));
         // along the sphere alone: an angle means nothing off it

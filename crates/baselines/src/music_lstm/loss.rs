@@ -1,36 +1,36 @@
-//! How far a batch of made frames is from the true one, and its gradient, through the normalising of quaternions.
+//! The loss of a batch of frames and its gradient, through the normalisation of quaternions.
 
 use super::config::{Effort, Pose};
 use super::effort;
 use kinelm_motion::Quat;
 use rayon::prelude::*;
 
-/// Shorter outputs are taken to be so long, so that no gradient is larger than a thousand times its own.
+/// The least length that outputs are divided by: it limits gradients to 1,000 times those of unit outputs.
 const SHORTEST: f64 = 1e-3;
 
-/// What is asked of a batch.
+/// The terms of a loss.
 #[derive(Debug, Clone, Copy)]
-pub struct Asked<'a> {
-    /// Of its poses.
+pub struct Terms<'a> {
+    /// Of poses.
     pub pose: Pose,
-    /// Of its effort.
+    /// Of effort.
     pub effort: Effort,
-    /// (J), for [`Effort::Corrected`].
+    /// (J) weights of the joints in [`Effort::Corrected`].
     pub weights: &'a [f64],
 }
 
-/// The loss of outputs `found` (T, B, 4J), of any length a joint, against `truth` (T, B, 4J), unit quaternions as w, x, y,
+/// The loss of outputs `found` (T, B, 4J), unnormalised, against `truth` (T, B, 4J), unit quaternions as w, x, y,
 /// z; `gradients` (T, B, 4J) becomes its gradient.
 ///
 /// # Panics
 /// Slices of other lengths, no whole frames of the weights' joints.
-pub fn loss(asked: Asked, batch: usize, found: &[f32], truth: &[f32], gradients: &mut [f32]) -> f64 {
-    let j = asked.weights.len();
+pub fn loss(terms: Terms, batch: usize, found: &[f32], truth: &[f32], gradients: &mut [f32]) -> f64 {
+    let j = terms.weights.len();
     let row = batch * 4 * j;
     assert!(found.len() == truth.len() && found.len() == gradients.len(), "as many numbers of each");
     assert!(found.len().is_multiple_of(row), "whole steps of {batch} sequences of {j} joints");
     let all: Vec<(f64, Vec<f32>)> =
-        (0..batch).into_par_iter().map(|b| of_one(asked, (batch, b), found, truth)).collect();
+        (0..batch).into_par_iter().map(|b| of_one(terms, (batch, b), found, truth)).collect();
     for (b, (_, own)) in all.iter().enumerate() {
         for (to, from) in gradients.chunks_exact_mut(4 * j).skip(b).step_by(batch).zip(own.chunks_exact(4 * j)) {
             to.copy_from_slice(from);
@@ -50,8 +50,8 @@ fn of(wxyz: &[f32]) -> Quat {
 }
 
 /// Loss and gradients (T, 4J) of one sequence, the gradients over the whole batch.
-fn of_one(asked: Asked, (batch, b): (usize, usize), found: &[f32], truth: &[f32]) -> (f64, Vec<f32>) {
-    let j = asked.weights.len();
+fn of_one(terms: Terms, (batch, b): (usize, usize), found: &[f32], truth: &[f32]) -> (f64, Vec<f32>) {
+    let j = terms.weights.len();
     let raw = of_sequence(found, j, (batch, b));
     let lengths: Vec<f64> = raw.iter().map(|q| q.length().max(SHORTEST)).collect();
     let own: Vec<Quat> = raw.iter().zip(&lengths).map(|(q, length)| *q * (1.0 / length)).collect();
@@ -59,22 +59,22 @@ fn of_one(asked: Asked, (batch, b): (usize, usize), found: &[f32], truth: &[f32]
     let scale = 1.0 / batch as f64;
     let mut gradients = vec![Quat::from_xyzw(0.0, 0.0, 0.0, 0.0); own.len()];
     let mut loss = 0.0;
-    if asked.pose != Pose::None {
+    if terms.pose != Pose::None {
         let n = 4.0 * own.len() as f64;
         for ((q, t), g) in own.iter().zip(&theirs).zip(&mut gradients) {
-            let sign = if asked.pose == Pose::Aligned && q.dot(*t) < 0.0 { -1.0 } else { 1.0 };
-            let apart = *q - *t * sign;
-            loss += apart.length_squared() / n;
-            *g = apart * (2.0 * scale / n);
+            let sign = if terms.pose == Pose::Aligned && q.dot(*t) < 0.0 { -1.0 } else { 1.0 };
+            let error = *q - *t * sign;
+            loss += error.length_squared() / n;
+            *g = error * (2.0 * scale / n);
         }
     }
-    loss += match asked.effort {
+    loss += match terms.effort {
         Effort::None => 0.0,
-        Effort::Corrected => effort::corrected(&own, &theirs, asked.weights, scale, &mut gradients),
+        Effort::Corrected => effort::corrected(&own, &theirs, terms.weights, scale, &mut gradients),
         Effort::Compat => effort::compat(&own, &theirs, j, scale, &mut gradients),
     };
     let back = gradients.iter().zip(&own).zip(raw.iter().zip(&lengths)).flat_map(|((g, q), (raw, length))| {
-        // of one that is taken to be longer only its direction is known
+        // below the least length, the output is scaled by a constant
         let along = if raw.length() < SHORTEST { 0.0 } else { g.dot(*q) };
         let g = (*g - *q * along) * (1.0 / length);
         [g.w as f32, g.x as f32, g.y as f32, g.z as f32]
@@ -103,8 +103,8 @@ mod tests {
     #[test]
     fn by_hand() {
         let of = |pose, found: &[f32], truth: &[f32]| {
-            let asked = Asked { pose, effort: Effort::None, weights: &[1.0] };
-            loss(asked, 1, found, truth, &mut [7.0; 4])
+            let terms = Terms { pose, effort: Effort::None, weights: &[1.0] };
+            loss(terms, 1, found, truth, &mut [7.0; 4])
         };
         // of any length; a quarter of the square of the distance of two unit quaternions
         assert!((of(Pose::Aligned, &[3.0, 0.0, 0.0, 0.0], &[0.0, 1.0, 0.0, 0.0]) - 0.5).abs() < 1e-12);
@@ -113,26 +113,26 @@ mod tests {
     }
 
     #[test]
-    fn gradients_are_slopes() {
+    fn gradients_are_finite_differences() {
         let (t, b, j) = (12, 3, 2);
         let (found, truth) = (numbers("found", t * b * 4 * j), unit(&numbers("truth", t * b * 4 * j)));
         let weights = [1.0, 0.4];
         for pose in [Pose::Aligned, Pose::Compat, Pose::None] {
             for effort in [Effort::None, Effort::Corrected, Effort::Compat] {
-                let asked = Asked { pose, effort, weights: &weights };
+                let terms = Terms { pose, effort, weights: &weights };
                 let mut gradients = vec![7.0; found.len()];
-                loss(asked, b, &found, &truth, &mut gradients);
+                loss(terms, b, &found, &truth, &mut gradients);
                 for at in (0..found.len()).step_by(13) {
                     let slope = |by: f32| {
                         let mut moved = found.clone();
                         moved[at] += by;
-                        (loss(asked, b, &moved, &truth, &mut vec![0.0; found.len()]), f64::from(moved[at]))
+                        (loss(terms, b, &moved, &truth, &mut vec![0.0; found.len()]), f64::from(moved[at]))
                     };
                     let ((up, x1), (down, x0)) = (slope(1e-3), slope(-1e-3));
                     let (expected, found) = ((up - down) / (x1 - x0), f64::from(gradients[at]));
                     assert!(
                         (found - expected).abs() < 1e-4 * expected.abs().max(0.1),
-                        "{asked:?} {at}: {found} {expected}"
+                        "{terms:?} {at}: {found} {expected}"
                     );
                 }
             }
@@ -140,12 +140,12 @@ mod tests {
     }
 
     #[test]
-    fn no_output_and_none_moved_are_numbers() {
+    fn outputs_of_zero_have_a_finite_loss() {
         for effort in [Effort::Corrected, Effort::Compat] {
-            let asked = Asked { pose: Pose::Aligned, effort, weights: &[1.0; 2] };
+            let terms = Terms { pose: Pose::Aligned, effort, weights: &[1.0; 2] };
             let truth = [1.0, 0.0, 0.0, 0.0].repeat(2 * 10);
             let mut gradients = vec![f32::NAN; 80];
-            assert!(loss(asked, 1, &[0.0; 80], &truth, &mut gradients).is_finite());
+            assert!(loss(terms, 1, &[0.0; 80], &truth, &mut gradients).is_finite());
             assert!(gradients.iter().all(|g| g.is_finite()));
         }
     }

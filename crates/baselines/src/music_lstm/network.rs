@@ -1,27 +1,26 @@
-//! The network: linear layers over spectra, layers of LSTM, and one whose units are the joints' quaternions.
+//! The network: linear layers over spectra, LSTM layers, and one whose units are the joints' quaternions.
 //!
-//! Linear layers have a rectifier between them (ours: the dissertation doesn't say). Numbers between layers of LSTM are
-//! dropped in training. The outputs of the last layer are made unit quaternions by whoever uses them; what it sees of its
-//! own is as it came out.
+//! Linear layers have ReLUs between them (ours: the dissertation doesn't say). In training there is dropout between LSTM
+//! layers. Users of the last layer's outputs normalise them; the layer reads its own outputs unnormalised.
 
-use super::HEARD;
+use super::SPECTRUM;
 use super::config::Shape;
-use crate::aclstm::network::even;
+use crate::train::{parameter, uniform};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::Linear;
 use kinelm_engine::dense;
 use kinelm_engine::linear::Products;
 use kinelm_engine::lstm::{Single, TeacherForcing};
 use kinelm_engine::op::dropout;
-use kinelm_train::parameters::List;
+use kinelm_model::layout::Parameter;
 use rayon::prelude::*;
 
-/// Tensors of the numbers that spectra are standardised by, in front of those that learn: their gradients stay 0.
-const STANDARD: usize = 2;
+/// The mean and deviation of the spectra, before the tensors that learn: their gradients stay 0.
+const SCALE: usize = 2;
 
 /// The tensors by name.
-pub fn list(shape: &Shape) -> List {
-    let standard = ["audio.mean", "audio.deviation"].map(|name| (name.to_owned(), [1, HEARD]));
+pub fn list(shape: &Shape) -> Vec<Parameter> {
+    let scale = ["audio.mean", "audio.deviation"].map(|name| (name.to_owned(), [1, SPECTRUM]));
     let linear = shape.linear().into_iter().enumerate().flat_map(|(i, [inputs, outputs])| {
         [(format!("linear.{i:02}.weight"), [inputs, outputs]), (format!("linear.{i:02}.bias"), [1, outputs])]
     });
@@ -30,20 +29,21 @@ pub fn list(shape: &Shape) -> List {
         let names = ["input.weight", "own.weight", "input.bias", "own.bias"].map(|name| format!("{layer}.{name}"));
         names.into_iter().zip(Single::tensors(inputs, width)).collect::<Vec<_>>()
     });
-    standard.into_iter().chain(linear).chain(recurrent).collect()
+    let all = scale.into_iter().chain(linear).chain(recurrent);
+    all.map(|(name, size)| parameter(name, size)).collect()
 }
 
-/// Weights before training, as PyTorch's layers begin: even over +-1 / sqrt(inputs) of a linear layer, +-1 / sqrt(units)
-/// of one of LSTM. `standard`: mean and deviation of each number of the spectra.
-pub fn initial(shape: &Shape, standard: [Vec<f32>; 2], seed: u64) -> Vec<Floats> {
+/// Weights before training, as in PyTorch: uniform over +-1 / sqrt(inputs) for linear layers, +-1 / sqrt(units) for LSTM
+/// layers. `scale`: mean and deviation of each number of the spectra.
+pub fn initial(shape: &Shape, scale: [Vec<f32>; 2], seed: u64) -> Vec<Floats> {
     let linear = shape.linear().into_iter().flat_map(|[inputs, _]| [inputs; 2]);
     let over = linear.chain(shape.recurrent().into_iter().flat_map(|[_, width]| [width; 4]));
-    let sizes = list(shape).into_iter().skip(STANDARD).map(|(_, [rows, columns])| rows * columns);
+    let sizes = list(shape).into_iter().skip(SCALE).map(|p| p.len());
     let learned = sizes.zip(over).enumerate();
     let of = |(i, (len, over)): (usize, (usize, usize))| {
-        even(("music lstm weights", i), len, 1.0 / (over as f64).sqrt(), seed)
+        uniform(("music lstm weights", i), len, 1.0 / (over as f64).sqrt(), seed)
     };
-    standard.iter().map(|numbers| Floats::of(numbers)).chain(learned.map(of)).collect()
+    scale.iter().map(|numbers| Floats::of(numbers)).chain(learned.map(of)).collect()
 }
 
 /// The memory of a pass over T steps of B sequences.
@@ -52,30 +52,31 @@ pub struct Network {
     rows: usize,
     linear: Vec<Dense>,
     recurrent: Vec<Single>,
-    /// (T, B, D) what stands between layers of LSTM, after dropping.
-    between: Vec<Floats>,
-    back: Option<Vec<Floats>>,
+    /// (T, B, D) outputs of LSTM layers, after dropout.
+    hidden: Vec<Floats>,
+    /// Their gradients.
+    d_hidden: Option<Vec<Floats>>,
 }
 
 struct Dense {
     space: dense::Workspace,
-    /// (T B, M) outputs, rectified but for the last layer's.
+    /// (T B, M) outputs, after the ReLU except in the last layer.
     out: Floats,
-    /// (T B, M), of the outputs.
+    /// (T B, M) gradients of the outputs.
     d_out: Option<Floats>,
 }
 
-/// What is dropped between layers: the share, and a key for each.
+/// Dropout between layers.
 #[derive(Debug, Clone, Copy)]
-pub struct Dropped<'a> {
-    /// 0: nothing is.
+pub struct Dropout<'a> {
+    /// The share of dropped numbers.
     pub share: f64,
-    /// (L).
+    /// (L) keys.
     pub keys: &'a [u64],
 }
 
 impl Network {
-    /// Memory; `backward`: for gradients too.
+    /// Memory for a pass; `backward`: for gradients too.
     ///
     /// # Panics
     /// A size of 0.
@@ -87,7 +88,7 @@ impl Network {
             d_out: backward.then(|| Floats::new(rows * outputs)),
         });
         let sizes = shape.recurrent();
-        let between = || sizes[1..].iter().map(|[inputs, _]| Floats::new(rows * inputs)).collect::<Vec<_>>();
+        let hidden = || sizes[1..].iter().map(|[inputs, _]| Floats::new(rows * inputs)).collect::<Vec<_>>();
         Network {
             shape: shape.clone(),
             rows,
@@ -96,38 +97,38 @@ impl Network {
                 .iter()
                 .map(|[inputs, width]| Single::new(*inputs, *width, (batch, steps), backward))
                 .collect(),
-            back: backward.then(between),
-            between: between(),
+            d_hidden: backward.then(hidden),
+            hidden: hidden(),
         }
     }
 
-    /// Takes over weights, in the order of [`list`]: before the first pass and after every update.
+    /// Takes weights, in the order of [`list`]: before the first pass and after every update.
     ///
     /// # Panics
     /// Tensors of another shape, here and below.
     pub fn pack(&mut self, weights: &[Floats]) {
-        let first = STANDARD + 2 * self.linear.len();
+        let first = SCALE + 2 * self.linear.len();
         self.recurrent.iter_mut().zip(weights[first..].chunks_exact(4)).for_each(|(layer, four)| layer.pack(four));
     }
 
-    /// The next pass begins at rest.
+    /// The next pass begins at the zero state.
     pub fn rest(&mut self) {
         self.recurrent.iter_mut().for_each(Single::rest);
     }
 
-    /// The next pass goes on where the last one ended.
+    /// The next pass continues from the end of the last one.
     pub fn carry(&mut self) {
         self.recurrent.iter_mut().for_each(Single::carry);
     }
 
-    /// Outputs (T, B, 4J) of standardised spectra `heard` (T, B, N), with all steps that there is memory for. At steps that
-    /// are told something the joints' layer sees that, (T, B, 4J), in place of its own output before.
-    pub fn forward(&mut self, weights: &[Floats], heard: &[f32], forced: TeacherForcing, dropped: Dropped) -> &[f32] {
+    /// Outputs (T, B, 4J) of standardised `spectra` (T, B, N), T as in [`Network::new`]. At teacher-forced steps the joints'
+    /// layer reads the given rows (T, B, 4J) in place of its previous output.
+    pub fn forward(&mut self, weights: &[Floats], spectra: &[f32], forced: TeacherForcing, dropout: Dropout) -> &[f32] {
         let last = self.linear.len() - 1;
         for i in 0..self.linear.len() {
             let (below, own) = self.linear.split_at_mut(i);
-            let (x, own) = (below.last().map_or(heard, |below| &below.out), &mut own[0]);
-            let [weight, bias] = [0, 1].map(|k| &*weights[STANDARD + 2 * i + k]);
+            let (x, own) = (below.last().map_or(spectra, |below| &below.out), &mut own[0]);
+            let [weight, bias] = [0, 1].map(|k| &*weights[SCALE + 2 * i + k]);
             dense::forward(&mut own.out, x, Linear { weight, bias }, &mut own.space);
             if i < last {
                 own.out.iter_mut().for_each(|y| *y = y.max(0.0));
@@ -135,52 +136,52 @@ impl Network {
         }
         let layers = self.shape.layers;
         for l in 0..layers {
-            let x = if l == 0 { &self.linear[last].out } else { &self.between[l - 1] };
+            let x = if l == 0 { &self.linear[last].out } else { &self.hidden[l - 1] };
             let out = self.recurrent[l].forward(x, TeacherForcing::NONE);
-            self.between[l].copy_from_slice(out);
-            drop_some(&mut self.between[l], self.shape.width, l, dropped);
+            self.hidden[l].copy_from_slice(out);
+            drop_out(&mut self.hidden[l], self.shape.width, l, dropout);
         }
-        self.recurrent[layers].forward(&self.between[layers - 1], forced)
+        self.recurrent[layers].forward(&self.hidden[layers - 1], forced)
     }
 
-    /// Gradients of the weights, in the order of [`list`], by those of the last pass's outputs (T, B, 4J), which had
-    /// `heard` and `dropped`.
+    /// Gradients of the weights, in the order of [`list`], from those of the last pass's outputs (T, B, 4J), with the same
+    /// `spectra` and `dropout`.
     pub fn backward(
         &mut self,
         weights: &[Floats],
         outputs: &[f32],
-        heard: &[f32],
-        dropped: Dropped,
+        spectra: &[f32],
+        dropout: Dropout,
         gradients: &mut [Floats],
     ) {
-        let Some(back) = &mut self.back else { panic!("memory for the forward pass only") };
+        let Some(d_hidden) = &mut self.d_hidden else { panic!("memory for the forward pass only") };
         let (layers, last) = (self.shape.layers, self.linear.len() - 1);
-        let first = STANDARD + 2 * self.linear.len();
+        let first = SCALE + 2 * self.linear.len();
         let (of_linear, of_recurrent) = gradients.split_at_mut(first);
         for l in (0..=layers).rev() {
             let own = &mut of_recurrent[4 * l..4 * l + 4];
-            let (below, above) = back.split_at_mut(l);
+            let (below, above) = d_hidden.split_at_mut(l);
             let d_out = if l == layers { outputs } else { &above[0] };
             let (x, dx) = match l {
                 0 => {
                     let Dense { out, d_out: Some(d_out), .. } = &mut self.linear[last] else { return };
                     (&*out, d_out)
                 }
-                _ => (&self.between[l - 1], &mut below[l - 1]),
+                _ => (&self.hidden[l - 1], &mut below[l - 1]),
             };
             self.recurrent[l].backward(d_out, x, dx, own);
             if l > 0 {
-                drop_some(&mut below[l - 1], self.shape.width, l - 1, dropped);
+                drop_out(&mut below[l - 1], self.shape.width, l - 1, dropout);
             }
         }
         for i in (0..=last).rev() {
-            let [weight, bias] = &mut of_linear[STANDARD + 2 * i..STANDARD + 2 * i + 2] else { return };
+            let [weight, bias] = &mut of_linear[SCALE + 2 * i..SCALE + 2 * i + 2] else { return };
             let (below, own) = self.linear.split_at_mut(i);
             let (below, own) = (below.last_mut(), &mut own[0]);
             let Some(d_out) = &own.d_out else { return };
-            let (to, with) = (Linear { weight: &mut **weight, bias: &mut **bias }, &weights[STANDARD + 2 * i]);
+            let (to, with) = (Linear { weight: &mut **weight, bias: &mut **bias }, &weights[SCALE + 2 * i]);
             match below {
-                None => dense::backward(None, d_out, heard, with, to, &mut own.space),
+                None => dense::backward(None, d_out, spectra, with, to, &mut own.space),
                 Some(Dense { out, d_out: Some(dx), .. }) => {
                     dense::backward(Some(dx), d_out, out, with, to, &mut own.space);
                     dx.iter_mut().zip(out.iter()).filter(|(_, y)| **y <= 0.0).for_each(|(d, _)| *d = 0.0);
@@ -196,15 +197,15 @@ impl Network {
     }
 }
 
-fn drop_some(x: &mut [f32], width: usize, layer: usize, dropped: Dropped) {
-    let Some(key) = dropped.keys.get(layer).filter(|_| dropped.share > 0.0) else { return };
-    x.par_chunks_mut(width).enumerate().for_each(|(row, x)| dropout::apply(x, *key, row as u64, 0, dropped.share));
+fn drop_out(x: &mut [f32], width: usize, layer: usize, dropout: Dropout) {
+    let Some(key) = dropout.keys.get(layer).filter(|_| dropout.share > 0.0) else { return };
+    x.par_chunks_mut(width).enumerate().for_each(|(row, x)| dropout::apply(x, *key, row as u64, 0, dropout.share));
 }
 
-/// Standardises spectra (.., N) by the numbers that stand in front of the weights.
-pub fn standardise(weights: &[Floats], heard: &mut [f32]) {
+/// Standardises spectra (.., N) by the mean and deviation among the weights.
+pub fn standardise(weights: &[Floats], spectra: &mut [f32]) {
     let [mean, deviation] = [0, 1].map(|k| &*weights[k]);
-    heard.par_chunks_mut(HEARD).for_each(|frame| {
+    spectra.par_chunks_mut(SPECTRUM).for_each(|frame| {
         frame.iter_mut().zip(mean.iter().zip(deviation)).for_each(|(x, (m, d))| *x = (*x - m) / d);
     });
 }

@@ -1,39 +1,32 @@
 //! A run's `config.toml`, and a trained network out of its folder.
 
+use super::SPECTRUM;
 use super::config::{Config, Shape};
-use super::data::{Dances, Places};
-use super::network::{Dropped, Network, list, standardise};
-use super::{FPS, HEARD};
-use crate::aclstm::Rig;
-use crate::aclstm::data::{Hashes, Recording, Recordings, check_files};
-use crate::aclstm::form::{Coder, Form, check_finite};
-use crate::{Error, Result};
+use super::data::{MusicClips, MusicSources};
+use super::network::{Dropout, Network, list, standardise};
+use crate::data::{Hashes, Recording, Recordings, check_files};
+use crate::form::{Coder, Form, check_finite};
+use crate::rig::Rig;
+use crate::run::{self, Checkpoint, Kind, RunConfig, Settings};
+use crate::{Error, FPS, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::TeacherForcing;
-use kinelm_model::checkpoint::{CheckpointChoice, Checkpoints};
-use kinelm_model::run::{CONFIG, WEIGHTS};
-use kinelm_model::weights;
+use kinelm_model::checkpoint::CheckpointChoice;
+use kinelm_model::run::CONFIG;
 use kinelm_motion::skeleton::EndSite;
 use kinelm_motion::{Clip, Skeleton, Vec3};
-use kinelm_store::{FileRecord, files};
-use kinelm_train::parameters::numbers;
-use kinelm_train::updates::Kind;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// What tells such a run from others.
-const KIND: Kind =
-    Kind { name: "music-lstm", one_of: "one of a music LSTM", command: "kinelm music-lstm train", version: 2 };
-/// Steps that are computed at a time: what the memory is for.
+/// Steps that are computed at a time.
 const AT_ONCE: usize = 50;
 
-/// The body that dances are made on: that of the first clip.
+/// The body of generated dances: that of the first clip.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Body {
-    /// (3) where the root stays, metres.
+    /// (3) the fixed position of the root, metres.
     pub place: [f64; 3],
     /// (J, 3) from a joint's parent to it, metres.
     pub offsets: Vec<[f64; 3]>,
@@ -42,7 +35,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// Of a clip: its bones, and the mean height of its root.
+    /// The body of a clip: its bones, and the mean height of its root.
     pub fn of(clip: &Clip) -> Body {
         let skeleton = clip.skeleton();
         let height = clip.root().iter().map(|p| p.y).sum::<f64>() / clip.frames().max(1) as f64;
@@ -53,17 +46,18 @@ impl Body {
         }
     }
 
-    /// It as a skeleton of the rig.
+    /// The body as a skeleton of the rig.
     ///
     /// # Errors
-    /// As many offsets as joints, and what makes no skeleton.
+    /// Another number of joints or ends than the rig's, or what makes no skeleton.
     pub fn skeleton(&self, rig: &Rig) -> Result<Arc<Skeleton>> {
         if self.offsets.len() != rig.joints()
             || self.ends.len() != rig.ends.len()
             || rig.parents.len() + 1 != rig.joints()
         {
-            let what = format!("{} joints and {} ends of a body", self.offsets.len(), self.ends.len());
-            return Err(Error::call(format!("{CONFIG}: {what}; the rig has {} and {}", rig.joints(), rig.ends.len())));
+            let found = format!("of {} joints and {} ends", self.offsets.len(), self.ends.len());
+            let expected = format!("the rig's {} and {}", rig.joints(), rig.ends.len());
+            return Err(Error::invalid(format!("{CONFIG}: the body"), found, expected));
         }
         let parents = [None].into_iter().chain(rig.parents.iter().map(|parent| Some(*parent))).collect();
         let ends = rig.ends.iter().zip(&self.ends).map(|(parent, o)| EndSite { parent: *parent, offset: (*o).into() });
@@ -81,65 +75,61 @@ pub struct RunFile {
     /// The layout's version.
     pub version: u32,
     /// One hash of the clips and their music.
-    pub dances_sha256: String,
+    pub clips_sha256: String,
     /// The settings.
     pub config: Config,
     /// The rig.
     pub rig: Rig,
-    /// Whom dances are made on.
+    /// The body of generated dances.
     pub body: Body,
-    /// Where the motion and the music are, in the file from the run's folder on.
-    pub places: Places,
-    /// SHA-256 of each file of both; runs of before don't know it.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    /// Where the motion and the music are; in the file, relative to the run's folder.
+    pub sources: MusicSources,
+    /// SHA-256 of each file of both.
     pub files: Hashes,
 }
 
 impl RunFile {
-    /// Of a new run.
-    pub fn new(config: &Config, places: &Places, recordings: &Recordings, dances: &Dances) -> RunFile {
+    /// The configuration of a new run.
+    pub fn new(config: &Config, sources: &MusicSources, recordings: &Recordings, clips: &MusicClips) -> RunFile {
         RunFile {
-            kind: KIND.name.into(),
-            version: KIND.version,
-            dances_sha256: dances.sha256.clone(),
+            kind: Self::KIND.name.into(),
+            version: Self::KIND.version,
+            clips_sha256: clips.sha256.clone(),
             config: config.clone(),
             rig: recordings.rig.clone(),
             body: Body::of(&recordings.all[0].clip),
-            places: places.clone(),
-            files: dances.files.clone(),
+            sources: sources.clone(),
+            files: clips.files.clone(),
         }
     }
 
-    /// The clips and the music that `run` has learned from and is measured on; `wanted` says which are heard.
+    /// The clips that `run` learns from and is measured on; `is_used` selects those whose music is read.
     ///
     /// # Errors
-    /// What reading and hearing fail with; files that have changed since.
-    pub fn dances(&self, run: &Path, wanted: impl Fn(&Recording) -> bool) -> Result<(Recordings, Dances)> {
-        let (config, places) = (&self.config, &self.places);
-        let recordings = Recordings::load(&places.motion, config.margin, Some(&self.rig))?;
-        let dances = Dances::hear(&recordings, places, config.audio, config.margin, wanted)?;
-        check_files(run, [&self.dances_sha256, &dances.sha256], [&self.files, &dances.files])?;
-        Ok((recordings, dances))
+    /// What reading fails with; files that have changed since it was begun.
+    pub fn clips(&self, run: &Path, is_used: impl Fn(&Recording) -> bool) -> Result<(Recordings, MusicClips)> {
+        let (config, sources) = (&self.config, &self.sources);
+        let recordings = Recordings::load(&sources.motion, config.margin, Some(&self.rig))?;
+        let clips = MusicClips::load(&recordings, sources, config.audio, config.margin, is_used)?;
+        check_files(run, [&self.clips_sha256, &clips.sha256], [&self.files, &clips.files])?;
+        Ok((recordings, clips))
+    }
+}
+
+impl RunConfig for RunFile {
+    const KIND: Kind =
+        Kind { name: "music-lstm", one_of: "one of a music LSTM", command: "kinelm music-lstm train", version: 3 };
+
+    fn with_paths(&self, path: &dyn Fn(&Path) -> PathBuf) -> RunFile {
+        RunFile { sources: self.sources.with_paths(path), ..self.clone() }
     }
 
-    /// Writes it.
-    ///
-    /// # Errors
-    /// What the system refuses.
-    pub fn write(&self, run: &Path) -> Result<()> {
-        let places = self.places.with_paths(|path| files::path_from(run, path));
-        KIND.write(run, &RunFile { places, ..self.clone() })
+    fn steps(&mut self) -> &mut u64 {
+        &mut self.config.steps
     }
 
-    /// Reads that of a run.
-    ///
-    /// # Errors
-    /// A folder without one, a run of another kind, another version, keys that are wrong.
-    pub fn read(run: &Path) -> Result<RunFile> {
-        let mut file: RunFile = KIND.read(run)?;
-        file.places = file.places.with_paths(|path| files::path_in(run, path));
-        file.config.validate().map_err(|e| Error::call(format!("{}: {e}", run.join(CONFIG).display())))?;
-        Ok(file)
+    fn validate(&self) -> Result<()> {
+        self.config.validate()
     }
 }
 
@@ -147,7 +137,7 @@ impl RunFile {
 pub struct Trained {
     /// Its run folder.
     pub run: PathBuf,
-    /// What its run is.
+    /// The configuration of its run.
     pub file: RunFile,
     /// Quaternions on its rig.
     pub coder: Coder,
@@ -157,11 +147,11 @@ pub struct Trained {
     pub shape: Shape,
     /// Its weights, in the order of [`list`].
     pub weights: Vec<Floats>,
-    /// Updates that they had.
+    /// Updates done.
     pub step: u64,
-    /// SHA-256 of their file.
+    /// SHA-256 of the file of the weights.
     pub sha256: String,
-    /// What the user should be told.
+    /// What the user should know.
     pub notes: Vec<String>,
 }
 
@@ -175,71 +165,65 @@ impl Trained {
         let coder = Coder::new(Form::Quaternion, &file.rig)?;
         let skeleton = file.body.skeleton(&file.rig)?;
         let shape = file.config.shape(coder.joints());
-        let mut notes = Vec::new();
-        let found = Checkpoints::of(run).find(which, &[WEIGHTS], &[], &mut |note| notes.push(note))?;
-        let (path, bytes) = (found.dir.join(WEIGHTS), &found.files[WEIGHTS]);
-        let weights = numbers(&list(&shape), &weights::from_bytes(&path, bytes)?, "").map_err(|e| match e {
-            Error::Weights(found) => Error::file(&path, found, "the network that config.toml describes", ""),
-            other => other,
-        })?;
-        let (step, sha256) = (found.state.step, FileRecord::of(bytes).sha256);
+        let Checkpoint { weights, step, sha256, notes } = run::load(run, which, &list(&shape))?;
         Ok(Trained { run: run.into(), coder, skeleton, shape, weights, step, sha256, notes, file })
     }
 
-    /// A dance that begins at rest.
+    /// A dance from the zero state.
     pub fn dancer(&self) -> Dancer<'_> {
         let mut network = Network::new(&self.shape, (1, AT_ONCE), false);
         network.pack(&self.weights);
-        Dancer { trained: self, network, heard: Vec::new(), made: Vec::new(), frames: 0 }
+        Dancer { trained: self, network, spectra: Vec::new(), channels: Vec::new(), frames: 0 }
     }
 
     /// The dance to spectra (F, N).
     ///
     /// # Errors
     /// Those of [`Dancer::finish`].
-    pub fn dance(&self, heard: &[f32]) -> Result<Clip> {
+    pub fn dance(&self, spectra: &[f32]) -> Result<Clip> {
         let mut dancer = self.dancer();
-        heard.chunks_exact(HEARD).for_each(|frame| dancer.hear(frame));
+        spectra.chunks_exact(SPECTRUM).for_each(|frame| dancer.push(frame));
         dancer.finish()
     }
 }
 
-/// A dance that is made as it hears, a few frames at a time.
+/// A dance that is generated a few frames at a time, from a stream of spectra.
 pub struct Dancer<'a> {
     trained: &'a Trained,
     network: Network,
-    heard: Vec<f32>,
-    /// (F, 3 + 4J).
-    made: Vec<f64>,
+    /// Spectra that are not yet read.
+    spectra: Vec<f32>,
+    /// (F, 3 + 4J) frames so far.
+    channels: Vec<f64>,
     frames: usize,
 }
 
 impl Dancer<'_> {
-    /// Takes the spectrum (N) of its next frame.
-    pub fn hear(&mut self, frame: &[f32]) {
-        self.heard.extend_from_slice(frame);
+    /// Takes the spectrum (N) of the next frame.
+    pub fn push(&mut self, frame: &[f32]) {
+        self.spectra.extend_from_slice(frame);
         self.frames += 1;
-        if self.heard.len() == AT_ONCE * HEARD {
+        if self.spectra.len() == AT_ONCE * SPECTRUM {
             self.step();
         }
     }
 
     fn step(&mut self) {
-        let new = self.heard.len() / HEARD;
-        // what isn't heard yet changes nothing before it
-        self.heard.resize(AT_ONCE * HEARD, 0.0);
-        standardise(&self.trained.weights, &mut self.heard);
-        let nothing = Dropped { share: 0.0, keys: &[] };
-        let outputs = self.network.forward(&self.trained.weights, &self.heard, TeacherForcing::NONE, nothing);
+        let new = self.spectra.len() / SPECTRUM;
+        // later frames don't change earlier ones
+        self.spectra.resize(AT_ONCE * SPECTRUM, 0.0);
+        standardise(&self.trained.weights, &mut self.spectra);
+        let no_dropout = Dropout { share: 0.0, keys: &[] };
+        let outputs = self.network.forward(&self.trained.weights, &self.spectra, TeacherForcing::NONE, no_dropout);
         for frame in outputs.chunks_exact(self.trained.shape.channels()).take(new) {
-            self.made.extend(self.trained.file.body.place);
-            self.made.extend(frame.iter().map(|x| f64::from(*x)));
+            self.channels.extend(self.trained.file.body.place);
+            self.channels.extend(frame.iter().map(|x| f64::from(*x)));
         }
         self.network.carry();
-        self.heard.clear();
+        self.spectra.clear();
     }
 
-    /// Frames that were heard.
+    /// Frames so far.
     pub fn frames(&self) -> usize {
         self.frames
     }
@@ -247,13 +231,13 @@ impl Dancer<'_> {
     /// The dance.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] for a network that runs away, with the frame and the channel.
+    /// [`crate::Error::NotFinite`] for a network that diverges, with the frame and the channel.
     pub fn finish(mut self) -> Result<Clip> {
-        if !self.heard.is_empty() {
+        if !self.spectra.is_empty() {
             self.step();
         }
         let coder = &self.trained.coder;
-        check_finite(&self.made, coder.channels())?;
-        coder.clip(&self.made, &self.trained.skeleton, FPS)
+        check_finite(&self.channels, coder.channels())?;
+        coder.clip(&self.channels, &self.trained.skeleton, FPS)
     }
 }

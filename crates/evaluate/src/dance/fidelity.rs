@@ -8,7 +8,7 @@ use crate::{Error, Result};
 use kinelm_classify::features::moments_of;
 use kinelm_classify::fields::Fields;
 use kinelm_classify::lda::{COMPONENTS, Lda};
-use kinelm_classify::measures::wilson;
+use kinelm_classify::metrics::wilson;
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_spectral::Series;
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! Windows in which some joints are hidden: a model that also knows a body by what is left of it.
+//! Windows with hidden joints, so that the model also works with some joints unknown.
 
 use crate::{Error, Result};
 use kinelm_motion::joints::Selection;
@@ -12,13 +12,14 @@ pub struct Droppable {
 }
 
 impl Droppable {
-    /// Those of a tokenizer.
+    /// The droppable joints of a tokenizer.
     ///
     /// # Errors
-    /// A tokenizer whose tokens don't belong to one joint each, with the reason; one that codes the root alone.
+    /// A tokenizer whose tokens don't belong to one joint each, with the reason; one that codes only the root.
     pub fn of(tokenizer: &Tokenizer) -> Result<Droppable> {
-        let refuse =
-            |why: String| Error::call(format!("augment.drop_joints: no joint can be hidden: {why}; leave it out"));
+        let refuse = |why: String| {
+            Error::unsupported("augment.drop_joints", format!("no joint can be hidden: {why}; leave it out"))
+        };
         let coded = tokenizer.channels().joints().iter().filter(|&&joint| joint != 0);
         let places = |&joint: &usize| tokenizer.slots_of(&Selection { joints: vec![joint], translation: false });
         let joints: Vec<Vec<usize>> =
@@ -33,7 +34,7 @@ impl Droppable {
     }
 
     /// The places of one up to half of the joints, any number of them alike, ascending.
-    pub fn draw(&self, rng: &mut impl RngCore) -> Vec<usize> {
+    pub fn sample(&self, rng: &mut impl RngCore) -> Vec<usize> {
         let half = (self.joints.len() / 2).max(1);
         let number = 1 + (rng.next_u64() % half as u64) as usize;
         let mut order: Vec<usize> = (0..self.joints.len()).collect();

@@ -1,10 +1,10 @@
-//! Windows that face another way.
+//! Windows with another heading.
 
 use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_tokenizer::scheme::pelvis::about_y;
 
-/// The clip turned about the vertical through the origin, radians; its shape stays.
+/// The clip turned about the vertical axis through the origin, radians.
 ///
 /// # Errors
 /// None in practice.
@@ -22,7 +22,7 @@ mod tests {
     use kinelm_motion::{Vec3, synth};
 
     #[test]
-    fn a_turned_body_keeps_its_shape_and_its_heights() {
+    fn a_turned_body_keeps_its_poses_and_heights() {
         let clip = synth::corpus(3, 1, 2.0, 20.0).unwrap().remove(0).clip;
         let found = turned(&clip, 1.3).unwrap();
         for f in 0..clip.frames() {
@@ -31,7 +31,7 @@ mod tests {
             let step = found.root()[f] - found.root()[0];
             assert!((step.length() - (clip.root()[f] - clip.root()[0]).length()).abs() < 1e-12);
         }
-        // a quarter turn to the left takes ahead to the left
+        // 90 degrees to the left: forward becomes left
         let left = turned(&clip, std::f64::consts::FRAC_PI_2).unwrap();
         let (a, b) = (clip.pose(9)[0] * Vec3::Z, left.pose(9)[0] * Vec3::Z);
         assert!((b - Vec3::new(a.z, a.y, -a.x)).length() < 1e-12);

@@ -1,20 +1,20 @@
-//! A past that is a little wrong, as a model's own is when it dances: it learns to go on from there to what was right.
+//! Noise on the history: a generating model's history has errors, from which it learns to return.
 //!
-//! Each code of a window's inputs is moved once by a whole number of bins, drawn from a Gaussian whose deviation is drawn for
-//! the window. Targets stay. After the input corruption of T2M-GPT (Zhang et al. 2023), which replaces codes by any others.
+//! Each input code of a window is moved by a rounded Gaussian number of bins, whose deviation is random per window. Targets
+//! stay. After the input corruption of T2M-GPT (Zhang et al. 2023), which replaces codes by random ones.
 
 use crate::{Error, Result};
 use kinelm_store::random;
 use kinelm_tokenizer::{SlotIds, Tokenizer};
 use rand_chacha::rand_core::RngCore;
 
-/// The share of the windows whose past is moved.
+/// The share of the windows with noise.
 const SHARE: f64 = 0.7;
 
-/// The most bins that may be asked for.
+/// The largest deviation, bins.
 pub const MOST: f64 = 16.0;
 
-/// What stands at the places of a word.
+/// The bins of a word's slots.
 #[derive(Debug)]
 pub struct History {
     places: Vec<SlotIds>,
@@ -30,18 +30,17 @@ impl History {
         let places = tokenizer.slot_ids();
         match places.is_empty() {
             false => Ok(History { places, most }),
-            true => Err(Error::call(
-                "augment.history_noise: places of these words have no bins that could be moved (tiles, merges, words of \
-                 different length); leave it out",
-            )),
+            true => {
+                let why = "the slots of these words have no bins that could be moved (tiles, merges, words of different length)";
+                Err(Error::unsupported("augment.history_noise", format!("{why}; leave it out")))
+            }
         }
     }
 
-    /// Moves the codes of `inputs`, which begin with a word's first token, as windows of words of one length do; what is no
-    /// bin of its place stays.
+    /// Adds noise to the codes of `inputs`, which begin with a word's first token. Ids that are no bins of their slot stay.
     pub fn disturb(&self, inputs: &mut [u32], rng: &mut impl RngCore) {
-        let (drawn, deviation) = (random::unit(rng) < SHARE, self.most * random::unit(rng));
-        if !drawn {
+        let (is_noisy, deviation) = (random::unit(rng) < SHARE, self.most * random::unit(rng));
+        if !is_noisy {
             return;
         }
         let word = self.places.len() + 1;
@@ -53,7 +52,7 @@ impl History {
     }
 }
 
-/// A bin so many further, round the circle or up to the ends.
+/// A bin moved by `by` bins, wrapping around for angles, else clamped to the ends.
 fn moved(kind: SlotIds, bin: u32, by: i64) -> u32 {
     let (bin, count) = (i64::from(bin) + by, i64::from(kind.count));
     (if kind.circular { bin.rem_euclid(count) } else { bin.clamp(0, count - 1) }) as u32
@@ -67,13 +66,13 @@ mod tests {
     const STEP: SlotIds = SlotIds { first: 20, count: 5, circular: false };
 
     #[test]
-    fn bins_move_round_the_circle_and_up_to_the_ends() {
+    fn bins_wrap_around_or_are_clamped() {
         assert_eq!([-12, -1, 0, 11].map(|by| moved(ANGLE, 0, by)), [8, 9, 0, 1]);
         assert_eq!([-9, -1, 1, 9].map(|by| moved(STEP, 1, by)), [0, 0, 2, 4]);
     }
 
     #[test]
-    fn every_code_moves_by_itself_and_nothing_else_does() {
+    fn every_code_moves_independently_and_nothing_else_does() {
         let history = History { places: vec![ANGLE, STEP], most: 2.0 };
         let clean: Vec<u32> = (0..3000).flat_map(|i| [6 + i % 10, 20 + i % 5, 5]).chain([0, 3, 6]).collect();
         let (mut disturbed, mut squares) = (0, 0.0);

@@ -1,9 +1,9 @@
-//! Windows in a mirror: left and right change places.
+//! Mirrored windows: left and right are exchanged.
 
 use crate::Result;
 use kinelm_motion::{Clip, mirror};
 
-/// The clip reflected in the plane x = 0, as [`mirror::mirror`] does. Its places and steps change their x alone.
+/// The clip reflected in the plane x = 0 by [`mirror::mirror`].
 ///
 /// # Errors
 /// A clip that is not on the 24 SMPL joints, which decoded words are.

@@ -1,10 +1,9 @@
-//! Motion that is changed while a model learns from it: every window anew, from streams of its own.
+//! Augmentation: every window is changed independently, from its own random streams.
 //!
-//! A window's words are decoded, the motion is changed, and the words of what came out are what the model sees. A window
-//! in the middle of a clip is decoded behind a word of no step and no turn and behind the words before it, which are
-//! left out again: its first step then starts where and as the decoder of the whole clip did, whatever it assumes of a
-//! clip's beginning. So a window that nothing changes keeps its words: exactly where a word is a frame coded for itself
-//! (uniform and quantile bins), up to rounding in tiles.
+//! A window's words are decoded, the motion is changed and encoded again. A window in the middle of a clip is decoded after a
+//! neutral word (no step, no turn) and the words before it, which are dropped again: its first step then begins as in the
+//! whole clip. So an unchanged window keeps its words: exactly where each word is a frame (uniform and quantile bins), up to
+//! rounding in tiles.
 
 mod drop_joints;
 mod heading;
@@ -12,7 +11,7 @@ mod history;
 mod mirror;
 mod speed;
 
-use super::window::{Stand, WindowId};
+use super::window::{WindowId, WindowSpan};
 use crate::{Error, Result};
 use drop_joints::Droppable;
 use history::History;
@@ -22,21 +21,20 @@ use kinelm_store::random;
 use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 use serde::{Deserialize, Serialize};
 
-/// The `[augment]` table. Labels stay what they are.
+/// The `[augment]` table. Labels aren't changed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AugmentConfig {
-    /// Share of the windows that are seen in a mirror, 0..=1. Default 0.
+    /// Share of the windows that are mirrored, 0..=1. Default 0.
     pub mirror: f64,
-    /// Every window faces another way, any of the circle. Default false.
+    /// Whether every window gets a random heading. Default false.
     pub heading: bool,
-    /// Largest change of speed, either way: 0.1 is 0.9 to 1.1 times as fast, 0..=0.5. Default 0.
+    /// Largest change of speed: 0.1 is 0.9 to 1.1 times as fast, 0..=0.5. Default 0.
     pub speed: f64,
-    /// Share of the windows in which some joints, never the root, are hidden from the model and not asked about, 0..=1.
-    /// Default 0.
+    /// Share of the windows in which some joints, never the root, are neither inputs nor targets, 0..=1. Default 0.
     pub drop_joints: f64,
-    /// In seven of ten windows every code that the model reads is moved by a Gaussian of up to so many bins, its deviation
-    /// drawn for the window; what it is to answer stays. 0..=16. Default 0.
+    /// Largest deviation, in bins, of Gaussian noise on the input codes of 70 % of the windows, 0..=16; each window has its
+    /// own deviation, and targets stay. Default 0.
     pub history_noise: f64,
 }
 
@@ -44,7 +42,7 @@ impl AugmentConfig {
     /// Checks every key.
     ///
     /// # Errors
-    /// The first key outside its limits, with both.
+    /// The first key outside its limits.
     pub fn validate(&self) -> Result<()> {
         let keys = [
             ("mirror", self.mirror, 1.0),
@@ -53,7 +51,7 @@ impl AugmentConfig {
             ("history_noise", self.history_noise, history::MOST),
         ];
         match keys.into_iter().find(|(_, value, most)| !(0.0..=*most).contains(value)) {
-            Some((key, value, most)) => Err(Error::call(format!("augment.{key} is {value}; expected 0 to {most}"))),
+            Some((key, value, most)) => Err(Error::invalid(format!("augment.{key}"), value, format!("0 to {most}"))),
             None => Ok(()),
         }
     }
@@ -63,7 +61,7 @@ impl AugmentConfig {
     }
 }
 
-/// What changes windows.
+/// Changes windows.
 #[derive(Debug)]
 pub struct Augment {
     config: AugmentConfig,
@@ -74,20 +72,20 @@ pub struct Augment {
 }
 
 impl Augment {
-    /// What `config` asks for; `None` if that is nothing.
+    /// The augmentation of `config`; `None` if it changes nothing.
     ///
     /// # Errors
-    /// Keys outside their limits; dropped joints where a token belongs to no one joint; a turned heading where words
-    /// don't say which way a body faces.
+    /// Keys outside their limits; dropped joints where tokens don't belong to one joint each; headings where words don't code
+    /// the heading.
     pub fn new(config: &AugmentConfig, tokenizer: &Tokenizer, seed: u64) -> Result<Option<Augment>> {
         config.validate()?;
         if *config == AugmentConfig::default() {
             return Ok(None);
         }
         if config.heading && tokenizer.channels().has_turn() {
-            let what = "augment.heading is true and the tokenizer codes the pelvis's turns as steps, so that its words \
-                        are the same whichever way a body faces; leave it out";
-            return Err(Error::call(what));
+            let why =
+                "the tokenizer codes the pelvis's turns as steps, so that its words are the same for every heading";
+            return Err(Error::unsupported("augment.heading", format!("{why}; leave it out")));
         }
         let droppable = match config.drop_joints > 0.0 {
             true => Droppable::of(tokenizer)?,
@@ -98,42 +96,42 @@ impl Augment {
         Ok(Some(Augment { config: *config, seed, tokenizer: tokenizer.clone(), droppable, history }))
     }
 
-    /// The changed ids of a window, no more than `room`; `None` where it stays as it is: nothing was drawn for it, it
-    /// starts inside a word, or its motion can't be coded any more.
+    /// The changed ids of a window, at most `room`; `None` where it is unchanged: by chance, because it starts inside a word, or
+    /// because its changed motion can't be coded.
     pub fn ids(
         &self,
         corpus: &Corpus,
         clip: &ClipRecord,
-        stand: &Stand,
+        span: &WindowSpan,
         window: WindowId,
         room: usize,
     ) -> Option<Changed> {
         let words = corpus.words(clip);
-        if !self.config.moves() || words.start(stand.word) != stand.start {
+        if !self.config.moves() || words.start(span.word) != span.start {
             return None;
         }
-        let draw =
+        let random =
             |purpose: &str| random::unit(&mut random::stream(self.seed, purpose, window.round, window.number as u64));
-        let factor = 1.0 + self.config.speed * (2.0 * draw("speed") - 1.0);
-        let mirrored = draw("mirror") < self.config.mirror;
-        let turn = if self.config.heading { std::f64::consts::TAU * draw("heading") } else { 0.0 };
+        let factor = 1.0 + self.config.speed * (2.0 * random("speed") - 1.0);
+        let mirrored = random("mirror") < self.config.mirror;
+        let turn = if self.config.heading { std::f64::consts::TAU * random("heading") } else { 0.0 };
         if factor == 1.0 && !mirrored && turn == 0.0 {
             return None;
         }
-        let shown = words.before(stand.start + stand.tokens) - stand.word;
-        let piece = Piece { corpus, clip, first: stand.word, words: shown, factor };
+        let shown = words.before(span.start + span.tokens) - span.word;
+        let piece = Piece { corpus, clip, first: span.word, words: shown, factor };
         let change = |clip: Clip| {
             let clip = if mirrored { mirror::mirrored(&clip)? } else { clip };
             if turn == 0.0 { Ok(clip) } else { heading::turned(&clip, turn) }
         };
-        // where words have one length, the window ends where it ended
-        let most = if corpus.manifest().tokens_per_word.is_some() { stand.tokens } else { room };
+        // where words have one length, the window keeps its end
+        let most = if corpus.manifest().tokens_per_word.is_some() { span.tokens } else { room };
         let mut ids = piece.recoded(&self.tokenizer, &change).ok()?;
         ids.truncate(most);
         Some(Changed { ids, first: piece.first_frame(&self.tokenizer), factor })
     }
 
-    /// Moves what a model reads of a window, from its first word on.
+    /// Adds noise to the inputs of a window, from its first word on.
     pub fn disturb(&self, window: WindowId, inputs: &mut [u32]) {
         let rng = || random::stream(self.seed, "history noise", window.round, window.number as u64);
         self.history.iter().for_each(|history| history.disturb(inputs, &mut rng()));
@@ -143,41 +141,41 @@ impl Augment {
     pub fn dropped(&self, window: WindowId) -> Vec<usize> {
         let mut rng = random::stream(self.seed, "drop joints", window.round, window.number as u64);
         match random::unit(&mut rng) < self.config.drop_joints {
-            true => self.droppable.draw(&mut rng),
+            true => self.droppable.sample(&mut rng),
             false => Vec::new(),
         }
     }
 }
 
-/// A window that was changed.
+/// A changed window.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Changed {
     /// Its ids.
     pub ids: Vec<u32>,
-    /// The frame of the clip at which its first frame stands, which may lie between frames.
+    /// Its first frame in the clip's frames, which may be fractional.
     pub first: f64,
-    /// Frames of the clip from one of its frames to the next.
+    /// Frames of the clip per frame of the window.
     pub factor: f64,
 }
 
-/// Words of a clip that become motion and words again.
+/// Words of a clip that are decoded and encoded again.
 struct Piece<'a> {
     corpus: &'a Corpus,
     clip: &'a ClipRecord,
     first: usize,
     words: usize,
-    /// How many times as fast.
+    /// The factor of speed.
     factor: f64,
 }
 
 impl Piece<'_> {
-    /// What a word's neighbours change of it must be there: the first word that is read.
+    /// The first word that is read: words depend on their neighbours.
     fn from(&self, tokenizer: &Tokenizer) -> usize {
         let reach = tokenizer.scheme().reach().div_ceil(tokenizer.frames_per_word());
         self.first.saturating_sub(1 + reach)
     }
 
-    /// The frame of the clip at which the first frame stands: all that is read is `factor` times as fast.
+    /// The first frame in the clip's frames: all words that are read are `factor` times as fast.
     fn first_frame(&self, tokenizer: &Tokenizer) -> f64 {
         let l = tokenizer.frames_per_word();
         let from = self.from(tokenizer);
@@ -189,10 +187,10 @@ impl Piece<'_> {
         let (l, scheme) = (tokenizer.frames_per_word(), tokenizer.scheme());
         let reach = scheme.reach().div_ceil(l);
         let from = self.from(tokenizer);
-        let behind = reach + scheme.unsettled_words();
+        let after = reach + scheme.unsettled_words();
         let lead = self.first - from;
         let needed =
-            ((lead + self.words + behind) as f64 * self.factor).ceil() as usize + usize::from(self.factor != 1.0);
+            ((lead + self.words + after) as f64 * self.factor).ceil() as usize + usize::from(self.factor != 1.0);
         let to = (from + needed).min(self.corpus.words(self.clip).len());
         let mut words = Words::new();
         let before = usize::from(from > 0);
@@ -202,7 +200,7 @@ impl Piece<'_> {
         let read = tokenizer.words_of_ids(&self.corpus.word_ids(self.clip, from..to)?).words;
         read.iter().for_each(|word| words.push(word));
         let clip = tokenizer.decode(&words, UncodedPose::Identity)?;
-        let clip = if self.factor == 1.0 { clip } else { behind_start(&clip, before * l, self.factor)? };
+        let clip = if self.factor == 1.0 { clip } else { speed_up_after(&clip, before * l, self.factor)? };
         let coded = tokenizer.encode(&change(clip)?)?.words;
         let mut taken = Words::new();
         coded.iter().skip(before + lead).take(self.words).for_each(|word| taken.push(word));
@@ -210,8 +208,8 @@ impl Piece<'_> {
     }
 }
 
-/// A clip whose frames behind the first `start` are `factor` times as fast.
-fn behind_start(clip: &Clip, start: usize, factor: f64) -> Result<Clip> {
+/// A clip whose frames after the first `start` are `factor` times as fast.
+fn speed_up_after(clip: &Clip, start: usize, factor: f64) -> Result<Clip> {
     let body = speed::stretched(&clip.slice(start..clip.frames()), factor)?;
     let head = clip.slice(0..start);
     let root = [head.root(), body.root()].concat();

@@ -175,7 +175,7 @@ fn what_makes_no_sense_is_refused_with_the_reason() {
     let turn = AugmentConfig { heading: true, ..Default::default() };
     assert_eq!(said(uniform(RootRotation::Absolute), AugmentConfig::default()), Ok(false));
     assert_eq!(said(uniform(RootRotation::Absolute), drop), Ok(true));
-    assert!(said(uniform(RootRotation::HeadingDelta), turn).unwrap_err().contains("whichever way a body faces"));
+    assert!(said(uniform(RootRotation::HeadingDelta), turn).unwrap_err().contains("the same for every heading"));
     let tiles = SchemeConfig::Dct(DctConfig::default());
     let tiles = TokenizerConfig { scheme: tiles, ..uniform(RootRotation::Absolute) };
     assert!(said(tiles, drop).unwrap_err().starts_with("augment.drop_joints: no joint can be hidden"));

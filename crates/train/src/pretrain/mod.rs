@@ -1,53 +1,58 @@
-//! Training from the first weights on: what is asked for becomes a run folder, or a run folder is found and gone on with.
+//! Training of a GPT: a new run, from random weights or another model's, or a run that is resumed.
 
-pub mod from;
+mod finetune;
 mod saved;
+mod task;
 #[cfg(test)]
 mod tests;
-mod trainer;
 
 use super::config::TrainFile;
 use super::data::{CorpusPart, Data};
 use super::folder::RunFolder;
+use super::optimizer::Tensors;
 use super::precision::Precision;
 use super::progress::Progress;
-use super::run::RunFile;
+use super::resize::{Inputs, resize};
+use super::run::{RunFile, origin};
 use super::stages::Stages;
-use super::{lead_ins, room, updates};
+use super::trainer::{Trainer, check_steps};
+use super::{lead_ins, memory};
 use crate::{Error, Result};
-use candle_core::Tensor;
-use from::Source;
 use kinelm_corpus::Opening;
-use kinelm_model::Compute;
 use kinelm_model::checkpoint::{Best, Checkpoints};
 use kinelm_model::likelihood::Likelihood;
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use kinelm_model::{Compute, LoadedRun, ModelConfig, exchange};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
-use trainer::Trainer;
+use std::time::Instant;
 
-/// What to train, on what, and where to.
+pub use finetune::finetune;
+pub use task::Pretraining;
+
+/// What to train, on what, and where to write it.
 #[derive(Debug, Clone, Default)]
 pub struct PretrainOptions {
-    /// The training file. A run that is resumed has its own; one given then must say the same.
+    /// The training file. A resumed run has its own; a file given then must agree with it.
     pub file: Option<TrainFile>,
-    /// The corpora, over those in the file (or the run's).
+    /// The corpora, in place of those in the file (or the run's).
     pub corpora: Vec<CorpusPart>,
-    /// The run folder, over the one in the file.
+    /// The run folder, in place of the file's.
     pub run: Option<PathBuf>,
-    /// Steps in all, over the file's (or the run's).
+    /// Steps in all, in place of the file's (or the run's).
     pub steps: Option<u64>,
-    /// The seed, over the file's.
+    /// The seed, in place of the file's.
     pub seed: Option<u64>,
-    /// Label fields that the model is conditioned on, over the file's.
+    /// Label fields that the model is conditioned on, in place of the file's. A fine-tuned model has its source's too.
     pub conditions: Option<Vec<String>>,
-    /// A run, or a folder that was exported, whose weights a new run begins with.
+    /// The weights that a new run begins with: a run, of which the best checkpoint counts, or a folder that
+    /// `kinelm export` or `transformers` wrote.
     pub from: Option<PathBuf>,
-    /// Go on with the run where its last whole checkpoint stands.
+    /// Continues the run from its last whole checkpoint.
     pub resume: bool,
-    /// In which numbers products are computed, over the file's (or the run's).
+    /// Numbers that products are computed in, in place of the file's (or the run's).
     pub precision: Option<Precision>,
-    /// Where and how to compute. A run can go on elsewhere than where it was begun.
+    /// Where and how to compute. A run may be resumed elsewhere than where it began.
     pub compute: Compute,
     /// How the corpora are opened.
     pub opening: Opening,
@@ -64,76 +69,116 @@ pub struct Summary {
     pub step: u64,
     /// Whether it was stopped before its last step.
     pub stopped: bool,
-    /// Whether it ended before its last step because its patience was out.
+    /// Whether its patience ended it before its last step.
     pub early: bool,
-    /// The last step's loss, nats a token; `None` if no step was left to do.
+    /// The last step's loss, nats a token; `None` without a step.
     pub loss: Option<f64>,
-    /// The measurement at the end, if there are validation clips and it wasn't stopped.
+    /// The measurement at the end, if there are validation clips and the run wasn't stopped.
     pub valid: Option<Likelihood>,
     /// The best measurement of the run.
     pub best: Option<Best>,
-    /// Tokens trained on in all, padding left out.
+    /// Tokens trained on in all, without padding.
     pub tokens: u64,
     /// Seconds of this call.
     pub seconds: f64,
 }
 
-/// Trains a model from scratch or from the weights of another run, or goes on with a run.
+/// Trains a model from random weights or those of another run, or resumes a run.
 ///
-/// A checkpoint is written as often as the file says, where validation is best, at the last step, and when `stop`
-/// becomes true. A resumed run has the same bits as one that was never stopped, on the same kind of CPU and in the same
-/// form. It works on the rayon pool that it is called in; the number of threads changes nothing.
+/// Checkpoints are written every `train.checkpoint_every` steps, where validation is best, at the last step, and when `stop`
+/// becomes true. A resumed run has the bits of one that was never stopped, on the same kind of CPU and in the same form. It
+/// works on the rayon pool that it is called in, whose number of threads changes nothing.
 ///
 /// # Errors
-/// Options that don't hold together; a run folder that exists (without `resume`), or that another process writes; a
-/// corpus without training clips or another than the run's; a loss or gradient that is not finite (step and clips are
-/// named); what the system refuses.
+/// Options that don't agree; a run folder that exists (without `resume`), or that another process writes; a corpus without
+/// training clips or another than the run's; a loss or gradient that is not finite, with step and clips; what the system
+/// refuses.
 pub fn pretrain(options: &PretrainOptions, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<Summary> {
-    let of_file = |pick: fn(&TrainFile) -> &Option<PathBuf>| options.file.as_ref().and_then(|f| pick(f).clone());
-    let run = options.run.clone().or_else(|| of_file(|f| &f.run));
-    let run = run.ok_or_else(|| Error::call("no run folder; give one by --run or in the training file"))?;
-    // a device that isn't there must not leave an empty run behind
-    options.compute.device.open()?;
-    let (folder, file, data) = match options.resume {
-        true => {
-            let folder = RunFolder::open(&run)?;
-            let (file, data) = found(options, &folder)?;
-            (folder, file, data)
-        }
-        false => {
-            let (file, data, weights) = asked(options, progress)?;
-            (begin(&run, &file, &data, weights)?, file, data)
-        }
-    };
-    go_on(&folder, file, &data, options.compute, stop, progress)
+    run_of(options, false, stop, progress)
 }
 
-/// Tensors by name.
-type Weights = BTreeMap<String, Tensor>;
+/// A training of either kind.
+pub(super) fn run_of(
+    options: &PretrainOptions,
+    is_finetuning: bool,
+    stop: &AtomicBool,
+    progress: &mut dyn Progress,
+) -> Result<Summary> {
+    let run = options.run.clone().or_else(|| options.file.as_ref()?.run.clone());
+    let run = run.ok_or_else(|| Error::missing("run folder", "give `run`, or `run` in the training file"))?;
+    // a missing device must not leave an empty run
+    options.compute.device.open()?;
+    let (folder, file, data) = if options.resume {
+        let folder = RunFolder::open(&run)?;
+        let (file, data) = resumed(options, &folder)?;
+        (folder, file, data)
+    } else {
+        let (file, data, weights) = new(options, is_finetuning, progress)?;
+        (begin(&run, &file, &data, weights)?, file, data)
+    };
+    continue_run(&folder, file, &data, options.compute, stop, progress)
+}
 
-/// The configuration of a new run, and the weights it begins with if they aren't drawn.
-fn asked(options: &PretrainOptions, progress: &mut dyn Progress) -> Result<(RunFile, Data, Option<Weights>)> {
+/// The configuration of a new run, its data, and its first weights unless they are random.
+fn new(
+    options: &PretrainOptions,
+    is_finetuning: bool,
+    progress: &mut dyn Progress,
+) -> Result<(RunFile, Data, Option<Tensors>)> {
     let file = options.file.as_ref();
-    let file = file.ok_or_else(|| Error::call("no training file; give one by --config"))?;
+    let file = file.ok_or_else(|| Error::missing("training file", "give `config`"))?;
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
-    let source = options.from.as_deref().map(Source::load).transpose()?;
-    source.iter().flat_map(Source::notes).for_each(|note| progress.note(note));
+    let source = options.from.as_deref().map(|from| Ok::<_, Error>((from, exchange::load(from)?))).transpose()?;
+    source.iter().flat_map(|(_, source)| &source.notes).for_each(|note| progress.note(note));
     let mut train = file.train.clone();
     train.conditions = options.conditions.clone().unwrap_or(train.conditions);
-    let data = Data::open(&corpora, source.as_ref().map(|s| &s.tokenizer), &train.conditions, options.opening)
-        .map_err(|e| if options.conditions.is_some() { e } else { file.named(e) })?;
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
     train.precision = options.precision.unwrap_or(train.precision);
-    train.precision.choose(None, options.compute)?;
-    let mut run =
-        RunFile { augment: file.augment, ..RunFile::new(&file.model, &train, &data).map_err(|e| file.named(e))? };
-    let weights = source.map(|source| source.weights(&mut run)).transpose()?;
-    Ok((run, data, weights))
+    train.precision.resolve(None, options.compute)?;
+    let model = match source.as_ref().filter(|_| is_finetuning) {
+        Some((_, source)) => {
+            train.conditions = finetune::conditions(source, &train.conditions);
+            finetune::shape(file, source)?
+        }
+        None => file.model.clone(),
+    };
+    let tokenizer = source.as_ref().map(|(_, source)| source.load_tokenizer()).transpose()?;
+    let data = Data::open(&corpora, tokenizer.as_ref(), &train.conditions, options.opening)
+        .map_err(|e| if options.conditions.is_some() { e } else { file.located(e) })?;
+    let run = RunFile::new(&model, &train, &data).map_err(|e| file.located(e))?;
+    let mut run = RunFile { augment: file.augment, ..run };
+    let Some((from, source)) = source else { return Ok((run, data, None)) };
+    if !is_finetuning {
+        check_same_model(from, &run.model, &source)?;
+    }
+    run.from = Some(origin(from, &source)?);
+    let old = Inputs { tokens: &source.tokens, conditions: &source.conditions };
+    let inputs = Inputs { tokens: &run.tokens, conditions: &run.train.conditions };
+    let weights = resize(&source.weights, &run.model, old, inputs, run.train.seed)?;
+    if is_finetuning {
+        progress.note(&finetune::new_inputs(&source.tokens, &run.tokens));
+    }
+    Ok((run, data, Some(weights)))
 }
 
-/// The configuration of a run folder that is there.
-fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> {
+/// Refuses weights of another model than the run's. Only dropout may differ.
+fn check_same_model(from: &Path, model: &ModelConfig, source: &LoadedRun) -> Result<()> {
+    let (model, own) = (finetune::keys(model), finetune::keys(&source.config.resolved(&source.tokens)));
+    let text = |value: Option<&toml::Value>| value.map_or("left out".into(), toml::Value::to_string);
+    let keys: BTreeSet<&String> = model.keys().chain(own.keys()).collect();
+    match keys.into_iter().find(|key| model.get(*key) != own.get(*key)) {
+        Some(key) => {
+            let help = "give the [model] of their run";
+            let expected = format!("{}, as in the weights of {}; {help}", text(own.get(key)), from.display());
+            Err(Error::invalid(format!("model.{key}"), text(model.get(key)), expected))
+        }
+        None => Ok(()),
+    }
+}
+
+/// The configuration and the data of a run that exists.
+fn resumed(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> {
     let mut file = RunFile::read(run.path())?;
     let corpora = match (&options.file, options.corpora.is_empty()) {
         (Some(given), true) => given.corpora()?,
@@ -147,59 +192,54 @@ fn found(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> 
         let mut train = given.train.clone();
         (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));
         train.precision = options.precision.map_or(train.precision, |_| file.train.precision);
-        let (asked, own) = (given.model.resolved(&file.tokens), file.model.resolved(&file.tokens));
-        if asked != own || train != file.train || given.augment != file.augment {
-            let what = "was begun with another configuration; leave --config out to go on with the run's own";
-            return Err(Error::call(format!("{} {what}", run.path().display())));
+        let (given_model, own) = (given.model.resolved(&file.tokens), file.model.resolved(&file.tokens));
+        if given_model != own || train != file.train || given.augment != file.augment {
+            let why = format!("{} was begun with another configuration; leave it out", run.path().display());
+            return Err(Error::unsupported("`config`", why));
         }
     }
     if let Some(seed) = options.seed.filter(|s| *s != file.train.seed) {
-        return Err(Error::call(format!("seed {seed}; the run was begun with {}", file.train.seed)));
+        return Err(Error::invalid("`seed`", seed, format!("{}, which the run was begun with", file.train.seed)));
     }
     if let Some(steps) = options.steps.filter(|s| *s != file.train.steps) {
-        updates::check_steps(run.path(), steps)?;
+        check_steps(run.path(), steps)?;
         file.train.steps = steps;
         file.write(run.path())?;
     }
     if let Some(precision) = options.precision.filter(|p| *p != file.train.precision) {
-        precision.choose(None, options.compute)?;
+        precision.resolve(None, options.compute)?;
         file.train.precision = precision;
         file.write(run.path())?;
     }
     Ok((file, data))
 }
 
-/// Makes the folder of a new run. Without `weights` it begins with those that its seed draws; with them, with these: they
-/// are its first checkpoint, so that the run doesn't need again what they were taken from.
+/// Makes the folder of a new run. Without `weights` it begins with random ones of its seed. With `weights`, these are its
+/// first checkpoint, so that the run needs their source no more.
 ///
 /// # Errors
-/// A folder that is there and not empty; a corpus without training clips; a model that this machine can't hold; weights
-/// of another model; what the system refuses.
-pub fn begin(
-    run: &std::path::Path,
-    file: &RunFile,
-    data: &Data,
-    weights: Option<BTreeMap<String, Tensor>>,
-) -> Result<RunFolder> {
-    // whatever is refused must not leave an empty run behind
+/// A folder that exists and isn't empty; a corpus without training clips; a model that this machine can't hold; weights of
+/// another model; what the system refuses.
+pub fn begin(run: &Path, file: &RunFile, data: &Data, weights: Option<Tensors>) -> Result<RunFolder> {
+    // what is refused must not leave an empty run
     Stages::of_run(file, data)?;
-    room::check(&file.model, &file.tokens, &file.train)?;
+    memory::check(&file.model, &file.tokens, &file.train)?;
     let first = weights.map(|weights| saved::first(file, weights)).transpose()?;
     let folder = RunFolder::create(run)?;
     file.put_beside(run, data)?;
-    if let Some(contents) = first {
-        Checkpoints::of(run).write(saved::before(file), &contents)?;
+    if let Some(files) = first {
+        Checkpoints::of(run).write(saved::before(file), &files)?;
     }
     // last: a folder with it is a run
     file.write(run)?;
     Ok(folder)
 }
 
-/// Trains the run in a folder that [`begin`] made, from where it stands to its last step.
+/// Trains the run in a folder that [`begin`] made, from its last checkpoint to its last step.
 ///
 /// # Errors
 /// As [`pretrain`].
-pub fn go_on(
+pub fn continue_run(
     run: &RunFolder,
     file: RunFile,
     data: &Data,
@@ -208,5 +248,25 @@ pub fn go_on(
     progress: &mut dyn Progress,
 ) -> Result<Summary> {
     lead_ins::write(run.path(), file.train.seed, data)?;
-    Trainer::new(run, file, data, compute, progress)?.train(stop)
+    let started = Instant::now();
+    let mut trainer = trainer(run, file, data, compute, progress)?;
+    trainer.train(stop)?;
+    Ok(trainer.task.summary(&trainer, started))
+}
+
+/// The training of a run, from its last checkpoint on.
+///
+/// # Errors
+/// A corpus without training clips, no checkpoint that is whole though there are some, what the system refuses.
+pub fn trainer<'a>(
+    run: &RunFolder,
+    file: RunFile,
+    data: &'a Data,
+    compute: Compute,
+    progress: &'a mut dyn Progress,
+) -> Result<Trainer<Pretraining<'a>>> {
+    let cadence = file.train.cadence();
+    let checkpoints = Checkpoints::of(run.path());
+    let (task, state) = Pretraining::open(run, file, data, compute, &checkpoints, progress)?;
+    Ok(Trainer::new(task, cadence, Some(checkpoints), state))
 }

@@ -1,6 +1,6 @@
 use super::*;
-use crate::metrics::StepFigures;
-use crate::{Precision, Schedule, Silent, TrainConfig, fixture};
+use crate::metrics::StepMetrics;
+use crate::{NoProgress, Precision, Schedule, TrainConfig, fixture};
 use kinelm_corpus::{Conditions, Corpus, Split};
 use kinelm_engine::linear::Products;
 use kinelm_model::checkpoint::CheckpointChoice;
@@ -16,7 +16,7 @@ use std::time::Duration;
 struct StopAt<'a>(u64, &'a AtomicBool, Vec<String>);
 
 impl Progress for StopAt<'_> {
-    fn step(&mut self, f: &StepFigures, _: u64, _: Duration) {
+    fn step(&mut self, f: &StepMetrics, _: u64, _: Duration) {
         self.1.store(f.step == self.0, Ordering::Relaxed);
     }
     fn valid(&mut self, _: u64, _: &Likelihood, _: bool) {}
@@ -48,7 +48,7 @@ fn options(dir: &Path, run: &str, file: Option<TrainFile>) -> PretrainOptions {
 }
 
 fn go(options: &PretrainOptions) -> Result<Summary> {
-    pretrain(options, &AtomicBool::new(false), &mut Silent)
+    pretrain(options, &AtomicBool::new(false), &mut NoProgress)
 }
 
 #[test]
@@ -104,9 +104,9 @@ fn a_run_in_bf16_goes_on_bit_for_bit_and_says_what_computed_it() {
 
     // another precision is asked for by name, and the break is said
     (halves.resume, halves.file, halves.precision) = (true, None, Some(Precision::F32));
-    let mut told = StopAt(100, &stop, Vec::new());
-    let second = pretrain(&halves, &AtomicBool::new(false), &mut told).unwrap();
-    let said = told.2.join("\n");
+    let mut notes = StopAt(100, &stop, Vec::new());
+    let second = pretrain(&halves, &AtomicBool::new(false), &mut notes).unwrap();
+    let said = notes.2.join("\n");
     assert!(said.contains(&format!("computed by {name} so far, now by f32")), "{said}");
     assert_eq!((products(&second), RunFile::read(&second.run).unwrap().train.precision), (None, Precision::F32));
     let (found, plain) = (second.loss.unwrap(), f32s.loss.unwrap());
@@ -115,7 +115,7 @@ fn a_run_in_bf16_goes_on_bit_for_bit_and_says_what_computed_it() {
     let mut plain = options(dir.path(), "plain", Some(file()));
     (plain.precision, plain.compute.form) = (Some(Precision::Bf16), Form::Plain);
     let message = go(&plain).unwrap_err().to_string();
-    assert!(message.contains("this form computes in f32") && !dir.path().join("plain").exists(), "{message}");
+    assert!(message.contains("f32, which this form computes in") && !dir.path().join("plain").exists(), "{message}");
 }
 
 #[test]
@@ -199,7 +199,11 @@ fn another_corpus_seed_or_configuration_is_no_resume() {
         go(&options).map(|s| s.step).map_err(|e| e.to_string())
     };
     assert!(said(&|o| o.seed = Some(5)).unwrap_err().contains("another configuration"));
-    assert!(said(&|o| (o.seed, o.file) = (Some(5), None)).unwrap_err().contains("seed 5; the run was begun with 4"));
+    assert!(
+        said(&|o| (o.seed, o.file) = (Some(5), None))
+            .unwrap_err()
+            .contains("`seed` is 5; expected 4, which the run was begun with")
+    );
     assert!(said(&|o| o.file.as_mut().unwrap().model.width = 8).unwrap_err().contains("another configuration"));
     assert!(said(&|o| o.run = Some(dir.path().join("none"))).unwrap_err().contains("no config.toml"));
     let held = RunFolder::open(&dir.path().join("run")).unwrap();
@@ -250,7 +254,7 @@ fn weights_to_begin_with_are_the_first_checkpoint() {
     let weights = || layout::initial(&model, &run_file.tokens, 77).unwrap();
     let go = |run: &Path, weights| {
         let folder = begin(run, &run_file, &data, weights)?;
-        go_on(&folder, run_file.clone(), &data, Compute::default(), &AtomicBool::new(false), &mut Silent)
+        continue_run(&folder, run_file.clone(), &data, Compute::default(), &AtomicBool::new(false), &mut NoProgress)
     };
     let run = dir.path().join("with");
     let with = go(&run, Some(weights())).unwrap();
@@ -261,9 +265,9 @@ fn weights_to_begin_with_are_the_first_checkpoint() {
     let cut = dir.path().join("cut");
     drop(begin(&cut, &run_file, &data, Some(weights())).unwrap());
     let options = PretrainOptions { run: Some(cut), resume: true, ..Default::default() };
-    assert_eq!(pretrain(&options, &AtomicBool::new(false), &mut Silent).unwrap().loss, with.loss);
+    assert_eq!(pretrain(&options, &AtomicBool::new(false), &mut NoProgress).unwrap().loss, with.loss);
     // what doesn't fit leaves no folder
-    let said = |change: &dyn Fn(&mut BTreeMap<String, Tensor>)| {
+    let said = |change: &dyn Fn(&mut Tensors)| {
         let mut weights = weights();
         change(&mut weights);
         let none = dir.path().join("none");
@@ -271,11 +275,11 @@ fn weights_to_begin_with_are_the_first_checkpoint() {
         assert!(!none.exists());
         message
     };
-    let one = || Tensor::full(f32::NAN, 16, &candle_core::Device::Cpu).unwrap();
-    assert!(said(&|w| drop(w.remove("norm.bias"))).contains("no tensor norm.bias"));
+    let one = || candle_core::Tensor::full(f32::NAN, 16, &candle_core::Device::Cpu).unwrap();
+    assert!(said(&|w| drop(w.remove("norm.bias"))).contains("no norm.bias of shape [16]"));
     assert!(said(&|w| drop(w.insert("norm.bias".into(), one()))).contains("would hold NaN in norm.bias"));
     assert!(said(&|w| drop(w.insert("more".into(), one()))).contains("no place for the tensor more"));
-    assert!(said(&|w| drop(w.insert("token.weight".into(), one()))).contains("token.weight has the shape [16]"));
+    assert!(said(&|w| drop(w.insert("token.weight".into(), one()))).contains("no token.weight of shape"));
 }
 
 #[test]
@@ -436,7 +440,7 @@ fn a_run_on_two_corpora_resumes_and_keeps_their_weights() {
     assert!(dir.path().join("halves/corpus-2.json").is_file());
     halves.corpora = parts[..1].to_vec();
     let message = go(&halves).unwrap_err().to_string();
-    assert_eq!(message, "corpora of the weights 1; the run was begun on corpora of the weights 1, 2.5");
+    assert_eq!(message, "`corpora` is of the weights 1; expected the weights 1, 2.5, as the run was begun");
     halves.corpora = parts.iter().rev().map(|p| CorpusPart { weight: 3.5 - p.weight, ..p.clone() }).collect();
     // the same clips, so the same hash
     go(&halves).unwrap();
@@ -453,7 +457,7 @@ fn a_run_begins_with_the_weights_of_another() {
     further.from = Some(other.run.clone());
     further.steps = Some(2);
     let stop = AtomicBool::new(true);
-    let begun = pretrain(&further, &stop, &mut Silent).unwrap();
+    let begun = pretrain(&further, &stop, &mut NoProgress).unwrap();
     assert_eq!((begun.step, begun.stopped), (0, true));
     let own = load_run(&begun.run, CheckpointChoice::Latest).unwrap();
     let theirs = load_run(&other.run, CheckpointChoice::Auto).unwrap();
@@ -478,6 +482,6 @@ fn a_run_begins_with_the_weights_of_another() {
         message
     };
     let message = said(&|o| o.file.as_mut().unwrap().model.layers = 1);
-    assert!(message.contains("model.layers is 1, theirs 2; give --config its [model]"), "{message}");
+    assert!(message.contains("model.layers is 1; expected 2, as in the weights of"), "{message}");
     assert!(said(&|o| o.from = Some(dir.path().join("none"))).contains("none"));
 }

@@ -1,22 +1,22 @@
-//! Curves of several runs on one chart: lines for training, marks for measurements on the validation clips.
+//! Curves of several runs in one chart: lines for training, marks for measurements on the validation clips.
 
 use super::log::{Log, Valid};
-use crate::metrics::StepFigures;
+use crate::metrics::StepMetrics;
 use kinelm_view::plot::{Chart, Look, Scale, Series};
 
-/// What is drawn.
+/// The vertical axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum), value(rename_all = "snake_case"))]
 pub enum Metric {
-    /// Nats a token.
+    /// Nats per token.
     Loss,
-    /// Bits a frame.
+    /// Bits per frame.
     BitsPerFrame,
     /// The learning rate.
     Rate,
     /// The gradient's norm before clipping.
     GradientNorm,
-    /// Tokens a second.
+    /// Tokens per second.
     TokensPerSecond,
 }
 
@@ -31,7 +31,7 @@ impl Metric {
         }
     }
 
-    fn of_step(self, s: &StepFigures) -> f64 {
+    fn of_step(self, s: &StepMetrics) -> f64 {
         match self {
             Metric::Loss => s.loss,
             Metric::BitsPerFrame => s.bits_per_frame,
@@ -49,7 +49,7 @@ impl Metric {
         }
     }
 
-    /// What falls by shares is seen best on powers.
+    /// Losses and norms are on a logarithmic axis.
     fn scale(self) -> Scale {
         match self {
             Metric::Loss | Metric::BitsPerFrame | Metric::GradientNorm => Scale::Log,
@@ -58,31 +58,31 @@ impl Metric {
     }
 }
 
-/// What it is drawn over.
+/// The horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
-pub enum Over {
+pub enum XAxis {
     /// Updates.
     Step,
     /// Tokens trained on.
     Tokens,
-    /// Hours that the steps took.
+    /// Hours of training steps.
     Time,
 }
 
-/// Points of a line at most; steps beyond are put together by their mean.
+/// Largest number of points of a line; more are averaged.
 const POINTS: usize = 400;
 
-/// Marks of a run at most; of more, some are drawn, the last among them.
+/// Largest number of marks of a run; of more, every n-th is drawn, and the last.
 const MARKS: usize = 40;
 
-/// The curves of runs under their names.
-pub fn chart(runs: &[(String, Log)], metric: Metric, over: Over) -> Chart {
+/// The curves of runs, by name.
+pub fn chart(runs: &[(String, Log)], metric: Metric, over: XAxis) -> Chart {
     let mut series = Vec::new();
     for (colour, (name, log)) in runs.iter().enumerate() {
         let along = along(log, over);
         let train = along.iter().zip(&log.steps).map(|(x, s)| (*x, metric.of_step(s))).collect::<Vec<_>>();
-        // a measurement stands where the last step before it does
+        // a measurement has the abscissa of the last step before it
         let at = |v: &Valid| log.steps.partition_point(|s| s.step <= v.step).checked_sub(1).map(|i| along[i]);
         let valid = log.valid.iter().filter_map(|v| Some((at(v)?, metric.of_valid(v)?))).collect::<Vec<_>>();
         let colour = Some(colour);
@@ -95,24 +95,24 @@ pub fn chart(runs: &[(String, Log)], metric: Metric, over: Over) -> Chart {
         series.push(Series { name: label, points: spread(&valid), look: Look::Marks, colour });
     }
     let x = match over {
-        Over::Step => "steps",
-        Over::Tokens => "tokens",
-        Over::Time => "hours of training steps",
+        XAxis::Step => "steps",
+        XAxis::Tokens => "tokens",
+        XAxis::Time => "hours of training steps",
     };
     let scales = (Scale::Linear, metric.scale());
     Chart { title: metric.label().into(), x: x.into(), y: metric.label().into(), scales, series, ..Chart::default() }
 }
 
-/// Where each step stands on the horizontal axis.
-fn along(log: &Log, over: Over) -> Vec<f64> {
+/// The abscissa of each step.
+fn along(log: &Log, over: XAxis) -> Vec<f64> {
     match over {
-        Over::Step => log.steps.iter().map(|s| s.step as f64).collect(),
-        Over::Tokens => log.steps.iter().map(|s| s.tokens as f64).collect(),
-        Over::Time => log.seconds().into_iter().map(|s| s / 3600.0).collect(),
+        XAxis::Step => log.steps.iter().map(|s| s.step as f64).collect(),
+        XAxis::Tokens => log.steps.iter().map(|s| s.tokens as f64).collect(),
+        XAxis::Time => log.seconds().into_iter().map(|s| s / 3600.0).collect(),
     }
 }
 
-/// Means of stretches of equal length, where there are too many points.
+/// Means over stretches of equal length, for more than [`POINTS`] points.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let stretch = points.len().div_ceil(POINTS).max(1);
     let mean = |part: &[(f64, f64)]| {
@@ -122,7 +122,7 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     points.chunks(stretch).map(mean).collect()
 }
 
-/// Every so many points, where there are too many, counted from the last.
+/// Every n-th point counted from the last, for more than [`MARKS`] points.
 fn spread(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let step = points.len().div_ceil(MARKS).max(1);
     let mut some: Vec<_> = points.iter().rev().step_by(step).copied().collect();
@@ -136,24 +136,24 @@ mod tests {
     use crate::runs::log::tests::write;
 
     #[test]
-    fn measurements_stand_where_their_steps_do() {
+    fn measurements_are_at_their_steps() {
         let dir = tempfile::tempdir().unwrap();
         write(dir.path(), 12);
         let log = Log::read(dir.path()).unwrap();
         let runs = [("a".to_string(), log.clone()), ("b".to_string(), Log::default())];
         let of = |metric, over| chart(&runs, metric, over).series;
-        let series = of(Metric::BitsPerFrame, Over::Step);
+        let series = of(Metric::BitsPerFrame, XAxis::Step);
         assert_eq!(series[0].points[3], (4.0, 45.0));
         assert_eq!(series[1].points, [(5.0, 42.0), (10.0, 21.0)]);
         assert_eq!((series[1].name.as_str(), series[1].colour, series[3].name.as_str()), ("a valid", Some(0), ""));
-        assert_eq!(of(Metric::Loss, Over::Tokens)[1].points, [(250.0, 0.6), (500.0, 0.3)]);
-        assert_eq!(of(Metric::Loss, Over::Time)[0].points[11], (24.0 / 3600.0, 0.25));
-        assert!(of(Metric::Rate, Over::Step)[1].points.is_empty());
-        assert!(chart(&runs[1..], Metric::Loss, Over::Step).is_empty());
+        assert_eq!(of(Metric::Loss, XAxis::Tokens)[1].points, [(250.0, 0.6), (500.0, 0.3)]);
+        assert_eq!(of(Metric::Loss, XAxis::Time)[0].points[11], (24.0 / 3600.0, 0.25));
+        assert!(of(Metric::Rate, XAxis::Step)[1].points.is_empty());
+        assert!(chart(&runs[1..], Metric::Loss, XAxis::Step).is_empty());
     }
 
     #[test]
-    fn long_runs_are_means_of_stretches() {
+    fn long_runs_are_averaged() {
         let points: Vec<(f64, f64)> = (0..1001).map(|i| (i as f64, 2.0 * i as f64)).collect();
         let thin = thinned(&points);
         assert_eq!((thin.len(), thin[0], thin[333]), (334, (1.0, 2.0), (999.5, 1999.0)));

@@ -1,4 +1,4 @@
-//! Which runs there are below some folders, and how far they are.
+//! Lists of runs below some folders, with their progress.
 
 use super::log::{Log, METRICS};
 use crate::folder::is_written;
@@ -11,23 +11,23 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
-/// How deep folders are looked through.
+/// Depth of the search for runs.
 const DEPTH: usize = 4;
 
-/// What a run is doing.
+/// The status of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// A process writes it.
     Running,
-    /// It can be gone on with.
+    /// It can be resumed.
     Stopped,
-    /// It reached its last step, or its patience was out.
+    /// It reached its last step, or its patience ended it.
     Done,
 }
 
 impl Status {
-    /// In a word.
+    /// The status as a word.
     pub fn name(self) -> &'static str {
         match self {
             Status::Running => "running",
@@ -37,12 +37,12 @@ impl Status {
     }
 }
 
-/// A run.
+/// A run in a list.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Listed {
     /// Its folder.
     pub run: PathBuf,
-    /// What it is doing.
+    /// Its status.
     pub status: Status,
     /// Updates done.
     pub step: u64,
@@ -58,11 +58,11 @@ pub struct Listed {
     pub written: Option<u64>,
     /// Its model: kind, positions, layers x width.
     pub model: String,
-    /// Numbers that the model learns.
+    /// Parameters of the model.
     pub parameters: usize,
 }
 
-/// The runs among these folders and below them, by path. What looks like a run and can't be read is told to `note`.
+/// The runs among these folders and below them, by path. `note` receives the errors of runs that can't be read.
 ///
 /// # Errors
 /// A folder that can't be listed.
@@ -92,7 +92,7 @@ fn look(folder: &Path, depth: usize, runs: &mut Vec<Listed>, note: &mut dyn FnMu
     }
     for entry in std::fs::read_dir(folder).map_err(Error::io(folder))?.flatten() {
         let hidden = entry.file_name().to_string_lossy().starts_with('.');
-        // not through links, which may lead in a circle
+        // links may form a cycle
         if hidden || !entry.file_type().is_ok_and(|t| t.is_dir()) {
             continue;
         }
@@ -108,7 +108,7 @@ fn in_file(value: &impl Serialize) -> String {
     serde_json::to_value(value).ok().and_then(|v| v.as_str().map(String::from)).unwrap_or_default()
 }
 
-/// How far one run is.
+/// One run.
 fn listed(run: &Path) -> Result<Listed> {
     let file = RunFile::read(run)?;
     let checkpoints = Checkpoints::of(run);
@@ -145,13 +145,13 @@ mod tests {
     use super::*;
     use crate::data::CorpusPart;
     use crate::folder::RunFolder;
-    use crate::{PretrainOptions, Silent, TrainConfig, TrainFile, fixture, pretrain};
+    use crate::{NoProgress, PretrainOptions, TrainConfig, TrainFile, fixture, pretrain};
     use kinelm_corpus::Split;
     use kinelm_model::ModelConfig;
     use std::sync::atomic::AtomicBool;
 
     #[test]
-    fn runs_are_found_with_what_they_reached() {
+    fn runs_are_found_with_their_progress() {
         let dir = tempfile::tempdir().unwrap();
         fixture::corpus(dir.path(), &[(40, Split::Train), (12, Split::Valid)]);
         let model = ModelConfig { layers: 1, heads: 2, width: 16, context: 24, ..Default::default() };
@@ -165,9 +165,9 @@ mod tests {
         };
         std::fs::create_dir_all(dir.path().join("runs/deep")).unwrap();
         let never = AtomicBool::new(false);
-        let done = pretrain(&run("deep/b", 6), &never, &mut Silent).unwrap();
+        let done = pretrain(&run("deep/b", 6), &never, &mut NoProgress).unwrap();
         // stopped at once
-        pretrain(&run("a", 6), &AtomicBool::new(true), &mut Silent).unwrap();
+        pretrain(&run("a", 6), &AtomicBool::new(true), &mut NoProgress).unwrap();
         let broken = dir.path().join("runs/broken");
         std::fs::create_dir_all(broken.join("checkpoints")).unwrap();
         std::fs::write(broken.join(CONFIG), "version = 1").unwrap();

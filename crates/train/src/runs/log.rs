@@ -1,6 +1,6 @@
 //! `metrics.jsonl` of a run, read while it may still be written.
 
-use crate::metrics::StepFigures;
+use crate::metrics::StepMetrics;
 use crate::{Error, Result};
 use kinelm_model::run::{CONFIG, check_kind};
 use kinelm_store::input;
@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// The file's name in a run folder.
 pub const METRICS: &str = "metrics.jsonl";
-/// What is read of the end of a file, to know how far a run is.
+/// Bytes that are read at the end of a file, to know the progress of a run.
 const END: u64 = 1 << 16;
 
 /// A measurement on the validation clips.
@@ -22,27 +22,27 @@ pub struct Valid {
     pub bits_per_frame: f64,
     /// Nats a token.
     pub nats_per_token: f64,
-    /// Of a masked model: no likelihood.
+    /// Of a masked model: a pseudo-likelihood.
     #[serde(default)]
     pub pseudo: bool,
 }
 
-/// What a run wrote about itself.
+/// The metrics of a run.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Log {
     /// Its steps.
-    pub steps: Vec<StepFigures>,
+    pub steps: Vec<StepMetrics>,
     /// Its measurements.
     pub valid: Vec<Valid>,
-    /// Lines that are none: the last of a run that is being written, or what a full disk left.
-    pub odd: usize,
+    /// Incomplete lines: the last of a run that is being written, or those of a full disk.
+    pub incomplete: usize,
 }
 
 impl Log {
-    /// All that a run wrote.
+    /// All metrics of a run.
     ///
     /// # Errors
-    /// A folder without figures; a run of another kind; what the system refuses.
+    /// A folder without metrics; a run of another kind; what the system refuses.
     pub fn read(run: &Path) -> Result<Log> {
         let config = run.join(CONFIG);
         if let Ok(text) = input::text(&config) {
@@ -59,7 +59,7 @@ impl Log {
         Ok(Log::parse(&bytes))
     }
 
-    /// The last of what a run wrote, enough to know how far it is; empty where there is nothing.
+    /// The last metrics of a run, enough to know its progress; empty if there are none.
     pub fn read_end(run: &Path) -> Log {
         let read = || -> std::io::Result<Vec<u8>> {
             let mut file = input::open(&run.join(METRICS))?;
@@ -76,7 +76,7 @@ impl Log {
         #[derive(Deserialize)]
         #[serde(tag = "kind", rename_all = "snake_case")]
         enum Line {
-            Train(StepFigures),
+            Train(StepMetrics),
             Valid(Valid),
         }
         let mut log = Log::default();
@@ -84,13 +84,13 @@ impl Log {
             match serde_json::from_slice(line) {
                 Ok(Line::Train(step)) => log.steps.push(step),
                 Ok(Line::Valid(valid)) => log.valid.push(valid),
-                Err(_) => log.odd += 1,
+                Err(_) => log.incomplete += 1,
             }
         }
         log
     }
 
-    /// Seconds that the steps took, up to and with each; pauses and measurements left out.
+    /// Cumulative duration of the steps in seconds, without pauses and measurements.
     pub fn seconds(&self) -> Vec<f64> {
         let mut before = 0;
         let seconds = self.steps.iter().scan(0.0, |total, step| {
@@ -105,16 +105,16 @@ impl Log {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::metrics::{Metrics, StepFigures};
+    use crate::metrics::{Metrics, StepMetrics};
     use kinelm_model::likelihood::Likelihood;
 
-    /// A run's figures as training writes them.
+    /// A run's metrics as training writes them.
     pub fn write(run: &Path, steps: u64) {
         std::fs::create_dir_all(run).unwrap();
         let mut metrics = Metrics::open(run, 0).unwrap();
         for step in 1..=steps {
             let loss = 3.0 / step as f64;
-            let figures = StepFigures {
+            let figures = StepMetrics {
                 step,
                 loss,
                 bits_per_frame: 60.0 * loss,
@@ -147,23 +147,23 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn what_training_writes_is_read_and_half_lines_are_left_out() {
+    fn metrics_are_read_without_incomplete_lines() {
         let dir = tempfile::tempdir().unwrap();
         write(dir.path(), 12);
         let whole = Log::read(dir.path()).unwrap();
-        assert_eq!((whole.steps.len(), whole.valid.len(), whole.odd), (12, 2, 0));
+        assert_eq!((whole.steps.len(), whole.valid.len(), whole.incomplete), (12, 2, 0));
         assert_eq!((whole.steps[11].loss, whole.valid[1].bits_per_frame), (0.25, 21.0));
         assert_eq!(whole.seconds(), (1..=12).map(|i| 2.0 * i as f64).collect::<Vec<_>>());
         let path = dir.path().join(METRICS);
         let bytes = input::bytes(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 30]).unwrap();
         let cut = Log::read(dir.path()).unwrap();
-        assert_eq!((cut.steps.len(), cut.valid.len(), cut.odd), (11, 2, 1));
+        assert_eq!((cut.steps.len(), cut.valid.len(), cut.incomplete), (11, 2, 1));
         assert_eq!(Log::read_end(dir.path()), cut);
-        // a long file's end begins in a line
+        // the end of a long file begins inside a line
         std::fs::write(&path, bytes.repeat(40)).unwrap();
         let end = Log::read_end(dir.path());
-        assert!(end.odd == 1 && end.steps.len() > 100 && end.steps.len() < 480, "{}", end.steps.len());
+        assert!(end.incomplete == 1 && end.steps.len() > 100 && end.steps.len() < 480, "{}", end.steps.len());
         let message = Log::read(&dir.path().join("none")).unwrap_err().to_string();
         assert!(message.contains("found no metrics.jsonl, expected a run folder"), "{message}");
     }

@@ -1,7 +1,6 @@
-//! Figures over time: errors of the frames foretold one by one, and who stands still at which second.
+//! Metrics over time: the error of each predicted frame, and the share of still frames in each second.
 
-use super::FPS;
-use crate::{Error, Result};
+use crate::{Error, FPS, Result};
 use kinelm_store::input;
 use kinelm_view::plot::{Chart, Look, Scale, Series};
 use serde::{Deserialize, Serialize};
@@ -10,20 +9,20 @@ use std::path::Path;
 /// Means over dances.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Curves {
-    /// Mean distance of joints, hips in one place, of each frame compared, cm.
+    /// Mean joint distance, hips aligned, of each compared frame, cm.
     pub root_cm: Vec<f64>,
-    /// The same of the last true frame held.
+    /// The same of holding the last true frame.
     pub still_root_cm: Vec<f64>,
-    /// Mean angle between local rotations of each frame compared, degrees.
+    /// Mean angle between local rotations of each compared frame, degrees.
     pub degrees: Vec<f64>,
-    /// The same of the last true frame held.
+    /// The same of holding the last true frame.
     pub still_degrees: Vec<f64>,
-    /// Of every second the share of frames that stand still with the hip held.
+    /// Per second: the share of frames that are still with the hip fixed.
     pub still: Vec<f64>,
 }
 
 impl Curves {
-    /// The mean at every place, of those that go so far.
+    /// The mean at every index, over those that are long enough.
     pub fn mean<'a>(all: impl Iterator<Item = &'a Curves> + Clone) -> Curves {
         let of = |pick: fn(&Curves) -> &Vec<f64>| {
             let longest = all.clone().map(|one| pick(one).len()).max().unwrap_or(0);
@@ -43,10 +42,10 @@ impl Curves {
         }
     }
 
-    /// Those of the longest seeds of a report that `kinelm aclstm evaluate --json` printed.
+    /// The curves of the longest seeds in a JSON report of `kinelm aclstm evaluate`.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for what is no such report, or one that was made before there were curves.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for what is no such report.
     pub fn load(path: &Path) -> Result<Curves> {
         #[derive(Deserialize)]
         struct Report {
@@ -55,22 +54,22 @@ impl Curves {
         #[derive(Deserialize)]
         struct Row {
             seed_frames: usize,
-            figures: Figures,
+            metrics: Metrics,
         }
         #[derive(Deserialize)]
-        struct Figures {
+        struct Metrics {
             curves: Curves,
         }
-        let (expected, help) = ("what kinelm aclstm evaluate --json printed", "measure the network again");
+        let (expected, help) = ("a JSON report of kinelm aclstm evaluate", "measure the network again");
         let text = input::text(path).map_err(Error::io(path))?;
         let report: Report =
             serde_json::from_str(&text).map_err(|e| Error::file(path, e.to_string(), expected, help))?;
         let longest = report.rows.into_iter().max_by_key(|row| row.seed_frames);
-        longest.map(|row| row.figures.curves).ok_or_else(|| Error::file(path, "no rows", expected, help))
+        longest.map(|row| row.metrics.curves).ok_or_else(|| Error::file(path, "no rows", expected, help))
     }
 }
 
-/// Charts of networks under their names; runs of one name are one line, their mean.
+/// Charts of networks by name. Runs of the same name are one line, their mean.
 pub fn charts(all: &[(String, Curves)]) -> Vec<Chart> {
     let mut names: Vec<&str> = Vec::new();
     all.iter().for_each(|(name, _)| {
@@ -102,9 +101,9 @@ pub fn charts(all: &[(String, Curves)]) -> Vec<Chart> {
         }
     };
     vec![
-        chart("Joints, hips in one place", "ms foretold", "cm", ms, Scale::Linear, |c| &c.root_cm, &held.still_root_cm),
-        chart("Local rotations", "ms foretold", "degrees", ms, Scale::Linear, |c| &c.degrees, &held.still_degrees),
-        chart("Standing still, hip held", "seconds danced", "share of frames", 1.0, Scale::Log, |c| &c.still, &[]),
+        chart("Joints, hips aligned", "ms predicted", "cm", ms, Scale::Linear, |c| &c.root_cm, &held.still_root_cm),
+        chart("Local rotations", "ms predicted", "degrees", ms, Scale::Linear, |c| &c.degrees, &held.still_degrees),
+        chart("Standing still, hip fixed", "seconds", "share of frames", 1.0, Scale::Log, |c| &c.still, &[]),
     ]
 }
 
@@ -137,7 +136,7 @@ mod tests {
     fn a_report_without_curves_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("r.json");
-        std::fs::write(&path, r#"{"rows":[{"seed_frames":9,"figures":{}}]}"#).unwrap();
+        std::fs::write(&path, r#"{"rows":[{"seed_frames":9,"metrics":{}}]}"#).unwrap();
         let message = Curves::load(&path).unwrap_err().to_string();
         assert!(
             message.contains("missing field `curves`") && message.contains("measure the network again"),

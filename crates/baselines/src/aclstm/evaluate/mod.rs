@@ -1,52 +1,53 @@
-//! How well a network goes on: its next 20 frames, and for how long it moves; and the same of any dances that go on from
-//! the same seeds, whatever made them.
+//! Evaluation of a network's rollouts: the error of the next 20 frames, and for how long they move. Dances of another
+//! program that continue the same seeds are measured likewise.
 //!
-//! Every seed ends at the same places, whatever its length, so that all lengths foretell the same frames.
+//! Seeds of all lengths end at the same frames, so that all lengths predict the same ones.
 
 mod curves;
 mod dances;
-mod figures;
+mod metrics;
 mod report;
 mod seeds;
 
 pub use curves::{Curves, charts};
 pub use dances::evaluate_dances;
-pub use figures::{Figures, Lasting, Mean};
+pub use metrics::{Duration, Metrics};
 pub use report::{Report, Row};
 pub use seeds::{Seed, Test};
 
-use super::FPS;
 use super::run::Trained;
 use crate::{Error, Result};
-use figures::{Continued, Energy, of_real};
 use kinelm_corpus::Split;
+use metrics::{Energy, Rollout, of_real};
 
 /// Frames that are compared with the true ones: two thirds of a second.
 pub const COMPARED: usize = 20;
-/// Frames over which it is seen whether dances last, besides all that are made.
+/// Frames over which duration is measured, besides all.
 pub const SHORT: usize = 400;
 
 /// What is measured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Whose clips the seeds are from.
+    /// The split of the seeds.
     pub split: Split,
     /// Seeds of each length.
     pub seeds: usize,
-    /// Frames of a seed.
+    /// Lengths of seeds, frames.
     pub lengths: Vec<usize>,
-    /// Frames that are made of each.
+    /// Frames to generate from each.
     pub frames: usize,
 }
 
 impl Options {
     fn check(&self) -> Result<()> {
-        if self.lengths.contains(&0) || self.lengths.is_empty() || self.seeds == 0 || self.frames < SHORT {
-            let what =
-                format!("seeds, lengths and frames; expected 1 seed or more, of 1 frame or more, and {SHORT} frames");
-            return Err(Error::call(what));
+        match () {
+            () if self.seeds == 0 => Err(Error::invalid("`seeds`", 0, "1 or more")),
+            () if self.longest() == 0 || self.lengths.contains(&0) => {
+                Err(Error::invalid("`seed_frames`", format!("{:?}", self.lengths), "lengths of 1 or more"))
+            }
+            () if self.frames < SHORT => Err(Error::invalid("`frames`", self.frames, format!("{SHORT} or more"))),
+            () => Ok(()),
         }
-        Ok(())
     }
 
     fn longest(&self) -> usize {
@@ -54,10 +55,10 @@ impl Options {
     }
 }
 
-/// Measures a network on the clips of its own run's sources; `progress` is told the frames made, of all.
+/// Measures a network on the clips of its own run's sources; `progress` receives the number of frames done.
 ///
 /// # Errors
-/// What reading fails with; no clip of the split that is long enough; a network that runs away.
+/// What reading fails with; no clip of the split that is long enough; a network that diverges.
 pub fn evaluate(trained: &Trained, options: &Options, progress: &mut dyn FnMut(usize)) -> Result<Report> {
     let test = Test::load(trained, options)?;
     let c = trained.coder.channels();
@@ -65,17 +66,17 @@ pub fn evaluate(trained: &Trained, options: &Options, progress: &mut dyn FnMut(u
     for (i, &length) in options.lengths.iter().enumerate() {
         let of = |seed: &Seed| trained.coder.frames(&seed.clip.slice(seed.at - length..seed.at + COMPARED + 1));
         let frames: Vec<Vec<f64>> = test.seeds.iter().map(of).collect();
-        let driven: Vec<&[f64]> = frames.iter().map(|frames| &frames[..(length + 1) * c]).collect();
-        let made = trained.go_on(&driven, options.frames, &mut |done| progress(i * options.frames + done))?;
-        let all = test.seeds.iter().zip(frames.iter().zip(&made));
-        let each: Vec<(&str, Continued)> = all
-            .map(|(seed, (frames, made))| {
+        let inputs: Vec<&[f64]> = frames.iter().map(|frames| &frames[..(length + 1) * c]).collect();
+        let rollouts = trained.roll_out(&inputs, options.frames, &mut |done| progress(i * options.frames + done))?;
+        let all = test.seeds.iter().zip(frames.iter().zip(&rollouts));
+        let each: Vec<(&str, Rollout)> = all
+            .map(|(seed, (frames, steps))| {
                 let last = &frames[(length - 1) * c..length * c];
-                let found = Continued::of(trained, last, &frames[length * c..], made, &seed.clip, test.thresholds)?;
+                let found = Rollout::of(trained, last, &frames[length * c..], steps, &seed.clip, test.thresholds)?;
                 Ok((&*seed.take, found))
             })
             .collect::<Result<_>>()?;
-        rows.push(Row { seed_frames: length, figures: Figures::of(&each) });
+        rows.push(Row { seed_frames: length, metrics: Metrics::of(&each) });
     }
     let seeds: Vec<&Seed> = test.seeds.iter().collect();
     Ok(Report::new(trained, options, &test, &seeds, rows))

@@ -1,48 +1,47 @@
-//! Where dances begin, and what they are measured by: seeds of the clips, how real ones move.
+//! The seeds of rollouts, and the thresholds and real clips that they are compared to.
 
-use super::figures::Moves;
+use super::metrics::Movement;
 use super::{COMPARED, Energy, Options, of_real};
-use crate::aclstm::FPS;
-use crate::aclstm::data::{Recording, Recordings};
 use crate::aclstm::run::Trained;
-use crate::{Error, Result};
+use crate::data::{Recording, Recordings};
+use crate::{Error, FPS, Result};
 use kinelm_corpus::Split;
 use kinelm_evaluate::dance::freeze;
 use kinelm_motion::{Clip, Motion, Source};
 use std::path::Path;
 
-/// A place of a clip where seeds of every length end.
+/// A frame of a clip at which seeds of every length end.
 pub struct Seed {
     /// `seed-01` and so on.
     pub name: String,
-    /// The recording it is of.
+    /// Its recording.
     pub take: String,
     /// The whole clip at the network's rate.
     pub clip: Clip,
-    /// Its first frame that is foretold.
+    /// The first predicted frame.
     pub at: usize,
 }
 
 impl Seed {
-    /// Its frames: those before the first that is foretold.
+    /// The last `frames` frames before the first predicted one.
     pub fn motion(&self, frames: usize, path: &Path) -> Motion {
         let clip = self.clip.slice(self.at - frames..self.at);
         Motion { path: path.into(), clip, source: Source::Plain, warnings: vec![] }
     }
 }
 
-/// What a network is put to.
+/// The test of a network.
 pub struct Test {
-    /// Spread evenly over the clips that are long enough, and in each of them.
+    /// Evenly spread over the clips that are long enough, and in each of them.
     pub seeds: Vec<Seed>,
-    /// Below it a dance stands still, cm/s: in the world, and with the hip held at 0.
+    /// Energy below which a dance is still, cm/s: in the world, and with the hip fixed at 0.
     pub(super) thresholds: [f64; 2],
-    /// The split's clips: how they move, and their steps with a flip.
-    pub(super) real: Vec<(Moves, [usize; 2])>,
+    /// The split's clips: their movement, and their steps with a flip.
+    pub(super) real: Vec<(Movement, [usize; 2])>,
 }
 
 impl Test {
-    /// Of the clips of a run's own sources.
+    /// The test on the clips of a run's own sources.
     ///
     /// # Errors
     /// What reading fails with; clips that have changed since the run was begun; no clip of the split that is long enough.
@@ -54,7 +53,8 @@ impl Test {
             recordings.split(Split::Train).map(|one| Energy::of_clip(&one.at_rate()?)).collect::<Result<Vec<_>>>()?;
         let threshold = |pick: fn(&Energy) -> &Vec<f64>| {
             let all = train.iter().flat_map(|energy| pick(energy).iter().copied()).collect();
-            freeze::threshold(all).ok_or_else(|| Error::call("no training frames to tell standing from moving"))
+            freeze::threshold(all)
+                .ok_or_else(|| Error::missing("training frames", "the threshold of standing still is theirs"))
         };
         let thresholds = [threshold(|e| &e.world)?, threshold(|e| &e.pose)?];
         let real =
@@ -68,8 +68,8 @@ fn seeds(recordings: &Recordings, options: &Options) -> Result<Vec<Seed>> {
     let needed = longest + COMPARED + 1;
     let long: Vec<&Recording> = recordings.split(options.split).filter(|one| one.frames() >= needed).collect();
     if long.is_empty() {
-        let what = format!("no {} clip of {needed} frames at {FPS} a second", options.split);
-        return Err(Error::call(format!("{what}: take shorter seeds, or another split")));
+        let what = format!("{} clip of {needed} frames at {FPS} a second", options.split);
+        return Err(Error::missing(what, "take shorter seeds, or another split"));
     }
     let digits = options.seeds.to_string().len().max(2);
     let mut seeds = Vec::new();

@@ -1,7 +1,8 @@
-//! Training on made-up dances: it learns, it goes on to the same bits, and it refuses what can't be learned from.
+//! Training on synthetic dances: it learns, it resumes to the same bits, and it refuses what can't be learned from.
 
 use super::*;
-use crate::aclstm::form::Form;
+use crate::form::Form;
+use crate::train::Event;
 use kinelm_model::run::{OPTIMIZER, WEIGHTS};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::{Clip, Motion, Source, synth};
@@ -35,12 +36,12 @@ fn place(dir: &Path, fps: f64) -> (Config, Sources) {
     (config, sources)
 }
 
-fn go(run: &Path, asked: &Asked, stop_after: u64) -> Result<(Summary, Vec<f64>)> {
+fn go(run: &Path, start: &Start, stop_after: u64) -> Result<(Summary, Vec<f64>)> {
     let stop = AtomicBool::new(stop_after == 0);
     let mut losses = Vec::new();
-    let summary = train(run, asked, &stop, &mut |event| {
-        if let Event::Step(figures, _) = event {
-            losses.push(figures.loss);
+    let summary = train(run, start, &stop, &mut |event| {
+        if let Event::Step(metrics, _) = event {
+            losses.push(metrics.loss);
             stop.store(losses.len() as u64 >= stop_after, Ordering::Relaxed);
         }
     })?;
@@ -48,21 +49,21 @@ fn go(run: &Path, asked: &Asked, stop_after: u64) -> Result<(Summary, Vec<f64>)>
 }
 
 #[test]
-fn a_run_that_was_stopped_goes_on_to_the_same_bits() {
+fn a_stopped_run_resumes_to_the_same_bits() {
     for form in [Form::Positional, Form::Euler, Form::Quaternion] {
         let dir = tempfile::tempdir().unwrap();
         let (config, sources) = place(dir.path(), 60.0);
-        let new = Asked::New(Config { form, ..config }, sources);
+        let new = Start::New(Config { form, ..config }, sources);
         let (whole, parts) = (dir.path().join("whole"), dir.path().join("parts"));
         let (done, losses) = go(&whole, &new, 99).unwrap();
         assert_eq!((done.step, done.stopped, losses.len()), (7, false, 7));
         let (first, found) = go(&parts, &new, 4).unwrap();
         assert_eq!((first.step, first.stopped), (4, true));
         assert!(go(&parts, &new, 1).unwrap_err().to_string().contains("exists; resume it"));
-        // another number of threads, and what was done behind the last checkpoint is done again
+        // another number of threads, and updates after the last checkpoint are repeated
         fs::remove_dir_all(parts.join("checkpoints/step-00000004")).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-        let (second, more) = pool.install(|| go(&parts, &Asked::Resumed(None), 99)).unwrap();
+        let (second, more) = pool.install(|| go(&parts, &Start::Resume(None), 99)).unwrap();
         assert_eq!((found, second.step, &more[..]), (losses[..4].to_vec(), 7, &losses[3..]), "{form:?}");
         for name in [WEIGHTS, OPTIMIZER] {
             let read = |run: &Path| fs::read(run.join("checkpoints/step-00000007").join(name)).unwrap();
@@ -79,7 +80,7 @@ fn losses_fall() {
         let dir = tempfile::tempdir().unwrap();
         let (config, sources) = place(dir.path(), 30.0);
         let config = Config { form, steps: 60, learning_rate: 1e-2, turn: false, ..config };
-        let (_, losses) = go(&dir.path().join("run"), &Asked::New(config, sources), 99).unwrap();
+        let (_, losses) = go(&dir.path().join("run"), &Start::New(config, sources), 99).unwrap();
         let mean = |some: &[f64]| some.iter().sum::<f64>() / some.len() as f64;
         assert!(mean(&losses[50..]) < 0.5 * mean(&losses[..5]), "{form:?}: {losses:?}");
     }
@@ -91,17 +92,17 @@ fn batches_are_true_steps_turned_as_a_whole() {
     let (config, sources) = place(dir.path(), 60.0);
     let recordings = Recordings::load(&sources, config.margin, None).unwrap();
     let coder = Coder::new(config.form, &recordings.rig).unwrap();
-    let learned = Learned::of(&recordings, &coder, &config).unwrap();
+    let sequences = Sequences::of(&recordings, &coder, &config).unwrap();
     let (c, row) = (coder.channels(), config.batch * coder.channels());
-    let a = batch(&learned, &coder, &config, 5);
-    // what is foretold at a step is seen at the next
+    let a = batch(&sequences, &coder, &config, 5);
+    // the target of a step is the input of the next
     assert_eq!(a.inputs[row..], a.targets[..a.targets.len() - row]);
     assert!(
-        a.inputs == batch(&learned, &coder, &config, 5).inputs
-            && a.inputs != batch(&learned, &coder, &config, 6).inputs
+        a.inputs == batch(&sequences, &coder, &config, 5).inputs
+            && a.inputs != batch(&sequences, &coder, &config, 6).inputs
     );
     // heights and angles but the root's are those of frames of the clip, a stride apart
-    let (frames, stride, _) = &learned.clips[a.clips[1]];
+    let (frames, stride, _) = &sequences.clips[a.clips[1]];
     let kept = |row: &[f32]| [vec![row[1]], row[7..].to_vec()].concat();
     let first = frames.chunks_exact(c).position(|frame| kept(frame) == kept(&a.inputs[c..2 * c])).unwrap();
     for t in 0..config.length {
@@ -120,7 +121,7 @@ fn what_can_not_be_learned_from_is_refused() {
     let (config, sources) = place(dir.path(), 50.0);
     let run = dir.path().join("run");
     let said = |config: &Config, sources: &Sources| {
-        go(&run, &Asked::New(config.clone(), sources.clone()), 1).unwrap_err().to_string()
+        go(&run, &Start::New(config.clone(), sources.clone()), 1).unwrap_err().to_string()
     };
     let message = said(&config, &sources);
     assert!(message.contains("0.json: found 50 frames a second, expected a multiple of 30"), "{message}");
@@ -142,8 +143,8 @@ fn what_can_not_be_learned_from_is_refused() {
     let message = said(&config, &sources);
     assert!(message.contains("9.json: found joints my_pelvis, my_left_hip"), "{message}");
     fs::remove_file(path).unwrap();
-    go(&run, &Asked::New(config, sources.clone()), 1).unwrap();
+    go(&run, &Start::New(config, sources.clone()), 1).unwrap();
     fs::remove_file(sources.data[0].join("2.json")).unwrap();
-    let message = go(&run, &Asked::Resumed(None), 1).unwrap_err().to_string();
+    let message = go(&run, &Start::Resume(None), 1).unwrap_err().to_string();
     assert!(message.contains("2.json: found no such file among those of the run"), "{message}");
 }

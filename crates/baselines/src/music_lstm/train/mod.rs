@@ -3,52 +3,63 @@
 #[cfg(test)]
 mod tests;
 
-pub use kinelm_train::updates::{Event, Figures, Summary};
-
-use super::HEARD;
+use super::SPECTRUM;
 use super::config::Config;
-use super::data::{Danced, Dances, Places, learned, standard};
+use super::data::{MusicClip, MusicClips, MusicSources, scale, training_clips};
 use super::effort::shares;
-use super::loss::{Asked as Wanted, loss};
-use super::network::{Dropped, Network, initial, list, standardise};
+use super::loss::{Terms, loss};
+use super::network::{Dropout, Network, initial, list, standardise};
 use super::run::RunFile;
 use crate::Result;
-use crate::aclstm::data::{Recording, Recordings};
+use crate::data::{Recording, Recordings};
+use crate::run::{RunConfig, Settings};
+use crate::train::{self, Parameters, Plan, Progress, Summary, note_clips};
 use kinelm_corpus::Split;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::TeacherForcing;
 use kinelm_store::random;
 use kinelm_train::folder::RunFolder;
-use kinelm_train::learner::listed;
-use kinelm_train::parameters::Parameters;
-use kinelm_train::updates;
-use kinelm_train::updates::Plan;
 use rand_chacha::rand_core::RngCore;
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// What to train.
-#[derive(Debug, Clone)]
-#[allow(clippy::large_enum_variant)] // a call has one
-pub enum Asked {
-    /// A new run.
-    New(Config, Places),
-    /// One that is there, to so many steps if they are said.
-    Resumed(Option<u64>),
-}
+/// A new run, or one to resume.
+pub type Start = train::Start<Config, MusicSources>;
 
-/// Trains a network, or goes on with one where its last whole checkpoint stands: to the same bits as if it had never
-/// stopped, on the same kind of processor. It works on the rayon pool that it is called in; the number of threads changes
-/// nothing.
+/// Trains a network, or resumes a run from its last whole checkpoint: to the same bits as if it had never stopped, on the
+/// same kind of processor. It works on the rayon pool that it is called in, whose number of threads changes nothing.
 ///
 /// # Errors
-/// A run folder that is there or, to go on, isn't; clips that are none, on several rigs, without music, too short or, to go
-/// on, others than they were; music that is silent or too short; a loss that is no number; what the system refuses.
-pub fn train(run: &Path, asked: &Asked, stop: &AtomicBool, hear: &mut dyn FnMut(Event)) -> Result<Summary> {
-    let (folder, file, dances) = match asked {
-        Asked::New(config, places) => begin(run, config, places, hear)?,
-        Asked::Resumed(steps) => found(run, *steps, hear)?,
+/// A run folder that exists or, to resume, doesn't; no clips, clips on several rigs, without music, too short or, to resume,
+/// others than before; music that is silent or too short; a loss that is not finite; what the system refuses.
+pub fn train(run: &Path, start: &Start, stop: &AtomicBool, progress: Progress) -> Result<Summary> {
+    let take = |recordings: &Recordings, clips: MusicClips, config: &Config, progress: Progress| {
+        let notes = clips.notes.clone();
+        let (clips, short) = training_clips(clips, config)?;
+        note_clips(recordings.notes.iter().chain(&notes), &short, progress);
+        Ok::<_, crate::Error>(clips)
+    };
+    let (folder, file, clips) = match start {
+        Start::New(config, sources) => {
+            config.validate()?;
+            let recordings = Recordings::load(&sources.motion, config.margin, None)?;
+            let clips = MusicClips::load(&recordings, sources, config.audio, config.margin, is_training)?;
+            let file = RunFile::new(config, sources, &recordings, &clips);
+            let clips = take(&recordings, clips, config, progress)?;
+            // what is refused must not leave an empty run
+            let folder = RunFolder::create(run)?;
+            file.write(run)?;
+            (folder, file, clips)
+        }
+        Start::Resume(steps) => {
+            let folder = RunFolder::open(run)?;
+            let mut file = RunFile::read(run)?;
+            let (recordings, clips) = file.clips(run, is_training)?;
+            file.set_steps(run, *steps)?;
+            let clips = take(&recordings, clips, &file.config, progress)?;
+            (folder, file, clips)
+        }
     };
     let config = file.config.clone();
     let shape = config.shape(file.rig.joints());
@@ -63,151 +74,115 @@ pub fn train(run: &Path, asked: &Asked, stop: &AtomicBool, hear: &mut dyn FnMut(
         keep: config.keep,
     };
     let weights = shares(&*file.body.skeleton(&file.rig)?);
-    let learner = |start| Learning::new(config, start, &dances, weights);
-    let first = || initial(&shape, standard(&dances.iter().collect::<Vec<_>>(), file.config.audio), plan.seed);
-    updates::train(&folder, &plan, &list(&shape), (first, learner), stop, hear)
+    let network = |start| Training::new(config, start, &clips, weights);
+    let first = || initial(&shape, scale(&clips.iter().collect::<Vec<_>>(), file.config.audio), plan.seed);
+    train::train(&folder, &plan, &list(&shape), (first, network), stop, progress)
 }
 
-type Ready = (RunFolder, RunFile, Vec<Danced>);
-
-fn is_learned(one: &Recording) -> bool {
+fn is_training(one: &Recording) -> bool {
     one.split == Split::Train
 }
 
-fn begin(run: &Path, config: &Config, places: &Places, hear: &mut dyn FnMut(Event)) -> Result<Ready> {
-    config.validate()?;
-    let recordings = Recordings::load(&places.motion, config.margin, None)?;
-    let dances = Dances::hear(&recordings, places, config.audio, config.margin, is_learned)?;
-    let file = RunFile::new(config, places, &recordings, &dances);
-    let all = told(&recordings, dances, config, hear)?;
-    // whatever is refused must not leave an empty run behind
-    let folder = RunFolder::create(run)?;
-    file.write(run)?;
-    Ok((folder, file, all))
-}
-
-fn found(run: &Path, steps: Option<u64>, hear: &mut dyn FnMut(Event)) -> Result<Ready> {
-    let folder = RunFolder::open(run)?;
-    let mut file = RunFile::read(run)?;
-    let (recordings, dances) = file.dances(run, is_learned)?;
-    if let Some(steps) = steps.filter(|steps| *steps != file.config.steps) {
-        updates::check_steps(run, steps)?;
-        file.config.steps = steps;
-        file.config.validate()?;
-        file.write(run)?;
-    }
-    let all = told(&recordings, dances, &file.config, hear)?;
-    Ok((folder, file, all))
-}
-
-fn told(recordings: &Recordings, dances: Dances, config: &Config, hear: &mut dyn FnMut(Event)) -> Result<Vec<Danced>> {
-    recordings.said.iter().chain(&dances.said).for_each(|line| hear(Event::Note(line)));
-    let (all, short) = learned(dances, config)?;
-    if !short.is_empty() {
-        let (n, which) = (short.len(), listed(short.iter()));
-        hear(Event::Note(&format!("{n} training clips are too short for a sequence: {which}")));
-    }
-    Ok(all)
-}
-
-/// What an update sees.
+/// The sequences of an update.
 pub struct Batch {
-    /// (T, B, N) spectra, as they were heard.
-    pub heard: Vec<f32>,
-    /// (T, B, 4J) true frames, and those before them.
+    /// (T, B, N) spectra, not standardised.
+    pub spectra: Vec<f32>,
+    /// (T, B, 4J) true frames.
     pub truth: Vec<f32>,
-    /// The same, a step earlier.
-    pub before: Vec<f32>,
-    /// (T) at which steps the last layer sees the frame before.
-    pub told: Vec<bool>,
+    /// (T, B, 4J) the previous true frames.
+    pub previous: Vec<f32>,
+    /// (T) the teacher-forced steps.
+    pub forced: Vec<bool>,
     /// (B) the clips.
     pub clips: Vec<usize>,
 }
 
-/// The sequences of update `step`, counted from 0: any clip with equal chance, any place in it. A function of the seed and
-/// of the update.
-pub fn batch(dances: &[Danced], channels: usize, config: &Config, step: u64) -> Batch {
+/// The sequences of update `step`, counted from 0: a random clip, from a random frame on. A function of the seed and the
+/// step.
+pub fn batch(clips: &[MusicClip], channels: usize, config: &Config, step: u64) -> Batch {
     let (t, b, c) = (config.length, config.batch, channels);
-    let drawn: Vec<(usize, usize)> = (0..b)
+    let sampled: Vec<(usize, usize)> = (0..b)
         .map(|index| {
             let mut rng = random::stream(config.seed, "music lstm batch", step, index as u64);
-            let clip = (rng.next_u64() % dances.len() as u64) as usize;
-            let recording = &dances[clip].recording;
+            let clip = (rng.next_u64() % clips.len() as u64) as usize;
+            let recording = &clips[clip].recording;
             let room = recording.clip.frames() - t * recording.stride;
             (clip, (rng.next_u64() % room as u64) as usize)
         })
         .collect();
     let mut batch = Batch {
-        heard: vec![0.0; t * b * HEARD],
+        spectra: vec![0.0; t * b * SPECTRUM],
         truth: vec![0.0; t * b * c],
-        before: vec![0.0; t * b * c],
-        told: Vec::new(),
-        clips: drawn.iter().map(|(clip, _)| *clip).collect(),
+        previous: vec![0.0; t * b * c],
+        forced: Vec::new(),
+        clips: sampled.iter().map(|(clip, _)| *clip).collect(),
     };
     let frame = |i: usize, late: usize| {
-        let (clip, first) = drawn[i % b];
-        (&dances[clip], first + (i / b + late) * dances[clip].recording.stride)
+        let (clip, first) = sampled[i % b];
+        (&clips[clip], first + (i / b + late) * clips[clip].recording.stride)
     };
-    let rows = batch.heard.par_chunks_mut(HEARD).enumerate();
+    let rows = batch.spectra.par_chunks_mut(SPECTRUM).enumerate();
     rows.for_each(|(i, row)| {
-        let (dance, at) = frame(i, 1);
-        row.copy_from_slice(dance.at(at));
+        let (clip, at) = frame(i, 1);
+        row.copy_from_slice(clip.at(at));
     });
-    for (late, to) in [&mut batch.before, &mut batch.truth].into_iter().enumerate() {
+    for (late, to) in [&mut batch.previous, &mut batch.truth].into_iter().enumerate() {
         for (i, row) in to.chunks_exact_mut(c).enumerate() {
-            let (dance, at) = frame(i, late);
-            row.copy_from_slice(&dance.poses[at * c..][..c]);
+            let (clip, at) = frame(i, late);
+            row.copy_from_slice(&clip.poses[at * c..][..c]);
         }
     }
     let mut rng = random::stream(config.seed, "music lstm told", step, 0);
-    batch.told = (0..t).map(|_| random::unit(&mut rng) < config.teacher).collect();
+    batch.forced = (0..t).map(|_| random::unit(&mut rng) < config.teacher).collect();
     batch
 }
 
-/// A network that learns, with what it learns from.
-struct Learning<'a> {
+/// A network with its data.
+struct Training<'a> {
     config: Config,
     network: Network,
     parameters: Parameters,
-    dances: &'a [Danced],
+    clips: &'a [MusicClip],
+    /// Of joints in the effort.
     weights: Vec<f64>,
-    pull: Floats,
+    /// (T, B, 4J) gradients of the outputs.
+    d_out: Floats,
 }
 
-impl Learning<'_> {
-    fn new<'a>(config: Config, start: Vec<Floats>, dances: &'a [Danced], weights: Vec<f64>) -> Learning<'a> {
+impl Training<'_> {
+    fn new<'a>(config: Config, start: Vec<Floats>, clips: &'a [MusicClip], weights: Vec<f64>) -> Training<'a> {
         let shape = config.shape(weights.len());
         let size = (config.batch, config.length);
-        Learning {
+        Training {
             network: Network::new(&shape, size, true),
             parameters: Parameters::new(list(&shape), start),
-            pull: Floats::new(size.0 * size.1 * shape.channels()),
-            dances,
+            d_out: Floats::new(size.0 * size.1 * shape.channels()),
+            clips,
             weights,
             config,
         }
     }
 }
 
-impl updates::Learner for Learning<'_> {
+impl train::Network for Training<'_> {
     fn gradients(&mut self, step: u64) -> (f64, Vec<String>) {
         let config = &self.config;
-        let mut seen = batch(self.dances, 4 * self.weights.len(), config, step);
+        let mut batch = batch(self.clips, 4 * self.weights.len(), config, step);
         let keys: Vec<u64> = (0..config.layers as u64)
             .map(|layer| random::stream(config.seed, "music lstm dropout", step, layer).next_u64())
             .collect();
-        let dropped = Dropped { share: config.dropout, keys: &keys };
+        let dropout = Dropout { share: config.dropout, keys: &keys };
         let weights = &self.parameters.weights;
-        standardise(weights, &mut seen.heard);
+        standardise(weights, &mut batch.spectra);
         self.network.pack(weights);
         self.network.rest();
-        let told = TeacherForcing { steps: &seen.told, rows: &seen.before };
-        let outputs = self.network.forward(weights, &seen.heard, told, dropped);
-        let effort = config.effort_of(step);
-        let asked = Wanted { pose: config.pose, effort, weights: &self.weights };
-        let loss = loss(asked, config.batch, outputs, &seen.truth, &mut self.pull);
-        self.network.backward(weights, &self.pull, &seen.heard, dropped, &mut self.parameters.gradients);
-        (loss, seen.clips.iter().map(|&clip| self.dances[clip].recording.name.clone()).collect())
+        let forced = TeacherForcing { steps: &batch.forced, rows: &batch.previous };
+        let outputs = self.network.forward(weights, &batch.spectra, forced, dropout);
+        let terms = Terms { pose: config.pose, effort: config.effort_of(step), weights: &self.weights };
+        let loss = loss(terms, config.batch, outputs, &batch.truth, &mut self.d_out);
+        let gradients = &mut self.parameters.optimizer.gradients;
+        self.network.backward(weights, &self.d_out, &batch.spectra, dropout, gradients);
+        (loss, batch.clips.iter().map(|&clip| self.clips[clip].recording.name.clone()).collect())
     }
 
     fn parameters(&mut self) -> &mut Parameters {

@@ -1,4 +1,4 @@
-//! What training windows are told of the music of their clips: [`kinelm_model::music`].
+//! Music conditioning of training windows: [`kinelm_model::music`] at the window's place in its clip.
 
 use super::window::WindowId;
 use crate::Result;
@@ -7,12 +7,12 @@ use kinelm_model::ModelConfig;
 use kinelm_model::music::conditioning;
 use kinelm_store::random;
 
-/// Share of the windows in which music is hidden, so that the model serves without it too.
+/// Share of the windows whose music is hidden, so that the model works without music too.
 const HIDDEN: f64 = 0.1;
 
-/// What tells windows of music.
+/// Conditions windows on the music of their clips.
 #[derive(Debug, Clone)]
-pub struct Heard {
+pub struct MusicConditioning {
     model: ModelConfig,
     seed: u64,
     /// Of windows.
@@ -20,18 +20,18 @@ pub struct Heard {
     fps: f64,
 }
 
-impl Heard {
-    /// For windows of so many frames at `fps`; `None` where nothing is told.
-    pub fn new(model: &ModelConfig, seed: u64, (frames, fps): (usize, f64)) -> Option<Heard> {
-        (!model.music.is_none()).then(|| Heard { model: model.clone(), seed, frames, fps })
+impl MusicConditioning {
+    /// For windows of `frames` frames at `fps`; `None` for a model without music.
+    pub fn new(model: &ModelConfig, seed: u64, (frames, fps): (usize, f64)) -> Option<MusicConditioning> {
+        (!model.music.is_none()).then(|| MusicConditioning { model: model.clone(), seed, frames, fps })
     }
 
-    /// (F, M) What a window is told whose first frame stands at the clip's frame `first`, and of which a frame is `factor` of
-    /// the clip's. All 0 where the clip has no music, and where it is hidden.
+    /// (F, M) The conditioning of a window whose first frame is the clip's frame `first`; from one of its frames to the next
+    /// are `factor` frames of the clip. All 0 where the clip has no music, or it is hidden.
     ///
     /// # Errors
-    /// A corpus that can't be read any more.
-    pub fn told(
+    /// A corpus that can no longer be read.
+    pub fn of_window(
         &self,
         (corpus, clip): (&Corpus, &ClipRecord),
         window: WindowId,
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_hear_their_clip_where_they_stand_but_for_a_tenth_and_nothing_else_changes() {
+    fn windows_have_the_music_of_their_frames_except_a_tenth_and_nothing_else_changes() {
         let dir = tempfile::tempdir().unwrap();
         let clips = [(150, Split::Train), (140, Split::Train), (120, Split::Train), (30, Split::Valid)];
         let data = Data::one(fixture::heard(dir.path(), &clips)).unwrap();
@@ -91,12 +91,12 @@ mod tests {
             assert_eq!((&without.inputs, &without.targets, &without.clips), (&with.inputs, &with.targets, &with.clips));
             let model = RunFile::new(&model(music), &TrainConfig::default(), &data).unwrap().model;
             assert_eq!(model.music_scale.is_some(), music.has_features());
-            let told_windows = with.conditioning.clone().unwrap();
-            assert!(told_windows.numbers.is_empty() && told_windows.rows[0].is_empty());
-            let of_window = told_windows.music.len() / 200;
+            let found = with.conditioning.clone().unwrap();
+            assert!(found.numbers.is_empty() && found.rows[0].is_empty());
+            let of_window = found.music.len() / 200;
             assert_eq!(of_window, WINDOW * music.numbers());
-            let (mut hidden, mut heard) = (0, 0);
-            for (name, numbers) in with.clips.iter().zip(told_windows.music.chunks(of_window)) {
+            let (mut hidden, mut shown) = (0, 0);
+            for (name, numbers) in with.clips.iter().zip(found.music.chunks(of_window)) {
                 let (clip, first) = name.split_once(" from frame ").unwrap();
                 let corpus = &data.parts()[0].corpus;
                 let clip = corpus.clips().iter().find(|c| c.name == clip).unwrap();
@@ -106,11 +106,11 @@ mod tests {
                 if numbers.iter().all(|x| *x == 0.0) {
                     hidden += usize::from(clip.beats.is_some());
                 } else {
-                    heard += 1;
+                    shown += 1;
                     assert!(numbers.iter().zip(&whole).all(|(a, b)| (a - b).abs() < 1e-4), "{name}");
                 }
             }
-            assert!((5..25).contains(&hidden) && heard > 100, "{hidden} hidden, {heard} heard");
+            assert!((5..25).contains(&hidden) && shown > 100, "{hidden} hidden, {shown} shown");
             let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
             assert_eq!(one.install(|| batch(&data, music, augment)), with);
         }
@@ -122,15 +122,15 @@ mod tests {
         let data = Data::one(fixture::heard(dir.path(), &[(150, Split::Train)])).unwrap();
         let (corpus, config) = (&data.parts()[0].corpus, model(Music::Both));
         let config = RunFile::new(&config, &TrainConfig::default(), &data).unwrap().model;
-        let heard = Heard::new(&config, 1, (8, 20.0)).unwrap();
+        let music = MusicConditioning::new(&config, 1, (8, 20.0)).unwrap();
         let window = (0..).map(|number| WindowId { round: 0, number });
         let shown = |at: (f64, f64)| {
             let mut windows =
-                window.clone().map(|window| heard.told((corpus, &corpus.clips()[0]), window, at).unwrap());
+                window.clone().map(|window| music.of_window((corpus, &corpus.clips()[0]), window, at).unwrap());
             windows.find(|numbers| numbers.iter().any(|x| *x != 0.0)).unwrap()
         };
         let found = shown((30.5, 1.25));
-        // frame i stands at the clip's frame 30.5 + 1.25 i, and what is ahead comes sooner
+        // frame i is the clip's frame 30.5 + 1.25 i, and beats come sooner
         let sound = corpus.sound(&corpus.clips()[0]).unwrap();
         let faster: Vec<f64> = sound.beats_s.iter().map(|beat| (beat - 30.5 / 20.0) / 1.25).collect();
         let (fps, from_s) = (20.0 * 1.25, -30.5 / 20.0 / 1.25);
@@ -151,7 +151,7 @@ mod tests {
         let faster =
             batch(&data, Music::Beats, AugmentConfig { speed: 0.2, ..Default::default() }).conditioning.unwrap();
         let m = Music::Beats.numbers();
-        // the phase goes on by another step from frame to frame
+        // the phase moves by another step from frame to frame
         let steps = |music: &[f32]| -> Vec<f64> {
             let phase = |frame: usize| f64::from(music[frame * m + 2]).atan2(music[frame * m + 1].into());
             let windows = (0..music.len() / m / WINDOW).map(|window| window * WINDOW);
@@ -164,13 +164,16 @@ mod tests {
     }
 
     #[test]
-    fn a_model_that_hears_asks_for_music() {
+    fn a_model_with_music_needs_music() {
         let dir = tempfile::tempdir().unwrap();
         let data = Data::one(fixture::turning(dir.path(), &[(50, Split::Train)])).unwrap();
         let said = |music| RunFile::new(&model(music), &TrainConfig::default(), &data).unwrap_err().to_string();
         let beats = said(Music::Beats);
-        assert!(beats.contains("asks for music, and no training clip of the corpora has any; kinelm tokenize --music"));
-        assert!(said(Music::Both).contains("asks for music, and no"));
-        assert!(said(Music::Features).contains("asks for what music sounds like, and no"));
+        assert!(
+            beats.contains("no music; model.music needs it, and no training clip of the corpora has any"),
+            "{beats}"
+        );
+        assert!(said(Music::Both).contains("no music; model.music needs it"));
+        assert!(said(Music::Features).contains("no music features; model.music needs it"));
     }
 }

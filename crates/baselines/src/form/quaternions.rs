@@ -1,12 +1,12 @@
-//! Quaternions, their signs running on over time.
+//! Quaternions, their signs continuous over time.
 
 use kinelm_motion::rotation::nearest_sign;
 use kinelm_motion::{Clip, Quat};
 
-/// Shorter ones, before they are normalised, tell no rotation.
+/// Shorter outputs of a network have no direction.
 const SHORTEST: f64 = 1e-9;
 
-/// A clip's first frame has the signs nearest to no rotation.
+/// The first frame has the signs nearest to the identity.
 pub fn frames(clip: &Clip) -> Vec<f64> {
     let mut frames = Vec::with_capacity(clip.frames() * (3 + 4 * clip.joints()));
     let mut before = vec![Quat::IDENTITY; clip.joints()];
@@ -25,7 +25,7 @@ pub fn turn(root: &mut [f64], by: Quat) {
     root.copy_from_slice(&[q.w, q.x, q.y, q.z]);
 }
 
-/// Normalised; one too short to say a rotation is that of the frame before, of the first frame none.
+/// Normalised. One too short for a direction is that of the previous frame, in the first frame the identity.
 pub fn rotations(frames: &[f64], channels: usize) -> Vec<Quat> {
     let joints = (channels - 3) / 4;
     let mut all: Vec<Quat> = Vec::with_capacity(frames.len() / channels * joints);

@@ -1,32 +1,32 @@
-//! How good names are: accuracy, balanced accuracy, macro F1, confusion, calibration, intervals.
+//! Metrics of classification: accuracy, balanced accuracy, macro F1, confusion, calibration, intervals.
 
-use super::eval::likeliest;
+use super::scores::likeliest;
 use kinelm_store::random;
 use serde::Serialize;
 
-/// What was said of one thing, window or clip.
+/// A classified window or clip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// The clip it belongs to: the independent unit.
+    /// Its clip: the independent unit.
     pub clip: usize,
-    /// The class it is of.
+    /// Its true class.
     pub class: usize,
     /// ln p of every class.
     pub log_p: Vec<f64>,
 }
 
-/// Figures of some outcomes.
+/// Metrics of some outcomes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Figures {
-    /// Things that were named.
+pub struct Metrics {
+    /// Outcomes.
     pub count: usize,
-    /// Clips among which they fall.
+    /// Their clips.
     pub clips: usize,
-    /// Share that is right.
+    /// Share of right ones.
     pub accuracy: f64,
-    /// Its 95 % interval over clips: Wilson's where each is one clip, else the bootstrap's over clips.
+    /// Its 95 % interval: Wilson's where each outcome is one clip, else by bootstrap over clips.
     pub accuracy_95: [f64; 2],
-    /// Mean over the classes of the share of them that is right.
+    /// Mean over the classes of their accuracy.
     pub balanced_accuracy: f64,
     /// Mean over the classes of F1 = 2 TP / (2 TP + FP + FN).
     pub macro_f1: f64,
@@ -34,16 +34,16 @@ pub struct Figures {
     pub calibration_error: f64,
     /// Mean -ln p of the right class.
     pub nats: f64,
-    /// (classes, classes) counts, `[class][named]`.
+    /// (classes, classes) counts, `[true][predicted]`.
     pub confusion: Vec<Vec<usize>>,
 }
 
 /// Resamples of the bootstrap.
 const RESAMPLES: u64 = 1000;
 
-impl Figures {
-    /// Of outcomes over so many classes; none where there are none. Balanced accuracy and F1 are over the classes that occur.
-    pub fn of(outcomes: &[Outcome], classes: usize, seed: u64) -> Option<Figures> {
+impl Metrics {
+    /// Of outcomes over `classes` classes; `None` without outcomes. Balanced accuracy and F1 are over the classes that occur.
+    pub fn of(outcomes: &[Outcome], classes: usize, seed: u64) -> Option<Metrics> {
         if outcomes.is_empty() {
             return None;
         }
@@ -57,10 +57,10 @@ impl Figures {
         clips.sort_unstable();
         clips.dedup();
         let of_class = |class: usize| confusion[class].iter().sum::<usize>();
-        let named = |class: usize| confusion.iter().map(|row| row[class]).sum::<usize>();
-        let there: Vec<usize> = (0..classes).filter(|&c| of_class(c) > 0).collect();
-        let mean = |of: &dyn Fn(usize) -> f64| there.iter().map(|&c| of(c)).sum::<f64>() / there.len() as f64;
-        Some(Figures {
+        let predicted = |class: usize| confusion.iter().map(|row| row[class]).sum::<usize>();
+        let occurring: Vec<usize> = (0..classes).filter(|&c| of_class(c) > 0).collect();
+        let mean = |of: &dyn Fn(usize) -> f64| occurring.iter().map(|&c| of(c)).sum::<f64>() / occurring.len() as f64;
+        Some(Metrics {
             count: outcomes.len(),
             clips: clips.len(),
             accuracy: hits as f64 / outcomes.len() as f64,
@@ -69,7 +69,7 @@ impl Figures {
                 false => bootstrap(outcomes, &clips, seed),
             },
             balanced_accuracy: mean(&|c| confusion[c][c] as f64 / of_class(c) as f64),
-            macro_f1: mean(&|c| 2.0 * confusion[c][c] as f64 / (of_class(c) + named(c)) as f64),
+            macro_f1: mean(&|c| 2.0 * confusion[c][c] as f64 / (of_class(c) + predicted(c)) as f64),
             calibration_error: calibration(outcomes),
             nats: -outcomes.iter().map(|o| o.log_p[o.class]).sum::<f64>() / outcomes.len() as f64,
             confusion,
@@ -108,15 +108,15 @@ fn bootstrap(outcomes: &[Outcome], clips: &[usize], seed: u64) -> [f64; 2] {
     [found[(0.025 * RESAMPLES as f64) as usize], found[(0.975 * RESAMPLES as f64) as usize]]
 }
 
-/// The mean gap between how sure a name was and how often it is right.
+/// Mean |accuracy - confidence| over ten bins of confidence, weighted by their counts.
 fn calibration(outcomes: &[Outcome]) -> f64 {
     let mut bins = [[0.0; 2]; 10];
     for o in outcomes {
-        let named = likeliest(&o.log_p);
-        let sure = o.log_p[named].exp().min(1.0);
+        let predicted = likeliest(&o.log_p);
+        let sure = o.log_p[predicted].exp().min(1.0);
         let bin = &mut bins[((sure * 10.0) as usize).min(9)];
         bin[0] += sure;
-        bin[1] += f64::from(u8::from(named == o.class));
+        bin[1] += f64::from(u8::from(predicted == o.class));
     }
     bins.iter().map(|[sure, right]| (sure - right).abs()).sum::<f64>() / outcomes.len() as f64
 }
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_by_hand() {
+    fn metrics_by_hand() {
         // 3 of class 0, of which 2 are right; 1 of class 1, right
         let all = [
             outcome(0, 0, [0.75, 0.25]),
@@ -138,7 +138,7 @@ mod tests {
             outcome(2, 0, [0.25, 0.75]),
             outcome(3, 1, [0.25, 0.75]),
         ];
-        let f = Figures::of(&all, 2, 1).unwrap();
+        let f = Metrics::of(&all, 2, 1).unwrap();
         assert_eq!(f.confusion, [[2, 1], [0, 1]]);
         assert_eq!((f.count, f.clips, f.accuracy), (4, 4, 0.75));
         assert!((f.balanced_accuracy - (2.0 / 3.0 + 1.0) / 2.0).abs() < 1e-12);
@@ -147,7 +147,7 @@ mod tests {
         // all in the bin of 0.7 to 0.8: right 3 of 4, sure 0.75
         assert!(f.calibration_error < 1e-12);
         assert!((f.nats + (3.0 * 0.75f64.ln() + 0.25f64.ln()) / 4.0).abs() < 1e-12);
-        assert_eq!(Figures::of(&[], 2, 1), None);
+        assert_eq!(Metrics::of(&[], 2, 1), None);
     }
 
     #[test]
@@ -158,10 +158,10 @@ mod tests {
             (low - 0.595_849_973_204_761_6).abs() < 1e-12 && (high - 0.982_123_786_904_927_2).abs() < 1e-12,
             "{low} {high}"
         );
-        // windows of one clip stand or fall together: wider than 40 apart would be
+        // windows of one clip are right or wrong together: wider than of 40 independent ones
         let windows: Vec<Outcome> =
             (0..40).map(|i| outcome(i / 10, 0, if i / 10 == 0 { [0.1, 0.9] } else { [0.9, 0.1] })).collect();
-        let [low, high] = Figures::of(&windows, 2, 1).unwrap().accuracy_95;
+        let [low, high] = Metrics::of(&windows, 2, 1).unwrap().accuracy_95;
         assert!(low <= 0.25 + 1e-9 && high == 1.0, "{low} {high}");
     }
 }

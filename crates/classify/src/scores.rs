@@ -1,4 +1,4 @@
-//! What a classifier says of windows and clips.
+//! The classes of windows and clips, as probabilities.
 
 use super::Classifier;
 use super::batches::{IdsOf, Numbers};
@@ -11,46 +11,37 @@ use kinelm_model::fast::Fast;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Windows that are read together.
+/// Windows that are read side by side.
 const TOGETHER: usize = 16;
 
-/// What is said of a window.
+/// Class probabilities of a window, or of a clip.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Named {
+pub struct ClassScores {
     /// Index into the clips.
     pub clip: usize,
-    /// Its frames' first word, and how many there are.
+    /// The words that it shows.
     pub words: Range<usize>,
     /// ln p, per field and class.
     pub log_p: Vec<Vec<f64>>,
 }
 
-impl Named {
-    /// The likeliest class of a field; of equals the first.
+impl ClassScores {
+    /// The most likely class of a field; of equals the first.
     pub fn likeliest(&self, field: usize) -> usize {
         likeliest(&self.log_p[field])
     }
 }
 
-/// The place of the largest number, of equals the first.
+/// The index of the largest number; of equals the first.
 pub fn likeliest(log_p: &[f64]) -> usize {
     (0..log_p.len()).fold(0, |best, i| if log_p[i] > log_p[best] { i } else { best })
 }
 
-/// What a classifier says of every window of these clips of a corpus, in their order.
-///
-/// # Errors
-/// A corpus of another tokenizer.
-pub fn name_windows(classifier: &mut Classifier, corpus: &Corpus, clips: &[&ClipRecord]) -> Result<Vec<Named>> {
-    super::train::same_tokenizer(&classifier.about.tokenizer, corpus)?;
-    classifier.read(&Source::of(corpus, clips))
-}
-
-/// Clips as ids, wherever they are from.
+/// Clips as ids.
 pub(super) struct Source<'a> {
-    /// Windows at most, spread evenly; 0: all.
+    /// Largest number of windows, evenly spread; 0: all.
     pub most: usize,
-    /// Ends the reading between two batches.
+    /// Ends reading between two batches.
     pub stop: Option<&'a AtomicBool>,
     /// Words of every clip.
     pub words: Vec<usize>,
@@ -68,7 +59,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Theirs that are read, in order.
+    /// The windows that are read, in order.
     pub fn windows(&self, layout: &Layout) -> Vec<Window> {
         let all = || self.words.iter().enumerate().flat_map(|(clip, &words)| layout.windows(clip, words));
         if self.most == 0 {
@@ -86,32 +77,33 @@ impl<'a> Source<'a> {
 }
 
 impl Classifier {
-    pub(super) fn read(&mut self, source: &Source) -> Result<Vec<Named>> {
-        read_windows(&mut self.model, &self.heads, &self.layout, self.about.compat, source)
+    fn read(&mut self, source: &Source) -> Result<Vec<ClassScores>> {
+        read_windows(&mut self.model, &self.heads, &self.layout, self.manifest.compat, source)
     }
 
-    /// What it says of every window of a clip of its tokenizer's `ids`, in words of one length.
+    /// The classes of every window of these clips of a corpus, in their order.
+    ///
+    /// # Errors
+    /// A corpus of another tokenizer.
+    pub fn classify_windows(&mut self, corpus: &Corpus, clips: &[&ClipRecord]) -> Result<Vec<ClassScores>> {
+        super::train::same_tokenizer(&self.manifest.tokenizer, corpus)?;
+        self.read(&Source::of(corpus, clips))
+    }
+
+    /// The classes of every window of a clip of `ids` of its tokenizer, in words of one length.
     ///
     /// # Errors
     /// What the model refuses.
-    pub fn name_ids(&mut self, ids: &[u32]) -> Result<Vec<Named>> {
-        let word = self.about.tokens.word;
+    pub fn classify_ids(&mut self, ids: &[u32]) -> Result<Vec<ClassScores>> {
+        let word = self.manifest.tokens.word;
         let ids_of = |w: &Window| Ok(ids[w.word * word..(w.word + w.words) * word].to_vec());
         self.read(&Source { most: 0, stop: None, words: vec![ids.len() / word], ids: Box::new(ids_of) })
     }
 }
 
-/// As [`name_windows`], of whole clips: the mean of their windows' ln p, made to sum to 1.
-///
-/// # Errors
-/// As [`name_windows`].
-pub fn name_clips(classifier: &mut Classifier, corpus: &Corpus, clips: &[&ClipRecord]) -> Result<Vec<Named>> {
-    Ok(of_clips(&name_windows(classifier, corpus, clips)?))
-}
-
-/// Windows of one clip after the other: what they say of the clips.
-pub fn of_clips(windows: &[Named]) -> Vec<Named> {
-    let one = |windows: &[Named]| {
+/// The classes of clips from those of their windows, which follow each other clip by clip: the mean ln p, normalised.
+pub fn of_clips(windows: &[ClassScores]) -> Vec<ClassScores> {
+    let one = |windows: &[ClassScores]| {
         let fields = windows[0].log_p.len();
         let mean = |field: usize| {
             let classes = windows[0].log_p[field].len();
@@ -119,19 +111,19 @@ pub fn of_clips(windows: &[Named]) -> Vec<Named> {
             normalised((0..classes).map(|class| sum(class) / windows.len() as f64).collect())
         };
         let words = windows[0].words.start..windows[windows.len() - 1].words.end;
-        Named { clip: windows[0].clip, words, log_p: (0..fields).map(mean).collect() }
+        ClassScores { clip: windows[0].clip, words, log_p: (0..fields).map(mean).collect() }
     };
     windows.chunk_by(|a, b| a.clip == b.clip).map(one).collect()
 }
 
-/// Logits, or logarithms of shares, as ln p.
+/// Logits as ln p: log-softmax.
 pub(super) fn normalised(logits: Vec<f64>) -> Vec<f64> {
     let most = logits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let sum = most + logits.iter().map(|l| (l - most).exp()).sum::<f64>().ln();
     logits.into_iter().map(|l| l - sum).collect()
 }
 
-/// What a model with these heads says of every window of `source`.
+/// The classes of every window of `source`, by a model with these heads.
 ///
 /// # Errors
 /// What the model refuses.
@@ -141,20 +133,20 @@ pub(super) fn read_windows(
     layout: &Layout,
     compat: bool,
     source: &Source,
-) -> Result<Vec<Named>> {
+) -> Result<Vec<ClassScores>> {
     let width = Scores::config(model).width;
-    let named = |w: &Window, vectors: &[f32]| {
+    let scores = |w: &Window, vectors: &[f32]| {
         let logits = |(head, h): (&Floats, &[f32])| {
             let dot = |row: &[f32]| row.iter().zip(h).map(|(a, b)| f64::from(a * b)).sum::<f64>();
             normalised(head.chunks(width).map(dot).collect())
         };
         let log_p = heads.iter().zip(vectors.chunks(width)).map(logits).collect();
-        Named { clip: w.clip, words: w.word..w.word + w.words, log_p }
+        ClassScores { clip: w.clip, words: w.word..w.word + w.words, log_p }
     };
-    each_window(model, layout, compat, source, &|w| layout.rows(w.words), &named)
+    each_window(model, layout, compat, source, &|w| layout.rows(w.words), &scores)
 }
 
-/// The mean of the final vectors over the motion's tokens of every window, (D) each.
+/// The mean final vector of the motion's tokens of every window, (D) each.
 ///
 /// # Errors
 /// What the model refuses.
@@ -171,7 +163,7 @@ pub(super) fn pooled(model: &mut Fast, layout: &Layout, source: &Source) -> Resu
     each_window(model, layout, true, source, &|w| layout.motion_rows(w.words), &mean)
 }
 
-/// What `read` makes of the final vectors of some rows of every window.
+/// Maps the final vectors of some rows of every window by `read`.
 ///
 /// # Errors
 /// What the model refuses; [`kinelm_store::Error::Stopped`] where the source is stopped.
@@ -195,8 +187,8 @@ fn each_window<T>(
         let vectors = model.final_vectors(numbers.as_windows(layout), &rows.collect::<Vec<usize>>())?;
         let mut rest = vectors.as_slice();
         for w in some {
-            let (of_window, behind) = rest.split_at(rows_of(w).len() * width);
-            rest = behind;
+            let (of_window, others) = rest.split_at(rows_of(w).len() * width);
+            rest = others;
             all.push(read(w, of_window));
         }
     }

@@ -1,19 +1,19 @@
-//! Rotations by the places of joints: what a BVH needs of a model that foretells places.
+//! Rotations from joint positions, to write the output of a positional model as BVH.
 //!
-//! Of each joint that rotation is taken that brings its bones at rest nearest to where they are, in the sense of Wahba's
-//! problem. One bone leaves its twist open, and none everything; what is open is as the parent's. Source: Davenport's
+//! Each joint gets the rotation that brings its bones at rest closest to their directions: Wahba's problem. One bone leaves
+//! its twist undetermined, no bone the whole rotation; what is undetermined follows the parent. Source: Davenport's
 //! q-method, as in Horn, "Closed-form solution of absolute orientation using unit quaternions" (1987).
 
 use kinelm_linalg::symmetric_eigen;
 use kinelm_motion::{Quat, Skeleton, Vec3};
 
-/// How much the parent's rotation counts beside the bones: enough to decide what these leave open.
+/// Weight of the parent's rotation beside the bones: enough to decide what these leave undetermined.
 const PARENT: f64 = 1e-6;
 
-/// (J) local rotations of one frame by the places (J + E) of joints and end sites, metres.
+/// (J) local rotations of one frame from the positions (J + E) of joints and end sites, metres.
 ///
 /// # Panics
-/// Another number of places.
+/// Another number of positions.
 pub fn rotations(skeleton: &Skeleton, places: &[Vec3]) -> Vec<Quat> {
     let j = skeleton.joints();
     assert_eq!(places.len(), j + skeleton.ends().len(), "a place of every joint and end site");
@@ -37,7 +37,7 @@ pub fn rotations(skeleton: &Skeleton, places: &[Vec3]) -> Vec<Quat> {
     local
 }
 
-/// The rotation that takes bones at rest nearest to where they are; what they leave open as in `above`.
+/// The rotation that brings bones at rest closest to their directions; what they leave undetermined is as in `above`.
 fn nearest(bones: &[(Vec3, Vec3)], above: Quat) -> Quat {
     let weight: f64 = bones.iter().map(|(rest, there)| rest.length() * there.length()).sum();
     if weight < 1e-12 {
@@ -75,7 +75,7 @@ mod tests {
     use kinelm_motion::rotation::angle_between;
 
     #[test]
-    fn two_bones_tell_all_and_one_leaves_its_twist() {
+    fn two_bones_determine_a_rotation_and_one_leaves_its_twist() {
         let turn = Quat::from_axis_angle(Vec3::new(1.0, 2.0, -2.0).normalize(), 2.5);
         let (a, b) = (Vec3::new(0.0, 0.3, 0.0), Vec3::new(0.1, 0.0, 0.2));
         let found = nearest(&[(a, turn * a), (b, turn * b)], Quat::IDENTITY);

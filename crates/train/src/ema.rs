@@ -1,16 +1,16 @@
-//! The moving average of weights over a run, and sums of gradients over batches: passes over buffers, piece by piece.
+//! The exponential moving average of the weights over a run, and weighted sums of gradients over batches.
 //!
 //! The average after update n is the mean of the weights after updates 1..=n, those of update i counting decay^(n - i):
-//! the exponential moving average with Adam's bias correction, so it owes nothing to the weights that the run began
-//! with. It is kept as a running mean, average += share * (weights - average), and needs no correction when it is read.
+//! Adam's bias correction, so that the first weights of the run have no part in it. It is stored as a running mean,
+//! `average += share * (weights - average)`, and needs no correction when it is read.
 
 use rayon::prelude::*;
 
 /// Numbers of a parallel piece.
 const CHUNK: usize = 65_536;
 
-/// What share of the way to the weights the average goes after update `update`, counted from 1: all of it at first, and
-/// 1 - decay in the end.
+/// The share of the way to the weights that the average moves in update `update`, counted from 1: 1 at first, falling to
+/// `1 - decay`.
 pub fn share(decay: f64, update: u64) -> f64 {
     (1.0 - decay) / (1.0 - decay.powf(update as f64))
 }
@@ -28,7 +28,7 @@ pub fn towards(average: &mut [f32], x: &[f32], share: f32) {
     });
 }
 
-/// Makes `sum` the gradients `x` times `share`, or adds them to it.
+/// Adds `share` times `x` to `sum`; the `first` addition overwrites it.
 ///
 /// # Panics
 /// Slices of different lengths.

@@ -1,4 +1,4 @@
-//! Whether this machine has the memory that training a model takes, asked before anything is allocated.
+//! The memory that training a model takes, checked before anything is allocated.
 
 use super::config::TrainConfig;
 use super::stages;
@@ -6,14 +6,13 @@ use crate::Result;
 use kinelm_model::{Architecture, ModelConfig, TokenLayout, layout};
 use kinelm_store::memory;
 
-/// Bytes that training takes, about: weights, gradients and two moments, the sum of gradients and the average of weights
-/// where there are; ten numbers of a token's width a layer for the backward pass, and what one layer needs while it is
-/// computed.
+/// About how many bytes training takes: weights, gradients, two moments, and the sum of gradients and the average of weights
+/// where used; eleven numbers per token, layer and unit of width for the backward pass, and the workspace of one layer.
 pub fn needed(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -> u128 {
     let copies = 4 + u128::from(train.accumulate > 1) + u128::from(train.ema > 0.0);
     let parameters: u128 = layout::parameters(config, tokens).iter().map(|p| p.len() as u128).sum();
     let tokens_a_step = stages::most_tokens(train, config, tokens) as u128;
-    // of a two-level model the decoder's rows are tokens, the trunk's so few that they don't count
+    // the rows of a two-level decoder are tokens; those of its trunk are few
     let (layers, width) = match config.architecture {
         Architecture::Flat => (config.layers, config.width),
         Architecture::TwoLevel => (config.decoder().layers, config.decoder().width),
@@ -22,13 +21,13 @@ pub fn needed(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -
     4 * (copies * parameters + activations)
 }
 
-/// Refuses what doesn't fit into the memory that is free.
+/// Refuses a model that doesn't fit into the free memory.
 ///
 /// # Errors
-/// A model or a batch that is too large, with what it takes and what there is; none where the system doesn't tell.
+/// [`kinelm_store::Error::Limit`]; nothing where the system doesn't report its free memory.
 pub fn check(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -> Result<()> {
-    let help = "lower model.width, model.layers, model.context (of two levels model.window) or train.batch (with \
-                train.accumulate that much higher, a step stays the same)";
+    let help = "lower model.width, model.layers, model.context (model.window for two levels) or train.batch (with \
+                train.accumulate raised as much, a step stays the same)";
     Ok(memory::check(needed(config, tokens, train), "training this model on these batches", help)?)
 }
 
@@ -37,7 +36,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_does_not_fit_is_told_in_gigabytes() {
+    fn what_does_not_fit_is_refused_in_gigabytes() {
         let tokens = TokenLayout {
             vocabulary: 400,
             word: 43,

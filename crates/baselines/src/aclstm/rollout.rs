@@ -1,26 +1,26 @@
-//! A trained network that goes on from true frames by itself.
+//! Rollout: a trained network continues from true frames by itself.
 
-use super::form::{check_finite, steps};
 use super::run::Trained;
 use crate::Result;
+use crate::form::{check_finite, steps};
 use kinelm_engine::lstm::Lstm;
 
-/// Steps that are computed at a time: what the memory is for.
+/// Steps that are computed at a time.
 const AT_ONCE: usize = 50;
 
 impl Trained {
-    /// What follows each of some seeds, (F, C) steps, `frames` of them. All seeds have the same number of frames, at least 2:
-    /// the hip's steps need the one behind.
+    /// (F, C) steps that follow each seed; F is `frames`. All seeds have the same number of frames, at least 2: the last step
+    /// of the hip leads to the last frame.
     ///
-    /// The network is driven by the seed from rest; from there on it sees its own steps, as they come out of it. Seeds side
-    /// by side give the bits that each one gives alone.
+    /// The network reads the seed from the zero state, then its own outputs. Each seed gives the same bits in any company.
     ///
     /// # Errors
-    /// [`crate::Error::NotFinite`] for steps that run away, with the frame and the channel; `progress` is told the frames done.
+    /// [`crate::Error::NotFinite`] for steps that diverge, with the frame and the channel. `progress` receives the number of
+    /// frames done.
     ///
     /// # Panics
     /// Seeds of different lengths, or shorter than 2 frames.
-    pub fn go_on(&self, seeds: &[&[f64]], frames: usize, progress: &mut dyn FnMut(usize)) -> Result<Vec<Vec<f64>>> {
+    pub fn roll_out(&self, seeds: &[&[f64]], frames: usize, progress: &mut dyn FnMut(usize)) -> Result<Vec<Vec<f64>>> {
         let (c, b) = (self.shape.channels, seeds.len());
         let seeds: Vec<Vec<f64>> = seeds.iter().map(|seed| steps(seed, c)).collect();
         let Some(length) = seeds.first().map(|seed| seed.len() / c) else { return Ok(Vec::new()) };
@@ -37,34 +37,35 @@ impl Trained {
             lstm.forward(&inputs, &vec![true; n]);
             lstm.carry();
         }
-        let mut made: Vec<Vec<f64>> = vec![Vec::with_capacity(frames * c); b];
-        let mut take = |outputs: &[f32]| {
-            for (i, row) in outputs.chunks_exact(c).enumerate() {
-                made[i % b].extend(row.iter().map(|x| *x as f64));
+        let mut outputs: Vec<Vec<f64>> = vec![Vec::with_capacity(frames * c); b];
+        let mut take = |rows: &[f32]| {
+            for (i, row) in rows.chunks_exact(c).enumerate() {
+                outputs[i % b].extend(row.iter().map(|x| *x as f64));
             }
         };
         if frames > 0 {
             take(lstm.last_output());
         }
-        let nothing = vec![0.0; AT_ONCE * b * c];
+        let no_input = vec![0.0; AT_ONCE * b * c];
         for first in (1..frames).step_by(AT_ONCE) {
             let n = AT_ONCE.min(frames - first);
-            take(lstm.forward(&nothing[..n * b * c], &vec![false; n]));
+            take(lstm.forward(&no_input[..n * b * c], &vec![false; n]));
             lstm.carry();
             progress(first + n);
         }
-        made.iter().try_for_each(|made| check_finite(made, c))?;
-        Ok(made)
+        outputs.iter().try_for_each(|steps| check_finite(steps, c))?;
+        Ok(outputs)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::aclstm::data::Sources;
-    use crate::aclstm::form::Coder;
     use crate::aclstm::run::RunFile;
-    use crate::aclstm::{Config, Rig, network};
+    use crate::aclstm::{Config, network};
+    use crate::data::Sources;
+    use crate::form::Coder;
+    use crate::rig::Rig;
     use kinelm_motion::format::ReadOptions;
     use kinelm_motion::{Motion, Source, synth};
 
@@ -95,23 +96,23 @@ mod tests {
         let (trained, frames) = untrained();
         let c = trained.shape.channels;
         let seeds: Vec<&[f64]> = [0, 7, 20].iter().map(|first| &frames[first * c..(first + 61) * c]).collect();
-        let together = trained.go_on(&seeds, 120, &mut |_| ()).unwrap();
+        let together = trained.roll_out(&seeds, 120, &mut |_| ()).unwrap();
         for (seed, made) in seeds.iter().zip(&together) {
-            let alone = trained.go_on(&[seed], 130, &mut |_| ()).unwrap().remove(0);
+            let alone = trained.roll_out(&[seed], 130, &mut |_| ()).unwrap().remove(0);
             assert!(alone[..120 * c] == made[..], "side by side");
             assert_eq!(alone.len(), 130 * c);
         }
         assert_ne!(together[0], together[1]);
-        assert!(trained.go_on(&[], 9, &mut |_| ()).unwrap().is_empty());
-        assert_eq!(trained.go_on(&seeds[..1], 0, &mut |_| ()).unwrap(), [Vec::<f64>::new()]);
+        assert!(trained.roll_out(&[], 9, &mut |_| ()).unwrap().is_empty());
+        assert_eq!(trained.roll_out(&seeds[..1], 0, &mut |_| ()).unwrap(), [Vec::<f64>::new()]);
     }
 
     #[test]
-    fn a_network_that_runs_away_is_told() {
+    fn a_network_that_diverges_is_refused() {
         let (mut trained, frames) = untrained();
         trained.weights.iter_mut().for_each(|w| w.fill(f32::NAN));
         let seed = &frames[..40 * trained.shape.channels];
-        let message = trained.go_on(&[seed], 9, &mut |_| ()).unwrap_err().to_string();
+        let message = trained.roll_out(&[seed], 9, &mut |_| ()).unwrap_err().to_string();
         assert_eq!(message, "frame 0, channel 0: found NaN, expected a number");
     }
 }

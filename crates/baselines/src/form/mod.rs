@@ -1,7 +1,7 @@
 //! Motion as channels, in three forms, and back.
 //!
-//! A frame's first three channels are the hip's place. As *frames* these are metres in the world; as *steps*, which the
-//! network sees, x and z are what they move by until the next frame, so that nothing says where a dance takes place.
+//! A frame's first three channels are the position of the hip. In *frames* these are metres in the world. In *steps*, the
+//! input of the network, x and z are the displacement to the next frame, so that they don't depend on the place of a dance.
 
 mod angles;
 pub mod fit;
@@ -10,24 +10,24 @@ mod quaternions;
 #[cfg(test)]
 mod tests;
 
-use super::Rig;
+use crate::rig::Rig;
 use crate::{Error, Result};
 use kinelm_motion::rotation::EulerOrder;
 use kinelm_motion::{Clip, Quat, Skeleton, Vec3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// How a pose is written.
+/// The representation of a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Form {
-    /// C = 3 (J + E): the hip's place, and from it to every other joint and end site, metres, in the world's directions.
+    /// C = 3 (J + E): the hip's position, and the offsets from it to every other joint and end site, metres, world axes.
     Positional,
-    /// C = 3 + 3 J: the hip's place and each joint's angles, radians, in its own order, the middle one within a quarter
-    /// turn of 0.
+    /// C = 3 + 3 J: the hip's position and each joint's Euler angles, radians, in its own order, the middle one within
+    /// +-pi/2.
     Euler,
-    /// C = 3 + 4 J: the hip's place and each joint's rotation as w, x, y, z.
+    /// C = 3 + 4 J: the hip's position and each joint's rotation as w, x, y, z.
     #[default]
     Quaternion,
 }
@@ -45,12 +45,12 @@ impl Coder {
     /// For a rig.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] for orders of angles that are none.
+    /// [`kinelm_store::Error::Invalid`] for orders of angles that are none.
     pub fn new(form: Form, rig: &Rig) -> Result<Coder> {
         Ok(Coder { form, joints: rig.joints(), points: rig.points(), orders: rig.angles()? })
     }
 
-    /// Which form.
+    /// Its form.
     pub fn form(&self) -> Form {
         self.form
     }
@@ -82,7 +82,7 @@ impl Coder {
         }
     }
 
-    /// A frame as it is where the whole dance is turned by `angle` radians about the world's y axis.
+    /// Turns a frame by `angle` radians about the world's y axis.
     pub fn turn(&self, frame: &mut [f64], angle: f64) {
         let by = Quat::from_rotation_y(angle);
         let hip = by * Vec3::from_slice(frame);
@@ -94,11 +94,11 @@ impl Coder {
         }
     }
 
-    /// (F, C) frames as a clip on a skeleton of the rig. Points have lost how bones are twisted and how long they are:
-    /// rotations are fitted to them ([`fit`]).
+    /// (F, C) frames as a clip on a skeleton of the rig. Positions lack the twist and the lengths of bones: rotations are
+    /// fitted to them ([`fit`]).
     ///
     /// # Errors
-    /// [`Error::NotFinite`] for a number that is none, with the frame.
+    /// [`Error::NotFinite`] with the frame.
     pub fn clip(&self, frames: &[f64], skeleton: &Arc<Skeleton>, fps: f64) -> Result<Clip> {
         let c = self.channels();
         check_finite(frames, c)?;
@@ -114,7 +114,7 @@ impl Coder {
         Ok(Clip::new(skeleton.clone(), fps, root, rotations)?)
     }
 
-    /// (F, J + E) places of joints and end sites, metres, world: of points as they stand, of rotations on the skeleton.
+    /// (F, J + E) positions of joints and end sites, metres, world; of rotations, on this skeleton.
     pub fn places(&self, frames: &[f64], skeleton: &Arc<Skeleton>) -> Vec<Vec3> {
         let c = self.channels();
         let rotations = match self.form {
@@ -147,7 +147,7 @@ pub fn steps(frames: &[f64], channels: usize) -> Vec<f64> {
     steps
 }
 
-/// (F, C) frames of (F, C) steps, the first one at `x` and `z`: what [`steps`] makes of them, but for the last frame's.
+/// (F, C) frames of (F, C) steps, the first one at `x` and `z`: the inverse of [`steps`].
 pub fn frames_of_steps(steps: &[f64], channels: usize, [mut x, mut z]: [f64; 2]) -> Vec<f64> {
     let mut frames = steps.to_vec();
     for frame in frames.chunks_exact_mut(channels) {
@@ -158,7 +158,7 @@ pub fn frames_of_steps(steps: &[f64], channels: usize, [mut x, mut z]: [f64; 2])
     frames
 }
 
-/// Refuses numbers that are none.
+/// Refuses numbers that are not finite.
 ///
 /// # Errors
 /// [`Error::NotFinite`] with the frame and the channel.

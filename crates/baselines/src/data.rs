@@ -1,10 +1,9 @@
-//! Clips as the network learns them: their frames in a form, at the file's own rate, and how far apart those are that
-//! follow each other at the network's.
+//! Clips that LSTMs learn from: at the file's own rate, with the stride from one frame at the network's rate to the next.
 
-use super::form::Coder;
-use super::{Config, FPS, Rig};
+use crate::FPS;
+use crate::rig::Rig;
 use crate::{Error, Result};
-use kinelm_classify::Only;
+use kinelm_classify::LabelFilter;
 use kinelm_corpus::Split;
 use kinelm_corpus::gather::{Gathered, Item, gather};
 use kinelm_corpus::load::item_options;
@@ -26,7 +25,7 @@ pub struct Sources {
     /// As [`gather`] takes them.
     pub labels: Vec<String>,
     /// Labels that clips must have.
-    pub only: Vec<Only>,
+    pub only: Vec<LabelFilter>,
     /// How files are read.
     pub read: ReadOptions,
 }
@@ -48,13 +47,13 @@ impl Sources {
 pub struct Recording {
     /// Its name.
     pub name: String,
-    /// The recording it is of: the independent unit.
+    /// Its recording: the independent unit.
     pub take: String,
-    /// Which part of the experiment it serves.
+    /// Its split.
     pub split: Split,
-    /// As it was read, without its ends, at its own rate.
+    /// Without the margins, at its own rate.
     pub clip: Clip,
-    /// Frames from one that is used to the next.
+    /// Frames from one at the network's rate to the next.
     pub stride: usize,
     /// SHA-256 of its file.
     pub sha256: String,
@@ -63,15 +62,15 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// The clip at the network's rate, from a frame of the file's on.
+    /// The clip at the network's rate.
     ///
     /// # Errors
-    /// None that a recording brings about.
+    /// None for a recording that was read.
     pub fn at_rate(&self) -> Result<Clip> {
         Ok(resample(&self.clip, FPS, Method::Stride)?)
     }
 
-    /// Frames that it has at the network's rate.
+    /// The number of its frames at the network's rate.
     pub fn frames(&self) -> usize {
         self.clip.frames().div_ceil(self.stride)
     }
@@ -84,18 +83,18 @@ pub struct Recordings {
     pub all: Vec<Recording>,
     /// Their rig: the first clip's.
     pub rig: Rig,
-    /// What the user should be told.
-    pub said: Vec<String>,
+    /// What the user should know.
+    pub notes: Vec<String>,
 }
 
 impl Recordings {
-    /// Reads the clips; `rig` is the one that they must have, if one is known.
+    /// Reads the clips, which must have the same rig: `rig`, if it is known.
     ///
     /// # Errors
-    /// What gathering and reading fail with; no clip with the labels; a clip on another rig than the first, with its joints;
-    /// a rate that is no multiple of the network's.
+    /// What gathering and reading fail with; no clip with the labels; a clip on another rig, with its joints; a rate that is
+    /// no multiple of the network's.
     pub fn load(sources: &Sources, margin: usize, rig: Option<&Rig>) -> Result<Recordings> {
-        let Gathered { items, mut said, .. } = gather(&sources.data, &sources.labels)?;
+        let Gathered { items, said: mut notes, .. } = gather(&sources.data, &sources.labels)?;
         let meets = |item: &&Item| sources.only.iter().all(|o| item.labels.get(&o.field) == Some(&o.value));
         let items: Vec<&Item> = items.iter().filter(meets).collect();
         let (mut loaded, mut doubts): (Option<Recordings>, _) = (None, RateDoubts::default());
@@ -111,7 +110,7 @@ impl Recordings {
             let clip = inner(&motion.clip, margin);
             let (name, take, split) = (item.name.clone(), item.take.clone(), item.split);
             let own =
-                || Recordings { all: Vec::new(), rig: rig.cloned().unwrap_or(Rig::of(&motion)), said: Vec::new() };
+                || Recordings { all: Vec::new(), rig: rig.cloned().unwrap_or(Rig::of(&motion)), notes: Vec::new() };
             loaded.get_or_insert_with(own).all.push(Recording {
                 name,
                 take,
@@ -122,10 +121,10 @@ impl Recordings {
                 item: (*item).clone(),
             });
         }
-        said.extend(doubts.line());
-        loaded.map(|loaded| Recordings { said, ..loaded }).ok_or_else(|| {
-            let asked: Vec<String> = sources.only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();
-            Error::call(format!("no clip with {}; see the labels' columns", asked.join(", ")))
+        notes.extend(doubts.line());
+        loaded.map(|loaded| Recordings { notes, ..loaded }).ok_or_else(|| {
+            let labels: Vec<String> = sources.only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();
+            Error::missing(format!("clip with {}", labels.join(", ")), "see the labels' columns")
         })
     }
 
@@ -143,7 +142,7 @@ impl Recordings {
         self.all.iter().map(|one| (one.item.path.display().to_string(), one.sha256.clone())).collect()
     }
 
-    /// Those of a split.
+    /// The clips of a split.
     pub fn split(&self, split: Split) -> impl Iterator<Item = &Recording> {
         self.all.iter().filter(move |one| one.split == split)
     }
@@ -152,11 +151,10 @@ impl Recordings {
 /// SHA-256 of files by their paths.
 pub type Hashes = BTreeMap<String, String>;
 
-/// Refuses files that aren't those that a run has learned from, by the hash of all and those of each: of each nothing is known
-/// in runs of before.
+/// Refuses other files than those that a run has learned from, by the hash of all and those of each.
 ///
 /// # Errors
-/// [`kinelm_store::Error::File`] that names the first that has changed, is gone or is new; where none has, what else may have.
+/// [`kinelm_store::Error::File`] that names the first that has changed, is gone or is new; if none has, what else may have.
 pub fn check_files(run: &Path, all: [&str; 2], each: [&Hashes; 2]) -> Result<()> {
     let ([then, now], [then_each, now_each]) = (all, each);
     if then == now {
@@ -164,41 +162,39 @@ pub fn check_files(run: &Path, all: [&str; 2], each: [&Hashes; 2]) -> Result<()>
     }
     let help = "put back the files and labels that the run was begun with, or begin a new one";
     let wrong = |path: &str, found: String, expected: String| Err(Error::file(path, found, expected, help));
-    if !then_each.is_empty() {
-        for (path, then) in then_each {
-            let expected = format!("the file that {} was begun with, {then}", run.display());
-            match now_each.get(path) {
-                Some(now) if now == then => {}
-                Some(now) => return wrong(path, format!("SHA-256 {now}"), expected),
-                None => return wrong(path, "no such file among those of the run".into(), expected),
-            }
+    for (path, then) in then_each {
+        let expected = format!("the file that {} was begun with, {then}", run.display());
+        match now_each.get(path) {
+            Some(now) if now == then => {}
+            Some(now) => return wrong(path, format!("SHA-256 {now}"), expected),
+            None => return wrong(path, "no such file among those of the run".into(), expected),
         }
-        if let Some(path) = now_each.keys().find(|path| !then_each.contains_key(*path)) {
-            return wrong(path, "a file".into(), format!("none: {} was begun without it", run.display()));
-        }
+    }
+    if let Some(path) = now_each.keys().find(|path| !then_each.contains_key(*path)) {
+        return wrong(path, "a file".into(), format!("none: {} was begun without it", run.display()));
     }
     let found = format!("files, rates, splits or times with the hash {now}");
     wrong(&run.display().to_string(), found, format!("the run's, {then}"))
 }
 
-/// A motion and the hash of its file.
+/// A motion file and its hash.
 ///
 /// # Errors
 /// What reading fails with.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<(Motion, String)> {
-    // refused by its name before it is read
+    // a wrong name is refused before reading
     format::Format::of(path)?;
     let bytes = input::bytes(path).map_err(Error::io(path))?;
     Ok((format::parse(path, &bytes, options)?, FileRecord::of(&bytes).sha256))
 }
 
-/// A clip without this many frames at both its ends.
+/// A clip without `margin` frames at both ends.
 pub fn inner(clip: &Clip, margin: usize) -> Clip {
     let end = clip.frames().saturating_sub(margin);
     clip.slice(margin.min(end)..end)
 }
 
-/// Frames from one that is used to the next.
+/// Frames from one at the network's rate to the next.
 ///
 /// # Errors
 /// A rate that is no multiple of the network's.
@@ -207,39 +203,6 @@ pub fn stride(path: &Path, fps: f64) -> Result<usize> {
     if stride >= 1.0 && (fps / FPS - stride).abs() <= 1e-6 * stride {
         return Ok(stride as usize);
     }
-    let help = "--fps-source says the true rate; kinelm convert --fps makes files of another one";
+    let help = "`fps_source` gives the true rate; kinelm convert makes files of another one";
     Err(Error::file(path, format!("{fps} frames a second"), format!("a multiple of {FPS}"), help))
-}
-
-/// What sequences are drawn from: clips that are long enough, as frames.
-pub struct Learned {
-    /// (F, C) of each, with its stride and its name.
-    pub clips: Vec<(Vec<f32>, usize, String)>,
-    /// Clips that are too short.
-    pub short: Vec<String>,
-}
-
-impl Learned {
-    /// The training clips.
-    ///
-    /// # Errors
-    /// [`kinelm_store::Error::Call`] when none is long enough.
-    pub fn of(recordings: &Recordings, coder: &Coder, config: &Config) -> Result<Learned> {
-        let mut learned = Learned { clips: Vec::new(), short: Vec::new() };
-        for one in recordings.split(Split::Train) {
-            match one.frames() >= config.length + 2 {
-                true => {
-                    let frames = coder.frames(&one.clip).into_iter().map(|x| x as f32).collect();
-                    learned.clips.push((frames, one.stride, one.name.clone()));
-                }
-                false => learned.short.push(one.name.clone()),
-            }
-        }
-        if learned.clips.is_empty() {
-            let (found, length) = (learned.short.len(), config.length + 2);
-            let what = format!("no training clip of {length} frames at {FPS} a second; {found} are shorter");
-            return Err(Error::call(format!("{what}: take a shorter length, or other clips")));
-        }
-        Ok(learned)
-    }
 }

@@ -1,12 +1,12 @@
-//! The rig that a run knows: joints by their names and the orders of their angles, whatever the bones' lengths.
+//! The rig of a run: joints by their names and the orders of their angles, without the lengths of bones.
 
 use crate::{Error, Result};
 use kinelm_motion::rotation::{Axis, EulerOrder};
 use kinelm_motion::{Motion, Skeleton, Source};
 use serde::{Deserialize, Serialize};
 
-/// Where a file says nothing, as motion capture mostly has it.
-const USUAL: EulerOrder = EulerOrder([Axis::Z, Axis::X, Axis::Y]);
+/// For files without angles: the most frequent order in motion capture.
+const DEFAULT_ORDER: EulerOrder = EulerOrder([Axis::Z, Axis::X, Axis::Y]);
 
 /// Names, parents, end sites and orders of angles.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,7 +16,7 @@ pub struct Rig {
     pub names: Vec<String>,
     /// (J - 1) parents of all joints but the root, joint 0.
     pub parents: Vec<usize>,
-    /// (E) the joints that end sites hang on.
+    /// (E) the parents of the end sites.
     pub ends: Vec<usize>,
     /// (J) as [`order`] reads them.
     pub orders: Vec<String>,
@@ -41,7 +41,7 @@ impl Rig {
             names: skeleton.names().to_vec(),
             parents: skeleton.parents().iter().flatten().copied().collect(),
             ends: skeleton.ends().iter().map(|end| end.parent).collect(),
-            orders: (0..skeleton.joints()).map(|j| letters(own(j).unwrap_or(USUAL))).collect(),
+            orders: (0..skeleton.joints()).map(|j| letters(own(j).unwrap_or(DEFAULT_ORDER))).collect(),
         }
     }
 
@@ -58,12 +58,9 @@ impl Rig {
     /// (J) the orders of angles.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] for letters that are no order, with the joint.
+    /// [`kinelm_store::Error::Invalid`] for letters that are no order.
     pub fn angles(&self) -> Result<Vec<EulerOrder>> {
-        let of = |(name, letters): (&String, &String)| {
-            order(letters).map_err(|e| Error::call(format!("the rig's joint {name}: {e}")))
-        };
-        self.names.iter().zip(&self.orders).map(of).collect()
+        self.orders.iter().map(|letters| order(letters)).collect()
     }
 
     /// Refuses another rig: other joints, another tree or other end sites.
@@ -91,7 +88,7 @@ impl Rig {
             (false, true) => format!("no joints {}", missing.join(", ")),
             (false, false) => format!("joints {} and no {}", more.join(", "), missing.join(", ")),
         };
-        let help = "take motion of the run's rig, or put this on it: kinelm convert FILE OUT.bvh --skeleton RIG.bvh";
+        let help = "take motion of the run's rig, or retarget this with kinelm convert";
         Err(Error::file(what, found, format!("the run's rig of {} joints", self.joints()), help))
     }
 }
@@ -104,13 +101,13 @@ fn letters(order: EulerOrder) -> String {
 /// The order of three letters, such as `ZXY`: the first turn is the outermost.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] for others.
+/// [`kinelm_store::Error::Invalid`] for others.
 pub fn order(letters: &str) -> Result<EulerOrder> {
     let axis = |c: char| [Axis::X, Axis::Y, Axis::Z].into_iter().find(|a| c == ['X', 'Y', 'Z'][a.index()]);
     let axes: Option<Vec<Axis>> = letters.chars().map(axis).collect();
     let order = axes.and_then(|axes| EulerOrder::new(axes.try_into().ok()?));
     order.ok_or_else(|| {
-        Error::call(format!("an order of angles {letters:?}; expected three of X, Y and Z, such as ZYX"))
+        Error::invalid("the order of a joint's angles", format!("{letters:?}"), "three of X, Y and Z, such as ZYX")
     })
 }
 

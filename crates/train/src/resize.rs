@@ -1,73 +1,57 @@
-//! Weights of a model that gets more labels: its tables grow, what it knows stays.
+//! Weights of a model whose input gets more ids, label fields or conditioning: tables are extended, all else stays.
 
+use crate::optimizer::Tensors;
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
 use kinelm_corpus::conditions::in_order;
-use kinelm_model::layout;
-pub use kinelm_model::layout::{CLASS, GOAL, MUSIC};
+use kinelm_model::layout::{self, CLASS, GOAL, MUSIC};
 use kinelm_model::{ModelConfig, TokenLayout};
-use std::collections::BTreeMap;
 
-/// What stands in front of and in a model's windows: its tokens and the label fields behind `<bos>`.
+/// What a model's windows hold: its tokens, and the label fields after `<bos>`.
 #[derive(Debug, Clone, Copy)]
-pub struct Language<'a> {
+pub struct Inputs<'a> {
     /// What the tokenizer and the fields decide.
     pub tokens: &'a TokenLayout,
-    /// The fields.
+    /// The label fields.
     pub conditions: &'a [String],
 }
 
-/// The weights of a model of shape `config` that knew `old` and is to know `new`, whose earlier ids are the same.
+/// The weights of a model of shape `config` for the inputs `new`, from those for `old`, whose ids are the same.
 ///
-/// Rows of ids and of fields that are new are drawn as a model begins with them, from `seed`; all others are what they
-/// were, bit for bit, each field's at the place where it now stands. Of learned places (`absolute`) those of new fields
-/// are put in where these stand, words keep theirs, and what is too much falls away at the end; so do rows of frames that
-/// no longer fit into a window. Tensors that the model had no use for begin as they do in a new one.
+/// Rows of new ids and fields are random, from `seed`, as in a new model. All other rows are copied bit for bit, each
+/// field's to its new position. Of absolute positions, those of new fields are inserted, words keep theirs, and those past
+/// the context are dropped. Tensors of conditioning that the model didn't have begin as in a new model.
 ///
 /// # Errors
-/// A new vocabulary that has fewer ids, words of another length, fields that are gone; weights that are missing or of
-/// another shape, each named.
-pub fn grow(
-    weights: &BTreeMap<String, Tensor>,
-    config: &ModelConfig,
-    old: Language,
-    new: Language,
-    seed: u64,
-) -> Result<BTreeMap<String, Tensor>> {
+/// New inputs with fewer ids, words of another length, or without an old field; weights that are missing or of another
+/// shape, each named.
+pub fn resize(weights: &Tensors, config: &ModelConfig, old: Inputs, new: Inputs, seed: u64) -> Result<Tensors> {
     let (was, is) = (old.tokens, new.tokens);
-    let fields = [old, new].map(|l| in_order(l.conditions));
+    let fields = [old, new].map(|inputs| in_order(inputs.conditions));
     if !is.reads(was) {
-        let (found, expected) = ((is.vocabulary, is.word), (was.vocabulary, was.word));
-        return Err(Error::call(format!(
-            "{} ids and words of {} tokens; the model knows {} ids and words of {}: it can only learn more ids",
-            found.0, found.1, expected.0, expected.1
-        )));
+        let of = |tokens: &TokenLayout| format!("{} ids and words of {} tokens", tokens.vocabulary, tokens.word);
+        return Err(Error::invalid("the tokenizer", of(is), format!("the model's {}, or more ids", of(was))));
     }
     if let Some(gone) = fields[0].iter().find(|f| !fields[1].contains(f)) {
-        return Err(Error::call(format!("the model knows the label field `{gone}`, which is gone; keep it")));
+        return Err(Error::missing(format!("label field `{gone}`"), "the model is conditioned on it; keep it"));
     }
     let front = front_rows(&fields[0], &fields[1]);
     let before = layout::parameters(config, was);
-    let grown = layout::parameters(config, is).into_iter().map(|p| {
-        let expected = before.iter().find(|b| b.name == p.name).map(|b| b.shape.as_slice());
+    let resized = layout::parameters(config, is).into_iter().map(|p| {
         let name = p.name.as_str();
-        let may_come = GOAL.contains(&name) || MUSIC.contains(&name) || name == CLASS;
-        let comes_new = may_come && !weights.contains_key(name);
-        if expected.is_none() || comes_new {
-            // what comes with the first labels, with being told what is ahead, or music, or with a classifier
+        let expected = before.iter().find(|b| b.name == name).map(|b| b.shape.as_slice());
+        let is_conditioning = GOAL.contains(&name) || MUSIC.contains(&name) || name == CLASS;
+        let Some(expected) = expected.filter(|_| weights.contains_key(name) || !is_conditioning) else {
             let tensor = Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?;
             return Ok((p.name, tensor));
-        }
-        let tensor = weights.get(&p.name).ok_or_else(|| Error::call(format!("no tensor {}", p.name)))?;
-        if expected != Some(tensor.dims()) {
-            let (name, found) = (&p.name, tensor.dims());
-            return Err(Error::call(format!("tensor {name} has the shape {found:?}; expected {expected:?}")));
-        }
+        };
+        let tensor = weights.get(name).filter(|tensor| tensor.dims() == expected);
+        let tensor = tensor.ok_or_else(|| Error::Weights(format!("no tensor {name} of shape {expected:?}")))?;
         let (&[rows, width], &[had, _]) = (p.shape.as_slice(), tensor.dims()) else {
             return Ok((p.name, tensor.clone()));
         };
         // per new row: the old one
-        let from: Vec<Option<usize>> = match p.name.as_str() {
+        let from: Vec<Option<usize>> = match name {
             "position.front.weight" => front.clone(),
             "position.absolute.weight" => {
                 let words = (was.front..had).map(Some);
@@ -86,10 +70,10 @@ pub fn grow(
         }
         Ok((p.name.clone(), Tensor::from_vec(all, (rows, width), &Device::Cpu)?))
     });
-    grown.collect()
+    resized.collect()
 }
 
-/// Per token of the new front: its place in the old one.
+/// Per token of the new front: its index in the old one.
 fn front_rows(old: &[String], new: &[String]) -> Vec<Option<usize>> {
     let of_field = |field: &String| old.iter().position(|f| f == field).map(|at| 1 + at);
     std::iter::once(Some(0)).chain(new.iter().map(of_field)).collect()
@@ -117,12 +101,12 @@ mod tests {
     fn more_ids_change_no_logit_of_the_old_ones() {
         let more = TokenLayout { vocabulary: TOKENS.vocabulary + 3, ..TOKENS };
         let few = TOKENS;
-        let [old, new] = [&few, &more].map(|tokens| Language { tokens, conditions: &[] });
+        let [old, new] = [&few, &more].map(|tokens| Inputs { tokens, conditions: &[] });
         for positions in [Positions::Absolute, Positions::FrameJoint, Positions::Rope] {
             for tied_head in [true, false] {
                 let config = model(positions, tied_head);
                 let weights = layout::initial(&config, &TOKENS, 3).unwrap();
-                let grown = grow(&weights, &config, old, new, 9).unwrap();
+                let resized = resize(&weights, &config, old, new, 9).unwrap();
                 let logits = |tokens: &TokenLayout, weights| {
                     let gpt = Gpt::from_tensors(&config, tokens, weights).unwrap();
                     let ids: Vec<u32> = (0..30).map(|i| if i == 0 { 1 } else { 5 + i * i % 11 }).collect();
@@ -133,33 +117,32 @@ mod tests {
                         .to_vec2::<f32>()
                         .unwrap()
                 };
-                let (a, b) = (logits(&TOKENS, weights), logits(&more, grown.clone()));
+                let (a, b) = (logits(&TOKENS, weights), logits(&more, resized.clone()));
                 for (a, b) in a.iter().zip(&b) {
                     assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5), "{a:?} {b:?}");
                 }
                 let fresh = layout::initial(&config, &more, 9).unwrap();
-                assert_eq!(rows(&grown["token.weight"])[16..], rows(&fresh["token.weight"])[16..]);
+                assert_eq!(rows(&resized["token.weight"])[16..], rows(&fresh["token.weight"])[16..]);
             }
         }
     }
 
     #[test]
-    fn fields_bring_their_rows_along_and_words_keep_theirs() {
+    fn rows_of_fields_move_with_them_and_words_keep_theirs() {
         let (front, more) =
             (TokenLayout { front: 3, vocabulary: 20, ..TOKENS }, TokenLayout { front: 4, vocabulary: 22, ..TOKENS });
         let (two, three) = (names(&["style", "genre"]), names(&["style", "dancer", "genre"]));
-        let (old, new) =
-            (Language { tokens: &front, conditions: &two }, Language { tokens: &more, conditions: &three });
+        let (old, new) = (Inputs { tokens: &front, conditions: &two }, Inputs { tokens: &more, conditions: &three });
         for positions in [Positions::Absolute, Positions::FrameJoint] {
             let config = model(positions, true);
             let weights = layout::initial(&config, &front, 3).unwrap();
-            let grown = grow(&weights, &config, old, new, 9).unwrap();
-            Gpt::from_tensors(&config, &more, grown.clone()).unwrap();
+            let resized = resize(&weights, &config, old, new, 9).unwrap();
+            Gpt::from_tensors(&config, &more, resized.clone()).unwrap();
             let (name, words) = match positions {
                 Positions::Absolute => ("position.absolute.weight", true),
                 _ => ("position.front.weight", false),
             };
-            let (before, after) = (rows(&weights[name]), rows(&grown[name]));
+            let (before, after) = (rows(&weights[name]), rows(&resized[name]));
             // <bos>, genre, style became <bos>, genre, dancer, style
             assert_eq!([&after[0], &after[1], &after[3]], [&before[0], &before[1], &before[2]]);
             let fresh = rows(&layout::initial(&config, &more, 9).unwrap()[name]);
@@ -171,7 +154,7 @@ mod tests {
                 if !name.starts_with("position") && name != "token.weight" {
                     assert_eq!(
                         tensor.flatten_all().unwrap().to_vec1::<f32>().unwrap(),
-                        grown[name].flatten_all().unwrap().to_vec1::<f32>().unwrap(),
+                        resized[name].flatten_all().unwrap().to_vec1::<f32>().unwrap(),
                         "{name}"
                     );
                 }
@@ -185,16 +168,20 @@ mod tests {
         let fewer = TokenLayout { vocabulary: 15, ..TOKENS };
         let config = ModelConfig { head: Some(HeadKind::Absolute), ..model(Positions::FrameJoint, true) };
         let weights = layout::initial(&config, &TOKENS, 3).unwrap();
-        let of = |tokens| Language { tokens, conditions: &[] };
-        let message = grow(&weights, &config, of(&all), of(&fewer), 1).unwrap_err().to_string();
-        assert!(message.starts_with("15 ids and words of 7 tokens; the model knows 16 ids"), "{message}");
+        let of = |tokens| Inputs { tokens, conditions: &[] };
+        let message = resize(&weights, &config, of(&all), of(&fewer), 1).unwrap_err().to_string();
+        assert!(
+            message.starts_with("the tokenizer is 15 ids and words of 7 tokens; expected the model's 16 ids"),
+            "{message}"
+        );
         let genre = names(&["genre"]);
         let front = TokenLayout { front: 2, ..TOKENS };
-        let known = Language { tokens: &front, conditions: &genre };
-        let message = grow(&weights, &config, known, of(&all), 1).unwrap_err().to_string();
-        assert!(message.contains("`genre`, which is gone"), "{message}");
+        let known = Inputs { tokens: &front, conditions: &genre };
+        let message = resize(&weights, &config, known, of(&all), 1).unwrap_err().to_string();
+        assert!(message.contains("no label field `genre`"), "{message}");
         let mut missing = weights;
         missing.remove("norm.bias");
-        assert_eq!(grow(&missing, &config, of(&all), of(&all), 1).unwrap_err().to_string(), "no tensor norm.bias");
+        let message = resize(&missing, &config, of(&all), of(&all), 1).unwrap_err().to_string();
+        assert!(message.starts_with("no tensor norm.bias of shape"), "{message}");
     }
 }

@@ -1,4 +1,4 @@
-//! Places of joints and end sites.
+//! Positions of joints and end sites.
 
 use kinelm_motion::{Clip, GlobalPose, Quat, Vec3};
 

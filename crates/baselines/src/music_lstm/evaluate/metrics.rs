@@ -1,9 +1,7 @@
-//! Figures of one dance beside a true one, and of many.
+//! Metrics of one dance beside a true one, and of many.
 
-use crate::Result;
-use crate::aclstm::evaluate::Mean;
-use crate::music_lstm::FPS;
 use crate::music_lstm::effort::effort;
+use crate::{FPS, Mean, Result};
 use kinelm_evaluate::dance::freeze;
 use kinelm_evaluate::dance::freeze::Freezing;
 use kinelm_evaluate::dance::positions::JointPositions;
@@ -13,17 +11,17 @@ use kinelm_motion::{Clip, Quat};
 use kinelm_spectral::filter::Filter;
 use serde::Serialize;
 
-/// A hip that turns by more from frame to frame flips.
+/// The hip flips if it turns by more than this from frame to frame.
 const FLIP: f64 = std::f64::consts::FRAC_PI_2;
-/// Poles of the filter that dances are measured behind too.
+/// Order of the low-pass filter.
 const ORDER: usize = 2;
 
-/// How fast a dance is at every frame, cm/s.
+/// The energy of a dance at every frame, cm/s.
 pub fn energy(clip: &Clip) -> Vec<f64> {
     freeze::energy(&JointPositions { positions: clip.positions(), joints: clip.joints(), fps: clip.fps() })
 }
 
-/// One dance beside the true one of its clip. Sums with what they are divided by.
+/// One dance beside the true one of its clip.
 pub struct One {
     take: String,
     seconds: f64,
@@ -31,7 +29,7 @@ pub struct One {
     /// Mean angle of local rotations to the true ones, degrees: of all joints, of the root, of the mean pose.
     degrees: [f64; 3],
     /// Mean angle to the dance to the clip's own music.
-    apart: Option<f64>,
+    from_own: Option<f64>,
     /// Mean angle to the true dance of the dance to the clip's own music, over the same frames.
     own: Option<f64>,
     /// Mean angular speed of a joint, rad/s, and the true dance's.
@@ -42,7 +40,7 @@ pub struct One {
     freezing: Freezing,
 }
 
-/// Mean angle between the rotations of two dances, over the frames that both have, of joints whose number `of` takes;
+/// Mean angle between the rotations of two dances, over the frames that both have and the joints that `of` selects,
 /// degrees.
 fn degrees(a: &Clip, b: &Clip, of: impl Fn(usize) -> bool) -> f64 {
     let j = a.joints();
@@ -57,79 +55,79 @@ fn speed(clip: &Clip) -> f64 {
     all.iter().sum::<f64>() / (all.len() * clip.joints()).max(1) as f64
 }
 
-/// Steps in which the root turns by more than a quarter turn.
+/// Steps in which the root turns by more than 90 degrees.
 fn flips(clip: &Clip) -> usize {
     let root = |f: usize| clip.pose(f)[0];
     (1..clip.frames()).filter(|f| angle_between(root(f - 1), root(*f)) > FLIP).count()
 }
 
 impl One {
-    /// Of what was made and the take that it belongs to. `own`: the dance to the clip's own music, if this is to other music.
+    /// Of a dance and its take. `own`: the dance to the clip's own music, if this is to other music.
     pub fn of(
-        (take, made): (&str, &Clip),
+        (take, dance): (&str, &Clip),
         truth: &Clip,
         own: Option<&Clip>,
         mean: &[Quat],
         (threshold, cutoff_hz): (f64, f64),
     ) -> Result<One> {
-        let frames = made.frames().min(truth.frames());
-        let (made, truth) = (made.slice(0..frames), truth.slice(0..frames));
+        let frames = dance.frames().min(truth.frames());
+        let (dance, truth) = (dance.slice(0..frames), truth.slice(0..frames));
         let still = Clip::new(truth.skeleton().clone(), FPS, truth.root().to_vec(), mean.repeat(frames))?;
-        let calm = Filter::Butterworth { order: ORDER, cutoff_hz }.apply(&made)?.clip;
+        let smooth = Filter::Butterworth { order: ORDER, cutoff_hz }.apply(&dance)?.clip;
         let jerk = |clip: &Clip| jitter(clip).unwrap_or(0.0);
         Ok(One {
             take: take.to_owned(),
             seconds: frames as f64 / FPS,
             frames: frames as f64,
             degrees: [
-                degrees(&made, &truth, |_| true),
-                degrees(&made, &truth, |j| j == 0),
+                degrees(&dance, &truth, |_| true),
+                degrees(&dance, &truth, |j| j == 0),
                 degrees(&still, &truth, |_| true),
             ],
-            apart: own.map(|own| degrees(&made, own, |_| true)),
+            from_own: own.map(|own| degrees(&dance, own, |_| true)),
             own: own.map(|own| degrees(&own.slice(0..frames.min(own.frames())), &truth, |_| true)),
-            speed: [speed(&made), speed(&truth)],
-            jitter: [jerk(&made), jerk(&calm), jerk(&truth)],
-            flips: flips(&made) as f64,
-            freezing: Freezing::of(&energy(&made), FPS, threshold),
+            speed: [speed(&dance), speed(&truth)],
+            jitter: [jerk(&dance), jerk(&smooth), jerk(&truth)],
+            flips: flips(&dance) as f64,
+            freezing: Freezing::of(&energy(&dance), FPS, threshold),
         })
     }
 }
 
-/// Figures of dances to some music. Means are over frames, with the middle 95 % when takes are drawn anew.
+/// Metrics of dances to some music. Means are over frames.
 #[derive(Debug, Clone, Serialize)]
-pub struct Figures {
+pub struct Metrics {
     /// Dances.
     pub dances: usize,
-    /// Their length in all.
+    /// Their total length.
     pub seconds: f64,
     /// Angle to the true rotations, degrees.
     pub degrees: Mean,
-    /// The same of the root alone.
+    /// The same for the root alone.
     pub hip_degrees: Mean,
-    /// The same of the training clips' mean pose.
+    /// The same for the training clips' mean pose.
     pub mean_pose_degrees: Mean,
-    /// By how much the angle is larger than that of the dance to the clip's own music, where this is to other music.
+    /// Difference to the angle of the dance to the clip's own music, if this is to other music.
     pub worse_degrees: Option<Mean>,
-    /// How far it is from the dance to the clip's own music.
-    pub apart_degrees: Option<Mean>,
+    /// Angle to the dance to the clip's own music.
+    pub from_own_degrees: Option<Mean>,
     /// Mean angular speed of a joint, rad/s.
     pub speed_rad_s: f64,
-    /// It over that of the true dances.
+    /// The same over that of the true dances.
     pub speed_ratio: Mean,
     /// Jitter over that of the true dances.
     pub jitter_ratio: Mean,
-    /// The same behind the filter.
+    /// The same after the low-pass filter.
     pub filtered_jitter_ratio: Mean,
     /// Steps a minute in which the root turns by more than 90 degrees.
     pub hip_flips_per_minute: Mean,
-    /// Share of the frames that stand still.
+    /// Share of still frames.
     pub still: Mean,
 }
 
-impl Figures {
+impl Metrics {
     /// Of dances.
-    pub fn of(all: &[One]) -> Figures {
+    pub fn of(all: &[One]) -> Metrics {
         let mean = |pick: &dyn Fn(&One) -> [f64; 2]| {
             let parts: Vec<(&str, f64, f64)> = all.iter().map(|one| (&*one.take, pick(one)[0], pick(one)[1])).collect();
             Mean::of(parts.iter().copied())
@@ -141,14 +139,14 @@ impl Figures {
                 .then(|| mean(&|one| [pick(one).unwrap_or(0.0) * one.frames, one.frames]))
         };
         let ratio = |pick: fn(&One) -> [f64; 2]| mean(&|one| pick(one).map(|x| x * one.frames));
-        Figures {
+        Metrics {
             dances: all.len(),
             seconds: all.iter().map(|one| one.seconds).sum(),
             degrees: over(|one| one.degrees[0]),
             hip_degrees: over(|one| one.degrees[1]),
             mean_pose_degrees: over(|one| one.degrees[2]),
             worse_degrees: maybe(|one| one.own.map(|own| one.degrees[0] - own)),
-            apart_degrees: maybe(|one| one.apart),
+            from_own_degrees: maybe(|one| one.from_own),
             speed_rad_s: over(|one| one.speed[0]).mean,
             speed_ratio: ratio(|one| one.speed),
             jitter_ratio: ratio(|one| [one.jitter[0], one.jitter[2]]),
@@ -159,28 +157,28 @@ impl Figures {
     }
 }
 
-/// How a long dance lasts.
+/// Metrics of a long dance.
 #[derive(Debug, Clone, Serialize)]
-pub struct Lasting {
+pub struct LongDance {
     /// Its frames.
     pub frames: usize,
-    /// When it freezes, seconds from its beginning; `None`: it doesn't.
+    /// The time at which it freezes, seconds; `None`: it doesn't.
     pub freezes_at_s: Option<f64>,
-    /// Share of the frames that stand still.
+    /// Share of still frames.
     pub still: f64,
     /// Mean angular speed of a joint, rad/s.
     pub speed_rad_s: f64,
     /// Steps a minute in which the root turns by more than 90 degrees.
     pub hip_flips_per_minute: f64,
-    /// What making it took, without hearing the music.
+    /// Generation speed, without reading the music.
     pub frames_per_second: f64,
 }
 
-impl Lasting {
-    /// Of a dance that took so many seconds to make.
-    pub fn of(clip: &Clip, threshold: f64, seconds: f64) -> Lasting {
+impl LongDance {
+    /// Of a dance that was generated in `seconds`.
+    pub fn of(clip: &Clip, threshold: f64, seconds: f64) -> LongDance {
         let freezing = Freezing::of(&energy(clip), FPS, threshold);
-        Lasting {
+        LongDance {
             frames: clip.frames(),
             freezes_at_s: freezing.time_to_freeze_s,
             still: freezing.still as f64 / freezing.frames.max(1) as f64,
@@ -208,9 +206,9 @@ mod tests {
     fn by_hand() {
         let truth = clip((0..60).map(|f| f as f64 / FPS));
         let twice = clip((0..60).map(|f| 2.0 * f as f64 / FPS));
-        let of = |made: &Clip| {
+        let of = |dance: &Clip| {
             let mean = [Quat::IDENTITY; 2];
-            Figures::of(&[One::of(("a", made), &truth, Some(&truth), &mean, (1.0, 6.0)).unwrap()])
+            Metrics::of(&[One::of(("a", dance), &truth, Some(&truth), &mean, (1.0, 6.0)).unwrap()])
         };
         let own = of(&truth);
         assert!(own.degrees.mean < 1e-6 && own.hip_flips_per_minute.mean == 0.0);
@@ -225,7 +223,7 @@ mod tests {
         let flips = of(&clip((0..60).map(|f| if f / 10 % 2 == 0 { 0.0 } else { 3.0 })));
         assert!((flips.hip_flips_per_minute.mean - 150.0).abs() < 1e-9);
         assert_eq!(of(&clip([0.3; 60])).still.mean, 1.0);
-        let frozen = Lasting::of(&clip((0..600).map(|f| f.min(300) as f64 / FPS)), 1.0, 2.0);
+        let frozen = LongDance::of(&clip((0..600).map(|f| f.min(300) as f64 / FPS)), 1.0, 2.0);
         assert!((frozen.freezes_at_s.unwrap() - 10.0).abs() < 0.5 && frozen.frames_per_second == 300.0);
     }
 }

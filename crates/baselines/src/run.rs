@@ -1,0 +1,177 @@
+//! The run folder of an LSTM: `config.toml`, and the weights of a checkpoint.
+
+use crate::{Error, Result};
+use kinelm_engine::arena::Floats;
+use kinelm_model::checkpoint::{CheckpointChoice, Checkpoints};
+use kinelm_model::layout::Parameter;
+use kinelm_model::run::{CONFIG, WEIGHTS};
+use kinelm_model::weights;
+use kinelm_store::presets::{self, Presets};
+use kinelm_store::{FileRecord, files, input};
+use kinelm_train::config::in_file;
+use kinelm_train::optimizer::floats;
+use kinelm_train::trainer::check_steps;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+/// A kind of run.
+#[derive(Debug, Clone, Copy)]
+pub struct Kind {
+    /// `kind` in `config.toml`.
+    pub name: &'static str,
+    /// For messages, such as "one of an auto-conditioned LSTM".
+    pub one_of: &'static str,
+    /// The command that makes such runs.
+    pub command: &'static str,
+    /// The layout of `config.toml` that this program writes and reads.
+    pub version: u32,
+}
+
+/// Settings of a network, in a file or built in.
+pub trait Settings: DeserializeOwned {
+    /// The built-in settings.
+    const PRESETS: &'static Presets;
+    /// Their folder in configs/, and what they are.
+    const FOLDER: (&'static str, &'static str);
+
+    /// Checks every key.
+    ///
+    /// # Errors
+    /// [`kinelm_store::Error::Invalid`] for the first key outside its limits.
+    fn validate(&self) -> Result<()>;
+
+    /// The built-in settings of a name, else those of a TOML file.
+    ///
+    /// # Errors
+    /// Neither of them; a file that can't be read; keys that are unknown or outside their limits.
+    fn find(name_or_path: &Path) -> Result<Self> {
+        let settings: Self = presets::read(Self::PRESETS, name_or_path, Self::FOLDER)?;
+        settings.validate().map_err(|e| in_file(name_or_path, e))?;
+        Ok(settings)
+    }
+}
+
+/// Checks that a key is within its limits.
+///
+/// # Errors
+/// [`kinelm_store::Error::Invalid`] if it isn't.
+pub(crate) fn within<T: PartialOrd + Display>(key: &str, found: T, limits: RangeInclusive<T>) -> Result<()> {
+    match limits.contains(&found) {
+        true => Ok(()),
+        false => Err(Error::invalid(key, found, format!("{} to {}", limits.start(), limits.end()))),
+    }
+}
+
+/// Checks that a key is a number above 0.
+///
+/// # Errors
+/// [`kinelm_store::Error::Invalid`] if it isn't.
+pub(crate) fn positive(key: &str, found: f64) -> Result<()> {
+    match found > 0.0 && found.is_finite() {
+        true => Ok(()),
+        false => Err(Error::invalid(key, found, "a number above 0")),
+    }
+}
+
+/// `config.toml` of a run.
+pub trait RunConfig: Serialize + DeserializeOwned + Clone {
+    /// The kind of run.
+    const KIND: Kind;
+
+    /// The same with other paths.
+    fn with_paths(&self, path: &dyn Fn(&Path) -> PathBuf) -> Self;
+
+    /// Updates in all.
+    fn steps(&mut self) -> &mut u64;
+
+    /// Checks the settings.
+    ///
+    /// # Errors
+    /// [`kinelm_store::Error::Invalid`] for the first key outside its limits.
+    fn validate(&self) -> Result<()>;
+
+    /// Writes it; paths are relative to the run.
+    ///
+    /// # Errors
+    /// What the system refuses.
+    fn write(&self, run: &Path) -> Result<()> {
+        let file = self.with_paths(&|path| files::path_from(run, path));
+        let text = toml::to_string(&file).expect("a run's configuration is TOML");
+        Ok(files::write_whole(&run.join(CONFIG), text.as_bytes())?)
+    }
+
+    /// Reads that of a run.
+    ///
+    /// # Errors
+    /// A folder without one, a run of another kind, another version, keys that are wrong.
+    fn read(run: &Path) -> Result<Self> {
+        #[derive(Deserialize)]
+        struct Head {
+            kind: Option<String>,
+            version: u32,
+        }
+        let (path, kind) = (run.join(CONFIG), Self::KIND);
+        let help = format!("a run of this kind is a folder that `{} --run RUN` wrote", kind.command);
+        let text = input::text(&path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound => Error::file(run, format!("no {CONFIG}"), "a run folder", help.clone()),
+            _ => Error::io(&path)(e),
+        })?;
+        let wrong =
+            |e: toml::de::Error| Error::in_text((&path, &text), e.span(), e.message(), "the settings of a run", "");
+        let head: Head = toml::from_str(&text).map_err(wrong)?;
+        if head.kind.as_deref() != Some(kind.name) {
+            let found = head.kind.map_or("a run of a GPT".into(), |kind| format!("a run of kind {kind:?}"));
+            return Err(Error::file(&path, found, kind.one_of, help));
+        }
+        if head.version != kind.version {
+            let (found, expected) = (format!("version {}", head.version), format!("version {}", kind.version));
+            return Err(Error::file(&path, found, expected, "take the kinelm that wrote it"));
+        }
+        let file: Self = toml::from_str(&text).map_err(wrong)?;
+        file.validate().map_err(|e| in_file(&path, e))?;
+        Ok(file.with_paths(&|path| files::path_in(run, path)))
+    }
+
+    /// Sets and writes another number of updates, if one is given.
+    ///
+    /// # Errors
+    /// Fewer than are done; what the system refuses.
+    fn set_steps(&mut self, run: &Path, steps: Option<u64>) -> Result<()> {
+        let Some(steps) = steps.filter(|steps| steps != self.steps()) else { return Ok(()) };
+        check_steps(run, steps)?;
+        *self.steps() = steps;
+        self.validate()?;
+        self.write(run)
+    }
+}
+
+/// Weights of a run.
+pub(crate) struct Checkpoint {
+    /// In the order of the parameters.
+    pub weights: Vec<Floats>,
+    /// Updates done.
+    pub step: u64,
+    /// SHA-256 of their file.
+    pub sha256: String,
+    /// What the user should know.
+    pub notes: Vec<String>,
+}
+
+/// The weights of a run at a checkpoint.
+///
+/// # Errors
+/// No checkpoint that is whole; weights of another network.
+pub(crate) fn load(run: &Path, which: CheckpointChoice, parameters: &[Parameter]) -> Result<Checkpoint> {
+    let mut notes = Vec::new();
+    let found = Checkpoints::of(run).find(which, &[WEIGHTS], &[], &mut |note| notes.push(note))?;
+    let (path, bytes) = (found.dir.join(WEIGHTS), &found.files[WEIGHTS]);
+    let tensors = weights::from_bytes(&path, bytes)?;
+    let weights = floats("file", parameters, &tensors, |p| p.name.clone()).map_err(|e| match e {
+        Error::Weights(found) => Error::file(&path, found, "the network that config.toml describes", ""),
+        other => other,
+    })?;
+    Ok(Checkpoint { weights, step: found.state.step, sha256: FileRecord::of(bytes).sha256, notes })
+}

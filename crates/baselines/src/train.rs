@@ -1,0 +1,237 @@
+//! Training of LSTMs: Adam at one rate, on batches that are functions of their number.
+
+use crate::Result;
+use kinelm_engine::arena::Floats;
+use kinelm_model::checkpoint::{Checkpoints, State};
+use kinelm_model::fast::named;
+use kinelm_model::layout::{Init, Parameter, Role};
+use kinelm_model::run::{OPTIMIZER, WEIGHTS};
+use kinelm_model::weights;
+use kinelm_store::{memory, random};
+use kinelm_train::folder::RunFolder;
+use kinelm_train::learner::{listed, not_finite};
+use kinelm_train::metrics::Metrics;
+use kinelm_train::optimizer::{Adam, Optimizer, Rates, floats};
+use kinelm_train::trainer::{Cadence, Files, last_checkpoint};
+use kinelm_train::{Task, Trainer};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+/// What to train.
+#[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant)] // a call has one
+pub enum Start<C, S> {
+    /// A new run of these settings on these sources.
+    New(C, S),
+    /// A run that exists, to this number of steps if given.
+    Resume(Option<u64>),
+}
+
+/// A network with its data.
+pub trait Network {
+    /// The loss of update `step`, counted from 0, and the names of its clips. Gradients stay in [`Network::parameters`].
+    fn gradients(&mut self, step: u64) -> (f64, Vec<String>);
+    /// What learns.
+    fn parameters(&mut self) -> &mut Parameters;
+}
+
+/// Weights, and their gradients and moments.
+pub struct Parameters {
+    list: Vec<Parameter>,
+    /// In the order of the list.
+    pub weights: Vec<Floats>,
+    /// Gradients and moments.
+    pub optimizer: Optimizer,
+}
+
+impl Parameters {
+    /// Before the first update.
+    pub fn new(list: Vec<Parameter>, weights: Vec<Floats>) -> Parameters {
+        Parameters { optimizer: Optimizer::new(list.clone()), list, weights }
+    }
+
+    /// Moves the weights by their gradients, by Adam. Gradients whose norm is above `clip` are scaled to it.
+    pub fn update(&mut self, rate: f64, clip: Option<f64>) {
+        let share = clip.map_or(1.0, |most| {
+            let norm = self.optimizer.norm();
+            if norm > most { most / norm } else { 1.0 }
+        });
+        let rates = |_, _: &Parameter| Rates { rate, decay: 0.0, tail: None };
+        self.optimizer.update(self.weights.par_iter_mut(), Adam::default(), share, rates);
+    }
+}
+
+/// A tensor of a network. On disk, biases have one dimension.
+pub fn parameter(name: String, [rows, columns]: [usize; 2]) -> Parameter {
+    let shape = if name.ends_with("bias") { vec![columns] } else { vec![rows, columns] };
+    Parameter { name, shape, init: Init::Zeros, role: Role::Matrix }
+}
+
+/// Numbers uniform over +-`most`, of the random stream of a purpose and an index.
+pub fn uniform((purpose, index): (&str, usize), len: usize, most: f64, seed: u64) -> Floats {
+    let mut rng = random::stream(seed, purpose, 0, index as u64);
+    let numbers: Vec<f32> = (0..len).map(|_| ((2.0 * random::unit(&mut rng) - 1.0) * most) as f32).collect();
+    Floats::of(&numbers)
+}
+
+/// How a network is trained.
+#[derive(Debug, Clone, Copy)]
+pub struct Plan {
+    /// The kind of lines in `metrics.jsonl`.
+    pub kind: &'static str,
+    /// Updates in all.
+    pub steps: u64,
+    /// Adam's learning rate.
+    pub rate: f64,
+    /// The largest norm of gradients; `None`: no limit.
+    pub clip: Option<f64>,
+    /// Sequences of an update.
+    pub batch: usize,
+    /// The run's seed.
+    pub seed: u64,
+    /// Updates between checkpoints; 0: only at the end.
+    pub checkpoint_every: u64,
+    /// Checkpoints that stay.
+    pub keep: usize,
+}
+
+/// Metrics of an update.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct StepMetrics {
+    /// Updates done with it.
+    pub step: u64,
+    /// The batch's loss, in the network's own measure.
+    pub loss: f64,
+    /// Its duration.
+    pub seconds: f64,
+}
+
+/// How training ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Summary {
+    /// Its last checkpoint.
+    pub checkpoint: PathBuf,
+    /// Updates done in all.
+    pub step: u64,
+    /// Whether it was stopped before its last update.
+    pub stopped: bool,
+    /// Mean loss of the last hundred updates of this call; `None` without an update.
+    pub loss: Option<f64>,
+    /// Seconds of this call's updates.
+    pub seconds: f64,
+}
+
+/// Progress of a training.
+pub enum Event<'a> {
+    /// Something that the user should know.
+    Note(&'a str),
+    /// An update, and the number of updates in all.
+    Step(StepMetrics, u64),
+}
+
+/// Receives the progress of a training.
+pub type Progress<'a> = &'a mut dyn FnMut(Event);
+
+/// Notes what reading the clips reported, and the clips that are too short for a sequence.
+pub(crate) fn note_clips<'a>(notes: impl Iterator<Item = &'a String>, short: &[String], progress: Progress) {
+    notes.for_each(|note| progress(Event::Note(note)));
+    if !short.is_empty() {
+        let (n, which) = (short.len(), listed(short.iter()));
+        progress(Event::Note(&format!("{n} training clips are too short for a sequence: {which}")));
+    }
+}
+
+/// Trains from the last whole checkpoint of the folder, or from `initial` weights: to the same bits as if it had never
+/// stopped, on the same kind of processor. `network` makes the network of weights in the order of `list`.
+///
+/// # Errors
+/// A checkpoint that is damaged or of another network, a loss that is not finite, what the system refuses.
+pub fn train<N: Network>(
+    folder: &RunFolder,
+    plan: &Plan,
+    list: &[Parameter],
+    (initial, network): (impl FnOnce() -> Vec<Floats>, impl FnOnce(Vec<Floats>) -> N),
+    stop: &AtomicBool,
+    progress: Progress,
+) -> Result<Summary> {
+    // weights, gradients and two moments
+    let numbers: u128 = list.iter().map(|p| p.len() as u128).sum();
+    memory::check(16 * numbers, "training this network", "lower its width or its layers, or give the program more")?;
+    let checkpoints = Checkpoints::of(folder.path());
+    let note = &mut |text: String| progress(Event::Note(&text));
+    let found = last_checkpoint(&checkpoints, &[WEIGHTS, OPTIMIZER], note)?;
+    let (network, state) = match found {
+        Some(found) => {
+            let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
+            let weights = floats("checkpoint", list, &tensors(WEIGHTS)?, |p| p.name.clone())?;
+            note(format!("resuming after step {}", found.state.step));
+            let mut network = network(weights);
+            network.parameters().optimizer.restore(&tensors(OPTIMIZER)?, found.state.step)?;
+            (network, found.state)
+        }
+        None => (network(initial()), State::new(0, 0, 0, plan.seed, None)),
+    };
+    checkpoints.sweep()?;
+    let metrics = Metrics::open(folder.path(), state.step)?;
+    let Plan { steps, checkpoint_every, keep, .. } = *plan;
+    let cadence = Cadence { steps, eval_every: 0, checkpoint_every, keep };
+    let task = Training { plan, network, metrics, progress, losses: Vec::new(), seconds: 0.0 };
+    let mut trainer = Trainer::new(task, cadence, Some(checkpoints), state);
+    trainer.train(stop)?;
+    let Training { losses, seconds, .. } = &trainer.task;
+    let last = &losses[losses.len().saturating_sub(100)..];
+    let step = trainer.state().step;
+    Ok(Summary {
+        checkpoint: trainer.checkpoint().unwrap_or(folder.path()).to_owned(),
+        step,
+        stopped: step < steps,
+        loss: (!last.is_empty()).then(|| last.iter().sum::<f64>() / last.len() as f64),
+        seconds: *seconds,
+    })
+}
+
+/// A network as the training loop trains it.
+struct Training<'a, N> {
+    plan: &'a Plan,
+    network: N,
+    metrics: Metrics,
+    progress: Progress<'a>,
+    losses: Vec<f64>,
+    seconds: f64,
+}
+
+impl<N: Network> Task for Training<'_, N> {
+    type Step = StepMetrics;
+
+    fn update(&mut self, state: &mut State) -> Result<StepMetrics> {
+        let begun = Instant::now();
+        let (loss, clips) = self.network.gradients(state.step);
+        if !loss.is_finite() {
+            return Err(not_finite(loss, &clips));
+        }
+        self.network.parameters().update(self.plan.rate, self.plan.clip);
+        state.step += 1;
+        state.windows += self.plan.batch as u64;
+        let metrics = StepMetrics { step: state.step, loss, seconds: begun.elapsed().as_secs_f64() };
+        let values = [("train/loss", loss), ("train/steps_per_second", 1.0 / metrics.seconds)];
+        self.metrics.other(self.plan.kind, state.step, &metrics, &values)?;
+        self.losses.push(loss);
+        self.seconds += metrics.seconds;
+        (self.progress)(Event::Step(metrics, self.plan.steps));
+        Ok(metrics)
+    }
+
+    fn files(&mut self, _due: bool) -> Result<Files> {
+        self.metrics.sync()?;
+        let parameters = self.network.parameters();
+        let weights = named(&parameters.list, &parameters.weights)?;
+        let moments = parameters.optimizer.moments()?;
+        Ok(vec![
+            (WEIGHTS, weights::finite_bytes(WEIGHTS, &weights)?),
+            (OPTIMIZER, weights::finite_bytes(OPTIMIZER, &moments)?),
+        ])
+    }
+}

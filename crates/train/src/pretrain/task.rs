@@ -1,0 +1,174 @@
+//! A GPT as the training loop trains it.
+
+use super::{Summary, saved};
+use crate::data::Data;
+use crate::folder::RunFolder;
+use crate::learner::{Fit, Learner};
+use crate::metrics::{Metrics, StepMetrics};
+use crate::progress::Progress;
+use crate::run::RunFile;
+use crate::sample::sample;
+use crate::stages::Stages;
+use crate::trainer::{Files, Task, Trainer};
+use crate::{Result, schedule};
+use kinelm_corpus::Split;
+use kinelm_model::checkpoint::{Best, Checkpoints, State};
+use kinelm_model::likelihood::Likelihood;
+use kinelm_model::{Compute, ModelKind};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// A run of a GPT in memory.
+pub struct Pretraining<'a> {
+    pub(crate) file: RunFile,
+    data: &'a Data,
+    pub(crate) fit: Fit<'a>,
+    run: PathBuf,
+    metrics: Metrics,
+    progress: &'a mut dyn Progress,
+    /// Seconds of a step, smoothed.
+    pace: Option<f64>,
+    /// Of the training clips.
+    tokens_per_frame: f64,
+    /// The last step's loss.
+    loss: Option<f64>,
+    /// The last measurement.
+    valid: Option<Likelihood>,
+}
+
+impl<'a> Pretraining<'a> {
+    /// The run in a folder, at its last whole checkpoint.
+    pub(super) fn open(
+        run: &RunFolder,
+        file: RunFile,
+        data: &'a Data,
+        compute: Compute,
+        checkpoints: &Checkpoints,
+        progress: &'a mut dyn Progress,
+    ) -> Result<(Pretraining<'a>, State)> {
+        let stages = Stages::of_run(&file, data)?;
+        if !data.has(Split::Valid) {
+            progress.note("the corpus has no validation clip: the run is not measured, its latest checkpoint counts");
+        }
+        let (word, context) = (file.tokens.word, file.model.context);
+        if file.tokens.varying && word > context {
+            progress.note(&format!("words have up to {word} tokens, a window {context}: longer words are truncated"));
+        }
+        if file.model.kind == ModelKind::Masked && file.train.sample_every > 0 {
+            progress.note("a masked model generates no dances: sample_every is ignored");
+        }
+        let (learner, state) = saved::load(&file, compute, checkpoints, progress)?;
+        checkpoints.sweep()?;
+        let metrics = Metrics::open(run.path(), state.step)?;
+        let task = Pretraining {
+            data,
+            fit: Fit::new(stages, learner, &file.train),
+            run: run.path().to_owned(),
+            metrics,
+            progress,
+            pace: None,
+            tokens_per_frame: data.tokens_per_frame(),
+            loss: None,
+            valid: None,
+            file,
+        };
+        Ok((task, state))
+    }
+
+    /// How the run ended, for which this call started at `started`.
+    pub(super) fn summary(&self, trainer: &Trainer<Self>, started: Instant) -> Summary {
+        let (state, steps) = (trainer.state(), self.file.train.steps);
+        let early = self.is_over(state);
+        Summary {
+            run: self.run.clone(),
+            checkpoint: trainer.checkpoint().unwrap_or(&self.run).to_owned(),
+            step: state.step,
+            stopped: state.step < steps && !early,
+            early: state.step < steps && early,
+            loss: self.loss,
+            valid: self.valid.filter(|_| state.step >= steps || early),
+            best: state.best,
+            tokens: state.tokens,
+            seconds: started.elapsed().as_secs_f64(),
+        }
+    }
+
+    fn learner(&mut self) -> &mut dyn Learner {
+        &mut *self.fit.learner
+    }
+
+    /// Writes a dance into `samples/`, where one is due; notes if it can't be made.
+    fn sample(&mut self, step: u64) {
+        let train = &self.file.train;
+        let due = train.sample_every.saturating_mul(train.eval_every);
+        if due == 0 || !step.is_multiple_of(due) || self.file.model.kind == ModelKind::Masked {
+            return;
+        }
+        let weights = self.fit.learner.averages().and_then(|all| all.map_or_else(|| self.fit.learner.weights(), Ok));
+        match weights.and_then(|weights| sample(&self.run, step, &self.file, weights)) {
+            Ok(page) => self.progress.note(&format!("{}: a dance of the model after step {step}", page.display())),
+            Err(e) => self.progress.note(&format!("no dance after step {step}: {e}")),
+        }
+    }
+}
+
+impl Task for Pretraining<'_> {
+    type Step = StepMetrics;
+
+    fn update(&mut self, state: &mut State) -> Result<StepMetrics> {
+        let begun = Instant::now();
+        let (found, windows) = self.fit.gradients(state.step)?;
+        let rate = schedule::rate(&self.file.train, state.step);
+        self.fit.update(found.norm, rate)?;
+        state.step += 1;
+        state.windows += windows as u64;
+        state.tokens += found.counted as u64;
+        let seconds = begun.elapsed().as_secs_f64();
+        let pace = self.pace.map_or(seconds, |p| 0.95 * p + 0.05 * seconds);
+        (self.pace, self.loss) = (Some(pace), Some(found.loss));
+        let metrics = StepMetrics {
+            step: state.step,
+            loss: found.loss,
+            bits_per_frame: found.loss / std::f64::consts::LN_2 * self.tokens_per_frame,
+            rate,
+            gradient_norm: found.norm,
+            tokens: state.tokens,
+            tokens_per_second: found.counted as f64 / seconds,
+        };
+        self.metrics.step(&metrics)?;
+        let steps = self.file.train.steps;
+        self.progress.step(&metrics, steps, Duration::from_secs_f64(pace * (steps - state.step) as f64));
+        Ok(metrics)
+    }
+
+    fn measure(&mut self, state: &mut State) -> Result<Option<bool>> {
+        let (step, data, most) = (state.step, self.data, self.file.train.eval_windows);
+        self.learner().swap_averages()?;
+        let found = data.likelihood(self.learner(), Split::Valid, most);
+        self.learner().swap_averages()?;
+        self.valid = found?;
+        let mut best = false;
+        if let Some(found) = &self.valid {
+            let bits_per_frame = found.bits_per_frame;
+            best = state.best.is_none_or(|b| bits_per_frame < b.bits_per_frame);
+            if best {
+                state.best = Some(Best { step, bits_per_frame });
+            }
+            self.metrics.valid(step, found)?;
+            self.progress.valid(step, found, best);
+        }
+        self.sample(step);
+        Ok(Some(best))
+    }
+
+    /// Follows from the state alone, so that a resumed run ends at the same step.
+    fn is_over(&self, state: &State) -> bool {
+        self.file.train.is_patience_out(state.step, state.best.map(|b| b.step))
+    }
+
+    fn files(&mut self, _due: bool) -> Result<Files> {
+        let files = saved::files(&*self.fit.learner)?;
+        self.metrics.sync()?;
+        Ok(files)
+    }
+}

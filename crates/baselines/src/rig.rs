@@ -102,6 +102,12 @@ fn letters(order: EulerOrder) -> String {
 ///
 /// # Errors
 /// [`kinelm_store::Error::Invalid`] for others.
+///
+/// ```
+/// # use kinelm_baselines::rig::order;
+/// assert!(order("ZXY").is_ok());
+/// assert!(order("XX").is_err());
+/// ```
 pub fn order(letters: &str) -> Result<EulerOrder> {
     let axis = |c: char| [Axis::X, Axis::Y, Axis::Z].into_iter().find(|a| c == ['X', 'Y', 'Z'][a.index()]);
     let axes: Option<Vec<Axis>> = letters.chars().map(axis).collect();

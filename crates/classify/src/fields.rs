@@ -94,6 +94,12 @@ fn too_few(corpus: &Corpus, train: &[&ClipRecord], name: &str, classes: &[String
 }
 
 /// A label that clips must have, `field=value`.
+///
+/// ```
+/// let filter: kinelm_classify::LabelFilter = "genre=salsa".parse()?;
+/// assert_eq!((filter.field.as_str(), filter.value.as_str()), ("genre", "salsa"));
+/// # kinelm_classify::Result::Ok(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LabelFilter {
     /// The field.

@@ -43,6 +43,16 @@ const RESAMPLES: u64 = 1000;
 
 impl Metrics {
     /// Of outcomes over `classes` classes; `None` without outcomes. Balanced accuracy and F1 are over the classes that occur.
+    ///
+    /// ```
+    /// # use kinelm_classify::{Metrics, Outcome};
+    /// let outcome = |clip, class, p: f64| Outcome { clip, class, log_p: vec![p.ln(), (1.0 - p).ln()] };
+    /// let outcomes = [outcome(0, 0, 0.9), outcome(1, 1, 0.2), outcome(2, 1, 0.6)];
+    /// let metrics = Metrics::of(&outcomes, 2, 1).unwrap();
+    /// assert_eq!(metrics.accuracy, 2.0 / 3.0);
+    /// assert_eq!(metrics.balanced_accuracy, 0.75);
+    /// assert_eq!(metrics.confusion, [[1, 0], [1, 1]]);
+    /// ```
     pub fn of(outcomes: &[Outcome], classes: usize, seed: u64) -> Option<Metrics> {
         if outcomes.is_empty() {
             return None;
@@ -78,6 +88,11 @@ impl Metrics {
 }
 
 /// Wilson's 95 % interval of a share.
+///
+/// ```
+/// let [low, high] = kinelm_classify::metrics::wilson(8, 10);
+/// assert!((low - 0.490).abs() < 1e-3 && (high - 0.943).abs() < 1e-3);
+/// ```
 pub fn wilson(hits: usize, n: usize) -> [f64; 2] {
     const Z: f64 = 1.959_963_984_540_054;
     let (n, p) = (n as f64, hits as f64 / n as f64);

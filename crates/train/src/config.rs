@@ -172,6 +172,12 @@ impl TrainFile {
     ///
     /// # Errors
     /// Neither of them; those of [`TrainFile::load`].
+    ///
+    /// ```
+    /// let file = kinelm_train::TrainFile::find("tiny".as_ref())?;
+    /// assert_eq!(file.train.accumulate, 1);
+    /// # kinelm_train::Result::Ok(())
+    /// ```
     pub fn find(name_or_path: &Path) -> Result<TrainFile> {
         match presets::find(TRAIN, name_or_path, "training file")? {
             Some(text) => TrainFile::parse(text, name_or_path),
@@ -221,6 +227,14 @@ impl TrainFile {
     ///
     /// # Errors
     /// As [`TrainFile::load`].
+    ///
+    /// ```
+    /// # use kinelm_train::TrainFile;
+    /// let file = TrainFile::parse("[train]\nsteps = 500\nbatch = 8", "small.toml".as_ref())?;
+    /// assert_eq!((file.train.steps, file.train.batch), (500, 8));
+    /// assert!(TrainFile::parse("[train]\nstep = 500", "small.toml".as_ref()).is_err());
+    /// # kinelm_train::Result::Ok(())
+    /// ```
     pub fn parse(text: &str, path: &Path) -> Result<TrainFile> {
         let wrong = |e: toml::de::Error| {
             let help = "configs/train/ has examples with every key";

@@ -12,6 +12,12 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 /// A corpus of a run: a table of `[[corpora]]` in a training file, `DIR` or `DIR=WEIGHT` as text.
+///
+/// ```
+/// let part: kinelm_train::CorpusPart = "corpora/salsa=0.5".parse()?;
+/// assert_eq!((part.path.to_str(), part.weight), (Some("corpora/salsa"), 0.5));
+/// # kinelm_train::Result::Ok(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CorpusPart {

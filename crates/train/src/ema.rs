@@ -11,6 +11,12 @@ const CHUNK: usize = 65_536;
 
 /// The share of the way to the weights that the average moves in update `update`, counted from 1: 1 at first, falling to
 /// `1 - decay`.
+///
+/// ```
+/// # use kinelm_train::ema::share;
+/// assert_eq!(share(0.5, 1), 1.0);
+/// assert!((share(0.5, 100) - 0.5).abs() < 1e-12);
+/// ```
 pub fn share(decay: f64, update: u64) -> f64 {
     (1.0 - decay) / (1.0 - decay.powf(update as f64))
 }

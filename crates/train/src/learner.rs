@@ -146,6 +146,12 @@ impl<'a> Fit<'a> {
 }
 
 /// The factor that clips gradients of norm `norm` to `limit` (0: no limit), as PyTorch's `clip_grad_norm_`.
+///
+/// ```
+/// # use kinelm_train::learner::clip_share;
+/// assert!((clip_share(4.0, 1.0) - 0.25).abs() < 1e-6);
+/// assert_eq!(clip_share(0.5, 1.0), 1.0);
+/// ```
 pub fn clip_share(norm: f64, limit: f64) -> f64 {
     if limit > 0.0 { (limit / (norm + 1e-6)).min(1.0) } else { 1.0 }
 }

@@ -16,6 +16,13 @@ pub enum Schedule {
 /// The rate of the update that makes step `step` (from 0) of the run.
 ///
 /// It rises linearly over the warm-up: update 0 has 1/warmup of the rate, update warmup - 1 all of it.
+///
+/// ```
+/// # use kinelm_train::{Schedule, TrainConfig, schedule::rate};
+/// let config =
+///     TrainConfig { steps: 100, warmup: 10, learning_rate: 1e-3, schedule: Schedule::Constant, ..Default::default() };
+/// assert_eq!([0, 9, 99].map(|step| rate(&config, step)), [1e-4, 1e-3, 1e-3]);
+/// ```
 pub fn rate(config: &TrainConfig, step: u64) -> f64 {
     let most = config.learning_rate;
     if step < config.warmup {

@@ -56,6 +56,33 @@ pub struct Cadence {
 
 /// A training: an iterator of updates. Each item is one update, with the measurement and the checkpoint that are due after
 /// it. It is silent; tasks report their progress.
+///
+/// ```
+/// use kinelm_model::checkpoint::State;
+/// use kinelm_train::{Result, Task, Trainer, trainer::{Cadence, Files}};
+///
+/// /// Moves x to 0.
+/// struct Descent(f64);
+///
+/// impl Task for Descent {
+///     type Step = f64;
+///
+///     fn update(&mut self, state: &mut State) -> Result<f64> {
+///         self.0 -= 0.5 * self.0;
+///         state.step += 1;
+///         Ok(self.0)
+///     }
+///
+///     fn files(&mut self, _due: bool) -> Result<Files> {
+///         Ok(vec![("x", self.0.to_le_bytes().into())])
+///     }
+/// }
+///
+/// let cadence = Cadence { steps: 3, eval_every: 0, checkpoint_every: 0, keep: 1 };
+/// let trainer = Trainer::new(Descent(8.0), cadence, None, State::new(0, 0, 0, 1, None));
+/// assert_eq!(trainer.collect::<Result<Vec<f64>>>()?, [4.0, 2.0, 1.0]);
+/// # Result::Ok(())
+/// ```
 pub struct Trainer<T> {
     /// What is trained.
     pub task: T,

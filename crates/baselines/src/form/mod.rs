@@ -133,7 +133,15 @@ impl Coder {
     }
 }
 
-/// (F - 1, C) steps of (F, C) frames.
+/// (F - 1, C) steps of (F, C) frames: in channels 0 and 2, the root's x and z, the difference to the next frame.
+///
+/// ```
+/// # use kinelm_baselines::form::{frames_of_steps, steps};
+/// let frames = [1.0, 0.9, 2.0, 1.5, 0.8, 2.25, 3.0, 0.9, 2.0];
+/// let steps = steps(&frames, 3);
+/// assert_eq!(steps, [0.5, 0.9, 0.25, 1.5, 0.8, -0.25]);
+/// assert_eq!(frames_of_steps(&steps, 3, [1.0, 2.0]), frames[..6]);
+/// ```
 pub fn steps(frames: &[f64], channels: usize) -> Vec<f64> {
     let whole = frames.len().saturating_sub(channels);
     let mut steps = frames[..whole].to_vec();

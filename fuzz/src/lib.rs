@@ -6,7 +6,7 @@
 
 use kinelm::corpus::music::beats;
 use kinelm::corpus::settings::Settings;
-use kinelm::corpus::{Corpus, labels};
+use kinelm::corpus::{Corpus, label_table};
 use kinelm::evaluate::{CodeSplits, Extent};
 use kinelm::generate::provenance::Provenance;
 use kinelm::model::{CheckpointChoice, load_run, weights};
@@ -142,7 +142,7 @@ pub fn settings(data: &[u8]) {
 
 /// A labels CSV.
 pub fn labels(data: &[u8]) {
-    let _ = labels::Table::parse(Path::new("labels.csv"), data);
+    let _ = label_table::LabelTable::parse(Path::new("labels.csv"), data);
 }
 
 /// A training file.
@@ -164,7 +164,7 @@ pub fn codes(data: &[u8]) {
 pub fn sidecar(data: &[u8]) {
     in_folder("a.bvh.kinelm.json", data, |folder| {
         drop(Provenance::load(&folder.join("a.bvh.kinelm.json")));
-        drop(kinelm::corpus::sidecar::reading_of(&folder.join("a.bvh")));
+        drop(kinelm::corpus::sidecar::read_options(&folder.join("a.bvh")));
     });
 }
 

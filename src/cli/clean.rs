@@ -1,7 +1,7 @@
 //! `kinelm corpus clean`.
 
 use super::{ForceArgs, Say, data::DataArgs, read::ReadArgs};
-use crate::corpus::left_out::to_csv;
+use crate::corpus::exclude::to_csv;
 use crate::spectral::clean::clean;
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
@@ -29,12 +29,12 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         Some(path) => Tokenizer::load(path)?.config().clone(),
         None => TokenizerConfig::default(),
     };
-    let gathered = args.data.gather(say)?;
-    let inputs = args.data.files(&gathered).chain(args.tokenizer.clone()).chain(args.read.files());
+    let dataset = args.data.find(say)?;
+    let inputs = args.data.files(&dataset).chain(args.tokenizer.clone()).chain(args.read.files());
     let outputs = args.force.outputs(inputs);
     outputs.check([&*args.out])?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
-    let found = clean(&gathered, &config, &options, &mut *super::progress::watch(say, "looking at clips"))?;
+    let found = clean(&dataset, &config, &options, &mut *super::progress::watch(say, "looking at clips"))?;
     found.summary.lines().iter().for_each(|line| say.line(line));
     outputs.write(&args.out, to_csv(&found.ranges).as_bytes())?;
     found.to_string().lines().for_each(|line| say.line(line));

@@ -1,8 +1,8 @@
 //! The motion that a command works on, and its labels.
 
 use super::Say;
+use crate::corpus::Dataset;
 use crate::corpus::build::BuildOptions;
-use crate::corpus::gather::{Gathered, gather};
 use anyhow::Result;
 use kinelm_motion::format::ReadOptions;
 use std::path::PathBuf;
@@ -25,17 +25,17 @@ pub struct DataArgs {
 
 impl DataArgs {
     /// The files, with what was found out about them said.
-    pub fn gather(&self, say: Say) -> Result<Gathered> {
-        let gathered = gather(&self.data, &self.labels)?;
-        for line in &gathered.said {
+    pub fn find(&self, say: Say) -> Result<Dataset> {
+        let dataset = Dataset::find(&self.data, &self.labels)?;
+        for line in &dataset.notes {
             say.line(line);
         }
-        Ok(gathered)
+        Ok(dataset)
     }
 
     /// The files that are read: the motion and its labels.
-    pub fn files(&self, gathered: &Gathered) -> impl Iterator<Item = PathBuf> {
-        let motion = gathered.items.iter().map(|item| item.path.clone());
+    pub fn files(&self, dataset: &Dataset) -> impl Iterator<Item = PathBuf> {
+        let motion = dataset.items.iter().map(|item| item.path.clone());
         motion.chain(self.labels.iter().map(PathBuf::from)).chain(self.data.clone().into_iter().filter(|p| p.is_file()))
     }
 }

@@ -102,13 +102,13 @@ impl SettingsArgs {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let config = args.settings.config()?;
-    let gathered = args.data.gather(say)?;
-    let inputs = args.data.files(&gathered).chain(args.settings.config.clone()).chain(args.read.files());
+    let dataset = args.data.find(say)?;
+    let inputs = args.data.files(&dataset).chain(args.settings.config.clone()).chain(args.read.files());
     let outputs = args.force.outputs(inputs);
     outputs.check([&*args.out])?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
     let (tokenizer, summary) =
-        corpus::build::fit(&gathered, config, &options, &mut *super::progress::watch(say, "fitting the tokenizer"))?;
+        corpus::build::fit(&dataset, config, &options, &mut *super::progress::watch(say, "fitting the tokenizer"))?;
     outputs.write(&args.out, tokenizer.to_json().as_bytes())?;
     for line in summary.lines() {
         say.line(line);

@@ -2,7 +2,7 @@
 
 use super::Say;
 use crate::corpus::sidecar;
-use crate::corpus::store::reading_in;
+use crate::corpus::store::read_options_in;
 use crate::spectral::windows::{MAX_FRAMES, MIN_FRAMES};
 use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
 use kinelm_motion::moment::{EXPECTED, Moment};
@@ -127,7 +127,7 @@ impl ReadArgs {
     ) -> Vec<ReadOptions> {
         let (mut all, mut words, mut gone) = (Vec::new(), Vec::new(), BTreeSet::new());
         for file in files.iter().map(AsRef::as_ref) {
-            let told = sidecar::reading_of(file).unwrap_or_else(|e| {
+            let told = sidecar::read_options(file).unwrap_or_else(|e| {
                 say.line(e);
                 None
             });
@@ -144,12 +144,12 @@ impl ReadArgs {
             };
             let read = match files.len() {
                 1 => self.over(&told),
-                _ => sidecar::among_others(told.clone(), &self.options(rest)),
+                _ => sidecar::combined(told.clone(), &self.options(rest)),
             };
-            words.extend(sidecar::in_words(&told, &read).map(|words| (file.display().to_string(), words)));
+            words.extend(sidecar::describe(&told, &read).map(|words| (file.display().to_string(), words)));
             all.push(read);
         }
-        sidecar::line(&words).iter().for_each(|line| say.line(line));
+        sidecar::describe_all(&words).iter().for_each(|line| say.line(line));
         if !gone.is_empty() {
             let gone: Vec<String> = gone.iter().map(|corpus| corpus.display().to_string()).collect();
             let what =
@@ -162,7 +162,7 @@ impl ReadArgs {
 
 /// How a corpus read the file with this hash, if it contains it. A corpus that can't be read is added to `gone`.
 fn known_to<'a>(corpus: &'a Path, sha256: &str, gone: &mut BTreeSet<&'a Path>) -> Option<ReadOptions> {
-    reading_in(corpus, sha256).unwrap_or_else(|_| {
+    read_options_in(corpus, sha256).unwrap_or_else(|_| {
         gone.insert(corpus);
         None
     })
@@ -171,7 +171,7 @@ fn known_to<'a>(corpus: &'a Path, sha256: &str, gone: &mut BTreeSet<&'a Path>) -
 /// The options that were taken over from `known`, as text.
 fn how(known: &ReadOptions, read: &ReadOptions) -> Option<String> {
     let fps = known.fps_source.filter(|_| known.fps_source == read.fps_source).map(|fps| format!("{fps} fps"));
-    let words: Vec<String> = fps.into_iter().chain(sidecar::in_words(known, read)).collect();
+    let words: Vec<String> = fps.into_iter().chain(sidecar::describe(known, read)).collect();
     (!words.is_empty()).then(|| words.join(", "))
 }
 

@@ -48,10 +48,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     };
     let build = args.data.build_options(args.read.options(RestFrame::Drop));
     let options = StudyOptions { build, rows, joints, fps: args.fps, force: args.force, shown: args.show };
-    let gathered = args.data.gather(say)?;
-    let inputs = args.data.files(&gathered).chain(args.schemes.clone()).chain(args.read.files());
+    let dataset = args.data.find(say)?;
+    let inputs = args.data.files(&dataset).chain(args.schemes.clone()).chain(args.read.files());
     let outputs = ForceArgs { force: args.force }.outputs(inputs);
-    let report = study(&gathered, &options, (&args.out, &outputs), &mut watch(say))?;
+    let report = study(&dataset, &options, (&args.out, &outputs), &mut watch(say))?;
     for line in report.notes() {
         say.line(line);
     }

@@ -3,7 +3,7 @@
 use super::{ForceArgs, Say, data::DataArgs, read::ReadArgs};
 use crate::corpus::Shard;
 use crate::corpus::build::{BuildOptions, tokenize};
-use crate::corpus::left_out::leave_out;
+use crate::corpus::exclude::exclude;
 use crate::corpus::writer::LAYOUT;
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
@@ -35,7 +35,7 @@ pub struct Args {
     /// Ranges of clips that the corpus does without, a CSV (clip, from_s, to_s, why) such as `corpus clean` writes; corpus.json
     /// lists them. A clip out of whose middle something is left out becomes two
     #[arg(long, value_name = "FILE.csv")]
-    leave_out: Option<PathBuf>,
+    exclude: Option<PathBuf>,
     /// Overwrite the files of a corpus in --out
     #[arg(long)]
     force: bool,
@@ -45,23 +45,23 @@ pub struct Args {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
-    let mut gathered = args.data.gather(say)?;
-    let said = gathered.said.len();
-    let left_out = args.leave_out.as_ref().map(|csv| leave_out(&mut gathered, csv)).transpose()?.unwrap_or_default();
-    gathered.said[said..].iter().for_each(|line| say.line(line));
-    let inputs = args.data.files(&gathered).chain([args.tokenizer.clone()]).chain(args.leave_out.clone());
+    let mut dataset = args.data.find(say)?;
+    let notes = dataset.notes.len();
+    let excluded = args.exclude.as_ref().map(|csv| exclude(&mut dataset, csv)).transpose()?.unwrap_or_default();
+    dataset.notes[notes..].iter().for_each(|line| say.line(line));
+    let inputs = args.data.files(&dataset).chain([args.tokenizer.clone()]).chain(args.exclude.clone());
     let inputs = inputs.chain(args.read.files());
     ForceArgs { force: args.force }.outputs(inputs).check_folder(&args.out, &LAYOUT)?;
     let options = BuildOptions {
         shard: args.shard,
         force: args.force,
         music: args.music.clone(),
-        own_beats: args.motion_beats,
-        left_out,
+        motion_beats: args.motion_beats,
+        excluded,
         ..args.data.build_options(args.read.options(RestFrame::Drop))
     };
     let (manifest, summary) =
-        tokenize(&gathered, &tokenizer, &args.out, &options, &mut *super::progress::watch(say, "writing the corpus"))?;
+        tokenize(&dataset, &tokenizer, &args.out, &options, &mut *super::progress::watch(say, "writing the corpus"))?;
     for line in summary.lines() {
         say.line(line);
     }
@@ -73,7 +73,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         }
     }
     if args.motion_beats {
-        let (own, clips) = (counted(summary.with_own_beats, "clips"), summary.clips);
+        let (own, clips) = (counted(summary.with_motion_beats, "clips"), summary.clips);
         say.line(format_args!("{own} of {clips} have motion-derived beats"));
     }
     let (n, f) = (manifest.count.clips, manifest.count.frames);

@@ -1,7 +1,7 @@
 //! `kinelm tokenizer text` and `decode`; `fit` and `study` have files of their own.
 
 use super::{ForceArgs, Say, print, read::ReadArgs};
-use crate::corpus;
+use crate::corpus::ModelClip;
 use anyhow::{Context, Result};
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::{Motion, Source};
@@ -65,7 +65,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
 fn text(args: TextArgs, say: Say) -> Result<()> {
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
     let options = args.read.of_file(&args.clip, RestFrame::Drop, say);
-    let placed = corpus::load::load_placed(&args.clip, &options, tokenizer.config().into())?;
+    let placed = ModelClip::load(&args.clip, &options, tokenizer.config().into())?;
     super::warn(&placed.motion, say);
     let encoded = tokenizer.encode(&placed.lowered())?;
     let (steps, heights) = (encoded.clipped.saturating_sub(encoded.off_range), encoded.off_range);

@@ -3,7 +3,7 @@
 mod music;
 
 use crate::corpus::build::{self, BuildOptions};
-use crate::corpus::{Corpus, Split, gather};
+use crate::corpus::{Corpus, Dataset, Split};
 use crate::evaluate::{ChannelFloors, CodeSplits, Extent};
 use crate::generate::open::OpenRequest;
 use crate::generate::output::RootGiven;
@@ -193,13 +193,13 @@ fn write_dances(out: &Path, dances: &[Dance]) -> Result<()> {
 
 fn tokenize(args: &Args, music: Option<PathBuf>) -> Result<Tokenizer> {
     let labels = args.out.join("labels.csv").display().to_string();
-    let gathered = gather(&[args.out.join("motion")], &[labels])?;
+    let dataset = Dataset::find(&[args.out.join("motion")], &[labels])?;
     let read = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
     let options = BuildOptions { read, strict: true, force: args.force, music, ..BuildOptions::default() };
-    let quiet = &mut |_: build::Event<'_>| std::ops::ControlFlow::Continue(());
-    let (tokenizer, _) = build::fit(&gathered, TokenizerConfig::default(), &options, quiet)?;
+    let quiet = &mut |_: build::BuildEvent<'_>| std::ops::ControlFlow::Continue(());
+    let (tokenizer, _) = build::fit(&dataset, TokenizerConfig::default(), &options, quiet)?;
     tokenizer.save(args.out.join("tokenizer.json"))?;
-    build::tokenize(&gathered, &tokenizer, &args.out.join("corpus"), &options, quiet)?;
+    build::tokenize(&dataset, &tokenizer, &args.out.join("corpus"), &options, quiet)?;
     Ok(tokenizer)
 }
 

@@ -2,7 +2,7 @@
 //! dance to music of a tempo that it has never heard.
 
 use super::{Args, MARK, tokenize, train, write_dances};
-use crate::corpus::music::dance::music;
+use crate::corpus::music::synth::music;
 use crate::corpus::{Corpus, Split};
 use crate::evaluate::dance::beats::{BeatMetrics, BeatPair, BeatScores, controls, of_corpus};
 use crate::generate::open::{MUSIC_GUIDANCE, OpenRequest};

@@ -1,7 +1,7 @@
 //! Arguments that several commands have.
 
 use super::{ours, progress};
-use crate::corpus::{Corpus, Opening};
+use crate::corpus::{Corpus, CorpusOptions};
 use crate::model::{Compute, DeviceName, Form, ReaderOptions};
 use kinelm_model::{KvKind, WeightKind};
 use kinelm_store::output::Outputs;
@@ -35,8 +35,8 @@ pub struct TrustArgs {
 
 impl TrustArgs {
     /// Of a corpus that is read again and again: in memory, where there is room.
-    pub fn opening(self) -> Opening {
-        Opening { trust: self.trust, streamed: false, tell: progress::stage }
+    pub fn opening(self) -> CorpusOptions {
+        CorpusOptions { trust: self.trust, streamed: false, progress: progress::stage }
     }
 
     /// A corpus that is read clip by clip.
@@ -44,7 +44,7 @@ impl TrustArgs {
     /// # Errors
     /// Those of [`Corpus::open_with`].
     pub fn open(self, dir: &Path) -> crate::Result<Corpus> {
-        Ok(Corpus::open_with(dir, Opening { streamed: true, ..self.opening() })?)
+        Ok(Corpus::open_with(dir, CorpusOptions { streamed: true, ..self.opening() })?)
     }
 }
 

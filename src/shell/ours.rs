@@ -1,7 +1,7 @@
 //! Which files and folders are this program's own, for what a call may write over.
 
+use crate::corpus::artifacts;
 use crate::corpus::music::beats;
-use crate::corpus::ours;
 use crate::view::{self, plot};
 use kinelm_store::output::{Ours, extension};
 use kinelm_store::{Result, input, sidecar};
@@ -9,7 +9,7 @@ use std::io::Read;
 use std::path::Path;
 
 /// How this program knows what it has made.
-pub const OURS: Ours = Ours { is_marked, is_file, owner: ours::owner };
+pub const OURS: Ours = Ours { is_marked, is_file, owner: artifacts::owner };
 
 /// Where our marks stand in a page, a picture or a table, at the latest: bytes from the file's beginning.
 const MARK_WITHIN: u64 = 4096;

@@ -1,7 +1,7 @@
 //! How far a wait is: a bar where somebody watches, else plain lines at growing intervals.
 
 use super::Say;
-use crate::corpus::build::{Event, Watch};
+use crate::corpus::build::{BuildEvent, BuildProgress};
 use crate::train::progress::time;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -159,18 +159,18 @@ impl Drop for Bar {
 }
 
 /// A bar over files, behind which comes a stage; bad ones are named as they turn up.
-pub fn watch(say: Say, then: &'static str) -> Box<Watch<'static>> {
+pub fn watch(say: Say, then: &'static str) -> Box<BuildProgress<'static>> {
     let mut shown: Option<Bar> = None;
     Box::new(move |event| {
         match event {
-            Event::Done { done, of, .. } => {
+            BuildEvent::Done { done, of, .. } => {
                 shown.get_or_insert_with(|| bar(of as u64, "files", say)).set_position(done as u64);
                 if done == of {
                     shown = None;
                     stage(then);
                 }
             }
-            Event::Failed { item, error } => {
+            BuildEvent::Failed { item, error } => {
                 let text = format!("{}: left out: {error}", item.name);
                 match &shown {
                     Some(bar) => bar.suspend(|| say.left_out(text)),

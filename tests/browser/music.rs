@@ -112,7 +112,7 @@ fn what_a_dancer_hits_is_lit_and_what_it_misses_is_not() {
     let Some(browser) = browser("what_a_dancer_hits_is_lit_and_what_it_misses_is_not") else { return };
     let dances = synth::corpus_at(3, &[100.0, 100.0], 12.0, 60.0).unwrap();
     let body: Vec<usize> = (0..22).collect();
-    let sound = kinelm::corpus::music::dance::music(&dances[0], 3, 16_000).unwrap();
+    let sound = kinelm::corpus::music::synth::music(&dances[0], 3, 16_000).unwrap();
     // the dance begins a second behind the music
     let from_s = 1.0;
     let beats_s: Vec<f64> = dances[0].beats_s.iter().map(|beat| beat + from_s).collect();

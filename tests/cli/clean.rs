@@ -53,17 +53,17 @@ fn a_corpus_does_without_what_is_listed_and_says_so() {
     let tokenize = "tokenize data --labels l.csv --tokenizer t.json";
     call(dir, &format!("{tokenize} --out whole")).assert().success();
     fs::write(dir.join("more.csv"), csv + "gone,0,1,\n").unwrap();
-    call(dir, &format!("{tokenize} --leave-out more.csv --out part"))
+    call(dir, &format!("{tokenize} --exclude more.csv --out part"))
         .assert()
         .success()
-        .stderr(contains("more.csv: 1 range of 1 clip left out"))
+        .stderr(contains("more.csv: 1 range of 1 clip excluded"))
         .stderr(contains("more.csv: 1 rows have no file: gone (line 3)"))
         .stderr(contains("part: 4 clips, 595 frames"));
     let manifest = |name: &str| -> serde_json::Value {
         serde_json::from_slice(&fs::read(dir.join(name).join("corpus.json")).unwrap()).unwrap()
     };
-    assert_eq!((manifest("whole").get("left_out"), &manifest("whole")["count"]["frames"]), (None, &600.into()));
-    let told = &manifest("part")["left_out"][0];
+    assert_eq!((manifest("whole").get("excluded"), &manifest("whole")["count"]["frames"]), (None, &600.into()));
+    let told = &manifest("part")["excluded"][0];
     assert_eq!((&told["clip"], &told["from_s"], &told["to_s"]), (&"0".into(), &2.95.into(), &3.2.into()));
     let names: Vec<String> = fs::read_to_string(dir.join("part/clips.jsonl"))
         .unwrap()
@@ -75,7 +75,7 @@ fn a_corpus_does_without_what_is_listed_and_says_so() {
 
     // shards agree on it
     for i in 0..2 {
-        call(dir, &format!("{tokenize} --leave-out more.csv --shard {i}/2 --out s{i}")).assert().success();
+        call(dir, &format!("{tokenize} --exclude more.csv --shard {i}/2 --out s{i}")).assert().success();
     }
     call(dir, "corpus merge s1 s0 --out merged").assert().success();
     for file in ["corpus.json", "clips.jsonl", "tokens.u16"] {
@@ -85,7 +85,7 @@ fn a_corpus_does_without_what_is_listed_and_says_so() {
         );
     }
     call(dir, &format!("{tokenize} --shard 1/2 --out other")).assert().success();
-    call(dir, "corpus merge s0 other --out wrong").assert().failure().stderr(contains("the same --leave-out"));
+    call(dir, "corpus merge s0 other --out wrong").assert().failure().stderr(contains("the same `exclude`"));
 }
 
 #[test]
@@ -96,22 +96,19 @@ fn ranges_that_are_wrong_are_told_with_their_place() {
     call(dir, "tokenizer fit data --labels l.csv --out t.json").assert().success();
     let refused = |csv: &str, message: &str| {
         fs::write(dir.join("x.csv"), csv).unwrap();
-        let call = call(dir, "tokenize data --labels l.csv --tokenizer t.json --leave-out x.csv --strict --out c");
+        let call = call(dir, "tokenize data --labels l.csv --tokenizer t.json --exclude x.csv --strict --out c");
         { call }.assert().failure().stderr(contains(message));
         assert!(!dir.join("c").exists());
     };
     refused("clip,from_s,to_s\n0,2,1\n", "x.csv:2:5: found to_s `1`, expected more than from_s, 2");
     refused("clip,from\n", "x.csv:1:6: found column `from`");
     fs::write(dir.join("x.csv"), "clip,from_s,to_s\n0,20,21\n").unwrap();
-    call(dir, "tokenize data --labels l.csv --tokenizer t.json --leave-out x.csv --strict --out behind")
+    call(dir, "tokenize data --labels l.csv --tokenizer t.json --exclude x.csv --strict --out behind")
         .assert()
         .success()
-        .stderr(contains("line 2 of the ranges that are left out begins at 20 s of a clip of 10.00 s"));
+        .stderr(contains("line 2 of the excluded ranges begins at 20 s of a clip of 10.00 s"));
     let whole = call(dir, "corpus stats behind").assert().success().get_output().stdout.clone();
     assert!(String::from_utf8(whole).unwrap().contains("600 frames"));
     fs::remove_file(dir.join("x.csv")).unwrap();
-    call(dir, "tokenize data --tokenizer t.json --leave-out x.csv --out c")
-        .assert()
-        .failure()
-        .stderr(contains("x.csv"));
+    call(dir, "tokenize data --tokenizer t.json --exclude x.csv --out c").assert().failure().stderr(contains("x.csv"));
 }

@@ -313,7 +313,7 @@ fn no_input_of_any_kind_may_be_a_pipe() {
         "convert data/d0.bvh o.bvh --skeleton p/a.npz",
         "inspect data/d0.bvh --map p/a.toml",
         "runs plot p/run --out o.svg",
-        "tokenize data --leave-out p/a.csv --tokenizer t.json --out o",
+        "tokenize data --exclude p/a.csv --tokenizer t.json --out o",
         "generate timeline p/a.toml --run run --out o.bvh",
         "generate again p/a.json",
         "aclstm plot p/a.json --out o.svg",

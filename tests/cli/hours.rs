@@ -50,9 +50,9 @@ fn clip(name: String, key: usize, split: Split, frames: usize) -> NewClip {
         beats: None,
         offset: 0,
         tokens: 0,
-        sound: None,
+        music: None,
     };
-    NewClip { record, sound: Vec::new() }
+    NewClip { record, music: Vec::new() }
 }
 
 /// A corpus of clips of the dances' words, of these splits in turn.
@@ -176,7 +176,7 @@ fn a_file_of_many_pieces_is_read_once() {
     let row = |i: usize| format!("a,{:.2},{:.2}\n", i as f64 * 0.05 + 0.01, i as f64 * 0.05 + 0.03);
     fs::write(at("out.csv"), "clip,from_s,to_s\n".to_string() + &(0..1_000).map(row).collect::<String>()).unwrap();
     let started = std::time::Instant::now();
-    done(dir.path(), "tokenize data --tokenizer tokenizer.json --leave-out out.csv --out corpus --threads 1");
+    done(dir.path(), "tokenize data --tokenizer tokenizer.json --exclude out.csv --out corpus --threads 1");
     assert!(started.elapsed() < Duration::from_secs(10), "{:?}", started.elapsed());
     let stats: Value = serde_json::from_str(&done(dir.path(), "corpus stats corpus --json")).unwrap();
     assert!(stats["count"]["clips"].as_u64().unwrap() > 100, "{stats}");

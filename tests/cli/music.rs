@@ -195,7 +195,7 @@ fn heard(dir: &Path) {
         let path = dir.join(format!("data/{i}.bvh"));
         let motion = Motion { path: path.clone(), clip: dance.clip.clone(), source: Source::Plain, warnings: vec![] };
         format::write(&path, &motion).unwrap();
-        let samples = kinelm::corpus::music::dance::music(dance, 3, 22_050).unwrap();
+        let samples = kinelm::corpus::music::synth::music(dance, 3, 22_050).unwrap();
         let later = [vec![0.0; 22_050], samples.clone()].concat();
         // one is named by a label and begins a second later, one has no music
         let (name, samples) = if i == 1 { ("named".into(), &later) } else { (i.to_string(), &samples) };
@@ -270,7 +270,7 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
     said(
         "generate --run run --music song.wav --seconds 40 --out d.bvh",
         1,
-        "28.00 s of music behind 0 s, expected 40.00 s",
+        "28.00 s of music after 0 s, expected 40.00 s",
     );
     said(
         "generate --run run --music song.wav --music-from 28s --out d.bvh",
@@ -306,7 +306,7 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
     said(
         "tokenize data --labels labels.csv --tokenizer t.json --music songs --out x",
         1,
-        "1: music `named.wav`: no such file",
+        "no music file `named.wav` of clip 1 in ",
     );
     drop(song);
 }
@@ -321,7 +321,7 @@ fn a_model_is_told_what_music_sounds_like_and_a_flat_one_its_tempo() {
     let bytes = |file: &str| fs::read(dir.join(file)).unwrap();
     // a row a frame and for a second more, as far as the music goes
     let corpus = kinelm::corpus::Corpus::open(dir.join("corpus")).unwrap();
-    let rows: Vec<usize> = corpus.clips().iter().map(|clip| clip.sound.map_or(0, |sound| sound.rows)).collect();
+    let rows: Vec<usize> = corpus.clips().iter().map(|clip| clip.music.map_or(0, |music| music.rows)).collect();
     assert!(rows[2] == 0 && [0, 1, 3].iter().all(|i| rows[*i] >= corpus.clips()[*i].frames), "{rows:?}");
     assert_eq!(bytes("corpus/music.f32").len(), 140 * rows.iter().sum::<usize>());
     let tempi: Vec<_> = corpus.clips().iter().map(|clip| clip.labels.get("tempo").map(String::as_str)).collect();

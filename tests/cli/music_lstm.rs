@@ -2,7 +2,7 @@
 
 use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
-use kinelm::corpus::music::dance::music;
+use kinelm::corpus::music::synth::music;
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::{Motion, Source, format, synth};
 use kinelm_music::wav;

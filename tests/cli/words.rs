@@ -1,7 +1,7 @@
 //! Words of any kind through the whole program: merged characters, tiles of frames.
 
 use crate::support::{json, kinelm, read, save};
-use kinelm::corpus::load::load_placed;
+use kinelm::corpus::load::ModelClip;
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Quat, Vec3, format, synth};
@@ -151,11 +151,11 @@ impl Way {
         let begun = read(&self.at("begun.json"));
         let (l, unsettled) = (self.tokenizer.frames_per_word(), self.tokenizer.scheme().unsettled_words());
         let options = format::ReadOptions { rest: format::RestFrame::Drop, ..Default::default() };
-        let placed = load_placed(&self.at("prompt.bvh"), &options, self.tokenizer.config().into()).unwrap();
+        let placed = ModelClip::load(&self.at("prompt.bvh"), &options, self.tokenizer.config().into()).unwrap();
         let clip = placed.lowered();
         let whole = 41 / l;
         let words = self.tokenizer.encode(&clip.slice(0..whole * l)).unwrap().words.slice(0..whole - unsettled);
-        let known = self.tokenizer.decode(&words, UncodedPose::Identity).unwrap().raised(placed.under_m);
+        let known = self.tokenizer.decode(&words, UncodedPose::Identity).unwrap().raised(placed.clip_floor_m);
         // and stands where the prompt stands, whose first place coding takes off
         let there = Vec3::new(clip.root()[0].x, 0.0, clip.root()[0].z);
         // the last words may reach into the next

@@ -5,8 +5,7 @@ use crate::rig::Rig;
 use crate::{Error, Result};
 use kinelm_classify::LabelFilter;
 use kinelm_corpus::Split;
-use kinelm_corpus::gather::{Gathered, Item, gather};
-use kinelm_corpus::load::item_options;
+use kinelm_corpus::{Dataset, Item};
 use kinelm_motion::format::{RateDoubt, RateDoubts, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, format};
@@ -94,12 +93,12 @@ impl Recordings {
     /// What gathering and reading fail with; no clip with the labels; a clip on another rig, with its joints; a rate that is
     /// no multiple of the network's.
     pub fn load(sources: &Sources, margin: usize, rig: Option<&Rig>) -> Result<Recordings> {
-        let Gathered { items, said: mut notes, .. } = gather(&sources.data, &sources.labels)?;
+        let Dataset { items, mut notes, .. } = Dataset::find(&sources.data, &sources.labels)?;
         let meets = |item: &&Item| sources.only.iter().all(|o| item.labels.get(&o.field) == Some(&o.value));
         let items: Vec<&Item> = items.iter().filter(meets).collect();
         let (mut loaded, mut doubts): (Option<Recordings>, _) = (None, RateDoubts::default());
         for item in &items {
-            let options = item_options(item, &sources.read);
+            let options = item.read_options(&sources.read);
             let (motion, sha256) = read(&item.path, &options)?;
             doubts.add(&item.file_name(), RateDoubt::in_reading(&motion));
             let known = loaded.as_ref().map(|loaded| &loaded.rig).or(rig);

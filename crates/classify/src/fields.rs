@@ -1,7 +1,7 @@
 //! Label fields and their classes.
 
 use crate::{Error, Result};
-use kinelm_corpus::labels::pair;
+use kinelm_corpus::labels::parse_pair;
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use serde::{Deserialize, Serialize};
 
@@ -112,7 +112,7 @@ impl std::str::FromStr for LabelFilter {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<LabelFilter> {
-        let (field, value) = pair(text)?;
+        let (field, value) = parse_pair(text)?;
         Ok(LabelFilter { field, value })
     }
 }

@@ -3,7 +3,7 @@
 use super::Classifier;
 use super::scores::{ClassScores, likeliest, normalised, of_clips};
 use crate::{Error, Result};
-use kinelm_corpus::load::load_placed;
+use kinelm_corpus::load::ModelClip;
 use kinelm_motion::Motion;
 use kinelm_motion::format::ReadOptions;
 use serde::Serialize;
@@ -34,32 +34,13 @@ pub struct FieldPrediction {
     pub strip: Vec<(String, f64)>,
 }
 
-/// `genre: salsa 91.2 %, martial 6.0 %`, and a letter for each second.
-impl fmt::Display for Told {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let shares: Vec<String> = self.probabilities.iter().map(|(c, p)| format!("{c} {:.1} %", 100.0 * p)).collect();
-        writeln!(f, "  {}: {}", self.field, shares.join(", "))?;
-        let letter = |class: &str| {
-            let at = self.probabilities.iter().position(|(c, _)| c == class).unwrap_or(0);
-            (b'a' + (at % 26) as u8) as char
-        };
-        let cased = |(c, p): &(String, f64)| if *p > 0.5 { letter(c).to_ascii_uppercase() } else { letter(c) };
-        let strip: String = self.strip.iter().map(cased).collect();
-        let mut shown: Vec<&String> = self.strip.iter().map(|(c, _)| c).collect();
-        shown.sort_by_key(|c| letter(c));
-        shown.dedup();
-        let legend: Vec<String> = shown.iter().map(|c| format!("{} {c}", letter(c).to_ascii_uppercase())).collect();
-        writeln!(f, "  a letter a second, large above 50 %: {strip}   ({})", legend.join(", "))
-    }
-}
-
 impl Classifier {
     /// Classifies a motion file of any rig.
     ///
     /// # Errors
     /// A file that can't be read or retargeted, or has no whole word.
     pub fn predict(&mut self, path: &Path, options: &ReadOptions) -> Result<(Motion, Prediction)> {
-        let placed = load_placed(path, options, self.tokenizer.config().into())?;
+        let placed = ModelClip::load(path, options, self.tokenizer.config().into())?;
         let (clip, motion) = (placed.lowered(), placed.motion);
         let ids = self.tokenizer.ids_of_words(&self.tokenizer.encode(&clip)?.words)?;
         let none = || {

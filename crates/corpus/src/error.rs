@@ -1,24 +1,32 @@
-//! What can go wrong with corpora.
+//! The errors of this crate.
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Everything that making and reading corpora can fail with.
+/// The errors of making and reading corpora.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A file can't be read or written or is wrong, the call can't be done, or the user stopped the work.
+    /// A file, a parameter or an input is wrong, or the user stopped the work.
     #[error(transparent)]
     Store(#[from] kinelm_store::Error),
     /// A motion file or clip is wrong.
     #[error(transparent)]
     Motion(#[from] kinelm_motion::Error),
-    /// A music file is wrong, or is asked for what it can't give.
+    /// A music file is wrong, or the features it should give don't exist at the requested rate.
     #[error(transparent)]
     Music(#[from] kinelm_music::Error),
     /// The tokenizer refused.
     #[error(transparent)]
     Tokenizer(#[from] kinelm_tokenizer::Error),
-    /// What a caller does with each clip failed.
+    /// A clip can't be used.
+    #[error("{clip}: {source}")]
+    Clip {
+        /// The clip's name or file.
+        clip: String,
+        /// The reason.
+        source: Box<Error>,
+    },
+    /// A caller's work on a clip failed.
     #[error(transparent)]
     Work(Box<dyn std::error::Error + Send + Sync>),
 }
@@ -26,6 +34,12 @@ pub enum Error {
 kinelm_store::constructors!(Error);
 
 impl Error {
+    /// Wraps an error with the clip that it is about.
+    pub fn in_clip(clip: impl ToString) -> impl FnOnce(Error) -> Error {
+        let clip = clip.to_string();
+        move |source| Error::Clip { clip, source: Box::new(source) }
+    }
+
     /// Which kind of error this is; the program's exit code follows from it.
     pub fn kind(&self) -> kinelm_store::Kind {
         match self {
@@ -33,6 +47,7 @@ impl Error {
             Error::Motion(e) => e.kind(),
             Error::Music(e) => e.kind(),
             Error::Tokenizer(e) => e.kind(),
+            Error::Clip { source, .. } => source.kind(),
             Error::Work(_) => kinelm_store::Kind::Failed,
         }
     }

@@ -1,6 +1,6 @@
 //! Small corpora for tests: words of six characters that a model can learn, and dances.
 
-use crate::record::{BeatsOf, ClipBeats};
+use crate::record::{BeatSource, ClipBeats};
 use crate::samples::{clip, walk};
 use crate::{Corpus, CorpusWriter, Split};
 use kinelm_motion::{Clip, synth};
@@ -61,10 +61,15 @@ pub fn turning(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
 }
 
 /// The same with the beats of the dances, and a sound; every third has no music.
-pub fn heard(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
+pub fn with_music(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     let config = TokenizerConfig::uniform(&[0, 4], 20.0, 20);
     let has_music = |clip: usize| clip % 3 != 2;
-    made(&dir.join("heard"), TokenizerConfig { root_rotation: RootRotation::HeadingDelta, ..config }, clips, &has_music)
+    made(
+        &dir.join("with_music"),
+        TokenizerConfig { root_rotation: RootRotation::HeadingDelta, ..config },
+        clips,
+        &has_music,
+    )
 }
 
 /// A corpus in the folder `path` of clips of so many frames of dances.
@@ -81,10 +86,10 @@ fn made(path: &Path, config: TokenizerConfig, clips: &[(usize, Split)], has_musi
         let words = tokenizer.encode(&dance.slice(0..frames)).unwrap().words;
         let mut new = clip(&format!("clip{key}"), key, split, frames);
         let times_s = all[key].beats_s.clone();
-        new.record.beats = has_music(key).then_some(ClipBeats { of: BeatsOf::Music, times_s });
+        new.record.beats = has_music(key).then_some(ClipBeats { source: BeatSource::Music, times_s });
         if has_music(key) {
             let rows = (0..frames + 20).flat_map(|row| (0..CHANNELS).map(move |c| row * (c + 1) % 17));
-            new.sound = rows.map(|x| x as f32).collect();
+            new.music = rows.map(|x| x as f32).collect();
         }
         writer.push(new, &tokenizer.ids_of_words(&words).unwrap()).unwrap();
     }

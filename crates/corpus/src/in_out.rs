@@ -1,6 +1,6 @@
 //! The files that a call reads and writes: motion files and folders of them, and where each goes.
 
-use crate::gather::files_below;
+use crate::dataset::motion_files;
 use crate::{Error, Result};
 use kinelm_store::output::extension;
 use std::collections::HashMap;
@@ -26,7 +26,7 @@ pub fn files(given: &[PathBuf]) -> Result<Vec<Found>> {
     let mut all = Vec::new();
     for place in given {
         if place.is_dir() {
-            let found = files_below(place)?;
+            let found = motion_files(place)?;
             if found.is_empty() {
                 return Err(Error::file(place, "no motion file in this folder", "some", ""));
             }

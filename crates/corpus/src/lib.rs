@@ -12,51 +12,51 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub mod array_file;
+pub mod artifacts;
 pub mod build;
 pub mod conditions;
 pub mod csv;
+pub mod dataset;
 pub mod error;
+pub mod exclude;
 #[cfg(any(test, feature = "fixtures"))]
 #[doc(hidden)]
 pub mod fixture;
-pub mod gather;
 pub mod in_out;
+pub mod label_table;
 pub mod labels;
-pub mod left_out;
 pub mod load;
 pub mod masking;
 pub mod merge;
 pub mod music;
-pub mod ours;
 pub mod pattern;
 pub mod record;
-mod rows;
 #[cfg(any(test, feature = "fixtures"))]
 #[doc(hidden)]
 pub mod samples;
+pub mod segments;
 pub mod settings;
 pub mod shared_runs;
 pub mod sidecar;
 pub mod splits;
 pub mod stats;
 pub mod store;
-pub mod stored;
-pub mod timed;
 pub mod windows;
 pub mod words;
 pub mod writer;
 
-pub use build::{BuildOptions, Event, Summary, fit, tokenize};
+pub use build::{BuildEvent, BuildOptions, BuildProgress, Summary, fit, for_each_clip, tokenize};
 pub use conditions::Conditions;
+pub use dataset::{Dataset, Item};
 pub use error::{Error, Result};
-pub use gather::{Gathered, Item, gather};
-pub use load::{Loaded, load_item};
+pub use load::{ClipSpec, ItemClip, ModelClip};
 pub use masking::fill_masked;
 pub use merge::merge;
 pub use record::{ClipRecord, Count, Manifest, Shard, Split, TokenType};
 pub use settings::Settings;
 pub use stats::{Stats, stats};
-pub use store::{Coding, Corpus, Opening, Tokens};
+pub use store::{Coding, Corpus, CorpusOptions, Tokens};
 pub use windows::{EvalWindow, each_eval_window, eval_windows, fill_sequence};
 pub use words::ClipWords;
 pub use writer::{CorpusWriter, NewClip};

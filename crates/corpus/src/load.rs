@@ -1,8 +1,7 @@
-//! One file to a clip that a tokenizer takes.
+//! A motion file as a clip that a tokenizer takes: on the model's body, at the model's rate.
 
-use super::gather::Item;
-use super::sidecar;
-use super::timed::{behind_its_end, piece_of};
+use super::dataset::Item;
+use super::segments::{past_end_warning, segment_of};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, RateDoubt, ReadOptions, resolve_floor};
 use kinelm_motion::resample::{Method, resample};
@@ -11,179 +10,150 @@ use kinelm_store::FileRecord;
 use kinelm_tokenizer::TokenizerConfig;
 use std::path::Path;
 
-/// What a tokenizer takes.
+/// The form in which clips are wanted, always on the neutral SMPL-24 body.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wanted {
+pub struct ClipSpec {
     /// Frames per second.
     pub fps: f64,
-    /// The floor at y = 0.
+    /// Whether the clip's floor is moved to y = 0.
     pub above_floor: bool,
 }
 
-impl Wanted {
-    /// Clips as they stand in the world.
-    pub fn in_world(fps: f64) -> Wanted {
-        Wanted { fps, above_floor: false }
+impl ClipSpec {
+    /// Clips at their own height in the world.
+    pub fn in_world(fps: f64) -> ClipSpec {
+        ClipSpec { fps, above_floor: false }
     }
 }
 
-impl From<&TokenizerConfig> for Wanted {
-    fn from(config: &TokenizerConfig) -> Wanted {
-        Wanted { fps: config.fps, above_floor: config.above_floor() }
+impl From<&TokenizerConfig> for ClipSpec {
+    fn from(config: &TokenizerConfig) -> ClipSpec {
+        ClipSpec { fps: config.fps, above_floor: config.above_floor() }
     }
 }
 
-/// A clip on the 24 SMPL joints as it is wanted.
+/// A motion file on the model's body, beside the motion that was read.
 #[derive(Debug, Clone)]
-pub struct Loaded {
-    /// What moves.
+pub struct ModelClip {
+    /// The motion as it was read, with the warnings about its floor.
+    pub motion: Motion,
+    /// The clip on the model's body at the requested rate, at its own height in the world.
     pub clip: Clip,
-    /// Where the file's floor is, metres, if it was taken off.
+    /// Height of the file's floor in metres, on the file's own rig; `None` if the floor stays.
+    pub floor_m: Option<f64>,
+    /// Height of that floor under `clip` in metres; 0 if the floor stays.
+    pub clip_floor_m: f64,
+    /// SHA-256 of the file.
+    pub sha256: String,
+}
+
+impl ModelClip {
+    /// Reads, retargets and resamples a file.
+    ///
+    /// # Errors
+    /// The errors of reading and retargeting, which name the file.
+    ///
+    /// ```
+    /// use kinelm_corpus::load::{ClipSpec, ModelClip};
+    /// # let dir = tempfile::tempdir()?;
+    /// # let path = dir.path().join("sway.json");
+    /// # let dance = kinelm_motion::synth::corpus(1, 1, 4.0, 60.0)?.remove(0).clip;
+    /// # let source = kinelm_motion::Source::Plain;
+    /// # let motion = kinelm_motion::Motion { path: path.clone(), clip: dance, source, warnings: vec![] };
+    /// # kinelm_motion::format::write(&path, &motion)?;
+    /// let loaded = ModelClip::load(&path, &Default::default(), ClipSpec::in_world(20.0))?;
+    /// assert_eq!((loaded.clip.fps(), loaded.clip.joints()), (20.0, 24));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn load(path: &Path, options: &ReadOptions, spec: ClipSpec) -> Result<ModelClip> {
+        // refused by its name before it is read
+        format::Format::of(path)?;
+        let bytes = kinelm_store::input::bytes(path).map_err(Error::io(path))?;
+        ModelClip::parse(path, &bytes, options, spec)
+    }
+
+    /// [`ModelClip::load`] of the bytes of the file `path`.
+    ///
+    /// # Errors
+    /// Those of [`ModelClip::load`], but for the system's.
+    pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions, spec: ClipSpec) -> Result<ModelClip> {
+        let mut motion = format::parse(path, bytes, options)?;
+        let on_body = |motion: &Motion| retarget::to_smpl(motion, options.map.as_deref());
+        let clip = on_body(&motion)?;
+        let (mut floor_m, mut clip_floor_m) = (None, 0.0);
+        if let Some(first) = clip.root().first().filter(|_| spec.above_floor) {
+            let floor = resolve_floor(&mut motion, options)?;
+            // retargeting scales heights about a floor of its own: the difference tells where this one comes to lie
+            let lowered = Motion { clip: motion.clip.clone().raised(-floor), ..motion.clone() };
+            (floor_m, clip_floor_m) = (Some(floor), first.y - on_body(&lowered)?.root()[0].y);
+        }
+        let clip = resample(&clip, spec.fps, Method::Auto)?;
+        Ok(ModelClip { motion, clip, floor_m, clip_floor_m, sha256: FileRecord::of(bytes).sha256 })
+    }
+
+    /// The clip as the tokenizer takes it: with its floor at y = 0, if the spec says so.
+    pub fn lowered(&self) -> Clip {
+        self.clip.clone().raised(-self.clip_floor_m)
+    }
+}
+
+/// The clip of an item, whole or the item's segment, as the tokenizer takes it.
+#[derive(Debug, Clone)]
+pub struct ItemClip {
+    /// The clip.
+    pub clip: Clip,
+    /// Height of the file's floor in metres, if the floor was moved to y = 0.
     pub floor_m: Option<f64>,
     /// SHA-256 of the file.
     pub sha256: String,
-    /// What was odd in it.
+    /// Oddities of the file.
     pub warnings: Vec<Warning>,
-    /// The doubt of its rate.
+    /// Doubt about the file's rate.
     pub doubt: Option<RateDoubt>,
 }
 
-/// A file as a tokenizer takes it, and where it was.
-#[derive(Debug, Clone)]
-pub struct Placed {
-    /// As it was read, with doubts of the floor.
-    pub motion: Motion,
-    /// On the neutral SMPL-24 body at the rate wanted, in the world.
-    pub clip: Clip,
-    /// Where the file's floor is, metres, if it is to be taken off.
-    pub floor_m: Option<f64>,
-    /// Where that floor is under `clip`, metres; 0 if it isn't to be taken off.
-    pub under_m: f64,
-    /// SHA-256 of the file.
-    pub sha256: String,
-}
-
-impl Placed {
-    /// The clip with its floor at y = 0, where that is wanted.
-    pub fn lowered(&self) -> Clip {
-        self.clip.clone().raised(-self.under_m)
-    }
-}
-
-/// Reads a file as a tokenizer takes it.
-///
-/// # Errors
-/// As [`load_clip`].
-pub fn load_placed(path: &Path, options: &ReadOptions, wanted: Wanted) -> Result<Placed> {
-    // refused by its name before it is read
-    format::Format::of(path)?;
-    let bytes = kinelm_store::input::bytes(path).map_err(Error::io(path))?;
-    parse_placed(path, &bytes, options, wanted)
-}
-
-/// [`load_placed`] of a file's bytes.
-///
-/// # Errors
-/// Those of [`load_clip`], but for the system's.
-pub fn parse_placed(path: &Path, bytes: &[u8], options: &ReadOptions, wanted: Wanted) -> Result<Placed> {
-    let (mut motion, clip) = parse_clip(path, bytes, options, wanted.fps)?;
-    let sha256 = FileRecord::of(bytes).sha256;
-    let (mut floor_m, mut under_m) = (None, 0.0);
-    if let Some(first) = clip.root().first().filter(|_| wanted.above_floor) {
-        let floor = resolve_floor(&mut motion, options)?;
-        // however retargeting treats the ground: the floor is taken off on the file's own rig
-        let lowered = Motion { clip: motion.clip.clone().raised(-floor), ..motion.clone() };
-        let lowered = resample(&retarget::to_smpl(&lowered, options.map.as_deref())?, wanted.fps, Method::Auto)?;
-        (floor_m, under_m) = (Some(floor), first.y - lowered.root()[0].y);
-    }
-    Ok(Placed { motion, clip, floor_m, under_m, sha256 })
-}
-
-/// Reads an item's file as a tokenizer takes it. The rate, the frames to skip and the floor that the item's labels state
-/// overrule those of `options`. Of an item that is a piece of a file nothing may be left.
-///
-/// # Errors
-/// What reading and retargeting fail with, the file named; [`kinelm_store::Error::File`] for a clip without frames, or without those that
-/// labels tell of.
-pub fn load_item(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Loaded> {
-    let whole = load_whole(item, options, wanted)?;
-    if item.piece.is_some() {
-        return whole.piece(item);
-    }
-    if whole.clip.frames() == 0 {
-        return Err(Error::file(&item.path, "no frames", "at least one", ""));
-    }
-    Ok(whole)
-}
-
-/// Reads all of an item's file, whatever piece of it the item is.
-///
-/// # Errors
-/// As [`load_item`], but for the piece's.
-pub fn load_whole(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<Loaded> {
-    let placed = load_placed(&item.path, &item_options(item, options), wanted)?;
-    let (clip, doubt) = (placed.lowered(), RateDoubt::in_reading(&placed.motion));
-    Ok(Loaded { clip, floor_m: placed.floor_m, sha256: placed.sha256, warnings: placed.motion.warnings, doubt })
-}
-
-impl Loaded {
-    /// What of a whole file an item is.
+impl ItemClip {
+    /// Loads an item; [`Item::read_options`] says how its file is read. A segment may turn out to have no frames.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::File`] for a clip without the frames that labels tell of.
-    pub fn piece(&self, item: &Item) -> Result<Loaded> {
+    /// The errors of [`ModelClip::load`]; [`kinelm_store::Error::File`] for a file without frames, or without those that
+    /// labels name.
+    pub fn load(item: &Item, options: &ReadOptions, spec: ClipSpec) -> Result<ItemClip> {
+        let whole = ItemClip::load_file(item, options, spec)?;
+        if item.segment.is_some() {
+            return whole.segment(item);
+        }
+        if whole.clip.frames() == 0 {
+            return Err(Error::file(&item.path, "no frames", "at least one", ""));
+        }
+        Ok(whole)
+    }
+
+    /// Loads the whole file of an item, whatever segment of it the item is.
+    pub(super) fn load_file(item: &Item, options: &ReadOptions, spec: ClipSpec) -> Result<ItemClip> {
+        let loaded = ModelClip::load(&item.path, &item.read_options(options), spec)?;
+        let (clip, doubt) = (loaded.lowered(), RateDoubt::in_reading(&loaded.motion));
+        Ok(ItemClip { clip, floor_m: loaded.floor_m, sha256: loaded.sha256, warnings: loaded.motion.warnings, doubt })
+    }
+
+    /// The segment of this whole file that an item is.
+    pub(super) fn segment(&self, item: &Item) -> Result<ItemClip> {
         let mut warnings = self.warnings.clone();
-        warnings.extend(behind_its_end(item, &self.clip));
-        Ok(Loaded { clip: piece_of(item, &self.clip)?, warnings, sha256: self.sha256.clone(), ..*self })
+        warnings.extend(past_end_warning(item, &self.clip));
+        Ok(ItemClip { clip: segment_of(item, &self.clip)?, warnings, sha256: self.sha256.clone(), ..*self })
     }
 }
 
-/// A file on the neutral SMPL-24 body at `fps` frames per second, and the motion as it was read.
+/// The clip of a dataset's file on the model's body at the file's own rate, lowered onto its floor if `spec` says so,
+/// with the doubt about its rate.
 ///
 /// # Errors
-/// What reading and retargeting fail with, the file named.
-pub fn load_clip(path: &Path, options: &ReadOptions, fps: f64) -> Result<(Motion, Clip)> {
-    at_rate(format::read(path, options)?, options, fps)
-}
-
-/// [`load_clip`] of a file's bytes.
-///
-/// # Errors
-/// Those of [`load_clip`], but for the system's.
-pub fn parse_clip(path: &Path, bytes: &[u8], options: &ReadOptions, fps: f64) -> Result<(Motion, Clip)> {
-    at_rate(format::parse(path, bytes, options)?, options, fps)
-}
-
-fn at_rate(motion: Motion, options: &ReadOptions, fps: f64) -> Result<(Motion, Clip)> {
-    let clip = retarget::to_smpl(&motion, options.map.as_deref())?;
-    let clip = resample(&clip, fps, Method::Auto)?;
-    Ok((motion, clip))
-}
-
-/// The reading options with what the item's sidecar and labels state, of which labels are the nearer.
-pub fn item_options(item: &Item, options: &ReadOptions) -> ReadOptions {
-    let options = match &item.told {
-        Some(told) => sidecar::among_others(told.clone(), options),
-        None => options.clone(),
-    };
-    ReadOptions {
-        fps_source: item.fps.or(options.fps_source),
-        skip: item.skip.unwrap_or(options.skip),
-        floor: item.floor.or(options.floor),
-        ..options
-    }
-}
-
-/// A file of a dataset on SMPL-24 at its own rate, lowered onto its floor where `wanted` codes heights above it, with the doubt
-/// of its rate.
-///
-/// # Errors
-/// What reading and retargeting fail with.
-pub fn load_at_own_rate(item: &Item, options: &ReadOptions, wanted: Wanted) -> Result<(Clip, Option<RateDoubt>)> {
-    let options = item_options(item, options);
+/// The errors of reading and retargeting.
+pub fn load_at_own_rate(item: &Item, options: &ReadOptions, spec: ClipSpec) -> Result<(Clip, Option<RateDoubt>)> {
+    let options = item.read_options(options);
     let mut motion = format::read(&item.path, &options)?;
     let doubt = RateDoubt::in_reading(&motion);
-    if wanted.above_floor {
+    if spec.above_floor {
         let floor = resolve_floor(&mut motion, &options)?;
         motion.clip = motion.clip.raised(-floor);
     }
@@ -197,9 +167,9 @@ mod tests {
     #[test]
     fn labels_overrule_the_options() {
         let options = ReadOptions { fps_source: Some(30.0), skip: 3, lenient: true, ..ReadOptions::default() };
-        let read = item_options(&Item::default(), &options);
+        let read = Item::default().read_options(&options);
         assert_eq!(read, options);
-        let read = item_options(&Item { fps: Some(60.0), skip: Some(0), ..Item::default() }, &options);
+        let read = Item { fps: Some(60.0), skip: Some(0), ..Item::default() }.read_options(&options);
         assert_eq!((read.fps_source, read.skip, read.lenient), (Some(60.0), 0, true));
     }
 
@@ -208,7 +178,7 @@ mod tests {
         let Some(dir) = kinelm_shared_data::set("cmu-dance", "corpus::load") else { return };
         let item = Item { path: dir.join("salsa/01.bvh"), fps: Some(60.0), ..Item::default() };
         let options = ReadOptions { skip: 10, ..ReadOptions::default() };
-        let loaded = load_item(&item, &options, Wanted::in_world(20.0)).unwrap();
+        let loaded = ItemClip::load(&item, &options, ClipSpec::in_world(20.0)).unwrap();
         let source = format::read(&item.path, &ReadOptions::default()).unwrap().clip.frames();
         assert_eq!(loaded.clip.frames(), (source - 10 - 1) / 3 + 1);
         assert_eq!((loaded.clip.joints(), loaded.clip.fps(), loaded.sha256.len()), (24, 20.0, 64));
@@ -223,18 +193,22 @@ mod tests {
         let dance = synth::corpus(3, 1, 4.0, 60.0).unwrap().remove(0).clip.raised(0.4);
         let motion = Motion { path: path.clone(), clip: dance, source: Source::Plain, warnings: vec![] };
         format::write(&path, &motion).unwrap();
-        let (options, wanted) = (ReadOptions::default(), Wanted { fps: 20.0, above_floor: true });
-        let placed = load_placed(&path, &options, wanted).unwrap();
-        let floor = placed.floor_m.unwrap();
-        assert!((floor - 0.4).abs() < 0.03 && (placed.under_m - floor).abs() < 1e-9, "{floor} {}", placed.under_m);
+        let (options, wanted) = (ReadOptions::default(), ClipSpec { fps: 20.0, above_floor: true });
+        let loaded = ModelClip::load(&path, &options, wanted).unwrap();
+        let floor = loaded.floor_m.unwrap();
+        assert!(
+            (floor - 0.4).abs() < 0.03 && (loaded.clip_floor_m - floor).abs() < 1e-9,
+            "{floor} {}",
+            loaded.clip_floor_m
+        );
         let feet = Feet::new(&smpl::neutral(), &SkeletonMap::builtin("smpl").unwrap());
-        assert!(feet.unwrap().floor(&placed.lowered()).found_m.abs() < 0.03);
-        let told = load_placed(&path, &ReadOptions { floor: Some(0.1), ..options.clone() }, wanted).unwrap();
-        assert_eq!(told.floor_m, Some(0.1));
-        assert!((told.lowered().root()[7].y - placed.lowered().root()[7].y - (floor - 0.1)).abs() < 1e-9);
-        let world = load_placed(&path, &options, Wanted::in_world(20.0)).unwrap();
-        assert_eq!((world.floor_m, world.lowered() == world.clip, world.clip == placed.clip), (None, true, true));
+        assert!(feet.unwrap().floor(&loaded.lowered()).found_m.abs() < 0.03);
+        let stated = ModelClip::load(&path, &ReadOptions { floor: Some(0.1), ..options.clone() }, wanted).unwrap();
+        assert_eq!(stated.floor_m, Some(0.1));
+        assert!((stated.lowered().root()[7].y - loaded.lowered().root()[7].y - (floor - 0.1)).abs() < 1e-9);
+        let world = ModelClip::load(&path, &options, ClipSpec::in_world(20.0)).unwrap();
+        assert_eq!((world.floor_m, world.lowered() == world.clip, world.clip == loaded.clip), (None, true, true));
         let item = Item { path, floor: Some(0.25), ..Item::default() };
-        assert_eq!(load_item(&item, &options, wanted).unwrap().floor_m, Some(0.25));
+        assert_eq!(ItemClip::load(&item, &options, wanted).unwrap().floor_m, Some(0.25));
     }
 }

@@ -1,7 +1,9 @@
-//! Labels out of file and folder names: patterns such as `{genre}/{take}.bvh`, and the names of AIST++.
+//! Labels from file and folder names: patterns such as `{genre}/{take}.bvh`, and the names of AIST++.
 
 use crate::{Error, Result};
+use regex::Regex;
 use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 /// Extensions of motion files.
 pub const EXTENSIONS: &[&str] =
@@ -15,172 +17,110 @@ pub fn without_extension(path: &str) -> &str {
     }
 }
 
-#[derive(Debug, Clone, PartialEq, Eq)]
-enum Piece {
-    Text(String),
-    Field(String),
-    Any,
-}
-
 /// A pattern over the last parts of a path.
 ///
-/// `{field}` takes one or more characters other than `/`, the fewest that let the rest fit; `*` takes any number of
-/// them; everything else stands for itself. A pattern of k parts (split by `/`) is laid on the last k parts of a path;
-/// where its last part names no extension of a motion file, that of the path is left out.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// `{field}` matches one or more characters other than `/`, as few as possible; `*` matches any number of them; everything
+/// else matches itself. A pattern of k parts (separated by `/`) matches the last k parts of a path. The path's extension
+/// counts only if the pattern ends in the extension of a motion file.
+///
+/// ```
+/// use kinelm_corpus::pattern::Pattern;
+/// let found = Pattern::parse("{genre}/{dancer}_{take}.bvh")?.find("data/salsa/ann_07.bvh").unwrap();
+/// assert_eq!((&*found["genre"], &*found["dancer"], &*found["take"]), ("salsa", "ann", "07"));
+/// # Ok::<(), kinelm_corpus::Error>(())
+/// ```
+#[derive(Debug, Clone)]
 pub struct Pattern {
     text: String,
-    parts: Vec<Vec<Piece>>,
+    regex: Regex,
+    /// Names of the regex's groups, in order.
+    fields: Vec<String>,
     with_extension: bool,
 }
 
 impl Pattern {
-    /// Reads a pattern.
+    /// Parses a pattern.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] for a brace without its partner, no field at all, a field without a name or named twice, or two
-    /// fields with nothing between them.
+    /// [`kinelm_store::Error::Invalid`] for a brace without its partner, no field at all, a field without a name or named
+    /// twice, or two fields with nothing between them.
     pub fn parse(text: &str) -> Result<Self> {
-        let fail = |what: String| Err(Error::call(format!("pattern `{text}`: {what}")));
+        let wrong = |what: String| {
+            let expected = "fields such as {genre} with text between them";
+            Error::invalid("`labels`", format!("`{text}`, a pattern with {what}"), expected)
+        };
         let normal = text.replace('\\', "/");
-        let mut parts = Vec::new();
-        let mut seen: Vec<String> = Vec::new();
-        for part in normal.trim_start_matches("./").split('/') {
-            match parse_part(part, &mut seen) {
-                Ok(pieces) => parts.push(pieces),
-                Err(what) => return fail(what),
+        let mut rest = normal.trim_start_matches("./");
+        let (mut regex, mut fields, mut after_wildcard) = (String::from("(?:^|/)"), Vec::<String>::new(), false);
+        while let Some(first) = rest.chars().next() {
+            let length = match first {
+                '{' => {
+                    let end = rest.find('}').ok_or_else(|| wrong("a `{` without its `}`".into()))?;
+                    let name = rest[1..end].trim();
+                    if name.is_empty() || name.contains(['{', '/']) {
+                        return Err(wrong("a field without a name".into()));
+                    }
+                    if fields.iter().any(|field| field == name) {
+                        return Err(wrong(format!("the field {name} twice")));
+                    }
+                    fields.push(name.to_owned());
+                    regex += "([^/]+?)";
+                    end + 1
+                }
+                '}' => return Err(wrong("a `}` without its `{`".into())),
+                '*' => {
+                    regex += "[^/]*?";
+                    1
+                }
+                _ => {
+                    let end = rest.find(['{', '}', '*']).unwrap_or(rest.len());
+                    regex += &regex::escape(&rest[..end]);
+                    end
+                }
+            };
+            let is_wildcard = matches!(first, '{' | '*');
+            if is_wildcard && after_wildcard {
+                return Err(wrong(format!("nothing between `{}` and the field before it", &rest[..length])));
             }
+            after_wildcard = is_wildcard;
+            rest = &rest[length..];
         }
-        if seen.is_empty() {
-            return fail("no field; write one as {genre}".into());
+        if fields.is_empty() {
+            return Err(wrong("no field".into()));
         }
-        Ok(Pattern { text: text.to_owned(), parts, with_extension: without_extension(&normal) != normal })
+        let regex = Regex::new(&(regex + "$")).map_err(|e| wrong(e.to_string()))?;
+        Ok(Pattern { text: text.to_owned(), regex, fields, with_extension: without_extension(&normal) != normal })
     }
 
-    /// As the user wrote it.
+    /// The pattern as the user wrote it.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// How many parts of a path it takes.
-    pub fn depth(&self) -> usize {
-        self.parts.len()
-    }
-
-    /// The values of its fields in a path with `/` between its parts, or `None` where it doesn't fit.
+    /// The values of the fields in a path with `/` between its parts, or `None` if it doesn't match.
     pub fn find(&self, path: &str) -> Option<BTreeMap<String, String>> {
         let path = if self.with_extension { path } else { without_extension(path) };
-        let parts: Vec<&str> = path.split('/').collect();
-        let tail = &parts[parts.len().checked_sub(self.parts.len())?..];
-        let mut found = BTreeMap::new();
-        let all = self.parts.iter().zip(tail).all(|(pieces, part)| fit(pieces, part, &mut found));
-        all.then_some(found)
+        let found = self.regex.captures(path)?;
+        Some(self.fields.iter().enumerate().map(|(i, field)| (field.clone(), found[i + 1].to_owned())).collect())
     }
 }
 
-fn parse_part(part: &str, seen: &mut Vec<String>) -> std::result::Result<Vec<Piece>, String> {
-    let (mut pieces, mut rest) = (Vec::new(), part);
-    while let Some(first) = rest.chars().next() {
-        match first {
-            '{' => {
-                let end = rest.find('}').ok_or("a `{` without its `}`")?;
-                let name = rest[1..end].trim();
-                if name.is_empty() || name.contains('{') {
-                    return Err("a field without a name; write one as {genre}".into());
-                }
-                if seen.iter().any(|s| s == name) {
-                    return Err(format!("the field {name} stands twice"));
-                }
-                if matches!(pieces.last(), Some(Piece::Field(_) | Piece::Any)) {
-                    return Err(format!("nothing between {{{name}}} and what stands before it"));
-                }
-                seen.push(name.to_owned());
-                pieces.push(Piece::Field(name.to_owned()));
-                rest = &rest[end + 1..];
-            }
-            '}' => return Err("a `}` without its `{`".into()),
-            '*' => {
-                if matches!(pieces.last(), Some(Piece::Field(_) | Piece::Any)) {
-                    return Err("nothing between `*` and what stands before it".into());
-                }
-                pieces.push(Piece::Any);
-                rest = &rest[1..];
-            }
-            _ => {
-                let end = rest.find(['{', '}', '*']).unwrap_or(rest.len());
-                pieces.push(Piece::Text(rest[..end].to_owned()));
-                rest = &rest[end..];
-            }
-        }
-    }
-    Ok(pieces)
-}
-
-/// Lays pieces on one part of a path. Free pieces never touch, so each ends where the text after it begins: the first
-/// place that lets the rest fit. Failed (piece, place) pairs are remembered: many `*` stay cheap.
-fn fit(pieces: &[Piece], part: &str, found: &mut BTreeMap<String, String>) -> bool {
-    fn go(pieces: &[Piece], rest: &str, dead: &mut Vec<(usize, usize)>, taken: &mut Vec<(String, String)>) -> bool {
-        let Some((piece, after)) = pieces.split_first() else { return rest.is_empty() };
-        let here = (pieces.len(), rest.len());
-        if dead.contains(&here) {
-            return false;
-        }
-        let fits = match piece {
-            Piece::Text(text) => rest.strip_prefix(text.as_str()).is_some_and(|r| go(after, r, dead, taken)),
-            Piece::Field(_) | Piece::Any => {
-                let ends = rest.char_indices().map(|(i, _)| i).chain([rest.len()]);
-                let least = usize::from(matches!(piece, Piece::Field(_)));
-                ends.skip(least).any(|end| {
-                    let mark = taken.len();
-                    if let Piece::Field(name) = piece {
-                        taken.push((name.clone(), rest[..end].to_owned()));
-                    }
-                    let fits = go(after, &rest[end..], dead, taken);
-                    if !fits {
-                        taken.truncate(mark);
-                    }
-                    fits
-                })
-            }
-        };
-        if !fits {
-            dead.push(here);
-        }
-        fits
-    }
-    let mut taken = Vec::new();
-    let fits = go(pieces, part, &mut Vec::new(), &mut taken);
-    found.extend(taken);
-    fits
-}
-
-/// What an AIST++ name says: `gBR_sBM_cAll_d04_mBR0_ch01`, also with parts before and after these six.
+/// Labels and take of an AIST++ name such as `gBR_sBM_cAll_d04_mBR0_ch01`, which may have further parts before and after.
 ///
-/// Genres and situations of the table in the data set's paper get their names (`gBR` is `break`, `sBM` is `basic`);
-/// other codes are kept as they are. The second value is the recording: the name without its camera, because the
-/// cameras of one dance saw the same dance.
+/// Genres and situations of the table in the data set's paper get their names (`gBR` is `break`, `sBM` is `basic`), other
+/// codes stay. The take is the name without its camera, since all cameras recorded one dance.
 pub fn aist_name(stem: &str) -> Option<(BTreeMap<String, String>, String)> {
-    let parts: Vec<&str> = stem.split('_').collect();
-    let first = parts.windows(6).position(is_aist)?;
-    let six = &parts[first..first + 6];
-    let values = [genre(six[0]), situation(six[1]), six[2], six[3], six[4], six[5]];
+    static NAME: LazyLock<Regex> = LazyLock::new(|| {
+        let parts = "(g[A-Z0-9]+)_(s[A-Z0-9]+)_(c[A-Za-z0-9]+)_(d[0-9]+)_(m[A-Z0-9]+)_(ch[0-9]+)";
+        Regex::new(&format!("(?:^|_){parts}(?:_|$)")).expect("a fixed pattern")
+    });
+    let found = NAME.captures(stem)?;
+    let (_, [g, s, camera, dancer, music, choreography]) = found.extract();
     let fields = ["genre", "situation", "camera", "dancer", "music", "choreography"];
+    let values = [genre(g), situation(s), camera, dancer, music, choreography];
     let labels = fields.into_iter().zip(values).map(|(f, v)| (f.to_owned(), v.to_owned())).collect();
-    let take: Vec<&str> = parts.iter().enumerate().filter(|(i, _)| *i != first + 2).map(|(_, p)| *p).collect();
-    Some((labels, take.join("_")))
-}
-
-fn is_aist(six: &[&str]) -> bool {
-    let code = |part: &str, lead: &str, test: fn(char) -> bool| {
-        part.strip_prefix(lead).is_some_and(|rest| !rest.is_empty() && rest.chars().all(test))
-    };
-    let upper = |c: char| c.is_ascii_uppercase() || c.is_ascii_digit();
-    code(six[0], "g", upper)
-        && code(six[1], "s", upper)
-        && code(six[2], "c", |c| c.is_ascii_alphanumeric())
-        && code(six[3], "d", |c| c.is_ascii_digit())
-        && code(six[4], "m", upper)
-        && code(six[5], "ch", |c| c.is_ascii_digit())
+    let camera = found.get(3)?.range();
+    Some((labels, format!("{}{}", &stem[..camera.start - 1], &stem[camera.end..])))
 }
 
 fn genre(code: &str) -> &str {
@@ -217,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn patterns_take_names_and_folders() {
+    fn patterns_match_names_and_folders() {
         let table = [
             ("{genre}/{take}.bvh", "salsa/07.bvh", Some("genre=salsa take=07")),
             ("{genre}/{take}.bvh", "a/b/salsa/07.bvh", Some("genre=salsa take=07")),
@@ -242,13 +182,13 @@ mod tests {
     }
 
     #[test]
-    fn many_stars_stay_cheap() {
+    fn many_wildcards_take_little_time() {
         let pattern = format!("{}b{{x}}", "*a".repeat(40));
         assert_eq!(found(&pattern, &"a".repeat(200)), None);
     }
 
     #[test]
-    fn nonsense_is_refused() {
+    fn bad_patterns_are_refused() {
         for (bad, why) in [
             ("{genre", "without its `}`"),
             ("genre}", "without its `{`"),

@@ -1,4 +1,4 @@
-//! What a corpus folder says of itself: `corpus.json` and the lines of `clips.jsonl`.
+//! The manifest of a corpus folder, `corpus.json`, and the lines of its `clips.jsonl`.
 
 use crate::{Error, Result};
 use kinelm_motion::format::ReadOptions;
@@ -8,18 +8,18 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
-/// The version of the folder's layout that this program writes and reads.
-pub const VERSION: u32 = 3;
+/// The version of the folder's format.
+pub const VERSION: u32 = 4;
 
-/// Which part of the experiment a clip serves.
+/// What a clip is used for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Split {
-    /// Tables and weights are fitted on it.
+    /// Fitting tables and weights.
     Train,
-    /// Choices are made on it.
+    /// Choosing between models and settings.
     Valid,
-    /// Figures are measured on it.
+    /// The final figures.
     Test,
 }
 
@@ -45,12 +45,12 @@ impl FromStr for Split {
         Split::ALL
             .into_iter()
             .find(|s| s.to_string() == text)
-            .ok_or_else(|| Error::call(format!("split `{text}`; expected train, valid or test")))
+            .ok_or_else(|| Error::invalid("the split", format!("`{text}`"), "train, valid or test"))
     }
 }
 
-/// The file of what clips' music sounds like.
-pub const SOUND: &str = "music.f32";
+/// The file of the features of the clips' music.
+pub const MUSIC: &str = "music.f32";
 
 /// The width of a number in the token file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,7 +76,7 @@ impl TokenType {
         }
     }
 
-    /// Tokens as they stand in the file; ids are below what the type holds.
+    /// Encodes ids, which fit the type.
     pub fn to_bytes(self, ids: &[u32]) -> Vec<u8> {
         match self {
             TokenType::U16 => ids.iter().flat_map(|&id| (id as u16).to_le_bytes()).collect(),
@@ -84,7 +84,7 @@ impl TokenType {
         }
     }
 
-    /// The tokens that stand in some bytes of the file.
+    /// Decodes bytes of the file.
     pub fn ids_of(self, bytes: &[u8]) -> impl ExactSizeIterator<Item = u32> + '_ {
         bytes.chunks_exact(self.width()).map(|b| match *b {
             [a, b] => u16::from_le_bytes([a, b]).into(),
@@ -102,18 +102,18 @@ impl TokenType {
     }
 }
 
-/// A piece of a corpus made on one of several machines.
+/// A part of a corpus, made on one of several machines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shard {
-    /// Which piece, from 0.
+    /// Its number, from 0.
     pub index: usize,
-    /// Of how many.
+    /// The number of shards.
     pub of: usize,
 }
 
 impl Shard {
-    /// Whether the item with this key belongs to the piece: keys go round, so that pieces are of like size.
+    /// Whether the item with this key belongs to the shard. Keys are dealt in turn, so that shards are of similar size.
     pub fn holds(&self, key: usize) -> bool {
         key % self.of == self.index
     }
@@ -133,7 +133,7 @@ impl FromStr for Shard {
         let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
         match parsed {
             Some((index, of)) if index < of => Ok(Shard { index, of }),
-            _ => Err(Error::call(format!("shard `{text}`; expected I/N with I from 0 to N - 1, such as 0/4"))),
+            _ => Err(Error::invalid("the shard", format!("`{text}`"), "I/N with I from 0 to N - 1, such as 0/4")),
         }
     }
 }
@@ -162,35 +162,35 @@ impl Count {
 pub struct SourceRecord {
     /// As the user named it.
     pub path: String,
-    /// Clips taken from it.
+    /// The number of its clips.
     pub clips: usize,
-    /// SHA-256 over the names and hashes of those clips' files, in the order of the corpus.
+    /// SHA-256 of the names and hashes of those clips' files, in the order of the corpus.
     pub sha256: String,
 }
 
-/// A file that could not be taken.
+/// A file that was skipped.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Failure {
-    /// Its place among all files found.
+    /// Its number among all files found.
     pub key: usize,
     /// The clip's name.
     pub name: String,
-    /// What was wrong with it.
+    /// The error.
     pub why: String,
 }
 
 /// A range of a clip that the corpus does without.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct LeftOut {
+pub struct ExcludedRange {
     /// The clip's name.
     pub clip: String,
-    /// The first second, of the clip as it is read.
+    /// The first second of the range, in the clip as it is read.
     pub from_s: f64,
-    /// The second behind the last; `null`: to the clip's end.
+    /// The second after the last; `null` for the clip's end.
     pub to_s: Option<f64>,
-    /// Why.
+    /// The reason.
     pub why: String,
 }
 
@@ -200,37 +200,37 @@ pub struct LeftOut {
 pub struct Manifest {
     /// [`VERSION`].
     pub version: u32,
-    /// SHA-256 that the tokenizer states of itself.
+    /// The tokenizer's hash.
     pub tokenizer: String,
-    /// L: the frames that a word stands for; a clip's last word may stand for fewer.
+    /// L: frames per word; a clip's last word may have fewer.
     pub frames_per_word: usize,
-    /// W: the tokens of a word, its space among them; `null` where words differ in length.
+    /// W: tokens per word with its space; `null` if words differ in length.
     pub tokens_per_word: Option<usize>,
     /// Ids are below this.
     pub vocabulary: usize,
     /// Frames per second.
     pub fps: f64,
-    /// How a token is written; little-endian.
+    /// The width of a token, little-endian.
     pub token_type: TokenType,
     /// The token file.
     pub tokens: FileRecord,
     /// `clips.jsonl`.
     pub clips: FileRecord,
-    /// `music.f32`, (N, 35) little-endian, where clips have music.
+    /// `music.f32`, (N, 35) little-endian, if clips have music.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sound: Option<FileRecord>,
+    pub music: Option<FileRecord>,
     /// All clips.
     pub count: Count,
     /// Clips by split.
     pub splits: BTreeMap<Split, Count>,
-    /// What it was made from, in the order given.
+    /// The files and folders that it was made from, in the order given.
     pub sources: Vec<SourceRecord>,
-    /// What could not be taken.
+    /// Files that were skipped.
     pub failed: Vec<Failure>,
-    /// What of the clips was left out; those out of whose middle something is became several.
+    /// Ranges that clips were taken without.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub left_out: Vec<LeftOut>,
-    /// Which piece this is, if it is not the whole.
+    pub excluded: Vec<ExcludedRange>,
+    /// Which shard this is, if it is not the whole corpus.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shard: Option<Shard>,
 }
@@ -241,7 +241,7 @@ impl Manifest {
         self.tokens.bytes / self.token_type.width() as u64
     }
 
-    /// The words of a clip of so many frames.
+    /// The number of words of a clip of `frames`.
     pub fn words_of(&self, frames: usize) -> usize {
         frames.div_ceil(self.frames_per_word.max(1))
     }
@@ -253,19 +253,19 @@ impl Manifest {
 pub struct ClipRecord {
     /// Path below its source without extension, with `/`; unique in the corpus.
     pub name: String,
-    /// First token's place in the token file, in tokens.
+    /// Index of its first token in the token file.
     pub offset: usize,
-    /// Its tokens, spaces among them.
+    /// Its tokens with the spaces.
     pub tokens: usize,
     /// F; the clip has ceil(F / L) words.
     pub frames: usize,
-    /// Field to value.
+    /// Values by field.
     pub labels: BTreeMap<String, String>,
-    /// Which part of the experiment it serves.
+    /// The split.
     pub split: Split,
     /// The recording it belongs to; no recording is in two splits.
     pub take: String,
-    /// Its place among all files found; pieces are merged by it.
+    /// Its number among all files found; shards are merged by it.
     pub key: usize,
     /// Index into the manifest's sources.
     pub source: usize,
@@ -277,21 +277,21 @@ pub struct ClipRecord {
     /// Rotations that took the second code (near a half turn).
     #[serde(default)]
     pub second_codes: usize,
-    /// Where the file's floor is, metres, if it was taken off before coding.
+    /// Height of the file's floor in metres, if it was subtracted before encoding.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor_m: Option<f64>,
     /// How the file was read.
     pub read: ReadOptions,
-    /// Its beats, if any were looked for and found.
+    /// Its beats, if requested and found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub beats: Option<ClipBeats>,
-    /// What its music sounds like, if it has some.
+    /// The features of its music, if it has some.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sound: Option<ClipSound>,
+    pub music: Option<MusicRows>,
 }
 
 impl ClipRecord {
-    /// Its beats, seconds from its first frame, rising; none where there are none.
+    /// Its beats in seconds from its first frame, ascending; empty if it has none.
     pub fn beats_s(&self) -> &[f64] {
         self.beats.as_ref().map_or(&[], |beats| &beats.times_s)
     }
@@ -301,30 +301,30 @@ impl ClipRecord {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClipBeats {
-    /// What they are of.
-    pub of: BeatsOf,
-    /// Seconds from its first frame, rising; some may lie before it and behind its last.
+    /// Where they come from.
+    pub source: BeatSource,
+    /// Seconds from its first frame, ascending; some may lie before it or after its last.
     pub times_s: Vec<f64>,
 }
 
-/// The rows of `music.f32` that tell what a clip's music sounds like: one for each frame, as far as the music goes, and for
-/// a second behind the last. Each has the 35 numbers of [`kinelm_music::feature`].
+/// A clip's rows of `music.f32`, each the 35 features of [`kinelm_music::feature`]: one for each frame and for one more
+/// second, as far as the music goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ClipSound {
+pub struct MusicRows {
     /// The row of the first frame.
     pub first: usize,
-    /// How many there are.
+    /// The number of rows.
     pub rows: usize,
 }
 
-/// What beats are of.
+/// Where beats come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum BeatsOf {
-    /// The music that the clip was danced to.
+pub enum BeatSource {
+    /// The music of the clip.
     Music,
-    /// The clip's own steps: motion-derived ([`crate::music::own`]).
+    /// The clip's own steps ([`crate::music::motion_beats`]).
     Motion,
 }
 

@@ -53,9 +53,9 @@ pub fn clip(name: &str, key: usize, split: Split, frames: usize) -> NewClip {
         beats: None,
         offset: 0,
         tokens: 0,
-        sound: None,
+        music: None,
     };
-    NewClip { record, sound: Vec::new() }
+    NewClip { record, music: Vec::new() }
 }
 
 pub fn begin(dir: &Path, force: bool) -> Result<CorpusWriter> {

@@ -126,7 +126,7 @@ mod tests {
             floor_m: None,
             read: Default::default(),
             beats: None,
-            sound: None,
+            music: None,
             name,
             take,
             split,

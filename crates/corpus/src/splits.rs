@@ -1,6 +1,6 @@
 //! Splits by recording: all clips of a take serve one part of the experiment.
 
-use super::gather::Item;
+use super::dataset::Item;
 use super::record::Split;
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
@@ -33,7 +33,7 @@ pub(super) fn assign(items: &mut [Item], stated: &[Option<Split>]) -> Vec<String
     let torn: Vec<&str> = of_take.iter().filter(|(_, s)| s.len() > 1).map(|(t, _)| *t).collect();
     let mut said = Vec::new();
     if !torn.is_empty() {
-        said.push(format!("{} takes stand in two splits by the labels given: {}", torn.len(), some_of(&torn)));
+        said.push(format!("{} takes stand in two splits by the labels given: {}", torn.len(), abbreviated(&torn)));
     }
     let mut hashed: BTreeMap<&str, Split> = (items.iter().map(|i| i.take.as_str()))
         .filter(|take| !of_take.contains_key(take))
@@ -104,7 +104,7 @@ fn missing(items: &[Item]) -> Vec<String> {
             let lacks: Vec<&str> = values.iter().filter(|(_, s)| !s.contains(split)).map(|(v, _)| *v).collect();
             if !lacks.is_empty() {
                 let (n, of) = (lacks.len(), values.len());
-                said.push(format!("{field}: {n} of {of} values have no clip in {split}: {}", some_of(&lacks)));
+                said.push(format!("{field}: {n} of {of} values have no clip in {split}: {}", abbreviated(&lacks)));
             }
         }
     }
@@ -112,7 +112,7 @@ fn missing(items: &[Item]) -> Vec<String> {
 }
 
 /// The first few names of many.
-pub(super) fn some_of(names: &[&str]) -> String {
+pub(super) fn abbreviated(names: &[&str]) -> String {
     const SHOWN: usize = 8;
     let shown = names[..names.len().min(SHOWN)].join(", ");
     if names.len() > SHOWN { format!("{shown}, and {} more", names.len() - SHOWN) } else { shown }

@@ -1,9 +1,9 @@
 //! The token store, read with its hashes checked.
 
-use super::record::{ClipRecord, Manifest, SOUND, Split, TokenType, VERSION};
-use super::stored::Stored;
+use super::array_file::ArrayFile;
+use super::record::{ClipRecord, MUSIC, Manifest, Split, TokenType, VERSION};
 use super::words::{ClipWords, Index};
-use crate::music::sound::{Rows, Sound};
+use crate::music::clip_music::{ClipMusic, FeatureRows};
 use crate::{Error, Result};
 use bytemuck::Pod;
 use kinelm_motion::format::ReadOptions;
@@ -20,26 +20,26 @@ pub(super) const TOKENIZER: &str = "tokenizer.json";
 
 /// How a corpus is opened.
 #[derive(Debug, Clone, Copy)]
-pub struct Opening {
-    /// Neither are the files of tokens and music hashed nor are all ids looked through: they are as they were written. An
-    /// id that the tokenizer hasn't is refused where it is read.
+pub struct CorpusOptions {
+    /// Whether the files are trusted: tokens and music are not hashed, and ids that the tokenizer doesn't have are refused
+    /// only where they are read.
     pub trust: bool,
-    /// The tokens stay in their file, whatever memory is free: for one that reads clip by clip.
+    /// Whether tokens and music stay on disk even if they fit into memory, for callers that read clip by clip.
     pub streamed: bool,
-    /// Learns what is being hashed, and that it is done.
-    pub tell: fn(&str),
+    /// Called with the file that is being hashed, and when that is done.
+    pub progress: fn(&str),
 }
 
-impl Default for Opening {
+impl Default for CorpusOptions {
     fn default() -> Self {
-        Opening { trust: false, streamed: false, tell: |_| () }
+        CorpusOptions { trust: false, streamed: false, progress: |_| () }
     }
 }
 
 /// The tokens of all clips.
 #[derive(Debug)]
 pub struct Tokens {
-    bytes: Stored<u8>,
+    bytes: ArrayFile<u8>,
     kind: TokenType,
     path: PathBuf,
     /// Ids are below this.
@@ -94,7 +94,7 @@ pub struct Corpus {
     clips: Vec<ClipRecord>,
     tokens: Tokens,
     words: Index,
-    sound: Option<Stored<f32>>,
+    music: Option<ArrayFile<f32>>,
     tokenizer: Tokenizer,
 }
 
@@ -105,14 +105,14 @@ impl Corpus {
     /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] when a file is of another version, damaged, or doesn't fit the others; it says
     /// what was found, what was wanted and how to go on.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
-        Corpus::open_with(dir, Opening::default())
+        Corpus::open_with(dir, CorpusOptions::default())
     }
 
-    /// As [`Corpus::open`], with a choice of what is checked and held.
+    /// As [`Corpus::open`], with options.
     ///
     /// # Errors
     /// As [`Corpus::open`].
-    pub fn open_with(dir: impl AsRef<Path>, opening: Opening) -> Result<Self> {
+    pub fn open_with(dir: impl AsRef<Path>, options: CorpusOptions) -> Result<Self> {
         let dir = dir.as_ref().to_owned();
         let (manifest, hash) = read_manifest(&dir)?;
         let path = dir.join(CLIPS);
@@ -124,15 +124,15 @@ impl Corpus {
         let kind = manifest.token_type;
         let help = "the file was cut or changed after it was written: make the corpus again";
         let path = dir.join(kind.file_name());
-        let bytes = stored(&path, &manifest.tokens, help, opening)?;
+        let bytes = open_array(&path, &manifest.tokens, help, options)?;
         let tokens = Tokens { bytes, kind, path: path.clone(), vocabulary: manifest.vocabulary };
-        if !opening.trust {
+        if !options.trust {
             tokens.check_all()?;
         }
         let words = Index::find(&path, &manifest, &clips, &tokens)?;
-        let sound = manifest.sound.as_ref();
-        let sound = sound.map(|record| stored(&dir.join(SOUND), record, help, opening)).transpose()?;
-        Ok(Corpus { dir, manifest, hash, clips, tokens, words, sound, tokenizer })
+        let music = manifest.music.as_ref();
+        let music = music.map(|record| open_array(&dir.join(MUSIC), record, help, options)).transpose()?;
+        Ok(Corpus { dir, manifest, hash, clips, tokens, words, music, tokenizer })
     }
 
     /// The folder.
@@ -176,16 +176,16 @@ impl Corpus {
         &self.tokens
     }
 
-    /// What is known of the music of a clip of this corpus.
+    /// The music of a clip of this corpus.
     ///
     /// # Errors
-    /// A file of music that was cut while it was in use.
-    pub fn sound<'a>(&'a self, clip: &'a ClipRecord) -> Result<Sound<'a>> {
-        let mut rows = Rows { fps: self.manifest.fps, ..Rows::default() };
-        if let (Some(sound), Some(of)) = (&self.sound, clip.sound) {
-            rows.numbers = sound.read(of.first * CHANNELS..(of.first + of.rows) * CHANNELS)?;
+    /// A file of music that was truncated while in use.
+    pub fn music<'a>(&'a self, clip: &'a ClipRecord) -> Result<ClipMusic<'a>> {
+        let mut rows = FeatureRows { fps: self.manifest.fps, ..FeatureRows::default() };
+        if let (Some(music), Some(of)) = (&self.music, clip.music) {
+            rows.numbers = music.read(of.first * CHANNELS..(of.first + of.rows) * CHANNELS)?;
         }
-        Ok(Sound { beats_s: clip.beats_s(), rows })
+        Ok(ClipMusic { beats_s: clip.beats_s(), rows })
     }
 
     /// Where the words of a clip of this corpus stand.
@@ -309,7 +309,7 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
 ///
 /// # Errors
 /// A corpus that is gone, of another version or damaged.
-pub fn reading_in(dir: &Path, sha256: &str) -> Result<Option<ReadOptions>> {
+pub fn read_options_in(dir: &Path, sha256: &str) -> Result<Option<ReadOptions>> {
     let (manifest, _) = read_manifest(dir)?;
     let path = dir.join(CLIPS);
     let text = input::bytes(&path).map_err(Error::io(&path))?;
@@ -337,24 +337,24 @@ fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
     Ok(tokenizer)
 }
 
-/// A large file of a corpus, its hash checked unless it is trusted.
-fn stored<T: Pod + Send + Sync>(
+/// Opens a large file of a corpus and checks its hash, unless it is trusted.
+fn open_array<T: Pod + Send + Sync>(
     path: &Path,
     record: &FileRecord,
     help: &'static str,
-    opening: Opening,
-) -> Result<Stored<T>> {
-    let stored = match opening.streamed {
-        true => Stored::open_within(path, record.bytes, help, 0)?,
-        false => Stored::open(path, record.bytes, help)?,
+    options: CorpusOptions,
+) -> Result<ArrayFile<T>> {
+    let array = match options.streamed {
+        true => ArrayFile::open_within(path, record.bytes, help, 0)?,
+        false => ArrayFile::open(path, record.bytes, help)?,
     };
-    if !opening.trust {
-        (opening.tell)(&format!("hashing {}, {} MB", path.display(), record.bytes.div_ceil(1_000_000)));
-        let checked = stored.check(record);
-        (opening.tell)("at work");
+    if !options.trust {
+        (options.progress)(&format!("hashing {}, {} MB", path.display(), record.bytes.div_ceil(1_000_000)));
+        let checked = array.check(record);
+        (options.progress)("at work");
         checked?;
     }
-    Ok(stored)
+    Ok(array)
 }
 
 fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
@@ -371,15 +371,15 @@ fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
 /// Whether the clips lie one after the other and sum to what the manifest counts.
 fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result<()> {
     let mut next = 0_usize;
-    let sound = manifest.sound.as_ref().map_or(0, |file| file.bytes / (CHANNELS * size_of::<f32>()) as u64);
+    let music = manifest.music.as_ref().map_or(0, |file| file.bytes / (CHANNELS * size_of::<f32>()) as u64);
     for clip in clips {
-        let rows = clip.sound.map_or(Some(0), |of| of.first.checked_add(of.rows));
-        if rows.is_none_or(|rows| rows as u64 > sound) {
+        let rows = clip.music.map_or(Some(0), |of| of.first.checked_add(of.rows));
+        if rows.is_none_or(|rows| rows as u64 > music) {
             let found = format!("clip {} with music up to row {}", clip.name, rows.unwrap_or(usize::MAX));
             return Err(Error::file(
                 path,
                 found,
-                format!("at most {sound}, those of {SOUND}"),
+                format!("at most {music}, those of {MUSIC}"),
                 "make the corpus again",
             ));
         }

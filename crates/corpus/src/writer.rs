@@ -1,10 +1,11 @@
 //! Writing the token store: whole or not at all.
 
 use super::record::{
-    ClipRecord, ClipSound, Count, Failure, LeftOut, Manifest, SOUND, Shard, SourceRecord, Split, TokenType, VERSION,
+    ClipRecord, Count, ExcludedRange, Failure, MUSIC, Manifest, MusicRows, Shard, SourceRecord, Split, TokenType,
+    VERSION,
 };
 use super::store::{CLIPS, Coding, MANIFEST, TOKENIZER};
-use crate::{Error, Result, ours};
+use crate::{Error, Result, artifacts};
 use kinelm_music::feature::CHANNELS;
 use kinelm_store::files::PendingFolder;
 use kinelm_store::hash::hex;
@@ -19,22 +20,22 @@ use std::path::{Path, PathBuf};
 /// A clip for [`CorpusWriter::push`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewClip {
-    /// What is known of it; its places in the token file and in that of music, and its tokens, are the writer's to say.
+    /// Its record; the writer sets its offset, tokens and rows of music.
     pub record: ClipRecord,
-    /// (N, 35) what its music sounds like, at each frame; empty: it has none.
-    pub sound: Vec<f32>,
+    /// (N, 35) the features of its music, empty if it has none.
+    pub music: Vec<f32>,
 }
 
-/// Writes a corpus into a hidden folder beside its place and moves it there when it is whole. Dropped before
-/// [`CorpusWriter::finish`], it leaves nothing.
+/// Writes a corpus into a hidden folder beside its output and renames that when the corpus is whole. A writer that is dropped
+/// before [`CorpusWriter::finish`] leaves nothing.
 #[derive(Debug)]
 pub struct CorpusWriter {
     work: PendingFolder,
     force: bool,
     tokens: HashingFile,
     clips: HashingFile,
-    /// Begun with the first clip that has music.
-    sound: Option<HashingFile>,
+    /// Created with the first clip that has music.
+    music: Option<HashingFile>,
     token_type: TokenType,
     manifest: Manifest,
     sources: Vec<Sha256>,
@@ -44,10 +45,10 @@ pub struct CorpusWriter {
 }
 
 impl CorpusWriter {
-    /// Begins a corpus at `dir` with its tokenizer and the paths it is made from.
+    /// Begins a corpus at `dir`, made with `tokenizer` from the paths `sources`.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Taken`] when what stands at `dir` is no corpus, or one of another tokenizer and `force` is not given;
+    /// [`kinelm_store::Error::Taken`] if `dir` holds something else than a corpus, or one of another tokenizer and `force` is not set;
     /// [`kinelm_store::Error::Io`].
     pub fn create(
         dir: impl AsRef<Path>,
@@ -57,7 +58,7 @@ impl CorpusWriter {
         force: bool,
     ) -> Result<Self> {
         let dir = dir.as_ref().to_owned();
-        check_place(&dir, tokenizer, force)?;
+        check_output(&dir, tokenizer, force)?;
         let work = PendingFolder::create(&dir)?;
         let coding = Coding::of(tokenizer);
         let token_type = TokenType::of_vocabulary(coding.vocabulary);
@@ -67,7 +68,7 @@ impl CorpusWriter {
         Ok(CorpusWriter {
             tokens: HashingFile::create(work.path().join(token_type.file_name()))?,
             clips: HashingFile::create(work.path().join(CLIPS))?,
-            sound: None,
+            music: None,
             manifest: Manifest {
                 version: VERSION,
                 tokenizer: coding.tokenizer,
@@ -78,12 +79,12 @@ impl CorpusWriter {
                 token_type,
                 tokens: empty.clone(),
                 clips: empty,
-                sound: None,
+                music: None,
                 count: Count::default(),
                 splits: Split::ALL.into_iter().map(|s| (s, Count::default())).collect(),
                 sources: sources.iter().map(source).collect(),
                 failed: Vec::new(),
-                left_out: Vec::new(),
+                excluded: Vec::new(),
                 shard,
             },
             sources: vec![Sha256::new(); sources.len()],
@@ -96,17 +97,18 @@ impl CorpusWriter {
         })
     }
 
-    /// Appends a clip of the `ids` of ceil(F / L) words. Keys ascend, so that the order of a corpus never depends on who was faster.
+    /// Appends a clip with the `ids` of its ceil(F / L) words. Keys ascend, so that the order of a corpus doesn't depend on
+    /// threads.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] when the ids are not the words of the clip's frames or outside the vocabulary, the name stood before, the key is not
-    /// above the last one, or the source is not listed; [`kinelm_store::Error::Io`].
+    /// [`kinelm_store::Error::Invalid`] if the ids are not as many words as the frames take or outside the vocabulary, the
+    /// name was used before, the key is not above the last one, or the source is not listed; [`kinelm_store::Error::Io`].
     pub fn push(&mut self, clip: NewClip, ids: &[u32]) -> Result<()> {
         self.check(&clip, ids)?;
         self.tokens.write(&self.token_type.to_bytes(ids))?;
-        let sound = self.push_sound(&clip.sound)?;
+        let music = self.push_music(&clip.music)?;
         let (offset, tokens) = (self.offset, ids.len());
-        let record = ClipRecord { offset, tokens, sound, ..clip.record };
+        let record = ClipRecord { offset, tokens, music, ..clip.record };
         let ClipRecord { name, sha256, source, frames, .. } = &record;
         self.sources[*source].update(format!("{name} {sha256}\n"));
         self.manifest.sources[*source].clips += 1;
@@ -119,23 +121,25 @@ impl CorpusWriter {
         self.clips.write(format!("{line}\n").as_bytes())
     }
 
-    /// Appends the rows (N, 35) of a clip's music.
-    fn push_sound(&mut self, numbers: &[f32]) -> Result<Option<ClipSound>> {
+    /// Appends the features (N, 35) of a clip's music.
+    fn push_music(&mut self, numbers: &[f32]) -> Result<Option<MusicRows>> {
         if numbers.is_empty() {
             return Ok(None);
         }
-        let file = match &mut self.sound {
+        let file = match &mut self.music {
             Some(file) => file,
-            none => none.insert(HashingFile::create(self.work.path().join(SOUND))?),
+            none => none.insert(HashingFile::create(self.work.path().join(MUSIC))?),
         };
         let row = CHANNELS * size_of::<f32>();
         let first = (file.bytes / row as u64) as usize;
         file.write(&numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>())?;
-        Ok(Some(ClipSound { first, rows: numbers.len() / CHANNELS }))
+        Ok(Some(MusicRows { first, rows: numbers.len() / CHANNELS }))
     }
 
-    fn check(&self, NewClip { record: clip, sound }: &NewClip, ids: &[u32]) -> Result<()> {
-        let fail = |what: String| Err(Error::call(format!("{}: {what}", clip.name)));
+    fn check(&self, NewClip { record: clip, music }: &NewClip, ids: &[u32]) -> Result<()> {
+        let wrong = |what: &str, found: String, expected: String| {
+            Err(Error::in_clip(&clip.name)(Error::invalid(what, found, expected)))
+        };
         let v = self.manifest.vocabulary;
         let expected = self.manifest.words_of(clip.frames);
         let (found, whole) = match self.manifest.tokens_per_word {
@@ -144,47 +148,49 @@ impl CorpusWriter {
         };
         if found != expected || !whole {
             let part = if whole { "" } else { " and a part of one" };
-            return fail(format!("{found} words{part} for {} frames; expected {expected} words", clip.frames));
+            let found = format!("{found} words{part} for {} frames", clip.frames);
+            return wrong("its text", found, format!("{expected} words"));
         }
         if u32::try_from(ids.len()).is_err() {
-            return fail(format!("{} tokens; a clip holds at most 2^32 - 1; cut it in two", ids.len()));
+            return wrong("its length", format!("{} tokens", ids.len()), "at most 2^32 - 1; cut it in two".into());
         }
         if let Some(i) = ids.iter().position(|&id| id as usize >= v) {
-            return fail(format!("token {i} is {}; expected an id below {v}", ids[i]));
+            return wrong(&format!("token {i}"), ids[i].to_string(), format!("an id below {v}"));
         }
         if self.names.contains(&clip.name) {
-            return fail("a clip of this name is in the corpus already; every name stands once".into());
+            return wrong("its name", "in the corpus already".into(), "a name of its own".into());
         }
-        if self.last_key.is_some_and(|last| clip.key <= last) {
-            return fail(format!("key {} after {:?}; keys ascend", clip.key, self.last_key));
+        if let Some(last) = self.last_key.filter(|last| clip.key <= *last) {
+            return wrong("its key", clip.key.to_string(), format!("ascending keys, more than {last}"));
         }
         if clip.source >= self.sources.len() {
-            return fail(format!("source {}; the corpus lists {}", clip.source, self.sources.len()));
+            let expected = format!("below {}, the number of sources", self.sources.len());
+            return wrong("its source", clip.source.to_string(), expected);
         }
-        if !sound.len().is_multiple_of(CHANNELS) {
-            return fail(format!("{} numbers of its music; expected {CHANNELS} a row", sound.len()));
+        if !music.len().is_multiple_of(CHANNELS) {
+            return wrong("its music", format!("{} numbers", music.len()), format!("{CHANNELS} a row"));
         }
         Ok(())
     }
 
-    /// Records a file that could not be taken.
+    /// Records a file that was skipped.
     pub fn fail(&mut self, failure: Failure) {
         self.manifest.failed.push(failure);
     }
 
-    /// Records what the clips were taken without.
-    pub fn left_out(&mut self, ranges: &[LeftOut]) {
-        self.manifest.left_out = ranges.to_vec();
+    /// Records the ranges that clips were taken without.
+    pub fn exclude(&mut self, ranges: &[ExcludedRange]) {
+        self.manifest.excluded = ranges.to_vec();
     }
 
-    /// Moves the whole corpus to its place.
+    /// Writes the manifest and moves the corpus to its output.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::Taken`] where something else stands there and `force` is not given.
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::Taken`] if something else is there and `force` is not set.
     pub fn finish(mut self) -> Result<Manifest> {
         self.manifest.tokens = self.tokens.finish()?;
         self.manifest.clips = self.clips.finish()?;
-        self.manifest.sound = self.sound.as_mut().map(HashingFile::finish).transpose()?;
+        self.manifest.music = self.music.as_mut().map(HashingFile::finish).transpose()?;
         for (record, hash) in self.manifest.sources.iter_mut().zip(&self.sources) {
             record.sha256 = hex(hash.clone());
         }
@@ -199,21 +205,21 @@ impl CorpusWriter {
     }
 }
 
-/// What the folder may hold of a corpus, what tells of the others first.
-pub const LAYOUT: [&str; 6] = [MANIFEST, CLIPS, TOKENIZER, "tokens.u16", "tokens.u32", SOUND];
+/// The files of a corpus folder; the manifest, which has the hashes of the others, is first.
+pub const LAYOUT: [&str; 6] = [MANIFEST, CLIPS, TOKENIZER, "tokens.u16", "tokens.u32", MUSIC];
 
-/// Files are replaced in a corpus alone, and without `force` only by the same: of another tokenizer they can't be.
-fn check_place(dir: &Path, tokenizer: &Tokenizer, force: bool) -> Result<()> {
+/// Refuses an output that is not free, a corpus to be replaced by `force`, or a corpus that may turn out to be the same.
+fn check_output(dir: &Path, tokenizer: &Tokenizer, force: bool) -> Result<()> {
     let is_used = fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_some());
     if fs::symlink_metadata(dir).is_err() || (dir.is_dir() && !is_used) {
         return Ok(());
     }
     // a run has a corpus.json too
-    if let Some(kind) = ours::kind(dir).filter(|kind| *kind != ours::CORPUS) {
-        return Err(Error::taken(dir, format!("exists and is {kind}; give another place for the corpus")));
+    if let Some(kind) = artifacts::kind(dir).filter(|kind| *kind != artifacts::CORPUS) {
+        return Err(Error::taken(dir, format!("exists and is {kind}; give another output")));
     }
     if !dir.join(MANIFEST).is_file() {
-        return Err(Error::taken(dir, "exists and is no corpus; give another place for the corpus"));
+        return Err(Error::taken(dir, "exists and is no corpus; give another output"));
     }
     if !force && input::peek_bytes(&dir.join(TOKENIZER)).is_ok_and(|found| found != tokenizer.to_json().as_bytes()) {
         return Err(Error::taken(dir, format!("holds a corpus of another tokenizer; {HELP}")));
@@ -221,7 +227,7 @@ fn check_place(dir: &Path, tokenizer: &Tokenizer, force: bool) -> Result<()> {
     Ok(())
 }
 
-const HELP: &str = "give another place for the corpus, or --force to replace its files";
+const HELP: &str = "give another output, or set `force` to replace its files";
 
 /// A file that is hashed while it is written.
 #[derive(Debug)]
@@ -268,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_overwritten_unasked() {
+    fn nothing_is_overwritten_without_force() {
         let tmp = tempfile::tempdir().unwrap();
         let dir = tmp.path().join("c");
         small(&dir);
@@ -276,14 +282,18 @@ mod tests {
         let mut w = begin(&dir, false).unwrap();
         w.push(clip("z", 0, Split::Valid, 1), &words(1)).unwrap();
         let e = w.finish().unwrap_err().to_string();
-        assert!(e.contains("--force"), "{e}");
+        assert!(e.contains("`force`"), "{e}");
         small(&dir);
         let mut w = begin(&dir, true).unwrap();
         w.push(clip("z", 0, Split::Valid, 1), &words(1)).unwrap();
-        assert_eq!(Corpus::open(&dir).unwrap().clips()[0].name, "a", "the old one stands until the new one is whole");
+        assert_eq!(
+            Corpus::open(&dir).unwrap().clips()[0].name,
+            "a",
+            "the earlier one stays until the new one is whole"
+        );
         w.finish().unwrap();
         assert_eq!(Corpus::open(&dir).unwrap().clips()[0].name, "z");
-        assert!(dir.join("notes.txt").exists(), "what is no part of it stays");
+        assert!(dir.join("notes.txt").exists(), "other files stay");
         let other = tmp.path().join("letters");
         fs::create_dir(&other).unwrap();
         fs::write(other.join("dear.txt"), "x").unwrap();
@@ -299,22 +309,22 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_refused() {
+    fn bad_clips_are_refused() {
         let tmp = tempfile::tempdir().unwrap();
         let mut w = begin(&tmp.path().join("c"), false).unwrap();
         let says = |r: Result<()>| r.unwrap_err().to_string();
         let one = |name: &str, key| clip(name, key, Split::Train, 1);
         assert!(says(w.push(one("a", 0), &words(1)[1..])).contains("0 words and a part of one for 1 frames"));
-        assert!(says(w.push(one("a", 0), &words(2))).contains("2 words for 1 frames; expected 1 words"));
+        assert!(says(w.push(one("a", 0), &words(2))).contains("its text is 2 words for 1 frames; expected 1 words"));
         assert!(says(w.push(one("a", 0), &[9999; 7])).contains("expected an id below"));
         w.push(one("a", 3), &words(1)).unwrap();
         let none = |name: &str, key| clip(name, key, Split::Train, 0);
-        assert!(says(w.push(none("a", 4), &[])).contains("stands once"));
-        assert!(says(w.push(none("b", 3), &[])).contains("keys ascend"));
-        let odd = NewClip { sound: vec![0.0; 36], ..none("b", 4) };
-        assert!(says(w.push(odd, &[])).contains("36 numbers of its music; expected 35 a row"));
+        assert!(says(w.push(none("a", 4), &[])).contains("a name of its own"));
+        assert!(says(w.push(none("b", 3), &[])).contains("ascending keys"));
+        let odd = NewClip { music: vec![0.0; 36], ..none("b", 4) };
+        assert!(says(w.push(odd, &[])).contains("its music is 36 numbers; expected 35 a row"));
         let mut far = none("b", 4);
         far.record.source = 1;
-        assert!(says(w.push(far, &[])).contains("source 1"));
+        assert!(says(w.push(far, &[])).contains("its source is 1"));
     }
 }

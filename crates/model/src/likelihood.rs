@@ -226,7 +226,7 @@ fn heard(
     let of_window = |window: &EvalWindow| {
         let first = window.start / word;
         let times = (first..first + frames).map(|frame| frame as f64 / manifest.fps);
-        Ok(music::conditioning(config.music_conditioning(), &corpus.sound(clips[window.clip])?, times, 1.0))
+        Ok(music::conditioning(config.music_conditioning(), &corpus.music(clips[window.clip])?, times, 1.0))
     };
     let all: Vec<Vec<f32>> = windows.iter().map(of_window).collect::<Result<_>>()?;
     Ok(Some(Conditioning { music: all.concat(), ..Conditioning::default() }))
@@ -331,7 +331,7 @@ mod tests {
         use crate::music::Music;
         use crate::{Architecture, fixtures};
         let dir = tempfile::tempdir().unwrap();
-        let corpus = fixture::heard(dir.path(), &[(40, Split::Train), (20, Split::Valid)]);
+        let corpus = fixture::with_music(dir.path(), &[(40, Split::Train), (20, Split::Valid)]);
         let clips: Vec<_> = corpus.split(Split::Valid).collect();
         let tokens = TokenLayout::of(corpus.tokenizer());
         let config = ModelConfig {
@@ -359,7 +359,7 @@ mod tests {
                 let inputs = [&[1], &targets[..targets.len() - 1]].concat();
                 let times = (first..last).map(|frame| frame as f64 / 20.0);
                 let music =
-                    music::conditioning(config.music_conditioning(), &corpus.sound(clips[0]).unwrap(), times, 1.0);
+                    music::conditioning(config.music_conditioning(), &corpus.music(clips[0]).unwrap(), times, 1.0);
                 let conditioning = Conditioning { music, ..Conditioning::default() };
                 let mut found = vec![0.0; inputs.len()];
                 let windows = (&inputs[..], targets);

@@ -2,7 +2,7 @@
 
 use crate::{Error, Result};
 use kinelm_corpus::conditions::{Conditions, with_labels};
-use kinelm_corpus::{ClipRecord, Corpus, Opening, Split, each_eval_window};
+use kinelm_corpus::{ClipRecord, Corpus, CorpusOptions, Split, each_eval_window};
 use kinelm_model::likelihood::{Likelihood, likelihood, room};
 use kinelm_model::music::features::{Scale, Scaling};
 use kinelm_model::{Scores, TokenLayout};
@@ -91,7 +91,7 @@ impl Data {
         parts: &[CorpusPart],
         tokenizer: Option<&Tokenizer>,
         fields: &[String],
-        opening: Opening,
+        opening: CorpusOptions,
     ) -> Result<Data> {
         let open = |p: &CorpusPart| {
             p.validate()?;
@@ -180,7 +180,7 @@ impl Data {
         let mut scaling = Scaling::default();
         for part in &self.parts {
             for clip in part.corpus.split(Split::Train) {
-                scaling.add(&part.corpus.sound(clip)?.rows.numbers, part.weight);
+                scaling.add(&part.corpus.music(clip)?.rows.numbers, part.weight);
             }
         }
         Ok(scaling.scale())
@@ -266,11 +266,11 @@ mod tests {
         let [a, b] = two(dir.path());
         let merged = fixture::merged(dir.path(), &[(9, Split::Train)]);
         let parts = [&a, &b, &merged].map(|c| CorpusPart::once(c.dir()));
-        let data = Data::open(&parts[..2], None, &["genre".into()], Opening::default()).unwrap();
+        let data = Data::open(&parts[..2], None, &["genre".into()], CorpusOptions::default()).unwrap();
         assert_eq!((data.parts().len(), data.tokens().front, data.tokens_per_frame()), (2, 2, 7.0));
-        let message = Data::open(&parts, None, &[], Opening::default()).unwrap_err().to_string();
+        let message = Data::open(&parts, None, &[], CorpusOptions::default()).unwrap_err().to_string();
         assert!(message.contains("merged: found a corpus of tokenizer") && message.contains("one tokenizer.json"));
-        assert!(Data::open(&[], None, &[], Opening::default()).unwrap_err().to_string().contains("no corpus"));
+        assert!(Data::open(&[], None, &[], CorpusOptions::default()).unwrap_err().to_string().contains("no corpus"));
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub fn import(folder: &Path, run: &Path) -> Result<LoadedRun> {
     let file = RunFile::imported(&found, &tokenizer);
     let work = PendingFolder::create(run)?;
     write(work.path(), &found, &tokenizer, &file)?;
-    work.settle("give a folder that isn't there")?;
+    work.commit("give a folder that isn't there")?;
     // after settling, which compares the files of a folder that exists
     if !run.join(PROVENANCE).exists() {
         provenance::note(run)?;

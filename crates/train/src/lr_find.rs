@@ -12,7 +12,7 @@ use super::run::RunFile;
 use super::stages::Stages;
 use super::trainer::{Cadence, Files, Task, Trainer};
 use crate::{Error, Result};
-use kinelm_corpus::Opening;
+use kinelm_corpus::CorpusOptions;
 use kinelm_model::checkpoint::State;
 use kinelm_model::{Compute, layout};
 use kinelm_view::plot::{Chart, Look, Rule, Scale, Series};
@@ -44,7 +44,7 @@ pub struct LrFindOptions {
     /// Where and how to compute.
     pub compute: Compute,
     /// How the corpora are opened.
-    pub opening: Opening,
+    pub opening: CorpusOptions,
 }
 
 /// One step of the test.
@@ -309,7 +309,7 @@ mod tests {
             from: 1e-7,
             to: 100.0,
             compute: Compute::default(),
-            opening: Opening::default(),
+            opening: CorpusOptions::default(),
         };
         let find = |options: &LrFindOptions| lr_find(options, &AtomicBool::new(false), &mut |_| ());
         let found = find(&options).unwrap();

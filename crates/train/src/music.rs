@@ -42,7 +42,7 @@ impl MusicConditioning {
             return Ok(vec![0.0; self.frames * self.model.music.numbers()]);
         }
         let times = (0..self.frames).map(|frame| (first + factor * frame as f64) / self.fps);
-        Ok(conditioning(self.model.music_conditioning(), &corpus.sound(clip)?, times, factor))
+        Ok(conditioning(self.model.music_conditioning(), &corpus.music(clip)?, times, factor))
     }
 }
 
@@ -54,7 +54,7 @@ mod tests {
     use crate::run::RunFile;
     use crate::{Data, TrainConfig, fixture};
     use kinelm_corpus::Split;
-    use kinelm_corpus::music::sound::{Rows, Sound};
+    use kinelm_corpus::music::clip_music::{ClipMusic, FeatureRows};
     use kinelm_model::Architecture;
     use kinelm_model::music::Music;
 
@@ -82,7 +82,7 @@ mod tests {
     fn windows_have_the_music_of_their_frames_except_a_tenth_and_nothing_else_changes() {
         let dir = tempfile::tempdir().unwrap();
         let clips = [(150, Split::Train), (140, Split::Train), (120, Split::Train), (30, Split::Valid)];
-        let data = Data::one(fixture::heard(dir.path(), &clips)).unwrap();
+        let data = Data::one(fixture::with_music(dir.path(), &clips)).unwrap();
         let augment = AugmentConfig { mirror: 0.5, ..Default::default() };
         let without = batch(&data, Music::None, augment);
         assert_eq!(without.conditioning, None);
@@ -102,7 +102,7 @@ mod tests {
                 let clip = corpus.clips().iter().find(|c| c.name == clip).unwrap();
                 let first: f64 = first.parse().unwrap();
                 let times = (0..WINDOW).map(|frame| (first + frame as f64) / 20.0);
-                let whole = conditioning(model.music_conditioning(), &corpus.sound(clip).unwrap(), times, 1.0);
+                let whole = conditioning(model.music_conditioning(), &corpus.music(clip).unwrap(), times, 1.0);
                 if numbers.iter().all(|x| *x == 0.0) {
                     hidden += usize::from(clip.beats.is_some());
                 } else {
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn faster_windows_have_faster_music() {
         let dir = tempfile::tempdir().unwrap();
-        let data = Data::one(fixture::heard(dir.path(), &[(150, Split::Train)])).unwrap();
+        let data = Data::one(fixture::with_music(dir.path(), &[(150, Split::Train)])).unwrap();
         let (corpus, config) = (&data.parts()[0].corpus, model(Music::Both));
         let config = RunFile::new(&config, &TrainConfig::default(), &data).unwrap().model;
         let music = MusicConditioning::new(&config, 1, (8, 20.0)).unwrap();
@@ -131,11 +131,11 @@ mod tests {
         };
         let found = shown((30.5, 1.25));
         // frame i is the clip's frame 30.5 + 1.25 i, and beats come sooner
-        let sound = corpus.sound(&corpus.clips()[0]).unwrap();
+        let sound = corpus.music(&corpus.clips()[0]).unwrap();
         let faster: Vec<f64> = sound.beats_s.iter().map(|beat| (beat - 30.5 / 20.0) / 1.25).collect();
         let (fps, from_s) = (20.0 * 1.25, -30.5 / 20.0 / 1.25);
-        let rows = Rows { fps, from_s, numbers: sound.rows.numbers.clone() };
-        let faster = Sound { beats_s: &faster, rows };
+        let rows = FeatureRows { fps, from_s, numbers: sound.rows.numbers.clone() };
+        let faster = ClipMusic { beats_s: &faster, rows };
         let expected =
             conditioning(config.music_conditioning(), &faster, (0..8).map(|frame| f64::from(frame) / 20.0), 1.0);
         assert!(found.len() == expected.len() && found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-4));
@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn speed_is_learned_with_the_music_that_fits() {
         let dir = tempfile::tempdir().unwrap();
-        let data = Data::one(fixture::heard(dir.path(), &[(150, Split::Train), (140, Split::Train)])).unwrap();
+        let data = Data::one(fixture::with_music(dir.path(), &[(150, Split::Train), (140, Split::Train)])).unwrap();
         let plain = batch(&data, Music::Beats, AugmentConfig::default()).conditioning.unwrap();
         let faster =
             batch(&data, Music::Beats, AugmentConfig { speed: 0.2, ..Default::default() }).conditioning.unwrap();

@@ -4,7 +4,7 @@ use super::augment::AugmentConfig;
 use super::config::TrainConfig;
 use super::data::{CorpusPart, Data, Part};
 use crate::{Error, Result};
-use kinelm_corpus::{Corpus, Opening};
+use kinelm_corpus::{Corpus, CorpusOptions};
 use kinelm_model::goal::GoalEncoder;
 use kinelm_model::run::{CONFIG, LoadedRun, TOKENIZER, check_kind, load_tokenizer};
 use kinelm_model::{ModelConfig, TokenLayout, weights};
@@ -193,7 +193,7 @@ impl RunFile {
     /// # Errors
     /// An imported run, which has none; another number of corpora, other corpora or weights; a tokenizer that is gone, damaged
     /// or another.
-    pub fn data(&self, run: &Path, corpora: &[CorpusPart], opening: Opening) -> Result<Data> {
+    pub fn data(&self, run: &Path, corpora: &[CorpusPart], opening: CorpusOptions) -> Result<Data> {
         if self.corpora.is_empty() {
             let why = "was imported, and has no training to resume; begin a new run `from` it";
             return Err(Error::unsupported("`resume`", format!("{} {why}", run.display())));

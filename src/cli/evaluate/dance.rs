@@ -4,8 +4,8 @@ use super::compare::{self, How};
 use crate::baselines::music_lstm;
 use crate::cli::read::ReadArgs;
 use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, each_file, motion_files, print};
-use crate::corpus::music::find::in_dance;
-use crate::corpus::music::piece::Piece;
+use crate::corpus::music::library::beats_in_dance;
+use crate::corpus::music::track::Track;
 use crate::evaluate::dance::fidelity::fidelity;
 use crate::evaluate::dance::prompt::PromptMetrics;
 use crate::evaluate::dance::{Dance, Reference, requested_label};
@@ -170,9 +170,9 @@ fn beats(args: &Args, dances: usize, pieces: &mut BTreeMap<PathBuf, Beats>) -> R
     }
     let heard = |path: &PathBuf| -> Result<Vec<f64>> {
         if !pieces.contains_key(path) {
-            pieces.insert(path.clone(), Piece::beats_of(path)?.beats);
+            pieces.insert(path.clone(), Track::beats_only(path)?.beats);
         }
-        Ok(in_dance(path, &pieces[path], (from_s, 0.0))?)
+        Ok(beats_in_dance(path, &pieces[path], (from_s, 0.0))?)
     };
     let all: Vec<Vec<f64>> = args.music.iter().map(heard).collect::<Result<_>>()?;
     Ok(Some(all).filter(|all| !all.is_empty()))
@@ -188,9 +188,9 @@ fn own_music(
     // another dance may have been made to another file of this name
     music.check()?;
     if !pieces.contains_key(&music.path) {
-        pieces.insert(music.path.clone(), Piece::beats_of(&music.path)?.beats);
+        pieces.insert(music.path.clone(), Track::beats_only(&music.path)?.beats);
     }
-    Ok(Some(in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0))?))
+    Ok(Some(beats_in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0))?))
 }
 
 /// What is told beside a dance; what is wrong with it is said.

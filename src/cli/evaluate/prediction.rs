@@ -4,8 +4,8 @@ use crate::cli::data::DataArgs;
 use crate::cli::draw::DrawArgs;
 use crate::cli::read::{ReadArgs, rate};
 use crate::cli::{ComputeArgs, Odd, Say, print, wrong_call};
-use crate::corpus::load::{Wanted, load_at_own_rate};
-use crate::corpus::{Split, gather::Gathered};
+use crate::corpus::load::{ClipSpec, load_at_own_rate};
+use crate::corpus::{Dataset, Split};
 use crate::evaluate::prediction::{PROTOCOL_FPS, Predictor, Window, baselines, spread, table, windows_at};
 use crate::generate::sampling::Sampling;
 use crate::generate::{NextToken, reader};
@@ -64,7 +64,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
 
 /// What needs no model: the last pose held, the last step repeated.
 fn without_model(args: &Args, say: Say) -> Result<()> {
-    let (_, windows) = measured(args, &args.data.gather(say)?, None, say)?;
+    let (_, windows) = measured(args, &args.data.find(say)?, None, say)?;
     let what = format!("no {} clip is as long as a window, 3 s, at {} fps or more; give --fps", args.split, args.fps);
     anyhow::ensure!(!windows.is_empty(), what);
     let rows = baselines(&windows, &MAJOR, "")?;
@@ -83,8 +83,8 @@ fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
     run.notes.iter().for_each(|note| say.line(note));
     let tokenizer = run.load_tokenizer()?;
     let conditions = run.load_conditions()?;
-    let gathered = args.data.gather(say)?;
-    let (own, protocol) = measured(args, &gathered, Some(tokenizer.config().into()), say)?;
+    let dataset = args.data.find(say)?;
+    let (own, protocol) = measured(args, &dataset, Some(tokenizer.config().into()), say)?;
     anyhow::ensure!(!own.is_empty(), "no {} clip is as long as a window, 3 s", args.split);
     let compute = args.compute.get();
     let of = |streams: usize| reader(&run, compute, ReaderOptions { streams, ..ReaderOptions::default() });
@@ -124,11 +124,11 @@ fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
 }
 
 /// The windows of the split's clips at the model's rate, if there is one, and at [`Args::fps`] of the clips that have it.
-fn measured(args: &Args, gathered: &Gathered, model: Option<Wanted>, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
+fn measured(args: &Args, dataset: &Dataset, model: Option<ClipSpec>, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
     let options = args.read.options(RestFrame::Drop);
-    let wanted = model.unwrap_or(Wanted::in_world(args.fps));
+    let wanted = model.unwrap_or(ClipSpec::in_world(args.fps));
     let (mut own, mut protocol, odd) = (Vec::new(), Vec::new(), Odd::new(say));
-    for item in gathered.items.iter().filter(|item| item.split == args.split) {
+    for item in dataset.items.iter().filter(|item| item.split == args.split) {
         let (clip, doubt) = match load_at_own_rate(item, &options, wanted) {
             Err(e) if !args.data.strict => {
                 say.left_out(e);

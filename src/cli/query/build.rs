@@ -63,9 +63,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if args.run.is_some() && transform != TransformArg::Model {
         return Err(WrongCall("--run: only --transform model reads a run".into()).into());
     }
-    let gathered = args.data.gather(say)?;
+    let dataset = args.data.find(say)?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
-    let built = Index::build(&gathered, &asked, &options, &args.out, &mut *progress::watch(say, "building the index"))?;
+    let built = Index::build(&dataset, &asked, &options, &args.out, &mut *progress::watch(say, "building the index"))?;
     for line in built.lines() {
         say.line(line);
     }

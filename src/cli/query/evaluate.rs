@@ -18,7 +18,7 @@ pub struct Args {
     #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
     fields: Vec<String>,
     /// Use only clips with this label; may be repeated
-    #[arg(long, value_name = "FIELD=VALUE", value_parser = crate::corpus::labels::pair)]
+    #[arg(long, value_name = "FIELD=VALUE", value_parser = crate::corpus::labels::parse_pair)]
     only: Vec<(String, String)>,
     /// Transforms to measure, separated by commas [default: stft,dct,pca, and model with --run]
     #[arg(long, value_enum, value_name = "stft|dct|pca|model", value_delimiter = ',')]
@@ -87,10 +87,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         exclude: args.exclude,
         k: args.k.into(),
     };
-    let gathered = args.data.gather(say)?;
-    let outputs = args.force.outputs(args.data.files(&gathered).chain(args.run.clone()).chain(args.read.files()));
+    let dataset = args.data.find(say)?;
+    let outputs = args.force.outputs(args.data.files(&dataset).chain(args.run.clone()).chain(args.read.files()));
     outputs.check(args.save.as_deref())?;
-    let report = evaluate(&gathered, &options, &mut *progress::watch(say, "measuring neighbours"))?;
+    let report = evaluate(&dataset, &options, &mut *progress::watch(say, "measuring neighbours"))?;
     for line in report.summary.lines() {
         say.line(line);
     }

@@ -4,7 +4,7 @@ use super::run::Trained;
 use crate::data::{inner, read, stride};
 use crate::form::frames_of_steps;
 use crate::{Error, FPS, Result, sidecar};
-use kinelm_corpus::sidecar::as_written;
+use kinelm_corpus::sidecar::output_read_options;
 use kinelm_generate::check_frames;
 use kinelm_generate::output::lock_feet;
 use kinelm_generate::provenance::Provenance;
@@ -14,7 +14,7 @@ use kinelm_motion::feet::{FixedParts, FootLock};
 use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::rig::{floor, map_for};
-use kinelm_store::{hash, sidecar};
+use kinelm_store::hash;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ impl sidecar::Request for Request {
     fn read_back(&self, dance: &Path) -> ReadOptions {
         // an .npz is on SMPL's rig
         let on_rig = Format::of_name(dance) != Some(Format::Npz);
-        as_written(dance, on_rig.then_some((&*self.clip, &self.read)))
+        output_read_options(dance, on_rig.then_some((&*self.clip, &self.read)))
     }
 }
 
@@ -133,8 +133,8 @@ pub fn source_hashes(dance: &Path, provenance: Option<&Provenance>) -> Result<Ve
     if let Some(prompt) = provenance.and_then(|provenance| provenance.prompt_sha256.clone()) {
         return Ok(vec![prompt]);
     }
-    match Told::load(&sidecar::path_of(dance)) {
-        Ok(lstm) => Ok(vec![lstm.given_sha256]),
+    match Sidecar::load(&kinelm_store::sidecar::path_of(dance)) {
+        Ok(lstm) => Ok(vec![lstm.input_sha256]),
         Err(_) => Ok(vec![hash::of_file(dance)?]),
     }
 }

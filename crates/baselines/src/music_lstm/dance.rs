@@ -5,7 +5,7 @@ use super::data::check;
 use super::run::Trained;
 use crate::sidecar as envelope;
 use crate::{Error, FPS, Result};
-use kinelm_corpus::sidecar::as_written;
+use kinelm_corpus::sidecar::output_read_options;
 use kinelm_generate::check_frames;
 use kinelm_generate::prompt::on_model_rig;
 use kinelm_generate::provenance::{DanceMusic, Provenance};
@@ -41,7 +41,7 @@ impl envelope::Request for Request {
     }
 
     fn read_back(&self, dance: &Path) -> ReadOptions {
-        as_written(dance, None)
+        output_read_options(dance, None)
     }
 }
 

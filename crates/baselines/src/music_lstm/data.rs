@@ -6,7 +6,7 @@ use crate::data::{Hashes, Recording, Recordings, Sources};
 use crate::form::{Coder, Form};
 use crate::{Error, FPS, Result};
 use kinelm_corpus::Split;
-use kinelm_corpus::music::find::Finder;
+use kinelm_corpus::music::library::MusicFinder;
 use kinelm_music::stft::stft;
 use kinelm_store::hash;
 use rayon::prelude::*;
@@ -99,7 +99,7 @@ impl MusicClips {
         let coder = Coder::new(Form::Quaternion, &recordings.rig)?;
         let (mut all, mut without, mut hash) = (Vec::new(), Vec::new(), Sha256::new());
         hash.update(recordings.sha256());
-        let (mut hashes, mut finder): (BTreeMap<PathBuf, String>, _) = (BTreeMap::new(), Finder::new(folder));
+        let (mut hashes, mut finder): (BTreeMap<PathBuf, String>, _) = (BTreeMap::new(), MusicFinder::new(folder));
         for one in &recordings.all {
             let Some(music) = finder.find(&one.item)? else {
                 without.push(one.name.clone());

@@ -1,53 +1,52 @@
-//! Beats as a text file: a time in seconds a line, as `numpy.loadtxt` and mir_eval read it.
+//! Beats as a text file: one time in seconds per line, as `numpy.loadtxt` and mir_eval read it.
 
 use crate::{Error, Result};
 use kinelm_store::{FileRecord, SourcePos};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Stands in the first line of every file of beats that is written.
+/// Begins every file of beats that kinelm writes.
 pub const MARK: &str = "# made by kinelm";
 
-/// What stands before the hash of the times in the first line.
+/// Precedes the hash of the times in the first line.
 const HASH: &str = "seconds, SHA-256 ";
 
-/// The text of beats: our mark, what they are of and the hash of the times, in a line; the times to a millisecond.
+/// Formats beats: a first line with [`MARK`], the name of the music and the hash of the times; the times to a millisecond.
 pub fn text(times_s: &[f64], of: &Path) -> String {
     let name = of.file_name().map(|n| n.to_string_lossy().replace(char::is_control, " ")).unwrap_or_default();
     let mut times = String::new();
     for time in times_s {
-        // a string takes whatever is written
-        let _ = writeln!(times, "{time:.3}");
+        writeln!(times, "{time:.3}").expect("a string takes whatever is written");
     }
     format!("{MARK}: beats of {name}, {HASH}{}\n{times}", FileRecord::of(times.as_bytes()).sha256)
 }
 
-/// Whether a text is one of [`text`], as it was written: beats that somebody has corrected are theirs.
+/// Whether a text is as [`text`] wrote it; beats that somebody has corrected are not.
 pub fn is_as_written(text: &str) -> bool {
     let Some((head, times)) = text.split_once('\n') else { return false };
     let hash = head.strip_prefix(MARK).and_then(|head| head.rsplit_once(HASH));
     hash.is_some_and(|(_, hash)| hash == FileRecord::of(times.as_bytes()).sha256)
 }
 
-/// The times of a text: the first number of each line, seconds, rising; `#` begins a comment. Lines of more numbers, as
-/// trackers of bars write them, count by their first.
+/// Parses beats: the first number of each line, in seconds, ascending; `#` begins a comment. Further numbers of a line, as
+/// bar trackers write them, are ignored.
 ///
 /// # Errors
-/// [`kinelm_store::Error::File`] with line and column of what is no time, is below 0, or doesn't rise.
+/// [`kinelm_store::Error::File`] with line and column for text that is no time, a time below 0, or one that doesn't ascend.
 pub fn parse(path: &Path, text: &str) -> Result<Vec<f64>> {
     let mut out: Vec<f64> = Vec::new();
     for (i, line) in text.lines().enumerate() {
-        let told = line.split('#').next().unwrap_or("");
-        let Some(word) = told.split([' ', '\t', ',', ';']).find(|w| !w.trim().is_empty()) else { continue };
+        let content = line.split('#').next().unwrap_or("");
+        let Some(word) = content.split([' ', '\t', ',', ';']).find(|w| !w.trim().is_empty()) else { continue };
         let column = 1 + line.find(word).map_or(0, |at| line[..at].chars().count());
         let at = SourcePos { path: path.into(), line: i + 1, column };
-        let help = "give a time in seconds a line, in rising order";
+        let help = "give one time in seconds per line, in ascending order";
         let time: f64 = match word.trim().parse() {
             Ok(time) if (0.0..1e6).contains(&time) => time,
             _ => return Err(Error::at(at, format!("{word:?}"), "a time in seconds, not below 0", help)),
         };
         if let Some(last) = out.last().filter(|last| time <= **last) {
-            return Err(Error::at(at, format!("{time} behind {last}"), "a later time", help));
+            return Err(Error::at(at, format!("{time} after {last}"), "a later time", help));
         }
         out.push(time);
     }
@@ -59,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read() {
+    fn written_beats_are_parsed() {
         let path = Path::new("a/song\n.mp3");
         let written = text(&[0.0, 0.5126, 1.0], path);
         let (head, times) = written.split_once('\n').unwrap();
@@ -72,11 +71,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_time_is_refused_with_its_place() {
+    fn a_bad_time_is_refused_with_its_position() {
         let of = |text| parse(Path::new("b.txt"), text).unwrap_err().to_string();
         assert!(of("0.5\n  zwei\n").starts_with("b.txt:2:3: found \"zwei\", expected a time in seconds"));
         assert!(of("0.5\n-1\n").starts_with("b.txt:2:1: found \"-1\""));
         assert!(of("NaN").starts_with("b.txt:1:1: found \"NaN\""));
-        assert!(of("0.5\n0.5\n").starts_with("b.txt:2:1: found 0.5 behind 0.5, expected a later time"));
+        assert!(of("0.5\n0.5\n").starts_with("b.txt:2:1: found 0.5 after 0.5, expected a later time"));
     }
 }

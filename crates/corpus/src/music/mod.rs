@@ -1,9 +1,9 @@
-//! Music beside dances: what a file holds, its beats as text, and how a clip has both.
+//! Music of dances: the files that belong to clips, their beats as text, and how a clip has both.
 
 pub mod beats;
-pub mod dance;
-pub mod find;
-pub mod own;
-pub mod piece;
-pub mod sound;
+pub mod clip_music;
+pub mod library;
+pub mod motion_beats;
+pub mod synth;
 pub mod tempo;
+pub mod track;

@@ -53,13 +53,13 @@ fn damage_is_named() {
     for (file, bytes, expected) in [
         (
             MANIFEST,
-            manifest.replace("\"version\": 3", "\"version\": 9").into_bytes(),
-            "found version 9, expected version 3; use a newer kinelm",
+            manifest.replace("\"version\": 4", "\"version\": 9").into_bytes(),
+            "found version 9, expected version 4; use a newer kinelm",
         ),
         (
             MANIFEST,
-            manifest.replace("\"version\": 3", "\"version\": 1").into_bytes(),
-            "found version 1, expected version 3; make it again",
+            manifest.replace("\"version\": 4", "\"version\": 1").into_bytes(),
+            "found version 1, expected version 4; make it again",
         ),
         (MANIFEST, manifest[..40].into(), "corpus.json:"),
         (MANIFEST, manifest.replace("\"fps\"", "\"fpz\"").into_bytes(), "fpz"),
@@ -132,8 +132,8 @@ fn a_trusted_corpus_is_read_behind_its_2_32nd_token() {
     file.set_len(0).unwrap();
     file.seek(std::io::SeekFrom::Start(2 * clips[2].offset as u64)).unwrap();
     file.write_all(&manifest.token_type.to_bytes(&ids[2])).unwrap();
-    let opening = Opening { trust: true, streamed: true, ..Opening::default() };
-    let corpus = Corpus::open_with(&dir, opening).unwrap();
+    let options = CorpusOptions { trust: true, streamed: true, ..CorpusOptions::default() };
+    let corpus = Corpus::open_with(&dir, options).unwrap();
     assert_eq!(corpus.tokens().len(), next);
     assert_eq!(corpus.clip_ids(&corpus.clips()[2]).unwrap(), ids[2]);
     assert_eq!(corpus.word_ids(&corpus.clips()[1], 1..2).unwrap(), vec![0; word]);
@@ -150,7 +150,7 @@ fn what_is_trusted_is_not_hashed_and_its_ids_are_refused_where_they_are_read() {
     bytes[9] = 0x40;
     fs::write(&tokens, &bytes).unwrap();
     assert!(Corpus::open(&dir).unwrap_err().to_string().contains("SHA-256"));
-    let corpus = Corpus::open_with(&dir, Opening { trust: true, ..Opening::default() }).unwrap();
+    let corpus = Corpus::open_with(&dir, CorpusOptions { trust: true, ..CorpusOptions::default() }).unwrap();
     let message = corpus.clip_ids(&corpus.clips()[0]).unwrap_err().to_string();
     assert!(message.contains("tokens.u16: found id 16") && message.contains("expected ids below"), "{message}");
 }

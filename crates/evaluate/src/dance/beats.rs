@@ -5,7 +5,7 @@
 
 use super::Dance;
 use crate::Result;
-use kinelm_corpus::record::BeatsOf;
+use kinelm_corpus::record::BeatSource;
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_motion::Clip;
 use kinelm_motion::metric::beat::{BeatAlignment, BeatHits, BeatRule, ShiftTest, beats_s, pulse_bpm};
@@ -197,13 +197,13 @@ pub fn of_corpus(corpus: &Corpus, joints: &[usize]) -> Result<(Vec<BeatMetrics>,
     let of_clip = |clip: &&ClipRecord| -> Result<BeatPair> {
         BeatPair::new(&Dance::of_corpus(corpus, clip)?.clip, joints, clip.beats_s())
     };
-    let of_split = |(split, of): (Split, BeatsOf)| -> Result<(String, Vec<BeatPair>)> {
-        let has = |clip: &&ClipRecord| clip.beats.as_ref().is_some_and(|beats| beats.of == of);
+    let of_split = |(split, of): (Split, BeatSource)| -> Result<(String, Vec<BeatPair>)> {
+        let has = |clip: &&ClipRecord| clip.beats.as_ref().is_some_and(|beats| beats.source == of);
         let clips: Vec<_> = corpus.split(split).filter(has).collect();
-        let name = if of == BeatsOf::Music { split.to_string() } else { format!("{split}, motion-derived") };
+        let name = if of == BeatSource::Music { split.to_string() } else { format!("{split}, motion-derived") };
         Ok((name, clips.par_iter().map(of_clip).collect::<Result<_>>()?))
     };
-    let ways = [BeatsOf::Music, BeatsOf::Motion].into_iter().flat_map(|of| Split::ALL.map(|split| (split, of)));
+    let ways = [BeatSource::Music, BeatSource::Motion].into_iter().flat_map(|of| Split::ALL.map(|split| (split, of)));
     let all = ways.map(of_split).collect::<Result<Vec<_>>>()?;
     // of music, as long as there is any
     let lag = lag(&all[0].1).or(lag(&all[Split::ALL.len()].1)).unwrap_or(0.0);

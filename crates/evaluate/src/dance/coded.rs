@@ -1,7 +1,7 @@
 //! A dance, coded and decoded: how all dances are measured.
 
 use crate::{Error, Result};
-use kinelm_corpus::load::parse_placed;
+use kinelm_corpus::load::ModelClip;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_motion::Clip;
 use kinelm_motion::format::{Format, RateDoubt, ReadOptions};
@@ -49,7 +49,7 @@ impl Dance {
     /// # Errors
     /// Those of [`Dance::of_file`].
     pub fn of_bytes(path: &Path, bytes: &[u8], options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Dance> {
-        let placed = parse_placed(path, bytes, options, tokenizer.config().into())?;
+        let placed = ModelClip::parse(path, bytes, options, tokenizer.config().into())?;
         let (clip, file_fps) = (placed.lowered(), Some(placed.motion.clip.fps()));
         let doubt = RateDoubt::in_reading(&placed.motion);
         if clip.frames() == 0 {

@@ -2,9 +2,8 @@
 
 use crate::{Error, Result};
 pub use kinelm_corpus::build::{BLOCK_PER_THREAD, BuildOptions};
-use kinelm_corpus::load::item_options;
 use kinelm_corpus::record::Split;
-use kinelm_corpus::{Gathered, Item};
+use kinelm_corpus::{Dataset, Item};
 use kinelm_motion::format::{self, RateDoubt, RateDoubts, ReadOptions, resolve_floor};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, FaultKind, Quat, Vec3, retarget, smpl};
@@ -80,7 +79,7 @@ impl Clips {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Missing`] when no clip of train or none of test could be taken, or any file is bad and `strict` is given.
-    pub fn scan(gathered: &Gathered, options: &BuildOptions, left_out: &mut dyn FnMut(&Item, &Error)) -> Result<Clips> {
+    pub fn scan(dataset: &Dataset, options: &BuildOptions, left_out: &mut dyn FnMut(&Item, &Error)) -> Result<Clips> {
         let mut clips = Clips {
             train: vec![],
             test: vec![],
@@ -88,7 +87,7 @@ impl Clips {
             read: options.read.clone(),
             held: Mutex::default(),
         };
-        let items: Vec<&Item> = gathered.items.iter().filter(|i| i.split != Split::Valid).collect();
+        let items: Vec<&Item> = dataset.items.iter().filter(|i| i.split != Split::Valid).collect();
         let mut failed = 0;
         for block in items.chunks(block()) {
             let known: Vec<_> = block.par_iter().map(|item| know(item, &options.read)).collect();
@@ -199,7 +198,7 @@ fn named(known: &StudyClip, error: Error) -> Error {
 
 /// A clip on the neutral skeleton at its own rate, its floor at y = 0, beginning above x = z = 0; and the doubt of that rate.
 fn load(item: &Item, read: &ReadOptions) -> Result<(Clip, Option<RateDoubt>)> {
-    let options = item_options(item, read);
+    let options = item.read_options(read);
     let mut motion = format::read(&item.path, &options)?;
     let doubt = RateDoubt::in_reading(&motion);
     let floor = resolve_floor(&mut motion, &options)?;

@@ -20,7 +20,7 @@ pub use row::{Row, RowDefaults, default_rows};
 use crate::{Error, Result};
 use clips::{Clips, Extent};
 use kinelm_corpus::build::BuildOptions;
-use kinelm_corpus::{Gathered, Item};
+use kinelm_corpus::{Dataset, Item};
 use kinelm_store::output::Outputs;
 use kinelm_tokenizer::TokenizerConfig;
 use kinelm_view::plot;
@@ -124,7 +124,7 @@ impl Report {
 /// [`kinelm_store::Error::File`] for wrong rows (before anything is read) and for an `out` that no study wrote; [`kinelm_store::Error::Invalid`] when a
 /// split is empty or a row can't be fitted; those of reading and writing.
 pub fn study(
-    gathered: &Gathered,
+    dataset: &Dataset,
     options: &StudyOptions,
     (out, outputs): (&Path, &Outputs),
     watch: &mut dyn FnMut(Event<'_>),
@@ -137,7 +137,7 @@ pub fn study(
         row::parse(&options.rows.0, &options.rows.1, &defaults)
     };
     check_shown(&rows_at(options.fps.unwrap_or(USUAL_FPS))?, &options.shown)?;
-    let clips = Clips::scan(gathered, &options.build, &mut |item, e| watch(Event::Skipped(item, e)))?;
+    let clips = Clips::scan(dataset, &options.build, &mut |item, e| watch(Event::Skipped(item, e)))?;
     clips.doubts.line().iter().for_each(|line| watch(Event::Note(line)));
     let fps = options.fps.unwrap_or(clips.slowest().min(USUAL_FPS));
     let rows = rows_at(fps)?;

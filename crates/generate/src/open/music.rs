@@ -3,10 +3,10 @@
 use crate::request::MusicRequest;
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
-use kinelm_corpus::music::find::in_dance;
-use kinelm_corpus::music::piece::Piece;
-use kinelm_corpus::music::sound::Rows;
+use kinelm_corpus::music::clip_music::FeatureRows;
+use kinelm_corpus::music::library::beats_in_dance;
 use kinelm_corpus::music::tempo;
+use kinelm_corpus::music::track::Track;
 use kinelm_model::LoadedRun;
 use kinelm_store::hash;
 
@@ -30,7 +30,7 @@ pub struct OpenMusic {
     request: MusicRequest,
     /// SHA-256 of its file.
     pub sha256: String,
-    piece: Piece,
+    piece: Track,
 }
 
 impl OpenMusic {
@@ -47,8 +47,8 @@ impl OpenMusic {
         }
         let sha256 = hash::of_file(&request.path)?;
         let piece = match run.config.music.has_features() {
-            true => Piece::hear(&request.path, fps)?,
-            false => Piece::beats_of(&request.path)?,
+            true => Track::analyse(&request.path, fps)?,
+            false => Track::beats_only(&request.path)?,
         };
         let music = OpenMusic { request: request.clone(), sha256, piece };
         music.check(0.0)?;
@@ -65,7 +65,7 @@ impl OpenMusic {
     /// # Errors
     /// Those of [`in_dance`].
     pub fn check(&self, seconds: f64) -> Result<()> {
-        Ok(in_dance(&self.request.path, &self.piece.beats, (self.request.from_s, seconds)).map(|_| ())?)
+        Ok(beats_in_dance(&self.request.path, &self.piece.beats, (self.request.from_s, seconds)).map(|_| ())?)
     }
 
     /// The beats in seconds from the dance's beginning; earlier ones are negative.
@@ -74,7 +74,7 @@ impl OpenMusic {
     }
 
     /// The sound features, by the dance's time.
-    pub fn rows(&self) -> Rows<'_> {
+    pub fn rows(&self) -> FeatureRows<'_> {
         self.piece.rows(self.request.from_s)
     }
 

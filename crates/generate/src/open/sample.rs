@@ -3,7 +3,7 @@
 use super::OpenRequest;
 use crate::Result;
 use crate::sampler::{Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, reader, sample, variation_seed};
-use kinelm_corpus::music::sound::Sound;
+use kinelm_corpus::music::clip_music::ClipMusic;
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
 use kinelm_model::music;
 use kinelm_tokenizer::Words;
@@ -131,7 +131,7 @@ impl OpenRequest {
         let beats_s = music.beats_s();
         music::conditioning(
             self.run.config.music_conditioning(),
-            &Sound { beats_s: &beats_s, rows: music.rows() },
+            &ClipMusic { beats_s: &beats_s, rows: music.rows() },
             times,
             1.0,
         )

@@ -4,7 +4,7 @@ pub mod uncoded;
 
 use crate::request::{Resolved, Rig, UncodedJoints};
 use crate::{Error, Result};
-use kinelm_corpus::load::{Placed, load_placed, parse_placed};
+use kinelm_corpus::load::ModelClip;
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::joints::Selection;
 use kinelm_motion::resample::{Method, resample};
@@ -39,7 +39,7 @@ impl PromptClip {
     /// # Errors
     /// What reading fails with; a rig that no skeleton map knows; a clip without frames, or that can't be coded.
     pub fn load(path: &Path, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<PromptClip> {
-        PromptClip::of(load_placed(path, options, tokenizer.config().into())?, tokenizer)
+        PromptClip::of(ModelClip::load(path, options, tokenizer.config().into())?, tokenizer)
     }
 
     /// Reads a prompt from the bytes of the file `path`.
@@ -47,12 +47,12 @@ impl PromptClip {
     /// # Errors
     /// Those of [`PromptClip::load`].
     pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions, tokenizer: &Tokenizer) -> Result<PromptClip> {
-        PromptClip::of(parse_placed(path, bytes, options, tokenizer.config().into())?, tokenizer)
+        PromptClip::of(ModelClip::parse(path, bytes, options, tokenizer.config().into())?, tokenizer)
     }
 
-    fn of(placed: Placed, tokenizer: &Tokenizer) -> Result<PromptClip> {
+    fn of(placed: ModelClip, tokenizer: &Tokenizer) -> Result<PromptClip> {
         let lowered = placed.lowered();
-        let Placed { mut motion, clip, floor_m, under_m, sha256 } = placed;
+        let ModelClip { mut motion, clip, floor_m, clip_floor_m: under_m, sha256 } = placed;
         if clip.frames() == 0 {
             return Err(Error::file(&motion.path, "no frames", "at least one", "give another prompt"));
         }

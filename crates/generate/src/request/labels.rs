@@ -33,7 +33,7 @@ impl FromStr for TimedLabel {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<TimedLabel, String> {
-        let pair = |label: &str| labels::pair(label).map_err(|e| e.to_string());
+        let pair = |label: &str| labels::parse_pair(label).map_err(|e| e.to_string());
         pair(text)?;
         let Span { joints: label, from, to } = text.parse()?;
         let (field, value) = pair(&label)?;

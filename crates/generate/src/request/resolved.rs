@@ -2,7 +2,7 @@
 
 use super::{Computing, FootMode, MusicRequest, Placement, PromptRequest, Rig, Seeding, TimedLabel, UncodedJoints};
 use crate::sampling::Sampling;
-use kinelm_corpus::sidecar::as_written;
+use kinelm_corpus::sidecar::output_read_options;
 use kinelm_model::lead_in::LeadInFrom;
 use kinelm_motion::format::ReadOptions;
 use serde::{Deserialize, Serialize};
@@ -74,12 +74,12 @@ impl Resolved {
     /// a prompt the floor is at 0.
     pub fn read_back(&self, dance: &Path) -> ReadOptions {
         let Some(prompt) = &self.prompt else {
-            return ReadOptions { floor: Some(0.0), ..as_written(dance, None) };
+            return ReadOptions { floor: Some(0.0), ..output_read_options(dance, None) };
         };
         if self.rig != Rig::Prompt {
-            return ReadOptions { floor: prompt.read.floor, ..as_written(dance, None) };
+            return ReadOptions { floor: prompt.read.floor, ..output_read_options(dance, None) };
         }
-        let own = as_written(dance, Some((&prompt.path, &prompt.read)));
+        let own = output_read_options(dance, Some((&prompt.path, &prompt.read)));
         match &prompt.edit {
             Some(edit) if edit.looping.is_none() => {
                 ReadOptions { skip: prompt.read.skip, rest: prompt.read.rest, ..own }

@@ -524,7 +524,7 @@ mod goals {
 
 mod music {
     use super::*;
-    use kinelm_corpus::music::sound::Sound;
+    use kinelm_corpus::music::clip_music::ClipMusic;
     use kinelm_corpus::samples;
     use kinelm_model::fast::{Fast, Windows};
     use kinelm_model::music::{Music, conditioning};
@@ -551,7 +551,7 @@ mod music {
 
     fn beats(words: usize) -> Vec<f32> {
         let config = ModelConfig { music: Music::Beats, ..ModelConfig::default() };
-        let sound = Sound { beats_s: &[0.05, 0.3, 0.5], ..Sound::default() };
+        let sound = ClipMusic { beats_s: &[0.05, 0.3, 0.5], ..ClipMusic::default() };
         conditioning(config.music_conditioning(), &sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
     }
 

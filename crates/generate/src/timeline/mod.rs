@@ -28,16 +28,16 @@ impl TimelineClip {
     /// Fills the options that the timeline leaves out from the sidecar of a dance. Returns them in words.
     ///
     /// # Errors
-    /// Those of [`sidecar::reading_of`].
+    /// Those of [`sidecar::read_options`].
     fn complete_from_sidecar(&mut self) -> Result<Option<String>> {
-        let Some(read) = sidecar::reading_of(&self.file)? else { return Ok(None) };
+        let Some(read) = sidecar::read_options(&self.file)? else { return Ok(None) };
         self.fps_source = self.fps_source.or(read.fps_source);
         self.skip = self.skip.or(Some(read.skip).filter(|skip| *skip > 0));
         self.unit = if self.unit == Unit::Auto { read.unit } else { self.unit };
         self.up = if self.up == Up::Auto { read.up } else { self.up };
         self.map = self.map.take().or(read.map.clone());
         self.floor = self.floor.or(read.floor);
-        Ok(sidecar::in_words(&read, &self.options()))
+        Ok(sidecar::describe(&read, &self.options()))
     }
 }
 
@@ -86,7 +86,7 @@ impl Timeline {
             match clip.complete_from_sidecar() {
                 Ok(words) => {
                     let words = words.map(|words| (clip.file.display().to_string(), words));
-                    notes.extend(sidecar::line(words.as_slice()));
+                    notes.extend(sidecar::describe_all(words.as_slice()));
                 }
                 Err(e) => notes.push(e.to_string()),
             }

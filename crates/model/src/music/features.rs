@@ -5,7 +5,7 @@
 
 use super::AHEAD_S;
 use crate::{Error, Result};
-use kinelm_corpus::music::sound::Rows;
+use kinelm_corpus::music::clip_music::FeatureRows;
 use kinelm_music::feature::CHANNELS;
 use serde::{Deserialize, Serialize};
 
@@ -87,7 +87,7 @@ impl Scaling {
 }
 
 /// Writes what is told of the sound at these times, the first the frame's own, into zeros ([`NUMBERS`]).
-pub fn tell(rows: &Rows<'_>, scale: &Scale, times_s: [f64; AHEAD_S.len()], conditioning: &mut [f32]) {
+pub fn tell(rows: &FeatureRows<'_>, scale: &Scale, times_s: [f64; AHEAD_S.len()], conditioning: &mut [f32]) {
     let Some((known, conditioning)) = conditioning.split_first_mut() else { return };
     for (i, (numbers, time)) in conditioning.chunks_exact_mut(CHANNELS).zip(times_s).enumerate() {
         if !rows.at(time, numbers) {
@@ -132,7 +132,7 @@ mod tests {
     #[test]
     fn a_frame_is_told_now_and_what_comes_between_rows_in_proportion() {
         let numbers = rows((0..10).map(|i| i as f32));
-        let rows = Rows { fps: 20.0, from_s: 1.0, numbers: numbers.into() };
+        let rows = FeatureRows { fps: 20.0, from_s: 1.0, numbers: numbers.into() };
         let scale =
             Scale { mean: vec![1.0; CHANNELS], deviation: (0..CHANNELS).map(|c| 2.0 * f32::from(c != 3)).collect() };
         let mut conditioning = vec![0.0; NUMBERS];
@@ -151,7 +151,7 @@ mod tests {
             "{before:?}"
         );
         let mut none = vec![0.0; NUMBERS];
-        tell(&Rows::default(), &scale, AHEAD_S, &mut none);
+        tell(&FeatureRows::default(), &scale, AHEAD_S, &mut none);
         assert!(none.iter().all(|x| *x == 0.0));
     }
 }

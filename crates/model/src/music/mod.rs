@@ -7,7 +7,7 @@ pub mod beats;
 pub mod features;
 
 use features::Scale;
-use kinelm_corpus::music::sound::Sound;
+use kinelm_corpus::music::clip_music::ClipMusic;
 use serde::{Deserialize, Serialize};
 
 /// What of the music a model is told.
@@ -55,7 +55,7 @@ impl Music {
 /// seconds of the clip pass in a second of the frames.
 pub fn conditioning(
     (music, scale): (Music, Option<&Scale>),
-    sound: &Sound<'_>,
+    sound: &ClipMusic<'_>,
     times_s: impl Iterator<Item = f64>,
     pace: f64,
 ) -> Vec<f32> {

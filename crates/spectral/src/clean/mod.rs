@@ -2,18 +2,18 @@
 //! "Clips that are not clean".
 //!
 //! Clips are looked at as a tokenizer takes them: on SMPL-24, at its rate, their floors at y = 0. Times are seconds of the
-//! clip as it is read, half-open, as [`kinelm_corpus::timed`] has them.
+//! clip as it is read, half-open, as [`kinelm_corpus::segments`] has them.
 
 mod copies;
 #[cfg(test)]
 mod tests;
 
 use crate::Result;
-pub use kinelm_corpus::build::{BuildOptions, Summary, Watch, check, each};
-use kinelm_corpus::load::Wanted;
-use kinelm_corpus::record::LeftOut;
+pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
+use kinelm_corpus::load::ClipSpec;
+use kinelm_corpus::record::ExcludedRange;
 use kinelm_corpus::stats::glitches;
-use kinelm_corpus::{Gathered, Item, Split};
+use kinelm_corpus::{Dataset, Item, Split};
 use kinelm_motion::rig::{Feet, map_for};
 use kinelm_motion::{Clip, smpl};
 use kinelm_store::counted;
@@ -75,7 +75,7 @@ struct LoadedClip {
 #[derive(Debug, Clone, PartialEq)]
 pub struct CleaningReport {
     /// The ranges, by clip and time.
-    pub ranges: Vec<LeftOut>,
+    pub ranges: Vec<ExcludedRange>,
     /// Of each kind the ranges, and their clips; one that has two kinds counts in both.
     pub kinds: Vec<(Fault, [usize; 2])>,
     /// Training clips, and their seconds.
@@ -94,15 +94,15 @@ pub struct CleaningReport {
 /// # Errors
 /// Those of reading; no clip could be taken, or any file is bad and `strict` is given.
 pub fn clean(
-    gathered: &Gathered,
+    dataset: &Dataset,
     config: &TokenizerConfig,
     options: &BuildOptions,
-    watch: &mut Watch<'_>,
+    watch: &mut BuildProgress<'_>,
 ) -> Result<CleaningReport> {
-    let items: Vec<&Item> = gathered.items.iter().collect();
-    let wanted = Wanted { fps: config.fps, above_floor: true };
+    let items: Vec<&Item> = dataset.items.iter().collect();
+    let wanted = ClipSpec { fps: config.fps, above_floor: true };
     let mut held: Vec<LoadedClip> = Vec::new();
-    let summary = each(
+    let summary = for_each_clip(
         &items,
         options,
         wanted,
@@ -117,7 +117,6 @@ pub fn clean(
             Ok(frames)
         },
     )?;
-    check(&summary, options, items.len())?;
     copies::find(&mut held, config.fps)?;
     Ok(merge(held, config.fps, summary))
 }
@@ -170,7 +169,12 @@ fn merge(held: Vec<LoadedClip>, fps: f64, summary: Summary) -> CleaningReport {
             let to_s = (end < last).then(|| seconds(end));
             let mut why: Vec<&str> = finds.iter().map(|find| find.description.as_str()).collect();
             why.dedup();
-            cleaned.ranges.push(LeftOut { clip: one.name.clone(), from_s: seconds(first), to_s, why: why.join("; ") });
+            cleaned.ranges.push(ExcludedRange {
+                clip: one.name.clone(),
+                from_s: seconds(first),
+                to_s,
+                why: why.join("; "),
+            });
         }
     }
     cleaned.kinds = counts.into_iter().map(|(why, ranges, clips)| (why, [ranges, clips.len()])).collect();

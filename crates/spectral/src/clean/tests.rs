@@ -29,9 +29,9 @@ fn cleaned(clips: &[(&str, &str, Clip)]) -> CleaningReport {
     }
     let labels = dir.path().join("labels.csv");
     fs::write(&labels, csv).unwrap();
-    let gathered = kinelm_corpus::gather(&[dir.path().join("data")], &[labels.display().to_string()]).unwrap();
-    let mut go = |_: kinelm_corpus::Event<'_>| ControlFlow::Continue(());
-    clean(&gathered, &TokenizerConfig::default(), &BuildOptions::default(), &mut go).unwrap()
+    let dataset = kinelm_corpus::Dataset::find(&[dir.path().join("data")], &[labels.display().to_string()]).unwrap();
+    let mut go = |_: kinelm_corpus::BuildEvent<'_>| ControlFlow::Continue(());
+    clean(&dataset, &TokenizerConfig::default(), &BuildOptions::default(), &mut go).unwrap()
 }
 
 fn rows(cleaned: &CleaningReport) -> Vec<(&str, f64, Option<f64>, &str)> {
@@ -126,14 +126,14 @@ fn a_copy_without_its_beginning_is_found_over_its_whole_length() {
 #[test]
 fn the_thigh_of_a_real_dance_that_turns_around_is_listed() {
     let Some(dir) = kinelm_shared_data::set("cmu-dance", "clean") else { return };
-    let gathered = kinelm_corpus::gather(&[dir.join("indian/07.bvh")], &[]).unwrap();
-    let mut gathered = gathered;
-    gathered.items.iter_mut().for_each(|item| item.split = Split::Train);
+    let dataset = kinelm_corpus::Dataset::find(&[dir.join("indian/07.bvh")], &[]).unwrap();
+    let mut dataset = dataset;
+    dataset.items.iter_mut().for_each(|item| item.split = Split::Train);
     let options = BuildOptions {
         read: format::ReadOptions { rest: RestFrame::Drop, ..Default::default() },
         ..BuildOptions::default()
     };
-    let mut go = |_: kinelm_corpus::Event<'_>| ControlFlow::Continue(());
-    let found = clean(&gathered, &TokenizerConfig::default(), &options, &mut go).unwrap();
+    let mut go = |_: kinelm_corpus::BuildEvent<'_>| ControlFlow::Continue(());
+    let found = clean(&dataset, &TokenizerConfig::default(), &options, &mut go).unwrap();
     assert!(found.ranges.iter().any(|r| r.why.contains("_hip 1")), "{:?}", rows(&found));
 }

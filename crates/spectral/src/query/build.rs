@@ -7,9 +7,9 @@ use super::part::PartWriter;
 use super::record::{ClipEntry, Manifest, PartRecord, VERSION};
 use crate::pca::PcaFit;
 use crate::{Error, PcaBasis, Result, WindowSpec};
-pub use kinelm_corpus::build::{BuildOptions, Summary, Watch, check, each};
-use kinelm_corpus::load::{Wanted, item_options};
-use kinelm_corpus::{Gathered, Item};
+pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
+use kinelm_corpus::load::ClipSpec;
+use kinelm_corpus::{Dataset, Item};
 use kinelm_store::FileRecord;
 use kinelm_store::files::{self, PendingFolder};
 use std::fs::{File, TryLockError};
@@ -100,11 +100,11 @@ impl Index {
     /// [`kinelm_store::Error::Invalid`] where `request` differs from the index that is there, when no clip is as long as a window, or any file is bad
     /// and `strict` is given, or `watch` broke off; those of reading, of a run, and of writing. Nothing is changed then.
     pub fn build(
-        gathered: &Gathered,
+        dataset: &Dataset,
         request: &IndexRequest,
         options: &BuildOptions,
         out: &Path,
-        watch: &mut Watch<'_>,
+        watch: &mut BuildProgress<'_>,
     ) -> Result<BuildReport> {
         let (there, _alone) = match std::fs::symlink_metadata(out) {
             Ok(_) => {
@@ -123,7 +123,7 @@ impl Index {
         }
         let basis = match (&there, &held.transform) {
             (Some(index), _) => index.basis().cloned(),
-            (None, FeatureKind::Pca { keep }) => Some(fit(gathered, &held, *keep, options, watch)?),
+            (None, FeatureKind::Pca { keep }) => Some(fit(dataset, &held, *keep, options, watch)?),
             _ => None,
         };
         let mut work = Work::begin(out, there.as_ref())?;
@@ -139,7 +139,7 @@ impl Index {
                 .as_ref()
                 .map(|b| b.variances.iter().sum::<f64>() / b.total_variance.max(f64::MIN_POSITIVE)),
         };
-        let (part, numbers) = write_part(gathered, &held, basis.as_ref(), options, &work, &mut built, watch)?;
+        let (part, numbers) = write_part(dataset, &held, basis.as_ref(), options, &work, &mut built, watch)?;
         let Some(part) = part else {
             if built.known == 0 {
                 return Err(no_window(&held.windows));
@@ -202,19 +202,19 @@ fn same_options(out: &Path, there: &IndexOptions, asked: &IndexOptions) -> Resul
 
 /// A basis for all windows of the clips.
 fn fit(
-    gathered: &Gathered,
+    dataset: &Dataset,
     held: &IndexOptions,
     keep: usize,
     options: &BuildOptions,
-    watch: &mut Watch<'_>,
+    watch: &mut BuildProgress<'_>,
 ) -> Result<PcaBasis> {
-    let items: Vec<&Item> = gathered.items.iter().collect();
+    let items: Vec<&Item> = dataset.items.iter().collect();
     let mut all = PcaFit::new(held.windows.frames);
     let mut windows = 0;
-    let summary = each(
+    for_each_clip(
         &items,
         options,
-        Wanted::in_world(held.windows.fps),
+        ClipSpec::in_world(held.windows.fps),
         watch,
         |_, loaded| {
             let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
@@ -226,7 +226,6 @@ fn fit(
             Ok(frames)
         },
     )?;
-    check(&summary, options, items.len())?;
     if windows == 0 {
         return Err(no_window(&held.windows));
     }
@@ -241,30 +240,30 @@ pub(super) fn no_window(windows: &WindowSpec) -> Error {
 
 /// Writes the windows of the clips that are new; `None` where there are none. D.
 fn write_part(
-    gathered: &Gathered,
+    dataset: &Dataset,
     held: &IndexOptions,
     basis: Option<&PcaBasis>,
     options: &BuildOptions,
     work: &Work,
     built: &mut BuildReport,
-    watch: &mut Watch<'_>,
+    watch: &mut BuildProgress<'_>,
 ) -> Result<(Option<PartRecord>, usize)> {
     let (extractor, mut embedder) = FeatureExtractor::new(held, basis)?;
     let numbers = extractor.numbers(&embedder);
     let mut writer = PartWriter::create(&work.part()?, numbers)?;
-    let items: Vec<&Item> = gathered.items.iter().collect();
+    let items: Vec<&Item> = dataset.items.iter().collect();
     let (mut known, mut otherwise, mut short, mut clips) = (0, 0, 0, 0);
-    built.summary = each(
+    built.summary = for_each_clip(
         &items,
         options,
-        Wanted::in_world(held.windows.fps),
+        ClipSpec::in_world(held.windows.fps),
         watch,
         |_, loaded| {
             let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
             Ok((extractor.extract(&loaded.clip, &starts)?, starts, loaded.clip.frames()))
         },
         |item, sha256, (made, starts, frames): (Extracted, Vec<usize>, usize), _| {
-            let read = item_options(item, &options.read);
+            let read = item.read_options(&options.read);
             otherwise += usize::from(work.known.iter().any(|c| c.sha256 == sha256));
             if work.known.iter().any(|c| c.is_of(&sha256, &read, frames)) {
                 (known, otherwise) = (known + 1, otherwise - 1);
@@ -280,7 +279,6 @@ fn write_part(
             Ok(frames)
         },
     )?;
-    check(&built.summary, options, items.len())?;
     (built.known, built.otherwise, built.short) = (known, otherwise, short);
     built.added = (clips, writer.windows());
     if clips == 0 {

@@ -9,9 +9,8 @@ use super::record::ClipEntry;
 use super::search::{Cosines, Distance, SearchOptions};
 use super::vote::{Tally, vote};
 use crate::{Error, Result, WindowSpec};
-pub use kinelm_corpus::build::{BuildOptions, Summary, Watch, check, each};
-use kinelm_corpus::load::item_options;
-use kinelm_corpus::{Gathered, Item};
+pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
+use kinelm_corpus::{Dataset, Item};
 use kinelm_motion::Clip;
 use kinelm_store::random;
 use rayon::prelude::*;
@@ -119,7 +118,7 @@ struct LoadedClip {
 /// # Errors
 /// Files that can't be read where `strict` is given; [`kinelm_store::Error::Missing`] when no clip is as long as a window or has the labels
 /// wanted, a label that some clip doesn't have, or has but one value.
-pub fn evaluate(gathered: &Gathered, options: &EvaluateOptions, watch: &mut Watch<'_>) -> Result<Report> {
+pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildProgress<'_>) -> Result<Report> {
     options.windows.validate()?;
     let mut of_kind = Vec::new();
     for kind in &options.transforms {
@@ -129,7 +128,7 @@ pub fn evaluate(gathered: &Gathered, options: &EvaluateOptions, watch: &mut Watc
         one.validate()?;
         of_kind.push(one);
     }
-    let items = chosen(gathered, &options.only)?;
+    let items = chosen(dataset, &options.only)?;
     let (held, short, summary) = load(&items, options, watch)?;
     let fields = fields_of(&held, &options.fields)?;
     let entries = held.iter().map(|h| &h.entry);
@@ -173,9 +172,9 @@ pub fn evaluate(gathered: &Gathered, options: &EvaluateOptions, watch: &mut Watc
 }
 
 /// The items with these labels.
-fn chosen<'a>(gathered: &'a Gathered, only: &[(String, String)]) -> Result<Vec<&'a Item>> {
+fn chosen<'a>(dataset: &'a Dataset, only: &[(String, String)]) -> Result<Vec<&'a Item>> {
     let fits = |i: &&Item| only.iter().all(|(field, value)| i.labels.get(field) == Some(value));
-    let items: Vec<&Item> = gathered.items.iter().filter(fits).collect();
+    let items: Vec<&Item> = dataset.items.iter().filter(fits).collect();
     if items.is_empty() {
         let wanted: Vec<String> = only.iter().map(|(f, v)| format!("{f}={v}")).collect();
         let what = format!("clip with the labels {}", wanted.join(" "));
@@ -188,14 +187,14 @@ fn chosen<'a>(gathered: &'a Gathered, only: &[(String, String)]) -> Result<Vec<&
 fn load(
     items: &[&Item],
     options: &EvaluateOptions,
-    watch: &mut Watch<'_>,
+    watch: &mut BuildProgress<'_>,
 ) -> Result<(Vec<LoadedClip>, usize, Summary)> {
     let (mut held, mut short) = (Vec::new(), 0);
     let spec = options.windows;
-    let summary = each(
+    let summary = for_each_clip(
         items,
         &options.build,
-        kinelm_corpus::load::Wanted::in_world(spec.fps),
+        kinelm_corpus::load::ClipSpec::in_world(spec.fps),
         watch,
         |_, loaded| Ok(loaded.clip.clone()),
         |item, sha256, clip, _| {
@@ -205,7 +204,7 @@ fn load(
                 return Ok(frames);
             }
             let Item { name, path, take, labels, .. } = item.clone();
-            let read = item_options(item, &options.build.read);
+            let read = item.read_options(&options.build.read);
             held.push(LoadedClip {
                 clip,
                 entry: ClipEntry { name, path, sha256, read, take, labels, frames, starts: vec![] },
@@ -213,7 +212,6 @@ fn load(
             Ok(frames)
         },
     )?;
-    check(&summary, &options.build, items.len())?;
     if held.is_empty() {
         return Err(no_window(&spec));
     }

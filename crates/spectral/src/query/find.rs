@@ -7,7 +7,7 @@ use super::record::ClipEntry;
 use super::search::{Distance, SearchOptions};
 use crate::{Error, Result};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
-use kinelm_corpus::load::parse_clip;
+use kinelm_corpus::load::{ClipSpec, ModelClip};
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::{Clip, Vec3};
 use kinelm_store::{FileRecord, input};
@@ -104,7 +104,8 @@ impl Index {
         let known = database.clips().iter().position(|c| c.sha256 == sha256);
         let entry = known.map(|i| &database.clips()[i]);
         let read = entry.filter(|_| query.as_indexed).map_or(&query.read, |entry| &entry.read).clone();
-        let (motion, clip) = parse_clip(&query.clip, &bytes, &read, spec.fps)?;
+        let ModelClip { motion, clip, .. } =
+            ModelClip::parse(&query.clip, &bytes, &read, ClipSpec::in_world(spec.fps))?;
         let start = start_of(&query.clip, clip.frames(), spec.frames, spec.fps, query.at_s)?;
         let (extractor, mut embedder) = FeatureExtractor::new(self.options(), self.basis())?;
         let feature = embedder.embed(extractor.extract(&clip, &[start])?)?;
@@ -210,7 +211,7 @@ impl ClipWindow {
             let help = "the file was changed since the index was built: build it again";
             return Err(Error::file(&self.path, format!("SHA-256 {found}"), &self.sha256, help));
         }
-        let (_, clip) = parse_clip(&self.path, &bytes, &self.read, fps)?;
+        let clip = ModelClip::parse(&self.path, &bytes, &self.read, ClipSpec::in_world(fps))?.clip;
         if self.start + frames > clip.frames() {
             let found = format!("{} frames", clip.frames());
             return Err(Error::file(

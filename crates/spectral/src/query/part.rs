@@ -2,7 +2,7 @@
 
 use super::record::{ClipEntry, FileChecksum, PartRecord};
 use crate::{Error, Result};
-pub use kinelm_corpus::stored::Stored;
+pub use kinelm_corpus::array_file::ArrayFile;
 use kinelm_engine::op::dots;
 use kinelm_store::FileRecord;
 use kinelm_store::files::PendingFolder;
@@ -44,7 +44,7 @@ impl Size {
 /// Numbers that were made here, or those of a file.
 enum Numbers<T> {
     Held(Vec<T>),
-    Stored(Stored<T>),
+    Stored(ArrayFile<T>),
 }
 
 impl<T: bytemuck::Pod + Send + Sync> Numbers<T> {
@@ -135,7 +135,7 @@ impl Part {
         let windows = record.windows;
         let features = stored(&folder.join(FEATURES), &record.features, windows * numbers)?;
         let halves = stored(&folder.join(HALVES), &record.halves, windows * numbers.next_multiple_of(dots::PAD))?;
-        let sizes: Stored<[f64; 2]> = stored(&folder.join(SIZES), &record.sizes, windows)?;
+        let sizes: ArrayFile<[f64; 2]> = stored(&folder.join(SIZES), &record.sizes, windows)?;
         let sizes = sizes.read(0..windows)?.iter().map(|&[norm, error]| Size { norm, error }).collect();
         let clips = ClipEntry::load(&folder.join(CLIPS), &record.clips)?;
         let windows: usize = clips.iter().map(|c| c.starts.len()).sum();
@@ -148,7 +148,11 @@ impl Part {
 }
 
 /// A file of so many numbers.
-fn stored<T: bytemuck::Pod + Send + Sync>(path: &Path, checksum: &FileChecksum, numbers: usize) -> Result<Stored<T>> {
+fn stored<T: bytemuck::Pod + Send + Sync>(
+    path: &Path,
+    checksum: &FileChecksum,
+    numbers: usize,
+) -> Result<ArrayFile<T>> {
     let expected = (numbers * size_of::<T>()) as u64;
     if checksum.bytes != expected {
         let help = "put back the index.json of this index";

@@ -3,7 +3,7 @@
 use super::options::IndexOptions;
 use crate::{Error, Result, WindowSpec};
 use bytemuck::Pod;
-pub use kinelm_corpus::stored::Stored;
+pub use kinelm_corpus::array_file::ArrayFile;
 use kinelm_motion::format::ReadOptions;
 use kinelm_store::{FileRecord, SourcePos, input};
 use rayon::prelude::*;
@@ -68,8 +68,8 @@ impl FileChecksum {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for another length or checksum.
-    pub fn open<T: Pod + Send + Sync>(&self, path: &Path) -> Result<Stored<T>> {
-        let stored = Stored::open(path, self.bytes, DAMAGED)?;
+    pub fn open<T: Pod + Send + Sync>(&self, path: &Path) -> Result<ArrayFile<T>> {
+        let stored = ArrayFile::open(path, self.bytes, DAMAGED)?;
         let blocks: Vec<_> = stored.blocks().collect();
         let of = |block: &Range<usize>| {
             let numbers = stored.read(block.clone())?;

@@ -7,8 +7,8 @@ use super::record::ClipEntry;
 use super::*;
 use crate::WindowSpec;
 use crate::feature::tests::noise;
-use kinelm_corpus::build::{BuildOptions, Event};
-use kinelm_corpus::{Gathered, gather, samples};
+use kinelm_corpus::build::{BuildEvent, BuildOptions};
+use kinelm_corpus::{Dataset, samples};
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::{Motion, Source, format, synth};
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-fn go(_: Event<'_>) -> ControlFlow<()> {
+fn go(_: BuildEvent<'_>) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
@@ -166,13 +166,13 @@ impl Data {
         self.dir.path().join(name)
     }
 
-    fn gathered(&self, clips: &[usize]) -> Gathered {
+    fn dataset(&self, clips: &[usize]) -> Dataset {
         let paths: Vec<PathBuf> = clips.iter().map(|i| self.at(&format!("data/d{i}.bvh"))).collect();
-        gather(&paths, std::slice::from_ref(&self.labels)).unwrap()
+        Dataset::find(&paths, std::slice::from_ref(&self.labels)).unwrap()
     }
 
     fn build(&self, clips: &[usize], asked: &IndexRequest, out: &str) -> crate::Result<BuildReport> {
-        Index::build(&self.gathered(clips), asked, &BuildOptions::default(), &self.at(out), &mut go)
+        Index::build(&self.dataset(clips), asked, &BuildOptions::default(), &self.at(out), &mut go)
     }
 
     fn names(&self) -> Vec<String> {
@@ -282,13 +282,13 @@ fn what_cannot_be_done_is_said_and_changes_nothing() {
     let e = error(&[0], IndexRequest { frames: Some(8), ..IndexRequest::default() }, "other");
     assert!(e.contains("expected 16 to 4096"), "{e}");
     assert!(error(&[0], IndexRequest::default(), "data").contains("exists and is no index"));
-    let mut stop = |e: Event<'_>| match e {
-        Event::Done { done: 2, .. } => ControlFlow::Break(()),
+    let mut stop = |e: BuildEvent<'_>| match e {
+        BuildEvent::Done { done: 2, .. } => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),
     };
     for out in ["index", "other"] {
-        let gathered = data.gathered(&[2, 3, 4]);
-        let e = Index::build(&gathered, &IndexRequest::default(), &BuildOptions::default(), &data.at(out), &mut stop)
+        let dataset = data.dataset(&[2, 3, 4]);
+        let e = Index::build(&dataset, &IndexRequest::default(), &BuildOptions::default(), &data.at(out), &mut stop)
             .unwrap_err();
         assert!(e.to_string().contains("stopped after 2 of 3 files"), "{e}");
     }
@@ -370,8 +370,8 @@ fn an_evaluation_has_all_ways_and_says_what_lacks() {
         exclude: Exclude::Take,
         k: 3,
     };
-    let gathered = data.gathered(&[0, 1, 2, 3, 4, 5]);
-    let report = evaluate(&gathered, &options, &mut go).unwrap();
+    let dataset = data.dataset(&[0, 1, 2, 3, 4, 5]);
+    let report = evaluate(&dataset, &options, &mut go).unwrap();
     // two phases, five exclusions (no clip has a choreography), six ways and chance
     assert_eq!((report.rows.len(), report.clips, report.short, report.takes), (2 * 5 * 7, 5, 1, 3));
     for row in &report.rows {
@@ -385,7 +385,7 @@ fn an_evaluation_has_all_ways_and_says_what_lacks() {
         text.contains("genre: 2 values") && text.contains("| pca, euclid |") && text.contains("3 at random"),
         "{text}"
     );
-    let error = |options: EvaluateOptions| evaluate(&gathered, &options, &mut go).unwrap_err().to_string();
+    let error = |options: EvaluateOptions| evaluate(&dataset, &options, &mut go).unwrap_err().to_string();
     let e = error(EvaluateOptions { fields: vec!["mood".into()], ..options.clone() });
     assert!(e.contains("no label `mood` on 5 of 5 clips") && e.contains("genre"), "{e}");
     let only = |value: &str| vec![("genre".to_string(), value.to_string())];

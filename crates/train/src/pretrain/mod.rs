@@ -18,7 +18,7 @@ use super::stages::Stages;
 use super::trainer::{Trainer, check_steps};
 use super::{lead_ins, memory};
 use crate::{Error, Result};
-use kinelm_corpus::Opening;
+use kinelm_corpus::CorpusOptions;
 use kinelm_model::checkpoint::{Best, Checkpoints};
 use kinelm_model::likelihood::Likelihood;
 use kinelm_model::{Compute, LoadedRun, ModelConfig, exchange};
@@ -55,7 +55,7 @@ pub struct PretrainOptions {
     /// Where and how to compute. A run may be resumed elsewhere than where it began.
     pub compute: Compute,
     /// How the corpora are opened.
-    pub opening: Opening,
+    pub opening: CorpusOptions,
 }
 
 /// How a run ended.

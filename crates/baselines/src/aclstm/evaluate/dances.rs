@@ -6,7 +6,7 @@ use crate::aclstm::run::Trained;
 use crate::data::{read, stride};
 use crate::form::steps;
 use crate::{Error, FPS, Result};
-use kinelm_corpus::gather::files_below;
+use kinelm_corpus::dataset::motion_files;
 use kinelm_motion::Clip;
 use kinelm_motion::format::ReadOptions;
 use kinelm_motion::metric::Mpjpe;
@@ -26,7 +26,7 @@ const OTHER_SEED_CM: f64 = 10.0;
 pub fn evaluate_dances(trained: &Trained, options: &Options, folder: &Path) -> Result<Report> {
     let test = Test::load(trained, options)?;
     let length = options.longest();
-    let files = files_below(folder)?;
+    let files = motion_files(folder)?;
     let mut dances = Vec::new();
     for seed in &test.seeds {
         let is_it = |path: &&PathBuf| path.file_stem().is_some_and(|stem| stem == &*seed.name);

@@ -7,7 +7,7 @@ use crate::music_lstm::config::{Audio, Effort, Pose};
 use crate::music_lstm::evaluate::{Options, evaluate};
 use crate::music_lstm::run::Trained;
 use crate::train::Event;
-use kinelm_corpus::music::dance::music;
+use kinelm_corpus::music::synth::music;
 use kinelm_model::CheckpointChoice;
 use kinelm_model::run::{OPTIMIZER, WEIGHTS};
 use kinelm_motion::format::{self, ReadOptions};

@@ -11,16 +11,16 @@ fn tree(files: &[&str]) -> tempfile::TempDir {
     dir
 }
 
-fn names(g: &Gathered) -> Vec<&str> {
+fn names(g: &Dataset) -> Vec<&str> {
     g.items.iter().map(|i| i.name.as_str()).collect()
 }
 
-fn says(g: &Gathered, what: &str) -> bool {
-    g.said.iter().any(|s| s.contains(what))
+fn notes(g: &Dataset, what: &str) -> bool {
+    g.notes.iter().any(|s| s.contains(what))
 }
 
 #[test]
-fn files_are_found_sorted_and_others_left() {
+fn files_are_found_sorted_and_others_left_out() {
     let dir = tree(&[
         "b/2.BVH",
         "b/10.bvh",
@@ -34,10 +34,10 @@ fn files_are_found_sorted_and_others_left() {
     ]);
     fs::write(dir.path().join("other.json"), "{}").unwrap();
     fs::write(dir.path().join("b/2.kinelm.json"), r#"{"schema":1,"kinelm":"0.1.0"}"#).unwrap();
-    let g = gather(&[dir.path().into()], &[]).unwrap();
+    let g = Dataset::find(&[dir.path().into()], &[]).unwrap();
     assert_eq!(names(&g), ["a/x", "b/10", "b/2", "c", "d"]);
     assert_eq!(g.no_motion, 4);
-    assert!(says(&g, "4 files hold no motion"), "{:?}", g.said);
+    assert!(notes(&g, "4 files hold no motion"), "{:?}", g.notes);
     assert_eq!(g.items[4].key, 4);
 }
 
@@ -46,7 +46,7 @@ fn an_ignore_list_counts_for_its_folder_and_below() {
     let dir = tree(&["m/gBR_sBM_cAll_d04_mBR0_ch01.pkl", "m/gBR_sBM_cAll_d04_mBR0_ch02.pkl", "z.bvh"]);
     fs::write(dir.path().join("ignore_list.txt"), "gBR_sBM_cAll_d04_mBR0_ch01\nz\n").unwrap();
     for (data, ignored) in [(dir.path().to_owned(), 2), (dir.path().join("m"), 1)] {
-        let g = gather(&[data], &[]).unwrap();
+        let g = Dataset::find(&[data], &[]).unwrap();
         assert_eq!((g.items.len(), g.ignored), (1, ignored));
         assert_eq!(g.items[0].labels["genre"], "break");
         assert_eq!(g.items[0].take, "gBR_sBM_d04_mBR0_ch02");
@@ -58,90 +58,90 @@ fn a_csv_labels_and_both_leftovers_are_counted() {
     let dir = tree(&["salsa/01.bvh", "salsa/02.bvh", "salsa/03.bvh"]);
     let csv = dir.path().join("l.csv");
     fs::write(&csv, "clip,split,genre,take,fps,skip\nsalsa/01,test,salsa,t,60,10\nsalsa/02.bvh,,salsa,t,,\nsalsa/09,train,salsa,u,,\n").unwrap();
-    let g = gather(&[dir.path().into()], &[csv.display().to_string()]).unwrap();
+    let g = Dataset::find(&[dir.path().into()], &[csv.display().to_string()]).unwrap();
     let i = &g.items[0];
     assert_eq!((i.split, i.take.as_str(), i.fps, i.skip), (Split::Test, "t", Some(60.0), Some(10)));
     assert_eq!(g.items[1].split, Split::Test, "as its take");
     assert_eq!((g.without_file, g.without_row), (1, 1));
-    assert!(says(&g, "1 rows have no file: salsa/09 (line 4)") && says(&g, "1 files have no row"), "{:?}", g.said);
-    assert!(says(&g, "2 clips have labels by the CSV: genre"), "{:?}", g.said);
+    assert!(notes(&g, "1 rows have no file: salsa/09 (line 4)") && notes(&g, "1 files have no row"), "{:?}", g.notes);
+    assert!(notes(&g, "2 clips have labels by the CSV: genre"), "{:?}", g.notes);
     assert!(g.items[2].labels.is_empty());
 }
 
 #[test]
-fn a_file_alone_is_known_by_its_folders() {
+fn a_file_given_itself_is_labelled_by_its_folders() {
     let dir = tree(&["salsa/01.bvh"]);
     let file = dir.path().join("salsa/01.bvh");
     let csv = dir.path().join("l.csv");
     fs::write(&csv, "clip,mood\nsalsa/01,glad\n").unwrap();
-    let g = gather(std::slice::from_ref(&file), &[csv.display().to_string()]).unwrap();
+    let g = Dataset::find(std::slice::from_ref(&file), &[csv.display().to_string()]).unwrap();
     assert_eq!((g.items[0].name.as_str(), g.items[0].labels["mood"].as_str()), ("01", "glad"));
-    let g = gather(std::slice::from_ref(&file), &["{genre}/{take}".to_string()]).unwrap();
+    let g = Dataset::find(std::slice::from_ref(&file), &["{genre}/{take}".to_string()]).unwrap();
     assert_eq!((g.items[0].labels["genre"].as_str(), g.items[0].take.as_str()), ("salsa", "01"));
-    let g = gather(&[file], &[]).unwrap();
-    assert!(g.items[0].labels.is_empty() && says(&g, "1 clips have no labels"), "{:?}", g.said);
+    let g = Dataset::find(&[file], &[]).unwrap();
+    assert!(g.items[0].labels.is_empty() && notes(&g, "1 clips have no labels"), "{:?}", g.notes);
 }
 
 #[test]
 fn label_lists_go_with_their_data() {
     let (a, b) = (tree(&["01.bvh"]), tree(&["x_y.bvh"]));
     let data = [a.path().to_owned(), b.path().to_owned()];
-    let g = gather(&data, &["{genre}".into(), "{style}_{content}".into()]).unwrap();
+    let g = Dataset::find(&data, &["{genre}".into(), "{style}_{content}".into()]).unwrap();
     assert_eq!(g.items[0].labels["genre"], "01");
     assert_eq!(g.items[1].labels["style"], "x");
-    let g = gather(&data, &["{genre}_*".into()]).unwrap();
-    assert!(says(&g, "1 files don't fit {genre}_*"), "{:?}", g.said);
-    assert!(gather(&[data.to_vec(), data.to_vec()].concat()[..3], &["".into(), "".into()]).is_err());
+    let g = Dataset::find(&data, &["{genre}_*".into()]).unwrap();
+    assert!(notes(&g, "1 files don't fit {genre}_*"), "{:?}", g.notes);
+    assert!(Dataset::find(&[data.to_vec(), data.to_vec()].concat()[..3], &["".into(), "".into()]).is_err());
 }
 
 #[test]
-fn like_names_are_told_apart() {
+fn equal_names_are_made_unique() {
     let (a, b) = (tree(&["s/01.bvh", "s/01.npz", "t.bvh"]), tree(&["t.bvh"]));
     let (pa, pb) = (a.path().to_owned(), b.path().to_owned());
-    let g = gather(&[pa.clone(), pb.clone(), pa.join("t.bvh")], &[]).unwrap();
+    let g = Dataset::find(&[pa.clone(), pb.clone(), pa.join("t.bvh")], &[]).unwrap();
     let base = |p: &Path| p.file_name().unwrap().to_string_lossy().into_owned();
     let (t, u) = (format!("{}/t.bvh", base(&pa)), format!("{}/t.bvh", base(&pb)));
     assert_eq!(names(&g), ["s/01.bvh", "s/01.npz", &t, &u]);
-    assert!(says(&g, "1 files were given twice"), "{:?}", g.said);
+    assert!(notes(&g, "1 files were given twice"), "{:?}", g.notes);
 }
 
 #[test]
 fn nothing_to_find_is_an_error() {
     let dir = tree(&["a.txt"]);
-    assert!(gather(&[dir.path().into()], &[]).unwrap_err().to_string().contains("no motion in"));
-    assert!(gather(&[dir.path().join("none")], &[]).is_err());
-    assert!(gather(&[dir.path().join("a.txt")], &[]).unwrap_err().to_string().contains("another kind"));
+    assert!(Dataset::find(&[dir.path().into()], &[]).unwrap_err().to_string().contains("no motion in"));
+    assert!(Dataset::find(&[dir.path().join("none")], &[]).is_err());
+    assert!(Dataset::find(&[dir.path().join("a.txt")], &[]).unwrap_err().to_string().contains("another kind"));
 }
 
 #[cfg(not(feature = "fbx"))]
 #[test]
-fn fbx_files_are_named_where_nothing_reads_them() {
+fn fbx_files_are_reported_if_nothing_reads_them() {
     let dir = tree(&["a/x.FBX", "a/y.fbx"]);
     for said in [
-        gather(&[dir.path().into()], &[]).unwrap_err().to_string(),
-        files_below(&dir.path().join("a")).unwrap_err().to_string(),
+        Dataset::find(&[dir.path().into()], &[]).unwrap_err().to_string(),
+        motion_files(&dir.path().join("a")).unwrap_err().to_string(),
     ] {
         assert!(said.contains("found 2 .fbx files and no other motion") && said.contains("`fbx`"), "{said}");
     }
-    let said = gather(&[dir.path().join("a/x.FBX")], &[]).unwrap_err().to_string();
+    let said = Dataset::find(&[dir.path().join("a/x.FBX")], &[]).unwrap_err().to_string();
     assert!(said.contains("x.FBX") && said.contains("--features fbx"), "{said}");
     fs::write(dir.path().join("b.bvh"), "").unwrap();
-    let g = gather(&[dir.path().into()], &[]).unwrap();
+    let g = Dataset::find(&[dir.path().into()], &[]).unwrap();
     assert_eq!((names(&g), g.unread_fbx), (vec!["b"], 2));
-    assert!(says(&g, "2 .fbx files are left out: this build has not the feature `fbx`"), "{:?}", g.said);
-    assert_eq!(files_below(dir.path()).unwrap().len(), 1);
+    assert!(notes(&g, "2 .fbx files are left out: this build has not the feature `fbx`"), "{:?}", g.notes);
+    assert_eq!(motion_files(dir.path()).unwrap().len(), 1);
 }
 
 #[test]
 fn the_shared_lists_cover_the_shared_data() {
-    let Some(dir) = kinelm_shared_data::set("cmu-dance", "corpus::gather") else { return };
+    let Some(dir) = kinelm_shared_data::set("cmu-dance", "corpus::dataset") else { return };
     let csv = kinelm_shared_data::split_csv("cmu-dance").display().to_string();
-    let g = gather(std::slice::from_ref(&dir), &[csv]).unwrap();
+    let g = Dataset::find(std::slice::from_ref(&dir), &[csv]).unwrap();
     let count = |s| g.items.iter().filter(|i| i.split == s).count();
     assert_eq!([Split::Train, Split::Valid, Split::Test].map(count), [29, 4, 10]);
     assert_eq!((g.without_file, g.without_row), (0, 0));
     let salsa = g.items.iter().find(|i| i.name == "salsa/01").unwrap();
     assert_eq!((salsa.fps, salsa.labels["dancer"].as_str()), (Some(60.0), "cmu60"));
-    let g = gather(&[dir], &[]).unwrap();
-    assert!(says(&g, "43 clips have labels by {genre}/{take}.bvh: genre"), "{:?}", g.said);
+    let g = Dataset::find(&[dir], &[]).unwrap();
+    assert!(notes(&g, "43 clips have labels by {genre}/{take}.bvh: genre"), "{:?}", g.notes);
 }

@@ -21,7 +21,7 @@ const SHARE: u64 = 4;
 
 /// The numbers of a file whose length was what its manifest says.
 #[derive(Debug)]
-pub struct Stored<T> {
+pub struct ArrayFile<T> {
     path: PathBuf,
     numbers: usize,
     held: Held<T>,
@@ -35,28 +35,28 @@ enum Held<T> {
     File(File),
 }
 
-impl<T: Pod + Send + Sync> Stored<T> {
+impl<T: Pod + Send + Sync> ArrayFile<T> {
     /// Opens `path` after checking its length: a file of up to a quarter of the free memory is read, a larger one stays where
     /// it is. `help` is for messages about a file that is not as it was written.
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] when the file hasn't `expected` bytes.
-    pub fn open(path: &Path, expected: u64, help: &'static str) -> Result<Stored<T>> {
-        Stored::open_within(path, expected, help, memory::free().map_or(u64::MAX, |free| free / SHARE))
+    pub fn open(path: &Path, expected: u64, help: &'static str) -> Result<ArrayFile<T>> {
+        ArrayFile::open_within(path, expected, help, memory::free().map_or(u64::MAX, |free| free / SHARE))
     }
 
-    /// As [`Stored::open`], in memory if it has at most `room` bytes.
+    /// As [`ArrayFile::open`], in memory if it has at most `room` bytes.
     ///
     /// # Errors
-    /// As [`Stored::open`].
-    pub fn open_within(path: &Path, expected: u64, help: &'static str, room: u64) -> Result<Stored<T>> {
+    /// As [`ArrayFile::open`].
+    pub fn open_within(path: &Path, expected: u64, help: &'static str, room: u64) -> Result<ArrayFile<T>> {
         let file = input::open(path).map_err(Error::io(path))?;
         let found = file.metadata().map_err(Error::io(path))?.len();
         if found != expected {
             return Err(Error::file(path, format!("{found} bytes"), format!("{expected} bytes"), help));
         }
         let numbers = (expected / size_of::<T>() as u64) as usize;
-        let mut stored = Stored { path: path.to_owned(), numbers, held: Held::File(file), help };
+        let mut stored = ArrayFile { path: path.to_owned(), numbers, held: Held::File(file), help };
         if expected <= room {
             let mut all = Floats::new((expected as usize).div_ceil(size_of::<f32>()));
             let block = stored.block();
@@ -176,15 +176,15 @@ mod tests {
         let path = dir.path().join("tokens.u16");
         for bytes in [b"".as_slice(), b"abcd"] {
             std::fs::write(&path, bytes).unwrap();
-            let stored = Stored::<u8>::open(&path, bytes.len() as u64, HELP).unwrap();
+            let stored = ArrayFile::<u8>::open(&path, bytes.len() as u64, HELP).unwrap();
             stored.check(&FileRecord::of(bytes)).unwrap();
             assert_eq!(&*stored.read(0..stored.len()).unwrap(), bytes);
         }
-        let cut = Stored::<u8>::open(&path, 5, HELP).unwrap_err().to_string();
+        let cut = ArrayFile::<u8>::open(&path, 5, HELP).unwrap_err().to_string();
         assert!(cut.contains("found 4 bytes, expected 5 bytes"), "{cut}");
-        let stored = Stored::<u8>::open(&path, 4, HELP).unwrap();
+        let stored = ArrayFile::<u8>::open(&path, 4, HELP).unwrap();
         assert!(stored.check(&FileRecord::of(b"abce")).unwrap_err().to_string().contains("SHA-256"));
-        assert!(Stored::<u8>::open(&dir.path().join("none"), 0, HELP).is_err());
+        assert!(ArrayFile::<u8>::open(&dir.path().join("none"), 0, HELP).is_err());
     }
 
     #[test]
@@ -195,7 +195,7 @@ mod tests {
         std::fs::write(&path, bytemuck::cast_slice(&numbers)).unwrap();
         let bytes = size_of_val(numbers.as_slice()) as u64;
         let [memory, file] =
-            [bytes, bytes - 1].map(|room| Stored::<f32>::open_within(&path, bytes, HELP, room).unwrap());
+            [bytes, bytes - 1].map(|room| ArrayFile::<f32>::open_within(&path, bytes, HELP, room).unwrap());
         assert!(matches!((&memory.held, &file.held), (Held::Memory(..), Held::File(_))));
         assert_eq!(memory.blocks().map(|b| b.len()).collect::<Vec<_>>(), [1 << 20; 3]);
         for block in memory.blocks().chain([5..5, 7..(1 << 20) + 9]) {

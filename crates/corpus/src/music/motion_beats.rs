@@ -1,7 +1,7 @@
-//! Motion-derived beats: those that a dance without music tells by its feet.
+//! Motion-derived beats, for dances without music.
 //!
-//! Every landing of a foot becomes a click, and the tracker taps what it hears. They say nothing about music: whoever
-//! measures alignment by them measures whether a dance keeps to its own steps.
+//! Every landing of a foot becomes a click, and the beat tracker runs on the clicks. These beats say nothing about music:
+//! alignment measured by them is that of a dance with its own steps.
 
 use crate::Result;
 use kinelm_motion::Clip;
@@ -11,15 +11,16 @@ use kinelm_motion::rig::{Feet, ReferencePose, SkeletonMap, floor};
 use kinelm_music::beat::{RATE, beats_of};
 use std::f64::consts::TAU;
 
-/// How fast a click fades, and how high it is: seconds, and turns a second.
-const FADE_S: f64 = 0.03;
-const HIGH_HZ: [f64; 2] = [90.0, 1500.0];
+/// Time in which a click decays by e, seconds.
+const DECAY_S: f64 = 0.03;
+/// The two tones of a click.
+const TONES_HZ: [f64; 2] = [90.0, 1500.0];
 
-/// Beats of a clip on the model's body with its floor at 0, seconds from its first frame, as its landings tell them; `None`
-/// where they tell fewer than two.
+/// Motion-derived beats of a clip on the model's body, in seconds from its first frame; `None` if there are fewer than two.
+/// `floor_m` is the height of the floor under the clip, estimated if not given.
 ///
 /// # Errors
-/// Those of the tracker.
+/// Those of the beat tracker.
 pub fn beats_s(clip: &Clip, floor_m: Option<f64>) -> Result<Option<Vec<f64>>> {
     let landings = landings_s(clip, floor_m)?;
     let seconds = clip.frames() as f64 / clip.fps();
@@ -27,7 +28,7 @@ pub fn beats_s(clip: &Clip, floor_m: Option<f64>) -> Result<Option<Vec<f64>>> {
     Ok((landings.len() > 1 && beats.len() > 1).then(|| beats.iter().map(|t| (t * 1e4).round() / 1e4).collect()))
 }
 
-/// When feet land, seconds, rising.
+/// Times at which feet land, in seconds, ascending.
 fn landings_s(clip: &Clip, floor_m: Option<f64>) -> Result<Vec<f64>> {
     let Some(map) = SkeletonMap::builtin("smpl") else { return Ok(Vec::new()) };
     let pose = ReferencePose::new(clip.skeleton(), &map)?;
@@ -40,17 +41,17 @@ fn landings_s(clip: &Clip, floor_m: Option<f64>) -> Result<Vec<f64>> {
     Ok(frames.into_iter().map(|frame| frame as f64 / clip.fps()).collect())
 }
 
-/// A click at each of these times.
+/// Samples with a click at each of these times.
 fn clicks(times_s: &[f64], seconds: f64) -> Vec<f32> {
     let rate = f64::from(RATE);
     let mut out = vec![0.0f32; (seconds * rate).round() as usize];
     for time in times_s {
         let start = (time * rate).round() as usize;
-        let end = (start + (5.0 * FADE_S * rate) as usize).min(out.len());
+        let end = (start + (5.0 * DECAY_S * rate) as usize).min(out.len());
         for (i, x) in out.iter_mut().enumerate().take(end).skip(start) {
             let t = i as f64 / rate - time;
-            let sound: f64 = HIGH_HZ.iter().map(|hz| (TAU * hz * t).sin()).sum();
-            *x += (0.3 * (-t / FADE_S).exp() * sound) as f32;
+            let sound: f64 = TONES_HZ.iter().map(|hz| (TAU * hz * t).sin()).sum();
+            *x += (0.3 * (-t / DECAY_S).exp() * sound) as f32;
         }
     }
     out
@@ -62,26 +63,26 @@ mod tests {
     use kinelm_motion::{Quat, Vec3, smpl, synth};
 
     #[test]
-    fn steps_of_made_up_dances_tell_their_tempo_or_a_multiple() {
+    fn synthetic_dances_step_at_their_tempo_or_a_multiple() {
         let dances = synth::corpus_at(5, &[100.0; 8], 30.0, 60.0).unwrap();
-        let (mut right, mut told) = (0, Vec::new());
+        let (mut right, mut found) = (0, Vec::new());
         for dance in &dances {
             let landings = landings_s(&dance.clip, Some(0.0)).unwrap().len();
             let Some(beats) = beats_s(&dance.clip, None).unwrap() else {
-                told.push((dance.genre, landings, 0.0));
+                found.push((dance.genre, landings, 0.0));
                 continue;
             };
             let bpm = 60.0 * (beats.len() - 1) as f64 / (beats[beats.len() - 1] - beats[0]);
             right += usize::from([0.5, 1.0, 2.0].iter().any(|times| (bpm / (100.0 * times) - 1.0).abs() < 0.05));
             assert!(beats.windows(2).all(|pair| pair[1] > pair[0]));
-            told.push((dance.genre, landings, bpm));
+            found.push((dance.genre, landings, bpm));
         }
-        // genres that step on other parts of the beat tell something else
-        assert!(right >= 4, "{right} of 8: {told:?}");
+        // some genres step off the beat
+        assert!(right >= 4, "{right} of 8: {found:?}");
     }
 
     #[test]
-    fn who_stands_has_no_beats() {
+    fn a_body_that_stands_still_has_no_beats() {
         let root = vec![Vec3::Y * smpl::STANDING_PELVIS_M; 200];
         let clip = kinelm_motion::Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 24 * 200]).unwrap();
         assert_eq!(beats_s(&clip, None).unwrap(), None);

@@ -1,16 +1,16 @@
-//! Music for made-up dances, in step because it is of the same score.
+//! Music for synthetic dances, rendered from the dance's own score.
 
 use crate::Result;
 use kinelm_motion::synth::{Dance, genres};
 use kinelm_music::synth::{Score, Style, render};
 
-/// What is played to a genre: each has a style of its own, as long as there are no more genres than styles.
+/// The musical style of a genre: each genre has its own, as long as there are no more genres than styles.
 pub fn style(genre: &str) -> Style {
     let number = genres().position(|name| name == genre).unwrap_or(0);
     Style::ALL[number % Style::ALL.len()]
 }
 
-/// The music of a dance, as long as its clip, at `rate` samples per second. The same dance and seed give the same samples.
+/// The music of a dance, as long as its clip, at `rate` samples per second; a dance and a seed always give the same samples.
 ///
 /// # Errors
 /// Those of [`render`].
@@ -32,7 +32,7 @@ mod tests {
     use kinelm_music::beat::{RATE, beats_of};
 
     #[test]
-    fn what_is_heard_is_what_is_danced_to() {
+    fn the_beats_of_the_music_are_those_of_the_dance() {
         let dances = corpus(3, 4, 40.0, 60.0).unwrap();
         for dance in &dances {
             let x = music(dance, 3, RATE).unwrap();

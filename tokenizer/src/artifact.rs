@@ -298,7 +298,7 @@ impl Own {
             let expected =
                 if above_floor { "the least and the greatest height" } else { "none: heights have no floor" };
             let found = format!("{:?}", self.height_range);
-            return Err(Error::Setting { field: "height_range", found, expected: expected.into() });
+            return Err(Error::setting("height_range", found, expected));
         }
         let (longest, heights) = (self.longest_word, self.height_range);
         let mut tokenizer = Tokenizer::new(self.config, fitted, &self.merges, longest, mean_pose, heights)?;
@@ -322,15 +322,11 @@ fn mean_pose(config: &TokenizerConfig, rotations: &[[f64; 4]]) -> Result<[Quat; 
     let joints: Vec<usize> = uncoded(config).collect();
     let unit = |q: &[f64; 4]| (Quat::from_array(*q).length_squared() - 1.0).abs() < 1e-9;
     if rotations.len() != joints.len() || !rotations.iter().all(unit) {
-        return Err(Error::Setting {
-            field: "mean_pose",
-            found: format!(
-                "{} rotations, {} of them unit",
-                rotations.len(),
-                rotations.iter().filter(|q| unit(q)).count()
-            ),
-            expected: format!("{} unit quaternions, of the uncoded joints", joints.len()),
-        });
+        return Err(Error::setting(
+            "mean_pose",
+            format!("{} rotations, {} of them unit", rotations.len(), rotations.iter().filter(|q| unit(q)).count()),
+            format!("{} unit quaternions, of the uncoded joints", joints.len()),
+        ));
     }
     joints.into_iter().zip(rotations).for_each(|(j, q)| pose[j] = Quat::from_array(*q));
     Ok(pose)

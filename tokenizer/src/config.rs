@@ -72,25 +72,17 @@ impl TokenizerConfig {
     pub fn validate(&self) -> Result<()> {
         let ascending = self.joints.windows(2).all(|w| w[0] < w[1]);
         if self.joints.is_empty() || !ascending || self.joints.iter().any(|&j| j >= 24) {
-            return Err(Error::Setting {
-                field: "joints",
-                found: format!("{:?}", self.joints),
-                expected: "SMPL joint ids 0 to 23, ascending, each once, at least one".into(),
-            });
+            return Err(Error::setting(
+                "joints",
+                format!("{:?}", self.joints),
+                "SMPL joint ids 0 to 23, ascending, each once, at least one",
+            ));
         }
         if !(self.fps.is_finite() && self.fps > 0.0 && self.fps <= MOST_FPS) {
-            return Err(Error::Setting {
-                field: "fps",
-                found: self.fps.to_string(),
-                expected: format!("above 0, at most {MOST_FPS} frames per second"),
-            });
+            return Err(Error::setting("fps", self.fps, format!("above 0, at most {MOST_FPS} frames per second")));
         }
         if self.merges > MOST_MERGES {
-            return Err(Error::Setting {
-                field: "merges",
-                found: self.merges.to_string(),
-                expected: format!("0 to {MOST_MERGES}"),
-            });
+            return Err(Error::setting("merges", self.merges, format!("0 to {MOST_MERGES}")));
         }
         self.scheme.validate()
     }

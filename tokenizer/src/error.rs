@@ -102,6 +102,10 @@ impl Error {
         }
     }
 
+    pub(crate) fn setting(field: &'static str, found: impl ToString, expected: impl Into<String>) -> Error {
+        Error::Setting { field, found: found.to_string(), expected: expected.into() }
+    }
+
     pub(crate) fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
         let path = path.as_ref().to_owned();
         move |source| kinelm_store::Error::io(path)(source).into()

@@ -48,8 +48,8 @@ impl Fit {
         config.validate()?;
         #[cfg(not(feature = "merges"))]
         if config.merges > 0 {
-            let expected = "0: this build leaves out kinelm-tokenizer's feature `merges`".into();
-            return Err(Error::Setting { field: "merges", found: config.merges.to_string(), expected });
+            let expected = "0: this build leaves out kinelm-tokenizer's feature `merges`";
+            return Err(Error::setting("merges", config.merges, expected));
         }
         let channels = config.channels();
         let scheme = match &config.scheme {

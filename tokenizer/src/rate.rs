@@ -1,12 +1,10 @@
-//! Rates of a text: word length, seconds in a context, bytes, bits, flicker.
+//! Rates of a text: word length, seconds in a context, bytes, bits.
 
 mod counts;
 mod text;
 
 pub use counts::{Alphabet, Counts, ESCAPED_BITS};
 pub use text::TextCounts;
-
-use crate::{Tokenizer, Words};
 
 /// Seconds of motion in a context of `tokens`, with words of `word` tokens on average, at `rate` words per second.
 ///
@@ -56,29 +54,9 @@ impl Bytes {
     }
 }
 
-impl Tokenizer {
-    /// Share of characters that change by one and return within 3 frames, 0 to 1; `None` for fewer than 3 words and when words
-    /// are not frames.
-    pub fn flicker_rate(&self, words: &Words) -> Option<f64> {
-        let (frames, c) = (words.len(), words.length()?);
-        if frames < 3 || self.frames_per_word() != 1 {
-            return None;
-        }
-        let at = |f: usize, i: usize| i32::from(words.codes()[f * c + i]);
-        let flickers = |f: usize, i: usize| {
-            let (before, now) = (at(f - 1, i), at(f, i));
-            let moved = (now - before).abs() == 1;
-            moved && (f + 1..frames.min(f + 3)).any(|g| at(g, i) == before && (f..g).all(|h| at(h, i) == now))
-        };
-        let count = (1..frames).flat_map(|f| (0..c).map(move |i| (f, i))).filter(|&(f, i)| flickers(f, i)).count();
-        Some(count as f64 / (frames * c) as f64)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contract::small;
 
     #[test]
     fn seconds() {
@@ -92,20 +70,5 @@ mod tests {
         let b = Bytes { smpl: 1800, characters: 20, utf8: 20, alphabet: 328 };
         assert!((b.factor_chars() - 1800.0 / 348.0).abs() < 1e-12);
         assert!((b.factor_entropy(160.0) - b.factor_utf8()).abs() < 1e-12);
-    }
-
-    #[test]
-    fn flicker() {
-        let t = small();
-        let with = |first: &[u16]| {
-            let codes: Vec<u16> = first.iter().flat_map(|&k| [k, 0, 0, 0, 0, 0, 0, 0, 0]).collect();
-            t.flicker_rate(&Words::fixed(codes, 9)).map(|r| (r * (first.len() * 9) as f64).round())
-        };
-        assert_eq!(with(&[5, 5]), None);
-        assert_eq!(with(&[5, 6, 5, 5]), Some(1.0));
-        assert_eq!(with(&[5, 6, 6, 5]), Some(1.0));
-        assert_eq!(with(&[5, 6, 6, 6, 5]), Some(0.0));
-        assert_eq!(with(&[5, 7, 5, 5]), Some(0.0));
-        assert_eq!(with(&[5, 6, 5, 6]), Some(2.0));
     }
 }

@@ -37,8 +37,7 @@ impl RootPath {
     /// # Errors
     /// [`Error::Setting`] with the first setting of another tokenizer.
     pub fn of(tokenizer: &Tokenizer) -> Result<RootPath> {
-        let refused =
-            |field, found: String, expected: &str| Err(Error::Setting { field, found, expected: expected.into() });
+        let refused = |field, found: String, expected: &str| Err(Error::setting(field, found, expected));
         let Some(uniform) = tokenizer.uniform().filter(|_| tokenizer.tokens_per_word().is_some()) else {
             return refused("scheme", "another, or merged tokens".into(), "uniform bins without merges");
         };

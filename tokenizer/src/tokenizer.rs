@@ -59,11 +59,11 @@ impl Tokenizer {
         let channels = config.channels();
         let symbols = fitted.as_scheme().symbols();
         if symbols > alphabet::SIZE {
-            return Err(Error::Setting {
-                field: "scheme",
-                found: format!("{symbols} symbols"),
-                expected: format!("at most {}, as many as the alphabet has characters", alphabet::SIZE),
-            });
+            return Err(Error::setting(
+                "scheme",
+                format!("{symbols} symbols"),
+                format!("at most {}, as many as the alphabet has characters", alphabet::SIZE),
+            ));
         }
         let vocabulary = Vocabulary::new(symbols).with_merges(merges)?;
         let merges = Merges::new(vocabulary.merge_table());

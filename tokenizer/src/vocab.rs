@@ -80,11 +80,11 @@ impl Vocabulary {
             let mut codes = Vec::new();
             let fits = self.expand(a, &mut codes) && self.expand(b, &mut codes) && codes.len() <= LONGEST_TOKEN;
             if !fits || !pairs.insert((a, b)) {
-                return Err(Error::Setting {
-                    field: "merges",
-                    found: format!("the pair {a} {b}"),
-                    expected: "ids of characters or of tokens merged before, each pair once".into(),
-                });
+                return Err(Error::setting(
+                    "merges",
+                    format!("the pair {a} {b}"),
+                    "ids of characters or of tokens merged before, each pair once",
+                ));
             }
             if known.insert(codes.clone()) {
                 self.merged.push(codes);
@@ -151,11 +151,6 @@ impl Vocabulary {
     /// The number of characters.
     pub fn characters(&self) -> u32 {
         self.characters
-    }
-
-    /// The id of a code's character. Codes from the number of characters on give `<unk>`.
-    pub fn id_of_code(&self, code: u16) -> u32 {
-        if u32::from(code) < self.characters { FIRST_CHARACTER + u32::from(code) } else { Special::Unk.id() }
     }
 
     /// The code of a character's id; `None` for every other id.
@@ -298,7 +293,6 @@ mod tests {
     #[test]
     fn codes_and_ids() {
         let v = Vocabulary::new(62);
-        assert_eq!((v.id_of_code(0), v.id_of_code(61), v.id_of_code(62)), (6, 67, 4));
         assert_eq!(
             (v.code_of_id(5), v.code_of_id(6), v.code_of_id(67), v.code_of_id(68)),
             (None, Some(0), Some(61), None)

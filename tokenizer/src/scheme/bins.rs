@@ -122,10 +122,12 @@ impl Bins {
         let fine = |xs: &[f64]| xs.iter().all(|x| x.abs() < LARGEST) && xs.windows(2).all(|w| w[0] <= w[1]);
         let counts = self.values.len() == self.edges.len() + 1 && self.values.len() <= bins as usize;
         let good = counts && fine(&self.edges) && fine(&self.values) && fine(&self.range);
-        good.then_some(()).ok_or_else(|| Error::Setting {
-            field,
-            found: format!("{} edges, {} values", self.edges.len(), self.values.len()),
-            expected: format!("at most {bins} values, one more than edges, all finite and ascending"),
+        good.then_some(()).ok_or_else(|| {
+            Error::setting(
+                field,
+                format!("{} edges, {} values", self.edges.len(), self.values.len()),
+                format!("at most {bins} values, one more than edges, all finite and ascending"),
+            )
         })
     }
 }

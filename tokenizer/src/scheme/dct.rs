@@ -106,7 +106,7 @@ impl DctConfig {
     /// # Errors
     /// [`Error::Setting`] naming the setting, its value and its limits.
     pub fn validate(&self) -> Result<()> {
-        let refuse = |field, found: String, expected: String| Err(Error::Setting { field, found, expected });
+        let refuse = |field, found: String, expected: String| Err(Error::setting(field, found, expected));
         if !(15..=LONGEST as u32).contains(&self.tile) {
             return refuse("tile", self.tile.to_string(), format!("15 to {LONGEST} frames"));
         }
@@ -227,11 +227,7 @@ impl Table {
         match (self, config.quantizer) {
             (Table::Uniform(line), Quantizer::Uniform) => line.validate(config.bins),
             (Table::Quantile(bins), Quantizer::Quantile) => bins.validate("coefficients", config.bins),
-            _ => Err(Error::Setting {
-                field: "quantizer",
-                found: "bins of the other kind".into(),
-                expected: format!("{:?} bins", config.quantizer),
-            }),
+            _ => Err(Error::setting("quantizer", "bins of the other kind", format!("{:?} bins", config.quantizer))),
         }
     }
 }
@@ -417,11 +413,11 @@ impl DctTiles {
         self.mix.validate(&self.config.joint_transform, series::open_count(channels))?;
         check_height(self.first_height)?;
         if self.turn.is_some() != channels.has_turn() {
-            return Err(Error::Setting {
-                field: "turn",
-                found: format!("bins for it: {}", self.turn.is_some()),
-                expected: "bins for the turn where, and only where, root_rotation is heading_delta".into(),
-            });
+            return Err(Error::setting(
+                "turn",
+                format!("bins for it: {}", self.turn.is_some()),
+                "bins for the turn where, and only where, root_rotation is heading_delta",
+            ));
         }
         [Some(&self.path), self.turn.as_ref(), Some(&self.components)]
             .into_iter()

@@ -83,10 +83,12 @@ impl Line {
             && (1e-9..1e7).contains(&self.width)
             && u32::from(self.zero) < bins
             && self.offset.abs() <= self.width;
-        good.then_some(()).ok_or_else(|| Error::Setting {
-            field: "translation bins",
-            found: format!("{self:?}"),
-            expected: format!("{bins} bins of a width of 1e-9 to 1e7 m, one of them at 0"),
+        good.then_some(()).ok_or_else(|| {
+            Error::setting(
+                "translation bins",
+                format!("{self:?}"),
+                format!("{bins} bins of a width of 1e-9 to 1e7 m, one of them at 0"),
+            )
         })
     }
 }

@@ -46,11 +46,7 @@ impl JointTransform {
             JointTransform::Pca { components } | JointTransform::Ica { components }
                 if !(1..=MOST).contains(&components) =>
             {
-                Err(Error::Setting {
-                    field: "components",
-                    found: components.to_string(),
-                    expected: format!("1 to {MOST}"),
-                })
+                Err(Error::setting("components", components, format!("1 to {MOST}")))
             }
             _ => Ok(()),
         }
@@ -182,13 +178,15 @@ impl Mix {
         let good = lengths == [channels, channels, size, size]
             && all.iter().all(|v| v.iter().all(|x| fine(&x)))
             && self.scale.iter().all(|&s| s > 1.0 / LARGEST);
-        good.then_some(()).ok_or_else(|| Error::Setting {
-            field: "joint transform",
-            found: format!("mean, scale, forward and inverse of {lengths:?} numbers, or one out of range"),
-            expected: format!(
-                "{:?} finite numbers for {k} components of {channels} channels",
-                [channels, channels, size, size]
-            ),
+        good.then_some(()).ok_or_else(|| {
+            Error::setting(
+                "joint transform",
+                format!("mean, scale, forward and inverse of {lengths:?} numbers, or one out of range"),
+                format!(
+                    "{:?} finite numbers for {k} components of {channels} channels",
+                    [channels, channels, size, size]
+                ),
+            )
         })
     }
 }

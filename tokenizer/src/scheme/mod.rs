@@ -125,11 +125,11 @@ impl Fitted {
                 let l = l.with_config(c.clone());
                 l.validate(channels).map(|()| Fitted::Lapped(l))
             }
-            (fitted, config) => Err(Error::Setting {
-                field: "scheme",
-                found: format!("the settings {config:?}, and tables of the scheme {}", fitted.name()),
-                expected: "settings and tables of one scheme".into(),
-            }),
+            (fitted, config) => Err(Error::setting(
+                "scheme",
+                format!("the settings {config:?}, and tables of the scheme {}", fitted.name()),
+                "settings and tables of one scheme",
+            )),
         }
     }
 

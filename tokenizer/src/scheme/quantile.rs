@@ -161,10 +161,12 @@ impl Quantile {
         };
         let mixes = self.config.joint_transform != JointTransform::None {};
         let good = self.rotations.len() == wanted && self.mix.is_some() == mixes;
-        good.then_some(()).ok_or_else(|| Error::Setting {
-            field: "rotation bins",
-            found: format!("bins of {} channels", self.rotations.len()),
-            expected: format!("of {wanted}, for the joints and the joint transform of the settings"),
+        good.then_some(()).ok_or_else(|| {
+            Error::setting(
+                "rotation bins",
+                format!("bins of {} channels", self.rotations.len()),
+                format!("of {wanted}, for the joints and the joint transform of the settings"),
+            )
         })
     }
 }

@@ -165,10 +165,12 @@ impl Uniform {
         }
         let lines = self.components.as_ref().map(|c| (c.lines.len(), c.mix.components()));
         let good = lines.is_some() == mixes && lines.is_none_or(|(lines, components)| lines == components);
-        good.then_some(()).ok_or_else(|| Error::Setting {
-            field: "components",
-            found: lines.map_or("none".into(), |(lines, components)| format!("bins of {lines} of {components}")),
-            expected: if mixes { "bins of each".into() } else { "none without a joint transform".into() },
+        good.then_some(()).ok_or_else(|| {
+            Error::setting(
+                "components",
+                lines.map_or("none".to_owned(), |(lines, components)| format!("bins of {lines} of {components}")),
+                if mixes { "bins of each" } else { "none without a joint transform" },
+            )
         })
     }
 }

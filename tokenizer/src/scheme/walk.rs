@@ -155,29 +155,24 @@ pub(crate) fn check_positions(clip: &Clip) -> Result<()> {
 /// Refuses fewer bins than `least`, and more than the alphabet has characters.
 pub(crate) fn check_bins(bins: u32, least: u32) -> Result<()> {
     let most = crate::alphabet::SIZE;
-    (least..=most).contains(&bins).then_some(()).ok_or_else(|| Error::Setting {
-        field: "bins",
-        found: bins.to_string(),
-        expected: format!("{least} to {most}"),
-    })
+    (least..=most)
+        .contains(&bins)
+        .then_some(())
+        .ok_or_else(|| Error::setting("bins", bins, format!("{least} to {most}")))
 }
 
 /// Refuses an implausible mean height in a file.
 pub(crate) fn check_height(first_height: f64) -> Result<()> {
-    (first_height.abs() <= FARTHEST).then_some(()).ok_or_else(|| Error::Setting {
-        field: "first_height",
-        found: first_height.to_string(),
-        expected: "a height in metres".into(),
-    })
+    (first_height.abs() <= FARTHEST)
+        .then_some(())
+        .ok_or_else(|| Error::setting("first_height", first_height, "a height in metres"))
 }
 
 /// Refuses a coding of heights that a scheme doesn't have.
 pub(crate) fn one_of(height: Height, allowed: &[Height]) -> Result<()> {
     let name = |h: &Height| format!("{h:?}").to_lowercase();
-    allowed.contains(&height).then_some(()).ok_or_else(|| Error::Setting {
-        field: "height",
-        found: name(&height),
-        expected: allowed.iter().map(name).collect::<Vec<_>>().join(" or "),
+    allowed.contains(&height).then_some(()).ok_or_else(|| {
+        Error::setting("height", name(&height), allowed.iter().map(name).collect::<Vec<_>>().join(" or "))
     })
 }
 

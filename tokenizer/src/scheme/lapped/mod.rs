@@ -87,11 +87,10 @@ impl LappedConfig {
     /// [`Error::Setting`] naming the setting, its value and its limits.
     pub fn validate(&self) -> Result<()> {
         let within = |field, value: f64, low: f64, high: f64| {
-            (low..=high).contains(&value).then_some(()).ok_or_else(|| Error::Setting {
-                field,
-                found: value.to_string(),
-                expected: format!("{low} to {high}"),
-            })
+            (low..=high)
+                .contains(&value)
+                .then_some(())
+                .ok_or_else(|| Error::setting(field, value, format!("{low} to {high}")))
         };
         within("hop", self.hop.into(), 1.0, 240.0)?;
         within("step_mm", self.step_mm, 0.01, 1000.0)?;
@@ -208,10 +207,12 @@ impl Lapped {
             && (1e-6..1e6).contains(&self.turn_arm)
             && self.thresholds.len() == n
             && self.thresholds.iter().all(|t| (500..=HIGHEST).contains(t));
-        (good && order && self.order.len() == n).then_some(()).ok_or_else(|| Error::Setting {
-            field: "lapped",
-            found: format!("tables of {lengths:?}, {} and {} numbers", self.thresholds.len(), self.order.len()),
-            expected: format!("{k} finite means, two matrices of {k} x {k}, {n} thresholds, an order of {n} numbers"),
+        (good && order && self.order.len() == n).then_some(()).ok_or_else(|| {
+            Error::setting(
+                "lapped",
+                format!("tables of {lengths:?}, {} and {} numbers", self.thresholds.len(), self.order.len()),
+                format!("{k} finite means, two matrices of {k} x {k}, {n} thresholds, an order of {n} numbers"),
+            )
         })
     }
 

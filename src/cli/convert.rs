@@ -103,7 +103,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     Ok(())
 }
 
-/// The GLB that several clips go into, and these.
+/// The GLB that several clips are written to, and the clips.
 fn together(args: &Args) -> Option<(&Path, &[PathBuf])> {
     let (out, given) = args.paths.split_last()?;
     (given.len() > 1 && extension(out) == "glb" && !out.is_dir() && !args.positions).then_some((out, given))
@@ -133,13 +133,13 @@ fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> Resu
     Ok(())
 }
 
-/// The rig that is wanted; a motion file that lends its own is read as the call says.
+/// The target rig; a motion file whose rig is used is read with the options of the call.
 fn wanted_rig(args: &Args) -> Result<Option<TargetRig>> {
     let options = args.read.options(RestFrame::Keep);
     Ok(args.skeleton.as_deref().map(|name| TargetRig::load(name, &options)).transpose()?)
 }
 
-/// What is read, and where it goes.
+/// Inputs and their outputs.
 fn pairs(args: &Args) -> Result<Vec<Pair>> {
     let (out, given) = args.paths.split_last().context("no files")?;
     let format = args.format.as_deref().or(args.positions.then_some("npz"));
@@ -162,7 +162,7 @@ fn pairs(args: &Args) -> Result<Vec<Pair>> {
     })?)
 }
 
-/// What can be known to be wrong before anything is read.
+/// Refuses what is wrong whatever the files contain.
 fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
     let other_rig = args.skeleton.as_deref().is_some_and(|s| s != "smpl");
     for Pair { output, .. } in pairs {
@@ -180,14 +180,14 @@ fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
 }
 
 impl Args {
-    /// Whether another rate, rig or piece than the file's own is asked for.
+    /// Whether another rate, rig, or a part of the file is requested.
     fn moves(&self) -> bool {
         let moment = self.from.is_some() || self.to.is_some();
         moment || self.fps.is_some() || self.skeleton.is_some() || self.joints.is_some()
     }
 }
 
-/// A motion at the rate and on the rig of the file that is written.
+/// A motion at the rate and on the rig of the output.
 fn converted(
     args: &Args,
     rig: Option<&TargetRig>,
@@ -198,7 +198,7 @@ fn converted(
     Ok(convert(motion, &wanted, map)?)
 }
 
-/// What is to become of a motion that goes to `output`.
+/// The conversion for a motion that goes to `output`.
 fn wanted(
     args: &Args,
     rig: Option<&TargetRig>,
@@ -217,7 +217,7 @@ fn wanted(
     })
 }
 
-/// The frames that are asked for.
+/// The frames from --from to --to.
 fn cut(args: &Args, motion: Motion) -> Result<Motion> {
     let (frames, fps) = (motion.clip.frames(), motion.clip.fps());
     let scale = Timebase { frames, fps, left_out: 0, model_fps: None };
@@ -242,12 +242,12 @@ fn cut(args: &Args, motion: Motion) -> Result<Motion> {
     Ok(Motion { clip: motion.clip.slice(from..to), ..motion })
 }
 
-/// Says what was written.
-pub fn told(path: &Path, motion: &Motion, say: Say) {
+/// Prints what was written.
+pub fn report_written(path: &Path, motion: &Motion, say: Say) {
     say.line(described(path, motion));
 }
 
-/// What stands in a file that was written.
+/// The length, rate and joints of a written file.
 fn described(path: &Path, motion: &Motion) -> String {
     let clip = &motion.clip;
     let (frames, joints) = (counted(clip.frames(), "frames"), counted(clip.joints(), "joints"));

@@ -121,7 +121,7 @@ fn one(
 }
 
 impl Args {
-    /// None where only the feet are asked for.
+    /// The filter; `None` where only the feet are locked.
     fn filter(&self) -> Option<Filter> {
         if self.feet && self.level.is_none() && self.cutoff.is_none() && self.keep.is_none() {
             return None;

@@ -34,7 +34,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let clip = Mirror::new(rig, &map_for(rig, map)?)?.apply(&motion.clip)?;
         let mirrored = super::written_as(output, Motion { clip, ..motion }, map)?;
         outputs.write(output, &format::to_bytes(output, &mirrored)?)?;
-        super::convert::told(output, &mirrored, say);
+        super::convert::report_written(output, &mirrored, say);
         Ok(())
     })?;
     Ok(())

@@ -82,7 +82,7 @@ fn work(call: Call) -> Result<()> {
     }
     pool.build_global()?;
     let say = Say { quiet: call.quiet };
-    progress::tell_of_waits(say);
+    progress::report_waits(say);
     // on a thread of the pool: from outside, every parallel step would wake its threads anew and wait for them asleep
     let whole = || rayon::scope(|_| command(call.command, say).and_then(|()| all_read()));
     std::panic::catch_unwind(AssertUnwindSafe(whole)).unwrap_or_else(|payload| match payload.downcast::<NoMemory>() {

@@ -121,9 +121,9 @@ pub fn run(command: Command, say: Say) -> Result<()> {
 
 fn inspect(args: &InspectArgs, say: Say) -> Result<()> {
     each_file(&args.files, say, |_, file| {
-        let told = report::report(file, args.tempo.bpm_range).map_err(Error::from);
-        match told {
-            Ok(told) => print(&if args.json { told.json() + "\n" } else { told.text() }),
+        let found = report::report(file, args.tempo.bpm_range).map_err(Error::from);
+        match found {
+            Ok(found) => print(&if args.json { found.json() + "\n" } else { found.text() }),
             Err(e) => {
                 if args.json {
                     let line = serde_json::json!({"schema": 1, "file": file, "error": chain(&e)});
@@ -147,7 +147,7 @@ fn draw(args: &InspectArgs, out: &Path, say: Say) -> Result<()> {
     let charts = picture::charts(&features, args.at..args.at + args.seconds)
         .map_err(|e| Error::new(e).context(file.display().to_string()))?;
     super::draw_charts(out, &charts, &outputs)?;
-    say.line(format_args!("{}: {} heard, {} beats", out.display(), file.display(), features.beats.times_s.len()));
+    say.line(format_args!("{}: {}, {} beats", out.display(), file.display(), features.beats.times_s.len()));
     Ok(())
 }
 

@@ -29,7 +29,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
     }
 }
 
-/// What windows are told by.
+/// The features of a window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum TransformArg {
     /// Magnitudes of a short-time Fourier transform

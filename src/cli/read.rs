@@ -127,11 +127,11 @@ impl ReadArgs {
     ) -> Vec<ReadOptions> {
         let (mut all, mut words, mut gone) = (Vec::new(), Vec::new(), BTreeSet::new());
         for file in files.iter().map(AsRef::as_ref) {
-            let told = sidecar::read_options(file).unwrap_or_else(|e| {
+            let own = sidecar::read_options(file).unwrap_or_else(|e| {
                 say.line(e);
                 None
             });
-            let Some(told) = told else {
+            let Some(own) = own else {
                 // the error of hashing is that of reading
                 let sha256 = if corpora.is_empty() { None } else { hash::of_file(file).ok() };
                 let known = sha256.and_then(|sha256| corpora.iter().find_map(|c| known_to(c, &sha256, &mut gone)));
@@ -143,10 +143,10 @@ impl ReadArgs {
                 continue;
             };
             let read = match files.len() {
-                1 => self.over(&told),
-                _ => sidecar::combined(told.clone(), &self.options(rest)),
+                1 => self.over(&own),
+                _ => sidecar::combined(own.clone(), &self.options(rest)),
             };
-            words.extend(sidecar::describe(&told, &read).map(|words| (file.display().to_string(), words)));
+            words.extend(sidecar::describe(&own, &read).map(|words| (file.display().to_string(), words)));
             all.push(read);
         }
         sidecar::describe_all(&words).iter().for_each(|line| say.line(line));

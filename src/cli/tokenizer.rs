@@ -114,6 +114,6 @@ fn decode(args: DecodeArgs, say: Say) -> Result<()> {
     let clip = if tokenizer.config().above_floor() { clip.raised(args.floor) } else { clip };
     let motion = Motion { path: args.out.clone(), clip, source: Source::Plain, warnings: Vec::new() };
     outputs.write(&args.out, &format::to_bytes(&args.out, &motion)?)?;
-    super::convert::told(&args.out, &motion, say);
+    super::convert::report_written(&args.out, &motion, say);
     Ok(())
 }

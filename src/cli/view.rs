@@ -121,9 +121,9 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         });
     }
     let fps = motions.first().map_or(1.0, |motion| motion.clip.fps());
-    let asked = args.music.clone().map(|file| (file, args.music_from.seconds(fps))).or_else(|| told(clips, say));
+    let music = args.music.clone().map(|file| (file, args.music_from.seconds(fps))).or_else(|| own_music(clips, say));
     let seconds = motions.iter().map(|motion| motion.clip.frames() as f64 / motion.clip.fps()).fold(0.0, f64::max);
-    let played = asked.map(|(file, from_s)| beside(&file, (from_s, seconds), out, outputs, say)).transpose()?;
+    let played = music.map(|(file, from_s)| beside(&file, (from_s, seconds), out, outputs, say)).transpose()?;
     match &played {
         Some(music) => {
             let all = figures.into_iter().zip(&motions).zip(&files);
@@ -161,13 +161,13 @@ fn forced<'a>(figure: Figure<'a>, motion: &Motion, list: &str, map: Option<&str>
     Ok(figure.given_over(frames.start as f64 / fps..frames.end as f64 / fps))
 }
 
-/// The music that the first dance of several was made to, and its time when the dance begins, if it is there.
-fn told(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
-    let told = |clip: &Named| {
-        let told = provenance::find(&clip.path).ok()?;
-        music_lstm::dance::music_of(told.as_ref(), &clip.path).map_err(|e| say.line(e)).ok()?
+/// The music that the first dance was generated to, and its time when the dance starts, if the file exists.
+fn own_music(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
+    let of = |clip: &Named| {
+        let provenance = provenance::find(&clip.path).ok()?;
+        music_lstm::dance::music_of(provenance.as_ref(), &clip.path).map_err(|e| say.line(e)).ok()?
     };
-    let music = clips.iter().find_map(told)?;
+    let music = clips.iter().find_map(of)?;
     if !music.path.is_file() {
         say.line(format_args!(
             "{}: the music of the dance isn't there; --music plays it from elsewhere",
@@ -182,7 +182,7 @@ fn told(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
     Some((music.path, music.from_s))
 }
 
-/// What a dance hits of the music of its page; of a rig that can't be brought to the model's body nothing is known.
+/// The beats that a dance hits; `None` for a rig that can't be retargeted.
 fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f64>, say: Say) -> Option<BeatHits> {
     let found = || -> crate::Result<BeatHits> {
         let beats: Vec<f64> = music.beats_s.iter().map(|beat| beat - music.from_s).collect();
@@ -192,7 +192,7 @@ fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f6
     found().map_err(why).ok().filter(|_| !music.beats_s.is_empty())
 }
 
-/// The music of a page of so many seconds: in it, or beside it where it is large; it is copied there if it isn't there.
+/// The music of a page: embedded, or next to the page where the file is large, copied there if necessary.
 fn beside(
     file: &Path,
     (from_s, seconds): (f64, f64),
@@ -233,10 +233,10 @@ fn times(motion: &Motion) -> String {
     format!("{} fps, {:.2} s", (clip.fps() * 1000.0).round() / 1000.0, clip.duration_s())
 }
 
-/// Says of clips that aren't as long, or have other rates, that each plays in its own time.
+/// Reports that clips of different lengths or rates play each in its own time.
 fn say_times(motions: &[Motion], say: Say) {
     let Some((first, others)) = motions.split_first() else { return };
-    // the last frame of a slower rate may lie before that of a faster one
+    // the last frame at a slower rate may be earlier than at a faster one
     let apart = |a: &Motion, b: &Motion| {
         let frame = 1.0 / a.clip.fps().min(b.clip.fps());
         a.clip.fps() != b.clip.fps() || (a.clip.duration_s() - b.clip.duration_s()).abs() > frame

@@ -1,4 +1,4 @@
-//! How far a wait is: a bar where somebody watches, else plain lines at growing intervals.
+//! Progress: a bar on a terminal, else plain lines at growing intervals.
 
 use super::Say;
 use crate::corpus::build::{BuildEvent, BuildProgress};
@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What a wait is for, and when something was last said about it.
+/// What the call is waiting for, and when it was last reported.
 #[derive(Debug)]
 struct Wait {
     what: String,
@@ -19,11 +19,11 @@ struct Wait {
     since: Instant,
     said: Instant,
     gap: Duration,
-    /// Something else tells: a bar, the lines of a training.
-    told: bool,
+    /// Whether something else shows it: a bar, or the lines of a training.
+    shown: bool,
 }
 
-/// A wait of so long is told.
+/// A wait is reported after this time.
 const FIRST_GAP: Duration = Duration::from_secs(2);
 /// Between lines at most.
 const LAST_GAP: Duration = Duration::from_secs(60);
@@ -37,12 +37,12 @@ fn wait() -> MutexGuard<'static, Wait> {
 
 impl Wait {
     fn new(what: &str, of: u64, now: Instant) -> Wait {
-        Wait { what: what.into(), done: 0, of, since: now, said: now, gap: FIRST_GAP, told: false }
+        Wait { what: what.into(), done: 0, of, since: now, said: now, gap: FIRST_GAP, shown: false }
     }
 
     /// The line that is due, if one is; the next comes after twice the time.
     fn due(&mut self, now: Instant) -> Option<String> {
-        if self.told || now.saturating_duration_since(self.said) < self.gap {
+        if self.shown || now.saturating_duration_since(self.said) < self.gap {
             return None;
         }
         self.said = now;
@@ -59,8 +59,8 @@ impl Wait {
     }
 }
 
-/// Lets a thread tell of waits from now on.
-pub fn tell_of_waits(say: Say) {
+/// Starts a thread that reports waits.
+pub fn report_waits(say: Say) {
     if say.quiet() {
         return;
     }
@@ -76,32 +76,31 @@ pub fn tell_of_waits(say: Say) {
     });
 }
 
-/// Something was said: the next line about the wait has time.
+/// Postpones the next line about the wait, after another line.
 pub fn said() {
     wait().said = Instant::now();
 }
 
-/// What comes next, where nobody knows how long it takes.
+/// Starts a stage of unknown length.
 pub fn stage(what: &str) {
     *wait() = Wait::new(what, 0, Instant::now());
 }
 
-/// Stderr for one that tells of its progress itself: nothing is put between the pieces of a line on a terminal, and elsewhere
-/// only where nothing was told for long.
-pub struct Telling(std::io::Stderr);
+/// Stderr for what prints its own progress: waits are not reported on a terminal, and elsewhere only after a long silence.
+pub struct ProgressStderr(std::io::Stderr);
 
-impl Telling {
+impl ProgressStderr {
     /// Of `what`.
-    pub fn of(what: &str) -> Telling {
+    pub fn of(what: &str) -> ProgressStderr {
         stage(what);
-        Telling(std::io::stderr())
+        ProgressStderr(std::io::stderr())
     }
 }
 
-impl Write for Telling {
+impl Write for ProgressStderr {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
         let mut wait = wait();
-        (wait.told, wait.said, wait.gap) = (self.0.is_terminal(), Instant::now(), LAST_GAP / 2);
+        (wait.shown, wait.said, wait.gap) = (self.0.is_terminal(), Instant::now(), LAST_GAP / 2);
         drop(wait);
         self.0.write(bytes)
     }
@@ -111,16 +110,16 @@ impl Write for Telling {
     }
 }
 
-impl Drop for Telling {
+impl Drop for ProgressStderr {
     fn drop(&mut self) {
         stage("at work");
     }
 }
 
-/// Counts steps, seen as a bar on a terminal and as lines elsewhere.
+/// A count of steps: a bar on a terminal, lines elsewhere.
 pub struct Bar(ProgressBar);
 
-/// A count of `total` steps on stderr; unseen when `--quiet` was given.
+/// A count of `total` steps on stderr; hidden with `--quiet`.
 pub fn bar(total: u64, what: &str, say: Say) -> Bar {
     let target = if say.quiet() { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
     let bar = ProgressBar::with_draw_target(Some(total), target);
@@ -129,23 +128,23 @@ pub fn bar(total: u64, what: &str, say: Say) -> Bar {
         bar.set_style(style);
     }
     bar.tick();
-    *wait() = Wait { told: !bar.is_hidden(), ..Wait::new(what, total, Instant::now()) };
+    *wait() = Wait { shown: !bar.is_hidden(), ..Wait::new(what, total, Instant::now()) };
     Bar(bar)
 }
 
 impl Bar {
-    /// So many steps are done.
+    /// Sets the number of steps done.
     pub fn set_position(&self, done: u64) {
         self.0.set_position(done);
         wait().done = done;
     }
 
-    /// What is at work.
+    /// Sets the text next to the bar.
     pub fn set_message(&self, message: String) {
         self.0.set_message(message);
     }
 
-    /// Says something that stays above the bar.
+    /// Prints something above the bar.
     pub fn suspend(&self, say: impl FnOnce()) {
         self.0.suspend(say);
     }
@@ -158,7 +157,7 @@ impl Drop for Bar {
     }
 }
 
-/// A bar over files, behind which comes a stage; bad ones are named as they turn up.
+/// A bar over files, followed by the stage `then`; bad files are reported as they turn up.
 pub fn watch(say: Say, then: &'static str) -> Box<BuildProgress<'static>> {
     let mut shown: Option<Bar> = None;
     Box::new(move |event| {
@@ -189,18 +188,18 @@ mod tests {
     #[test]
     fn lines_come_after_two_seconds_and_then_ever_more_seldom() {
         let start = Instant::now();
-        let told = |wait: &mut Wait| -> Vec<(u64, String)> {
+        let lines_of = |wait: &mut Wait| -> Vec<(u64, String)> {
             let at = |s| start + Duration::from_secs(s);
             (0..=200).filter_map(|s| Some((s, wait.due(at(s))?))).collect()
         };
-        let lines = told(&mut Wait { done: 30, ..Wait::new("steps", 300, start) });
+        let lines = lines_of(&mut Wait { done: 30, ..Wait::new("steps", 300, start) });
         assert_eq!(lines.iter().map(|(s, _)| *s).collect::<Vec<_>>(), [2, 6, 14, 30, 62, 122, 182]);
         assert_eq!(lines[2].1, "30 of 300 steps, 2 min 06 s left");
-        assert_eq!(told(&mut Wait::new("steps", 300, start))[0].1, "0 of 300 steps, 2 s so far");
-        assert_eq!(told(&mut Wait::new("at work", 0, start))[3].1, "at work, 30 s so far");
-        assert_eq!(told(&mut Wait { told: true, ..Wait::new("steps", 300, start) }), []);
+        assert_eq!(lines_of(&mut Wait::new("steps", 300, start))[0].1, "0 of 300 steps, 2 s so far");
+        assert_eq!(lines_of(&mut Wait::new("at work", 0, start))[3].1, "at work, 30 s so far");
+        assert_eq!(lines_of(&mut Wait { shown: true, ..Wait::new("steps", 300, start) }), []);
         // what was said in between puts the next line off
         let said = start + Duration::from_secs(50);
-        assert_eq!(told(&mut Wait { said, ..Wait::new("steps", 300, start) })[0].0, 52);
+        assert_eq!(lines_of(&mut Wait { said, ..Wait::new("steps", 300, start) })[0].0, 52);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::Say;
 use super::lines::Lines;
-use super::progress::Telling;
+use super::progress::ProgressStderr;
 use crate::train::{NoProgress, PretrainOptions, Progress, Summary, pretrain};
 use anyhow::Result;
 use std::io::IsTerminal;
@@ -20,7 +20,7 @@ pub fn with_lines(
     train: impl FnOnce(&AtomicBool, &mut dyn Progress) -> crate::Result<Summary>,
 ) -> Result<Summary> {
     let stop = stop_on_ctrl_c()?;
-    let mut lines = Lines::new(Telling::of("training"), std::io::stderr().is_terminal());
+    let mut lines = Lines::new(ProgressStderr::of("training"), std::io::stderr().is_terminal());
     let progress: &mut dyn Progress = if say.quiet() { &mut NoProgress } else { &mut lines };
     Ok(train(&stop, progress)?)
 }

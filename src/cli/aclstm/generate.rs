@@ -100,7 +100,7 @@ impl BaselineDance for Request {
         warn(&made.motion, say);
         let motion = written_as(out, made.motion, self.read.map.as_deref())?;
         let bytes = format::to_bytes(out, &motion)?;
-        convert::told(out, &motion, say);
+        convert::report_written(out, &motion, say);
         made.locked.iter().flat_map(|locked| locked.notes(FPS)).for_each(|note| say.line(note));
         let written = (out, motion.clip.fps());
         Ok((Sidecar::of(self, (trained.step, &trained.sha256), &made.clip_sha256, written, &bytes), bytes))

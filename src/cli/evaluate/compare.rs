@@ -1,6 +1,6 @@
 //! `kinelm evaluate dance --compare A B`.
 
-use super::dance::{held_to_prompt, told_of};
+use super::dance::{prompt_metrics, provenance_of};
 use crate::baselines::aclstm::dance::source_hashes;
 use crate::cli::read::ReadArgs;
 use crate::cli::{Odd, Say, each_file, motion_files, print, wrong_call};
@@ -14,7 +14,7 @@ use kinelm_store::output::Outputs;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// What is printed as JSON.
+/// The JSON output.
 #[derive(Serialize)]
 struct Line {
     #[serde(flatten)]
@@ -23,7 +23,7 @@ struct Line {
     features: Vec<Features>,
 }
 
-/// Holds the dances of two folders to each other.
+/// Compares the dances of two folders.
 pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], read: &ReadArgs, how: How<'_>, say: Say) -> Result<()> {
     let real = Reference::load(corpus)?;
     let [a, b] = folders.map(|folder| side(corpus, folder, read, say));
@@ -48,12 +48,12 @@ pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], read: &ReadArgs, how: How<'_
     print(&format!("{comparison}{tables}\n"))
 }
 
-/// What is asked for beside the comparison.
+/// Options of the comparison.
 #[derive(Clone, Copy)]
 pub struct How<'a> {
-    /// Clouds of features too.
+    /// Whether features are compared too.
     pub features: bool,
-    /// A picture of all measures.
+    /// Where all metrics are plotted.
     pub plot: Option<(&'a Path, &'a Outputs)>,
     /// One JSON object instead of tables.
     pub json: bool,
@@ -70,13 +70,14 @@ fn side(corpus: &Corpus, folder: &PathBuf, read: &ReadArgs, say: Say) -> Result<
 }
 
 fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&Odd, Say)) -> Result<MeasuredDance> {
-    let told = told_of(path, say);
-    let sha256 = source_hashes(path, told.as_ref())?;
-    let dance = Dance::load(corpus, path, told.as_ref(), options)?;
+    let provenance = provenance_of(path, say);
+    let sha256 = source_hashes(path, provenance.as_ref())?;
+    let dance = Dance::load(corpus, path, provenance.as_ref(), options)?;
     odd.doubt(&dance.name, dance.doubt);
-    let prompt = told.as_ref().and_then(|told| told.request.prompt.as_ref());
+    let prompt = provenance.as_ref().and_then(|provenance| provenance.request.prompt.as_ref());
     let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
     let (take, in_training) = take_of(corpus, &sha256).unwrap_or_else(itself);
-    let prompted = told.and_then(|told| held_to_prompt(&dance, path, &told.request, corpus.tokenizer(), say));
+    let prompted =
+        provenance.and_then(|provenance| prompt_metrics(&dance, path, &provenance.request, corpus.tokenizer(), say));
     Ok(MeasuredDance { dance, take, in_training, prompted })
 }

@@ -80,11 +80,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
     let real = Reference::load(&corpus)?;
     let files = motion_files(&args.dances)?;
-    let mut told: Vec<Option<Provenance>> = files.iter().map(|path| told_of(path, say)).collect();
+    let mut provenances: Vec<Option<Provenance>> = files.iter().map(|path| provenance_of(path, say)).collect();
     let options = args.read.of_files(&files, RestFrame::Drop, say);
     let odd = Odd::new(say);
     let read = each_file(&files, say, |i, path| {
-        let dance = Dance::load(&corpus, path, told[i].as_ref(), &options[i])?;
+        let dance = Dance::load(&corpus, path, provenances[i].as_ref(), &options[i])?;
         odd.doubt(&dance.name, dance.doubt);
         Ok(dance)
     })?;
@@ -96,30 +96,30 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut pieces = BTreeMap::new();
     let beats = beats(args, files.len(), &mut pieces)?;
     let mut music_s = Vec::new();
-    let mut asked = Vec::new();
+    let mut requested = Vec::new();
     let mut joints_given = Vec::new();
     for (&i, dance) in numbers.iter().zip(&dances) {
-        let (path, told) = (&files[i], told[i].take());
-        told.iter().filter_map(|told| told.best).for_each(|of| *best.entry(of.of).or_default() += 1);
+        let (path, provenance) = (&files[i], provenances[i].take());
+        provenance.iter().filter_map(|provenance| provenance.best).for_each(|of| *best.entry(of.of).or_default() += 1);
         music_s.push(match &beats {
-            None => own_music(path, told.as_ref(), &mut pieces).unwrap_or_else(|e| {
-                say.line(format_args!("{}: not held to its music: {e}; --music says where it is", path.display()));
+            None => own_beats(path, provenance.as_ref(), &mut pieces).unwrap_or_else(|e| {
+                say.line(format_args!("{}: its music is not compared: {e}; --music says where it is", path.display()));
                 None
             }),
             Some(beats) => Some(beats[i % beats.len()].clone()),
         });
-        asked.push(match &args.fidelity {
-            Some(field) => requested_label(&corpus, field, path, told.as_ref())?,
+        requested.push(match &args.fidelity {
+            Some(field) => requested_label(&corpus, field, path, provenance.as_ref())?,
             None => None,
         });
-        let recipe = told.map(|told| told.request);
-        let followed = recipe.as_ref().and_then(|r| joints::parse(r.prompt.as_ref()?.joints.as_ref()?).ok());
-        joints_given.extend(followed.iter().flat_map(|followed| followed.joints.iter().copied()));
-        let places = followed.and_then(|followed| given_characters(tokenizer, &followed).ok());
-        // what was given to one dance alone may be a copy in the others
+        let request = provenance.map(|provenance| provenance.request);
+        let given_joints = request.as_ref().and_then(|r| joints::parse(r.prompt.as_ref()?.joints.as_ref()?).ok());
+        joints_given.extend(given_joints.iter().flat_map(|given_joints| given_joints.joints.iter().copied()));
+        let places = given_joints.and_then(|given_joints| given_characters(tokenizer, &given_joints).ok());
+        // what was given to one dance only may be a copy in the others
         let places = places.unwrap_or_default();
         given = Some(given.map_or(places.clone(), |given| if given == places { given } else { Vec::new() }));
-        let found = recipe.and_then(|recipe| held_to_prompt(dance, path, &recipe, tokenizer, say));
+        let found = request.and_then(|request| prompt_metrics(dance, path, &request, tokenizer, say));
         report.prompted.extend(found.map(|found| (dance.name.clone(), found)));
     }
     for (of, dances) in best {
@@ -135,7 +135,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         report.features = real.features(&[("dances", &dances)])?;
     }
     if let Some(field) = &args.fidelity {
-        let dances: Vec<_> = dances.iter().zip(asked).collect();
+        let dances: Vec<_> = dances.iter().zip(requested).collect();
         report.fidelity = Some(fidelity(&corpus, field, &joints_given, &dances)?);
     }
     if let Some(out) = plot {
@@ -146,11 +146,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
 }
 
-/// The beats that the dances are held to, if the call names any, seconds from their first frame: one for all, or one for each.
-/// Pieces are heard once.
+/// The beats of --beats or --music in seconds from the first frame: one list for all dances, or one for each. Every piece is
+/// analysed once.
 fn beats(args: &Args, dances: usize, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Vec<Vec<f64>>>> {
     if args.music_from.is_some() && args.beats.is_none() && args.music.is_empty() {
-        let what = "--music-from without --music or --beats: a dance that was made to music knows where it began";
+        let what = "--music-from without --music or --beats: the sidecar of a dance says where its music starts";
         return Err(WrongCall(what.into()).into());
     }
     let from_s = args.music_from.unwrap_or(0.0);
@@ -168,24 +168,24 @@ fn beats(args: &Args, dances: usize, pieces: &mut BTreeMap<PathBuf, Beats>) -> R
         let what = format!("--music names {music} files for {dances} dances; give one for all, or one for each");
         return Err(WrongCall(what).into());
     }
-    let heard = |path: &PathBuf| -> Result<Vec<f64>> {
+    let beats_of = |path: &PathBuf| -> Result<Vec<f64>> {
         if !pieces.contains_key(path) {
             pieces.insert(path.clone(), Track::beats_only(path)?.beats);
         }
         Ok(beats_in_dance(path, &pieces[path], (from_s, 0.0))?)
     };
-    let all: Vec<Vec<f64>> = args.music.iter().map(heard).collect::<Result<_>>()?;
+    let all: Vec<Vec<f64>> = args.music.iter().map(beats_of).collect::<Result<_>>()?;
     Ok(Some(all).filter(|all| !all.is_empty()))
 }
 
-/// The beats of the music that a dance was made to, if it was: of pieces that are heard already, or now.
-fn own_music(
+/// The beats of the music that a dance was generated to, if any.
+fn own_beats(
     path: &Path,
-    told: Option<&Provenance>,
+    provenance: Option<&Provenance>,
     pieces: &mut BTreeMap<PathBuf, Beats>,
 ) -> crate::Result<Option<Vec<f64>>> {
-    let Some(music) = music_lstm::dance::music_of(told, path)? else { return Ok(None) };
-    // another dance may have been made to another file of this name
+    let Some(music) = music_lstm::dance::music_of(provenance, path)? else { return Ok(None) };
+    // another dance may have had another file of this name
     music.check()?;
     if !pieces.contains_key(&music.path) {
         pieces.insert(music.path.clone(), Track::beats_only(&music.path)?.beats);
@@ -193,24 +193,24 @@ fn own_music(
     Ok(Some(beats_in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0))?))
 }
 
-/// What is told beside a dance; what is wrong with it is said.
-pub fn told_of(path: &Path, say: Say) -> Option<Provenance> {
+/// The provenance of a dance, from its sidecar; a wrong sidecar is reported.
+pub fn provenance_of(path: &Path, say: Say) -> Option<Provenance> {
     provenance::find(path).unwrap_or_else(|e| {
         say.line(e);
         None
     })
 }
 
-/// What a dance made of its prompt, if it has one that can be read; if not, that is said.
-pub fn held_to_prompt(
+/// How a dance responds to its prompt, if it has one; a prompt that can't be read is reported.
+pub fn prompt_metrics(
     dance: &Dance,
     path: &Path,
-    recipe: &Resolved,
+    request: &Resolved,
     tokenizer: &Tokenizer,
     say: Say,
 ) -> Option<PromptMetrics> {
-    PromptMetrics::measure(dance, path, recipe, tokenizer).unwrap_or_else(|e| {
-        say.line(format_args!("{}: its prompt is not looked at: {e}", path.display()));
+    PromptMetrics::measure(dance, path, request, tokenizer).unwrap_or_else(|e| {
+        say.line(format_args!("{}: its prompt is not compared: {e}", path.display()));
         None
     })
 }

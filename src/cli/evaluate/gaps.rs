@@ -68,9 +68,9 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         return Err(WrongCall(what).into());
     }
     let conditions = run.load_conditions()?;
-    let ahead = ahead(args.goal_guidance, &run, &tokenizer)?;
-    // a second reading, which is told nothing
-    let streams = if ahead.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
+    let goal = goal(args.goal_guidance, &run, &tokenizer)?;
+    // guidance reads a second, unconditioned stream per sample
+    let streams = if goal.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
     let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.draws)))?;
     let before = frames_before(model.context(), conditions.len(), &tokenizer, args.frames.into())?;
     let gaps = gaps(&corpus, args.split, (before, args.frames.into()), args.gaps.into())?;
@@ -82,7 +82,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         draw: args.draw.get()?,
         seed: args.seed,
         lock_feet: args.feet,
-        ahead,
+        ahead: goal,
     };
     let found = filler.measure(&gaps, &mut |done| bar.set_position(done as u64))?;
     drop(bar);
@@ -98,9 +98,9 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     Ok(())
 }
 
-/// How the model is told ahead, if it is.
-fn ahead(asked: Option<f64>, run: &LoadedRun, tokenizer: &Tokenizer) -> Result<Option<(GoalEncoder, f64)>> {
-    let scale = asked.unwrap_or(if run.config.goal { GOAL_GUIDANCE } else { 0.0 });
+/// The goal conditioning and its guidance, unless the guidance is 0.
+fn goal(requested: Option<f64>, run: &LoadedRun, tokenizer: &Tokenizer) -> Result<Option<(GoalEncoder, f64)>> {
+    let scale = requested.unwrap_or(if run.config.goal { GOAL_GUIDANCE } else { 0.0 });
     check_goal_guidance(scale, run)?;
     Ok(if scale == 0.0 { None } else { Some((GoalEncoder::of(tokenizer)?, scale)) })
 }

@@ -58,7 +58,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     } else {
         first.copied_to(&out, &open, generated.motion.clip.fps()).write(&out, &bytes, &outputs)?;
     }
-    convert::told(&out, &generated.motion, say);
+    convert::report_written(&out, &generated.motion, say);
     Ok(())
 }
 

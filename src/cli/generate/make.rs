@@ -47,7 +47,7 @@ pub fn make(
         let bytes = generated.bytes(out)?;
         let fps = generated.motion.clip.fps();
         Provenance { best, ..Provenance::of(&open, i + 1, (out, fps), &bytes) }.write(out, &bytes, &outputs)?;
-        convert::told(out, &generated.motion, say);
+        convert::report_written(out, &generated.motion, say);
         if let Some(from) = open.lead_in(i).map(|lead_in| &lead_in.from) {
             let from_s = from.frame as f64 / open.tokenizer.fps();
             say.line(format_args!("continues from a second of {} (a train clip) at {from_s:.2} s", from.clip));

@@ -31,7 +31,7 @@ pub struct Args {
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
     if args.split == Split::Train {
-        let what = "--split train: that music was heard in training, and is measured anyway; expected valid or test";
+        let what = "--split train: the music of the training is measured anyway; expected valid or test";
         return Err(WrongCall(what.into()).into());
     }
     let trained = Trained::load(&args.run, CheckpointChoice::Auto)?;

@@ -52,7 +52,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let said = args.transform.is_some() || args.no_dc || args.keep.is_some() || args.run.is_some();
     let usual = if args.run.is_some() { TransformArg::Model } else { TransformArg::Dct };
     let transform = args.transform.unwrap_or(if args.no_dc { TransformArg::Stft } else { usual });
-    let asked = IndexRequest {
+    let request = IndexRequest {
         transform: said.then(|| transform.kind(args.no_dc, args.keep, args.run.as_deref())).transpose()?,
         frames: args.window,
         hop: args.hop,
@@ -65,7 +65,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let dataset = args.data.find(say)?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
-    let built = Index::build(&dataset, &asked, &options, &args.out, &mut *progress::watch(say, "building the index"))?;
+    let built =
+        Index::build(&dataset, &request, &options, &args.out, &mut *progress::watch(say, "building the index"))?;
     for line in built.lines() {
         say.line(line);
     }

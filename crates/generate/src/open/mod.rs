@@ -5,7 +5,6 @@ mod conditions;
 mod labels;
 mod lead_in;
 mod music;
-mod notes;
 mod prompt;
 mod resolve;
 mod sample;

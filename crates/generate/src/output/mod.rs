@@ -6,6 +6,7 @@ mod free_spans;
 mod likelihood;
 mod notes;
 mod placement;
+mod request_notes;
 
 pub use feet::lock_feet;
 pub use free_spans::FreeSpan;

@@ -1,10 +1,10 @@
 //! What a user should know of an open request: joints that are taken from the prompt or free, and the music.
 
-use super::{OpenRequest, PreparedPrompt};
+use super::distance::{free_ancestors, free_ancestors_of_span};
 use crate::Result;
 use crate::edit::PreparedEdit;
 use crate::edit::mask::ResolvedSpan;
-use crate::output::distance::{free_ancestors, free_ancestors_of_span};
+use crate::open::{OpenRequest, PreparedPrompt};
 use crate::request::{PromptRequest, Span};
 use kinelm_corpus::music::tempo;
 use kinelm_motion::joints::{self, ambiguity_note};

@@ -26,7 +26,7 @@ pub fn names() -> Vec<String> {
 /// The text of settings that are built in, by one of [`names`], or by a name that only one kind has.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] with the names when there are none.
+/// There are none of that name; the message lists the names.
 pub fn text_of(name: &str) -> Result<&'static str> {
     let (folder, bare) = name.split_once('/').map_or((None, name), |(folder, bare)| (Some(folder), bare));
     let has = |presets: &'static Presets| presets.iter().find(|(n, _)| *n == bare).map(|(_, text)| *text);
@@ -34,7 +34,7 @@ pub fn text_of(name: &str) -> Result<&'static str> {
     found.next().ok_or_else(|| {
         let names = names();
         let meant = did_you_mean(name, names.iter().map(String::as_str));
-        Error::call(format!("no settings {name:?}: expected one of {}{meant}", names.join(", ")))
+        Error::invalid("`name`", format!("{name:?}"), format!("one of {}{meant}", names.join(", ")))
     })
 }
 

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Bits a frame of static models, fitted on train and measured on test: what any model has to get below
-    ChannelFloors(BaselinesArgs),
+    Baselines(BaselinesArgs),
     /// Bits per frame of a trained model, next to the static floors of the same tokens
     Likelihood(likelihood::Args),
     /// Whether dances freeze, repeat themselves, respond to their prompts or copy, compared with real ones
@@ -133,7 +133,7 @@ pub fn real_corpus(real: &Path, trust: TrustArgs) -> Result<Corpus> {
 
 pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
-        Command::ChannelFloors(args) => baselines(args),
+        Command::Baselines(args) => baselines(args),
         Command::Likelihood(args) => likelihood::run(&args, say),
         Command::Dance(args) => dance::run(&args, say),
         Command::Gaps(args) => gaps::run(&args, say),

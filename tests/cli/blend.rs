@@ -102,9 +102,9 @@ fn what_can_not_be_filtered_is_said() {
     let said = |args: &[&str], out: &str, code: i32, what: &str| {
         kinelm("filter").arg(&a).args(args).arg("--out").arg(d.path(out)).assert().code(code).stderr(contains(what));
     };
-    said(&["--cutoff", "30"], "o.bvh", 1, "below half the rate, 30 Hz");
+    said(&["--cutoff", "30"], "o.bvh", 2, "below half the rate, 30 Hz");
     said(&["--cutoff", "5", "--butterworth", "9"], "o.bvh", 2, "expected 1 to 8");
-    said(&["--keep", "181"], "o.bvh", 1, "expected 1 to 180");
+    said(&["--keep", "181"], "o.bvh", 2, "expected 1 to 180");
     said(&["--butterworth", "2"], "o.bvh", 2, "--cutoff");
     said(&["--level", "low", "--cutoff", "3"], "o.bvh", 2, "cannot be used with");
     said(&[], "a.bvh/o.bvh", 2, "a.bvh is a file, no folder");
@@ -204,7 +204,7 @@ fn what_can_not_be_blended_is_said() {
     };
     let [out, no, page] = ["o.bvh", "a.bvh/o.bvh", "p.txt"].map(|n| d.path(n).display().to_string());
     said("b.json", &["--out", &out, "--at-b", "2"], 1, "b.json: 180 frames at 60 fps, of which 60 lie from 2 s on");
-    said("b.json", &["--out", &out, "--keep", "300"], 1, "expected 1 to 128");
+    said("b.json", &["--out", &out, "--keep", "300"], 2, "expected 1 to 128");
     said("b.json", &["--out", &out, "--strength", "1.5"], 2, "expected a number from 0 to 1");
     said("b.json", &["--out", &out, "--transform", "stft", "--amount", "0.5"], 2, "no closed form");
     said("b.json", &["--out", &out, "--window", "9"], 2, "expected 16 to 8192");

@@ -107,7 +107,7 @@ fn only_what_is_free_has_other_numbers() {
     // a gap: the ends are given, also in words that this program would not write
     let long = set.at("long.bvh");
     let mut c = set.edit(&long, &["--given", "all@:1s", "--given", "all@-1s:", "--tries", "3"], "gap.bvh");
-    c.assert().success().stderr(contains("at 2.00 s the new frames since 1.00 s ended"));
+    c.assert().success().stderr(contains("the gap from 1.00 to 2.00 s ended"));
     let [old_text, new_text] = [long, set.at("gap.bvh")].map(|path| fs::read_to_string(path).unwrap());
     let same: Vec<bool> = old_text.lines().zip(new_text.lines()).map(|(a, b)| a == b).collect();
     let other: Vec<usize> = (0..same.len()).filter(|&i| !same[i]).collect();
@@ -414,7 +414,7 @@ fn what_can_t_be_edited_is_told_and_nothing_is_written() {
         (&["--free", "all", "--frames", "2.5"], "`2.5` is no time; expected 40, 40f or 2.5s"),
         (&["--free", "all", "--frames", "0"], "0f: expected more than nothing"),
         (&["--free", "all", "--seconds", "1e9"], "20000000000 frames, the limit is 1048576"),
-        (&["--free", "all", "--seconds", "1e308"], " frames, the limit is 1048576"),
+        (&["--free", "all", "--seconds", "1e308"], "expected at most 1e9 seconds or frames"),
         (&["--given", "all", "--frames", "2000000f"], "2000000 frames, the limit is 1048576"),
         (&["--free", "all", "--seconds", "4", "--fps", "10000", "--frames", "2000000"], "cannot be used with"),
         (&["--free", "all", "--goal-guidance", "2"], "this model isn't goal-conditioned"),
@@ -425,7 +425,7 @@ fn what_can_t_be_edited_is_told_and_nothing_is_written() {
         (&["--loop", "--seconds", "4"], "cannot be used with"),
         (&["--loop=there"], "possible values: back, pose"),
         (&["--loop", "--loop-over", "2.5"], "the clip has 3.00 s; with 2.5 s generated it needs 3.5 and a frame"),
-        (&[], "what of it is made anew (--free, --given)"),
+        (&[], "what of it is generated (--free, --given)"),
     ] {
         set.edit(&prompt, more, "never.bvh").assert().failure().stderr(contains(told));
     }
@@ -453,9 +453,7 @@ fn gaps_are_measured_beside_straight_ways() {
     let found: serde_json::Value = serde_json::from_slice(&json.get_output().stdout).unwrap();
     let cm = |row: usize| found["rows"][row]["mean"]["global_cm"].as_f64().unwrap();
     assert!(cm(0) > 0.0 && cm(1) > 0.0 && cm(4) <= cm(2), "{found}");
-    gaps(&["--frames", "40"])
-        .code(2)
-        .stderr(contains("a gap of 40 frames takes 42 frames of context, the limit is the 32 that the model sees"));
+    gaps(&["--frames", "40"]).code(2).stderr(contains("--frames is 40; expected at most 30: the model sees 32"));
 }
 
 #[test]

@@ -84,7 +84,7 @@ fn names_that_are_no_utf_8_are_told_before_any_work() {
         return;
     }
     let mut c = data.call("generate --frames 20 --out odd.bvh --run");
-    c.arg(&run).assert().code(2).stderr(contains("a name that is no UTF-8 can't be kept beside the dance"));
+    c.arg(&run).assert().code(2).stderr(contains("a name that is no UTF-8 can't be stored in the sidecar"));
     assert!(!data.at("odd.bvh").exists());
     let clip = data.0.path().join(OsStr::from_bytes(b"clip\xff.bvh"));
     fs::copy(data.at("data/d0.bvh"), &clip).unwrap();
@@ -182,7 +182,7 @@ fn numbers_that_a_file_cannot_hold_are_refused() {
         place[0] = 1e307.into();
     }
     data.write("far.json", clip.to_string());
-    data.refused("convert far.json far.bvh", &["frame 0: inf in the unit of a BVH"]);
+    data.refused("convert far.json far.bvh", &["a number of frame 0 is inf in the unit of the BVH"]);
     assert!(!data.at("far.bvh").exists());
 }
 
@@ -339,7 +339,7 @@ fn no_writer_writes_what_is_not_finite_in_its_width() {
     };
     write("bones.json", &|clip| clip["offsets"][1] = serde_json::json!([0.0, 1e308, 0.0]));
     write("root.json", &|clip| clip["root"][3] = serde_json::json!([1e300, 0.9, 0.0]));
-    data.refused("convert bones.json bones.bvh", &["OFFSET of", "inf in the unit of a BVH"]);
+    data.refused("convert bones.json bones.bvh", &["OFFSET of", "inf in the unit of the BVH"]);
     data.refused("convert bones.json bones.glb", &["beyond what a GLB holds"]);
     data.refused("convert root.json root.glb", &["the root in frame 3: beyond what a GLB holds"]);
     for name in ["bones.bvh", "bones.glb", "root.glb"] {
@@ -377,8 +377,8 @@ fn outputs_in_the_way_are_wrong_calls() {
     for (call, what) in [
         ("pretrain --config train.toml --corpus corpus --run run", run),
         ("finetune --from run --config train.toml --corpus corpus --run run", run),
-        ("query build data --out run", "run exists and is no index; give another --out"),
-        ("tokenize data --tokenizer t.json --out run --force", "run exists and is a run; give another place"),
+        ("query build data --out run", "run exists and is no index; give another folder"),
+        ("tokenize data --tokenizer t.json --out run --force", "run exists and is a run; give another output"),
     ] {
         let said = data.said(call, 2);
         assert!(said.contains(what), "{call}: {said}");

@@ -188,7 +188,7 @@ fn what_is_too_large_is_refused_with_its_bound() {
     let at = |name: &str| dir.path().join(name);
     fs::write(at("plan.toml"), "[[segment]]\n".repeat(1_000_000)).unwrap();
     let said = refused(dir.path(), "timeline check plan.toml", 1);
-    assert!(said.contains("plan.toml: found 12000000 bytes, expected a plan of at most 1048576 bytes"), "{said}");
+    assert!(said.contains("plan.toml: found 12000000 bytes, expected a timeline of at most 1048576 bytes"), "{said}");
 
     let deep = (0..100).fold(at("deep"), |path, _| path.join("d"));
     fs::create_dir_all(&deep).unwrap();

@@ -249,7 +249,7 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
     said("generate again a.bvh.kinelm.json", 0, "");
     assert!(bytes("a.bvh") == before);
     fs::write(dir.join("other.wav"), wav::bytes(&render(&score(28.0), 22_050).unwrap(), 22_050)).unwrap();
-    said("generate again a.bvh.kinelm.json --music other.wav --out c.bvh", 1, "other.wav: the music has changed");
+    said("generate again a.bvh.kinelm.json --music other.wav --out c.bvh", 1, "other.wav: the music is SHA-256");
     // the page plays it, and the beats are those that it was made to
     said("view a.bvh --out page.html", 0, "song.wav: 45 beats, sounds for 2.5 s of the dance");
     assert!(fs::read_to_string(dir.join("page.html")).unwrap().contains("data:audio/wav;base64,"));

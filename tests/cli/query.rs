@@ -203,10 +203,10 @@ fn what_is_wrong_is_said_and_nothing_is_left() {
     let wrong = |words: &[&str], code: i32, says: &str| {
         data.call(words).arg("--out").arg(data.at("no")).assert().code(code).stderr(contains(says));
     };
-    wrong(&["query", "build", "--joints", "tail"], 2, "no joint or group \"tail\"");
+    wrong(&["query", "build", "--joints", "tail"], 2, "joint or group \"tail\": unknown");
     wrong(&["query", "build", "--transform", "model"], 2, "needs --run");
     wrong(&["query", "build", "--keep", "3", "--transform", "stft"], 2, "--keep");
-    wrong(&["query", "build", "--keep", "129"], 1, "expected 1 to 128");
+    wrong(&["query", "build", "--keep", "129"], 2, "expected 1 to 128");
     wrong(&["query", "build", "--window", "400"], 1, "no clip as long as a window of 400 frames");
     fs::create_dir(data.at("empty")).unwrap();
     let mut c = kinelm();
@@ -250,8 +250,8 @@ fn a_description_that_cannot_be_is_said() {
     let text = fs::read_to_string(&path).unwrap();
     for (from, to, says) in [
         ("\"keep\": 16", "\"keep\": 17", "features of 1152 numbers, expected 1224, by its options"),
-        ("\"frames\": 128", "\"frames\": 0", "windows of 0 frames"),
-        ("\"hop\": 64", "\"hop\": 0", "a hop of 0 frames"),
+        ("\"frames\": 128", "\"frames\": 0", "`window` is 0"),
+        ("\"hop\": 64", "\"hop\": 0", "`hop` is 0"),
         ("part-0001", "../part-0001", "a part `../part-0001`"),
     ] {
         assert_eq!(text.matches(from).count(), 1, "{text}");

@@ -161,7 +161,7 @@ fn wrong_calls_say_what_would_be_right() {
     rows(&bad).stderr(contains("bad.toml:5:1").and(contains("row fine: unknown field `bin`")));
     rows("").stderr(contains("bad.toml").and(contains("row")));
     assert!(!data.at("bad").exists(), "nothing is written");
-    data.study("study").args(["--show", "coarse,best"]).assert().code(1).stderr(contains("`shown` is best; expected"));
+    data.study("study").args(["--show", "coarse,best"]).assert().code(2).stderr(contains("--show is best; expected"));
     data.study("data").assert().code(1).stderr(contains("no study wrote"));
     let mut c = kinelm();
     c.args(["tokenizer", "study"]).arg(data.at("data/../data")).arg("--schemes").arg(data.at("none.toml"));

@@ -91,17 +91,16 @@ impl Conditions {
                     false => format!("this model knows {}", self.fields.join(", ")),
                 };
                 let meant = did_you_mean(field, self.fields.iter().map(String::as_str));
-                return Err(Error::call(format!("label {field}={value}: no field `{field}`; {known}{meant}")));
+                return Err(Error::unsupported(format!("`labels` with {field}={value}"), format!("{known}{meant}")));
             };
             if !self.values[at].contains_key(value) {
                 let (known, meant) = (self.values(field), did_you_mean(value, self.values(field)));
                 let known = known.join(", ");
-                let what =
-                    format!("label {field}={value}: no value `{value}`; this model knows the {field} {known}{meant}");
-                return Err(Error::call(what));
+                let why = format!("this model knows the {field} {known}{meant}");
+                return Err(Error::unsupported(format!("`labels` with {field}={value}"), why));
             }
             if labels.insert(field.clone(), value.clone()).is_some() {
-                return Err(Error::call(format!("label {field}={value}: {field} is asked for twice; give it once")));
+                return Err(Error::unsupported(format!("`labels` with {field} twice"), "give each field once"));
             }
         }
         Ok(self.front(&labels))
@@ -139,8 +138,8 @@ pub fn with_labels<'a>(
             }
             let known: Vec<&str> = all.keys().copied().collect();
             let known = if known.is_empty() { "no labels at all".into() } else { known.join(", ") };
-            let what = format!("train.conditions names `{field}`, which no training clip has; the clips have {known}");
-            return Err(Error::call(what));
+            let what = format!("training clip has the label `{field}` of train.conditions");
+            return Err(Error::missing(what, format!("the clips have {known}")));
         };
         for value in values {
             grown.vocabulary_mut().add_conditioning(&field, value)?;
@@ -199,9 +198,9 @@ mod tests {
         assert_eq!(ask(&[]), Ok(vec![1, 4, 4, 4, 4]));
         let said = ask(&[("genre", "house")]).unwrap_err();
         assert!(ask(&[("genre", "slasa")]).unwrap_err().ends_with("; did you mean salsa?"));
-        assert_eq!(said, "label genre=house: no value `house`; this model knows the genre a, salsa, waack");
+        assert_eq!(said, "`labels` with genre=house: this model knows the genre a, salsa, waack");
         assert!(ask(&[("mood", "x")]).unwrap_err().ends_with("this model knows genre, dancer, angle, style"));
-        assert!(ask(&[("genre", "a"), ("genre", "a")]).unwrap_err().contains("asked for twice"));
+        assert!(ask(&[("genre", "a"), ("genre", "a")]).unwrap_err().contains("genre twice"));
         let none = Conditions::none().asked(&[("genre".into(), "a".into())]).unwrap_err().to_string();
         assert!(none.contains("this model knows no labels"), "{none}");
     }
@@ -221,7 +220,7 @@ mod tests {
         assert_eq!(with_labels(&before, corpus.clips(), &[]).unwrap(), before);
         assert_eq!(with_labels(&before, corpus.clips(), &fields(&["music"])).unwrap(), before);
         let said = with_labels(&before, corpus.clips(), &fields(&["dancer"])).unwrap_err().to_string();
-        assert_eq!(said, "train.conditions names `dancer`, which no training clip has; the clips have genre");
+        assert_eq!(said, "no training clip has the label `dancer` of train.conditions; the clips have genre");
         assert!(with_labels(&before, [], &fields(&["x"])).unwrap_err().to_string().contains("no labels at all"));
     }
 }

@@ -89,9 +89,9 @@ impl Settings {
     /// Sets a key of the scheme written as `key=value`; dots go into tables, and a value that is no TOML is text.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] without a `=`, with an empty key, and for a key below one that is no table.
+    /// No `=`, an empty key, and a key below one that is no table.
     pub fn set_pair(&mut self, pair: &str) -> Result<()> {
-        let wrong = || Error::call("expected KEY=VALUE, such as tile=60 or joint_transform.type=pca");
+        let wrong = || Error::invalid("`settings`", pair, "KEY=VALUE, such as tile=60 or joint_transform.type=pca");
         let (key, value) = pair.split_once('=').ok_or_else(wrong)?;
         let value = format!("v = {value}").parse::<Table>().ok().and_then(|mut t| t.remove("v"));
         let value = value.unwrap_or_else(|| pair[key.len() + 1..].into());
@@ -122,8 +122,8 @@ impl Settings {
     /// The settings as a whole.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::File`], or [`kinelm_store::Error::Call`] where there was no file: a key that is unknown or of a wrong type, a value outside
-    /// its limits, joints that nobody knows.
+    /// A key that is unknown or of a wrong type, a value outside its limits, joints that nobody knows: a fault of the
+    /// file, or of the call where there was no file.
     pub fn config(mut self) -> Result<TokenizerConfig> {
         let path = self.path.take();
         let wrong = |wrong: Wrong| match &path {
@@ -131,7 +131,7 @@ impl Settings {
                 let expected = wrong.expected.unwrap_or_else(|| "the settings of a tokenizer".into());
                 Error::file(path, wrong.found, expected, HELP)
             }
-            None => Error::call(format!("{}; {HELP}", wrong.text)),
+            None => Error::unsupported("`settings`", format!("{}; {HELP}", wrong.text)),
         };
         if self.table.contains_key("scheme") {
             self.scheme();

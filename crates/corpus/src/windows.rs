@@ -12,13 +12,15 @@ use std::ops::Range;
 /// Whole words of `word` tokens in a context of `context` tokens.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] when not one word fits.
+/// Not one word fits.
 pub fn whole_words(context: usize, word: usize) -> Result<usize> {
     match context.checked_div(word) {
         Some(n) if n > 0 => Ok(n),
-        _ => Err(Error::call(format!(
-            "a context of {context} tokens doesn't hold one word of {word}; give at least {word}, better three times that"
-        ))),
+        _ => Err(Error::invalid(
+            "`context`",
+            format!("{context} tokens"),
+            format!("at least the {word} tokens of one word, better three times that"),
+        )),
     }
 }
 
@@ -41,7 +43,7 @@ pub struct EvalWindow {
 /// words leave room for it. Of words of one length, n in a window, the hop is n/2 words.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Call`] when words have one length and T doesn't hold one, or T is 0.
+/// Words have one length and T doesn't hold one, or T is 0.
 pub fn eval_windows<'a>(clips: impl IntoIterator<Item = ClipWords<'a>>, context: usize) -> Result<Vec<EvalWindow>> {
     let clips: Vec<ClipWords> = clips.into_iter().collect();
     Ok(each_eval_window(clips.into_iter(), context)?.collect())

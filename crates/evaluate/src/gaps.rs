@@ -167,10 +167,11 @@ pub fn frames_before(context: usize, front: usize, tokenizer: &Tokenizer, frames
     };
     let room = (context + 1).saturating_sub(front) / word;
     match room.saturating_sub(frames + 1).min(CONTEXT_FRAMES) {
-        0 => {
-            let (what, needs) = (format!("a gap of {frames} frames"), format!("{} frames of context", frames + 2));
-            Err(Error::limit(what, needs, format!("the {room} that the model sees"), ""))
-        }
+        0 => Err(Error::invalid(
+            "`frames`",
+            frames,
+            format!("at most {}: the model sees {room}", room.saturating_sub(2)),
+        )),
         before => Ok(before),
     }
 }

@@ -71,17 +71,6 @@ pub enum Error {
         /// Why it can't be done, and what to do.
         why: String,
     },
-    /// An option of the call can't be what it is.
-    #[error("`{option}`: {what}")]
-    Option {
-        /// Its name, words joined by `-`.
-        option: &'static str,
-        /// What is wrong, what is expected, what to do.
-        what: String,
-    },
-    /// The caller asked for something that can't be done.
-    #[error("{0}")]
-    Call(String),
 }
 
 /// The kinds of errors of all crates.
@@ -153,24 +142,12 @@ impl Error {
         match self {
             Error::Io { .. } => Kind::Io,
             Error::File(_) | Error::Missing { .. } => Kind::File,
+            // a parameter is the caller's; everything else is what a file holds
+            Error::Invalid { name, .. } if !name.contains('`') => Kind::File,
             Error::Stopped(_) => Kind::Stopped,
             Error::Limit { .. } => Kind::Limit,
-            Error::Taken { .. }
-            | Error::Invalid { .. }
-            | Error::Unsupported { .. }
-            | Error::Option { .. }
-            | Error::Call(_) => Kind::Call,
+            Error::Taken { .. } | Error::Invalid { .. } | Error::Unsupported { .. } => Kind::Call,
         }
-    }
-
-    /// A call that can't be done.
-    pub fn call(what: impl Into<String>) -> Error {
-        Error::Call(what.into())
-    }
-
-    /// An option of a call that can't be what it is, by its name, words joined by `-`.
-    pub fn option(option: &'static str, what: impl Into<String>) -> Error {
-        Error::Option { option, what: what.into() }
     }
 
     /// Work that the user stopped.
@@ -249,16 +226,6 @@ macro_rules! constructors {
                 help: impl Into<String>,
             ) -> $error {
                 $crate::Error::limit(what, needs, limit, help).into()
-            }
-
-            /// A call that can't be done.
-            pub fn call(what: impl Into<String>) -> $error {
-                $crate::Error::call(what).into()
-            }
-
-            /// An option of a call that can't be what it is, by its name, words joined by `-`.
-            pub fn option(option: &'static str, what: impl Into<String>) -> $error {
-                $crate::Error::option(option, what).into()
             }
 
             /// Work that the user stopped.

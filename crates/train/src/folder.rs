@@ -84,7 +84,8 @@ impl RunFolder {
         let mut who = String::new();
         let _ = file.rewind().and_then(|()| file.read_to_string(&mut who));
         let who = if who.is_empty() { String::new() } else { format!(" (number {who})") };
-        Err(Error::taken(run, format!("is being written by another process{who}; stop that one first")))
+        let why = format!("another process{who} is writing it; stop that one first");
+        Err(Error::io(run)(std::io::Error::new(ErrorKind::ResourceBusy, why)))
     }
 
     /// Its path.
@@ -185,7 +186,7 @@ mod tests {
         fs::write(run.join(CONFIG), "").unwrap();
         assert!(is_written(&run));
         let message = RunFolder::open(&run).unwrap_err().to_string();
-        let expected = format!("is being written by another process (number {})", std::process::id());
+        let expected = format!("another process (number {}) is writing it", std::process::id());
         assert!(message.contains(&expected), "{message}");
         drop(first);
         assert!(!is_written(&run));

@@ -150,7 +150,7 @@ fn a_full_disk_stops_the_run_and_leaves_what_was_written_before() {
         .success();
     // the corpus lies elsewhere, seen from where the run lies now
     let mut resumed = place.resume(&saved);
-    resumed.arg("--corpus").arg(place.at("corpus")).assert().success().stderr(contains("going on after step"));
+    resumed.arg("--corpus").arg(place.at("corpus")).assert().success().stderr(contains("resuming after step"));
     assert_same(&saved, &straight);
 }
 
@@ -229,7 +229,7 @@ fn two_processes_do_not_write_one_run() {
     while !run.join("latest").exists() && Instant::now() < deadline {
         std::thread::sleep(Duration::from_millis(20));
     }
-    place.resume(&run).assert().code(1).stderr(contains("is being written by another process"));
+    place.resume(&run).assert().code(1).stderr(contains("is writing it"));
     kinelm().args(["runs", "list"]).arg(&run).assert().success().stdout(contains("running"));
     first.kill().unwrap();
     first.wait().unwrap();

@@ -105,7 +105,7 @@ fn settings_are_shown_and_fields_are_given_in_the_call() {
     let config = place.config("fields.toml", "steps = 2\n");
     let run = place.at("fields");
     let refused = place.pretrain(&config, &run).args(["--conditions", "mood"]).assert().code(1);
-    refused.stderr(contains("names `mood`, which no training clip has"));
+    refused.stderr(contains("no training clip has the label `mood` of train.conditions"));
     let labels = ["--labels", "{genre}.bvh"];
     let (tokenizer, corpus) = (place.at("fields.json"), place.at("fields-corpus"));
     let fit = ["tokenizer", "fit", "--joints", "13", "--out"];
@@ -166,7 +166,7 @@ fn a_rate_is_found() {
     assert_eq!(found["suggestion"].as_f64(), Some(turn / 10.0));
     assert_eq!(found["steps"][0]["rate"].as_f64(), Some(1e-7));
     find("lr.gif", &["--to", "100"]).assert().code(2);
-    find("lr2.svg", &["--from", "1", "--to", "0.1"]).assert().failure().stderr(contains("rates from 1 to 0.1"));
+    find("lr2.svg", &["--from", "1", "--to", "0.1"]).assert().failure().stderr(contains("--from is 1 and --to 0.1"));
 }
 
 #[test]

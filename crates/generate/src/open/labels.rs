@@ -92,8 +92,8 @@ mod tests {
             "{two}"
         );
         assert!(said(&[("genre", "waltz")], &["genre=salsa@0s:1s"]).contains("and genre=waltz; expected one value"));
-        assert!(said(&[], &["mood=glad@0s:1s"]).contains("no field `mood`"));
-        assert!(said(&[], &["genre=house@0s:1s"]).contains("no value `house`"));
+        assert!(said(&[], &["mood=glad@0s:1s"]).contains("`labels` with mood=glad: this model knows"));
+        assert!(said(&[], &["genre=house@0s:1s"]).contains("`labels` with genre=house: this model knows"));
         assert!(said(&[], &["genre@0s:1s"]).contains("expected FIELD=VALUE"));
         assert!(said(&[], &["=a"]).contains("expected FIELD=VALUE"));
         let label: TimedLabel = "genre=a@b@2s:".parse().unwrap();

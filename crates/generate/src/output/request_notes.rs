@@ -82,8 +82,8 @@ fn note_edit(prompt: &PreparedPrompt, edit: &PreparedEdit, notes: &mut Vec<Strin
         ));
         notes.extend(ambiguous.iter().map(|(part, own)| format!("  {}", ambiguity_note(part, own))));
         if !uncoded.is_empty() {
-            let what = "the model doesn't code them; they are the prompt's, and where all coded joints are free, they move \
-                        from their pose before the gap to that after it";
+            let what = "the model doesn't code them; they are the prompt's, and where all coded joints are free, they go from \
+                        their pose before the gap to that after it";
             notes.push(format!("  {}: {what}", names(uncoded)));
         }
     };

@@ -12,7 +12,9 @@
 //! let click: Vec<f32> = (0..2 * rate).map(|i| if i / 100 == rate / 100 { 1.0 } else { 0.0 }).collect();
 //! let features = features_of(&click, 30.0)?;
 //! assert_eq!((features.frames(), features.numbers.len()), (61, 61 * CHANNELS));
-//! assert!(features.numbers[33 * CHANNELS + STRENGTH] > features.numbers[20 * CHANNELS + STRENGTH]);
+//! let strength = |frame: usize| features.numbers[frame * CHANNELS + STRENGTH];
+//! let onset = (0..61).max_by(|a, b| strength(*a).total_cmp(&strength(*b))).unwrap();
+//! assert!((28..=34).contains(&onset), "the click is at 1 s, frame 30");
 //! # Ok::<(), kinelm_music::Error>(())
 //! ```
 

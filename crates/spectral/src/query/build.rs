@@ -179,10 +179,10 @@ fn alone(out: &Path) -> Result<Option<File>> {
     }
     let folder = File::open(out).map_err(Error::io(out))?;
     match folder.try_lock() {
-        Err(TryLockError::WouldBlock) => Err(Error::unsupported(
-            out.display().to_string(),
-            "another build adds to it; build again when that is done",
-        )),
+        Err(TryLockError::WouldBlock) => {
+            let why = "another build adds to it; build again when that is done";
+            Err(Error::io(out)(std::io::Error::new(std::io::ErrorKind::ResourceBusy, why)))
+        }
         // file systems without locks can't tell
         _ => Ok(Some(folder)),
     }

@@ -228,7 +228,7 @@ mod tests {
         let said = |config: &str| error(with(config));
         let message = said("[model]\nwidth = 32\n");
         assert!(message.contains("model.width is 32; expected 16, as the source has; leave [model] out"), "{message}");
-        assert!(said("[train]\nconditions = [\"mood\"]\n").contains("names `mood`, which no training clip has"));
+        assert!(said("[train]\nconditions = [\"mood\"]\n").contains("no training clip has the label `mood`"));
         assert!(!dir.path().join("run").exists());
         let merged = fixture::merged(dir.path(), &[(90, Split::Train)]);
         let message = error(PretrainOptions { corpora: vec![CorpusPart::once(merged.dir())], ..with("") });

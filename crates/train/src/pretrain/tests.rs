@@ -388,7 +388,10 @@ fn a_run_with_conditions_has_its_labels_in_its_vocabulary_and_resumes() {
     assert_eq!(run.load_conditions().unwrap().values("genre"), ["a", "b"]);
     file.train.conditions.push("mood".into());
     let message = go(&options(dir.path(), "none", Some(file))).unwrap_err().to_string();
-    assert!(message.contains("names `mood`, which no training clip has; the clips have dancer, genre"), "{message}");
+    assert!(
+        message.contains("no training clip has the label `mood` of train.conditions; the clips have dancer, genre"),
+        "{message}"
+    );
     assert!(!dir.path().join("none").exists());
     corpus.tokenizer().save(&run.tokenizer).unwrap();
     assert!(run.load_conditions().unwrap_err().to_string().contains("put back the tokenizer.json"));

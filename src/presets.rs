@@ -58,7 +58,7 @@ mod tests {
         std::fs::write(&file, "[train]\nsteps = 7\n").unwrap();
         assert_eq!(TrainFile::find(&file).unwrap().train.steps, 7);
         let message = TrainFile::find(Path::new("smal")).unwrap_err().to_string();
-        let expected = "no training file \"smal\": neither a file nor one of tiny, small, two-level, thesis-26m, gpt2, finetune, goal, \
+        let expected = "`config` \"smal\": no training file: neither a file nor one of tiny, small, two-level, thesis-26m, gpt2, finetune, goal, \
                         demo, demo-music; did you mean small?";
         assert_eq!(message, expected);
         let message = Settings::find(Path::new("no/such.toml")).unwrap_err().to_string();

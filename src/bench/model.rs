@@ -120,7 +120,7 @@ mod tests {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train/small.toml");
         assert_eq!(args(folder.to_str().unwrap()).get().unwrap().name, "small");
         let refused = format!("{:#}", args("huge").get().unwrap_err());
-        assert!(refused.contains("no training file \"huge\": neither a file nor one of tiny"), "{refused}");
+        assert!(refused.contains("`config` \"huge\": no training file: neither a file nor one of tiny"), "{refused}");
         let short = ModelArgs { context: Some(20), ..args("tiny") };
         assert!(short.get().unwrap_err().to_string().contains("86 or more"));
     }

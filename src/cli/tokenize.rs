@@ -66,8 +66,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         say.line(line);
     }
     if let Some(folder) = &args.music {
-        let (heard, clips) = (counted(summary.with_music, "clips"), summary.clips);
-        say.line(format_args!("{}: {heard} of {clips} have music", folder.display()));
+        let (with_music, clips) = (counted(summary.with_music, "clips"), summary.clips);
+        say.line(format_args!("{}: {with_music} of {clips} have music", folder.display()));
         if let Err(e) = rate_of(tokenizer.fps()) {
             say.line(format_args!("their beats are kept, not what they sound like: {e}"));
         }

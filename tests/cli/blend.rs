@@ -121,7 +121,7 @@ fn what_can_not_be_filtered_is_said() {
         .arg(d.path("out"))
         .assert()
         .code(1)
-        .stderr(contains("12 frames are too few").and(contains("1 of 2 clips")));
+        .stderr(contains("12 frames are too few").and(contains("1 file could not be used")));
     assert_eq!(fs::read_dir(d.path("out")).unwrap().count(), 1, "the other was done");
     assert_eq!(d.count(), before + 2, "nothing half-written");
     // one alone names its file too; a folder that isn't there is made

@@ -141,7 +141,7 @@ fn folders_are_converted_with_their_paths_and_nothing_is_written_twice() {
     convert(&["d", "new/out"], &["--format", "json"]).success().stderr(contains("2 of 2: "));
     assert!(at("new/out/salsa/1.json").exists() && at("new/out/2.json").exists());
     // two inputs of one output: refused before anything is written
-    convert(&["d", "e", "both"], &["--format", "json"]).code(2).stderr(contains("both would be written to"));
+    convert(&["d", "e", "both"], &["--format", "json"]).code(2).stderr(contains("would be written for both"));
     assert!(!at("both").exists());
     // a bad file doesn't keep the others from it
     fs::write(at("d/0.bvh"), "no motion").unwrap();

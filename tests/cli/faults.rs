@@ -84,7 +84,7 @@ fn names_that_are_no_utf_8_are_told_before_any_work() {
         return;
     }
     let mut c = data.call("generate --frames 20 --out odd.bvh --run");
-    c.arg(&run).assert().code(2).stderr(contains("a name that is no UTF-8 can't be stored in the sidecar"));
+    c.arg(&run).assert().code(2).stderr(contains("which is no UTF-8; expected a name that the sidecar can store"));
     assert!(!data.at("odd.bvh").exists());
     let clip = data.0.path().join(OsStr::from_bytes(b"clip\xff.bvh"));
     fs::copy(data.at("data/d0.bvh"), &clip).unwrap();
@@ -124,7 +124,7 @@ fn numbers_outside_their_range_are_wrong_calls() {
         ("generate --run run --frames 5 --fps 0.5 --out slow.bvh", "--fps 0.5 with a .bvh"),
         (
             "tokenizer fit data --config lapped --set hop=999 --out l.json",
-            "--set hop=999 over lapped: tokenizer setting hop: found 999",
+            "--set hop=999 over lapped: `settings`: tokenizer setting hop: found 999",
         ),
     ] {
         let said = data.said(call, 2);
@@ -205,7 +205,7 @@ fn settings_and_texts_are_told_with_their_file() {
     data.refused("pretrain --config short.toml --corpus corpus --run other", &["short.toml: model.context is 3"]);
     data.refused(
         "pretrain --config mood.toml --corpus corpus --run other",
-        &["mood.toml: train.conditions names `mood`"],
+        &["no training clip has the label `mood` of train.conditions"],
     );
     data.write("odd.toml", b"\xff\xfe\x00");
     data.refused("tokenizer fit data --config odd.toml --out o.json", &["odd.toml: found bytes that are no UTF-8"]);

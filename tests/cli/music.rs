@@ -293,7 +293,7 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
     said(
         "finetune --from run --config none.toml --corpus corpus --run worse --steps 2",
         1,
-        "model.music is \"none\"; the source has",
+        "model.music is \"none\"; expected \"beats\", as the source has",
     );
     // music that ends before its clip, and a label of a file that isn't there
     fs::write(dir.join("songs/0.wav"), wav::bytes(&render(&score(3.0), 22_050).unwrap(), 22_050)).unwrap();

@@ -145,7 +145,7 @@ fn a_dance_to_music_is_made_again() {
     fs::copy(place.at("songs/song3.wav"), place.at("d.wav")).unwrap();
     place.done("music-lstm generate --run run --music d.wav --frames 30 --out d.bvh");
     fs::copy(place.at("songs/song1.wav"), place.at("d.wav")).unwrap();
-    place.refused("music-lstm generate again d.bvh.kinelm.json", "run: the music has SHA-256");
+    place.refused("music-lstm generate again d.bvh.kinelm.json", "run: the music is of SHA-256");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! A large file of numbers: in memory, or read where it is asked for. A file that is cut or changed while it is in use is an
+//! A large file of numbers: in memory, or read on demand. A file that is cut or changed while it is in use is an
 //! error at worst.
 
 use crate::{Error, Result};

@@ -1,6 +1,6 @@
 //! Labels as tokens in front of a window: `<bos>`, then one token a field, `<unk>` where a clip's label is not known.
 //!
-//! Fields stand in one order whatever order they were asked in: genre, dancer, music, situation, choreography, then the
+//! Fields have one order, whatever order the caller gives: genre, dancer, music, situation, choreography, then the
 //! others by name (docs/training.md, "Labels"). The tokens `<field:value>` are the last ids of a run's vocabulary.
 
 use super::record::ClipRecord;
@@ -12,13 +12,13 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Fields that stand before all others, in this order.
 const FIRST: [&str; 5] = ["genre", "dancer", "music", "situation", "choreography"];
 
-/// The fields that a model is told of, in their order, and the ids of their values.
+/// The label fields that condition a model, in their order, and the ids of their values.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Conditions {
     fields: Vec<String>,
     /// Per field: value and id, by value.
     values: Vec<BTreeMap<String, u32>>,
-    /// Whether nothing is told: neither labels nor music.
+    /// Whether all conditioning is hidden, labels and music.
     hidden: bool,
 }
 
@@ -42,13 +42,13 @@ impl Conditions {
         Conditions::default()
     }
 
-    /// The same fields without their values, so that every label is unknown, and music too: what a model knows when it is
-    /// told nothing.
+    /// The same fields without their values, so that every label is unknown, and music too: the unconditional
+    /// half of guidance.
     pub fn unknown(&self) -> Conditions {
         Conditions { fields: self.fields.clone(), values: vec![BTreeMap::new(); self.fields.len()], hidden: true }
     }
 
-    /// Whether nothing is to be told: neither labels nor music.
+    /// Whether all conditioning is hidden, labels and music.
     pub fn are_hidden(&self) -> bool {
         self.hidden
     }
@@ -78,13 +78,13 @@ impl Conditions {
         std::iter::once(Special::Bos.id()).chain(self.fields.iter().zip(&self.values).map(id)).collect()
     }
 
-    /// As [`Conditions::front`], of pairs of field and value that somebody asked for.
+    /// As [`Conditions::front`], of pairs of field and value that a caller requests.
     ///
     /// # Errors
-    /// An unknown field, an unknown value, a field asked for twice; the known ones are listed.
-    pub fn asked(&self, asked: &[(String, String)]) -> Result<Vec<u32>> {
+    /// An unknown field, an unknown value, a field given twice; the known ones are listed.
+    pub fn requested(&self, pairs: &[(String, String)]) -> Result<Vec<u32>> {
         let mut labels = BTreeMap::new();
-        for (field, value) in asked {
+        for (field, value) in pairs {
             let Some(at) = self.fields.iter().position(|f| f == field) else {
                 let known = match self.fields.is_empty() {
                     true => "this model knows no labels; train one with train.conditions".to_string(),
@@ -192,7 +192,7 @@ mod tests {
         let c = conditions();
         let ask = |pairs: &[(&str, &str)]| {
             let pairs: Vec<_> = pairs.iter().map(|(f, v)| (f.to_string(), v.to_string())).collect();
-            c.asked(&pairs).map_err(|e| e.to_string())
+            c.requested(&pairs).map_err(|e| e.to_string())
         };
         assert_eq!(ask(&[("dancer", "61"), ("genre", "a")]), Ok(vec![1, 70, 69, 4, 4]));
         assert_eq!(ask(&[]), Ok(vec![1, 4, 4, 4, 4]));
@@ -201,7 +201,7 @@ mod tests {
         assert_eq!(said, "`labels` with genre=house: this model knows the genre a, salsa, waack");
         assert!(ask(&[("mood", "x")]).unwrap_err().ends_with("this model knows genre, dancer, angle, style"));
         assert!(ask(&[("genre", "a"), ("genre", "a")]).unwrap_err().contains("genre twice"));
-        let none = Conditions::none().asked(&[("genre".into(), "a".into())]).unwrap_err().to_string();
+        let none = Conditions::none().requested(&[("genre".into(), "a".into())]).unwrap_err().to_string();
         assert!(none.contains("this model knows no labels"), "{none}");
     }
 

@@ -71,8 +71,8 @@ pub fn into_folder(given: &[PathBuf], out: &Path, to: impl Fn(&str) -> String) -
     if out.exists() && !out.is_dir()
         || !out.is_dir() && extension(out).len() > 1 && extension(out) == to(&extension(out))
     {
-        let what = "several files go there, and it is no folder; give a folder";
-        return Err(Error::unsupported(out.display().to_string(), what));
+        let what = "is no folder, and several files go there; give a folder";
+        return Err(Error::taken(out, what));
     }
     let inside = |place: &Path| -> Result<bool> {
         let whole = |path: &Path| path.canonicalize().map_err(Error::io(path));
@@ -90,8 +90,10 @@ pub fn into_folder(given: &[PathBuf], out: &Path, to: impl Fn(&str) -> String) -
             let output = out.join(below.with_extension(to(&extension(&below))));
             if let Some(other) = from.insert(output.clone(), input.clone()) {
                 let both = format!("{} and {}", other.display(), input.display());
-                let why = format!("both would be written to {}; convert them in two calls", output.display());
-                return Err(Error::unsupported(both, why));
+                return Err(Error::taken(
+                    &output,
+                    format!("would be written for both {both}; convert them in two calls"),
+                ));
             }
             pairs.push(Pair { input, output });
         }
@@ -129,11 +131,11 @@ mod tests {
         let outputs: Vec<_> = pairs.iter().map(|p| p.output.strip_prefix(&out).unwrap().to_owned()).collect();
         assert_eq!(outputs, ["2.json", "salsa/1.json", "x.json"].map(PathBuf::from));
         let wrong = into_folder(&at(&["d", "e"]), &out, json).unwrap_err().to_string();
-        assert!(wrong.contains("2.npz and ") && wrong.contains("both would be written to"), "{wrong}");
+        assert!(wrong.contains("2.npz and ") && wrong.contains("would be written for both"), "{wrong}");
         // with the extensions that they have they don't meet
         assert_eq!(into_folder(&at(&["d", "e"]), &out, str::to_owned).unwrap().len(), 3);
         let wrong = into_folder(&at(&["d"]), &dir.path().join("x.bvh"), json).unwrap_err().to_string();
-        assert!(wrong.contains("it is no folder"), "{wrong}");
+        assert!(wrong.contains("is no folder"), "{wrong}");
         assert!(into_folder(&at(&["d"]), &dir.path().join("new.json"), json).is_err());
         std::fs::create_dir(dir.path().join("empty")).unwrap();
         assert!(files(&at(&["empty"])).is_err());

@@ -1,9 +1,10 @@
 //! Windows of tokens, aligned to words: what a model trains on and what it is measured on.
 //!
-//! T tokens of context, K of them in front: `<bos>`, and a conditioning token a field. A sequence is input `front t0 t1 ..`,
-//! target `t0 t1 ..` from the last token of the front on, and t0 is the first token of a word. The front stands at the front of every window, also in the middle of a clip, because generation's sliding window
-//! does the same. Where a clip ends early, both are filled up with `<pad>`, which no loss counts. A word that is longer
-//! than a window is cut; only then does a window begin inside one.
+//! T tokens of context, K of them in front: `<bos>`, and a conditioning token per field. A sequence is input
+//! `front t0 t1 ..`, target `t0 t1 ..` from the last token of the front on, where t0 is the first token of a word. Every
+//! window has the front, also in the middle of a clip, because generation's sliding window does the same. Where a clip
+//! ends early, both are filled with `<pad>`, which no loss counts. A word longer than a window is cut; only then does a
+//! window begin inside one.
 
 use super::words::ClipWords;
 use crate::{Error, Result};
@@ -134,7 +135,7 @@ mod tests {
     #[test]
     fn a_context_below_a_word_is_refused() {
         let word = ClipWords::Fixed { word: 43, words: 5 };
-        assert!(eval_windows([word], 42).unwrap_err().to_string().contains("one word of 43"));
+        assert!(eval_windows([word], 42).unwrap_err().to_string().contains("the 43 tokens of one word"));
         assert!(eval_windows([word], 0).is_err());
         assert!(whole_words(10, 0).is_err());
     }

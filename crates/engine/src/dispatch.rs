@@ -46,8 +46,8 @@ fn arch() -> Arch {
     *ARCH.get_or_init(|| chosen(std::env::var(VARIABLE).ok().as_deref()))
 }
 
-fn chosen(asked: Option<&str>) -> Arch {
-    match asked {
+fn chosen(requested: Option<&str>) -> Arch {
+    match requested {
         Some("portable") => Arch::Scalar,
         #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
         Some("avx2") => pulp::x86::V3::try_new().map_or(Arch::Scalar, Arch::V3),

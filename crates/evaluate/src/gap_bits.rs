@@ -1,4 +1,4 @@
-//! Bits a frame in gaps behind which a frame is given: told to the model ([`kinelm_model::goal`]) and untold.
+//! Bits per frame in gaps before a given frame, with goal conditioning ([`kinelm_model::goal`]) and without.
 
 use super::gaps::CONTEXT_FRAMES;
 use crate::{Error, Result};
@@ -16,9 +16,9 @@ pub struct GapBits {
     pub frames: usize,
     /// Gaps.
     pub gaps: usize,
-    /// Bits a frame, where the model is told nothing and where it is told the frame behind the gap.
+    /// Bits per frame without goal conditioning.
     pub unconditioned: f64,
-    /// See [`GapBits::untold`].
+    /// Bits per frame, conditioned on the frame after the gap.
     pub conditioned: f64,
     /// The same of the last quarter of the gaps' frames.
     pub unconditioned_end: f64,
@@ -30,7 +30,7 @@ pub struct GapBits {
 /// frames, or as many as a window holds. `None` where no clip is long enough.
 ///
 /// # Errors
-/// A model that can't be told, gaps that don't fit into its window, those of the model's reading.
+/// A model without goal conditioning, gaps that don't fit into its window, those of the model's reading.
 pub fn gap_bits(
     model: &mut dyn Scores,
     corpus: &Corpus,
@@ -74,7 +74,7 @@ pub fn gap_bits(
     }))
 }
 
-/// Nats of each of the `shown` frames of a clip from `start` on, 0 outside of the gap: untold, told.
+/// Nats of each of the `shown` frames of a clip from `start` on, 0 outside of the gap: without conditioning, with it.
 fn nats(
     model: &mut dyn Scores,
     (corpus, clip, start): (&Corpus, &ClipRecord, usize),
@@ -91,12 +91,12 @@ fn nats(
     targets[..first + gap.start * word].fill(pad);
     targets[first + gap.end * word..].fill(pad);
     let given = (0..shown).flat_map(|frame| vec![!gap.contains(&frame); c]).collect();
-    let told = GoalTrack::new(ahead.clone(), ahead.codes(&ids), given, 0).conditioning(shown);
-    let mut nats = |told| -> Result<Vec<f64>> {
-        model.nats_conditioned((&inputs, &targets), length, told, &mut found)?;
+    let goal = GoalTrack::new(ahead.clone(), ahead.codes(&ids), given, 0).conditioning(shown);
+    let mut nats = |conditioning| -> Result<Vec<f64>> {
+        model.nats_conditioned((&inputs, &targets), length, conditioning, &mut found)?;
         Ok(found[first..].chunks(word).map(|frame| frame.iter().map(|&x| f64::from(x)).sum()).collect())
     };
-    Ok([nats(None)?, nats(Some(&told))?])
+    Ok([nats(None)?, nats(Some(&goal))?])
 }
 
 #[cfg(test)]

@@ -152,7 +152,7 @@ pub struct Filler<'a> {
     pub seed: u64,
     /// Whether feet are held.
     pub lock_feet: bool,
-    /// How the model is told what lies behind a gap, and how far it is led there, as [`SamplingPlan::ahead`]; `None`: it isn't told.
+    /// Goal conditioning on the frame after the gap, and its guidance; `None`: without.
     pub ahead: Option<(GoalEncoder, f64)>,
 }
 
@@ -177,7 +177,7 @@ pub fn frames_before(context: usize, front: usize, tokenizer: &Tokenizer, frames
 }
 
 impl Filler<'_> {
-    /// Fills gaps and measures; `progress` is told the gaps done.
+    /// Fills gaps and measures; `progress` gets the number of gaps done.
     ///
     /// # Errors
     /// What drawing and decoding fail with.
@@ -205,7 +205,7 @@ impl Filler<'_> {
         };
         let given = flags(&|frame| !gap.frames.contains(&frame));
         let lookahead = flags(&|frame| frame == gap.frames.end);
-        let front = self.conditions.asked(&[])?;
+        let front = self.conditions.requested(&[])?;
         let words = gap.frames.end + 1;
         let seed = variation_seed(self.seed, index);
         let goals = |ahead: &GoalEncoder| GoalTrack::new(ahead.clone(), ahead.codes(&gap.ids), given.clone(), 0);

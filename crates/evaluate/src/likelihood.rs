@@ -81,13 +81,13 @@ impl LikelihoodReport {
             table += &format!("{name:<32} {bits:>12.2} {:>14.0}\n", self.in_all(bits));
         }
         if !gaps.is_empty() {
-            table += &format!("\n{:<32} {:>12} {:>14}\n", "in gaps, bits/frame", "untold", "told the end");
+            table += &format!("\n{:<32} {:>12} {:>14}\n", "in gaps, bits/frame", "no goal", "goal given");
         }
         for gap in gaps {
             let name = format!("{} of {} frames", gap.gaps, gap.frames);
             table += &format!("{name:<32} {:>12.2} {:>14.2}\n", gap.unconditioned, gap.conditioned);
-            let (untold, told) = (gap.unconditioned_end, gap.conditioned_end);
-            table += &format!("{:<32} {untold:>12.2} {told:>14.2}\n", "  their last quarter");
+            let (plain, conditioned) = (gap.unconditioned_end, gap.conditioned_end);
+            table += &format!("{:<32} {plain:>12.2} {conditioned:>14.2}\n", "  their last quarter");
         }
         if let Some(places) = places {
             table += &format!("\n{:<32} {:>12} {:>14}\n", "under the model", "bits/frame", "share %");

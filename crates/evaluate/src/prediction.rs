@@ -142,7 +142,7 @@ impl Predictor<'_> {
     }
 
     /// Rows of greedy continuation, of samples, and of the best of the samples of each window, by the angle up to 400 ms.
-    /// `progress` is told the windows done.
+    /// `progress` gets the number of windows done.
     ///
     /// # Errors
     /// What coding and generating fail with; no windows.

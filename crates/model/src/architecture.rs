@@ -1,7 +1,7 @@
 //! What a model is built of, where that isn't one stack of blocks over all tokens: the keys `architecture`, `window` and
 //! `[model.decoder]`.
 //!
-//! A *two-level* model has a trunk that sees frames and a small decoder that spells one frame, character after character:
+//! A *two-level* model has a trunk that sees frames and a small decoder that predicts one frame, character after character:
 //! after MEGABYTE (Yu et al. 2023) and the RQ-Transformer (Lee et al. 2022). `layers`, `heads` and `width` are the trunk's
 //! then.
 
@@ -16,7 +16,7 @@ pub enum Architecture {
     /// One stack of blocks, in which every token is a row.
     #[default]
     Flat,
-    /// A trunk in which every frame is a row, and a decoder that spells a frame.
+    /// A trunk in which every frame is a row, and a decoder inside the frame.
     TwoLevel,
 }
 
@@ -27,7 +27,7 @@ impl Architecture {
     }
 }
 
-/// The `[model.decoder]` table: what spells a frame.
+/// The `[model.decoder]` table: the decoder inside the frame.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DecoderConfig {

@@ -85,7 +85,7 @@ pub struct Checkpoint {
     pub dir: PathBuf,
     /// Its state.
     pub state: State,
-    /// The bytes of the files that were asked for.
+    /// The bytes of the requested files.
     pub files: BTreeMap<String, Vec<u8>>,
 }
 
@@ -130,22 +130,22 @@ impl Checkpoints {
     }
 
     /// The step of the best checkpoint. The last state that can be read says so too: where `best` is missing, damaged or
-    /// names another, that counts, and `note` is told.
+    /// names another, that state decides, and `note` reports it.
     fn best(&self, steps: &[u64], note: &mut dyn FnMut(String)) -> Option<u64> {
         let named = self.named("best");
         let last = steps.iter().rev().find_map(|&step| self.state(step).ok());
-        let told = last.as_ref().and_then(|state| state.best).map(|best| best.step);
+        let stored = last.as_ref().and_then(|state| state.best).map(|best| best.step);
         let path = self.run.join("best");
-        match (last, told.filter(|step| steps.contains(step))) {
-            (Some(last), Some(told)) if named != Some(told) => {
+        match (last, stored.filter(|step| steps.contains(step))) {
+            (Some(last), Some(stored)) if named != Some(stored) => {
                 let found = match named {
                     Some(step) => name(step),
                     None if path.exists() => "no name of a checkpoint".into(),
                     None => "no file".into(),
                 };
-                let (path, told_name, by) = (path.display(), name(told), name(last.step));
-                note(format!("{path}: found {found}, expected {told_name}, as the state of {by} says; taking that"));
-                Some(told)
+                let (path, expected, by) = (path.display(), name(stored), name(last.step));
+                note(format!("{path}: found {found}, expected {expected}, as the state of {by} says; taking that"));
+                Some(stored)
             }
             _ => {
                 if named.is_none() && path.exists() {
@@ -238,7 +238,7 @@ impl Checkpoints {
         }
     }
 
-    /// The checkpoint that is wanted, or the nearest one before it that is whole; what was passed over is told to `note`.
+    /// The requested checkpoint, or the nearest earlier one that is whole; `note` reports those passed over.
     ///
     /// # Errors
     /// No checkpoint that is whole, with the reason of the last one tried; too little memory to read the one wanted.
@@ -317,7 +317,7 @@ fn check(dir: &Path, state: &State, wanted: &[&str]) -> Result<BTreeMap<String, 
     for (name, record) in &state.files {
         let path = dir.join(name);
         let read = |e| Error::io(&path)(short_of_memory(e));
-        // what nobody asked for, such as the moments of a model that is to dance, is hashed in pieces
+        // files that aren't requested, such as the optimizer's moments for generation, are hashed in pieces
         let bytes = wanted.contains(&name.as_str()).then(|| input::bytes(&path)).transpose().map_err(read)?;
         let found = match &bytes {
             Some(bytes) => FileRecord::of(bytes),

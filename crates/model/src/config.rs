@@ -26,7 +26,7 @@ pub struct ModelConfig {
     /// T: tokens of a window, the front token included; holds two words at least if all have one length. Default 256. Of a
     /// two-level model what `window` says.
     pub context: usize,
-    /// How a token's place is told. Default `frame_joint`.
+    /// How a token's position is encoded. Default `frame_joint`.
     pub positions: Positions,
     /// To every input is added what stood one frame back at the place about to be predicted, and its last step. Left out:
     /// where that is possible, see [`ModelConfig::reads_previous`].
@@ -42,13 +42,13 @@ pub struct ModelConfig {
     /// F: frames of a two-level model's window, 2..=8192. Left out: 128.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub window: Option<usize>,
-    /// What spells a frame in a two-level model. Left out: its defaults.
+    /// The decoder of a two-level model. Left out: its defaults.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decoder: Option<DecoderConfig>,
-    /// A two-level model may be told what is given ahead of the frame that it spells, see [`super::goal`]. Default false.
+    /// Whether a two-level model is conditioned on goals, frames that are given later; see [`super::goal`]. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub goal: bool,
-    /// What a two-level model is told of the music that is danced to, see [`super::music`]. Default `none`.
+    /// Music conditioning of a two-level model, see [`super::music`]. Default `none`.
     #[serde(skip_serializing_if = "Music::is_none")]
     pub music: Music,
     /// What the features of music are standardised by. No training file says it: a new run takes it of its training clips.
@@ -70,7 +70,7 @@ pub enum ModelKind {
     Masked,
 }
 
-/// How a token's place in the window is told to the model.
+/// How a token's position in the window is encoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Positions {
@@ -155,7 +155,7 @@ impl ModelConfig {
         }
     }
 
-    /// Refuses the keys that need the frame before, where they are asked for.
+    /// Refuses keys that need the previous frame where there is none.
     fn refuse_frame_before(&self, why: &str) -> Result<()> {
         let refused = |key, value, other| {
             Err(Error::invalid(format!("model.{key}"), value, format!("{other}, or leave it out: {why}")))
@@ -208,12 +208,12 @@ impl ModelConfig {
         self.kind == ModelKind::Causal && !tokens.places.is_empty()
     }
 
-    /// What frames are told of music: see [`super::music::told`].
+    /// The music that conditions frames; see [`super::music::conditioning`].
     pub fn music_conditioning(&self) -> (Music, Option<&Scale>) {
         (self.music, self.music_scale.as_ref())
     }
 
-    /// Whether its frames can be told something beside their characters.
+    /// Whether frames can have conditioning beside their characters.
     pub fn is_conditioned(&self) -> bool {
         self.goal || !self.music.is_none()
     }
@@ -291,7 +291,7 @@ impl TokenLayout {
         (self.word, self.varying) == (other.word, other.varying) && self.vocabulary >= other.vocabulary
     }
 
-    /// Word tokens that a window of `context` tokens is asked about: all but those of the front that nothing predicts.
+    /// Word tokens that a window of `context` tokens predicts: all but those of the front.
     pub fn room(&self, context: usize) -> usize {
         (context + 1).saturating_sub(self.front)
     }

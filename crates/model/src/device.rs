@@ -35,7 +35,7 @@ pub struct Compute {
 }
 
 impl Compute {
-    /// Whether the engine computes: on the processor, unless the plain form is asked for.
+    /// Whether the engine computes: on the processor, unless the plain form is requested.
     pub fn is_fast(self) -> bool {
         self.device == DeviceName::Cpu && self.form == Form::Auto
     }

@@ -13,7 +13,7 @@ pub enum Error {
     /// A motion file or clip is wrong.
     #[error(transparent)]
     Motion(#[from] kinelm_motion::Error),
-    /// A music file is wrong, or is asked for what it can't give.
+    /// A music file is wrong, or can't give what is requested.
     #[error(transparent)]
     Music(#[from] kinelm_music::Error),
     /// The tokenizer refused.

@@ -87,7 +87,7 @@ pub fn every(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
     all(length).into_iter().chain(two.map(|(levels, tokens)| (levels.resolved(&tokens), tokens))).collect()
 }
 
-/// What frames of a batch are told, where they may be: two of three frames, rows missing here and there.
+/// Goal conditioning for a batch, where the model has one: two of three frames, some rows missing.
 pub fn conditioning(config: &ModelConfig, tokens: &TokenLayout, windows: usize) -> Option<Conditioning> {
     if !config.is_conditioned() {
         return None;
@@ -159,7 +159,7 @@ pub fn batch(config: &ModelConfig, tokens: &TokenLayout, windows: usize, length:
         if config.kind == ModelKind::Causal {
             fill_sequence(&ids, &front(row), tokens.pad, input, target);
             if row == 1 && !kinds.is_empty() {
-                // a joint is dropped from the second word on: neither it nor what would be told from it counts
+                // a joint is dropped from the second word on: neither it nor its conditioning counts
                 for k in (tokens.word + 2..shown).step_by(tokens.word) {
                     if let Some(at) = input.get_mut(tokens.front + k) {
                         *at = mask;

@@ -117,9 +117,9 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     all.extend(SPELT.iter().zip(rows).map(|(name, rows)| embedding(name, rows, d)));
     stack(&mut all, SPELL, decoder.layers, d);
     if config.goal {
-        let (told, steps) = (goal::numbers(c), frames.steps().all());
-        let shapes = [(told, trunk), (told, d), (steps, d), (steps, d)];
-        // a model that learns to be told begins as it was
+        let (numbers, steps) = (goal::numbers(c), frames.steps().all());
+        let shapes = [(numbers, trunk), (numbers, d), (steps, d), (steps, d)];
+        // zeros: a model that is fine-tuned with goals starts from its own predictions
         let begin = |(name, (rows, width))| Parameter { init: Init::Zeros, ..embedding(name, rows, width) };
         all.extend(GOAL.into_iter().zip(shapes).map(begin));
     }
@@ -136,10 +136,10 @@ pub(super) const LABEL: &str = "frame.label.weight";
 pub(super) const SPELT_LABEL: &str = "spell.label.weight";
 /// What stands in the place of a position in the rows behind the last frame that a classifier reads.
 pub const CLASS: &str = "frame.class.weight";
-/// What a frame is told of what is given ahead goes through these: its numbers to the trunk's row and to those of the decoder,
+/// Goal conditioning is projected by these: its numbers into the trunk's row and into those of the decoder,
 /// and two tables of steps.
 pub const GOAL: [&str; 4] = ["ahead.frame.weight", "ahead.spell.weight", "ahead.step.weight", "ahead.pace.weight"];
-/// What a frame is told of music goes through these: to the trunk's row, and to those of the decoder.
+/// Music conditioning is projected by these: into the trunk's row, and into those of the decoder.
 pub const MUSIC: [&str; 2] = ["music.frame.weight", "music.spell.weight"];
 /// What the names of the trunk's blocks begin with, and of the decoder's.
 pub(super) const TRUNK: &str = "trunk.";

@@ -44,7 +44,7 @@ pub struct LeadIns {
 pub struct LeadIn {
     /// Where it is from.
     pub from: LeadInFrom,
-    /// The clip's labels, of the fields that the model is told.
+    /// The clip's labels, of the fields that condition the model.
     pub labels: BTreeMap<String, String>,
     /// Ids of [`words`] words, spaces included.
     pub ids: Vec<u32>,
@@ -171,7 +171,7 @@ mod tests {
         let all = LeadIns::new(&t, vec![lead_in("a", &[]), lead_in("b", &[])], labelled);
         let chosen = |labels: &[(&str, &str)]| {
             let labels: Vec<_> = labels.iter().map(|(f, v)| (f.to_string(), v.to_string())).collect();
-            let front = conditions.asked(&labels).unwrap();
+            let front = conditions.requested(&labels).unwrap();
             let of = |seed| all.choose(&conditions, &front, seed).unwrap().from.clip.clone();
             assert_eq!(of(3), of(3));
             (0..40).map(of).collect::<BTreeSet<_>>().into_iter().collect::<Vec<_>>()

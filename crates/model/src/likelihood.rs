@@ -6,7 +6,7 @@ use crate::{Error, ModelConfig, ModelKind, Result, Scores, TokenLayout, music};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, each_eval_window, fill_sequence};
 use serde::Serialize;
 
-/// Tokens that the model is asked about at a time, in whole windows.
+/// Tokens that the model scores at a time, in whole windows.
 pub(super) const BATCH_TOKENS: usize = 4096;
 
 /// What a model makes of some clips.
@@ -24,18 +24,18 @@ pub struct Likelihood {
     pub windows: usize,
     /// Windows there are; more than `windows` where a limit was set.
     pub all_windows: usize,
-    /// Whether a masked model was asked: its figures are no likelihood and don't compare with a causal model's.
+    /// Whether the model is masked: its figures are no likelihood and don't compare with a causal model's.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub pseudo: bool,
 }
 
 /// Bits a frame of `model` on `clips`, `None` where they have no frame.
 ///
-/// Windows hold as many whole words as the context does and move by half of them, see `eval_windows`; of each only what
-/// the one before has not scored counts. With `most` above 0, at most so many windows are taken, spread evenly. In front
-/// of each stand the labels of its clip as `conditions` knows them; those of [`Conditions::unknown`] hide all.
+/// Windows hold as many whole words as the context and advance by half of them (`eval_windows`); each scores the words that
+/// the one before has not. A positive `most` limits the number of windows, spread evenly. Each begins with the labels of
+/// its clip that `conditions` knows; [`Conditions::unknown`] hides them all.
 ///
-/// A masked model is asked for 15 % of the tokens of each window, drawn alike at every call; its figures are
+/// A masked model predicts 15 % of the tokens of each window, the same at every call; its figures are
 /// [`Likelihood::pseudo`].
 ///
 /// # Errors
@@ -51,7 +51,7 @@ pub fn likelihood(
     likelihood_by_token(model, corpus, clips, most, conditions, &mut |_, _, _| {})
 }
 
-/// As [`likelihood`]; `each` is told of every scored token: the clip, the token's place in it, its nats.
+/// As [`likelihood`]; `each` gets every scored token: the clip, the token's index in it, its nats.
 ///
 /// # Errors
 /// As [`likelihood`].
@@ -206,22 +206,21 @@ fn batch_nats(
         target[before + window.scored.end..].fill(pad);
     }
     let mut nats = vec![0.0; targets.len()];
-    let conditioning = heard(model.config(), corpus, clips, windows, (length, conditions))?;
+    let conditioning = music_conditioning(model.config(), corpus, clips, windows, (length, conditions))?;
     model.nats_conditioned((&inputs, &targets), length, conditioning.as_ref(), &mut nats)?;
     Ok(nats)
 }
 
-/// What windows of so many tokens are told of the music of their clips, if the model is told of any and conditions aren't
-/// hidden.
-fn heard(
+/// The music conditioning of windows of `length` tokens, if the model has one and conditions aren't hidden.
+fn music_conditioning(
     config: &ModelConfig,
     corpus: &Corpus,
     clips: &[&ClipRecord],
     windows: &[EvalWindow],
     (length, conditions): (usize, &Conditions),
 ) -> Result<Option<Conditioning>> {
-    let (manifest, is_told) = (corpus.manifest(), !config.music.is_none() && !conditions.are_hidden());
-    let Some(word) = manifest.tokens_per_word.filter(|_| is_told) else { return Ok(None) };
+    let (manifest, is_used) = (corpus.manifest(), !config.music.is_none() && !conditions.are_hidden());
+    let Some(word) = manifest.tokens_per_word.filter(|_| is_used) else { return Ok(None) };
     let frames = (length + 1 - conditions.len()) / word;
     let of_window = |window: &EvalWindow| {
         let first = window.start / word;
@@ -327,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn music_is_told_where_each_window_stands_unless_it_is_hidden() {
+    fn music_is_used_where_each_window_stands_unless_it_is_hidden() {
         use crate::music::Music;
         use crate::{Architecture, fixtures};
         let dir = tempfile::tempdir().unwrap();
@@ -351,7 +350,7 @@ mod tests {
         let (conditioning, hidden) = (bits(&Conditions::none()), bits(&Conditions::none().unknown()));
         // by hand: a window of the first 16 frames, and one from frame 8 on of which the last four are scored
         let ids = corpus.clip_ids(clips[0]).unwrap();
-        let mut by_hand = |is_told: bool| {
+        let mut by_hand = |is_used: bool| {
             let mut nats = 0.0;
             for (first, last, scored) in [(0, 16, 0), (8, 20, 8)] {
                 let word = tokens.word;
@@ -367,7 +366,7 @@ mod tests {
                     &mut fast,
                     windows,
                     inputs.len(),
-                    is_told.then_some(&conditioning),
+                    is_used.then_some(&conditioning),
                     &mut found,
                 )
                 .unwrap();

@@ -20,7 +20,7 @@ pub(super) fn pseudo(
     let taken = Taken::of(corpus, clips, room(model.config(), model.tokens()), most)?;
     let length = taken.longest + conditions.len();
     let pad = model.tokens().pad;
-    let (mut nats, mut asked, mut shown, mut frames) = (0.0, 0, 0, 0.0);
+    let (mut nats, mut predicted, mut shown, mut frames) = (0.0, 0, 0, 0.0);
     let mut windows = taken.numbered(corpus, clips)?;
     loop {
         let windows: Vec<(usize, EvalWindow)> = windows.by_ref().take((BATCH_TOKENS / length).max(1)).collect();
@@ -37,7 +37,7 @@ pub(super) fn pseudo(
             shown += window.scored.len();
             frames += scored_frames(corpus, clip, window);
         }
-        asked += targets.iter().filter(|&&id| id != pad).count();
+        predicted += targets.iter().filter(|&&id| id != pad).count();
         let mut found = vec![0.0; targets.len()];
         model.nats(&inputs, &targets, length, &mut found)?;
         for ((_, window), found) in windows.iter().zip(found.chunks(length)) {
@@ -49,17 +49,17 @@ pub(super) fn pseudo(
             nats += sum;
         }
     }
-    let nats_per_token = nats / asked as f64;
+    let nats_per_token = nats / predicted as f64;
     let found = Likelihood {
         bits_per_frame: nats_per_token / std::f64::consts::LN_2 * shown as f64 / frames,
         nats_per_token,
-        tokens: asked,
+        tokens: predicted,
         frames: frames.round() as usize,
         windows: taken.count,
         all_windows: taken.all,
         pseudo: true,
     };
-    Ok((asked > 0).then_some(found))
+    Ok((predicted > 0).then_some(found))
 }
 
 #[cfg(test)]

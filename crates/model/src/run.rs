@@ -34,7 +34,7 @@ pub struct LoadedRun {
     pub config: ModelConfig,
     /// What its tokenizer decided.
     pub tokens: TokenLayout,
-    /// The label fields that it is told of, in the order of their tokens behind `<bos>`.
+    /// The label fields that condition it, in the order of their tokens after `<bos>`.
     pub conditions: Vec<String>,
     /// The share of the labels that were hidden in its training, where that is known.
     pub label_dropout: Option<f64>,
@@ -140,7 +140,7 @@ struct Needed {
     train: TrainKeys,
 }
 
-/// Refuses a model that is told what music sounds like, and doesn't say by what that is standardised.
+/// Refuses a model with sound conditioning that doesn't say how the sound is standardised.
 fn scaled(model: ModelConfig, path: &Path) -> Result<ModelConfig> {
     if model.music.has_features() && model.music_scale.is_none() {
         let help = "it is written when a run begins: put back the file that the run was made with";

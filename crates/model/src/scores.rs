@@ -5,7 +5,7 @@ use super::goal::Conditioning;
 use super::gpt::Gpt;
 use crate::Result;
 
-/// A model of any form, on any device, that can be asked how likely tokens are.
+/// A model of any form, on any device, that gives the likelihood of tokens.
 pub trait Scores {
     /// Its `[model]` table.
     fn config(&self) -> &ModelConfig;
@@ -26,10 +26,10 @@ pub trait Scores {
         self.nats_conditioned((inputs, targets), length, None, out)
     }
 
-    /// As [`Scores::nats`] of inputs and targets, frames being told what is given ahead.
+    /// As [`Scores::nats`] of inputs and targets, with goal conditioning.
     ///
     /// # Errors
-    /// As [`Scores::nats`]; something told to a model that can't be told, or to a reader.
+    /// As [`Scores::nats`]; conditioning of a model that has none, or of a reader.
     ///
     /// # Panics
     /// As [`Scores::nats`].

@@ -40,8 +40,9 @@ impl Error {
 
     /// Adds the name of the clip to an error that names no file.
     pub fn in_clip(self, clip: impl AsRef<Path>) -> Self {
+        use kinelm_store::Error as Store;
         match self {
-            Error::Store(e) if matches!(e.kind(), Kind::Call | Kind::Limit) => {
+            Error::Store(e @ (Store::Invalid { .. } | Store::Unsupported { .. } | Store::Limit { .. })) => {
                 Error::Clip { clip: clip.as_ref().display().to_string(), what: e.to_string() }
             }
             other => other,

@@ -143,7 +143,7 @@ impl Error {
             Error::Io { .. } => Kind::Io,
             Error::File(_) | Error::Missing { .. } => Kind::File,
             // a parameter is the caller's; everything else is what a file holds
-            Error::Invalid { name, .. } if !name.contains('`') => Kind::File,
+            Error::Invalid { name: what, .. } | Error::Unsupported { what, .. } if !what.contains('`') => Kind::File,
             Error::Stopped(_) => Kind::Stopped,
             Error::Limit { .. } => Kind::Limit,
             Error::Taken { .. } | Error::Invalid { .. } | Error::Unsupported { .. } => Kind::Call,

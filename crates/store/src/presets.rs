@@ -48,7 +48,7 @@ pub fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Resul
     let name = name_or_path.display().to_string();
     let meant = did_you_mean(&name, presets.iter().map(|(name, _)| *name));
     Err(Error::unsupported(
-        format!("no {what} {name:?}"),
-        format!("neither a file nor one of {}{meant}", listed(presets)),
+        format!("`config` {name:?}"),
+        format!("no {what}: neither a file nor one of {}{meant}", listed(presets)),
     ))
 }

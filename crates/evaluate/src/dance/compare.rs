@@ -14,7 +14,7 @@ use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// Lengths that differ by more than this share are told.
+/// Lengths that differ by more than this share are reported.
 const LENGTHS: f64 = 0.1;
 /// Of fewer takes an interval says little.
 const FEW_TAKES: usize = 6;

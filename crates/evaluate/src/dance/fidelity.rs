@@ -1,4 +1,4 @@
-//! Whether a label can be told by the dances: docs/referee.md, "Does a label show?".
+//! Whether the dances show their label: docs/referee.md, "Does a label show?".
 //!
 //! A linear discriminant learns from windows of the real train clips. It reads of every free channel the mean, the deviation
 //! and the mean step; not of the pelvis, for a dance may face and go anywhere.
@@ -23,7 +23,7 @@ const HOP_S: f64 = 1.0;
 /// Windows of train clips that are learned from, at most; of more so many, spread evenly.
 const MOST: usize = 10_000;
 
-/// How often clips are named as they were asked for.
+/// How often clips are classified as requested.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Fidelity {
     /// The label field.
@@ -44,21 +44,21 @@ pub struct Fidelity {
 pub struct Confusion {
     /// What they are.
     pub name: String,
-    /// (asked for, named): clips.
+    /// (requested, classified): clips.
     pub confusion: Vec<Vec<usize>>,
     /// Clips of no known label, or shorter than a window: they count nowhere.
     pub left_out: usize,
 }
 
 impl Confusion {
-    /// Clips that are named as asked, and all.
+    /// Clips that are classified as requested, and all.
     pub fn count(&self) -> [usize; 2] {
         let right = (0..self.confusion.len()).map(|class| self.confusion[class][class]).sum();
         [right, self.confusion.iter().flatten().sum()]
     }
 }
 
-/// Names dances, each with the label that was asked for, beside the real clips that nothing was learned from. `given`: joints
+/// Classifies dances, each with its requested label, and the held-out real clips beside them. `given`: joints
 /// that were given to a dance, SMPL ids, which say nothing of what was made.
 ///
 /// # Errors
@@ -95,7 +95,7 @@ pub fn fidelity(
         let mut hits = Confusion { name, confusion: vec![vec![0; classes]; classes], left_out: 0 };
         for clip in clips {
             match clip {
-                (Some(asked), Some(named)) => hits.confusion[asked][named] += 1,
+                (Some(requested), Some(named)) => hits.confusion[requested][named] += 1,
                 _ => hits.left_out += 1,
             }
         }
@@ -107,9 +107,9 @@ pub fn fidelity(
         let named = |record: &&ClipRecord| Ok((of_field.class_of(record), name(&Dance::of_corpus(corpus, record)?)?));
         groups.push(group(format!("real, {split}"), clips.par_iter().map(named).collect::<Result<_>>()?));
     }
-    let of_dance = |(dance, asked): &(&Dance, Option<String>)| {
-        let asked = asked.as_ref().and_then(|asked| of_field.classes.binary_search(asked).ok());
-        Ok((asked, name(dance)?))
+    let of_dance = |(dance, requested): &(&Dance, Option<String>)| {
+        let requested = requested.as_ref().and_then(|label| of_field.classes.binary_search(label).ok());
+        Ok((requested, name(dance)?))
     };
     groups.push(group("dances".into(), dances.par_iter().map(of_dance).collect::<Result<_>>()?));
     let one_window_in = Some(every).filter(|every| *every > 1);
@@ -147,7 +147,7 @@ impl fmt::Display for Fidelity {
     /// A table, without a line end after the last line.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let width = self.classes.iter().map(|class| class.chars().count() + 1).max().unwrap_or(0).max(10);
-        write!(f, "{:<18} {:>9} {:>18}", self.field, "as asked", "% (95 %)")?;
+        write!(f, "{:<18} {:>9} {:>18}", self.field, "as requested", "% (95 %)")?;
         self.classes.iter().try_for_each(|class| write!(f, " {class:>width$}"))?;
         for group in &self.groups {
             let [right, all] = group.count();
@@ -173,7 +173,7 @@ impl fmt::Display for Fidelity {
         if left_out > 0 {
             write!(
                 f,
-                "\n{left_out} dances without a {} that was asked for throughout, edited, or under two seconds",
+                "\n{left_out} dances without a {} requested throughout, edited, or under two seconds",
                 self.field
             )?;
         }

@@ -295,7 +295,7 @@ mod tests {
         let order: Vec<usize> = ranked.iter().map(|(i, _)| *i).collect();
         assert_eq!(order[..2], [3, 2], "{ranked:?}");
         assert!(ranked[2..].iter().all(|(_, verdict)| verdict.doubt().is_some()), "{ranked:?}");
-        // where all are out the least bad one is first, and the doubt is told
+        // where all are out the least bad one is first, and the doubt is reported
         let ranked = judge.ranked(&[still, copy], 1).unwrap();
         assert!(ranked[0].1.doubt().is_some() && ranked[0].1.score <= ranked[1].1.score, "{ranked:?}");
     }

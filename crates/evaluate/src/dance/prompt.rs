@@ -15,7 +15,7 @@ use std::path::Path;
 /// What a dance made of the joints that it was given.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PromptMetrics {
-    /// The joints, as they were asked for.
+    /// The joints, as requested.
     pub joints: String,
     /// Share of the given characters that came out different; 0, unless the dance was written on another rig.
     pub mismatch: f64,

@@ -77,15 +77,15 @@ pub struct Report {
     pub groups: Vec<GroupMetrics>,
     /// What the dances made of their prompts, by name.
     pub prompted: Vec<(String, PromptMetrics)>,
-    /// Whether they are copies, where that was asked for.
+    /// Copies, if requested.
     pub copied: Option<Copied>,
-    /// Clouds of features beside those of the real train clips, where that was asked for.
+    /// Clouds of features beside those of the real train clips, if requested.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub features: Vec<Features>,
     /// How real clips and dances keep to the beats of their music, where there is any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub beats: Vec<BeatMetrics>,
-    /// Whether a label can be told by the dances, where that was asked for.
+    /// Whether the dances show their label, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fidelity: Option<Fidelity>,
 }

@@ -69,5 +69,5 @@ pub(super) fn unconditioned(request: &Resolved, run: &LoadedRun, conditions: &Co
     if request.music.is_none() && request.labels.is_empty() && request.timed_labels.is_empty() {
         return unsupported("there are neither labels nor music to follow");
     }
-    Ok(Some(conditions.unknown().asked(&[])?))
+    Ok(Some(conditions.unknown().requested(&[])?))
 }

@@ -23,7 +23,7 @@ pub fn fronts(
 ) -> Result<Vec<(usize, Vec<u32>)>> {
     let mut spans: Vec<Range<usize>> = Vec::new();
     for (i, label) in timed.iter().enumerate() {
-        conditions.asked(&[(label.field.clone(), label.value.clone())])?;
+        conditions.requested(&[(label.field.clone(), label.value.clone())])?;
         let frames = label.span().frames(scale).map_err(|e| Error::unsupported("`labels`", e))?;
         let meets = |(other, span): &(&TimedLabel, &Range<usize>)| {
             other.field == label.field && span.start < frames.end && frames.start < span.end
@@ -43,7 +43,7 @@ pub fn fronts(
         let here = timed.iter().zip(&spans).filter(|(_, span)| span.contains(&frame));
         let here = here.map(|(label, _)| (label.field.clone(), label.value.clone()));
         let all: Vec<_> = always.clone().into_iter().chain(here).collect();
-        Ok((frame, conditions.asked(&all)?))
+        Ok((frame, conditions.requested(&all)?))
     };
     let fronts = borders.into_iter().filter(|&frame| frame == 0 || frame < scale.frames).map(front);
     let mut fronts = fronts.collect::<Result<Vec<_>>>()?;

@@ -151,8 +151,8 @@ fn check_names(request: &Resolved) -> Result<()> {
     let (prompt, music) = (request.prompt.as_ref().map(|p| &p.path), request.music.as_ref().map(|m| &m.path));
     match [Some(&request.run), prompt, music].into_iter().flatten().find(|path| path.to_str().is_none()) {
         Some(path) => {
-            let why = "a name that is no UTF-8 can't be stored in the sidecar";
-            Err(Error::unsupported(path.display().to_string(), why))
+            let found = format!("{}, which is no UTF-8", path.display());
+            Err(Error::invalid("a path of the `request`", found, "a name that the sidecar can store"))
         }
         None => Ok(()),
     }

@@ -10,7 +10,7 @@ use kinelm_engine::linear::Products;
 use kinelm_engine::op::cross_entropy::RowTarget;
 use kinelm_engine::op::matmul::Store;
 
-/// What a row of a batch (N = B T rows) is asked.
+/// The target of a row of a batch (N = B T rows).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClassRow {
     /// The row.
@@ -163,7 +163,7 @@ mod tests {
         }
     }
 
-    /// Two windows of 5 and 3 words, their mask, and what they are asked.
+    /// Two windows of 5 and 3 words, their mask and their targets.
     struct Case {
         tokens: TokenLayout,
         layout: Layout,

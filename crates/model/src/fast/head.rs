@@ -32,7 +32,7 @@ pub(super) struct Heads {
     /// (N, D), the groups' rows one after the other, and their gradients.
     x: Floats,
     dx: Floats,
-    /// (N) Where a row of the batch stands in those; [`NONE`] if it isn't asked.
+    /// (N) The index of a batch row among those; [`NONE`] if it has no target.
     places: Vec<u32>,
     /// (N) In the order of the groups.
     nats: Vec<f64>,
@@ -86,7 +86,7 @@ impl Heads {
         Ok(())
     }
 
-    /// Sum of -ln p of what is asked, in nats, of the rows `last` (N, D). `dx` (N, D) becomes the gradient of `last`, those of
+    /// Sum of -ln p of the targets, in nats, of the rows `last` (N, D). `dx` (N, D) becomes the gradient of `last`, those of
     /// the norm and the heads go to `gradients`, times `scale`.
     pub fn loss(&mut self, model: &Fast, last: &[f32], scale: f32, dx: &mut [f32], gradients: &mut [Floats]) -> f64 {
         let d = self.width;
@@ -116,7 +116,7 @@ impl Heads {
         nats
     }
 
-    /// `out` (N) becomes -ln p of what each of the rows `last` (N, D) is asked, in nats, 0 where it isn't.
+    /// `out` (N) becomes -ln p of the target of each of the rows `last` (N, D), in nats, 0 where there is none.
     pub fn nats(&mut self, model: &Fast, last: &[f32], out: &mut [f32]) {
         let (d, mut first) = (self.width, 0);
         for (group, name) in self.names.into_iter().enumerate() {
@@ -148,7 +148,7 @@ impl Heads {
         for (group, name) in self.names.into_iter().enumerate() {
             let rows: Vec<u32> = (0..).zip(&bases).filter(|(_, b)| b.group() == group).map(|(row, _)| row).collect();
             let Some(space) = &mut self.spaces[group] else { continue };
-            // more rows than are ever asked may stand for ids: those behind no bin
+            // more rows than can be targets may stand for ids: those of no bin
             for rows in rows.chunks(self.most[group]) {
                 let x = &mut self.x[..rows.len() * d];
                 collect(x, d, last, rows);

@@ -46,7 +46,7 @@ pub struct Windows<'a> {
     pub length: usize,
     /// Which tokens a token sees.
     pub mask: Mask<'a>,
-    /// What the frames of a two-level model are told of what is given ahead.
+    /// Goal conditioning of the frames of a two-level model.
     pub conditioning: Option<&'a Conditioning>,
 }
 

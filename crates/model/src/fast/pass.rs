@@ -62,7 +62,7 @@ impl Pass {
         }
     }
 
-    /// -ln p of what is asked of every row, in nats, 0 where nothing is.
+    /// -ln p of every row's target, in nats, 0 where it has none.
     pub fn nats(&mut self, model: &Fast, out: &mut [f32]) {
         self.heads.nats(model, self.body.last(), out);
     }

@@ -251,15 +251,15 @@ fn what_nobody_tells_changes_no_bit_and_learns_nothing() {
         };
         let mut fast = Fast::from_tensors(&config, &tokens, Clone::clone(&tensors)).unwrap();
         let nothing = fixtures::conditioning(&config, &tokens, 2).unwrap().none_like();
-        let (untold, learns) = run(&mut fast, None);
+        let (plain, learns) = run(&mut fast, None);
         for (parameter, learns) in fast.parameters().iter().zip(learns) {
             assert!(!(learns && is_told(&parameter.name)), "{}", parameter.name);
         }
-        assert!(run(&mut fast, Some(&nothing)).0 == untold);
-        assert!(run(&mut fast, fixtures::conditioning(&config, &tokens, 2).as_ref()).0 != untold);
+        assert!(run(&mut fast, Some(&nothing)).0 == plain);
+        assert!(run(&mut fast, fixtures::conditioning(&config, &tokens, 2).as_ref()).0 != plain);
         BTreeMap::retain(&mut tensors, |name: &String, _: &mut Tensor| !is_told(name));
-        assert!(run(&mut Fast::from_tensors(&without, &tokens, tensors).unwrap(), None).0 == untold);
-        // of other frames, or to a model that can't be told
+        assert!(run(&mut Fast::from_tensors(&without, &tokens, tensors).unwrap(), None).0 == plain);
+        // of other frames, or of a model without conditioning
         let of_music = Conditioning { music: vec![0.5; 7], ..Default::default() };
         let mut other = Fast::of(&fixtures::model(&without, &tokens)).unwrap();
         for (conditioning, can, what, why) in [

@@ -1,4 +1,4 @@
-//! A trunk in which every frame is a row, and a decoder that spells a frame.
+//! A trunk in which every frame is a row, and a decoder inside the frame.
 //!
 //! Letters: B windows, F frames, N = B F, W tokens of a word, C characters, T = F W, D width of the trunk, d of the decoder,
 //! e numbers of a character.
@@ -62,14 +62,14 @@ pub(super) struct TwoLevel {
     conditioning: Floats,
     tell: dense::Workspace,
     decoder: Stack,
-    /// Of what frames may be told: what is given ahead, and music.
+    /// The conditioning of frames: goals, and music.
     tellings: Vec<Telling>,
     back: Option<Back>,
 }
 
-/// What becomes of numbers that frames are told.
+/// How conditioning numbers are projected.
 struct Telling {
-    /// Which of those told.
+    /// Which conditioning.
     numbers: fn(&Conditioning) -> &[f32],
     /// The matrices.
     names: [&'static str; 2],
@@ -135,11 +135,11 @@ struct Back {
 impl TwoLevel {
     pub fn new(model: &Fast, rows: usize, length: usize, products: Products, learn: bool) -> TwoLevel {
         let (config, frames) = (&model.config, Frames::of(&model.tokens));
-        let (word, spells, trunk) = (frames.word(), config.decoder(), config.width);
+        let (word, decoder, trunk) = (frames.word(), config.decoder(), config.width);
         let skipped = model.tokens.front - 1;
         let (batch, number) = (rows / length, (length - skipped) / word);
-        let (n, d, of_frame) = (batch * number, spells.width, BACK * frames.characters());
-        let wide = of_frame * spells.character_width;
+        let (n, d, of_frame) = (batch * number, decoder.width, BACK * frames.characters());
+        let wide = of_frame * decoder.character_width;
         let shape = |batch, tokens, width, heads| Shape { batch, tokens, width, heads, hidden: 4 * width };
         let stack =
             |prefix, layers, shape| Stack::new(&model.parameters, Blocks { prefix, layers }, shape, products, learn);
@@ -148,7 +148,7 @@ impl TwoLevel {
             skipped,
             length,
             number,
-            character: spells.character_width,
+            character: decoder.character_width,
             seen: vec![0; n * of_frame],
             positions: (0..n).map(|row| (row % number) as u32).collect(),
             class_rows: config.classes,
@@ -164,7 +164,7 @@ impl TwoLevel {
             normed: Floats::new(n * trunk),
             conditioning: Floats::new(n * d),
             tell: dense::Workspace::new(n, trunk, d, products, learn),
-            decoder: stack(SPELL, spells.layers, shape(n, word, d, spells.heads)),
+            decoder: stack(SPELL, decoder.layers, shape(n, word, d, decoder.heads)),
             tellings: {
                 let telling = |numbers: fn(&Conditioning) -> &[f32], names, p| {
                     let matrix = |out| Matrix::new((n, p, out), products, learn);

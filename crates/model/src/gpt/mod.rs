@@ -107,10 +107,10 @@ impl Gpt {
         self.net.forward(ids, mask, Beside { dropout, conditioning: None }, None)
     }
 
-    /// As [`Gpt::forward`], frames being told what is given ahead.
+    /// As [`Gpt::forward`], with goal conditioning.
     ///
     /// # Errors
-    /// As [`Gpt::forward`]; what is told of other frames.
+    /// As [`Gpt::forward`]; conditioning of other frames.
     pub fn forward_conditioned(&self, ids: &Tensor, conditioning: &Conditioning) -> Result<Tensor> {
         self.check_told(ids, Some(conditioning))?;
         self.net.forward(ids, &self.mask(), Beside { dropout: None, conditioning: Some(conditioning) }, None)
@@ -156,10 +156,10 @@ impl Gpt {
         self.loss_sum_conditioned(ids, targets, dropout, None)
     }
 
-    /// As [`Gpt::loss_sum`], frames being told what is given ahead.
+    /// As [`Gpt::loss_sum`], with goal conditioning.
     ///
     /// # Errors
-    /// As [`Gpt::loss_sum`]; what is told of other frames.
+    /// As [`Gpt::loss_sum`]; conditioning of other frames.
     pub fn loss_sum_conditioned(
         &self,
         ids: &Tensor,

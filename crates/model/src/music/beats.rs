@@ -1,5 +1,5 @@
 //! Where the beats are, as numbers: a 1, which says that it is known, and cosine and sine of the beat's phase, and of twice and
-//! of three times its phase, at each time that a frame is told of.
+//! of three times its phase, at each time of [`AHEAD_S`].
 //!
 //! The phase goes evenly from 0 at a beat to a turn at the next; before the first beat and behind the last it goes on as between
 //! the two nearest, for `BEYOND` beats.
@@ -7,11 +7,11 @@
 use super::AHEAD_S;
 use std::f64::consts::TAU;
 
-/// Multiples of the phase whose cosine and sine are told.
+/// Multiples of the phase whose cosine and sine are written.
 const MULTIPLES: usize = 3;
 /// Beats before the first and behind the last in which the phase is known.
 const BEYOND: f64 = 4.0;
-/// Numbers that a frame is told.
+/// Conditioning numbers of a frame.
 pub const NUMBERS: usize = 1 + 2 * MULTIPLES * AHEAD_S.len();
 
 /// The phase at a time, in beats, among beats that rise; none where it isn't known.
@@ -25,8 +25,8 @@ fn phase(beats_s: &[f64], time_s: f64) -> Option<f64> {
     (-BEYOND..=1.0 + BEYOND).contains(&phase).then(|| (next - 1) as f64 + phase)
 }
 
-/// Writes what is told of beats at these times, the first the frame's own, into zeros ([`NUMBERS`]).
-pub fn tell(beats_s: &[f64], times_s: [f64; AHEAD_S.len()], conditioning: &mut [f32]) {
+/// Writes the beats' phase at these times, the first the frame's own, into zeros ([`NUMBERS`]).
+pub fn write(beats_s: &[f64], times_s: [f64; AHEAD_S.len()], conditioning: &mut [f32]) {
     let Some((known, phases)) = conditioning.split_first_mut().filter(|_| phase(beats_s, times_s[0]).is_some()) else {
         return;
     };
@@ -46,7 +46,7 @@ mod tests {
 
     fn one(beats_s: &[f64], time: f64) -> Vec<f32> {
         let mut conditioning = vec![0.0; NUMBERS];
-        tell(beats_s, AHEAD_S.map(|ahead| time + ahead), &mut conditioning);
+        write(beats_s, AHEAD_S.map(|ahead| time + ahead), &mut conditioning);
         conditioning
     }
 

@@ -1,5 +1,5 @@
-//! What music sounds like, as numbers: a 1, which says that it is known, and the 35 of [`kinelm_music::feature`] at each time
-//! that a frame is told of, standardised by the training clips.
+//! What music sounds like, as numbers: a 1, which says that it is known, and the 35 of [`kinelm_music::feature`] at each
+//! time of [`AHEAD_S`], standardised by the training clips.
 //!
 //! Source of the 35: Li et al., "AI Choreographer" (2021), section 4, which gives a model those of the music around a frame.
 
@@ -9,12 +9,12 @@ use kinelm_corpus::music::clip_music::FeatureRows;
 use kinelm_music::feature::CHANNELS;
 use serde::{Deserialize, Serialize};
 
-/// Numbers that a frame is told.
+/// Conditioning numbers of a frame.
 pub const NUMBERS: usize = 1 + CHANNELS * AHEAD_S.len();
-/// What a standard deviation is told as. 141 numbers of size 1 that all begin to count at once shake what a model learns
+/// A standard deviation is scaled to this. 141 new inputs of size 1 disturb what a model has learned
 /// (docs/results/music.md).
 const DEVIATION: f32 = 0.1;
-/// Standard deviations beyond which a number is told as these: music unlike any that was learned from shan't drown the rest.
+/// Numbers are clamped to this many standard deviations, so that unfamiliar music doesn't drown the other inputs.
 const MOST: f32 = 5.0;
 
 /// Mean and standard deviation of the 35 numbers over the training clips.
@@ -23,7 +23,7 @@ const MOST: f32 = 5.0;
 pub struct Scale {
     /// (35) Means.
     pub mean: Vec<f32>,
-    /// (35) Standard deviations; a number that never changed has 0, and is told as 0.
+    /// (35) Standard deviations; a number that never changed has 0 and becomes 0.
     pub deviation: Vec<f32>,
 }
 
@@ -86,8 +86,8 @@ impl Scaling {
     }
 }
 
-/// Writes what is told of the sound at these times, the first the frame's own, into zeros ([`NUMBERS`]).
-pub fn tell(rows: &FeatureRows<'_>, scale: &Scale, times_s: [f64; AHEAD_S.len()], conditioning: &mut [f32]) {
+/// Writes the features at these times, the first the frame's own, into zeros ([`NUMBERS`]).
+pub fn write(rows: &FeatureRows<'_>, scale: &Scale, times_s: [f64; AHEAD_S.len()], conditioning: &mut [f32]) {
     let Some((known, conditioning)) = conditioning.split_first_mut() else { return };
     for (i, (numbers, time)) in conditioning.chunks_exact_mut(CHANNELS).zip(times_s).enumerate() {
         if !rows.at(time, numbers) {
@@ -136,7 +136,7 @@ mod tests {
         let scale =
             Scale { mean: vec![1.0; CHANNELS], deviation: (0..CHANNELS).map(|c| 2.0 * f32::from(c != 3)).collect() };
         let mut conditioning = vec![0.0; NUMBERS];
-        tell(&rows, &scale, AHEAD_S.map(|ahead| 1.125 + ahead), &mut conditioning);
+        write(&rows, &scale, AHEAD_S.map(|ahead| 1.125 + ahead), &mut conditioning);
         assert_eq!(conditioning[0], 1.0);
         let of = |i: usize, c: usize| conditioning[1 + i * CHANNELS + c];
         // rows 2.5, 4.5, 7.5; half a second on there is no music any more
@@ -145,13 +145,13 @@ mod tests {
         // what never changed is 0, and nothing is more than 5 deviations
         assert!(near([of(0, 3), of(0, 4), of(2, 4), of(3, 4)], [0.0, 0.275, 0.5, 0.0]), "{conditioning:?}");
         let mut before = vec![0.0; NUMBERS];
-        tell(&rows, &scale, AHEAD_S.map(|ahead| 0.9 + ahead), &mut before);
+        write(&rows, &scale, AHEAD_S.map(|ahead| 0.9 + ahead), &mut before);
         assert!(
             before[..1 + CHANNELS].iter().all(|x| *x == 0.0) && (before[1 + CHANNELS] + 0.05).abs() < 1e-6,
             "{before:?}"
         );
         let mut none = vec![0.0; NUMBERS];
-        tell(&FeatureRows::default(), &scale, AHEAD_S, &mut none);
+        write(&FeatureRows::default(), &scale, AHEAD_S, &mut none);
         assert!(none.iter().all(|x| *x == 0.0));
     }
 }

@@ -1,7 +1,7 @@
-//! What a frame is told of the music that is danced to: where its beats are ([`beats`]), what it sounds like
-//! ([`features`]), or both, one behind the other. Where something isn't known, all its numbers are 0.
+//! Music conditioning of a frame: the phase of the beats ([`beats`]), the sound ([`features`]), or both, one after the
+//! other. Where one isn't known, all its numbers are 0.
 //!
-//! Training, measuring and generation all ask [`told`].
+//! Training, measuring and generation all call [`conditioning`].
 
 pub mod beats;
 pub mod features;
@@ -10,7 +10,7 @@ use features::Scale;
 use kinelm_corpus::music::clip_music::ClipMusic;
 use serde::{Deserialize, Serialize};
 
-/// What of the music a model is told.
+/// The music that conditions a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Music {
@@ -25,7 +25,7 @@ pub enum Music {
     Both,
 }
 
-/// Times of which a frame is told, behind its own, seconds.
+/// Times after the frame's own whose music conditions it, seconds.
 pub const AHEAD_S: [f64; 4] = [0.0, 0.1, 0.25, 0.5];
 
 impl Music {
@@ -34,25 +34,25 @@ impl Music {
         *self == Music::None
     }
 
-    /// Whether it is told where beats are.
+    /// Whether it includes the beats.
     pub fn has_beats(self) -> bool {
         matches!(self, Music::Beats | Music::Both)
     }
 
-    /// Whether it is told what music sounds like.
+    /// Whether it includes the sound.
     pub fn has_features(self) -> bool {
         matches!(self, Music::Features | Music::Both)
     }
 
-    /// M: numbers that a frame is told.
+    /// M: conditioning numbers of a frame.
     pub fn numbers(self) -> usize {
-        let of = |is_told: bool, numbers: usize| if is_told { numbers } else { 0 };
+        let of = |is_used: bool, numbers: usize| if is_used { numbers } else { 0 };
         of(self.has_beats(), beats::NUMBERS) + of(self.has_features(), features::NUMBERS)
     }
 }
 
-/// What frames at these times of a clip are told of its music, (N, M), sounds by the scale of the training clips; `pace`
-/// seconds of the clip pass in a second of the frames.
+/// Music conditioning (N, M) of frames at these times of a clip, the sound by the scale of the training clips; `pace`
+/// seconds of the clip pass in one second of the frames.
 pub fn conditioning(
     (music, scale): (Music, Option<&Scale>),
     sound: &ClipMusic<'_>,
@@ -66,10 +66,10 @@ pub fn conditioning(
         let (of_beats, of_sound) = all[first..].split_at_mut(if music.has_beats() { beats::NUMBERS } else { 0 });
         let times = AHEAD_S.map(|ahead| time + ahead * pace);
         if music.has_beats() {
-            beats::tell(sound.beats_s, times, of_beats);
+            beats::write(sound.beats_s, times, of_beats);
         }
         if let Some(scale) = scale.filter(|_| music.has_features()) {
-            features::tell(&sound.rows, scale, times, of_sound);
+            features::write(&sound.rows, scale, times, of_sound);
         }
     }
     all

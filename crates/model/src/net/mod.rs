@@ -55,7 +55,7 @@ pub(super) struct Memory<'a> {
 pub(super) struct Beside<'a> {
     /// What is dropped.
     pub dropout: Option<&'a Dropout>,
-    /// What frames are told ahead.
+    /// The goal conditioning of frames.
     pub conditioning: Option<&'a Conditioning>,
 }
 

@@ -1,4 +1,4 @@
-//! A trunk in which every frame is a row, and a decoder that spells a frame.
+//! A trunk in which every frame is a row, and a decoder inside the frame.
 //!
 //! Letters: B batch, F frames, N = B F, W tokens of a word, D width of the trunk, d of the decoder.
 
@@ -35,9 +35,9 @@ pub(super) struct TwoLevel {
     /// Rows of d numbers each.
     spelt: [Tensor; 4],
     decoder: Vec<Block>,
-    /// (P, D), (P, d), and two of steps (R, d), where frames may be told what is given ahead.
+    /// Goal conditioning: (P, D), (P, d), and two tables of steps (R, d).
     conditioning: Option<[Tensor; 4]>,
-    /// (M, D), (M, d), where frames may be told of music.
+    /// Music conditioning: (M, D), (M, d).
     music: Option<[Tensor; 2]>,
 }
 
@@ -72,8 +72,8 @@ impl TwoLevel {
         self.trunk_norm.forward(&self.trunk(windows, frames, mask, None)?)
     }
 
-    /// (B, T, d) of `windows` (B, T), of which frames see what `mask` lets them and are `told` something; 0 for the tokens of
-    /// the front but its last, behind which nobody asks.
+    /// (B, T, d) of `windows` (B, T), whose frames attend to what `mask` allows; 0 for the tokens of the front but the last,
+    /// which predict nothing.
     pub fn rows(&self, windows: &[Vec<u32>], mask: &Mask, conditioning: Option<&Conditioning>) -> Result<Tensor> {
         let (batch, length) = (windows.len(), windows[0].len().saturating_sub(self.skipped));
         let no_rows = (batch, self.skipped.min(windows[0].len()), self.spelt[0].dim(1)?);
@@ -87,8 +87,8 @@ impl TwoLevel {
         if let Some([_, spelt]) = &self.labels {
             u = u.broadcast_add(&self.of_labels(spelt, windows)?)?;
         }
-        for (numbers, [_, speller]) in self.conditioning(conditioning) {
-            u = (u + through(numbers, speller, (windows.len(), frames))?)?;
+        for (numbers, [_, decoder]) in self.conditioning(conditioning) {
+            u = (u + through(numbers, decoder, (windows.len(), frames))?)?;
         }
         // a row for every token of every frame, the window's or not
         let word = self.frames.word();
@@ -113,17 +113,17 @@ impl TwoLevel {
         rows_of(table, labels)?.reshape((windows.len(), self.skipped, ()))?.sum_keepdim(1)
     }
 
-    /// The numbers that frames are told, with the matrices that take them to the trunk and to the decoder.
+    /// The conditioning numbers, with the matrices that project them into the trunk and the decoder.
     fn conditioning<'a>(
         &'a self,
         conditioning: Option<&'a Conditioning>,
     ) -> impl Iterator<Item = (&'a [f32], [&'a Tensor; 2])> {
         let goal = conditioning
             .zip(self.conditioning.as_ref())
-            .map(|(conditioning, [trunk, speller, ..])| (&*conditioning.numbers, [trunk, speller]));
+            .map(|(conditioning, [trunk, decoder, ..])| (&*conditioning.numbers, [trunk, decoder]));
         let music = conditioning
             .zip(self.music.as_ref())
-            .map(|(conditioning, [trunk, speller])| (&*conditioning.music, [trunk, speller]));
+            .map(|(conditioning, [trunk, decoder])| (&*conditioning.music, [trunk, decoder]));
         goal.into_iter().chain(music).filter(|(numbers, _)| !numbers.is_empty())
     }
 

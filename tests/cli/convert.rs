@@ -151,7 +151,7 @@ fn folders_are_converted_with_their_paths_and_nothing_is_written_twice() {
     convert(&["e/2.bvh", "far/away/two.json"], &[]).success();
     assert!(at("far/away/two.json").exists());
     convert(&["e/2.bvh", "two.json"], &["--format", "bvh"]).code(2).stderr(contains("--format bvh, and OUT is"));
-    convert(&["e/2.bvh", "d/2.bvh", "two.json"], &[]).code(2).stderr(contains("it is no folder"));
+    convert(&["e/2.bvh", "d/2.bvh", "two.json"], &[]).code(2).stderr(contains("is no folder"));
     convert(&["d", "d"], &[]).code(2).stderr(contains("this call reads"));
 }
 

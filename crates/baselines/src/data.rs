@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 pub struct Sources {
     /// Folders of motion files, or files.
     pub data: Vec<PathBuf>,
-    /// As [`gather`] takes them.
+    /// Patterns and tables of labels, as [`kinelm_corpus::Dataset`] reads them.
     pub labels: Vec<String>,
     /// Labels that clips must have.
     pub only: Vec<LabelFilter>,
@@ -78,7 +78,7 @@ impl Recording {
 /// The clips of a run.
 #[derive(Debug, Clone)]
 pub struct Recordings {
-    /// In the order of [`gather`].
+    /// In the order of the sources.
     pub all: Vec<Recording>,
     /// Their rig: the first clip's.
     pub rig: Rig,

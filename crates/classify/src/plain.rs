@@ -10,7 +10,7 @@ use kinelm_model::class_windows::{Layout, Window};
 use kinelm_model::fast::Fast;
 use rayon::prelude::*;
 
-/// Neighbours that vote: docs/query.md, "Do neighbours tell labels?".
+/// Neighbours that vote: docs/query.md, "Do neighbours share labels?".
 const NEIGHBOURS: usize = 10;
 
 /// The classes by one of them.

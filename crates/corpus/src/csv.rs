@@ -41,7 +41,7 @@ impl ClipTable {
     /// Parses a table; `columns` says in messages what columns there may be.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::File`] with line and column: those of [`parse`]; no header, no column `clip`, a column without
+    /// [`kinelm_store::Error::File`] with line and column: text that is no CSV; no header, no column `clip`, a column without
     /// a name or named twice, a row of another width.
     pub fn parse(path: &Path, bytes: &[u8], columns: &str) -> Result<ClipTable> {
         let mut records = parse(path, bytes)?.into_iter();

@@ -32,7 +32,7 @@ impl Settings {
     /// The settings of a name that is built in ([`TOKENIZER`]), else those of a file.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Call`] when it is neither, else those of [`Settings::load`].
+    /// [`kinelm_store::Error::Unsupported`] when it is neither, else those of [`Settings::load`].
     pub fn find(name_or_path: &Path) -> Result<Self> {
         match presets::find(TOKENIZER, name_or_path, "tokenizer settings")? {
             Some(text) => Settings::parse(text, name_or_path),

@@ -58,7 +58,7 @@ impl ChannelFloors {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Missing`] when a split has no frame, or the codes are no whole frames of bins below `codes.bins`, of which
-    /// there are 2 to 65,536; those of [`xz::bits_per_frame`].
+    /// there are 2 to 65,536; more numbers than xz takes.
     pub fn measure(codes: &CodeSplits) -> Result<ChannelFloors> {
         check(codes)?;
         let &CodeSplits { bins, channels, .. } = codes;

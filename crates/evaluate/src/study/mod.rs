@@ -199,7 +199,7 @@ fn measured(rows: &[Row], clips: &Clips, store: &Store, watch: &mut dyn FnMut(Ev
             watch(Event::Step { done, of });
         };
         let (measured, tokenizer) = measure::measure(row, clips, &mut step)?;
-        tokenizer.save(&store.tokenizer(row))?;
+        tokenizer.save(store.tokenizer(row))?;
         store.put(&row.name, &row.config, &measured)?;
         *figures = Some(measured);
     }

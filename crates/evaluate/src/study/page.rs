@@ -32,7 +32,7 @@ pub fn page(rows: &[RowMetrics], named: &[String], clips: &Clips, store: &Store)
     let cut = |clip: &Clip| clip.slice(0..clip.frames().min((LONGEST_S * clip.fps()) as usize + 1));
     let mut motions = vec![(known.name().to_string(), format!("as it was, {} fps", short(known.fps)), cut(&own))];
     for f in shown {
-        let tokenizer = Tokenizer::load(&store.tokenizer(&f.row))?;
+        let tokenizer = Tokenizer::load(store.tokenizer(&f.row))?;
         let clip = cut(&*clips.get(known, f.fps())?);
         let back = decoded(&tokenizer, &tokenizer.encode(&clip)?, &clip)?;
         let (bits, mm) = (f.order0.bits_per_second, f.mpjpe.global);

@@ -63,7 +63,7 @@ impl OpenMusic {
     /// Refuses a dance of `seconds` that the music doesn't cover.
     ///
     /// # Errors
-    /// Those of [`in_dance`].
+    /// Music that ends before the dance, or has no beat in it.
     pub fn check(&self, seconds: f64) -> Result<()> {
         Ok(beats_in_dance(&self.request.path, &self.piece.beats, (self.request.from_s, seconds)).map(|_| ())?)
     }

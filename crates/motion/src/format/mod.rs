@@ -273,7 +273,7 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
         #[cfg(not(feature = "amass"))]
         Format::Npz => Err(left_out(path, "amass")),
         Format::Json => match motion.source {
-            Source::Json(axes) => Ok(json::write(axes.from_y_up(&motion.clip)?.as_ref())),
+            Source::Json(axes) => Ok(json::write(axes.restored(&motion.clip)?.as_ref())),
             _ => Ok(json::write(&motion.clip)),
         },
         Format::Glb => glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)]),

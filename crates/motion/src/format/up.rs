@@ -145,7 +145,7 @@ impl Axes {
     ///
     /// # Errors
     /// None for a finite clip.
-    pub(crate) fn to_y_up(&self, clip: Clip) -> Result<Clip> {
+    pub(crate) fn to_y_up(self, clip: Clip) -> Result<Clip> {
         if self.up == Up::Y { Ok(clip) } else { self.turned(&clip, self.up.turn()) }
     }
 
@@ -153,7 +153,7 @@ impl Axes {
     ///
     /// # Errors
     /// None for a finite clip.
-    pub(crate) fn from_y_up<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
+    pub(crate) fn restored<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
         if self.up == Up::Y {
             return Ok(Cow::Borrowed(clip));
         }

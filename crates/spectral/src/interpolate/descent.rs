@@ -82,7 +82,7 @@ pub struct Moved {
 /// The way from window `a` towards the feature of window `b`, both (C, N).
 ///
 /// For DCT and PCA plain descent moves every kept coefficient straight: after all steps by
-/// `strength (1 - (1 - 2 rate / n)^steps)` of the way, which [`How::Closed`] does at once; what isn't kept stays a's. Adam's
+/// `strength (1 - (1 - 2 rate / n)^steps)` of the way, which [`Method::Closed`] computes directly; what isn't kept stays a's. Adam's
 /// steps, of one size for all numbers, go the same way sooner. Magnitudes leave the phase free and have no such form.
 /// Source: docs/interpolation.md; Kingma and Ba, "Adam" (2015), with its betas 0.9 and 0.999, but one size of the gradient.
 ///

@@ -1,7 +1,7 @@
-//! One dance drawn towards another: its rotations moved until their spectrum is the other's, or lies between.
+//! Interpolation of two dances: the rotations of the first move until their spectrum is the second's, or between.
 //!
-//! [`Alignment`] makes two clips comparable, [`descent::interpolate`] moves the first's rotation vectors, [`blend`] does both
-//! and measures what came of it. The root's path stays the first's. Source: the motion-language thesis;
+//! [`Alignment`] makes two clips comparable, [`descent::descend`] moves the first's rotation vectors, [`interpolate()`] does
+//! both and measures the result. The root's path stays the first's. Source: the motion-language thesis;
 //! docs/interpolation.md.
 
 pub mod align;
@@ -102,10 +102,10 @@ pub struct Report {
     pub is_smooth: bool,
 }
 
-/// Draws the first dance towards the second.
+/// Interpolates from the first dance towards the second.
 ///
 /// # Errors
-/// What [`Alignment::of`] and [`descent::interpolate`] refuse; more coefficients than frames; a basis of more components than
+/// What [`Alignment::of`] and [`descent::descend`] refuse; more coefficients than frames; a basis of more components than
 /// the clips have series, or over a window of more than 1,024 frames.
 pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Result<Interpolated> {
     let Aligned { a: first, b: second, series: [sa, sb], notes } = options.alignment.of(a, b)?;

@@ -1,7 +1,7 @@
 //! Search in a collection of dances: windows of clips by their spectra or by a language model's own embedding.
 //!
-//! [`build`](build::build) makes an [`Index`] or adds to one, [`find`](find::find) answers "what else moves like this",
-//! [`evaluate`](evaluate::evaluate) measures how well neighbours tell a window's labels. Source: the motion-language
+//! [`Index::build`] makes an index or adds to one, [`Index::find`] answers "what else moves like this",
+//! [`evaluate`](evaluate::evaluate) measures how often neighbours share a window's labels. Source: the motion-language
 //! thesis (docs/query.md); the model's embedding is ours.
 //!
 //! **Letters**: N windows, D numbers of a feature, Q queries, k neighbours.

@@ -10,7 +10,7 @@ pub struct Vote {
 }
 
 /// The vote of neighbours by their values (below `values`) and scores, nearest first; `None` without any. See
-/// docs/query.md, "Do neighbours tell labels?".
+/// docs/query.md, "Do neighbours share labels?".
 pub fn vote(neighbours: impl IntoIterator<Item = (usize, f64)>, values: usize) -> Option<Vote> {
     let mut counts = vec![(0usize, 0.0f64); values];
     let mut order = Vec::new();

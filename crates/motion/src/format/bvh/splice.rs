@@ -32,7 +32,7 @@ impl BvhSource {
             let found = format!("{frames} frames of {joints} joints with {flags} flags");
             return Err(Error::invalid("the clip to splice", found, format!("the rig's {own} joints, a flag each")));
         }
-        let clip = self.rig.axes.from_y_up(clip)?;
+        let clip = self.rig.axes.restored(clip)?;
         let rig = self.for_clip(&clip)?;
         let (width, own) = (rig.head.width, self.head.width);
         let copied = |frame: usize| self.copied(frame, changed, &rig);

@@ -76,7 +76,7 @@ impl BvhSource {
             return print(&self.head, &time(same)?, clip.frames(), &self.numbers);
         }
         let time = time(same && frame_time::is_exact(own, clip.fps()))?;
-        let clip = self.rig.axes.from_y_up(clip)?;
+        let clip = self.rig.axes.restored(clip)?;
         let rig = self.for_clip(&clip)?;
         let numbers = rig.rows(&clip, self);
         print(&rig.head, &time, clip.frames(), &numbers)

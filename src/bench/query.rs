@@ -9,7 +9,7 @@ use serde_json::json;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// What windows are told by
+    /// The feature that windows are compared by
     #[arg(long, value_enum, default_value = "dct")]
     transform: TransformArg,
     /// Windows of the index; 100,000 of an STFT take 6 GB of memory

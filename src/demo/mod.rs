@@ -52,7 +52,7 @@ pub struct Args {
     /// Training steps, over the demo's own
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
-    /// Dances with music: a model learns to hear it, and dances to a tempo that it has never heard
+    /// Dances to music: trains a model with music conditioning, and dances to a tempo outside its training data
     #[arg(long)]
     music: bool,
     #[command(flatten)]

@@ -1,5 +1,5 @@
-//! The demo with music: dances made up at several tempi, each with the music of its score; a model that hears beats; and a
-//! dance to music of a tempo that it has never heard.
+//! The demo with music: dances made up at several tempi, each with the music of its score; a model conditioned on beats; and
+//! a dance to music of a tempo outside its training data.
 
 use super::{Args, MARK, tokenize, train, write_dances};
 use crate::corpus::music::synth::music;
@@ -36,16 +36,16 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     let at = |name: &str| args.out.join(name);
     say.line(format_args!("1/5 {CLIPS} dances of {SECONDS} s are made up, and played to"));
     let dances = compose(args)?;
-    say.line("2/5 they become words, and their music is heard");
+    say.line("2/5 they become words, and the beats of their music are detected");
     let tokenizer = tokenize(args, Some(at("music")))?;
-    say.line("3/5 a small model learns the language, told where the beats are");
+    say.line("3/5 a small model learns the language, conditioned on the beats");
     train(args, SETTINGS, say)?;
-    say.line("4/5 it dances to music of tempi that it has never heard");
+    say.line("4/5 it dances to music of tempi outside its training data");
     let (run, corpus) = (load_run(&at("run"), CheckpointChoice::Auto)?, Corpus::open(at("corpus"))?);
     let tests: Vec<&Dance> = dances.iter().skip(CLIPS - pairs()).collect();
     let pieces = tests.iter().map(|dance| piece(args, dance)).collect::<Result<Vec<_>>>()?;
-    let all = |told: bool| -> Result<Vec<Clip>> {
-        let dance = |(i, piece): (usize, &Piece)| danced(args, Some(piece).filter(|_| told), i);
+    let all = |with_music: bool| -> Result<Vec<Clip>> {
+        let dance = |(i, piece): (usize, &Piece)| danced(args, Some(piece).filter(|_| with_music), i);
         pieces.iter().enumerate().map(dance).collect()
     };
     let (made, free) = (all(true)?, all(false)?);
@@ -98,7 +98,7 @@ fn music_of(args: &Args, dance: &Dance) -> PathBuf {
     args.out.join("music").join(dance.genre).join(dance.name()).with_extension("wav")
 }
 
-/// Music that is danced to: its file, its beats as they are heard.
+/// Music that is danced to: its file, its detected beats.
 struct Piece {
     path: PathBuf,
     beats_s: Vec<f64>,
@@ -143,9 +143,9 @@ fn table(
         [tests.iter().map(|dance| &dance.clip).collect(), made.iter().collect(), free.iter().collect()];
     let made = pairs(made)?;
     let mut rows: Vec<BeatMetrics> = BeatMetrics::of("the real test dances", &pairs(real)?, lag).into_iter().collect();
-    rows.extend(BeatMetrics::of("the model's, told the music", &made, lag));
+    rows.extend(BeatMetrics::of("the model's, with music", &made, lag));
     rows.extend(controls("the same", &made, lag));
-    rows.extend(BeatMetrics::of("the model's, told no music", &pairs(free)?, lag));
+    rows.extend(BeatMetrics::of("the model's, without music", &pairs(free)?, lag));
     Ok(rows)
 }
 
@@ -154,7 +154,7 @@ fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, (joints, lag): (&[
     let hits = |clip: &Clip| Ok::<_, crate::Error>(BeatPair::new(clip, joints, &piece.beats_s)?.hits(Some(lag)));
     let figures = [
         Figure::new("test", real).note("a made-up dance to this music, never trained on").hits(Some(hits(real)?)),
-        Figure::new("dance", made).note("the model's, told its beats").hits(Some(hits(made)?)),
+        Figure::new("dance", made).note("the model's, with its beats").hits(Some(hits(made)?)),
     ];
     let sound = kinelm_store::input::bytes(&piece.path).map_err(crate::Error::io(&piece.path))?;
     let music = Music::embedded(&piece.path, &sound, 0.0, piece.beats_s.clone());
@@ -164,7 +164,7 @@ fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, (joints, lag): (&[
 fn report(args: &Args, table: &[BeatMetrics], bits: [f64; 2], seconds: f64) -> String {
     let mut out = format!(
         "{MARK}, seed {}\n\n{CLIPS} made-up dances of {SECONDS} s at {} tempi, with music; the model dances to music at {} \
-         beats a minute, which it has never heard.\n\n\
+         beats a minute, which is outside its training data.\n\n\
          | against beats | dances | BA_motion | shifted music | z | BA_music | shifted music | z | in tempo |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|\n",
         args.seed,
         HEARD_BPM.len(),
@@ -183,11 +183,11 @@ fn report(args: &Args, table: &[BeatMetrics], bits: [f64; 2], seconds: f64) -> S
             100.0 * in_tempo
         );
     }
-    let ([told, untold], lag) = (bits, table.first().map_or(0.0, |kept| kept.lag));
+    let ([with_music, without], lag) = (bits, table.first().map_or(0.0, |kept| kept.lag));
     out + &format!(
         "\nBA, beat alignment of knees and ankles: 1 where they rest wherever the train dances would, {lag:.2} of a beat behind \
          each. *Shifted music* is what chance gives; z says how many standard deviations of chance the mean lies above it. In \
-         tempo: the legs' speed peaks at the beat, its half or double, to 5 %.\n\nBits a frame of the test dances: {told:.1} told the music, \
-         {untold:.1} not.\n\n`page.html` plays a dance with its music. {seconds:.0} s in all.\n"
+         tempo: the legs' speed peaks at the beat, its half or double, to 5 %.\n\nBits a frame of the test dances: {with_music:.1} with music \
+         conditioning, {without:.1} without.\n\n`page.html` plays a dance with its music. {seconds:.0} s in all.\n"
     )
 }

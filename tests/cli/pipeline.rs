@@ -538,7 +538,7 @@ fn the_demo_with_music_makes_all_it_promises() {
     let dir = tempfile::tempdir().unwrap();
     let mut demo = kinelm();
     demo.current_dir(dir.path()).args(["demo", "--music", "--steps", "2"]).timeout(std::time::Duration::from_secs(900));
-    demo.assert().success().stdout(contains("half a beat off").and(contains("told the music")));
+    demo.assert().success().stdout(contains("half a beat off").and(contains("with music")));
     for name in ["page.html", "dance.bvh", "report.md", "music/sway/sway_ash_01.wav"] {
         assert!(dir.path().join("demo").join(name).exists(), "{name}");
     }

@@ -100,7 +100,7 @@ fn an_index_a_question_and_a_page() {
         .arg(&page);
     let table = contains("euclid").and(contains("1.07 to 3.20")).and(contains("genre salsa"));
     c.assert().success().stdout(table).stderr(contains("d0 from 1.00 to 3.13 s among 12 windows by dct"));
-    assert!(fs::read_to_string(page).unwrap().contains("asked: d0"));
+    assert!(fs::read_to_string(page).unwrap().contains("query: d0"));
 }
 
 /// Builds an index of one clip, cuts the window at frame `start` out into a file of six decimals, and holds what is found for
@@ -233,7 +233,7 @@ fn what_is_wrong_is_said_and_nothing_is_left() {
     c.arg(data.at("index"))
         .assert()
         .code(1)
-        .stderr(contains("hop 64 frames").and(contains("hop 32 frames, as asked for")));
+        .stderr(contains("hop 64 frames").and(contains("hop 32 frames, as requested")));
     let path = data.at("index/index.json");
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, text.replace("\"version\": 2", "\"version\": 9")).unwrap();

@@ -2,7 +2,7 @@
 
 use super::{LowDct, PcaBasis, Stft};
 
-/// What a window is told by.
+/// The feature of a window.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Transform {
     /// Magnitudes of a short-time Fourier transform.

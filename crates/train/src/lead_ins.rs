@@ -141,8 +141,8 @@ mod tests {
         write(dir.path(), 6, &data).unwrap();
         assert_eq!(LeadIns::load(dir.path(), data.tokenizer()).unwrap(), Some(all.clone()), "what is there stays");
         let chosen = |genre: Option<&str>| {
-            let asked: Vec<_> = genre.map(|value| ("genre".to_owned(), value.to_owned())).into_iter().collect();
-            let front = data.conditions().requested(&asked).unwrap();
+            let labels: Vec<_> = genre.map(|value| ("genre".to_owned(), value.to_owned())).into_iter().collect();
+            let front = data.conditions().requested(&labels).unwrap();
             let of = |seed| all.choose(data.conditions(), &front, seed).unwrap();
             (0..200)
                 .map(of)

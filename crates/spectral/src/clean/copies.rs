@@ -13,7 +13,7 @@ use kinelm_motion::{Clip, Quat, Vec3};
 
 /// Length of a window, seconds.
 pub const WINDOW_S: f64 = 2.0;
-/// Windows that are asked for are so far apart, seconds.
+/// Seconds between the windows that are looked up.
 const HOP_S: f64 = 1.0;
 /// The mean angle between the local rotations of a copy and its original is below this, degrees.
 pub const COPY_DEG: f64 = 1.0;
@@ -42,13 +42,13 @@ pub fn find(held: &mut [LoadedClip], fps: f64) -> Result<()> {
         let starts = database.clips()[number].starts.len();
         // the last one too, or a copy's end would be left
         let last = (first + starts).checked_sub(1).filter(|_| starts > 0 && (starts - 1) % hop != 0);
-        let asked = (first..first + starts).step_by(hop).chain(last);
+        let starts_at = (first..first + starts).step_by(hop).chain(last);
         first += starts;
         if held[number].split != Split::Train {
             continue;
         }
         let mut found = Vec::new();
-        for window in asked {
+        for window in starts_at {
             if let Some((start, other)) = copy(held, &database, number, window, frames)? {
                 let description = format!("as in {}", held[other].name);
                 found.push(Finding { first: start, end: start + frames, why: Fault::Copy, description });

@@ -15,10 +15,10 @@ use kinelm_store::files::{self, PendingFolder};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
-/// What an index is asked to hold. What isn't said is as in the index that is there, or in [`IndexOptions::new`].
+/// The options of an index. Those left out are taken from the existing index, or from [`IndexOptions::new`].
 #[derive(Debug, Clone, Default)]
 pub struct IndexRequest {
-    /// What windows are told by; DCT unless said.
+    /// The feature that windows are compared by; DCT unless said.
     pub transform: Option<FeatureKind>,
     /// Frames of a window.
     pub frames: Option<usize>,
@@ -69,7 +69,7 @@ pub struct BuildReport {
 }
 
 impl BuildReport {
-    /// What the user should be told, one line each.
+    /// Notes for the user, one line each.
     pub fn lines(&self) -> Vec<String> {
         let mut lines = self.summary.lines();
         let seconds = self.options.windows.seconds();
@@ -188,16 +188,16 @@ fn alone(out: &Path) -> Result<Option<File>> {
     }
 }
 
-fn same_options(out: &Path, there: &IndexOptions, asked: &IndexOptions) -> Result<()> {
-    let differ = there.differences(asked);
+fn same_options(out: &Path, there: &IndexOptions, requested: &IndexOptions) -> Result<()> {
+    let differ = there.differences(requested);
     if differ.is_empty() {
         return Ok(());
     }
     let list = |of: fn(&(&str, String, String)) -> String| differ.iter().map(of).collect::<Vec<_>>().join(", ");
     let found = format!("an index of {}", list(|(name, there, _)| format!("{name} {there}")));
-    let expected = list(|(name, _, asked)| format!("{name} {asked}"));
+    let expected = list(|(name, _, requested)| format!("{name} {requested}"));
     let help = "leave these options out to add to it, or give another folder";
-    Err(Error::file(out, found, format!("{expected}, as asked for"), help))
+    Err(Error::file(out, found, format!("{expected}, as requested"), help))
 }
 
 /// A basis for all windows of the clips.

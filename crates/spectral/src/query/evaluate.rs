@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Windows that are asked for together.
+/// Queries in a batch.
 const QUERIES: usize = 64;
 
 /// What is measured.
@@ -31,7 +31,7 @@ pub struct EvaluateOptions {
     pub joints: Vec<usize>,
     /// Canonical rotation vectors (compat); a model reads its own.
     pub raw: bool,
-    /// What windows are told by.
+    /// The feature that windows are compared by.
     pub transforms: Vec<FeatureKind>,
     /// What "near" means.
     pub distances: Vec<Distance>,
@@ -58,7 +58,7 @@ pub struct Row {
     pub exclude: Exclude,
     /// The first frame of a clip's first window.
     pub phase: usize,
-    /// Windows asked for; those that have no neighbour are left out.
+    /// Queries; windows that have no neighbour don't count.
     pub queries: usize,
     /// Share of right majorities.
     pub accuracy: Option<f64>,
@@ -219,7 +219,7 @@ fn load(
 }
 
 /// The label fields that are measured.
-fn fields_of(held: &[LoadedClip], asked: &[String]) -> Result<Vec<String>> {
+fn fields_of(held: &[LoadedClip], requested: &[String]) -> Result<Vec<String>> {
     let first = &held[0].entry.labels;
     let values = |field: &String| {
         let mut values: Vec<&String> = held.iter().filter_map(|h| h.entry.labels.get(field)).collect();
@@ -228,7 +228,7 @@ fn fields_of(held: &[LoadedClip], asked: &[String]) -> Result<Vec<String>> {
         values.dedup();
         (clips, values.len())
     };
-    for field in asked {
+    for field in requested {
         let (clips, count) = values(field);
         if clips < held.len() {
             let lacks = held.iter().find(|h| !h.entry.labels.contains_key(field)).map_or("", |h| &h.entry.name);
@@ -242,9 +242,9 @@ fn fields_of(held: &[LoadedClip], asked: &[String]) -> Result<Vec<String>> {
             return Err(Error::invalid(format!("label `{field}`"), "one value on all clips", "at least two values"));
         }
     }
-    let all: Vec<String> = match asked {
+    let all: Vec<String> = match requested {
         [] => first.keys().filter(|f| values(f) >= (held.len(), 2)).cloned().collect(),
-        asked => asked.to_vec(),
+        requested => requested.to_vec(),
     };
     if all.is_empty() {
         let help = "neighbours are judged by labels; give the clips some";
@@ -290,7 +290,7 @@ fn database(held: &[LoadedClip], options: &IndexOptions, phase: usize) -> Result
     Database::of_clips(options, held.iter().map(|h| (&h.clip, with_windows(h))).collect())
 }
 
-/// One database, and what is asked of it.
+/// One database and its queries.
 struct Judge<'a> {
     database: &'a Database,
     labels: &'a [Labels],
@@ -388,7 +388,7 @@ impl Judge<'_> {
             distance,
             exclude,
             phase: self.phase,
-            queries: tally.asked(),
+            queries: tally.queries(),
             accuracy: tally.accuracy(),
             half_interval: tally.half_interval(),
             entropy_bans: tally.entropy(),

@@ -130,7 +130,7 @@ impl Index {
             notes.push("the index doesn't have this clip: nothing of it had to be left out".to_string());
         }
         if hits.len() < query.k {
-            notes.push(format!("only {} windows could be found of {} asked for", hits.len(), query.k));
+            notes.push(format!("only {} of {} requested windows were found", hits.len(), query.k));
         }
         let (frames, fps) = (spec.frames, spec.fps);
         let (windows, matches) = (database.windows(), matches.collect());
@@ -138,7 +138,7 @@ impl Index {
     }
 }
 
-/// The first frame of the window asked for.
+/// The first frame of the query's window.
 fn start_of(path: &Path, has: usize, frames: usize, fps: f64, at_s: Option<f64>) -> Result<usize> {
     let seconds = |frames: usize| frames as f64 / fps;
     let Some(last) = has.checked_sub(frames) else {
@@ -264,7 +264,7 @@ impl SearchResult {
         for (i, clip) in clips.enumerate() {
             let Some(clip) = clip else { continue };
             let (title, window, value) = match i.checked_sub(1).map(|i| &self.matches[i]) {
-                None => (format!("asked: {}", self.query.clip), &self.query, String::new()),
+                None => (format!("query: {}", self.query.clip), &self.query, String::new()),
                 Some(f) => (format!("{}. {}", f.rank, f.window.clip), &f.window, format!("{:.3}, ", f.value)),
             };
             let mut note = format!("{value}{:.2} to {:.2} s", window.start_s, window.end_s);

@@ -105,7 +105,7 @@ fn check(path: &Path, manifest: &Manifest, basis: Option<&PcaBasis>) -> Result<(
     }
     let frames = options.windows.frames;
     let kept = match (&options.transform, basis) {
-        (FeatureKind::Model { .. }, _) => return Ok(()), // its run is read when it is asked for
+        (FeatureKind::Model { .. }, _) => return Ok(()), // its run is read on demand
         (FeatureKind::Pca { keep }, Some(basis)) if basis.length() == frames && basis.variances.len() == *keep => *keep,
         (FeatureKind::Pca { keep }, _) => {
             return wrong("another basis or none".into(), format!("{keep} components of {frames}"));

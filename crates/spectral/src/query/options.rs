@@ -5,7 +5,7 @@ use kinelm_motion::smpl;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// What windows are told by.
+/// The feature that windows are compared by.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
 pub enum FeatureKind {
@@ -65,7 +65,7 @@ impl FeatureKind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IndexOptions {
-    /// What windows are told by.
+    /// The feature that windows are compared by.
     pub transform: FeatureKind,
     /// Where they lie.
     pub windows: WindowSpec,
@@ -110,22 +110,22 @@ impl IndexOptions {
 
     /// Where `other` asks for something else: option, here, there.
     pub fn differences(&self, other: &IndexOptions) -> Vec<(&'static str, String, String)> {
-        type Told = fn(&IndexOptions) -> String;
-        let both: [(&str, Told); 6] = [
-            ("transform", |o| o.transform.told()),
+        type Shown = fn(&IndexOptions) -> String;
+        let both: [(&str, Shown); 6] = [
+            ("transform", |o| o.transform.shown()),
             ("window", |o| format!("{} frames", o.windows.frames)),
             ("hop", |o| format!("{} frames", o.windows.hop)),
             ("fps", |o| o.windows.fps.to_string()),
             ("joints", |o| joint_names(&o.joints)),
             ("raw", |o| o.raw.to_string()),
         ];
-        let told = both.into_iter().map(|(name, of)| (name, of(self), of(other)));
-        told.filter(|(_, a, b)| a != b).collect()
+        let shown = both.into_iter().map(|(name, of)| (name, of(self), of(other)));
+        shown.filter(|(_, a, b)| a != b).collect()
     }
 }
 
 impl FeatureKind {
-    fn told(&self) -> String {
+    fn shown(&self) -> String {
         match self {
             FeatureKind::Stft { .. } => self.name().into(),
             FeatureKind::Dct { keep } => format!("dct of {keep} coefficients"),

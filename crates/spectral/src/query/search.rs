@@ -207,7 +207,7 @@ impl Database {
         Ok(hits)
     }
 
-    /// What the k-th nearest has at least, as far as can be told; of each clip the best window alone where one is wanted.
+    /// A lower bound of the k-th nearest's similarity; with one window per clip, of each clip's best.
     fn least(&self, all: &[(usize, [f64; 2])], wanted: SearchOptions) -> f64 {
         let mut lows: Vec<f64> = match wanted.one_per_clip {
             false => all.iter().map(|(_, [low, _])| *low).collect(),

@@ -15,7 +15,7 @@ const SCATTER: f64 = 0.2;
 /// Seconds of a made-up dance, and how many there are.
 const DANCES: (f64, usize) = (60.0, 24);
 
-/// `windows` windows of made-up dances, told by a kind that needs nothing fitted, as an index holds them, in memory: those of
+/// `windows` windows of made-up dances, by a feature that needs no fitting, as an index holds them, in memory: those of
 /// 24 dances again and again, each number scattered by 20 % of itself.
 ///
 /// # Errors

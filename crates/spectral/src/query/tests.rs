@@ -89,9 +89,9 @@ fn found_is_what_measuring_everything_finds() {
     let (features, clips) = noisy(windows, numbers);
     let written = on_disk(dir.path(), &features, &clips, numbers);
     let held = Database::new(numbers, vec![(Part::held(features, numbers), clips)]);
-    let asked = [0, 1, 5, 8, 333, 699];
-    let (near, error) = held.cosines(&asked).unwrap();
-    for (i, &query) in asked.iter().enumerate() {
+    let queries = [0, 1, 5, 8, 333, 699];
+    let (near, error) = held.cosines(&queries).unwrap();
+    for (i, &query) in queries.iter().enumerate() {
         for distance in [Distance::Cosine, Distance::Euclid] {
             for (k, one_per_clip) in [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)] {
                 let wanted = SearchOptions { k, distance, one_per_clip };
@@ -171,8 +171,8 @@ impl Data {
         Dataset::find(&paths, std::slice::from_ref(&self.labels)).unwrap()
     }
 
-    fn build(&self, clips: &[usize], asked: &IndexRequest, out: &str) -> crate::Result<BuildReport> {
-        Index::build(&self.dataset(clips), asked, &BuildOptions::default(), &self.at(out), &mut go)
+    fn build(&self, clips: &[usize], request: &IndexRequest, out: &str) -> crate::Result<BuildReport> {
+        Index::build(&self.dataset(clips), request, &BuildOptions::default(), &self.at(out), &mut go)
     }
 
     fn names(&self) -> Vec<String> {
@@ -200,13 +200,13 @@ fn question(data: &Data, clip: usize) -> Query {
 #[test]
 fn built_in_two_goes_as_in_one() {
     let data = Data::new();
-    let asked = IndexRequest::default();
-    let whole = data.build(&[0, 1, 2, 3, 4, 5], &asked, "whole").unwrap();
+    let request = IndexRequest::default();
+    let whole = data.build(&[0, 1, 2, 3, 4, 5], &request, "whole").unwrap();
     assert_eq!((whole.added.0, whole.short, whole.known), (5, 1, 0));
-    data.build(&[0, 1], &asked, "pieces").unwrap();
-    let more = data.build(&[1, 2, 3, 4], &asked, "pieces").unwrap();
+    data.build(&[0, 1], &request, "pieces").unwrap();
+    let more = data.build(&[1, 2, 3, 4], &request, "pieces").unwrap();
     assert_eq!((more.added.0, more.known, more.windows), (3, 1, whole.windows));
-    let again = data.build(&[4], &asked, "pieces").unwrap();
+    let again = data.build(&[4], &request, "pieces").unwrap();
     assert_eq!((again.added, again.known), ((0, 0), 1));
     assert_eq!(data.names(), ["data", "labels.csv", "pieces", "whole"]);
     let (one, two) = (Index::open(&data.at("whole")).unwrap(), Index::open(&data.at("pieces")).unwrap());
@@ -255,8 +255,8 @@ fn what_came_before_a_window_does_not_matter() {
 #[test]
 fn a_fitted_basis_stays() {
     let data = Data::new();
-    let asked = IndexRequest { transform: Some(FeatureKind::pca()), ..IndexRequest::default() };
-    let built = data.build(&[0, 1, 2], &asked, "pca").unwrap();
+    let request = IndexRequest { transform: Some(FeatureKind::pca()), ..IndexRequest::default() };
+    let built = data.build(&[0, 1, 2], &request, "pca").unwrap();
     assert!(built.explained.unwrap() > 0.9, "{:?}", built.explained);
     let before = Index::open(&data.at("pca")).unwrap().basis().unwrap().clone();
     // without saying what it holds
@@ -272,7 +272,7 @@ fn what_cannot_be_done_is_said_and_changes_nothing() {
     data.build(&[0, 1], &IndexRequest::default(), "index").unwrap();
     let before = fs::read(data.at("index/index.json")).unwrap();
     let error =
-        |clips: &[usize], asked: IndexRequest, out: &str| data.build(clips, &asked, out).unwrap_err().to_string();
+        |clips: &[usize], request: IndexRequest, out: &str| data.build(clips, &request, out).unwrap_err().to_string();
     let e = error(&[2], IndexRequest { hop: Some(32), joints: Some(vec![0]), ..IndexRequest::default() }, "index");
     assert!(e.contains("hop 64 frames, joints all 24") && e.contains("hop 32 frames, joints pelvis"), "{e}");
     let e = error(&[5], IndexRequest::default(), "other");
@@ -347,12 +347,12 @@ fn a_page_plays_the_query_beside_what_was_found() {
     let answer = index.find(&Query { one_per_clip: true, k: 2, ..question(&data, 0) }).unwrap();
     let (text, lost) = answer.page().unwrap();
     assert!(lost.is_empty());
-    assert!(text.contains("asked: d0") && text.contains("1. d") && text.contains("2. d") && text.contains("genre"));
+    assert!(text.contains("query: d0") && text.contains("1. d") && text.contains("2. d") && text.contains("genre"));
     let hit = &answer.matches[0].window.path;
     fs::write(hit, fs::read_to_string(hit).unwrap() + "\n").unwrap();
     let (text, lost) = answer.page().unwrap();
     assert!(lost.len() == 1 && lost[0].to_string().contains("changed since the index was built"), "{lost:?}");
-    assert!(text.contains("asked: d0") && !text.contains("1. d") && text.contains("2. d"));
+    assert!(text.contains("query: d0") && !text.contains("1. d") && text.contains("2. d"));
 }
 
 #[test]

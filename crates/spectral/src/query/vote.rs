@@ -38,7 +38,7 @@ pub fn vote(neighbours: impl IntoIterator<Item = (usize, f64)>, values: usize) -
 /// Right answers and mean entropy over the queries of one recording after the other.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Tally {
-    /// Per recording: right, asked.
+    /// Per recording: right votes, queries.
     groups: Vec<(usize, usize)>,
     entropy: f64,
 }
@@ -55,14 +55,14 @@ impl Tally {
     }
 
     /// Queries.
-    pub fn asked(&self) -> usize {
+    pub fn queries(&self) -> usize {
         self.groups.iter().map(|g| g.1).sum()
     }
 
     /// Share of right answers; `None` without queries.
     pub fn accuracy(&self) -> Option<f64> {
         let right: usize = self.groups.iter().map(|g| g.0).sum();
-        (self.asked() > 0).then(|| right as f64 / self.asked() as f64)
+        (self.queries() > 0).then(|| right as f64 / self.queries() as f64)
     }
 
     /// Half of the 95 % interval of the accuracy over recordings, whose windows are alike: 1.96 standard errors of a ratio
@@ -70,9 +70,9 @@ impl Tally {
     ///
     /// Source: Cochran, "Sampling Techniques" (1977), section 6.4.
     pub fn half_interval(&self) -> Option<f64> {
-        let (p, n) = (self.accuracy()?, self.asked() as f64);
+        let (p, n) = (self.accuracy()?, self.queries() as f64);
         let groups: Vec<f64> =
-            self.groups.iter().filter(|g| g.1 > 0).map(|&(right, asked)| right as f64 - p * asked as f64).collect();
+            self.groups.iter().filter(|g| g.1 > 0).map(|&(right, queries)| right as f64 - p * queries as f64).collect();
         let count = groups.len() as f64;
         let squares: f64 = groups.iter().map(|d| d * d).sum();
         (groups.len() > 1).then(|| 1.96 * (count / (count - 1.0) * squares).sqrt() / n)
@@ -80,7 +80,7 @@ impl Tally {
 
     /// Mean entropy, bans; `None` without queries.
     pub fn entropy(&self) -> Option<f64> {
-        (self.asked() > 0).then(|| self.entropy / self.asked() as f64)
+        (self.queries() > 0).then(|| self.entropy / self.queries() as f64)
     }
 }
 
@@ -115,7 +115,7 @@ mod tests {
             alike.add(i / 10, i % 20 < 10, 0.5);
             apart.add(i / 10, i % 2 == 0, 0.5);
         }
-        assert_eq!((alike.asked(), alike.accuracy(), alike.entropy()), (100, Some(0.5), Some(0.5)));
+        assert_eq!((alike.queries(), alike.accuracy(), alike.entropy()), (100, Some(0.5), Some(0.5)));
         let expected = 1.96 * (10.0f64 / 9.0 * 10.0 * 25.0).sqrt() / 100.0;
         assert!((alike.half_interval().unwrap() - expected).abs() < 1e-12);
         assert!(apart.half_interval().unwrap() < 1e-12);

@@ -88,21 +88,21 @@ fn resumed(file: TrainFile, files: &[&str]) {
 
 #[test]
 fn a_run_in_bf16_goes_on_bit_for_bit_and_says_what_computed_it() {
-    let mut asked = file();
-    asked.train.precision = Precision::Bf16;
-    resumed(asked.clone(), &[WEIGHTS, OPTIMIZER, "state.json"]);
+    let mut bf16 = file();
+    bf16.train.precision = Precision::Bf16;
+    resumed(bf16.clone(), &[WEIGHTS, OPTIMIZER, "state.json"]);
 
     let dir = tempfile::tempdir().unwrap();
     fixture::corpus(dir.path(), &CLIPS);
     let f32s = go(&options(dir.path(), "f32", Some(file()))).unwrap();
     let stop = AtomicBool::new(false);
-    let mut halves = options(dir.path(), "bf16", Some(asked));
+    let mut halves = options(dir.path(), "bf16", Some(bf16));
     let first = pretrain(&halves, &stop, &mut StopAt(5, &stop, Vec::new())).unwrap();
     let products = |s: &Summary| load_run(&s.run, CheckpointChoice::Latest).unwrap().state.products;
     let name = Products::bf16().name();
     assert_eq!((products(&first).as_deref(), products(&f32s)), (Some(name), None));
 
-    // another precision is asked for by name, and the break is said
+    // another precision is requested by name, and the break is said
     (halves.resume, halves.file, halves.precision) = (true, None, Some(Precision::F32));
     let mut notes = StopAt(100, &stop, Vec::new());
     let second = pretrain(&halves, &AtomicBool::new(false), &mut notes).unwrap();

@@ -1,5 +1,5 @@
-//! How well the neighbours of a window tell its labels: the thesis's tables 3.1 and 3.2; docs/query.md, "Do
-//! neighbours tell labels?".
+//! How well the neighbours of a window share its labels: the thesis's tables 3.1 and 3.2; docs/query.md, "Do
+//! neighbours share labels?".
 
 use super::build::no_window;
 use super::database::Database;

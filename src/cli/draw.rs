@@ -1,6 +1,6 @@
 //! How tokens are drawn, the same on every command that draws some.
 
-use super::read::positive;
+use super::values::positive;
 use crate::generate::sampling::Sampling;
 use anyhow::Result;
 

@@ -23,14 +23,14 @@ pub struct Args {
     #[arg(long, value_enum, conflicts_with_all = ["cutoff", "keep"])]
     level: Option<Level>,
     /// Remove movements above this frequency, Hz
-    #[arg(long, value_name = "HZ", value_parser = super::read::positive)]
+    #[arg(long, value_name = "HZ", value_parser = super::values::positive)]
     cutoff: Option<f64>,
     /// Keep this many coefficients of the cosine transform over the whole clip
-    #[arg(long, value_name = "K", conflicts_with = "cutoff", value_parser = super::read::count)]
+    #[arg(long, value_name = "K", conflicts_with = "cutoff", value_parser = super::values::count)]
     keep: Option<usize>,
     /// Use a zero-phase Butterworth filter of this order instead, as scipy's butter and filtfilt
     #[arg(long, value_name = "ORDER", requires = "cutoff", conflicts_with = "keep",
-        value_parser = super::read::within(1..=butterworth::MAX_ORDER))]
+        value_parser = super::values::within(1..=butterworth::MAX_ORDER))]
     butterworth: Option<usize>,
     /// Lock feet that are in contact with the floor, and keep the body on it; without --level, --cutoff or --keep
     /// nothing else changes

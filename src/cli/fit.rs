@@ -33,7 +33,7 @@ pub struct SettingsArgs {
     #[arg(long, value_name = "13|18|24|LIST")]
     joints: Option<String>,
     /// Frames per second of the words [default: 20]
-    #[arg(long, value_parser = super::read::positive)]
+    #[arg(long, value_parser = super::values::positive)]
     fps: Option<f64>,
     /// How the rotation of the root is coded: in the world, or its heading as steps and its tilt [default:
     /// heading_delta]

@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "dct")]
     transform: Spectrum,
     /// Coefficients or components to blend [default: those up to 3.5 Hz (16 of 128 frames), or 16 components]
-    #[arg(long, value_name = "K", value_parser = super::read::count)]
+    #[arg(long, value_name = "K", value_parser = super::values::count)]
     keep: Option<usize>,
     #[command(flatten)]
     what: WindowArgs,
@@ -51,19 +51,19 @@ pub struct Args {
 struct WindowArgs {
     /// Frames to blend
     #[arg(long, value_name = "FRAMES", default_value_t = 128,
-        value_parser = super::read::within(align::MIN_FRAMES..=align::MAX_FRAMES))]
+        value_parser = super::values::within(align::MIN_FRAMES..=align::MAX_FRAMES))]
     window: usize,
     /// Blend as many frames as the shorter clip has
     #[arg(long, conflicts_with = "window")]
     whole: bool,
     /// Frames per second of the blend
-    #[arg(long, default_value_t = 60.0, value_parser = super::read::rate)]
+    #[arg(long, default_value_t = 60.0, value_parser = super::values::rate)]
     fps: f64,
     /// Where A's window starts: 2.5s, 2.5 or 40f (frames of the file)
-    #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::read::time)]
+    #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::values::time)]
     at_a: Moment,
     /// Where B's window starts
-    #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::read::time)]
+    #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::values::time)]
     at_b: Moment,
     /// Keep B's heading, instead of turning B so that both start facing the same way
     #[arg(long)]
@@ -74,16 +74,16 @@ struct WindowArgs {
 #[derive(Debug, clap::Args)]
 struct HowArgs {
     /// How far from A's spectrum (0) to B's (1) the target of the descent is
-    #[arg(long, value_name = "S", default_value_t = Descent::STRENGTH, conflicts_with = "amount", value_parser = super::read::share)]
+    #[arg(long, value_name = "S", default_value_t = Descent::STRENGTH, conflicts_with = "amount", value_parser = super::values::share)]
     strength: f64,
     /// Blend in closed form by this much, 0 to 1, instead of by descent (dct and pca)
-    #[arg(long, value_name = "ALPHA", conflicts_with_all = ["plain", "rate", "steps"], value_parser = super::read::share)]
+    #[arg(long, value_name = "ALPHA", conflicts_with_all = ["plain", "rate", "steps"], value_parser = super::values::share)]
     amount: Option<f64>,
     /// Plain gradient descent instead of Adam
     #[arg(long)]
     plain: bool,
     /// Step size [default: 0.01 for Adam; for plain descent what covers 99 % of the distance]
-    #[arg(long, value_parser = super::read::positive)]
+    #[arg(long, value_parser = super::values::positive)]
     rate: Option<f64>,
     /// Steps of the descent
     #[arg(long, default_value_t = Descent::STEPS)]

@@ -21,10 +21,10 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u64).range(2..))]
     steps: u64,
     /// The first rate
-    #[arg(long, value_name = "RATE", default_value_t = 1e-7, value_parser = super::read::positive)]
+    #[arg(long, value_name = "RATE", default_value_t = 1e-7, value_parser = super::values::positive)]
     from: f64,
     /// The last rate, if the loss doesn't diverge before
-    #[arg(long, value_name = "RATE", default_value_t = 1.0, value_parser = super::read::positive)]
+    #[arg(long, value_name = "RATE", default_value_t = 1.0, value_parser = super::values::positive)]
     to: f64,
     /// Print one JSON object instead of a table
     #[arg(long)]

@@ -35,8 +35,8 @@ mod timeline;
 mod tokenize;
 mod tokenizer;
 mod updates;
+mod values;
 mod view;
-mod view_files;
 
 use crate::shell::outcome::{exit_code, is_broken_pipe, parse, refused};
 use crate::shell::say::all_read;

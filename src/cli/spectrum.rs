@@ -19,13 +19,13 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     joint: Option<String>,
     /// Where the plotted part starts: 2.5s, 2.5 or 40f
-    #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::read::time)]
+    #[arg(long, value_name = "SECONDS", default_value = "0s", allow_negative_numbers = true, value_parser = super::values::time)]
     at: Moment,
     /// Its length, in the same form [default: to the clip's end]
-    #[arg(long, value_parser = super::read::length)]
+    #[arg(long, value_parser = super::values::length)]
     seconds: Option<Moment>,
     /// Frames per second to resample to
-    #[arg(long, default_value_t = 60.0, value_parser = super::read::positive)]
+    #[arg(long, default_value_t = 60.0, value_parser = super::values::positive)]
     fps: f64,
     /// Leave out the mean pose, which outweighs all movement
     #[arg(long)]

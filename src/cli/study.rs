@@ -25,7 +25,7 @@ pub struct Args {
     #[arg(long, default_value = "13", value_name = "13|18|24|LIST")]
     joints: String,
     /// Frames per second of rows that state none [default: 60, or the slowest file's rate if lower]
-    #[arg(long, value_parser = super::read::positive)]
+    #[arg(long, value_parser = super::values::positive)]
     fps: Option<f64>,
     /// The rows that the page shows beside the original [default: one of the DCT tiles and one lapped row]
     #[arg(long, value_name = "ROW,ROW", value_delimiter = ',')]

@@ -3,7 +3,7 @@
 use crate::baselines::FPS;
 use crate::baselines::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
 use crate::baselines::aclstm::run::Trained;
-use crate::cli::read::frames_at;
+use crate::cli::values::frames_at;
 use crate::cli::{ForceArgs, Say, print, progress};
 use crate::corpus::Split;
 use crate::model::CheckpointChoice;

@@ -3,8 +3,9 @@
 use crate::baselines::FPS;
 use crate::baselines::aclstm::dance::{Request, Sidecar};
 use crate::baselines::aclstm::run::Trained;
-use crate::cli::read::{ReadArgs, frames_at};
+use crate::cli::read::ReadArgs;
 use crate::cli::updates::{self, AgainArgs, BaselineDance};
+use crate::cli::values::frames_at;
 use crate::cli::{ForceArgs, Say, convert, progress, warn, writable, written_as};
 use crate::generate::MOST_FRAMES;
 use crate::generate::request::FootMode;

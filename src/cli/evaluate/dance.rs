@@ -1,11 +1,9 @@
 //! `kinelm evaluate dance`.
 
 use super::compare::{self, How};
-use crate::baselines::music_lstm;
+use super::music::{MusicArgs, beats, own_beats};
 use crate::cli::read::ReadArgs;
-use crate::cli::{ForceArgs, Odd, Say, TrustArgs, WrongCall, each_file, motion_files, print};
-use crate::corpus::music::library::beats_in_dance;
-use crate::corpus::music::track::Track;
+use crate::cli::{ForceArgs, Odd, Say, TrustArgs, each_file, motion_files, print};
 use crate::evaluate::dance::fidelity::fidelity;
 use crate::evaluate::dance::prompt::PromptMetrics;
 use crate::evaluate::dance::{Dance, Reference, requested_label};
@@ -15,8 +13,6 @@ use crate::generate::request::Resolved;
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::joints;
-use kinelm_music::beat::Beats;
-use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -44,16 +40,8 @@ pub struct Args {
     /// prompt
     #[arg(long, value_name = "FIELD")]
     fidelity: Option<String>,
-    /// Measure alignment to these beats, a time in seconds per line [default: the beats of --music, or of the music
-    /// that each dance was generated to]
-    #[arg(long, value_name = "FILE", conflicts_with = "music")]
-    beats: Option<PathBuf>,
-    /// Measure alignment to the beats of this music; may be repeated, once per dance in their order
-    #[arg(long, value_name = "FILE")]
-    music: Vec<PathBuf>,
-    /// The time in the music, or of the beats, at which the dances start, such as 12.5s [default: 0s]
-    #[arg(long, value_name = "SECONDS", value_parser = crate::cli::read::seconds)]
-    music_from: Option<f64>,
+    #[command(flatten)]
+    music: MusicArgs,
     /// Also plot the distribution of every metric over the real train clips and over the dances
     #[arg(long, value_name = "FILE.svg|png")]
     plot: Option<PathBuf>,
@@ -94,7 +82,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut given: Option<Vec<bool>> = None;
     let mut best = BTreeMap::<usize, usize>::new();
     let mut pieces = BTreeMap::new();
-    let beats = beats(args, files.len(), &mut pieces)?;
+    let beats = beats(&args.music, files.len(), &mut pieces)?;
     let mut music_s = Vec::new();
     let mut requested = Vec::new();
     let mut joints_given = Vec::new();
@@ -144,53 +132,6 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         crate::cli::draw_charts(out, &real.charts(&[("dances", dances.collect())])?, &outputs)?;
     }
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
-}
-
-/// The beats of --beats or --music in seconds from the first frame: one list for all dances, or one for each. Every piece is
-/// analysed once.
-fn beats(args: &Args, dances: usize, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Vec<Vec<f64>>>> {
-    if args.music_from.is_some() && args.beats.is_none() && args.music.is_empty() {
-        let what = "--music-from without --music or --beats: the sidecar of a dance says where its music starts";
-        return Err(WrongCall(what.into()).into());
-    }
-    let from_s = args.music_from.unwrap_or(0.0);
-    if let Some(path) = &args.beats {
-        let text = input::text(path).map_err(crate::Error::io(path))?;
-        let beats = crate::corpus::music::beats::parse(path, &text)?;
-        if beats.len() < 2 {
-            let what = format!("--beats {}: {} beats; expected two or more", path.display(), beats.len());
-            return Err(WrongCall(what).into());
-        }
-        return Ok(Some(vec![beats.iter().map(|beat| beat - from_s).collect()]));
-    }
-    let music = args.music.len();
-    if music > 1 && music != dances {
-        let what = format!("--music names {music} files for {dances} dances; give one for all, or one for each");
-        return Err(WrongCall(what).into());
-    }
-    let beats_of = |path: &PathBuf| -> Result<Vec<f64>> {
-        if !pieces.contains_key(path) {
-            pieces.insert(path.clone(), Track::beats_only(path)?.beats);
-        }
-        Ok(beats_in_dance(path, &pieces[path], (from_s, 0.0))?)
-    };
-    let all: Vec<Vec<f64>> = args.music.iter().map(beats_of).collect::<Result<_>>()?;
-    Ok(Some(all).filter(|all| !all.is_empty()))
-}
-
-/// The beats of the music that a dance was generated to, if any.
-fn own_beats(
-    path: &Path,
-    provenance: Option<&Provenance>,
-    pieces: &mut BTreeMap<PathBuf, Beats>,
-) -> crate::Result<Option<Vec<f64>>> {
-    let Some(music) = music_lstm::dance::music_of(provenance, path)? else { return Ok(None) };
-    // another dance may have had another file of this name
-    music.check()?;
-    if !pieces.contains_key(&music.path) {
-        pieces.insert(music.path.clone(), Track::beats_only(&music.path)?.beats);
-    }
-    Ok(Some(beats_in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0))?))
 }
 
 /// The provenance of a dance, from its sidecar; a wrong sidecar is reported.

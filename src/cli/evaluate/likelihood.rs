@@ -1,6 +1,6 @@
 //! `kinelm evaluate likelihood`.
 
-use super::{Fitted, FloorsArgs};
+use super::floors::{Fitted, FloorsArgs};
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::evaluate::gap_bits::gap_bits;

@@ -2,7 +2,8 @@
 
 use crate::cli::data::DataArgs;
 use crate::cli::draw::DrawArgs;
-use crate::cli::read::{ReadArgs, rate};
+use crate::cli::read::ReadArgs;
+use crate::cli::values::rate;
 use crate::cli::{ComputeArgs, Odd, Say, print, wrong_call};
 use crate::corpus::load::{ClipSpec, load_at_own_rate};
 use crate::corpus::{Dataset, Split};

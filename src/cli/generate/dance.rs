@@ -3,7 +3,7 @@
 use super::at_model_rate;
 use super::best::BestArgs;
 use crate::cli::draw::DrawArgs;
-use crate::cli::read::{length, length_in_frames, rate, time};
+use crate::cli::values::{length, length_in_frames, rate, time};
 use crate::cli::{ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
 use crate::generate::request::{
     Computing, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel, UncodedJoints,

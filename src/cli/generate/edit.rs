@@ -24,7 +24,7 @@ pub struct EditArgs {
         requires = "prompt", conflicts_with_all = ["joints", "from_frame", "given", "free", "frames", "seconds"])]
     round: Option<LoopKind>,
     /// Seconds at the end that --loop generates: 2s, 2 or 120f (frames of the file); 0.1 to 60
-    #[arg(long, value_name = "S", default_value = "2s", requires = "round", value_parser = crate::cli::read::time)]
+    #[arg(long, value_name = "S", default_value = "2s", requires = "round", value_parser = crate::cli::values::time)]
     loop_over: Moment,
 }
 

@@ -6,7 +6,8 @@ mod dance;
 mod edit;
 mod make;
 
-use super::read::{ReadArgs, length_in_frames};
+use super::read::ReadArgs;
+use super::values::length_in_frames;
 use super::{Say, wrong_call};
 use crate::generate::request::PromptRequest;
 use crate::model::run::TOKENIZER;

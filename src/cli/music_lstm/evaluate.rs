@@ -3,7 +3,7 @@
 use crate::baselines::FPS;
 use crate::baselines::music_lstm::evaluate::{Options, evaluate};
 use crate::baselines::music_lstm::run::Trained;
-use crate::cli::read::frames_at;
+use crate::cli::values::frames_at;
 use crate::cli::{Say, WrongCall, print, progress};
 use crate::corpus::Split;
 use crate::model::CheckpointChoice;
@@ -22,7 +22,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 12_000, value_parser = frames_at(FPS, 30..=1 << 20))]
     frames: u32,
     /// Cut-off frequency of the Butterworth filter that dances are also measured after, Hz
-    #[arg(long, value_name = "HZ", default_value_t = 6.0, value_parser = crate::cli::read::positive)]
+    #[arg(long, value_name = "HZ", default_value_t = 6.0, value_parser = crate::cli::values::positive)]
     cutoff: f64,
     /// Print one JSON object instead of tables
     #[arg(long)]

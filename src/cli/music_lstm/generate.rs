@@ -3,8 +3,8 @@
 use crate::baselines::FPS;
 use crate::baselines::music_lstm::dance::{Request, Sidecar};
 use crate::baselines::music_lstm::run::Trained;
-use crate::cli::read::{frames_at, time};
 use crate::cli::updates::{self, AgainArgs, BaselineDance};
+use crate::cli::values::{frames_at, time};
 use crate::cli::{ForceArgs, Say, convert, progress, writable, written_as};
 use crate::generate::MOST_FRAMES;
 use crate::model::CheckpointChoice;

@@ -2,7 +2,8 @@
 
 use super::{TransformArg, joints_of};
 use crate::cli::data::DataArgs;
-use crate::cli::read::{ReadArgs, count, rate, window};
+use crate::cli::read::ReadArgs;
+use crate::cli::values::{count, rate, window};
 use crate::cli::{Say, WrongCall, progress};
 use crate::spectral::query::joint_names;
 use crate::spectral::query::{Index, IndexRequest};

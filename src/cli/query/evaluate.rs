@@ -2,7 +2,8 @@
 
 use super::{TransformArg, joints_of};
 use crate::cli::data::DataArgs;
-use crate::cli::read::{ReadArgs, count, rate, window};
+use crate::cli::read::ReadArgs;
+use crate::cli::values::{count, rate, window};
 use crate::cli::{ForceArgs, Say, print, progress};
 use crate::spectral::WindowSpec;
 use crate::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, tables};

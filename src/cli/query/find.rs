@@ -1,6 +1,7 @@
 //! `kinelm query find`.
 
-use crate::cli::read::{ReadArgs, count, time};
+use crate::cli::read::ReadArgs;
+use crate::cli::values::{count, time};
 use crate::cli::{ForceArgs, Say, print};
 use crate::spectral::query::{Distance, Exclude, Index, Query};
 use anyhow::Result;

@@ -1,25 +1,14 @@
-//! `kinelm classify train`, `eval` and `predict`.
+//! `kinelm classify train`.
 
-use super::{ForceArgs, Odd, Say, TrustArgs, print, read::ReadArgs};
-use crate::classify::{Classifier, LabelFilter, TrainOptions, train};
-use crate::corpus::{Corpus, Split};
+use crate::classify::{LabelFilter, TrainOptions, train};
+use crate::cli::{Say, TrustArgs};
+use crate::corpus::Corpus;
 use crate::model::exchange;
 use anyhow::Result;
-use kinelm_motion::format::RestFrame;
 use std::path::PathBuf;
 
-#[derive(Debug, clap::Subcommand)]
-pub enum Command {
-    /// Train class tokens on a run, together with its language model
-    Train(TrainArgs),
-    /// Measure accuracy with confidence intervals, and simple classifiers trained on the same clips
-    Eval(EvalArgs),
-    /// Classify motion files, second by second too
-    Predict(PredictArgs),
-}
-
 #[derive(Debug, clap::Args)]
-pub struct TrainArgs {
+pub struct Args {
     /// The run to start from (its best checkpoint), or a folder that `kinelm export` or transformers wrote
     #[arg(long, value_name = "RUN|DIR")]
     run: PathBuf,
@@ -54,10 +43,10 @@ pub struct TrainArgs {
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..))]
     batch: u16,
     /// Learning rate of the run's weights
-    #[arg(long, value_name = "RATE", default_value_t = 2e-5, value_parser = super::read::positive)]
+    #[arg(long, value_name = "RATE", default_value_t = 2e-5, value_parser = crate::cli::values::positive)]
     rate: f64,
     /// Learning rate of the heads and class tokens, which start at zero
-    #[arg(long, value_name = "RATE", default_value_t = 1e-3, value_parser = super::read::positive)]
+    #[arg(long, value_name = "RATE", default_value_t = 1e-3, value_parser = crate::cli::values::positive)]
     head_rate: f64,
     /// Updates between validations
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..))]
@@ -78,60 +67,7 @@ pub struct TrainArgs {
     trust: TrustArgs,
 }
 
-#[derive(Debug, clap::Args)]
-pub struct EvalArgs {
-    /// The folder of `kinelm classify train`
-    #[arg(long, value_name = "DIR")]
-    classifier: PathBuf,
-    /// The corpus; its train clips are those of the training
-    #[arg(long, value_name = "CORPUS")]
-    corpus: PathBuf,
-    /// The split to measure
-    #[arg(long, value_name = "train|valid|test", default_value = "test")]
-    split: Split,
-    /// Also measure simple classifiers: majority class, length and first pose, nearest spectra, LDA
-    #[arg(long)]
-    baselines: bool,
-    /// With --baselines: also LDA on this run's embeddings
-    #[arg(long, value_name = "RUN|DIR", requires = "baselines")]
-    run: Option<PathBuf>,
-    /// Also plot the confusion matrix of the clips
-    #[arg(long, value_name = "FILE.png|FILE.svg")]
-    plot: Option<PathBuf>,
-    #[command(flatten)]
-    force: ForceArgs,
-    /// Print one JSON object instead of tables
-    #[arg(long)]
-    json: bool,
-    #[command(flatten)]
-    trust: TrustArgs,
-}
-
-#[derive(Debug, clap::Args)]
-pub struct PredictArgs {
-    /// The folder of `kinelm classify train`
-    #[arg(long, value_name = "DIR")]
-    classifier: PathBuf,
-    /// Motion files of any rig; one in the classifier's corpus is read as it was for that, unless the call says
-    /// otherwise
-    #[arg(value_name = "FILE", required = true)]
-    files: Vec<PathBuf>,
-    /// Print a JSON object per file instead of text
-    #[arg(long)]
-    json: bool,
-    #[command(flatten)]
-    read: ReadArgs,
-}
-
-pub fn run(command: Command, say: Say) -> Result<()> {
-    match command {
-        Command::Train(args) => trained(args, say),
-        Command::Eval(args) => measured(&args, say),
-        Command::Predict(args) => named(&args, say),
-    }
-}
-
-fn trained(args: TrainArgs, say: Say) -> Result<()> {
+pub fn run(args: Args, say: Say) -> Result<()> {
     let run = exchange::load(&args.run)?;
     run.notes.iter().for_each(|note| say.line(note));
     let corpus = Corpus::open_with(&args.corpus, args.trust.opening())?;
@@ -177,38 +113,5 @@ fn trained(args: TrainArgs, say: Say) -> Result<()> {
         "{}: learned from {windows} windows of {clips} clips, weights of step {best}",
         args.out.display()
     ));
-    Ok(())
-}
-
-fn measured(args: &EvalArgs, say: Say) -> Result<()> {
-    let outputs = args.force.outputs([&args.classifier, &args.corpus].into_iter().chain(&args.run));
-    args.plot.as_deref().map_or(Ok(()), |out| super::picture(out, &outputs))?;
-    let mut classifier = Classifier::load(&args.classifier)?;
-    let corpus = args.trust.open(&args.corpus)?;
-    let run = args.run.as_deref().map(exchange::load).transpose()?;
-    run.iter().flat_map(|r| &r.notes).for_each(|note| say.line(note));
-    super::progress::stage("naming clips");
-    let found = classifier.evaluate(&corpus, args.split, run.as_ref(), args.baselines)?;
-    if let Some(out) = &args.plot {
-        super::draw_charts(out, &found.charts(), &outputs)?;
-    }
-    match args.json {
-        true => print(&(serde_json::to_string(&found)? + "\n")),
-        false => print(&found.to_string()),
-    }
-}
-
-fn named(args: &PredictArgs, say: Say) -> Result<()> {
-    let mut classifier = Classifier::load(&args.classifier)?;
-    let corpus = std::slice::from_ref(&classifier.manifest.corpus);
-    let (options, odd) = (args.read.of_files_known(&args.files, RestFrame::Drop, corpus, say), Odd::new(say));
-    super::each_file(&args.files, say, |i, file| {
-        let (motion, found) = classifier.predict(file, &options[i])?;
-        odd.warn(&motion);
-        match args.json {
-            true => print(&(serde_json::to_string(&found)? + "\n")),
-            false => print(&found.to_string()),
-        }
-    })?;
     Ok(())
 }

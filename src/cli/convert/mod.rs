@@ -1,16 +1,20 @@
 //! `kinelm convert`.
 
+mod clip;
+mod together;
+
 use super::{ForceArgs, Odd, Say, WrongCall, extension, read::ReadArgs};
 use crate::corpus::in_out::{self, Pair};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
+use clip::{converted, cut, wanted_rig};
+use kinelm_motion::Motion;
 use kinelm_motion::format::positions::Positions;
 use kinelm_motion::format::{self, RestFrame, Unit};
-use kinelm_motion::moment::{Moment, Timebase};
-use kinelm_motion::{Motion, joints, smpl};
+use kinelm_motion::moment::Moment;
 use kinelm_store::counted;
 use std::path::{Path, PathBuf};
+use together::{together, write_together};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -23,7 +27,7 @@ pub struct Args {
     #[arg(long, value_parser = ["bvh", "npz", "json", "glb"])]
     format: Option<String>,
     /// Frames per second to resample to
-    #[arg(long, value_parser = super::read::rate)]
+    #[arg(long, value_parser = super::values::rate)]
     fps: Option<f64>,
     /// The rig to retarget to: smpl, a body model (SMPL_*.npz), or a motion file with the rig
     #[arg(long, value_name = "NAME|FILE")]
@@ -103,42 +107,6 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     Ok(())
 }
 
-/// The GLB that several clips are written to, and the clips.
-fn together(args: &Args) -> Option<(&Path, &[PathBuf])> {
-    let (out, given) = args.paths.split_last()?;
-    (given.len() > 1 && extension(out) == "glb" && !out.is_dir() && !args.positions).then_some((out, given))
-}
-
-fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> Result<()> {
-    if args.write_unit.is_some() {
-        let what = format!("--write-unit with {}: a .glb is in metres; leave it out", out.display());
-        return Err(WrongCall(what).into());
-    }
-    let read = inputs.iter().cloned().chain(args.read.files());
-    let outputs = args.force.outputs(read.chain(args.skeleton.iter().map(PathBuf::from)));
-    outputs.check([out])?;
-    let rig = wanted_rig(args)?;
-    let (options, odd) = (args.read.of_files(inputs, RestFrame::Keep, say), Odd::new(say));
-    let mut clips = Vec::with_capacity(inputs.len());
-    for (input, options) in inputs.iter().zip(options) {
-        let motion = format::read(input, &options)?;
-        odd.warn(&motion);
-        let motion = cut(args, motion)?;
-        let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        clips.push((name, converted(args, rig.as_ref(), (motion, options.map.as_deref()), out)?.clip));
-    }
-    let named: Vec<_> = clips.iter().map(|(name, clip)| (name.as_str(), clip)).collect();
-    outputs.write(out, &format::glb::to_bytes(&named)?)?;
-    say.line(format_args!("{}: {} dancers", out.display(), clips.len()));
-    Ok(())
-}
-
-/// The target rig; a motion file whose rig is used is read with the options of the call.
-fn wanted_rig(args: &Args) -> Result<Option<TargetRig>> {
-    let options = args.read.options(RestFrame::Keep);
-    Ok(args.skeleton.as_deref().map(|name| TargetRig::load(name, &options)).transpose()?)
-}
-
 /// Inputs and their outputs.
 fn pairs(args: &Args) -> Result<Vec<Pair>> {
     let (out, given) = args.paths.split_last().context("no files")?;
@@ -185,61 +153,6 @@ impl Args {
         let moment = self.from.is_some() || self.to.is_some();
         moment || self.fps.is_some() || self.skeleton.is_some() || self.joints.is_some()
     }
-}
-
-/// A motion at the rate and on the rig of the output.
-fn converted(
-    args: &Args,
-    rig: Option<&TargetRig>,
-    (motion, map): (Motion, Option<&str>),
-    output: &Path,
-) -> Result<Motion> {
-    let wanted = wanted(args, rig, (&motion, map), output)?;
-    Ok(convert(motion, &wanted, map)?)
-}
-
-/// The conversion for a motion that goes to `output`.
-fn wanted(
-    args: &Args,
-    rig: Option<&TargetRig>,
-    (motion, map): (&Motion, Option<&str>),
-    output: &Path,
-) -> Result<ConvertOptions> {
-    let selection = |list: &str| {
-        let list = joints::to_smpl_names(list, motion.clip.skeleton(), map)?;
-        joints::parse(&list)
-    };
-    let npz = || (extension(output) == "npz" && !args.positions).then(|| TargetRig::Smpl(smpl::neutral()));
-    Ok(ConvertOptions {
-        fps: args.fps,
-        rig: rig.cloned().or_else(npz),
-        joints: args.joints.as_deref().map(selection).transpose().map_err(|e| WrongCall(e.to_string()))?,
-    })
-}
-
-/// The frames from --from to --to.
-fn cut(args: &Args, motion: Motion) -> Result<Motion> {
-    let (frames, fps) = (motion.clip.frames(), motion.clip.fps());
-    let scale = Timebase { frames, fps, left_out: 0, model_fps: None };
-    let border = |flag: &str, moment: Option<Moment>, otherwise: usize| match moment.map(|m| m.boundary(scale)) {
-        None => Ok(otherwise),
-        Some(_) if matches!(moment, Some(Moment::Model(_))) => Err(WrongCall(format!(
-            "--{flag} in frames of a model, and there is none; give seconds (2s) or frames (40f)"
-        ))),
-        Some(Some(border)) => Ok(border),
-        Some(None) => {
-            let s = motion.clip.duration_s();
-            Err(WrongCall(format!("--{flag} lies outside the clip, which has {frames} frames, {s:.2} s at {fps} fps")))
-        }
-    };
-    let (from, to) = (border("from", args.from, 0)?, border("to", args.to, frames)?);
-    if args.from.is_none() && args.to.is_none() {
-        return Ok(motion);
-    }
-    if from >= to {
-        return Err(WrongCall(format!("--from frame {from}, --to frame {to}: nothing lies between")).into());
-    }
-    Ok(Motion { clip: motion.clip.slice(from..to), ..motion })
 }
 
 /// Prints what was written.

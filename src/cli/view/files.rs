@@ -1,7 +1,8 @@
 //! The files of `view`, and the reading options that follow a name: `FILE:fps=60,skip=10`.
 
-use super::read::{ReadArgs, positive};
-use super::{Say, WrongCall};
+use crate::cli::read::ReadArgs;
+use crate::cli::values::positive;
+use crate::cli::{Say, WrongCall};
 use crate::generate::related::{ViewedFile, related};
 use anyhow::Result;
 use clap::ValueEnum;

@@ -1,30 +1,23 @@
 //! `kinelm view`.
 
-use super::{
-    ForceArgs, Odd, Say, WrongCall, each_file,
-    read::ReadArgs,
-    view_files::{Named, named, viewed},
-};
-use crate::baselines::music_lstm;
+mod files;
+mod music;
+
+use super::{ForceArgs, Odd, Say, WrongCall, each_file, read::ReadArgs};
 use crate::corpus::in_out;
-use crate::evaluate::dance::beats::BeatPair;
-use crate::generate::provenance;
 use crate::generate::related::ViewedFile;
 use crate::generate::request::Span;
-use crate::view::{Figure, music, page_with};
+use crate::view::{Figure, page_with};
 use anyhow::Result;
+use files::{Named, named, viewed};
 use kinelm_motion::joints::{self, Selection};
-use kinelm_motion::metric::beat::BeatHits;
 use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::rig::map_for;
-use kinelm_motion::{Motion, Skeleton, format, retarget};
+use kinelm_motion::{Motion, Skeleton, format};
 use kinelm_store::counted;
-use kinelm_store::output::{Outputs, is_same};
-use std::ops::Range;
+use kinelm_store::output::Outputs;
+use music::{beside, hits, own_music};
 use std::path::{Path, PathBuf};
-
-/// Joints of the model's body whose beats are looked for: all but the hands.
-const BODY: Range<usize> = 0..22;
 
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
@@ -48,7 +41,7 @@ pub struct Args {
     music: Option<PathBuf>,
     /// The time in the music at which the dance starts: 12.5s, 12.5 or 40f (frames of the first clip); negative if the
     /// music starts later
-    #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = super::read::any_time)]
+    #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = super::values::any_time)]
     #[arg(allow_hyphen_values = true, requires = "music")]
     music_from: Moment,
     /// A beat counts as hit where knees and ankles come to rest this fraction of a beat after it, to 50 ms, as evaluate
@@ -159,66 +152,6 @@ fn forced<'a>(figure: Figure<'a>, motion: &Motion, list: &str, map: Option<&str>
     let scale = Timebase { frames: motion.clip.frames(), fps, left_out: 0, model_fps: None };
     let frames = span.frames(scale).map_err(wrong)?;
     Ok(figure.given_over(frames.start as f64 / fps..frames.end as f64 / fps))
-}
-
-/// The music that the first dance was generated to, and its time when the dance starts, if the file exists.
-fn own_music(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
-    let of = |clip: &Named| {
-        let provenance = provenance::find(&clip.path).ok()?;
-        music_lstm::dance::music_of(provenance.as_ref(), &clip.path).map_err(|e| say.line(e)).ok()?
-    };
-    let music = clips.iter().find_map(of)?;
-    if !music.path.is_file() {
-        say.line(format_args!(
-            "{}: the music of the dance isn't there; --music plays it from elsewhere",
-            music.path.display()
-        ));
-        return None;
-    }
-    if let Err(e) = music.check() {
-        say.line(format_args!("{e}; --music plays it all the same"));
-        return None;
-    }
-    Some((music.path, music.from_s))
-}
-
-/// The beats that a dance hits; `None` for a rig that can't be retargeted.
-fn hits(motion: &Motion, map: Option<&str>, music: &music::Music, lag: Option<f64>, say: Say) -> Option<BeatHits> {
-    let found = || -> crate::Result<BeatHits> {
-        let beats: Vec<f64> = music.beats_s.iter().map(|beat| beat - music.from_s).collect();
-        Ok(BeatPair::new(&retarget::to_smpl(motion, map)?, &BODY.collect::<Vec<_>>(), &beats)?.hits(lag))
-    };
-    let why = |e| say.line(format_args!("{}: no beat is lit as hit: {e}", motion.path.display()));
-    found().map_err(why).ok().filter(|_| !music.beats_s.is_empty())
-}
-
-/// The music of a page: embedded, or next to the page where the file is large, copied there if necessary.
-fn beside(
-    file: &Path,
-    (from_s, seconds): (f64, f64),
-    page: &Path,
-    outputs: &Outputs,
-    say: Say,
-) -> Result<music::Music> {
-    let beats = kinelm_music::beat::beats(file).map_err(crate::Error::from)?;
-    let sounds = beats.seconds.min(from_s + seconds) - from_s.max(0.0);
-    if from_s >= beats.seconds {
-        let what = format!("--music-from {from_s}: {} ends at {:.2} s; give less", file.display(), beats.seconds);
-        return Err(WrongCall(what).into());
-    }
-    say.line(format_args!("{}: {} beats, sounds for {sounds:.1} s of the dance", file.display(), beats.times_s.len()));
-    let bytes = kinelm_store::input::bytes(file).map_err(crate::Error::io(file))?;
-    if bytes.len() as u64 <= music::EMBEDDED {
-        return Ok(music::Music::embedded(file, &bytes, from_s, beats.times_s));
-    }
-    if let Some(name) = file.file_name() {
-        let copy = page.with_file_name(name);
-        if !is_same(file, &copy) {
-            outputs.write(&copy, &bytes)?;
-            say.line(format_args!("{}: has to stay beside the page", copy.display()));
-        }
-    }
-    Ok(music::Music::beside(file, from_s, beats.times_s))
 }
 
 /// A motion under its file's name, without a path.

@@ -1,0 +1,38 @@
+//! Several clips into one GLB, where they play together.
+
+use super::Args;
+use super::clip::{converted, cut, wanted_rig};
+use crate::cli::{Odd, Say, WrongCall, extension};
+use anyhow::Result;
+use kinelm_motion::format::{self, RestFrame};
+use std::path::{Path, PathBuf};
+
+/// The GLB that several clips are written to, and the clips.
+pub fn together(args: &Args) -> Option<(&Path, &[PathBuf])> {
+    let (out, given) = args.paths.split_last()?;
+    (given.len() > 1 && extension(out) == "glb" && !out.is_dir() && !args.positions).then_some((out, given))
+}
+
+pub fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> Result<()> {
+    if args.write_unit.is_some() {
+        let what = format!("--write-unit with {}: a .glb is in metres; leave it out", out.display());
+        return Err(WrongCall(what).into());
+    }
+    let read = inputs.iter().cloned().chain(args.read.files());
+    let outputs = args.force.outputs(read.chain(args.skeleton.iter().map(PathBuf::from)));
+    outputs.check([out])?;
+    let rig = wanted_rig(args)?;
+    let (options, odd) = (args.read.of_files(inputs, RestFrame::Keep, say), Odd::new(say));
+    let mut clips = Vec::with_capacity(inputs.len());
+    for (input, options) in inputs.iter().zip(options) {
+        let motion = format::read(input, &options)?;
+        odd.warn(&motion);
+        let motion = cut(args, motion)?;
+        let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        clips.push((name, converted(args, rig.as_ref(), (motion, options.map.as_deref()), out)?.clip));
+    }
+    let named: Vec<_> = clips.iter().map(|(name, clip)| (name.as_str(), clip)).collect();
+    outputs.write(out, &format::glb::to_bytes(&named)?)?;
+    say.line(format_args!("{}: {} dancers", out.display(), clips.len()));
+    Ok(())
+}

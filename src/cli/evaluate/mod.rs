@@ -1,0 +1,47 @@
+//! `kinelm evaluate`.
+
+mod baselines;
+mod compare;
+mod dance;
+mod floors;
+mod gaps;
+mod likelihood;
+mod music;
+mod prediction;
+
+use super::{Say, TrustArgs, wrong_call};
+use crate::corpus::Corpus;
+use anyhow::Result;
+use std::path::Path;
+
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Bits a frame of static models, fitted on train and measured on test: what any model has to get below
+    Baselines(baselines::Args),
+    /// Bits per frame of a trained model, next to the static floors of the same tokens
+    Likelihood(likelihood::Args),
+    /// Whether dances freeze, repeat themselves, respond to their prompts or copy, compared with real ones
+    Dance(dance::Args),
+    /// How well a model fills gaps, compared with linear interpolation
+    Gaps(gaps::Args),
+    /// How well a model predicts the next 400 ms, compared with zero and constant velocity
+    Prediction(prediction::Args),
+}
+
+/// Opens the corpus that `--real` names.
+pub fn real_corpus(real: &Path, trust: TrustArgs) -> Result<Corpus> {
+    if !real.join("corpus.json").exists() {
+        wrong_call!("--real {}: no corpus.json; expected a corpus, as kinelm tokenize makes it", real.display());
+    }
+    Ok(trust.open(real)?)
+}
+
+pub fn run(command: Command, say: Say) -> Result<()> {
+    match command {
+        Command::Baselines(args) => baselines::run(&args),
+        Command::Likelihood(args) => likelihood::run(&args, say),
+        Command::Dance(args) => dance::run(&args, say),
+        Command::Gaps(args) => gaps::run(&args, say),
+        Command::Prediction(args) => prediction::run(&args, say),
+    }
+}

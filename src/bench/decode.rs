@@ -38,7 +38,7 @@ pub struct Args {
     /// S: sequences read side by side
     #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16))]
     streams: u8,
-    /// Frames of the dances; two windows if not given. Of 148 and more it is told how even their times are
+    /// Frames of the dances; two windows if not given. From 148 on, how even their times are is printed too
     #[arg(long, value_name = "F", value_parser = frames)]
     frames: Option<usize>,
     #[command(flatten)]

@@ -51,7 +51,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         opening: args.trust.opening(),
     };
     let stop = crate::shell::training::stop_on_ctrl_c()?;
-    // after the corpora are opened, which tells of its own wait
+    // after the corpora are opened, which reports its own progress
     let mut bar = None;
     let found = lr_find(&options, &stop, &mut |tried| {
         bar.get_or_insert_with(|| super::progress::bar(args.steps, "steps", say)).set_position(tried.step);

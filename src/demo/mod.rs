@@ -114,7 +114,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     Ok(())
 }
 
-/// What a demo's report begins with; it stands there from the beginning, and tells a demo's folder from others.
+/// The first line of a demo's report, which marks a folder as a demo's.
 const MARK: &str = "# kinelm demo";
 
 /// A folder at `--out` that is empty but for an earlier demo.

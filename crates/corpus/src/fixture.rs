@@ -54,7 +54,7 @@ pub fn merged(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     corpus
 }
 
-/// The same in words of nine characters, the turn as steps: frames that can be told what is ahead.
+/// The same in words of nine characters, the turn as steps: what goal conditioning needs.
 pub fn turning(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     let config = TokenizerConfig::uniform(&[0, 4], 20.0, 20);
     danced(&dir.join("turning"), TokenizerConfig { root_rotation: RootRotation::HeadingDelta, ..config }, clips)

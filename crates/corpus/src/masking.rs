@@ -67,14 +67,14 @@ mod tests {
             let mut rng = random::stream(1, "mask", 0, window);
             fill_masked((&tokens, &[1, 7]), 0, &|_| true, &mut rng, (&mut input, &mut target));
             assert_eq!((input[..2].to_vec(), &input[202..], &target[202..]), (vec![1, 7], &[0; 18][..], &[0; 18][..]));
-            let asked: Vec<usize> = (0..220).filter(|&i| target[i] != 0).collect();
-            assert_eq!(asked.len(), 30);
+            let chosen: Vec<usize> = (0..220).filter(|&i| target[i] != 0).collect();
+            assert_eq!(chosen.len(), 30);
             hidden += input.iter().filter(|id| **id == 3).count();
             for i in 2..202 {
                 let own = tokens[i - 2];
                 assert!(target[i] == 0 && input[i] == own || target[i] == own && [own, 3].contains(&input[i]));
             }
-            asked.iter().for_each(|i| counts[i - 2] += 1);
+            chosen.iter().for_each(|i| counts[i - 2] += 1);
         }
         // 60 each; five standard deviations of a binomial are 36
         // 0.9 of 12,000; five standard deviations of a binomial are 164

@@ -187,7 +187,7 @@ fn same_words(seen: &[Seen]) -> Vec<Vec<usize>> {
 }
 
 /// The glitches of a clip, the root's first, then joint by joint. Only `joints` are looked at; in a decoded clip the others
-/// do what they are told.
+/// follow them.
 pub fn glitches(name: &str, clip: &Clip, joints: &[usize]) -> Vec<Glitch> {
     let glitch = |frame: usize, what: &str, step: f64| Glitch { clip: name.into(), frame, what: what.into(), step };
     let steps: Vec<f64> = clip.root().windows(2).map(|w| w[0].distance(w[1])).collect();

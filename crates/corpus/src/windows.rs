@@ -107,12 +107,12 @@ fn next_start(words: ClipWords, start: usize, end: usize, context: usize) -> usi
 pub fn fill_sequence(tokens: &[u32], front: &[u32], pad: u32, input: &mut [u32], target: &mut [u32]) {
     assert_eq!(input.len(), target.len(), "input and target of one length");
     assert!(!front.is_empty() && front.len() <= input.len(), "{} tokens in front of {}", front.len(), input.len());
-    let asked = &mut target[front.len() - 1..];
-    assert!(tokens.len() <= asked.len(), "{} tokens for {} places", tokens.len(), asked.len());
-    asked[..tokens.len()].copy_from_slice(tokens);
-    asked[tokens.len()..].fill(pad);
+    let targets = &mut target[front.len() - 1..];
+    assert!(tokens.len() <= targets.len(), "{} tokens for {} places", tokens.len(), targets.len());
+    targets[..tokens.len()].copy_from_slice(tokens);
+    targets[tokens.len()..].fill(pad);
     input[..front.len()].copy_from_slice(front);
-    input[front.len()..].copy_from_slice(&asked[..asked.len() - 1]);
+    input[front.len()..].copy_from_slice(&targets[..targets.len() - 1]);
     target[..front.len() - 1].fill(pad);
 }
 

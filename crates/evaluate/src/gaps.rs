@@ -429,7 +429,7 @@ mod tests {
         assert_eq!(all.len(), 7 + 4, "the second is too short");
         let few = gaps(&corpus, Split::Train, (2, 1), 2).unwrap();
         assert!(few.len() == 2 && few.iter().all(|gap| all.contains(gap) && gap.frames == (2..3)));
-        let told = gaps(&corpus, Split::Train, (999, 1), 2).unwrap_err().to_string();
-        assert!(told.contains("no train clip of 1003 frames"), "{told}");
+        let error = gaps(&corpus, Split::Train, (999, 1), 2).unwrap_err().to_string();
+        assert!(error.contains("no train clip of 1003 frames"), "{error}");
     }
 }

@@ -426,7 +426,7 @@ mod tests {
         assert!(step == Ok(20) && note.contains("found no file"), "{note}");
         all.prune(1).unwrap();
         assert_eq!(all.steps().unwrap(), [20, 30]);
-        // with it the way back is told
+        // the message now says how to go back
         fs::write(all.path(20).join("a"), "").unwrap();
         let message = find().0.unwrap_err();
         assert!(

@@ -51,11 +51,11 @@ pub struct ModelConfig {
     /// Music conditioning of a two-level model, see [`super::music`]. Default `none`.
     #[serde(skip_serializing_if = "Music::is_none")]
     pub music: Music,
-    /// What the features of music are standardised by. No training file says it: a new run takes it of its training clips.
+    /// The scale that music features are standardised by. Not in a training file: a new run takes it from its training clips.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub music_scale: Option<Scale>,
-    /// n: rows of a two-level model's trunk behind a window's last frame, for a classifier to read, see `frames`. No
-    /// file says it: a classifier knows what it tells.
+    /// Class rows of a two-level model's trunk, behind a window's last frame, that a classifier reads (see `frames`). Not in any
+    /// file: the classifier sets it.
     #[serde(skip)]
     pub classes: usize,
 }

@@ -78,7 +78,7 @@ impl LoadedRun {
         Ok(conditions)
     }
 
-    /// SHA-256 of the file that its weights were read from, as the checkpoint tells it.
+    /// SHA-256 of its weights file, from the checkpoint.
     pub fn weights_sha256(&self) -> String {
         let files = &self.state.files;
         files.get(AVERAGED).or(files.get(WEIGHTS)).map(|file| file.sha256.clone()).unwrap_or_default()

@@ -14,7 +14,7 @@ use zip::write::SimpleFileOptions;
 /// copies.
 const PEAK_MIB: u64 = 256;
 
-/// The peak memory of this program, if the system tells it.
+/// The peak memory of this program, if the system reports it.
 fn check_peak() {
     let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return };
     let kib = status.lines().find_map(|l| l.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<u64>().ok());

@@ -97,7 +97,7 @@ mod tests {
         let cpu = Compute::default();
         let best = Products::bf16();
         let auto = if best == Products::Tiles { Products::Tiles } else { Products::F32 };
-        let chosen = |asked: Precision, ran| asked.resolve(ran, cpu).unwrap();
+        let chosen = |requested: Precision, ran| requested.resolve(ran, cpu).unwrap();
         assert_eq!(chosen(Precision::F32, None), Resolved { products: Products::F32, notes: Vec::new() });
         assert_eq!(chosen(Precision::Bf16, None).products, best);
         let first = chosen(Precision::Auto, None);

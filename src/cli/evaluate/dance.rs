@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Dances: motion files of any rig, or folders of them. A sidecar, FILE.bvh.kinelm.json, tells of a prompt to compare with
+    /// Dances: motion files of any rig, or folders of them. The prompt to compare with is that of a sidecar, FILE.bvh.kinelm.json
     #[arg(required_unless_present = "compare", value_name = "FILE")]
     dances: Vec<PathBuf>,
     /// Compare two folders of dances instead: the metrics of both and their differences

@@ -93,7 +93,7 @@ fn constant_channels_and_clips_of_one_frame() {
         for config in [plain(360), mixed(360, 13)].concat() {
             let t = Tokenizer::fit(&clips, config).unwrap();
             check_scheme(&t, &clips[..1]);
-            // what lies outside all training values is coded too, and told
+            // what lies outside all training values is coded too, and reported
             assert!(t.encode(&bent(7, 20)).unwrap().clipped > 0 || t.uniform().is_some());
         }
     }

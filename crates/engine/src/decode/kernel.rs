@@ -15,7 +15,7 @@ const TILE: usize = 6;
 /// Steps of k before a tile goes back to memory: a panel of so many fills a 32 KB cache on AVX2.
 const STRETCH: usize = 512;
 
-/// Steps of k by which memory is asked for what comes; measured with 4 to 8 rows, where neither memory nor arithmetic
+/// How many steps of k ahead memory is prefetched; measured with 4 to 8 rows, where neither memory nor arithmetic
 /// waits for the other without it: 1.2 times the speed.
 const AHEAD: usize = 16;
 

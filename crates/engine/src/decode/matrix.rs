@@ -136,7 +136,7 @@ impl Product<'_> {
     /// Copies numbers of a row from `column` on.
     ///
     /// # Panics
-    /// If the columns weren't asked for.
+    /// If no columns were requested.
     pub fn copy(&self, row: usize, mut column: usize, mut to: &mut [f32]) {
         while !to.is_empty() {
             let within = column % PIECE;

@@ -135,16 +135,16 @@ mod tests {
             let mut long = query.clone();
             long.resize(padded, 0.0);
             let expected = scalar::dots::dots(&halves, &long);
-            let asked = Query::new(&query);
+            let prepared = Query::new(&query);
             let length = |x: &mut dyn Iterator<Item = f32>| x.map(|x| f64::from(x).powi(2)).sum::<f64>().sqrt();
             let of_query = length(&mut query.iter().copied());
             for lanes in Lanes::ALL {
                 let mut out = vec![f32::NAN; count];
-                lanes.run(Dots { out: &mut out, rows: &halves, query: &asked.numbers });
+                lanes.run(Dots { out: &mut out, rows: &halves, query: &prepared.numbers });
                 for (i, (found, expected)) in out.iter().zip(&expected).enumerate() {
                     let of_row = length(&mut widen(&halves[i * padded..(i + 1) * padded]));
                     // with one lane more numbers go through an accumulator than with this CPU's
-                    let bound = 16.0 * asked.error() * of_row * of_query;
+                    let bound = 16.0 * prepared.error() * of_row * of_query;
                     let off = (f64::from(*found) - expected).abs();
                     assert!(off <= bound, "{lanes:?}, row {i} of {count}, {k}: {off:e} > {bound:e}");
                 }

@@ -151,7 +151,7 @@ mod tests {
         let n = batch * length;
         for (width, lanes) in (1..=67).chain([256]).flat_map(|w| Lanes::ALL.map(|l| (w, l))) {
             let tables: Vec<Vec<f32>> = [11, 7, 3, 2].map(|rows| numbers(rows as u64, rows * width, 1.0)).into();
-            // a token, a position in the sequence, a place in the word, and a table that is rarely asked
+            // a token, a position in the sequence, a place in the word, and a table that is rarely looked up
             let all_ids = [ids(0, n, 11), (0..7).collect(), (0..7).map(|t| t % 3).collect(), ids(3, length, 2)];
             let all: Vec<Lookup> = tables.iter().zip(&all_ids).map(|(table, ids)| Lookup { table, ids }).collect();
             for lookups in [&all[..], &all[..2], &all[..1], &[]] {

@@ -229,8 +229,8 @@ fn doubts(sides: &[Side; 2], fps: f64) -> Vec<String> {
     }
     let takes = sides.each_ref().map(|side| side.takes().len());
     if takes.iter().any(|takes| *takes < FEW_TAKES) {
-        let told = takes.map(|takes| counted(takes, "takes"));
-        doubts.push(format!("{} of A, {} of B: their intervals say little of others", told[0], told[1]));
+        let takes = takes.map(|takes| counted(takes, "takes"));
+        doubts.push(format!("{} of A, {} of B: their intervals say little of others", takes[0], takes[1]));
     }
     let rates = sides.each_ref().map(|side| {
         let mut all: Vec<f64> = side.dances.iter().filter_map(|d| d.dance.file_fps).collect();
@@ -239,10 +239,10 @@ fn doubts(sides: &[Side; 2], fps: f64) -> Vec<String> {
         all
     });
     if rates.iter().all(|rates| !rates.is_empty()) && rates[0] != rates[1] {
-        let told = rates.map(|rates| rates.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "));
+        let rates = rates.map(|rates| rates.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "));
         doubts.push(format!(
             "files of {} and of {} frames a second, measured at {fps}: jerk depends on how they were drawn",
-            told[0], told[1]
+            rates[0], rates[1]
         ));
     }
     let [a, b] = sides.each_ref().map(Side::seconds);

@@ -1,5 +1,5 @@
 //! Static floors of words that are tiles, or differ in length: bits a frame of tables of tokens, fitted on train, measured
-//! on another split. The space costs what it costs, since it tells where a word ends.
+//! on another split. The space is counted, since it says where a word ends.
 //!
 //! - order 0: add-one counts of all tokens;
 //! - by place: counts of their own for every place in the word;
@@ -48,8 +48,8 @@ impl TokenFloors {
     pub fn measure(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<TokenFloors> {
         // labels may have been added to one of them
         let vocabulary = corpus.manifest().vocabulary.max(fitted.manifest().vocabulary);
-        let (seen, asked) = (stretches(fitted, Split::Train, extent), stretches(corpus, measured, extent));
-        let (train, test) = (size(fitted, &seen, Split::Train)?, size(corpus, &asked, measured)?);
+        let (seen, held_out) = (stretches(fitted, Split::Train, extent), stretches(corpus, measured, extent));
+        let (train, test) = (size(fitted, &seen, Split::Train)?, size(corpus, &held_out, measured)?);
         let mut order0 = vec![1u64; vocabulary];
         let [mut place, mut before] = [Tables::default(), Tables::default()];
         each_token(fitted, &seen, |id, at, last| {
@@ -60,14 +60,14 @@ impl TokenFloors {
         let total: u64 = order0.iter().sum();
         let p = |id: u32| order0[id as usize] as f64 / total as f64;
         let mut bits = [0.0; 3];
-        each_token(corpus, &asked, |id, at, last| {
+        each_token(corpus, &held_out, |id, at, last| {
             let p = p(id);
             let found = [p, place.p(at, id, p), before.p(last, id, p)];
             bits.iter_mut().zip(found).for_each(|(sum, p)| *sum -= p.log2());
         })?;
         let frames = test[1] as f64;
         let xz = compressed_bytes(&|pipe| {
-            for of in &asked {
+            for of in &held_out {
                 // a file that was read a moment ago; where it's gone, all of it isn't compressed
                 let ids = corpus.word_ids(of.clip, of.words.clone()).map_err(std::io::Error::other)?;
                 pipe.write_all(&corpus.manifest().token_type.to_bytes(&ids))?;

@@ -107,12 +107,12 @@ impl Report {
         let tempi = self.tempi();
         let likely = self.beats.tempi.iter().filter(|tempo| tempo.odds >= UNLIKELY);
         let odds: Vec<_> = likely.map(|tempo| json!({"bpm": tempo.bpm, "odds": tempo.odds})).collect();
-        let told = json!({
+        let report = json!({
             "schema": 1, "file": self.path, "container": self.info.container, "rate": self.info.rate,
             "channels": self.info.channels, "seconds": self.seconds(), "peak": self.peak, "rms": self.rms,
             "beats": self.beats.times_s.len(), "bpm": self.beats.bpm(), "bpm_range": tempi, "tempi": odds,
             "first_beat_s": self.beats.times_s.first(),
         });
-        told.to_string()
+        report.to_string()
     }
 }

@@ -7,7 +7,7 @@ use kinelm_tokenizer::rate::{Bytes, TextCounts, seconds_in_context, seconds_in_c
 use kinelm_tokenizer::scheme::quantile::Quantile;
 use serde::{Deserialize, Serialize};
 
-/// Tokens of the context that the seconds are told for.
+/// Tokens of the context whose length is given in seconds.
 pub const CONTEXT: usize = 1024;
 
 /// All figures of a row. Angles in radians, places in millimetres.

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::path::Path;
 use toml::Spanned;
 
-/// The rows that a study of so many joints has unless told, and their file: `study.toml`, or with fewer than 24
+/// The default rows of a study of this many joints, and their file: `study.toml`, or with fewer than 24
 /// `study-13.toml`, where components are fewer in proportion.
 pub fn default_rows(joints: usize) -> (&'static str, &'static str) {
     match joints {

@@ -38,7 +38,7 @@ pub struct PromptRequest {
 
 impl PromptRequest {
     /// The clip in a file, read as its format says, a leading rest pose dropped. Nothing of it is given yet. How a dance of
-    /// this program is read, [`kinelm_corpus::sidecar::read_options`] tells.
+    /// this program is read: [`kinelm_corpus::sidecar::read_options`].
     pub fn of(path: impl Into<PathBuf>) -> PromptRequest {
         let read = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
         PromptRequest { path: path.into(), read, joints: None, from_frame: None, timeline: None, edit: None }

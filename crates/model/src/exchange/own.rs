@@ -21,10 +21,10 @@ pub(super) struct About {
     pub schema: u32,
     /// The version of the program.
     pub kinelm: String,
-    /// Every key said.
+    /// Every key, defaults included.
     pub model: ModelConfig,
     pub tokens: TokenLayout,
-    /// The label fields that a window's front tells, in their order.
+    /// The label fields whose tokens stand in front of a window, in order.
     pub conditions: Vec<String>,
     pub tokenizer_sha256: String,
     /// Updates that the weights have seen.

@@ -19,7 +19,7 @@ use kinelm_engine::op::attention::Mask;
 use kinelm_engine::op::embedding::{Lookup, NONE};
 use rayon::prelude::*;
 
-/// Bias and weight of what the trunk reads, of its norm, and of what it tells the decoder.
+/// Bias and weight of the trunk's input projection, of its norm, and of its projection to the decoder.
 const JOIN: [&str; 2] = ["frame.join.bias", "frame.join.weight"];
 pub(super) const NORM: [&str; 2] = ["trunk.norm.bias", "trunk.norm.weight"];
 const TELL: [&str; 2] = ["spell.frame.bias", "spell.frame.weight"];

@@ -15,7 +15,7 @@ pub(super) struct Input {
     previous: Option<Previous>,
 }
 
-/// What tells a token's place.
+/// How a token's position is embedded.
 #[derive(Clone)]
 enum Position {
     Absolute(Tensor),
@@ -28,7 +28,7 @@ enum Position {
     },
 }
 
-/// What tells the frame before.
+/// How the previous frame is embedded.
 #[derive(Clone)]
 struct Previous {
     character: Tensor,

@@ -8,7 +8,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 /// A rig with the joints of SMPL under other names, at `places` in the reference pose, each with its own `axes`; a
-/// twist joint in the middle of each thigh and upper arm, and a root above the pelvis, if asked for. The joints in
+/// twist joint in the middle of each thigh and upper arm, and a root above the pelvis, if requested. The joints in
 /// `lacks` are left out.
 pub fn rig(positions: &[Vec3], axes: &[Quat], extra: bool, lacks: &[usize]) -> (Skeleton, SkeletonMap) {
     let (mut names, mut parents, mut at, mut turned) = (vec![], vec![], vec![], vec![]);
@@ -108,7 +108,7 @@ proptest! {
         let retarget = Retarget::new(&body, &map, smpl::neutral()).unwrap();
         prop_assert!((retarget.scale() - 1.0).abs() < 1e-9);
         let x = dance(&v);
-        // the same world rotations, told in the rig's axes: G = D A
+        // the same world rotations, in the rig's axes: G = D A
         let mut rotations = Vec::new();
         for f in 0..2 {
             let d = x.global_pose(f).rotations;

@@ -68,7 +68,7 @@ fn every_shape_is_what_plain_loops_give() {
 #[test]
 fn a_product_may_take_some_of_the_packed_rows() {
     if !has_tiles() {
-        return; // told above
+        return; // printed above
     }
     let (m, k, n) = (40, 96, 70);
     let (a, b) = (numbers(m * k, 1), numbers(k * n, 2));

@@ -25,7 +25,7 @@ from torch.nn.parallel import DistributedDataParallel
 import streams
 import windows
 from answers import loss
-from folder import Checkpoints, Model, whole, write_whole
+from folder import Checkpoints, Model, write_whole
 from measure import likelihood
 from model import build
 from settings import rate, read_order, settings

@@ -20,8 +20,8 @@ class Corpus:
     def __init__(self, folder):
         self.folder = Path(folder)
         self.manifest = json.loads((self.folder / "corpus.json").read_text())
-        if self.manifest["version"] != 3:
-            raise SystemExit(f"{folder}/corpus.json: found version {self.manifest['version']}; expected version 3")
+        if self.manifest["version"] != 4:
+            raise SystemExit(f"{folder}/corpus.json: found version {self.manifest['version']}; expected version 4")
         self.clips = [json.loads(line) for line in (self.folder / "clips.jsonl").read_text().splitlines() if line]
         kind = self.manifest["token_type"]
         path = self.folder / f"tokens.{kind}"
@@ -167,8 +167,8 @@ class Stages:
         for i, stage in enumerate(train["stages"], 1):
             right = stage.keys() == known and before < stage["until"] < 1 and 0 < stage["frames"] <= whole
             if not right or stage["batch"] < 1:
-                told = f"until above {before} and below 1, frames 1 to {whole}, batch 1 or more"
-                raise SystemExit(f"train.stages: stage {i} is {stage}; expected {told}")
+                wanted = f"until above {before} and below 1, frames 1 to {whole}, batch 1 or more"
+                raise SystemExit(f"train.stages: stage {i} is {stage}; expected {wanted}")
             context = stage["frames"] * tokens.word + config.context - room(config, tokens)
             self.all.append(Windows(parts, conditions, config, tokens, train, None, context, first, stage["batch"]))
             before, first = stage["until"], math.floor(stage["until"] * train["steps"] + 0.5)

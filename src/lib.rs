@@ -23,7 +23,7 @@
 //! ```no_run
 //! use kinelm::generate::{Length, OpenRequest, PromptRequest, Request};
 //!
-//! let prompt = PromptRequest { joints: Some("root,right_arm".into()), ..PromptRequest::of("dances/03.bvh") };
+//! let prompt = PromptRequest { joints: Some("root,torso,right_arm".into()), ..PromptRequest::of("dances/03.bvh") };
 //! let request = Request { prompt: Some(prompt), length: Some(Length::Seconds(10.0)), ..Request::of("run") };
 //! OpenRequest::open(&request)?.write("dance.bvh")?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -40,7 +40,7 @@ pub mod timeline;
 
 pub use kinelm_model::{Error, Result};
 pub use open::OpenRequest;
-pub use request::{Length, MusicRequest, PromptRequest, Request, Resolved};
+pub use request::{Length, MusicRequest, PromptRequest, Request, Resolved, Rig};
 pub use sampler::{
     MOST_FRAMES, NextToken, Sampler, SamplingPlan, check_frames, reader, sample, sample_one, variation_seed,
 };

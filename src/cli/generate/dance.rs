@@ -18,7 +18,7 @@ pub struct DanceArgs {
     /// The run folder of a trained model
     #[arg(long, value_name = "RUN", required = true)]
     run: Option<PathBuf>,
-    /// Where the dance goes (.bvh .npz .json); with --variations to FILE-1, FILE-2, ... before the extension. A sidecar,
+    /// Where the dance goes (.bvh .npz .json .glb); with --variations to FILE-1, FILE-2, ... before the extension. A sidecar,
     /// FILE.bvh.kinelm.json, records how it was made
     #[arg(long, value_name = "FILE", required = true)]
     out: Option<PathBuf>,

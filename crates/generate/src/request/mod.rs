@@ -64,7 +64,7 @@ pub struct Request {
     pub seed: u64,
     /// What the random streams derive from beside the seed.
     pub seeding: Seeding,
-    /// How free characters are sampled. Without any truncation (`top_k`, `top_p`, `min_p`, `greedy`), `top_p` is chosen:
+    /// How free characters are sampled. Where none of its rules [truncates](Sampling::truncates), `top_p` is chosen:
     /// [`crate::sampling::TOP_P`], or [`crate::open::GIVEN_TOP_P`] where joints are given from end to end.
     pub sampling: Sampling,
     /// The rig that the dance is written on. `None`: the prompt's own where a clip is edited, else the model's.

@@ -31,7 +31,7 @@ impl SamplingPlan {
         if word > 0 || self.first_frames < 2 || !self.chooses_first_word() {
             return self.sampling;
         }
-        Sampling { top_k: None, top_p: None, min_p: None, ..self.sampling }
+        self.sampling.untruncated()
     }
 }
 

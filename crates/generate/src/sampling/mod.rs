@@ -5,6 +5,9 @@
 //! sampled by probability. A rule that isn't requested changes nothing. The sampler of candle-transformers has no min-p and
 //! no mask for the grammar's ids, and its greedy choice ignores edits of the probabilities, so it is not used here; where
 //! both have a rule, the tests compare the two.
+//!
+//! A rule is a function over the ids that are left, with their logits. It leaves at least one, in ascending order, and the
+//! most likely of them, whose logit is 0.
 
 mod greedy;
 mod min_p;
@@ -109,9 +112,17 @@ impl Sampling {
         }
     }
 
-    /// Whether any rule removes unlikely ids.
+    /// The same without the rules that remove ids.
+    pub fn untruncated(self) -> Sampling {
+        // named one by one, so that a new rule is put on one side or the other
+        let Sampling { greedy: _, repetition_penalty, repetition_words, temperature, top_k: _, top_p: _, min_p: _ } =
+            self;
+        Sampling { repetition_penalty, repetition_words, temperature, ..Sampling::default() }
+    }
+
+    /// Whether any rule removes ids.
     pub fn truncates(&self) -> bool {
-        self.greedy || self.top_k.is_some() || self.top_p.is_some() || self.min_p.is_some()
+        *self != self.untruncated()
     }
 
     /// The same with [`TOP_P`] where nothing truncates.
@@ -139,7 +150,7 @@ impl Sampling {
         temperature::sample(&left, rng)
     }
 
-    /// Applies temperature and the truncating rules.
+    /// Applies temperature and the truncating rules, in their order.
     fn truncate(&self, left: &mut Vec<Candidate>) {
         centre(left);
         temperature::apply(left, self.temperature);

@@ -1,7 +1,7 @@
 //! The figures of one dance, and of several.
 
 use super::freeze::{Freezing, Summary, summary};
-use kinelm_motion::metric::{Ground, Skate};
+use kinelm_motion::metric::{Balance, Ground, Skate};
 use serde::Serialize;
 
 /// The figures of one dance.
@@ -12,6 +12,7 @@ pub(super) struct DanceMetrics {
     pub(super) repeats: [usize; 2],
     pub(super) ground: Ground,
     pub(super) skate: Skate,
+    pub(super) balance: Balance,
     /// Sums over the frames that have one: m/s, m/s^3.
     pub(super) speed: Mean,
     pub(super) jitter: Mean,
@@ -45,6 +46,12 @@ pub struct GroupMetrics {
     pub speed_cm_s: Option<f64>,
     /// Mean jerk of the coded joints, m/s^3.
     pub jitter_m_s3: Option<f64>,
+    /// Share of the frames with a foot in contact whose centre of mass is more than 15 cm outside the support.
+    pub outside_share: Option<f64>,
+    /// Mean distance of the centre of mass outside the support over those frames, cm.
+    pub outside_cm: Option<f64>,
+    /// Share of frames in which a foot is more than 35 cm up.
+    pub kick_share: Option<f64>,
 }
 
 /// A mean over frames that adds up over clips.
@@ -72,9 +79,11 @@ pub(super) fn group(name: &str, all: &[DanceMetrics]) -> GroupMetrics {
     let (found, of_all) = all.iter().fold((0, 0), |(a, b), f| (a + f.repeats[0], b + f.repeats[1]));
     let mut ground = Ground::default();
     let mut skate = Skate::default();
+    let mut balance = Balance::default();
     all.iter().for_each(|f| {
         ground.add(&f.ground);
         skate.add(&f.skate);
+        balance.add(&f.balance);
     });
     GroupMetrics {
         name: name.into(),
@@ -89,5 +98,8 @@ pub(super) fn group(name: &str, all: &[DanceMetrics]) -> GroupMetrics {
         pfc: Mean::over(all.iter().filter_map(|f| f.pfc).map(|x| Mean::of(Some(x), 1)).collect::<Vec<_>>().iter()),
         speed_cm_s: Mean::over(all.iter().map(|f| &f.speed)).map(|m_s| 100.0 * m_s),
         jitter_m_s3: Mean::over(all.iter().map(|f| &f.jitter)),
+        outside_share: balance.outside_share(),
+        outside_cm: balance.outside_cm(),
+        kick_share: balance.kick_share(),
     }
 }

@@ -67,6 +67,10 @@ impl fmt::Display for Report {
                 number(group.pfc, 2),
             ]
         })?;
+        writeln!(f)?;
+        self.table(f, &["outside %", "outside cm", "kicks %"], |group| {
+            vec![percent(group.outside_share), number(group.outside_cm, 2), percent(group.kick_share)]
+        })?;
         write!(f, "\nfreeze % of every 5 s:")?;
         for group in self.groups.iter().take(3).filter(|g| g.world.dances > 0) {
             write!(f, "\n{:<32}", shortened(&group.name))?;

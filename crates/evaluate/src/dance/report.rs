@@ -13,7 +13,7 @@ use super::repetition::repeats;
 use crate::floors::codes::frames;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
-use kinelm_motion::metric::{Ground, Skate, jitter_of, physical_foot_contact};
+use kinelm_motion::metric::{Balance, Ground, Skate, jitter_of, physical_foot_contact};
 use kinelm_motion::rig::{Feet, map_for};
 use kinelm_motion::{Clip, smpl};
 use rayon::prelude::*;
@@ -210,6 +210,8 @@ impl<'a> Reference<'a> {
             repeats: repeats(&dance.word_ids(), self.frames_per_word, self.fps),
             ground: self.ground(&dance.clip),
             skate: Skate::of(&self.feet, &dance.clip),
+            // the model's body has a map
+            balance: Balance::of(&dance.clip).unwrap_or_default(),
             speed: {
                 let speeds = JointPositions::of(&dance.clip, &self.joints).speeds();
                 Mean { sum: speeds.iter().sum(), frames: speeds.len() }

@@ -3,6 +3,7 @@
 //! Three steps: the body is [settled](settle) on the floor, [contacts](contact) are detected, and the [legs](leg) are bent
 //! so that feet in contact stay in place. Definitions: docs/generation.md, "Feet".
 
+pub(crate) mod aloft;
 pub mod anchor;
 pub mod contact;
 pub mod flatten;

@@ -1,6 +1,6 @@
 //! Settling: vertical correction of a body that floats above the floor or has sunk into it.
 
-use crate::metric::ground::{Aloft, aloft};
+use super::aloft::{Aloft, aloft};
 
 /// Half the longest time for which both feet may be up while stepping, seconds.
 const HALF_S: f64 = 0.1;

@@ -1,49 +1,11 @@
 //! Floor penetration and floating of a motion.
 
-use std::ops::Range;
+use crate::feet::aloft::{Aloft, aloft};
 
 /// Tolerated penetration, metres: soles give, and standing heights are no more exact.
 const DEPTH_M: f64 = 0.02;
-/// Both feet are up above this clearance, metres.
-const UP_M: f64 = 0.05;
 /// Longer than this, both feet up count as floating, seconds.
 const UP_S: f64 = 0.25;
-/// In free fall the acceleration is gravity within [`FALL_SLACK`], m/s^2.
-const GRAVITY: f64 = 9.81;
-const FALL_SLACK: f64 = 3.0;
-
-/// A range of frames in which both feet are more than 5 cm up.
-pub(crate) struct Aloft {
-    pub frames: Range<usize>,
-    /// The number of these frames in which the pelvis is in free fall.
-    pub falls: usize,
-}
-
-/// The ranges of a clip in which both feet are up: see [`Ground::of`].
-pub(crate) fn aloft(least: &[f64], pelvis: &[f64], fps: f64) -> Vec<Aloft> {
-    let step = ((0.05 * fps).round() as usize).max(1);
-    let falls = |f: usize, start: usize, end: usize| {
-        if end - start < 2 * step + 1 {
-            return false;
-        }
-        // at the ends, where the feet push off or land, use the nearest frame whose 0.1 s are inside
-        let f = f.clamp(start + step, end - 1 - step);
-        let seconds = step as f64 / fps;
-        let acceleration = (pelvis[f + step] - 2.0 * pelvis[f] + pelvis[f - step]) / (seconds * seconds);
-        (acceleration + GRAVITY).abs() <= FALL_SLACK
-    };
-    let (mut all, mut start) = (Vec::new(), 0);
-    for stretch in least.chunk_by(|a, b| (*a > UP_M) == (*b > UP_M)) {
-        let end = start + stretch.len();
-        if stretch[0] > UP_M {
-            let falls = (start..end).filter(|&f| falls(f, start, end)).count();
-            all.push(Aloft { frames: start..end, falls });
-        }
-        start = end;
-    }
-    all
-}
-
 /// Sums over frames, which can be merged over clips.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Ground {
@@ -110,6 +72,7 @@ impl Ground {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::feet::aloft::UP_M;
 
     const FPS: f64 = 60.0;
 

@@ -3,6 +3,7 @@
 //! Most measures are accumulators of constant size: clips are added, and accumulators merged. Sums are f64 in the order of
 //! the calls, so merging in a fixed order gives the same bits for any number of threads.
 
+pub mod balance;
 pub mod beat;
 pub mod border_jerk;
 pub mod contact;
@@ -15,6 +16,7 @@ pub mod short_term;
 pub mod skate;
 pub mod vector_angle;
 
+pub use balance::Balance;
 pub use border_jerk::BorderJerk;
 pub use contact::physical_foot_contact;
 pub use geodesic_error::GeodesicError;

@@ -263,7 +263,7 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
         let text = kinelm(dir).args(call.split_whitespace()).assert().success();
         let text = String::from_utf8(text.get_output().stdout.clone()).unwrap();
         assert!(text.contains("all joints, on the beat") && text.contains("formula"), "{text}");
-        assert_eq!(text.matches("\na.bvh").count(), 4, "{text}");
+        assert_eq!(text.matches("\na.bvh").count(), 5, "{text}");
     }
     said("evaluate likelihood --run run --corpus corpus --split valid --conditions none", 0, "");
     // what can't be

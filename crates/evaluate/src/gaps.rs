@@ -14,6 +14,7 @@ use kinelm_generate::edit::splice::extended;
 use kinelm_generate::sampling::Sampling;
 use kinelm_generate::{NextToken, SamplingPlan, sample, variation_seed};
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
+use kinelm_motion::metric::{InBetween, PositionScale};
 use kinelm_motion::rotation::slerp;
 use kinelm_motion::{Clip, Vec3};
 use kinelm_tokenizer::Tokenizer;
@@ -66,6 +67,25 @@ pub fn gaps(corpus: &Corpus, split: Split, (before, frames): (usize, usize), mos
     Ok(found)
 }
 
+/// How the places of the coded joints vary in at most 1,000 gaps of the train clips, or where none is long enough, in `gaps`.
+///
+/// # Errors
+/// Words that can't be decoded.
+pub fn position_scale(corpus: &Corpus, (before, frames): (usize, usize), gaps: &[Gap]) -> Result<PositionScale> {
+    let tokenizer = corpus.tokenizer();
+    let train = self::gaps(corpus, Split::Train, (before, frames), 1000).ok();
+    let mut scale = PositionScale::of(tokenizer.channels().joints());
+    for gap in train.as_deref().unwrap_or(gaps) {
+        scale.add(&decoded(tokenizer, &gap.ids)?, &gap.frames);
+    }
+    Ok(scale)
+}
+
+/// The clip of some ids.
+fn decoded(tokenizer: &Tokenizer, ids: &[u32]) -> Result<Clip> {
+    Ok(tokenizer.decode(&tokenizer.words_of_ids(ids).words, tokenizer.uncoded_pose())?)
+}
+
 /// One way through one gap.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct GapError {
@@ -75,6 +95,9 @@ pub struct GapError {
     pub root_cm: f64,
     /// Mean third difference of joints over both borders, m/s³.
     pub border_jerk: f64,
+    /// L2P, L2Q and NPSS.
+    #[serde(skip)]
+    pub in_between: InBetween,
 }
 
 /// A way through all gaps.
@@ -86,6 +109,12 @@ pub struct Row {
     pub mean: GapError,
     /// 95 % interval of `global_cm` over takes.
     pub interval: [f64; 2],
+    /// Mean distance of places, in standard deviations of real ones: L2P.
+    pub l2p: Option<f64>,
+    /// Mean distance of world rotations: L2Q.
+    pub l2q: Option<f64>,
+    /// Normalised power spectrum similarity; 0 is alike.
+    pub npss: Option<f64>,
 }
 
 /// What was measured.
@@ -115,16 +144,23 @@ impl GapReport {
     /// A table for a terminal.
     pub fn table(&self) -> String {
         let found = self;
-        let head = ["middle, cm", "95 %", "root, cm", "of slerp's", "border jerk, of real"];
-        let mut table =
-            format!("{:<28} {:>10} {:>16} {:>9} {:>11} {:>21}\n", "", head[0], head[1], head[2], head[3], head[4]);
+        let mut table = format!(
+            "{:<28} {:>10} {:>16} {:>9} {:>11} {:>21} {:>6} {:>6} {:>7}\n",
+            "", "middle, cm", "95 %", "root, cm", "of slerp's", "border jerk, of real", "L2P", "L2Q", "NPSS"
+        );
+        let number = |x: Option<f64>, digits: usize| x.map_or("n/a".into(), |x| format!("{x:.digits$}"));
         let slerp = found.rows.first().map_or(1.0, |row| row.mean.global_cm);
         for row in &found.rows {
             let interval = format!("{:.1} to {:.1}", row.interval[0], row.interval[1]);
             let (ratio, jerk) = (row.mean.global_cm / slerp, row.mean.border_jerk / found.real_jerk);
             table += &format!(
-                "{:<28} {:>10.2} {interval:>16} {:>9.2} {ratio:>11.2} {jerk:>21.2}\n",
-                row.method, row.mean.global_cm, row.mean.root_cm
+                "{:<28} {:>10.2} {interval:>16} {:>9.2} {ratio:>11.2} {jerk:>21.2} {:>6} {:>6} {:>7}\n",
+                row.method,
+                row.mean.global_cm,
+                row.mean.root_cm,
+                number(row.l2p, 3),
+                number(row.l2q, 3),
+                number(row.npss, 4)
             );
         }
         let ([cm, cm90], [degrees, degrees90], [all, kept]) = (found.closing_cm, found.closing_degrees, found.within);
@@ -152,6 +188,8 @@ pub struct Filler<'a> {
     pub seed: u64,
     /// Whether feet are held.
     pub lock_feet: bool,
+    /// The unit of L2P, see [`position_scale`].
+    pub scale: &'a PositionScale,
     /// Goal conditioning on the frame after the gap, and its guidance; `None`: without.
     pub ahead: Option<(GoalEncoder, f64)>,
 }
@@ -192,10 +230,7 @@ impl Filler<'_> {
 
     fn fill(&mut self, gap: &Gap, index: usize) -> Result<Filled> {
         let joints = self.tokenizer.channels().joints();
-        let decode = |ids: &[u32]| -> Result<Clip> {
-            let words = self.tokenizer.words_of_ids(ids).words;
-            Ok(self.tokenizer.decode(&words, self.tokenizer.uncoded_pose())?)
-        };
+        let decode = |ids: &[u32]| decoded(self.tokenizer, ids);
         let truth = decode(&gap.ids)?;
         let frames = truth.frames();
         let mask = Mask::with_gap(frames, joints, self.tokenizer.fps(), gap.frames.clone());
@@ -228,13 +263,13 @@ impl Filler<'_> {
             }
             let (clip, left) = close(&dance, &truth, &mask)?;
             let left = left.into_iter().next();
-            samples.push((error(&clip, &truth, gap, joints), left));
+            samples.push((error(&clip, &truth, gap, self.scale), left));
         }
         let straight = between(&truth, &gap.frames, true)?;
         let held = between(&truth, &gap.frames, false)?;
         Ok(Filled {
-            straight: error(&straight, &truth, gap, joints),
-            held: error(&held, &truth, gap, joints),
+            straight: error(&straight, &truth, gap, self.scale),
+            held: error(&held, &truth, gap, self.scale),
             real_jerk: border_jerk(&truth.positions(), &truth, gap, joints),
             samples,
         })
@@ -271,10 +306,11 @@ fn mean(errors: impl Iterator<Item = GapError>) -> GapError {
         sum.global_cm += error.global_cm;
         sum.root_cm += error.root_cm;
         sum.border_jerk += error.border_jerk;
+        sum.in_between.add(&error.in_between);
         n += 1.0;
     }
     let n = f64::max(n, 1.0);
-    GapError { global_cm: sum.global_cm / n, root_cm: sum.root_cm / n, border_jerk: sum.border_jerk / n }
+    GapError { global_cm: sum.global_cm / n, root_cm: sum.root_cm / n, border_jerk: sum.border_jerk / n, ..sum }
 }
 
 /// The gap by shortest turns and a straight path, or its last frame held.
@@ -291,7 +327,8 @@ fn between(truth: &Clip, gap: &Range<usize>, moves: bool) -> Result<Clip> {
     Ok(Clip::new(truth.skeleton().clone(), truth.fps(), root, rotations)?)
 }
 
-fn error(clip: &Clip, truth: &Clip, gap: &Gap, joints: &[usize]) -> GapError {
+fn error(clip: &Clip, truth: &Clip, gap: &Gap, scale: &PositionScale) -> GapError {
+    let joints = scale.joints();
     let (places, true_places) = (clip.positions(), truth.positions());
     let middle = (gap.frames.start + gap.frames.len() / 2) * truth.joints();
     let (p, q) = (&places[middle..], &true_places[middle..]);
@@ -299,7 +336,8 @@ fn error(clip: &Clip, truth: &Clip, gap: &Gap, joints: &[usize]) -> GapError {
     let global: f64 = joints.iter().map(|&k| (p[k] - q[k]).length()).sum();
     let root: f64 = joints.iter().map(|&k| (p[k] - p[0] - q[k] + q[0]).length()).sum();
     let border_jerk = border_jerk(&places, truth, gap, joints);
-    GapError { global_cm: 100.0 * global / n, root_cm: 100.0 * root / n, border_jerk }
+    let in_between = InBetween::of(clip, truth, &gap.frames, scale);
+    GapError { global_cm: 100.0 * global / n, root_cm: 100.0 * root / n, border_jerk, in_between }
 }
 
 /// Mean size of the third differences that touch a border, of places (F, J).
@@ -316,8 +354,9 @@ fn border_jerk(places: &[Vec3], clip: &Clip, gap: &Gap, joints: &[usize]) -> f64
 fn summed(gaps: &[Gap], found: &[Filled]) -> GapReport {
     let row = |method: &str, of: &dyn Fn(&Filled) -> GapError| {
         let errors: Vec<GapError> = found.iter().map(of).collect();
-        let interval = interval(gaps, &errors);
-        Row { method: method.into(), mean: mean(errors.into_iter()), interval }
+        let (interval, mean) = (interval(gaps, &errors), mean(errors.into_iter()));
+        let [l2p, l2q, npss] = [InBetween::l2p, InBetween::l2q, InBetween::npss].map(|of| of(&mean.in_between));
+        Row { method: method.into(), mean, interval, l2p, l2q, npss }
     };
     let left: Vec<&ClosingError> =
         found.iter().flat_map(|f| f.samples.iter().filter_map(|(_, left)| left.as_ref())).collect();
@@ -374,7 +413,9 @@ mod tests {
 
     #[test]
     fn straight_ways_meet_both_ends_and_are_measured_in_the_middle() {
-        let (truth, gap, joints) = (truth(), gap("a"), [0, 4, 18]);
+        let (truth, gap) = (truth(), gap("a"));
+        let mut scale = PositionScale::of(&[0, 4, 18]);
+        scale.add(&truth, &gap.frames);
         let [straight, held] = [true, false].map(|moves| between(&truth, &gap.frames, moves).unwrap());
         for clip in [&straight, &held] {
             for f in (0..20).chain(30..60) {
@@ -384,21 +425,23 @@ mod tests {
         assert_eq!((held.root()[29], held.pose(29)), (truth.root()[19], truth.pose(19)));
         let step = straight.root()[20] - truth.root()[19];
         assert!((0..10).all(|i| (straight.root()[20 + i] - straight.root()[19 + i] - step).length() < 1e-9));
-        let own = error(&truth, &truth, &gap, &joints);
+        let own = error(&truth, &truth, &gap, &scale);
         assert!(own.global_cm < 1e-9 && own.root_cm < 1e-9, "{own:?}");
         // moved by 3 cm in the middle frame alone: seen globally, not with the pelvises in one place
         let mut root = truth.root().to_vec();
         root[25] += Vec3::new(0.0, 0.03, 0.0);
         let moved = Clip::new(truth.skeleton().clone(), 20.0, root, truth.rotations().to_vec()).unwrap();
-        let found = error(&moved, &truth, &gap, &joints);
+        let found = error(&moved, &truth, &gap, &scale);
         assert!((found.global_cm - 3.0).abs() < 1e-9 && found.root_cm < 1e-9, "{found:?}");
         assert_eq!(found.border_jerk, own.border_jerk);
-        assert!(error(&held, &truth, &gap, &joints).border_jerk > own.border_jerk);
+        assert_eq!((own.in_between.l2p(), found.in_between.l2q()), (Some(0.0), Some(0.0)));
+        assert!(error(&held, &truth, &gap, &scale).border_jerk > own.border_jerk);
     }
 
     #[test]
     fn figures_are_of_the_draws_they_name() {
-        let gap_error = |cm: f64| GapError { global_cm: cm, root_cm: cm / 2.0, border_jerk: 1.0 };
+        let gap_error =
+            |cm: f64| GapError { global_cm: cm, root_cm: cm / 2.0, border_jerk: 1.0, ..GapError::default() };
         let left = |cm: f64, degrees: f64| {
             Some(ClosingError { frames: 20..30, cm, heading_degrees: degrees, joints_degrees: 1.0 })
         };

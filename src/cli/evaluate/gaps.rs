@@ -3,7 +3,7 @@
 use crate::cli::draw::DrawArgs;
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::Split;
-use crate::evaluate::gaps::{Filler, frames_before, gaps};
+use crate::evaluate::gaps::{Filler, frames_before, gaps, position_scale};
 use crate::generate::open::GOAL_GUIDANCE;
 use crate::generate::open::check_goal_guidance;
 use crate::generate::reader;
@@ -74,6 +74,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.draws)))?;
     let before = frames_before(model.context(), conditions.len(), &tokenizer, args.frames.into())?;
     let gaps = gaps(&corpus, args.split, (before, args.frames.into()), args.gaps.into())?;
+    let scale = position_scale(&corpus, (before, args.frames.into()), &gaps)?;
     let bar = progress::bar(gaps.len() as u64, "gaps", say);
     let mut filler = Filler {
         model: &mut *model,
@@ -82,6 +83,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         draw: args.draw.get()?,
         seed: args.seed,
         lock_feet: args.feet,
+        scale: &scale,
         ahead: goal,
     };
     let found = filler.measure(&gaps, &mut |done| bar.set_position(done as u64))?;

@@ -444,11 +444,11 @@ fn gaps_are_measured_beside_straight_ways() {
         c.args(["evaluate", "gaps"]).arg("--run").arg(set.at("run")).arg("--corpus").arg(set.at("corpus")).args(more);
         c.assert()
     };
-    let few = ["--frames", "5", "--gaps", "3", "--draws", "2", "--feet"];
+    let few = ["--frames", "5", "--gaps", "3", "--samples", "2", "--feet"];
     let table =
         gaps(&few).success().stderr(contains("3 gaps of 5 frames (0.2 s) of 1 recordings, 26 frames before each"));
     let table = String::from_utf8(table.get_output().stdout.clone()).unwrap();
-    assert!(table.contains("slerp, a straight path") && table.contains("the draw that ends nearest"), "{table}");
+    assert!(table.contains("slerp, a straight path") && table.contains("the sample that ends nearest"), "{table}");
     let json = gaps(&[&few[..], &["--json"]].concat()).success();
     let found: serde_json::Value = serde_json::from_slice(&json.get_output().stdout).unwrap();
     let cm = |row: usize| found["rows"][row]["mean"]["global_cm"].as_f64().unwrap();

@@ -126,9 +126,9 @@ pub struct GapReport {
     pub gaps: usize,
     /// Recordings that they are of.
     pub takes: usize,
-    /// Draws of each.
+    /// Samples of each.
     pub samples: usize,
-    /// Ways: slerp and a straight path, the last frame held, one draw (the mean of all), the draw that ended nearest, the best.
+    /// Ways: slerp and a straight path, the last frame held, one sample (the mean of all), the sample that ended nearest, the best.
     pub rows: Vec<Row>,
     /// Border jerk of the clips themselves, m/s³.
     pub real_jerk: f64,
@@ -166,8 +166,8 @@ impl GapReport {
         let ([cm, cm90], [degrees, degrees90], [all, kept]) = (found.closing_cm, found.closing_degrees, found.within);
         table
             + &format!(
-                "\nbefore they were closed, draws ended {cm:.1} cm and {degrees:.0} degrees off (median; {cm90:.1} and {degrees90:.0} \
-             in the worst tenth);\nwithin 10 cm and 10 degrees: {:.0} % of the draws, {:.0} % of those that end nearest\n",
+                "\nbefore they were closed, samples ended {cm:.1} cm and {degrees:.0} degrees off (median; {cm90:.1} and {degrees90:.0} \
+             in the worst tenth);\nwithin 10 cm and 10 degrees: {:.0} % of the samples, {:.0} % of those that end nearest\n",
                 100.0 * all,
                 100.0 * kept
             )
@@ -182,7 +182,7 @@ pub struct Filler<'a> {
     pub tokenizer: &'a Tokenizer,
     /// Its conditions; every label is unknown.
     pub conditions: &'a Conditions,
-    /// How is drawn.
+    /// How tokens are sampled.
     pub draw: Sampling,
     /// The seed; every gap has one of its own, made from it.
     pub seed: u64,
@@ -381,8 +381,8 @@ fn summed(gaps: &[Gap], found: &[Filled]) -> GapReport {
         rows: vec![
             row("slerp, a straight path", &|f| f.straight),
             row("the last frame held", &|f| f.held),
-            row("the model, one draw", &Filled::one),
-            row("the draw that ends nearest", &|f| f.nearest_end().map(|(error, _)| *error).unwrap_or_default()),
+            row("the model, one sample", &Filled::one),
+            row("the sample that ends nearest", &|f| f.nearest_end().map(|(error, _)| *error).unwrap_or_default()),
             row("the best of the samples", &Filled::best),
         ],
         real_jerk: found.iter().map(|f| f.real_jerk).sum::<f64>() / found.len().max(1) as f64,
@@ -439,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_are_of_the_draws_they_name() {
+    fn figures_are_of_the_samples_they_name() {
         let gap_error =
             |cm: f64| GapError { global_cm: cm, root_cm: cm / 2.0, border_jerk: 1.0, ..GapError::default() };
         let left = |cm: f64, degrees: f64| {

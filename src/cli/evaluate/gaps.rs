@@ -30,11 +30,11 @@ pub struct Args {
     /// Gaps at most, spread evenly
     #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     gaps: u16,
-    /// Draws a gap; the best of them and the one that ends nearest are rows of their own
+    /// Samples of each gap; the best of them and the one that ends nearest are rows of their own
     #[arg(long, default_value_t = 10, value_name = "K", value_parser = clap::value_parser!(u8).range(1..=64))]
-    draws: u8,
-    /// How far the model is led to what lies behind a gap, as in `generate`: 0 not at all, 1 as learned. If not given, 2 where
-    /// it was trained for it (model.goal_guidance)
+    samples: u8,
+    /// Guidance towards the frame after the gap, as in generate: 0 none, 1 as trained [default: 2 for a goal-conditioned
+    /// model (model.goal)]
     #[arg(long, value_name = "G")]
     goal_guidance: Option<f64>,
     /// Lock the feet, as `generate --feet lock` does
@@ -71,7 +71,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let goal = goal(args.goal_guidance, &run, &tokenizer)?;
     // guidance reads a second, unconditioned stream per sample
     let streams = if goal.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
-    let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.draws)))?;
+    let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.samples)))?;
     let before = frames_before(model.context(), conditions.len(), &tokenizer, args.frames.into())?;
     let gaps = gaps(&corpus, args.split, (before, args.frames.into()), args.gaps.into())?;
     let scale = position_scale(&corpus, (before, args.frames.into()), &gaps)?;
@@ -94,7 +94,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     print(&found.table())?;
     let (frames, seconds) = (found.frames, found.frames as f64 / tokenizer.fps());
     say.line(format_args!(
-        "{} gaps of {frames} frames ({seconds:.1} s) of {} recordings, {before} frames before each, {} draws",
+        "{} gaps of {frames} frames ({seconds:.1} s) of {} recordings, {before} frames before each, {} samples",
         found.gaps, found.takes, found.samples
     ));
     Ok(())

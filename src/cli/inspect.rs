@@ -1,7 +1,7 @@
 //! `kinelm inspect`.
 
-use super::{Say, chain, each_file, motion_files, print, read::ReadArgs};
-use anyhow::Result;
+use super::{Say, each_file, motion_files, print, read::ReadArgs, reported};
+use anyhow::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit, resolve_floor};
 use kinelm_motion::inspect::report;
 use kinelm_motion::{FaultKind, Motion, Warning};
@@ -22,21 +22,12 @@ pub struct Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let files = motion_files(&args.files)?;
     let options = args.read.of_files(&files, RestFrame::Keep, say);
-    each_file(&files, say, |i, file| match read(file, &options[i]) {
-        Ok(mut motion) => {
-            // without a map for the rig there are no feet to find the floor by; the report names the rig as unknown
-            let floor = resolve_floor(&mut motion, &options[i]).ok();
-            let report = report(&motion, floor);
-            print(&if args.json { report.json() + "\n" } else { report.text() })
-        }
-        Err(e) => {
-            let e = e.into();
-            if args.json {
-                let line = serde_json::json!({"schema": 1, "file": file, "error": chain(&e)});
-                print(&format!("{line}\n"))?;
-            }
-            Err(e)
-        }
+    each_file(&files, say, |i, file| {
+        let mut motion = reported(read(file, &options[i]).map_err(Error::from), file, args.json)?;
+        // without a map for the rig there are no feet to find the floor by; the report names the rig as unknown
+        let floor = resolve_floor(&mut motion, &options[i]).ok();
+        let report = report(&motion, floor);
+        print(&if args.json { report.json() + "\n" } else { report.text() })
     })?;
     Ok(())
 }

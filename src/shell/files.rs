@@ -1,6 +1,6 @@
 //! Files of a call: several that are read, and what is written.
 
-use super::{Say, WrongCall, chain};
+use super::{Say, WrongCall, chain, print};
 use crate::view::plot;
 use anyhow::Result;
 use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
@@ -16,6 +16,17 @@ pub fn writable(path: &Path) -> Result<String> {
         return Err(WrongCall(what).into());
     }
     Ok(extension)
+}
+
+/// What a report of `file` fails with; with `json` it is printed as an object too, so that every file has a line.
+pub fn reported<T>(found: Result<T>, file: &Path, json: bool) -> Result<T> {
+    if let Err(e) = &found
+        && json
+    {
+        let line = serde_json::json!({"schema": 1, "file": file, "error": chain(e)});
+        print(&format!("{line}\n"))?;
+    }
+    found
 }
 
 /// Works on each file, which `each` gets with its number. Of several files one that fails is reported and left out, which makes

@@ -5,6 +5,7 @@
 //! `generate --given --free` closes it, and the joints at the gap's middle are held to where they were.
 
 use super::bootstrap;
+use crate::number::number;
 use crate::{Error, Result};
 use kinelm_corpus::{Conditions, Corpus, Split};
 use kinelm_generate::edit::feet;
@@ -14,7 +15,7 @@ use kinelm_generate::edit::splice::extended;
 use kinelm_generate::sampling::Sampling;
 use kinelm_generate::{NextToken, SamplingPlan, sample, variation_seed};
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
-use kinelm_motion::metric::{InBetween, PositionScale};
+use kinelm_motion::metric::{InBetween, PositionScale, TrueGap};
 use kinelm_motion::rotation::slerp;
 use kinelm_motion::{Clip, Vec3};
 use kinelm_tokenizer::Tokenizer;
@@ -148,7 +149,6 @@ impl GapReport {
             "{:<28} {:>10} {:>16} {:>9} {:>11} {:>21} {:>6} {:>6} {:>7}\n",
             "", "middle, cm", "95 %", "root, cm", "of slerp's", "border jerk, of real", "L2P", "L2Q", "NPSS"
         );
-        let number = |x: Option<f64>, digits: usize| x.map_or("n/a".into(), |x| format!("{x:.digits$}"));
         let slerp = found.rows.first().map_or(1.0, |row| row.mean.global_cm);
         for row in &found.rows {
             let interval = format!("{:.1} to {:.1}", row.interval[0], row.interval[1]);
@@ -232,7 +232,8 @@ impl Filler<'_> {
         let joints = self.tokenizer.channels().joints();
         let decode = |ids: &[u32]| decoded(self.tokenizer, ids);
         let truth = decode(&gap.ids)?;
-        let frames = truth.frames();
+        let (frames, true_gap) = (truth.frames(), TrueGap::new(&truth, &gap.frames, self.scale));
+        let error = |clip: &Clip| error(clip, &truth, gap, (joints, &true_gap));
         let mask = Mask::with_gap(frames, joints, self.tokenizer.fps(), gap.frames.clone());
         let characters = gap.ids.len() / frames - 1;
         let flags = |is_so: &dyn Fn(usize) -> bool| -> Vec<bool> {
@@ -263,13 +264,13 @@ impl Filler<'_> {
             }
             let (clip, left) = close(&dance, &truth, &mask)?;
             let left = left.into_iter().next();
-            samples.push((error(&clip, &truth, gap, self.scale), left));
+            samples.push((error(&clip), left));
         }
         let straight = between(&truth, &gap.frames, true)?;
         let held = between(&truth, &gap.frames, false)?;
         Ok(Filled {
-            straight: error(&straight, &truth, gap, self.scale),
-            held: error(&held, &truth, gap, self.scale),
+            straight: error(&straight),
+            held: error(&held),
             real_jerk: border_jerk(&truth.positions(), &truth, gap, joints),
             samples,
         })
@@ -327,8 +328,7 @@ fn between(truth: &Clip, gap: &Range<usize>, moves: bool) -> Result<Clip> {
     Ok(Clip::new(truth.skeleton().clone(), truth.fps(), root, rotations)?)
 }
 
-fn error(clip: &Clip, truth: &Clip, gap: &Gap, scale: &PositionScale) -> GapError {
-    let joints = scale.joints();
+fn error(clip: &Clip, truth: &Clip, gap: &Gap, (joints, true_gap): (&[usize], &TrueGap)) -> GapError {
     let (places, true_places) = (clip.positions(), truth.positions());
     let middle = (gap.frames.start + gap.frames.len() / 2) * truth.joints();
     let (p, q) = (&places[middle..], &true_places[middle..]);
@@ -336,7 +336,7 @@ fn error(clip: &Clip, truth: &Clip, gap: &Gap, scale: &PositionScale) -> GapErro
     let global: f64 = joints.iter().map(|&k| (p[k] - q[k]).length()).sum();
     let root: f64 = joints.iter().map(|&k| (p[k] - p[0] - q[k] + q[0]).length()).sum();
     let border_jerk = border_jerk(&places, truth, gap, joints);
-    let in_between = InBetween::of(clip, truth, &gap.frames, scale);
+    let in_between = true_gap.measure(clip);
     GapError { global_cm: 100.0 * global / n, root_cm: 100.0 * root / n, border_jerk, in_between }
 }
 
@@ -425,17 +425,19 @@ mod tests {
         assert_eq!((held.root()[29], held.pose(29)), (truth.root()[19], truth.pose(19)));
         let step = straight.root()[20] - truth.root()[19];
         assert!((0..10).all(|i| (straight.root()[20 + i] - straight.root()[19 + i] - step).length() < 1e-9));
-        let own = error(&truth, &truth, &gap, &scale);
+        let true_gap = TrueGap::new(&truth, &gap.frames, &scale);
+        let error = |clip: &Clip| error(clip, &truth, &gap, (scale.joints(), &true_gap));
+        let own = error(&truth);
         assert!(own.global_cm < 1e-9 && own.root_cm < 1e-9, "{own:?}");
         // moved by 3 cm in the middle frame alone: seen globally, not with the pelvises in one place
         let mut root = truth.root().to_vec();
         root[25] += Vec3::new(0.0, 0.03, 0.0);
         let moved = Clip::new(truth.skeleton().clone(), 20.0, root, truth.rotations().to_vec()).unwrap();
-        let found = error(&moved, &truth, &gap, &scale);
+        let found = error(&moved);
         assert!((found.global_cm - 3.0).abs() < 1e-9 && found.root_cm < 1e-9, "{found:?}");
         assert_eq!(found.border_jerk, own.border_jerk);
         assert_eq!((own.in_between.l2p(), found.in_between.l2q()), (Some(0.0), Some(0.0)));
-        assert!(error(&held, &truth, &gap, &scale).border_jerk > own.border_jerk);
+        assert!(error(&held).border_jerk > own.border_jerk);
     }
 
     #[test]

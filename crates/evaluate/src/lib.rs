@@ -8,6 +8,7 @@ pub mod gap_bits;
 pub mod gaps;
 pub mod likelihood;
 pub mod music;
+mod number;
 pub mod per_joint;
 pub mod prediction;
 pub mod study;

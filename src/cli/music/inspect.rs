@@ -1,7 +1,7 @@
 //! `kinelm music inspect`.
 
 use super::TempoArgs;
-use crate::cli::{ForceArgs, Say, chain, each_file, print};
+use crate::cli::{ForceArgs, Say, each_file, print, reported};
 use crate::evaluate::music::{picture, report};
 use anyhow::{Error, Result};
 use kinelm_music::feature;
@@ -43,16 +43,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
 fn inspect(args: &Args, say: Say) -> Result<()> {
     each_file(&args.files, say, |_, file| {
         let found = report::report(file, args.tempo.bpm_range).map_err(Error::from);
-        match found {
-            Ok(found) => print(&if args.json { found.json() + "\n" } else { found.text() }),
-            Err(e) => {
-                if args.json {
-                    let line = serde_json::json!({"schema": 1, "file": file, "error": chain(&e)});
-                    print(&format!("{line}\n"))?;
-                }
-                Err(e)
-            }
-        }
+        let found = reported(found, file, args.json)?;
+        print(&if args.json { found.json() + "\n" } else { found.text() })
     })?;
     Ok(())
 }

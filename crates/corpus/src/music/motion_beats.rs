@@ -7,7 +7,7 @@ use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::feet::contact::contacts;
 use kinelm_motion::feet::leg::Leg;
-use kinelm_motion::rig::{Feet, ReferencePose, SkeletonMap, floor};
+use kinelm_motion::rig::{SkeletonMap, floor};
 use kinelm_music::beat::{RATE, beats_of};
 use std::f64::consts::TAU;
 
@@ -31,9 +31,8 @@ pub fn beats_s(clip: &Clip, floor_m: Option<f64>) -> Result<Option<Vec<f64>>> {
 /// Times at which feet land, in seconds, ascending.
 fn landings_s(clip: &Clip, floor_m: Option<f64>) -> Result<Vec<f64>> {
     let Some(map) = SkeletonMap::builtin("smpl") else { return Ok(Vec::new()) };
-    let pose = ReferencePose::new(clip.skeleton(), &map)?;
     let floor_m = floor_m.map_or_else(|| floor(clip, &map).map(|floor| floor.height_m), Ok)?;
-    let legs = Leg::both(&pose, &Feet::from_pose(clip.skeleton(), &pose));
+    let legs = Leg::of_rig(clip.skeleton(), &map)?;
     let of_leg =
         |(side, leg): (usize, &Leg)| contacts(clip, leg, side, floor_m).into_iter().map(|contact| contact.from);
     let mut frames: Vec<usize> = legs.iter().enumerate().flat_map(of_leg).filter(|from| *from > 0).collect();

@@ -5,6 +5,7 @@
 
 use super::Dance;
 use crate::Result;
+use crate::number::number;
 use kinelm_corpus::record::BeatSource;
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_motion::Clip;
@@ -179,7 +180,7 @@ impl fmt::Display for BeatScores {
     /// Cells for a table.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ([motion, music, both], [shifted, shifted_music]) = (self.scores, self.shifted);
-        let chance = self.chance.map_or("n/a".into(), |x| format!("{x:.3}"));
+        let chance = number(self.chance, 3);
         let [z, z_music] = self.z.map_or(["n/a".into(), "n/a".into()], |z| z.map(|z| format!("{z:.1}")));
         let percent = |[a, b]: [f64; 2]| format!("{:.0}, {:.0}", 100.0 * a, 100.0 * b);
         let percentile = self.percentile.map_or(String::new(), percent);

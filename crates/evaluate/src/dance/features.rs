@@ -4,6 +4,7 @@ use super::coded::Dance;
 use super::frechet::{Rows, SetDistance, Standardizer};
 use super::report::Reference;
 use crate::Result;
+use crate::number::number;
 use kinelm_corpus::Split;
 use kinelm_motion::metric::features::{COMPAT_FPS, Formulas, JointPositions, geometric, kinetic};
 use kinelm_motion::resample::{Method, resample};
@@ -215,7 +216,7 @@ impl Alteration {
 impl fmt::Display for Features {
     /// A table, without a line end after the last row.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let number = |x: Option<f64>| x.map_or("n/a".into(), |x| format!("{x:.2}"));
+        let number = |x: Option<f64>| number(x, 2);
         let name = format!("{} features, {}", self.kind, self.form);
         write!(f, "{name:<32} {:>8} {:>10} {:>12} {:>10}", "vectors", "Fréchet", "of infinity", "diversity")?;
         write!(f, "\n{:<32} {:>8} {:>10} {:>12} {:>10}", "train", "", "", "", number(self.real_diversity))?;

@@ -4,6 +4,7 @@ use super::beats;
 use super::beats::BeatMetrics;
 use super::metrics::GroupMetrics;
 use super::report::{Copied, Report};
+use crate::number::{number, percent};
 use std::fmt;
 
 impl Report {
@@ -38,8 +39,6 @@ impl fmt::Display for Report {
             "{:.3} cm/s in the world, {:.3} cm/s of the pose alone",
             self.threshold_cm_s, self.pose_threshold_cm_s
         )?;
-        let percent = |x: Option<f64>| x.map_or("n/a".into(), |x| format!("{:.2}", 100.0 * x));
-        let number = |x: Option<f64>, digits: usize| x.map_or("n/a".into(), |x| format!("{x:.digits$}"));
         self.table(f, &["frames", "freeze %", "(sd)", "pose %", "to freeze s", "never %", "repeat %"], |group| {
             let w = &group.world;
             vec![

@@ -13,6 +13,7 @@ use super::repetition::repeats;
 use crate::floors::codes::frames;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
+use kinelm_motion::feet::leg::Leg;
 use kinelm_motion::metric::{Balance, Ground, Skate, jitter_of, physical_foot_contact};
 use kinelm_motion::rig::{Feet, map_for};
 use kinelm_motion::{Clip, smpl};
@@ -28,6 +29,7 @@ pub struct Reference<'a> {
     held: BTreeMap<Split, Vec<Dance>>,
     pub(super) joints: Vec<usize>,
     pub(super) feet: Feet,
+    legs: [Leg; 2],
     pub(super) fps: f64,
     frames_per_word: usize,
     /// In the world, and of the pose alone, cm/s.
@@ -100,7 +102,9 @@ impl<'a> Reference<'a> {
         let joints = corpus.tokenizer().channels().joints().to_vec();
         let (fps, frames_per_word) = (corpus.tokenizer().fps(), corpus.tokenizer().frames_per_word());
         let (held, thresholds) = (BTreeMap::new(), [0.0; 2]);
-        let mut real = Reference { corpus, held, feet: feet(&joints)?, joints, fps, frames_per_word, thresholds };
+        let (body, feet) = (smpl::neutral(), feet(&joints)?);
+        let legs = Leg::of_rig(&body, &map_for(&body, None)?)?;
+        let mut real = Reference { corpus, held, feet, legs, joints, fps, frames_per_word, thresholds };
         if frames(corpus, Split::Train) + frames(corpus, Split::Valid) <= HELD_FRAMES {
             let held = |split| Ok((split, real.each(split, |_, dance| Ok(dance.clone()))?));
             real.held = [Split::Train, Split::Valid].into_iter().map(held).collect::<Result<_>>()?;
@@ -210,8 +214,7 @@ impl<'a> Reference<'a> {
             repeats: repeats(&dance.word_ids(), self.frames_per_word, self.fps),
             ground: self.ground(&dance.clip),
             skate: Skate::of(&self.feet, &dance.clip),
-            // the model's body has a map
-            balance: Balance::of(&dance.clip).unwrap_or_default(),
+            balance: Balance::of(&self.legs, &dance.clip),
             speed: {
                 let speeds = JointPositions::of(&dance.clip, &self.joints).speeds();
                 Mean { sum: speeds.iter().sum(), frames: speeds.len() }

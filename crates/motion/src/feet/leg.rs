@@ -1,8 +1,8 @@
 //! Two-bone inverse kinematics of a leg.
 
 use crate::joints::LEGS;
-use crate::rig::{Feet, ReferencePose};
-use crate::{GlobalPose, Quat, Skeleton, Vec3};
+use crate::rig::{Feet, ReferencePose, SkeletonMap};
+use crate::{GlobalPose, Quat, Result, Skeleton, Vec3};
 
 /// The joints of a leg.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +30,15 @@ impl Leg {
             let of = |id: usize| joint(id).unwrap_or(0);
             Leg { hip: of(hip), knee: of(knee), ankle: of(ankle), foot }
         })
+    }
+
+    /// [`Leg::both`] of a rig in the reference pose of its map.
+    ///
+    /// # Errors
+    /// Those of [`ReferencePose::new`].
+    pub fn of_rig(rig: &Skeleton, map: &SkeletonMap) -> Result<[Leg; 2]> {
+        let pose = ReferencePose::new(rig, map)?;
+        Ok(Leg::both(&pose, &Feet::from_pose(rig, &pose)))
     }
 
     fn lengths(&self, pose: &GlobalPose) -> (f64, f64) {

@@ -2,30 +2,25 @@
 
 use crate::feet::contact::contacts;
 use crate::feet::leg::Leg;
-use crate::rig::{Feet, ReferencePose, map_for};
-use crate::{Clip, Result, Vec3};
+use crate::smpl::MIRROR;
+use crate::{Clip, Vec3};
 
-/// Segments of SMPL's body: mass in percent of the whole body's, proximal and distal joint, and the share of the way between
-/// them at which the segment's centre of mass lies.
+/// Limbs of SMPL's left side: mass in percent of the whole body's, proximal and distal joint, and the share of the way
+/// between them at which the segment's centre of mass lies. Those of the right side are alike.
 ///
 /// Source: de Leva, "Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters" (1996), table 4, the mean of its
 /// women and men; trunk from the seventh cervical vertebra (our neck) to between the hips, shank to the ankle's centre. The
 /// head's centre is our head joint, which lies between vertex and neck; the foot's is taken from ankle to ball.
-const SEGMENTS: [(f64, usize, usize, f64); 13] = [
-    (6.81, 15, 15, 0.0),
+const LIMBS: [(f64, usize, usize, f64); 6] = [
     (2.63, 16, 18, 0.5763),
-    (2.63, 17, 19, 0.5763),
     (1.5, 18, 20, 0.4567),
-    (1.5, 19, 21, 0.4567),
     (0.585, 20, 22, 0.7687),
-    (0.585, 21, 23, 0.7687),
     (14.47, 1, 4, 0.3854),
-    (14.47, 2, 5, 0.3854),
     (4.57, 4, 7, 0.4374),
-    (4.57, 5, 8, 0.4374),
     (1.33, 7, 10, 0.4215),
-    (1.33, 8, 11, 0.4215),
 ];
+/// The head's mass, at its joint.
+const HEAD: (f64, usize) = (6.81, 15);
 /// The trunk's mass, and its centre between the neck and the middle of the hips.
 const TRUNK: (f64, f64) = (43.015, 0.5051);
 /// A joint of a foot in contact bears weight up to this height above its standing height, metres.
@@ -48,17 +43,15 @@ pub struct Balance {
 }
 
 impl Balance {
-    /// Measures a clip on SMPL-24 with its floor at y = 0.
+    /// Measures a clip on SMPL-24, whose `legs` are [`Leg::of_rig`]'s, with its floor at y = 0.
     ///
     /// The support of a frame is the convex hull, on the floor, of the joints (ankle and ball) of feet in contact, as the
     /// [foot lock](crate::feet) finds contacts, grown by 10 cm; frames without a contact have none and are left out. Source:
     /// docs/measures.md, "Floor and feet".
     ///
-    /// # Errors
-    /// Those of [`ReferencePose::new`] and of a rig without a map.
-    pub fn of(clip: &Clip) -> Result<Balance> {
-        let pose = ReferencePose::new(clip.skeleton(), &map_for(clip.skeleton(), None)?)?;
-        let legs = Leg::both(&pose, &Feet::from_pose(clip.skeleton(), &pose));
+    /// # Panics
+    /// If the clip is on a rig with fewer joints.
+    pub fn of(legs: &[Leg; 2], clip: &Clip) -> Balance {
         let (positions, frames) = (clip.positions(), clip.frames());
         let mut bears = vec![[false; 2]; frames];
         for (side, leg) in legs.iter().enumerate() {
@@ -81,7 +74,7 @@ impl Balance {
                 balance.outside_m += outside_m;
             }
         }
-        Ok(balance)
+        balance
     }
 
     /// Adds another clip.
@@ -116,9 +109,13 @@ impl Balance {
 pub fn centre_of_mass(places: &[Vec3]) -> Vec3 {
     let (trunk_mass, share) = TRUNK;
     let trunk = places[12].lerp((places[1] + places[2]) / 2.0, share);
-    let segments = SEGMENTS.iter().map(|&(mass, a, b, share)| (mass, places[a].lerp(places[b], share)));
-    let (total, sum) = segments
-        .fold((trunk_mass, trunk * trunk_mass), |(total, sum), (mass, centre)| (total + mass, sum + centre * mass));
+    let (head_mass, head) = HEAD;
+    let limbs = LIMBS.iter().flat_map(|&(mass, a, b, share)| {
+        [(a, b), (MIRROR[a], MIRROR[b])].map(|(a, b)| (mass, places[a].lerp(places[b], share)))
+    });
+    let segments = [(trunk_mass, trunk), (head_mass, places[head])].into_iter().chain(limbs);
+    let (total, sum) =
+        segments.fold((0.0, Vec3::ZERO), |(total, sum), (mass, centre)| (total + mass, sum + centre * mass));
     sum / total
 }
 
@@ -159,7 +156,13 @@ fn from_line(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rig::{Feet, map_for};
     use crate::{Quat, smpl};
+
+    fn balance(clip: &Clip) -> Balance {
+        let rig = smpl::neutral();
+        Balance::of(&Leg::of_rig(&rig, &map_for(&rig, None).unwrap()).unwrap(), clip)
+    }
 
     /// A body that stands for a second, its root turned by `turn`, its left thigh raised by `kick` radians.
     fn standing(turn: Quat, kick: f64) -> Clip {
@@ -179,7 +182,7 @@ mod tests {
         let centre = centre_of_mass(&clip.positions()[..24]);
         let pelvis = clip.root()[0];
         assert!(centre.x.abs() < 1e-9 && (centre.y - pelvis.y).abs() < 0.1, "{centre:?} by {pelvis:?}");
-        let found = Balance::of(&clip).unwrap();
+        let found = balance(&clip);
         assert_eq!((found.frames, found.supported), (20, 20));
         assert_eq!((found.outside_share(), found.outside_cm(), found.kick_share()), (Some(0.0), Some(0.0), Some(0.0)));
     }
@@ -187,7 +190,7 @@ mod tests {
     #[test]
     fn a_body_that_leans_like_a_plank_is_out_of_balance() {
         let leaning = standing(Quat::from_rotation_x(0.5), 0.0);
-        let found = Balance::of(&leaning).unwrap();
+        let found = balance(&leaning);
         let places = &leaning.positions()[..24];
         // the balls are the nearest to a body that leans forward: the lower joints of its feet
         let centre = centre_of_mass(places);
@@ -200,16 +203,16 @@ mod tests {
 
     #[test]
     fn a_raised_leg_is_a_kick_and_takes_its_foot_out_of_the_support() {
-        let found = Balance::of(&standing(Quat::IDENTITY, 1.4)).unwrap();
+        let found = balance(&standing(Quat::IDENTITY, 1.4));
         assert_eq!((found.kick_share(), found.supported), (Some(1.0), 20));
-        assert_eq!(Balance::of(&standing(Quat::IDENTITY, 0.5)).unwrap().kick_share(), Some(0.0));
+        assert_eq!(balance(&standing(Quat::IDENTITY, 0.5)).kick_share(), Some(0.0));
     }
 
     #[test]
     fn in_the_air_there_is_no_support() {
-        let mut up = Balance::of(&standing(Quat::IDENTITY, 0.0).raised(0.5)).unwrap();
+        let mut up = balance(&standing(Quat::IDENTITY, 0.0).raised(0.5));
         assert_eq!((up.outside_share(), up.outside_cm(), up.kick_share()), (None, None, Some(1.0)));
-        up.add(&Balance::of(&standing(Quat::IDENTITY, 0.0)).unwrap());
+        up.add(&balance(&standing(Quat::IDENTITY, 0.0)));
         assert_eq!((up.outside_share(), up.kick_share()), (Some(0.0), Some(0.5)));
         assert_eq!(Balance::default().kick_share(), None);
     }

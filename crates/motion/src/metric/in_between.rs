@@ -63,29 +63,62 @@ pub struct InBetween {
     spectra: [f64; 2],
 }
 
-impl InBetween {
-    /// Measures the frames `gap` of `clip` beside those of `truth`: the joints of `scale`, in its unit.
+/// A gap of a real clip, prepared to measure what fills it.
+pub struct TrueGap<'a> {
+    truth: &'a Clip,
+    frames: Range<usize>,
+    joints: &'a [usize],
+    /// (3 J) The unit of each coordinate.
+    deviations: Vec<f64>,
+    /// (F, 3 J) In these units.
+    places: Vec<f64>,
+    /// (F, 4 J)
+    turns: Vec<f64>,
+    /// (F) A wave of the gap's length.
+    wave: Vec<f64>,
+    /// (4 J, F) Power of the turns.
+    power: Vec<Vec<f64>>,
+}
+
+impl<'a> TrueGap<'a> {
+    /// The frames `gap` of `truth`, with the joints of `scale` in its unit.
     ///
     /// # Panics
-    /// If the clips differ in frames or joints, or the gap begins with them.
-    pub fn of(clip: &Clip, truth: &Clip, gap: &Range<usize>, scale: &PositionScale) -> InBetween {
-        let [found, wanted] = [clip, truth].map(|clip| places(clip, truth, gap, gap.clone(), &scale.joints));
-        let deviations = scale.deviations();
-        let unit = |x: Vec<f64>| -> Vec<f64> {
-            // what never varies has no unit
-            x.iter().zip(deviations.iter().cycle()).map(|(x, s)| if *s > 0.0 { x / s } else { 0.0 }).collect()
-        };
-        let wanted_turns = turns(truth, gap, &scale.joints, None);
-        let found_turns = turns(clip, gap, &scale.joints, Some(&wanted_turns));
-        let width = 4 * scale.joints.len();
-        InBetween {
-            gaps: 1.0,
-            l2p: distance(&unit(found), &unit(wanted), 3 * scale.joints.len()),
-            l2q: distance(&found_turns, &wanted_turns, width),
-            spectra: spectra(&found_turns, &wanted_turns, width),
-        }
+    /// If the gap begins with the clip, or the clip lacks a joint.
+    pub fn new(truth: &'a Clip, gap: &Range<usize>, scale: &'a PositionScale) -> TrueGap<'a> {
+        let (n, deviations) = (gap.len(), scale.deviations());
+        let turns = turns(truth, gap, &scale.joints, None);
+        let wave: Vec<f64> = (0..n).map(|t| (TAU * t as f64 / n as f64).cos()).collect();
+        let power = power(&turns, 4 * scale.joints.len(), &wave);
+        let places = in_units(places(truth, truth, gap, gap.clone(), &scale.joints), &deviations);
+        TrueGap { truth, frames: gap.clone(), joints: &scale.joints, deviations, places, turns, wave, power }
     }
 
+    /// Measures the gap's frames of `clip`.
+    ///
+    /// # Panics
+    /// If the clips differ in frames or joints.
+    pub fn measure(&self, clip: &Clip) -> InBetween {
+        let found = places(clip, self.truth, &self.frames, self.frames.clone(), self.joints);
+        let turns = turns(clip, &self.frames, self.joints, Some(&self.turns));
+        let width = 4 * self.joints.len();
+        InBetween {
+            gaps: 1.0,
+            l2p: distance(&in_units(found, &self.deviations), &self.places, 3 * self.joints.len()),
+            l2q: distance(&turns, &self.turns, width),
+            spectra: spectra(&power(&turns, width, &self.wave), &self.power),
+        }
+    }
+}
+
+/// Coordinates (F, 3 J) in units of their deviations; what never varies has no unit.
+fn in_units(mut coordinates: Vec<f64>, deviations: &[f64]) -> Vec<f64> {
+    let units = deviations.iter().cycle();
+    coordinates.iter_mut().zip(units).for_each(|(x, s)| *x = if *s > 0.0 { *x / s } else { 0.0 });
+    coordinates
+}
+
+impl InBetween {
     /// Adds other gaps.
     pub fn add(&mut self, other: &InBetween) {
         self.gaps += other.gaps;
@@ -150,22 +183,23 @@ fn distance(a: &[f64], b: &[f64], width: usize) -> f64 {
     rows.map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()).sum::<f64>() / n
 }
 
-/// Over the columns of `a` and `b` (F, `width`): the earth mover's distance of their normalised spectra times b's power, summed,
-/// and b's power.
-fn spectra(a: &[f64], b: &[f64], width: usize) -> [f64; 2] {
-    let frames = b.len() / width.max(1);
-    let power = |x: &[f64], column: usize| -> Vec<f64> {
-        let wave = |k: usize, t: usize| (TAU * (k * t % frames) as f64 / frames as f64).cos();
-        let cosine = |k: usize| (0..frames).map(|t| x[t * width + column] * wave(k, t)).sum::<f64>();
-        (0..frames).map(|k| cosine(k).powi(2)).collect()
-    };
+/// Squared cosine transforms of the columns of `x` (F, `width`), by a `wave` (F) of their length: (`width`, F).
+fn power(x: &[f64], width: usize, wave: &[f64]) -> Vec<Vec<f64>> {
+    let frames = wave.len();
+    let cosine =
+        |column: usize, k: usize| -> f64 { (0..frames).map(|t| x[t * width + column] * wave[k * t % frames]).sum() };
+    (0..width).map(|column| (0..frames).map(|k| cosine(column, k).powi(2)).collect()).collect()
+}
+
+/// Of each column's power: the earth mover's distance of the spectra, normalised, times that of `wanted`, summed, and that of
+/// `wanted`.
+fn spectra(found: &[Vec<f64>], wanted: &[Vec<f64>]) -> [f64; 2] {
     let mut sums = [0.0; 2];
-    for column in 0..width {
-        let [found, wanted] = [a, b].map(|x| power(x, column));
-        let [total, of_wanted] = [&found, &wanted].map(|power| power.iter().sum::<f64>());
+    for (found, wanted) in found.iter().zip(wanted) {
+        let [total, of_wanted] = [found, wanted].map(|power| power.iter().sum::<f64>());
         let share = |x: f64, total: f64| if total > 0.0 { x / total } else { 0.0 };
         let (mut apart, mut moved) = (0.0, 0.0f64);
-        for (x, y) in found.iter().zip(&wanted) {
+        for (x, y) in found.iter().zip(wanted) {
             apart += share(*x, total) - share(*y, of_wanted);
             moved += apart.abs();
         }
@@ -202,7 +236,9 @@ mod tests {
             };
             let (a, b) = (array(0.4), array(0.0));
             assert!((distance(&a, &b, width) - wanted).abs() < 1e-12);
-            let [sum, power] = spectra(&a, &b, width);
+            let wave: Vec<f64> = (0..frames).map(|t| (TAU * t as f64 / frames as f64).cos()).collect();
+            let [a, b] = [&a, &b].map(|x| power(x, width, &wave));
+            let [sum, power] = spectra(&a, &b);
             assert!((sum / power - npss).abs() < 1e-9, "{} beside {npss}", sum / power);
         }
     }
@@ -213,7 +249,7 @@ mod tests {
         let (gap, joints) = (20..30, [0, 4, 18]);
         let mut scale = PositionScale::of(&joints);
         scale.add(&truth, &gap);
-        let own = InBetween::of(&truth, &truth, &gap, &scale);
+        let own = TrueGap::new(&truth, &gap, &scale).measure(&truth);
         assert_eq!((own.l2p(), own.l2q()), (Some(0.0), Some(0.0)));
         assert!(own.npss().unwrap() < 1e-12);
         let (mut root, mut rotations) = (truth.root().to_vec(), truth.rotations().to_vec());
@@ -229,7 +265,7 @@ mod tests {
             let truth = moved(truth.root(), truth.rotations());
             let mut scale = PositionScale::of(&joints);
             scale.add(&truth, &gap);
-            InBetween::of(&moved(&root, &rotations), &truth, &gap, &scale)
+            TrueGap::new(&truth, &gap, &scale).measure(&moved(&root, &rotations))
         };
         let (here, there) = (held(Vec3::ZERO), held(Vec3::new(3.0, 0.0, -2.0)));
         assert!(here.l2p().unwrap() > 0.1 && here.l2q().unwrap() > 0.01 && here.npss().unwrap() > 0.0, "{here:?}");
@@ -247,7 +283,7 @@ mod tests {
             truth.rotations().iter().enumerate().map(|(i, q)| if i % 3 == 0 { -*q } else { *q }).collect();
         let clip = Clip::new(truth.skeleton().clone(), 20.0, truth.root().to_vec(), negated).unwrap();
         let scale = PositionScale::of(&[0, 4, 18]);
-        let found = InBetween::of(&clip, &truth, &(20..30), &scale);
+        let found = TrueGap::new(&truth, &(20..30), &scale).measure(&clip);
         assert!(found.l2q().unwrap() < 1e-9 && found.npss().unwrap() < 1e-9, "{found:?}");
     }
 }

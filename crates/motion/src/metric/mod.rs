@@ -22,7 +22,7 @@ pub use border_jerk::BorderJerk;
 pub use contact::physical_foot_contact;
 pub use geodesic_error::GeodesicError;
 pub use ground::Ground;
-pub use in_between::{InBetween, PositionScale};
+pub use in_between::{InBetween, PositionScale, TrueGap};
 pub use jitter::{jitter, jitter_of};
 pub use mpjpe::Mpjpe;
 pub use short_term::ShortTerm;

@@ -19,7 +19,7 @@ pub struct DrawArgs {
     top_k: Option<usize>,
     /// Sample from the smallest set of most likely tokens whose probability reaches P; 1 truncates nothing [default:
     /// 0.95 without other truncation; 0.8 in generate where joints are given after free ones throughout, such as an arm
-    /// but not the root alone]
+    /// but not the root alone; 0.7 in other gaps that a goal-conditioned model fills]
     #[arg(long, value_name = "P")]
     top_p: Option<f64>,
     /// Sample only from tokens at least P times as likely as the most likely one

@@ -19,7 +19,7 @@ pub struct Best {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Verdict {
-    /// Excess over the median of real windows, in their interquartile ranges, summed over the three measures below.
+    /// Excess over the median of real windows, in their interquartile ranges, summed over the four measures below.
     pub score: f64,
     /// Share of the steps of feet in contact that are faster than 10 cm/s, where feet are generated.
     pub skate_share: Option<f64>,
@@ -27,6 +27,8 @@ pub struct Verdict {
     pub penetration_cm: Option<f64>,
     /// Jerk over speed, 1/s^2: jerk alone grows with speed.
     pub shake: Option<f64>,
+    /// Mean distance of the centre of mass outside the support, cm, where feet are generated.
+    pub outside_cm: Option<f64>,
     /// Seconds until the generated joints freeze for good; `None`: never.
     pub freezes_s: Option<f64>,
     /// Whether it is a copy of a training clip, where that was checked.
@@ -50,6 +52,7 @@ impl fmt::Display for Verdict {
         parts.extend(self.skate_share.map(|x| format!("{:.0} % of steps slide", 100.0 * x)));
         parts.extend(self.penetration_cm.map(|x| format!("{x:.2} cm in the floor")));
         parts.extend(self.shake.map(|x| format!("jerk {x:.0} times its speed")));
+        parts.extend(self.outside_cm.map(|x| format!("{x:.1} cm off balance")));
         parts.extend(self.doubt());
         if parts.is_empty() { Ok(()) } else { write!(f, ": {}", parts.join(", ")) }
     }

@@ -4,8 +4,8 @@ use crate::cli::draw::DrawArgs;
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::Split;
 use crate::evaluate::gaps::{Filler, frames_before, gaps, position_scale};
-use crate::generate::open::GOAL_GUIDANCE;
 use crate::generate::open::check_goal_guidance;
+use crate::generate::open::{GAP_TOP_P, GOAL_GUIDANCE};
 use crate::generate::reader;
 use crate::model::goal::GoalEncoder;
 use crate::model::{CheckpointChoice, LoadedRun, load_run};
@@ -33,7 +33,7 @@ pub struct Args {
     /// Samples of each gap; the best of them and the one that ends nearest are rows of their own
     #[arg(long, default_value_t = 10, value_name = "K", value_parser = clap::value_parser!(u8).range(1..=64))]
     samples: u8,
-    /// Guidance towards the frame after the gap, as in generate: 0 none, 1 as trained [default: 2 for a goal-conditioned
+    /// Guidance towards the frame after the gap, as in generate: 0 none, 1 as trained [default: 1.5 for a goal-conditioned
     /// model (model.goal)]
     #[arg(long, value_name = "G")]
     goal_guidance: Option<f64>,
@@ -69,6 +69,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
     let conditions = run.load_conditions()?;
     let goal = goal(args.goal_guidance, &run, &tokenizer)?;
+    let mut draw = args.draw.requested()?;
+    if goal.is_some() && !draw.truncates() {
+        draw.top_p = Some(GAP_TOP_P);
+    }
+    let draw = draw.truncated();
     // guidance reads a second, unconditioned stream per sample
     let streams = if goal.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
     let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.samples)))?;
@@ -80,7 +85,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         model: &mut *model,
         tokenizer: &tokenizer,
         conditions: &conditions,
-        draw: args.draw.get()?,
+        draw,
         seed: args.seed,
         lock_feet: args.feet,
         scale: &scale,

@@ -38,7 +38,7 @@ pub struct DanceArgs {
     #[arg(long, value_name = "G")]
     guidance: Option<f64>,
     /// Guidance of gaps (--given, --free) towards what is given after them: 0 none, 1 as trained, up to 10, at twice the time
-    /// [default: 2 where the model was trained for it (model.goal)]
+    /// [default: 1.5 where the model was trained for it (model.goal)]
     #[arg(long, value_name = "G", value_parser = goal_guidance, allow_hyphen_values = true)]
     goal_guidance: Option<f64>,
     /// Frames to generate at the model's rate, or a time such as 12s [default: the prompt's length, or the music's]

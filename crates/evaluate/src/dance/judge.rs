@@ -13,7 +13,7 @@ use kinelm_generate::best::{Best, Verdict};
 use kinelm_generate::open::OpenRequest;
 use kinelm_generate::output::FreeSpan;
 use kinelm_motion::format::Format;
-use kinelm_motion::metric::{Ground, Skate, jitter_of};
+use kinelm_motion::metric::{Balance, Ground, Skate, jitter_of};
 use kinelm_motion::rig::Feet;
 use kinelm_motion::{Clip, joints::LEGS};
 use kinelm_tokenizer::Words;
@@ -24,9 +24,11 @@ use std::sync::{Mutex, PoisonError};
 /// Real clips are measured in windows of so many seconds, one every so many.
 const WINDOW_S: f64 = 5.0;
 const HOP_S: f64 = 2.5;
+/// How many measures make up the score.
+const MEASURES: usize = 4;
 /// A spread of real windows is taken to be so much at least, or a thousandth more would count as far off: of the share of
-/// steps that slide, of penetration in cm, of shaking over its median.
-const LEAST: [f64; 3] = [0.02, 0.2, 0.1];
+/// steps that slide, of penetration in cm, of shaking over its median, of the centre of mass outside the support in cm.
+const LEAST: [f64; MEASURES] = [0.02, 0.2, 0.1, 0.5];
 /// A dance is a copy if more than this share of its windows is nearer to training than 99 of 100 windows of real dances
 /// that nothing was trained on.
 const COPIED: f64 = 0.1;
@@ -38,7 +40,7 @@ pub struct Judge<'a> {
     /// All that were invented in any frame.
     joints: Vec<usize>,
     feet: Feet,
-    typical: [Option<Typical>; 3],
+    typical: [Option<Typical>; MEASURES],
     /// Of what was invented up to the end: the frames and joints, and the threshold under which they stand still, cm/s.
     last: Option<(FreeSpan, f64)>,
     /// By joints: how near a dance may come to training clips; nobody knows without validation clips.
@@ -67,14 +69,14 @@ impl<'a> Judge<'a> {
             invented,
             feet: feet(&real.joints)?,
             joints,
-            typical: [None; 3],
+            typical: [None; MEASURES],
             last: None,
             limits_cm: Mutex::default(),
         };
         let of =
             |clip: Clip| judge.measures(&clip, &[FreeSpan { frames: 0..clip.frames(), joints: judge.joints.clone() }]);
         let of_dance = |_, dance: &Dance| Ok(windows(&dance.clip).into_iter().map(of).collect::<Vec<_>>());
-        let all: Vec<[Option<f64>; 3]> = real.each(Split::Train, of_dance)?.concat();
+        let all: Vec<[Option<f64>; MEASURES]> = real.each(Split::Train, of_dance)?.concat();
         for (i, least) in LEAST.into_iter().enumerate() {
             let mut values: Vec<f64> = all.iter().filter_map(|measures| measures[i]).collect();
             values.sort_by(f64::total_cmp);
@@ -105,9 +107,10 @@ impl<'a> Judge<'a> {
         let beyond = |(found, typical): (Option<f64>, Option<Typical>)| {
             found.zip(typical).map_or(0.0, |(x, typical)| ((x - typical.median) / typical.spread).max(0.0))
         };
-        let [skate_share, penetration_cm, shake] = found;
+        let [skate_share, penetration_cm, shake, outside_cm] = found;
         let score = found.into_iter().zip(self.typical).map(beyond).sum();
-        Verdict { score, skate_share, penetration_cm, shake, freezes_s: self.freezes_s(&dance.clip), copied: false }
+        let freezes_s = self.freezes_s(&dance.clip);
+        Verdict { score, skate_share, penetration_cm, shake, outside_cm, freezes_s, copied: false }
     }
 
     /// The dances from the best to the worst, with what is said of them. Those that stand still for good or copy are behind
@@ -184,9 +187,10 @@ impl<'a> Judge<'a> {
         Ok(best.take(count).collect())
     }
 
-    /// Share of steps that slide, penetration and shaking of what was invented of a clip; of the feet where both legs were.
-    fn measures(&self, clip: &Clip, invented: &[FreeSpan]) -> [Option<f64>; 3] {
-        let (mut skate, mut ground) = (Skate::default(), Ground::default());
+    /// Share of steps that slide, penetration, shaking and centre of mass outside the support of what was invented of a clip;
+    /// of the feet where both legs were.
+    fn measures(&self, clip: &Clip, invented: &[FreeSpan]) -> [Option<f64>; MEASURES] {
+        let (mut skate, mut ground, mut balance) = (Skate::default(), Ground::default(), Balance::default());
         let (mut jerk, mut speed, mut feet_frames) = (0.0, 0.0, 0);
         for stretch in invented {
             let part = slice(clip, stretch);
@@ -195,6 +199,7 @@ impl<'a> Judge<'a> {
                 feet_frames += part.frames();
                 let pelvis: Vec<f64> = part.root().iter().map(|p| p.y).collect();
                 ground.add(&Ground::of(&self.feet.clearance(&part), &pelvis, clip.fps()));
+                balance.add(&Balance::of(&self.real.legs, &part));
             }
             if let Some(mean) = jitter_of(&part, &stretch.joints) {
                 jerk += (part.frames() - 3) as f64 * mean;
@@ -203,7 +208,7 @@ impl<'a> Judge<'a> {
         }
         // feet that never stand are no better than feet that always slide
         let slides = skate.share().or((feet_frames > 1).then_some(1.0));
-        [slides, ground.penetration_cm(), (speed > 0.0).then(|| jerk / speed)]
+        [slides, ground.penetration_cm(), (speed > 0.0).then(|| jerk / speed), balance.outside_cm()]
     }
 
     /// From when on what was invented up to the end stands still, seconds.

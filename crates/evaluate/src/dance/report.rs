@@ -29,7 +29,7 @@ pub struct Reference<'a> {
     held: BTreeMap<Split, Vec<Dance>>,
     pub(super) joints: Vec<usize>,
     pub(super) feet: Feet,
-    legs: [Leg; 2],
+    pub(super) legs: [Leg; 2],
     pub(super) fps: f64,
     frames_per_word: usize,
     /// In the world, and of the pose alone, cm/s.

@@ -15,7 +15,7 @@ pub use conditions::check_goal_guidance;
 pub use music::{MUSIC_GUIDANCE, OpenMusic, music_guidance};
 pub use prompt::PreparedPrompt;
 pub use resolve::{Decision, GOAL_GUIDANCE};
-pub use truncation::GIVEN_TOP_P;
+pub use truncation::{GAP_TOP_P, GIVEN_TOP_P};
 
 use crate::edit::PreparedEdit;
 use crate::request::{PromptRequest, Resolved, Rig};

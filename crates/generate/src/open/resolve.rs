@@ -1,6 +1,6 @@
 //! A request resolved: every option that it leaves open is decided here, and only here, with the reason.
 
-use super::truncation::GIVEN_TOP_P;
+use super::truncation::{GAP_TOP_P, GIVEN_TOP_P};
 use super::{MUSIC_GUIDANCE, OpenRequest, music_guidance};
 use crate::request::{FootMode, LeadInKind, Length, Placement, Request, Resolved, Rig, UncodedJoints};
 use crate::sampler::FIRST_FRAMES;
@@ -11,7 +11,7 @@ use kinelm_motion::joints::LEGS;
 use serde::Serialize;
 
 /// Scale of guidance towards goals, where a request has none.
-pub const GOAL_GUIDANCE: f64 = 2.0;
+pub const GOAL_GUIDANCE: f64 = 1.5;
 
 /// An option that the request left open.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -150,12 +150,15 @@ impl OpenRequest {
         if self.is_given_throughout() {
             self.resolved.sampling.top_p = Some(GIVEN_TOP_P);
             why = "joints are given from end to end";
+        } else if self.has_goals() {
+            self.resolved.sampling.top_p = Some(GAP_TOP_P);
+            why = "the model is goal-conditioned and a gap ends";
         }
         self.decide("top_p", self.resolved.sampling.top_p.unwrap_or(1.0).to_string(), why);
     }
 
     fn decide_goal_guidance(&mut self) {
-        let has_goals = self.run.config.goal && self.edit().is_some_and(|(_, edit)| edit.has_ends());
+        let has_goals = self.has_goals();
         self.resolved.goal_guidance = if has_goals { GOAL_GUIDANCE } else { 0.0 };
         let why = match has_goals {
             true => "the model is goal-conditioned and a gap ends",

@@ -1,4 +1,4 @@
-//! The truncation of dances with given joints, where a request has none.
+//! The truncation of dances with given joints and of gaps, where a request has none.
 
 use super::OpenRequest;
 use crate::sampler::has_given_after_free;
@@ -8,7 +8,16 @@ use crate::sampler::has_given_after_free;
 /// (docs/results/two-level.md, "Truncation").
 pub const GIVEN_TOP_P: f64 = 0.8;
 
+/// [`crate::sampling::Sampling::top_p`] of other gaps that end, by a goal-conditioned model: what is given on both sides keeps the
+/// dance going, and likelier samples end nearer and jerk less (docs/results/gaps.md).
+pub const GAP_TOP_P: f64 = 0.7;
+
 impl OpenRequest {
+    /// Whether the model knows the ends of gaps, and there are some.
+    pub(super) fn has_goals(&self) -> bool {
+        self.run.config.goal && self.edit().is_some_and(|(_, edit)| edit.has_ends())
+    }
+
     /// Whether every frame that isn't given whole has joints given after free ones.
     pub(super) fn is_given_throughout(&self) -> bool {
         let Some(prompt) = &self.prompt else { return false };

@@ -4,9 +4,9 @@ use crate::cli::draw::DrawArgs;
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::Split;
 use crate::evaluate::gaps::{Filler, frames_before, gaps, position_scale};
-use crate::generate::open::check_goal_guidance;
-use crate::generate::open::{GAP_TOP_P, GOAL_GUIDANCE};
+use crate::generate::open::{GAP_TOP_P, GOAL_GUIDANCE, check_goal_guidance};
 use crate::generate::reader;
+use crate::generate::sampling::TOP_P;
 use crate::model::goal::GoalEncoder;
 use crate::model::{CheckpointChoice, LoadedRun, load_run};
 use anyhow::Result;
@@ -69,11 +69,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
     let conditions = run.load_conditions()?;
     let goal = goal(args.goal_guidance, &run, &tokenizer)?;
-    let mut draw = args.draw.requested()?;
-    if goal.is_some() && !draw.truncates() {
-        draw.top_p = Some(GAP_TOP_P);
-    }
-    let draw = draw.truncated();
+    let draw = args.draw.requested()?.truncated_at(if goal.is_some() { GAP_TOP_P } else { TOP_P });
     // guidance reads a second, unconditioned stream per sample
     let streams = if goal.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
     let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.samples)))?;

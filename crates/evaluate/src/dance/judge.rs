@@ -5,7 +5,7 @@ use super::copying::Track;
 use super::freeze::{Freezing, Threshold, energy};
 use super::percentile;
 use super::positions::JointPositions;
-use super::report::{Reference, feet};
+use super::report::Reference;
 use crate::Result;
 use crate::floors::codes::frames;
 use kinelm_corpus::Split;
@@ -14,7 +14,6 @@ use kinelm_generate::open::OpenRequest;
 use kinelm_generate::output::FreeSpan;
 use kinelm_motion::format::Format;
 use kinelm_motion::metric::{Balance, Ground, Skate, jitter_of};
-use kinelm_motion::rig::Feet;
 use kinelm_motion::{Clip, joints::LEGS};
 use kinelm_tokenizer::Words;
 use std::collections::BTreeMap;
@@ -39,7 +38,6 @@ pub struct Judge<'a> {
     invented: Vec<FreeSpan>,
     /// All that were invented in any frame.
     joints: Vec<usize>,
-    feet: Feet,
     typical: [Option<Typical>; MEASURES],
     /// Of what was invented up to the end: the frames and joints, and the threshold under which they stand still, cm/s.
     last: Option<(FreeSpan, f64)>,
@@ -64,15 +62,8 @@ impl<'a> Judge<'a> {
         let mut joints: Vec<usize> = invented.iter().flat_map(|stretch| stretch.joints.iter().copied()).collect();
         joints.sort_unstable();
         joints.dedup();
-        let mut judge = Judge {
-            real,
-            invented,
-            feet: feet(&real.joints)?,
-            joints,
-            typical: [None; MEASURES],
-            last: None,
-            limits_cm: Mutex::default(),
-        };
+        let mut judge =
+            Judge { real, invented, joints, typical: [None; MEASURES], last: None, limits_cm: Mutex::default() };
         let of =
             |clip: Clip| judge.measures(&clip, &[FreeSpan { frames: 0..clip.frames(), joints: judge.joints.clone() }]);
         let of_dance = |_, dance: &Dance| Ok(windows(&dance.clip).into_iter().map(of).collect::<Vec<_>>());
@@ -195,10 +186,10 @@ impl<'a> Judge<'a> {
         for stretch in invented {
             let part = slice(clip, stretch);
             if LEGS.iter().flatten().all(|joint| stretch.joints.contains(joint) || !self.real.joints.contains(joint)) {
-                skate.add(&Skate::of(&self.feet, &part));
+                skate.add(&Skate::of(&self.real.feet, &part));
                 feet_frames += part.frames();
                 let pelvis: Vec<f64> = part.root().iter().map(|p| p.y).collect();
-                ground.add(&Ground::of(&self.feet.clearance(&part), &pelvis, clip.fps()));
+                ground.add(&Ground::of(&self.real.feet.clearance(&part), &pelvis, clip.fps()));
                 balance.add(&Balance::of(&self.real.legs, &part));
             }
             if let Some(mean) = jitter_of(&part, &stretch.joints) {

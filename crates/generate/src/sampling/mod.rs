@@ -127,7 +127,12 @@ impl Sampling {
 
     /// The same with [`TOP_P`] where nothing truncates.
     pub fn truncated(self) -> Sampling {
-        Sampling { top_p: self.top_p.or((!self.truncates()).then_some(TOP_P)), ..self }
+        self.truncated_at(TOP_P)
+    }
+
+    /// The same with this `top_p` where nothing truncates.
+    pub fn truncated_at(self, top_p: f64) -> Sampling {
+        Sampling { top_p: self.top_p.or((!self.truncates()).then_some(top_p)), ..self }
     }
 
     /// Words that the repetition penalty looks back; 0 without a penalty.

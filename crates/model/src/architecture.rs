@@ -131,7 +131,6 @@ impl ModelConfig {
         }
         let wrong = [
             ("kind = \"masked\"", self.kind == ModelKind::Masked),
-            ("dropout above 0", self.dropout > 0.0),
             ("previous_frame = false", self.previous_frame == Some(false)),
             ("head = \"absolute\"", self.head == Some(HeadKind::Absolute)),
         ];
@@ -185,7 +184,6 @@ mod tests {
         assert_eq!(said(&format!("{two}window = 1")), "model.window is 1; expected 2 to 8192");
         assert!(said(&format!("{two}[decoder]\nheads = 3")).contains("decoder.width is 128 and heads 3"));
         assert!(said(&format!("{two}kind = \"masked\"")).starts_with("model.kind = \"masked\" with"));
-        assert!(said(&format!("{two}dropout = 0.1")).starts_with("model.dropout above 0 with"));
         assert!(said(&format!("{two}head = \"absolute\"")).starts_with("model.head = \"absolute\" with"));
     }
 

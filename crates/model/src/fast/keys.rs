@@ -18,10 +18,11 @@ pub(super) struct Keys {
 struct Key(Purpose, Vec<u64>);
 
 impl Keys {
-    pub fn new(layers: usize, batch: usize) -> Keys {
+    /// For blocks whose names begin with `prefix`.
+    pub fn new(prefix: &str, layers: usize, batch: usize) -> Keys {
         let key = |name: &str| Key(Purpose::new(name), vec![0; batch]);
         let block = |layer| {
-            let name = layout::block_name(layer);
+            let name = format!("{prefix}{}", layout::block_name(layer));
             ["attention", "attention out", "mlp"].map(|part| key(&format!("{name} {part}")))
         };
         Keys { share: 0.0, embedding: key("embedding"), blocks: (0..layers).map(block).collect() }
@@ -45,11 +46,11 @@ impl Keys {
         block::Dropout { share: self.share, attention, out, mlp }
     }
 
-    /// Drops from the embedded tokens (N, D), or from their gradient.
+    /// Drops from the embedded tokens or frames (N, D), or from their gradient.
     pub fn drop_embedded(&self, x: &mut [f32], shape: block::Shape) {
         x.par_chunks_mut(shape.width).enumerate().for_each(|(row, x)| {
-            let (sequence, token) = (row / shape.tokens, row % shape.tokens);
-            dropout::apply(x, self.embedding.1[sequence], token as u64, 0, self.share);
+            let (sequence, row) = (row / shape.tokens, row % shape.tokens);
+            dropout::apply(x, self.embedding.1[sequence], row as u64, 0, self.share);
         });
     }
 }

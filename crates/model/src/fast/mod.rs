@@ -19,7 +19,7 @@ pub use classes::{ClassRow, Losses};
 
 use super::config::{ModelConfig, TokenLayout};
 use super::goal::Conditioning;
-use super::layout::{self, Parameter};
+use super::layout::{self, Parameter, TRUNK};
 use super::{Architecture, Dropout, Gpt, ModelKind, Scores};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
@@ -168,8 +168,9 @@ impl Fast {
         let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
         let batch = inputs.len() / length;
         let keys = dropout.map(|dropout| {
-            let mut keys =
-                self.keys.take().filter(|k| k.fits(batch)).unwrap_or_else(|| Keys::new(self.config.layers, batch));
+            let prefix = if self.config.architecture.is_flat() { "" } else { TRUNK };
+            let fresh = || Keys::new(prefix, self.config.layers, batch);
+            let mut keys = self.keys.take().filter(|k| k.fits(batch)).unwrap_or_else(fresh);
             keys.draw(dropout);
             keys
         });

@@ -58,7 +58,7 @@ impl Pass {
     pub fn forward(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {
         match &mut self.body {
             Body::Flat(flat) => flat.forward(model, windows, keys),
-            Body::TwoLevel(levels) => levels.forward(model, windows),
+            Body::TwoLevel(levels) => levels.forward(model, windows, keys),
         }
     }
 
@@ -80,7 +80,7 @@ impl Pass {
                 flat.last()
             }
             Body::TwoLevel(levels) => {
-                levels.forward_trunk(model, windows);
+                levels.forward_trunk(model, windows, None);
                 levels.vectors()
             }
         }
@@ -103,7 +103,7 @@ impl Pass {
                 added(model, flat.last(), &mut self.dx, gradients);
                 flat.backward(model, windows, keys, &mut self.dx, gradients);
             }
-            Body::TwoLevel(levels) => levels.backward(model, windows, &mut self.dx, gradients, added),
+            Body::TwoLevel(levels) => levels.backward(model, windows, keys, &mut self.dx, gradients, added),
         }
         nats
     }

@@ -220,6 +220,7 @@ fn every_form_is_the_oracle_s() {
             let window = |frames| ModelConfig { window: Some(frames), ..config.clone() }.resolved(&tokens);
             check_form(&ModelConfig { width: 40, heads: 4, ..window(13) }, &tokens, 3, None);
             check_form(&ModelConfig { layers: 1, ..window(70) }, &tokens, 1, Some(0.75));
+            check_form(&ModelConfig { dropout: 0.2, ..window(9) }, &tokens, 3, None);
             continue;
         }
         check_form(&ModelConfig { dropout: 0.2, ..config.clone() }, &tokens, 3, None);

@@ -4,6 +4,7 @@
 //! e numbers of a character.
 
 use super::classes::Added;
+use super::keys::Keys;
 use super::stack::{Blocks, Stack};
 use super::tables::{add_rows, embed, into_table};
 use super::{Fast, Windows};
@@ -219,7 +220,7 @@ impl TwoLevel {
     }
 
     /// The trunk alone, for [`TwoLevel::vectors`].
-    pub fn forward_trunk(&mut self, model: &Fast, windows: Windows) {
+    pub fn forward_trunk(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {
         self.look(windows.inputs, windows.length);
         let seen = [Lookup { table: model.weight("frame.character.weight"), ids: &self.seen }];
         embed(&mut self.read, self.character, &seen);
@@ -235,7 +236,11 @@ impl TwoLevel {
         for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
             telling.trunk.add(self.trunk.input(), numbers, model.weight(telling.names[0]));
         }
-        self.trunk.forward(&model.weights, |_| between_frames(windows.mask));
+        if let Some(keys) = keys {
+            let shape = self.trunk.shape();
+            keys.drop_embedded(self.trunk.input(), shape);
+        }
+        self.trunk.forward(&model.weights, |layer| between_frames(windows.mask, keys, layer));
     }
 
     /// What the trunk's last block gave (N, D).
@@ -243,8 +248,8 @@ impl TwoLevel {
         self.trunk.last()
     }
 
-    pub fn forward(&mut self, model: &Fast, windows: Windows) {
-        self.forward_trunk(model, windows);
+    pub fn forward(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {
+        self.forward_trunk(model, windows, keys);
         let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
         dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
         dense::forward(&mut self.conditioning, &self.normed, linear(model, TELL), &mut self.tell);
@@ -280,7 +285,15 @@ impl TwoLevel {
 
     /// From the gradient `dx` (B T, d) of [`TwoLevel::last`], which is used up, those of all tensors before it; `added` adds to
     /// that of [`TwoLevel::vectors`].
-    pub fn backward(&mut self, model: &Fast, windows: Windows, dx: &mut [f32], gradients: &mut [Floats], added: Added) {
+    pub fn backward(
+        &mut self,
+        model: &Fast,
+        windows: Windows,
+        keys: Option<&Keys>,
+        dx: &mut [f32],
+        gradients: &mut [Floats],
+        added: Added,
+    ) {
         let Some(Back { d_read, d_told, d_normed, d_trunk, d_rows, d_label }) = &mut self.back else {
             panic!("buffers for the forward pass only")
         };
@@ -322,7 +335,10 @@ impl TwoLevel {
         let saved = (self.trunk.last(), &*self.stats);
         dense::norm_backward(d_trunk, d_normed, saved, model.weight(NORM[1]), Norm { weight, bias });
         added(model, self.trunk.last(), d_trunk, gradients);
-        self.trunk.backward(&model.weights, gradients, d_trunk, |_| between_frames(windows.mask));
+        self.trunk.backward(&model.weights, gradients, d_trunk, |layer| between_frames(windows.mask, keys, layer));
+        if let Some(keys) = keys {
+            keys.drop_embedded(d_trunk, self.trunk.shape());
+        }
         for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
             let name = telling.names[0];
             telling.trunk.backward(d_trunk, numbers, model.weight(name), &mut gradients[model.index(name)]);
@@ -367,8 +383,8 @@ fn into_labels(model: &Fast, gradients: &mut [Floats], name: &str, room: &mut [f
 }
 
 /// A frame sees those before it, or what `mask` (F, F) or (B, F, F) lets it.
-fn between_frames(mask: Mask<'_>) -> Rules<'_> {
-    Rules { mask, dropout: None, rope: None }
+fn between_frames<'a>(mask: Mask<'a>, keys: Option<&'a Keys>, layer: usize) -> Rules<'a> {
+    Rules { mask, dropout: keys.map(|keys| keys.block(layer)), rope: None }
 }
 
 fn linear<'a>(model: &'a Fast, [bias, weight]: [&str; 2]) -> Linear<&'a [f32]> {

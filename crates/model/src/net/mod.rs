@@ -136,7 +136,7 @@ impl Net {
     ) -> candle_core::Result<Tensor> {
         let x = match &self.body {
             Body::Flat(flat) => flat.rows(ids, windows, mask, beside.dropout, memory)?,
-            Body::TwoLevel(levels) => levels.rows(windows, mask, beside.conditioning)?,
+            Body::TwoLevel(levels) => levels.rows(windows, mask, beside)?,
         };
         self.norm.forward(&x)?.flatten_to(1)
     }

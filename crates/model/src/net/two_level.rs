@@ -3,7 +3,7 @@
 //! Letters: B batch, F frames, N = B F, W tokens of a word, D width of the trunk, d of the decoder.
 
 use super::block::{Block, Linear, Norm};
-use super::rows_of;
+use super::{Beside, rows_of};
 use crate::config::{ModelConfig, TokenLayout};
 use crate::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
 use crate::goal::Conditioning;
@@ -69,12 +69,13 @@ impl TwoLevel {
     /// (B, F, D) what the trunk's norm gives of `windows` (B, T), whose frames see what `mask` lets them.
     pub fn vectors(&self, windows: &[Vec<u32>], mask: &Mask) -> Result<Tensor> {
         let frames = windows[0].len().saturating_sub(self.skipped).div_ceil(self.frames.word());
-        self.trunk_norm.forward(&self.trunk(windows, frames, mask, None)?)
+        self.trunk_norm.forward(&self.trunk(windows, frames, mask, Beside::default())?)
     }
 
     /// (B, T, d) of `windows` (B, T), whose frames attend to what `mask` allows; 0 for the tokens of the front but the last,
     /// which predict nothing.
-    pub fn rows(&self, windows: &[Vec<u32>], mask: &Mask, conditioning: Option<&Conditioning>) -> Result<Tensor> {
+    pub fn rows(&self, windows: &[Vec<u32>], mask: &Mask, beside: Beside) -> Result<Tensor> {
+        let conditioning = beside.conditioning;
         let (batch, length) = (windows.len(), windows[0].len().saturating_sub(self.skipped));
         let no_rows = (batch, self.skipped.min(windows[0].len()), self.spelt[0].dim(1)?);
         let no_rows = Tensor::zeros(no_rows, self.spelt[0].dtype(), self.spelt[0].device())?;
@@ -82,8 +83,7 @@ impl TwoLevel {
             return Ok(no_rows);
         }
         let frames = length.div_ceil(self.frames.word());
-        let mut u =
-            self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, mask, conditioning)?)?)?;
+        let mut u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, mask, beside)?)?)?;
         if let Some([_, spelt]) = &self.labels {
             u = u.broadcast_add(&self.of_labels(spelt, windows)?)?;
         }
@@ -128,13 +128,7 @@ impl TwoLevel {
     }
 
     /// (B, F, D).
-    fn trunk(
-        &self,
-        windows: &[Vec<u32>],
-        frames: usize,
-        mask: &Mask,
-        conditioning: Option<&Conditioning>,
-    ) -> Result<Tensor> {
+    fn trunk(&self, windows: &[Vec<u32>], frames: usize, mask: &Mask, beside: Beside) -> Result<Tensor> {
         let of_frame = BACK * self.frames.characters();
         let mut seen = vec![0; windows.len() * frames * of_frame];
         let classes = self.class.as_ref().map_or(Ok(0), |class| class.dim(0))?;
@@ -155,12 +149,15 @@ impl TwoLevel {
         if let Some([label, _]) = &self.labels {
             x = x.broadcast_add(&self.of_labels(label, windows)?)?;
         }
-        for (numbers, [matrix, _]) in self.conditioning(conditioning) {
+        for (numbers, [matrix, _]) in self.conditioning(beside.conditioning) {
             x = (x + through(numbers, matrix, (windows.len(), frames))?)?;
+        }
+        if let Some(dropout) = beside.dropout {
+            x = dropout.apply(&x, "embedding")?;
         }
         let hiding = mask.hiding(frames, frames, x.dtype(), x.device())?;
         for block in &self.trunk {
-            x = block.forward(&x, self.heads[0], None, hiding.as_ref(), None, None)?;
+            x = block.forward(&x, self.heads[0], None, hiding.as_ref(), beside.dropout, None)?;
         }
         Ok(x)
     }

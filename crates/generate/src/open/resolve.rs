@@ -74,7 +74,8 @@ impl OpenRequest {
         open.decide_lead_in(request.lead_in)?;
         open.decide_first_frames(request.first_frames)?;
         if !request.sampling.truncates() {
-            open.decide_truncation();
+            let goals = request.goal_guidance != Some(0.0) && open.has_goals();
+            open.decide_truncation(goals);
         }
         if request.goal_guidance.is_none() {
             open.decide_goal_guidance();
@@ -145,12 +146,13 @@ impl OpenRequest {
         }
     }
 
-    fn decide_truncation(&mut self) {
+    /// `goals`: whether goals are conditioned on.
+    fn decide_truncation(&mut self, goals: bool) {
         let mut why = "the model's own distribution without its rare tail";
         if self.is_given_throughout() {
             self.resolved.sampling.top_p = Some(GIVEN_TOP_P);
             why = "joints are given from end to end";
-        } else if self.has_goals() {
+        } else if goals {
             self.resolved.sampling.top_p = Some(GAP_TOP_P);
             why = "the model is goal-conditioned and a gap ends";
         }

@@ -35,9 +35,10 @@ def table(task, field):
     lines = [f"### {task}: {field}", "", f"{train} training clips, {test} test clips.", "",
              "| | clips right, % | 95 % | balanced % | macro F1 % | calibration error | windows right, % | seeds |",
              "|---|---|---|---|---|---|---|---|"]
-    plain = [row["name"] for row in ours[0]["rows"] if row["field"] == field and row["name"] != "class tokens"]
+    plain = [row["name"] for row in ours[0]["rows"] if row["field"] == field and not row["name"].startswith("class tokens")]
     asked = [("pretrained", name, name) for name in plain]
-    asked += [("scratch", "class tokens", "class tokens, from nothing"), ("pretrained", "class tokens", "**class tokens, pre-trained**")]
+    asked += [("scratch", "class tokens", "class tokens, from nothing"), ("pretrained", "class tokens", "class tokens, pre-trained"),
+              ("pretrained", "class tokens and LDA", "**class tokens, pre-trained, and LDA**")]
     for begin, name, label in asked:
         found = rows(cells[task, begin, "1"], name, field)
         if not found:
@@ -57,8 +58,8 @@ def curve(task, field):
     if len(shares) < 2:
         return []
     lines = [f"### {task}: {field}, by the share of the labels", "", "Clips right, %.", "",
-             "| share | training clips | LDA | nearest spectra | class tokens, from nothing | class tokens, pre-trained | seeds |",
-             "|---|---|---|---|---|---|---|"]
+             "| share | training clips | LDA | nearest spectra | class tokens, from nothing | class tokens, pre-trained | and LDA | seeds |",
+             "|---|---|---|---|---|---|---|---|"]
     for share in shares:
         of_share = lambda begin: next((v for (t, b, s), v in cells.items() if (t, b, float(s)) == (task, begin, share)), [])
         ours, nothing = of_share("pretrained"), of_share("scratch")
@@ -66,7 +67,7 @@ def curve(task, field):
             continue
         of = lambda found, name: spread([row["clips"]["accuracy"] for row in rows(found, name, field)] or [float("nan")])
         lines.append(f"| {100 * share:g} % | {ours[0]['clips'][0]} | {of(ours, 'LDA')} | {of(ours, 'nearest spectra')} | "
-                     f"{of(nothing, 'class tokens')} | {of(ours, 'class tokens')} | {len(ours)} |")
+                     f"{of(nothing, 'class tokens')} | {of(ours, 'class tokens')} | {of(ours, 'class tokens and LDA')} | {len(ours)} |")
     return lines + [""]
 
 

@@ -60,7 +60,7 @@ cell() {
     [ "$begin" = scratch ] || [ "$share$seed" != "1${seeds%% *}" ] || plain="--baselines --run $out/$run"
     rm -rf "$folder"
     "$kinelm" classify train --run "$out/$run" --corpus "$out/$corpus" --fields "$fields" --steps "$updates" \
-        --eval-every $((updates / 4)) --patience 2 --seed "$seed" --share "$share" $rates --out "$folder" "$@" --quiet
+        --eval-every $((updates / 4)) --patience 0 --seed "$seed" --share "$share" $rates --out "$folder" "$@" --quiet
     "$kinelm" classify eval --classifier "$folder" --corpus "$out/$corpus" $plain --plot "$out/results/$name.png" --json --quiet \
         > "$result.new"
     mv "$result.new" "$result"

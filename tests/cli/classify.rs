@@ -73,7 +73,7 @@ fn a_classifier_its_figures_and_a_name() {
     let figures = json(data.call(eval).arg("--json"));
     assert_eq!((&figures["schema"], &figures["clips"]), (&1.into(), &serde_json::json!([4, 2])));
     let rows = figures["rows"].as_array().unwrap();
-    assert_eq!(rows.len(), 6);
+    assert_eq!(rows.len(), 7);
     for row in rows {
         let confusion: u64 = row["clips"]["confusion"]
             .as_array()
@@ -186,7 +186,7 @@ fn what_cannot_be_named_is_said() {
     let about = fs::read_to_string(data.at("who/classifier.json")).unwrap();
     fs::write(
         data.at("who/classifier.json"),
-        about.replacen("\"schema\": 2", "\"schema\": 9", 1).replacen("\"schema\":2", "\"schema\":9", 1),
+        about.replacen("\"schema\": 3", "\"schema\": 9", 1).replacen("\"schema\":3", "\"schema\":9", 1),
     )
     .unwrap();
     refused("classify predict --classifier who data/d6.bvh", "schema 9");

@@ -63,7 +63,8 @@ impl Classifier {
             let help = "see kinelm corpus stats for the splits";
             return Err(Error::file(corpus.dir(), format!("no {split} clips"), "clips of that split", help));
         }
-        let scores = self.classify_windows(corpus, &clips)?;
+        let tokens = self.classify_windows(corpus, &clips)?;
+        let both = self.classify_clips(corpus, &clips, &tokens)?;
         let plain = plain.then(|| Plain::read(corpus, &self.layout, run, [&train, &clips])).transpose()?;
         let (mut rows, mut left_out) = (Vec::new(), Vec::new());
         for (table, field) in fields.0.iter().enumerate() {
@@ -77,7 +78,9 @@ impl Classifier {
                 }
             }
             let of_field = |s: &ClassScores| ClassScores { log_p: vec![s.log_p[table].clone()], ..s.clone() };
-            rows.push(row("class tokens", &scores.iter().map(of_field).collect::<Vec<_>>(), true)?);
+            for (name, scores, by_window) in [("class tokens", &tokens, true), ("class tokens and LDA", &both, false)] {
+                rows.push(row(name, &scores.iter().map(of_field).collect::<Vec<_>>(), by_window)?);
+            }
         }
         Ok(Comparison { schema: 1, fields, split, clips: [train.len(), clips.len()], left_out, rows })
     }

@@ -2,10 +2,10 @@
 
 use crate::Result;
 use kinelm_corpus::{ClipRecord, Corpus};
-use kinelm_model::class_windows::Window;
-use kinelm_motion::Clip;
+use kinelm_motion::{Clip, mirror};
 use kinelm_spectral::{LowDct, Series, Transform, WindowSpec};
-use kinelm_tokenizer::UncodedPose;
+use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
+use std::ops::Range;
 
 /// Mean, standard deviation and mean absolute first difference of some frames of a channel.
 pub fn moments_of(x: &[f64]) -> [f64; 3] {
@@ -16,9 +16,15 @@ pub fn moments_of(x: &[f64]) -> [f64; 3] {
     [mean, deviation, steps]
 }
 
+/// Numbers of [`Motion::whole`].
+pub(super) fn count(tokenizer: &Tokenizer) -> usize {
+    3 * (3 * tokenizer.config().joints.len() + 3)
+}
+
 /// The channels of a clip over time, as its corpus codes it.
 pub(super) struct Motion {
     clip: Clip,
+    frames_per_word: usize,
     /// Rotation vectors of the coded joints.
     series: Series,
     /// (3, F): the root's steps in metres a second.
@@ -31,8 +37,26 @@ impl Motion {
     /// # Errors
     /// A corpus that doesn't hold together.
     pub fn of(corpus: &Corpus, record: &ClipRecord) -> Result<Motion> {
-        let tokenizer = corpus.tokenizer();
-        let clip = tokenizer.decode(&corpus.clip_words(record)?, UncodedPose::Identity)?;
+        Motion::of_words(corpus.tokenizer(), &corpus.clip_words(record)?)
+    }
+
+    /// Decodes words.
+    ///
+    /// # Errors
+    /// Words of another tokenizer.
+    pub fn of_words(tokenizer: &Tokenizer, words: &Words) -> Result<Motion> {
+        Motion::new(tokenizer, tokenizer.decode(words, UncodedPose::Identity)?)
+    }
+
+    /// The motion in a mirror.
+    ///
+    /// # Errors
+    /// None in practice.
+    pub fn mirrored(&self, tokenizer: &Tokenizer) -> Result<Motion> {
+        Motion::new(tokenizer, mirror::mirror(&self.clip)?)
+    }
+
+    fn new(tokenizer: &Tokenizer, clip: Clip) -> Result<Motion> {
         let joints: Vec<usize> = tokenizer.config().joints.clone();
         let series = Series::of(&clip, &joints, clip.fps(), false)?;
         let steps = [0, 1, 2].map(|axis| {
@@ -40,16 +64,21 @@ impl Motion {
             let step = |frame: usize| (at(frame) - at(frame.saturating_sub(1))) * clip.fps();
             (0..clip.frames()).map(step).collect()
         });
-        Ok(Motion { clip, series, steps })
+        Ok(Motion { clip, frames_per_word: tokenizer.frames_per_word(), series, steps })
     }
 
-    /// [`moments_of`] every channel of a window (docs/classification.md, "Plain classifiers").
-    pub fn window(&self, window: &Window, frames_per_word: usize) -> Vec<f64> {
-        let from = window.word * frames_per_word;
-        let to = ((window.word + window.words) * frames_per_word).min(self.clip.frames());
+    /// [`moments_of`] every channel over some words (docs/classification.md, "Plain classifiers").
+    pub fn window(&self, words: &Range<usize>) -> Vec<f64> {
+        let from = words.start * self.frames_per_word;
+        let to = (words.end * self.frames_per_word).min(self.clip.frames());
         let rotations = self.series.window(from, to - from);
         let steps = self.steps.iter().map(|steps| &steps[from..to]);
         rotations.chunks_exact(to - from).chain(steps).flat_map(moments_of).collect()
+    }
+
+    /// [`moments_of`] every channel over the clip.
+    pub fn whole(&self) -> Vec<f64> {
+        self.window(&(0..self.clip.frames().div_ceil(self.frames_per_word)))
     }
 
     /// What doesn't move: the logarithm of the number of frames, and the first pose.

@@ -22,6 +22,24 @@ impl Field {
         let value = clip.labels.get(&self.name)?;
         self.classes.binary_search(value).ok()
     }
+
+    /// The class of a mirrored clip: the one whose name has left and right exchanged, or the same where it names neither;
+    /// `None` where there is no such class.
+    pub fn mirrored(&self, class: usize) -> Option<usize> {
+        let name = &self.classes[class];
+        let mut swapped = String::with_capacity(name.len());
+        for part in name.split_inclusive(|c: char| !c.is_alphanumeric()) {
+            let word = part.trim_end_matches(|c: char| !c.is_alphanumeric());
+            let other = match word {
+                "left" => "right",
+                "right" => "left",
+                same => same,
+            };
+            swapped.push_str(other);
+            swapped.push_str(&part[word.len()..]);
+        }
+        self.classes.binary_search(&swapped).ok()
+    }
 }
 
 /// The fields of a classifier, in the order of its class tokens.
@@ -135,6 +153,17 @@ pub fn clips<'a>(corpus: &'a Corpus, only: &[LabelFilter]) -> Result<Vec<&'a Cli
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_mirror_exchanges_left_and_right_in_a_class() {
+        let classes = ["run", "turn-left", "turn-right", "wave left hand"].map(String::from).to_vec();
+        let field = Field { name: "content".into(), clips: vec![1; 4], classes };
+        assert_eq!([0, 1, 2, 3].map(|class| field.mirrored(class)), [Some(0), Some(2), Some(1), None]);
+        // a word of which left is a part
+        let classes = vec!["cleft".into(), "leftover".into()];
+        let field = Field { classes, ..field };
+        assert_eq!([0, 1].map(|class| field.mirrored(class)), [Some(0), Some(1)]);
+    }
 
     #[test]
     fn label_filters_are_parsed() {

@@ -1,6 +1,8 @@
 //! A classifier's folder: `classifier.json`, the weights it names, `tokenizer.json`, `metrics.jsonl`.
 
+use super::features;
 use super::fields::{Fields, LabelFilter};
+use super::fusion::Fusion;
 use super::learner::heads;
 use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
@@ -18,7 +20,7 @@ pub(super) const TOKENIZER: &str = "tokenizer.json";
 pub(super) const METRICS: &str = "metrics.jsonl";
 
 /// The layout that this program writes and reads.
-pub(super) const SCHEMA: u32 = 2;
+pub(super) const SCHEMA: u32 = 3;
 
 /// `classifier.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -63,6 +65,7 @@ pub struct Classifier {
     pub tokenizer: Tokenizer,
     pub(super) model: Fast,
     pub(super) heads: Vec<Floats>,
+    pub(super) fusions: Vec<Fusion>,
     pub(super) layout: Layout,
 }
 
@@ -117,9 +120,10 @@ impl Classifier {
         let parameters = heads(&manifest.fields, manifest.model.width);
         let heads = floats("classifier", &parameters, &tensors, |p| p.name.clone())?;
         tensors.retain(|name, _| parameters.iter().all(|p| p.name != *name));
+        let fusions = Fusion::take(&manifest.fields, features::count(&tokenizer), &mut tensors)?;
         let (config, tokens) = extended(&manifest.model, &manifest.tokens, &manifest.fields);
         let model = Fast::from_tensors(&config, &tokens, tensors)?;
-        Ok(Classifier { manifest, tokenizer, model, heads, layout })
+        Ok(Classifier { manifest, tokenizer, model, heads, fusions, layout })
     }
 }
 

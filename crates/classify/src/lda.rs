@@ -62,6 +62,21 @@ impl Lda {
         Ok(Lda { mean, scale, basis, weights, intercepts })
     }
 
+    /// The names of its parts.
+    pub(super) const PARTS: [&str; 5] = ["mean", "scale", "basis", "weights", "intercepts"];
+
+    /// Its parts in the order of [`Lda::PARTS`], with their names.
+    pub(super) fn parts(&self) -> [(&'static str, &[f64]); 5] {
+        let Lda { mean, scale, basis, weights, intercepts } = self;
+        let [a, b, c, d, e] = Lda::PARTS;
+        [(a, &**mean), (b, scale), (c, basis), (d, weights), (e, intercepts)]
+    }
+
+    /// From parts that fit each other.
+    pub(super) fn of([mean, scale, basis, weights, intercepts]: [Vec<f64>; 5]) -> Lda {
+        Lda { mean, scale, basis, weights, intercepts }
+    }
+
     /// ln p of every class.
     pub fn log_p(&self, row: &[f64]) -> Vec<f64> {
         let standard: Vec<f64> = row.iter().zip(&self.mean).zip(&self.scale).map(|((x, m), s)| (x - m) / s).collect();

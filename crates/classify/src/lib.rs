@@ -12,6 +12,7 @@ pub mod evaluate;
 pub mod features;
 pub mod fields;
 pub mod folder;
+mod fusion;
 pub mod lda;
 mod learner;
 pub mod metrics;

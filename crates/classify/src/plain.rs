@@ -55,10 +55,9 @@ impl Plain {
         let joints = &corpus.tokenizer().config().joints;
         let [train, test] =
             motions.each_ref().map(|motions| motions.par_iter().map(|m| m.spectra(joints)).collect::<Result<Vec<_>>>());
-        let frames = corpus.tokenizer().frames_per_word();
         let moments = [0, 1].map(|part| {
             let windows = Source::of(corpus, clips[part]).windows(layout);
-            windows.into_iter().map(|w| (w, motions[part][w.clip].window(&w, frames))).collect()
+            windows.into_iter().map(|w| (w, motions[part][w.clip].window(&(w.word..w.word + w.words)))).collect()
         });
         Ok(Plain {
             static_features: motions.each_ref().map(|motions| motions.iter().map(Motion::start).collect()),

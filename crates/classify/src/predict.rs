@@ -1,7 +1,7 @@
 //! Classes of a motion file, as a whole and second by second.
 
 use super::Classifier;
-use super::scores::{ClassScores, likeliest, normalised, of_clips};
+use super::scores::{ClassScores, likeliest, normalised};
 use crate::{Error, Result};
 use kinelm_corpus::load::ModelClip;
 use kinelm_motion::Motion;
@@ -42,16 +42,16 @@ impl Classifier {
     pub fn predict(&mut self, path: &Path, options: &ReadOptions) -> Result<(Motion, Prediction)> {
         let placed = ModelClip::load(path, options, self.tokenizer.config().into())?;
         let (clip, motion) = (placed.lowered(), placed.motion);
-        let ids = self.tokenizer.ids_of_words(&self.tokenizer.encode(&clip)?.words)?;
+        let words = self.tokenizer.encode(&clip)?.words;
         let none = || {
             let (found, expected) = (format!("{} frames", motion.clip.frames()), "at least one whole word of motion");
             Error::file(path, found, expected, "give a longer clip")
         };
-        if ids.is_empty() || motion.clip.frames() == 0 {
+        if words.is_empty() || motion.clip.frames() == 0 {
             return Err(none());
         }
-        let windows = self.classify_ids(&ids)?;
-        let all = of_clips(&windows).pop().ok_or_else(none)?;
+        let (windows, all) = self.classify_words(&words)?;
+        let all = all.ok_or_else(none)?;
         let second = self.tokenizer.fps() / self.tokenizer.frames_per_word() as f64;
         let fields = self.manifest.fields.0.iter().enumerate().map(|(table, field)| {
             let of = |log_p: &[f64]| {

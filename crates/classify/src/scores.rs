@@ -2,12 +2,16 @@
 
 use super::Classifier;
 use super::batches::{IdsOf, Numbers};
+use super::features::Motion;
+use super::fusion::fuse;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_engine::arena::Floats;
 use kinelm_model::Scores;
 use kinelm_model::class_windows::{Layout, Window};
 use kinelm_model::fast::Fast;
+use kinelm_tokenizer::Words;
+use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -81,7 +85,7 @@ impl Classifier {
         read_windows(&mut self.model, &self.heads, &self.layout, self.manifest.compat, source)
     }
 
-    /// The classes of every window of these clips of a corpus, in their order.
+    /// The classes of every window of these clips of a corpus, in their order, by class tokens alone.
     ///
     /// # Errors
     /// A corpus of another tokenizer.
@@ -90,14 +94,34 @@ impl Classifier {
         self.read(&Source::of(corpus, clips))
     }
 
-    /// The classes of every window of a clip of `ids` of its tokenizer, in words of one length.
+    /// The classes of clips of a corpus by the scores of their windows together with the discriminants.
+    ///
+    /// # Errors
+    /// A corpus that doesn't hold together.
+    pub fn classify_clips(
+        &self,
+        corpus: &Corpus,
+        clips: &[&ClipRecord],
+        windows: &[ClassScores],
+    ) -> Result<Vec<ClassScores>> {
+        let one = |s: &ClassScores| Ok(fuse(&self.fusions, s, &Motion::of(corpus, clips[s.clip])?));
+        of_clips(windows).par_iter().map(one).collect()
+    }
+
+    /// The classes of every window of a clip in words of its tokenizer, all of one length, by class tokens alone, and of the
+    /// clip, together with the discriminants; none of a clip without a word.
     ///
     /// # Errors
     /// What the model refuses.
-    pub fn classify_ids(&mut self, ids: &[u32]) -> Result<Vec<ClassScores>> {
+    pub fn classify_words(&mut self, words: &Words) -> Result<(Vec<ClassScores>, Option<ClassScores>)> {
+        let ids = self.tokenizer.ids_of_words(words)?;
         let word = self.manifest.tokens.word;
         let ids_of = |w: &Window| Ok(ids[w.word * word..(w.word + w.words) * word].to_vec());
-        self.read(&Source { most: 0, stop: None, words: vec![ids.len() / word], ids: Box::new(ids_of) })
+        let source = Source { most: 0, stop: None, words: vec![ids.len() / word], ids: Box::new(ids_of) };
+        let windows = self.read(&source)?;
+        let Some(tokens) = of_clips(&windows).pop() else { return Ok((windows, None)) };
+        let clip = fuse(&self.fusions, &tokens, &Motion::of_words(&self.tokenizer, words)?);
+        Ok((windows, Some(clip)))
     }
 }
 

@@ -103,8 +103,9 @@ fn learns(run: fn(&Path) -> LoadedRun) {
     };
     assert!(right("class tokens", "place") == 1.0, "{found:?}");
     assert!(right("class tokens", "way") >= 0.75, "{found:?}");
+    assert!(right("class tokens and LDA", "place") == 1.0, "{found:?}");
     assert!((0.4..=0.6).contains(&right("majority class", "way")));
-    assert_eq!(found.rows.len(), 12);
+    assert_eq!(found.rows.len(), 14);
     let text = found.to_string();
     assert!(
         text.contains("LDA of the model's vectors") && text.contains("place: 2 classes; training clips: high"),
@@ -219,8 +220,8 @@ fn a_damaged_folder_is_refused() {
     let folder = dir.path().join("c");
     let about = fs::read_to_string(folder.join("classifier.json")).unwrap();
     let said = || Classifier::load(&folder).map(|_| ()).unwrap_err().to_string();
-    fs::write(folder.join("classifier.json"), about.replace("\"schema\": 2", "\"schema\": 9")).unwrap();
-    assert!(said().contains("found schema 9, expected schema 2"), "{}", said());
+    fs::write(folder.join("classifier.json"), about.replace("\"schema\": 3", "\"schema\": 9")).unwrap();
+    assert!(said().contains("found schema 9, expected schema 3"), "{}", said());
     // weights of another folder, though they are the right ones
     let name = "model-00000001.safetensors";
     fs::copy(folder.join(name), dir.path().join(name)).unwrap();

@@ -3,6 +3,7 @@
 use super::batches::Batches;
 use super::fields::{self, Field, Fields, LabelFilter};
 use super::folder::{Manifest, SCHEMA, extended};
+use super::fusion::Discriminants;
 use super::learner::{Learner, first_heads, heads};
 use super::scores::{ClassScores, Source, read_windows};
 use super::unfinished::{Call, Saved, Unfinished};
@@ -170,9 +171,10 @@ pub fn train(
     let layout = Layout::new(&run.config, &run.tokens, fields.len())?;
     let training = training_clips(&clips, &fields, options.share, options.seed);
     let fields = fields.counted(&training);
+    let valid: Vec<&ClipRecord> = clips.iter().copied().filter(|c| c.split == Split::Valid).collect();
+    let discriminants = Discriminants::fit(corpus, &fields, &training, &valid)?;
     let batches = Batches::new(corpus, training, &fields, &layout, options);
     let (training_clips, windows) = (batches.clips(), batches.windows());
-    let valid: Vec<&ClipRecord> = clips.iter().copied().filter(|c| c.split == Split::Valid).collect();
     let call = Call {
         weights: run.weights_sha256(),
         corpus: corpus.hash().into(),
@@ -197,6 +199,7 @@ pub fn train(
         layout,
         fields,
         valid,
+        discriminants,
         stop,
         progress,
         learner,
@@ -232,6 +235,7 @@ struct Training<'a> {
     fields: &'a Fields,
     /// The validation clips.
     valid: Vec<&'a ClipRecord>,
+    discriminants: Discriminants,
     stop: &'a AtomicBool,
     progress: &'a mut dyn FnMut(&EvalMetrics),
     learner: Learner,
@@ -265,17 +269,20 @@ impl Task for Training<'_> {
         let source =
             Source { most: self.options.eval_windows, stop: Some(self.stop), ..Source::of(self.corpus, &self.valid) };
         let compat = self.options.compat;
-        let measured = match measure(&mut self.learner, self.layout, compat, &source, &self.valid, self.fields) {
+        let Learner { model, heads, .. } = &mut self.learner;
+        let scores = match read_windows(model, heads, self.layout, compat, &source) {
             Err(Error::Store(kinelm_store::Error::Stopped(_))) => return Ok(None),
-            measured => measured?,
+            scores => scores?,
         };
-        let metrics = self.state.measured(measured);
+        let metrics = self.state.measured(measure(&scores, &self.valid, self.fields));
         self.folder.log(&metrics)?;
         (self.progress)(&metrics);
         let best = self.state.best == metrics.step;
         if best {
             let manifest = Manifest { step: metrics.step, valid_nats: metrics.valid_nats, ..self.manifest.clone() };
-            self.folder.save_best(manifest, &self.learner.tensors()?)?;
+            let mut tensors = self.learner.tensors()?;
+            tensors.extend(self.discriminants.tensors(&scores, &self.valid, self.fields)?);
+            self.folder.save_best(manifest, &tensors)?;
         }
         Ok(Some(best))
     }
@@ -445,15 +452,7 @@ fn labelled<'a>(clips: &[&'a ClipRecord], field: &Field, share: f64, seed: u64) 
 }
 
 /// Mean -ln p of the classes of the validation windows, summed over the fields, and the mean accuracy.
-fn measure(
-    learner: &mut Learner,
-    layout: &Layout,
-    compat: bool,
-    source: &Source,
-    valid: &[&ClipRecord],
-    fields: &Fields,
-) -> Result<Option<(f64, f64)>> {
-    let scores = read_windows(&mut learner.model, &learner.heads, layout, compat, source)?;
+fn measure(scores: &[ClassScores], valid: &[&ClipRecord], fields: &Fields) -> Option<(f64, f64)> {
     let (mut nats, mut right, mut some) = (0.0, 0.0, 0);
     for (table, field) in fields.0.iter().enumerate() {
         let labelled: Vec<(usize, &ClassScores)> =
@@ -466,5 +465,5 @@ fn measure(
         right += labelled.iter().filter(|(class, n)| n.likeliest(table) == *class).count() as f64 / count;
         some += 1;
     }
-    Ok((some > 0).then(|| (nats, right / f64::from(some))))
+    (some > 0).then(|| (nats, right / f64::from(some)))
 }

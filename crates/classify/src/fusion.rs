@@ -1,0 +1,171 @@
+//! Late fusion: of a clip the log-probabilities of the class tokens and those of a linear discriminant, in a weighted sum.
+//!
+//! The discriminant reads the whole clip: docs/classification.md, "Plain classifiers". Its weight and the class tokens' are those of the lowest -ln p on
+//! the validation clips.
+
+use super::features::Motion;
+use super::fields::{Field, Fields};
+use super::lda::{COMPONENTS, Lda};
+use super::scores::{ClassScores, normalised, of_clips};
+use crate::Result;
+use candle_core::{Device, Tensor};
+use kinelm_corpus::{ClipRecord, Corpus};
+use kinelm_model::layout::{Init, Parameter, Role};
+use kinelm_train::optimizer::{Tensors, floats};
+use rayon::prelude::*;
+
+/// The weights that are tried.
+const WEIGHTS: [f64; 8] = [0.0, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+
+/// A field's discriminant and the weights.
+pub(super) struct Fusion {
+    lda: Lda,
+    /// Of the class tokens, of the discriminant.
+    weights: [f64; 2],
+}
+
+/// A discriminant per field from the training clips.
+pub(super) struct Discriminants {
+    all: Vec<Lda>,
+    /// ln p of every validation clip, per field and class.
+    valid: Vec<Vec<Vec<f64>>>,
+}
+
+impl Discriminants {
+    /// Fits them to the training clips and to these in a mirror, and scores the validation clips.
+    ///
+    /// # Errors
+    /// A corpus that doesn't hold together; numbers that are not finite.
+    pub fn fit(
+        corpus: &Corpus,
+        fields: &Fields,
+        train: &[&ClipRecord],
+        valid: &[&ClipRecord],
+    ) -> Result<Discriminants> {
+        let both = |clip: &&ClipRecord| {
+            let motion = Motion::of(corpus, clip)?;
+            Ok([motion.whole(), motion.mirrored(corpus.tokenizer())?.whole()])
+        };
+        let seen = train.par_iter().map(both).collect::<Result<Vec<_>>>()?;
+        let fit = |field: &Field| {
+            let (mut rows, mut labels) = (Vec::new(), Vec::new());
+            for ([row, mirrored], clip) in seen.iter().zip(train) {
+                let Some(class) = field.class_of(clip) else { continue };
+                rows.push(row.clone());
+                labels.push(class);
+                if let Some(other) = field.mirrored(class) {
+                    rows.push(mirrored.clone());
+                    labels.push(other);
+                }
+            }
+            Lda::fit(&rows, &labels, field.classes.len(), COMPONENTS)
+        };
+        let all = fields.0.iter().map(fit).collect::<Result<Vec<Lda>>>()?;
+        let scores = |clip: &&ClipRecord| {
+            let row = Motion::of(corpus, clip)?.whole();
+            Ok(all.iter().map(|lda| lda.log_p(&row)).collect())
+        };
+        let valid = valid.par_iter().map(scores).collect::<Result<Vec<_>>>()?;
+        Ok(Discriminants { all, valid })
+    }
+
+    /// The discriminants as tensors, with the weights that suit class tokens whose validation windows have these scores.
+    ///
+    /// # Errors
+    /// The tensor library's.
+    pub fn tensors(&self, scores: &[ClassScores], valid: &[&ClipRecord], fields: &Fields) -> Result<Tensors> {
+        let tokens = of_clips(scores);
+        let mut tensors = Tensors::new();
+        for (table, (field, lda)) in fields.0.iter().zip(&self.all).enumerate() {
+            let known: Vec<(usize, [&[f64]; 2])> = tokens
+                .iter()
+                .filter_map(|s| Some((field.class_of(valid[s.clip])?, [&*s.log_p[table], &self.valid[s.clip][table]])))
+                .collect();
+            let weights = best_weights(&known);
+            for (name, numbers) in lda.parts().into_iter().chain([("tokens_and_lda", &weights[..])]) {
+                let numbers: Vec<f32> = numbers.iter().map(|x| *x as f32).collect();
+                let tensor = Tensor::from_slice(&numbers, numbers.len(), &Device::Cpu)?;
+                tensors.insert(format!("fusion.{}.{name}", field.name), tensor);
+            }
+        }
+        Ok(tensors)
+    }
+}
+
+/// The weights of the lowest mean -ln p of the true classes; 1 and 1 where no class is known.
+fn best_weights(known: &[(usize, [&[f64]; 2])]) -> [f64; 2] {
+    if known.is_empty() {
+        return [1.0, 1.0];
+    }
+    let nats = |weights: [f64; 2]| known.iter().map(|(class, both)| -fused(*both, weights)[*class]).sum::<f64>();
+    let all = WEIGHTS.iter().flat_map(|&a| WEIGHTS.iter().map(move |&b| [a, b]));
+    all.min_by(|a, b| nats(*a).total_cmp(&nats(*b))).unwrap_or([1.0, 1.0])
+}
+
+fn fused([a, b]: [&[f64]; 2], weights: [f64; 2]) -> Vec<f64> {
+    // a class that no training clip has is minus infinity, which 0 times is no number
+    let weighed = |weight: f64, x: f64| if weight > 0.0 { weight * x } else { 0.0 };
+    normalised(a.iter().zip(b).map(|(a, b)| weighed(weights[0], *a) + weighed(weights[1], *b)).collect())
+}
+
+impl Fusion {
+    /// Of every field, taken out of a classifier's tensors; `features` are those of a clip.
+    ///
+    /// # Errors
+    /// Tensors that are missing or of another shape.
+    pub fn take(fields: &Fields, features: usize, tensors: &mut Tensors) -> Result<Vec<Fusion>> {
+        let one = |field: &Field| {
+            let classes = field.classes.len();
+            let name = |part: &str| format!("fusion.{}.{part}", field.name);
+            // of few clips there are fewer components
+            let basis = tensors.get(&name("basis")).map_or(0, |t| t.elem_count());
+            let components = basis / features.max(1);
+            let shapes = [features, features, components * features, classes * components, classes, 2];
+            let parameters = Lda::PARTS.iter().chain(&["tokens_and_lda"]).zip(shapes).map(|(part, n)| Parameter {
+                name: name(part),
+                shape: vec![n],
+                init: Init::Zeros,
+                role: Role::Vector,
+            });
+            let parameters: Vec<Parameter> = parameters.collect();
+            let found = floats("classifier", &parameters, &some(tensors, &parameters), |p| p.name.clone())?;
+            let mut parts = found.iter().map(|x| x.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>());
+            let mut part = || parts.next().unwrap_or_default();
+            let lda = Lda::of([part(), part(), part(), part(), part()]);
+            let weights = part();
+            parameters.iter().for_each(|p| drop(tensors.remove(&p.name)));
+            Ok(Fusion { lda, weights: [weights[0], weights[1]] })
+        };
+        fields.0.iter().map(one).collect()
+    }
+}
+
+/// The tensors of these parameters alone.
+fn some(all: &Tensors, parameters: &[Parameter]) -> Tensors {
+    parameters.iter().filter_map(|p| Some((p.name.clone(), all.get(&p.name)?.clone()))).collect()
+}
+
+/// The classes of a clip by class tokens together with the discriminants.
+pub(super) fn fuse(fusions: &[Fusion], tokens: &ClassScores, motion: &Motion) -> ClassScores {
+    let row = motion.whole();
+    let field = |(fusion, log_p): (&Fusion, &Vec<f64>)| fused([log_p, &fusion.lda.log_p(&row)], fusion.weights);
+    ClassScores { log_p: fusions.iter().zip(&tokens.log_p).map(field).collect(), ..tokens.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_better_of_two_gets_the_weight() {
+        let ln = |p: f64| vec![p.ln(), (1.0 - p).ln()];
+        let (right, wrong, guess) = (ln(0.9), ln(0.2), ln(0.5));
+        let of = |a: &[f64], b: &[f64]| best_weights(&[(0, [a, b]); 3]);
+        assert_eq!(of(&wrong, &right), [0.0, 8.0]);
+        assert_eq!(of(&right, &wrong)[1], 0.0);
+        assert!(of(&guess, &right)[1] > 1.0);
+        assert_eq!(best_weights(&[]), [1.0, 1.0]);
+        // a class that the discriminant has never seen
+        assert!(of(&right, &[f64::NEG_INFINITY, 0.0]) == [8.0, 0.0]);
+    }
+}

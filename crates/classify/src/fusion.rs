@@ -1,7 +1,7 @@
 //! Late fusion: of a clip the log-probabilities of the class tokens and those of a linear discriminant, in a weighted sum.
 //!
-//! The discriminant reads the whole clip: docs/classification.md, "Plain classifiers". Its weight and the class tokens' are those of the lowest -ln p on
-//! the validation clips.
+//! The discriminant reads the whole clip. The weights are those of the lowest -ln p on the validation clips:
+//! docs/classification.md, "A clip's class".
 
 use super::features::Motion;
 use super::fields::{Field, Fields};
@@ -128,7 +128,7 @@ impl Fusion {
                 role: Role::Vector,
             });
             let parameters: Vec<Parameter> = parameters.collect();
-            let found = floats("classifier", &parameters, &some(tensors, &parameters), |p| p.name.clone())?;
+            let found = floats("classifier", &parameters, tensors, |p| p.name.clone())?;
             let mut parts = found.iter().map(|x| x.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>());
             let mut part = || parts.next().unwrap_or_default();
             let lda = Lda::of([part(), part(), part(), part(), part()]);
@@ -138,11 +138,6 @@ impl Fusion {
         };
         fields.0.iter().map(one).collect()
     }
-}
-
-/// The tensors of these parameters alone.
-fn some(all: &Tensors, parameters: &[Parameter]) -> Tensors {
-    parameters.iter().filter_map(|p| Some((p.name.clone(), all.get(&p.name)?.clone()))).collect()
 }
 
 /// The classes of a clip by class tokens together with the discriminants.

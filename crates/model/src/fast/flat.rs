@@ -38,11 +38,8 @@ impl Flat {
         }
         let (lookups, shape) = (&lookups[..=tables.len()], self.stack.shape());
         embed(self.stack.input(), shape.width, lookups);
-        if let Some(keys) = keys {
-            keys.drop_embedded(self.stack.input(), shape);
-        }
-        let rope = self.inputs.rope();
-        self.stack.forward(&model.weights, |layer| Rules { mask, dropout: keys.map(|k| k.block(layer)), rope });
+        let rules = Rules { mask, dropout: None, rope: self.inputs.rope() };
+        self.stack.forward(&model.weights, rules, keys);
     }
 
     /// What the last block gave (N, D).
@@ -60,12 +57,9 @@ impl Flat {
         gradients: &mut [Floats],
     ) {
         let Windows { inputs, mask, .. } = windows;
-        let (rope, shape) = (self.inputs.rope(), self.stack.shape());
-        let rules = |layer| Rules { mask, dropout: keys.map(|k| k.block(layer)), rope };
-        self.stack.backward(&model.weights, gradients, dx, rules);
-        if let Some(keys) = keys {
-            keys.drop_embedded(dx, shape);
-        }
+        let rules = Rules { mask, dropout: None, rope: self.inputs.rope() };
+        self.stack.backward(&model.weights, gradients, dx, rules, keys);
+        let shape = self.stack.shape();
         let token = model.index("token.weight");
         if !model.config.tied_head {
             gradients[token].fill(0.0);

@@ -1,5 +1,6 @@
 //! A stack of blocks: forward and backward through them, for batches of one shape.
 
+use super::keys::Keys;
 use super::{BLOCK, block_tensors};
 use crate::layout::{Parameter, block_name};
 use kinelm_engine::arena::Floats;
@@ -64,24 +65,31 @@ impl Stack {
         &self.stream[self.layers % self.stream.len()]
     }
 
-    pub fn forward<'a>(&mut self, weights: &[Floats], rules: impl Fn(usize) -> Rules<'a>) {
+    /// Drops by `keys` from the input and in the blocks, which follow `rules` otherwise.
+    pub fn forward(&mut self, weights: &[Floats], rules: Rules, keys: Option<&Keys>) {
+        if let Some(keys) = keys {
+            keys.drop_embedded(&mut self.stream[0], self.shape);
+        }
         for layer in 0..self.layers {
+            let rules = Rules { dropout: keys.map(|keys| keys.block(layer)), ..rules };
             let (from, to) = two(&mut self.stream, layer);
             let saved = layer % self.saved.len();
             let tensors = block(weights, self.first + layer * BLOCK);
-            block::forward(to, from, &tensors, rules(layer), &mut self.saved[saved], &mut self.space);
+            block::forward(to, from, &tensors, rules, &mut self.saved[saved], &mut self.space);
         }
     }
 
     /// `dx` (N, D), the gradient of [`Stack::last`], becomes that of the input; the blocks' go to `gradients`.
-    pub fn backward<'a>(
+    pub fn backward(
         &mut self,
         weights: &[Floats],
         gradients: &mut [Floats],
         dx: &mut [f32],
-        rules: impl Fn(usize) -> Rules<'a>,
+        rules: Rules,
+        keys: Option<&Keys>,
     ) {
         for layer in (0..self.layers).rev() {
+            let rules = Rules { dropout: keys.map(|keys| keys.block(layer)), ..rules };
             let first = self.first + layer * BLOCK;
             let Some(Ok(tensors)) = gradients.get_mut(first..first + BLOCK).map(<&mut [Floats; BLOCK]>::try_from)
             else {
@@ -90,7 +98,10 @@ impl Stack {
             let mut tensors = block_tensors(tensors.each_mut().map(|x| &mut **x));
             let (x, saved) = (&self.stream[layer], &self.saved[layer]);
             let own = block(weights, first);
-            block::backward(dx, x, &own, &mut tensors, Store::Set, rules(layer), saved, &mut self.space);
+            block::backward(dx, x, &own, &mut tensors, Store::Set, rules, saved, &mut self.space);
+        }
+        if let Some(keys) = keys {
+            keys.drop_embedded(dx, self.shape);
         }
     }
 }

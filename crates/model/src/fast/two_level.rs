@@ -236,11 +236,7 @@ impl TwoLevel {
         for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
             telling.trunk.add(self.trunk.input(), numbers, model.weight(telling.names[0]));
         }
-        if let Some(keys) = keys {
-            let shape = self.trunk.shape();
-            keys.drop_embedded(self.trunk.input(), shape);
-        }
-        self.trunk.forward(&model.weights, |layer| between_frames(windows.mask, keys, layer));
+        self.trunk.forward(&model.weights, between_frames(windows.mask), keys);
     }
 
     /// What the trunk's last block gave (N, D).
@@ -269,7 +265,7 @@ impl TwoLevel {
         }
         let d = self.decoder.shape().width;
         embed(self.decoder.input(), d, &lookups[..used]);
-        self.decoder.forward(&model.weights, |_| SPELLING);
+        self.decoder.forward(&model.weights, SPELLING, None);
         if self.skipped > 0 {
             let (length, skipped) = (self.length * d, self.skipped * d);
             for (rows, given) in self.rows.chunks_mut(length).zip(self.decoder.last().chunks(length - skipped)) {
@@ -307,7 +303,7 @@ impl TwoLevel {
         } else {
             dx
         };
-        self.decoder.backward(&model.weights, gradients, dx, |_| SPELLING);
+        self.decoder.backward(&model.weights, gradients, dx, SPELLING, None);
         for (name, ids) in SPELT.iter().zip(&self.spelt) {
             into_table(&mut gradients[model.index(name)], d, ids, dx);
         }
@@ -335,10 +331,7 @@ impl TwoLevel {
         let saved = (self.trunk.last(), &*self.stats);
         dense::norm_backward(d_trunk, d_normed, saved, model.weight(NORM[1]), Norm { weight, bias });
         added(model, self.trunk.last(), d_trunk, gradients);
-        self.trunk.backward(&model.weights, gradients, d_trunk, |layer| between_frames(windows.mask, keys, layer));
-        if let Some(keys) = keys {
-            keys.drop_embedded(d_trunk, self.trunk.shape());
-        }
+        self.trunk.backward(&model.weights, gradients, d_trunk, between_frames(windows.mask), keys);
         for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
             let name = telling.names[0];
             telling.trunk.backward(d_trunk, numbers, model.weight(name), &mut gradients[model.index(name)]);
@@ -383,8 +376,8 @@ fn into_labels(model: &Fast, gradients: &mut [Floats], name: &str, room: &mut [f
 }
 
 /// A frame sees those before it, or what `mask` (F, F) or (B, F, F) lets it.
-fn between_frames<'a>(mask: Mask<'a>, keys: Option<&'a Keys>, layer: usize) -> Rules<'a> {
-    Rules { mask, dropout: keys.map(|keys| keys.block(layer)), rope: None }
+fn between_frames(mask: Mask<'_>) -> Rules<'_> {
+    Rules { mask, dropout: None, rope: None }
 }
 
 fn linear<'a>(model: &'a Fast, [bias, weight]: [&str; 2]) -> Linear<&'a [f32]> {

@@ -30,17 +30,19 @@ class Model:
             if about["schema"] != SCHEMA:
                 raise SystemExit(f"{folder}/kinelm.json: found schema {about['schema']}; expected {SCHEMA}")
             weights, step, conditions = folder / "model.safetensors", about["step"], about["conditions"]
+            version = about["kinelm"]
         else:
             about = tomllib.loads(text_of(folder / "config.toml", "kinelm.json, or the config.toml of a run"))
             name = next((folder / n).read_text().strip() for n in ("best", "latest") if (folder / n).exists())
             weights = folder / "checkpoints" / name / "model.safetensors"
+            version = json.loads((folder / "provenance.json").read_text())["calls"][-1]["kinelm"]
             step, conditions = int(name.removeprefix("step-")), about["train"].get("conditions", [])
         tokens = Tokens(**about["tokens"])
         try:
             config = config_of(about["model"]).resolved(tokens)
         except ValueError as e:
             raise SystemExit(f"{folder}: {e}")
-        return Model(config, tokens, conditions, tokenizer, weights, step, about["kinelm"])
+        return Model(config, tokens, conditions, tokenizer, weights, step, version)
 
     def build(self):
         """The model with its weights, on the CPU."""

@@ -54,7 +54,7 @@ class TwoLevelConfig:
             raise ValueError("model.goal and model.music are learnt by `kinelm pretrain` and `finetune` alone; leave them out")
         if not tokens.places or tokens.varying:
             raise ValueError("a two-level model spells frames of bins; words of this tokenizer are others")
-        said = {"kind": "causal", "dropout": 0.0, "previous_frame": True, "head": "relative", "architecture": "two_level"}
+        said = {"kind": "causal", "previous_frame": True, "head": "relative", "architecture": "two_level"}
         for key, value in said.items():
             if getattr(self, key) not in (value, None):
                 raise ValueError(f"model.{key} is {getattr(self, key)!r}; a two-level model has {value!r}: leave it out")

@@ -16,7 +16,7 @@ pub fn moments_of(x: &[f64]) -> [f64; 3] {
     [mean, deviation, steps]
 }
 
-/// Numbers of [`Motion::whole`].
+/// Numbers of [`Motion::window`].
 pub(super) fn count(tokenizer: &Tokenizer) -> usize {
     3 * (3 * tokenizer.config().joints.len() + 3)
 }
@@ -76,9 +76,14 @@ impl Motion {
         rotations.chunks_exact(to - from).chain(steps).flat_map(moments_of).collect()
     }
 
-    /// [`moments_of`] every channel over the clip.
-    pub fn whole(&self) -> Vec<f64> {
-        self.window(&(0..self.clip.frames().div_ceil(self.frames_per_word)))
+    /// [`Motion::window`] of `seconds`, at least a word, half of that apart, the last of them to the clip's end; the whole of
+    /// a shorter clip.
+    pub fn windows(&self, seconds: f64) -> Vec<Vec<f64>> {
+        let all = self.clip.frames().div_ceil(self.frames_per_word);
+        let words = (seconds * self.clip.fps() / self.frames_per_word as f64 + 1e-9) as usize;
+        let last = all.saturating_sub(words.max(1));
+        let starts = (0..last).step_by((words / 2).max(1)).chain([last]);
+        starts.map(|start| self.window(&(start..all.min(start + words.max(1))))).collect()
     }
 
     /// What doesn't move: the logarithm of the number of frames, and the first pose.

@@ -1,6 +1,6 @@
 //! Late fusion: of a clip the log-probabilities of the class tokens and those of a linear discriminant, in a weighted sum.
 //!
-//! The discriminant reads the whole clip. The weights are those of the lowest -ln p on the validation clips:
+//! The discriminant reads windows longer than the class tokens'. The weights are those of the lowest -ln p on the validation clips:
 //! docs/classification.md, "A clip's class".
 
 use super::features::Motion;
@@ -13,6 +13,9 @@ use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_model::layout::{Init, Parameter, Role};
 use kinelm_train::optimizer::{Tensors, floats};
 use rayon::prelude::*;
+
+/// What the discriminant sees at a time: docs/results/classification.md, "Class tokens with LDA".
+const SECONDS: f64 = 5.4;
 
 /// The weights that are tried.
 const WEIGHTS: [f64; 8] = [0.0, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
@@ -44,26 +47,25 @@ impl Discriminants {
     ) -> Result<Discriminants> {
         let both = |clip: &&ClipRecord| {
             let motion = Motion::of(corpus, clip)?;
-            Ok([motion.whole(), motion.mirrored(corpus.tokenizer())?.whole()])
+            Ok([motion.windows(SECONDS), motion.mirrored(corpus.tokenizer())?.windows(SECONDS)])
         };
         let seen = train.par_iter().map(both).collect::<Result<Vec<_>>>()?;
         let fit = |field: &Field| {
             let (mut rows, mut labels) = (Vec::new(), Vec::new());
-            for ([row, mirrored], clip) in seen.iter().zip(train) {
-                let Some(class) = field.class_of(clip) else { continue };
-                rows.push(row.clone());
-                labels.push(class);
-                if let Some(other) = field.mirrored(class) {
-                    rows.push(mirrored.clone());
-                    labels.push(other);
+            for (both, clip) in seen.iter().zip(train) {
+                let class = field.class_of(clip);
+                for (windows, class) in both.iter().zip([class, class.and_then(|class| field.mirrored(class))]) {
+                    let Some(class) = class else { continue };
+                    rows.extend_from_slice(windows);
+                    labels.extend(vec![class; windows.len()]);
                 }
             }
             Lda::fit(&rows, &labels, field.classes.len(), COMPONENTS)
         };
         let all = fields.0.iter().map(fit).collect::<Result<Vec<Lda>>>()?;
         let scores = |clip: &&ClipRecord| {
-            let row = Motion::of(corpus, clip)?.whole();
-            Ok(all.iter().map(|lda| lda.log_p(&row)).collect())
+            let windows = Motion::of(corpus, clip)?.windows(SECONDS);
+            Ok(all.iter().map(|lda| of_windows(lda, &windows)).collect())
         };
         let valid = valid.par_iter().map(scores).collect::<Result<Vec<_>>>()?;
         Ok(Discriminants { all, valid })
@@ -90,6 +92,17 @@ impl Discriminants {
         }
         Ok(tensors)
     }
+}
+
+/// ln p of every class: the mean over the windows, normalised.
+fn of_windows(lda: &Lda, windows: &[Vec<f64>]) -> Vec<f64> {
+    let mut sum = Vec::new();
+    for window in windows {
+        let log_p = lda.log_p(window);
+        sum.resize(log_p.len(), 0.0);
+        sum.iter_mut().zip(log_p).for_each(|(sum, x)| *sum += x / windows.len() as f64);
+    }
+    normalised(sum)
 }
 
 /// The weights of the lowest mean -ln p of the true classes; 1 and 1 where no class is known.
@@ -142,8 +155,9 @@ impl Fusion {
 
 /// The classes of a clip by class tokens together with the discriminants.
 pub(super) fn fuse(fusions: &[Fusion], tokens: &ClassScores, motion: &Motion) -> ClassScores {
-    let row = motion.whole();
-    let field = |(fusion, log_p): (&Fusion, &Vec<f64>)| fused([log_p, &fusion.lda.log_p(&row)], fusion.weights);
+    let windows = motion.windows(SECONDS);
+    let field =
+        |(fusion, log_p): (&Fusion, &Vec<f64>)| fused([log_p, &of_windows(&fusion.lda, &windows)], fusion.weights);
     ClassScores { log_p: fusions.iter().zip(&tokens.log_p).map(field).collect(), ..tokens.clone() }
 }
 

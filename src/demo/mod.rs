@@ -35,8 +35,6 @@ const FPS: f64 = 30.0;
 const FRAMES: usize = 200;
 /// `--top-p`: a model that has learned for a minute is surer of what it does where less is left to chance.
 const CALM: f64 = 0.9;
-/// The same where it follows: what is given keeps it going, and with 0.9 it kicks twice as often.
-const CALM_GIVEN: f64 = 0.7;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -95,7 +93,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         timeline: None,
         edit: None,
     };
-    let follows = generate(&args, given(Some(FOLLOWED), None), frames, CALM_GIVEN)?;
+    let follows = generate(&args, given(Some(FOLLOWED), None), frames, CALM)?;
     let goes_on = generate(&args, given(None, Some(second)), frames, CALM)?;
     for (name, dance) in [("dance.bvh", &follows), ("free.bvh", &goes_on)] {
         format::write(&at(name), &prompt::on_model_rig(&at(name), dance.clone()))?;

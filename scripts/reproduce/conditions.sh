@@ -4,8 +4,8 @@
 #
 #     scripts/reproduce/conditions.sh RUN CORPUS FIELD OUT PROMPT..      RUN was trained with conditions = ["FIELD"]
 #
-# Variables: GUIDANCE ("1 2 3"), DANCES free ones a label and guidance (8), OPTIONS for reading the prompts, PYTHON with numpy and
-# scikit-learn, KINELM.
+# Variables: GUIDANCE ("1 2 3"), DANCES free ones a label and guidance (8), their LEAD_IN (none, or train), OPTIONS for reading the
+# prompts, PYTHON with numpy and scikit-learn, KINELM.
 set -eu
 call="the call is: $0 RUN CORPUS FIELD OUT PROMPT.."
 run=${1:?$call} corpus=${2:?$call} field=${3:?$call} out=${4:?$call}
@@ -21,7 +21,7 @@ for guidance in ${GUIDANCE:-1 2 3}; do
         free=$out/dances/$guidance/free/$label on=$out/dances/$guidance/prompted/$label
         if [ ! -d "$free" ]; then
             mkdir -p "$free.new"
-            "$kinelm" generate --run "$run" $how --lead-in none --variations "${DANCES:-8}" --out "$free.new/free.bvh"
+            "$kinelm" generate --run "$run" $how --lead-in "${LEAD_IN:-none}" --variations "${DANCES:-8}" --out "$free.new/free.bvh"
             mv "$free.new" "$free"
         fi
         [ ! -d "$on" ] || continue

@@ -35,6 +35,10 @@ def motion(clip):
     return steps, angles.reshape(len(words), -1, 3)
 
 
+for each in clips:
+    each["motion"] = motion(each)
+
+
 def features(steps, angles, size):
     """Of each window of `size` frames, half of that apart."""
     channels = np.concatenate([angles.reshape(len(steps), -1), steps], 1)
@@ -48,7 +52,7 @@ def right(train, asked, size):
     """How many of the clips `asked` are named right by a discriminant of the clips `train`."""
     rows, names = [], []
     for clip in train:
-        (steps, angles), name = motion(clip), clip["labels"]["content"]
+        (steps, angles), name = clip["motion"], clip["labels"]["content"]
         other = "-".join({"left": "right", "right": "left"}.get(word, word) for word in name.split("-"))
         mirrored = steps * [-1, 1, 1], angles[:, swapped] * [1, -1, -1]
         for seen, class_ in [((steps, angles), name), (mirrored, other)]:
@@ -57,7 +61,7 @@ def right(train, asked, size):
             names += [class_] * len(found)
     lda = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
     model = make_pipeline(StandardScaler(), PCA(64, random_state=0), lda).fit(rows, names)
-    log_p = lambda clip: model.predict_log_proba(features(*motion(clip), size)).clip(-50).sum(0)
+    log_p = lambda clip: model.predict_log_proba(features(*clip["motion"], size)).clip(-50).sum(0)
     return sum(model.classes_[log_p(clip).argmax()] == clip["labels"]["content"] for clip in asked)
 
 

@@ -93,8 +93,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         timeline: None,
         edit: None,
     };
-    let follows = generate(&args, given(Some(FOLLOWED), None), frames, CALM)?;
-    let goes_on = generate(&args, given(None, Some(second)), frames, CALM)?;
+    let follows = generate(&args, given(Some(FOLLOWED), None), frames)?;
+    let goes_on = generate(&args, given(None, Some(second)), frames)?;
     for (name, dance) in [("dance.bvh", &follows), ("free.bvh", &goes_on)] {
         format::write(&at(name), &prompt::on_model_rig(&at(name), dance.clone()))?;
     }
@@ -217,13 +217,13 @@ fn train(args: &Args, settings: &str, say: Say) -> Result<()> {
 }
 
 /// A dance of the model that is given something of a test dance.
-fn generate(args: &Args, prompt: PromptRequest, frames: usize, calm: f64) -> Result<Clip> {
+fn generate(args: &Args, prompt: PromptRequest, frames: usize) -> Result<Clip> {
     let request = Request {
         prompt: Some(prompt),
         length: Some(Length::Frames(frames)),
         seed: args.seed,
         seeding: Seeding::Seed,
-        sampling: Sampling { top_p: Some(calm), ..Sampling::default() },
+        sampling: Sampling { top_p: Some(CALM), ..Sampling::default() },
         computing: args.computing(),
         ..Request::of(args.out.join("run"))
     };

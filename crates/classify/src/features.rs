@@ -2,6 +2,7 @@
 
 use crate::Result;
 use kinelm_corpus::{ClipRecord, Corpus};
+use kinelm_model::class_windows::half_apart;
 use kinelm_motion::{Clip, mirror};
 use kinelm_spectral::{LowDct, Series, Transform, WindowSpec};
 use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
@@ -81,9 +82,7 @@ impl Motion {
     pub fn windows(&self, seconds: f64) -> Vec<Vec<f64>> {
         let all = self.clip.frames().div_ceil(self.frames_per_word);
         let words = (seconds * self.clip.fps() / self.frames_per_word as f64 + 1e-9) as usize;
-        let last = all.saturating_sub(words.max(1));
-        let starts = (0..last).step_by((words / 2).max(1)).chain([last]);
-        starts.map(|start| self.window(&(start..all.min(start + words.max(1))))).collect()
+        half_apart(words.max(1), all).map(|words| self.window(&words)).collect()
     }
 
     /// What doesn't move: the logarithm of the number of frames, and the first pose.

@@ -6,7 +6,7 @@
 use super::features::Motion;
 use super::fields::{Field, Fields};
 use super::lda::{COMPONENTS, Lda};
-use super::scores::{ClassScores, normalised, of_clips};
+use super::scores::{ClassScores, mean_log_p, normalised, of_clips};
 use crate::Result;
 use candle_core::{Device, Tensor};
 use kinelm_corpus::{ClipRecord, Corpus};
@@ -94,15 +94,10 @@ impl Discriminants {
     }
 }
 
-/// ln p of every class: the mean over the windows, normalised.
+/// ln p of every class of a clip with these windows.
 fn of_windows(lda: &Lda, windows: &[Vec<f64>]) -> Vec<f64> {
-    let mut sum = Vec::new();
-    for window in windows {
-        let log_p = lda.log_p(window);
-        sum.resize(log_p.len(), 0.0);
-        sum.iter_mut().zip(log_p).for_each(|(sum, x)| *sum += x / windows.len() as f64);
-    }
-    normalised(sum)
+    let log_p: Vec<Vec<f64>> = windows.iter().map(|window| lda.log_p(window)).collect();
+    mean_log_p(&log_p)
 }
 
 /// The weights of the lowest mean -ln p of the true classes; 1 and 1 where no class is known.

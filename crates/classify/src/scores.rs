@@ -130,14 +130,20 @@ pub fn of_clips(windows: &[ClassScores]) -> Vec<ClassScores> {
     let one = |windows: &[ClassScores]| {
         let fields = windows[0].log_p.len();
         let mean = |field: usize| {
-            let classes = windows[0].log_p[field].len();
-            let sum = |class: usize| windows.iter().map(|w| w.log_p[field][class]).sum::<f64>();
-            normalised((0..classes).map(|class| sum(class) / windows.len() as f64).collect())
+            let of_field: Vec<&Vec<f64>> = windows.iter().map(|w| &w.log_p[field]).collect();
+            mean_log_p(&of_field)
         };
         let words = windows[0].words.start..windows[windows.len() - 1].words.end;
         ClassScores { clip: windows[0].clip, words, log_p: (0..fields).map(mean).collect() }
     };
     windows.chunk_by(|a, b| a.clip == b.clip).map(one).collect()
+}
+
+/// ln p of every class of a clip: the mean over its windows, one or more, normalised.
+pub(super) fn mean_log_p(windows: &[impl AsRef<[f64]>]) -> Vec<f64> {
+    let sum = |class: usize| windows.iter().map(|w| w.as_ref()[class]).sum::<f64>();
+    let classes = windows[0].as_ref().len();
+    normalised((0..classes).map(|class| sum(class) / windows.len() as f64).collect())
 }
 
 /// Logits as ln p: log-softmax.

@@ -7,6 +7,7 @@ use crate::{Error, ModelConfig, Result, TokenLayout};
 use kinelm_corpus::fill_sequence;
 use kinelm_engine::op::attention::Mask;
 use kinelm_tokenizer::Special;
+use std::ops::Range;
 
 /// What all windows of a classifier share.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,6 +34,13 @@ pub struct Window {
     pub word: usize,
     /// m.
     pub words: usize,
+}
+
+/// Ranges of `most` words, half of that apart, the last of them to the end of `all`; one for a clip that is shorter.
+pub fn half_apart(most: usize, all: usize) -> impl Iterator<Item = Range<usize>> {
+    let words = most.min(all);
+    let last = all - words;
+    (0..last).step_by((most / 2).max(1)).chain([last]).map(move |word| word..word + words)
 }
 
 impl Layout {
@@ -98,13 +106,9 @@ impl Layout {
         self.class_token.map_or(words, |_| self.front.len() + words * self.word)
     }
 
-    /// The windows of a clip of `all` words, a hop of half a window to the end; one for a clip that is shorter.
+    /// The windows of a clip of `all` words, [`half_apart`].
     pub fn windows(&self, clip: usize, all: usize) -> Vec<Window> {
-        let (words, hop) = (self.words.min(all), (self.words / 2).max(1));
-        let last = all - words;
-        let mut starts: Vec<usize> = (0..last).step_by(hop).collect();
-        starts.push(last);
-        starts.into_iter().map(|word| Window { clip, word, words }).collect()
+        half_apart(self.words, all).map(|w| Window { clip, word: w.start, words: w.len() }).collect()
     }
 
     /// Writes a window's `ids` of whole words to `input` and `target` (T), the class tokens behind them, `<pad>` to the end.
@@ -119,7 +123,7 @@ impl Layout {
     }
 
     /// The rows that answer for a window of m words.
-    pub fn rows(&self, words: usize) -> std::ops::Range<usize> {
+    pub fn rows(&self, words: usize) -> Range<usize> {
         let first = self.behind(words);
         first..first + self.fields
     }

@@ -4,8 +4,7 @@ use super::*;
 use kinelm_corpus::samples;
 use kinelm_model::fast::{Fast, Windows};
 use kinelm_model::goal::{GoalEncoder, GoalTrack, numbers};
-use kinelm_model::{Architecture, Gpt, ModelConfig, TokenLayout, fixtures};
-use kinelm_tokenizer::{RootRotation, Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{RootRotation, TokenizerConfig};
 
 const FRAMES: usize = 16;
 const C: usize = 9;
@@ -16,17 +15,7 @@ fn setup(window: usize) -> (Tokenizer, Gpt, Vec<u32>) {
     let config = TokenizerConfig::uniform(&[0, 4], 20.0, 20);
     let config = TokenizerConfig { root_rotation: RootRotation::HeadingDelta, ..config };
     let tokenizer = Tokenizer::fit([&walk], config).unwrap();
-    let tokens = TokenLayout::of(&tokenizer);
-    let config = ModelConfig {
-        architecture: Architecture::TwoLevel,
-        layers: 1,
-        heads: 2,
-        width: 16,
-        window: Some(window),
-        goal: true,
-        ..Default::default()
-    };
-    let gpt = fixtures::model(&config.resolved(&tokens), &tokens);
+    let gpt = two_level(&tokenizer, ModelConfig { window: Some(window), goal: true, ..Default::default() });
     let ids = tokenizer.ids_of_words(&tokenizer.encode(&walk).unwrap().words).unwrap();
     (tokenizer, gpt, ids)
 }
@@ -35,11 +24,6 @@ fn track(tokenizer: &Tokenizer, ids: &[u32], given: &[bool], lead_in: usize) -> 
     let encoder = GoalEncoder::of(tokenizer).unwrap();
     let codes = [vec![0; lead_in * C], encoder.codes(ids)].concat();
     Arc::new(GoalTrack::new(encoder, codes, [&vec![false; lead_in * C], given].concat(), lead_in))
-}
-
-fn sampled(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
-    let mut reader = Reader::new(gpt, ReaderOptions { streams: plan.streams(), ..ReaderOptions::default() }).unwrap();
-    sample_one(&mut reader, plan, &mut |_| {}).unwrap()
 }
 
 /// The knee free in frames 4 to 8 and 12.

@@ -5,8 +5,8 @@ mod music;
 
 use super::*;
 use crate::sampling::Sampling;
-use kinelm_model::{Reader, ReaderOptions};
-use kinelm_tokenizer::{Grammar, SPACE, Slot, Special, Vocabulary, WordLength};
+use kinelm_model::{Architecture, Gpt, ModelConfig, Reader, ReaderOptions, TokenLayout, fixtures};
+use kinelm_tokenizer::{Grammar, SPACE, Slot, Special, Tokenizer, Vocabulary, WordLength};
 
 /// Prefers the token that is the sum of all it has read, plus one, modulo the characters; checks its context.
 pub(super) struct Summing {
@@ -63,6 +63,18 @@ pub(super) fn plan(words: usize, given: &[bool], prompt: &[u32], sampling: Sampl
 fn varying(words: usize, beginning: &[u32], sampling: Sampling) -> SamplingPlan {
     let grammar = Grammar::new(&Vocabulary::new(10), WordLength::Varying { most: 7 });
     SamplingPlan { beginnings: vec![beginning.to_vec()], guesses: 0, ..SamplingPlan::free(grammar, words, sampling, 7) }
+}
+
+/// A small model of two levels of a tokenizer's words, else as `own` says.
+fn two_level(tokenizer: &Tokenizer, own: ModelConfig) -> Gpt {
+    let tokens = TokenLayout::of(tokenizer);
+    let config = ModelConfig { architecture: Architecture::TwoLevel, layers: 1, heads: 2, width: 16, ..own };
+    fixtures::model(&config.resolved(&tokens), &tokens)
+}
+
+fn sampled(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
+    let mut reader = Reader::new(gpt, ReaderOptions { streams: plan.streams(), ..ReaderOptions::default() }).unwrap();
+    sample_one(&mut reader, plan, &mut |_| {}).unwrap()
 }
 
 pub(super) fn model(context: usize, streams: usize) -> Summing {

@@ -4,37 +4,23 @@ use super::*;
 use kinelm_corpus::music::clip_music::ClipMusic;
 use kinelm_corpus::samples;
 use kinelm_model::fast::{Fast, Windows};
+use kinelm_model::goal;
 use kinelm_model::music::{Music, conditioning};
-use kinelm_model::{Architecture, Gpt, ModelConfig, TokenLayout, fixtures, goal};
-use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::TokenizerConfig;
 
 const FRAMES: usize = 12;
 
 /// A tokenizer and a model of its words whose windows hold `window` frames, conditioned on beats.
 fn setup(window: usize) -> (Tokenizer, Gpt) {
     let tokenizer = Tokenizer::fit([&samples::walk(9)], TokenizerConfig::uniform(&[0, 4], 20.0, 20)).unwrap();
-    let tokens = TokenLayout::of(&tokenizer);
-    let config = ModelConfig {
-        architecture: Architecture::TwoLevel,
-        layers: 1,
-        heads: 2,
-        width: 16,
-        window: Some(window),
-        music: Music::Beats,
-        ..Default::default()
-    };
-    (tokenizer, fixtures::model(&config.resolved(&tokens), &tokens))
+    let gpt = two_level(&tokenizer, ModelConfig { window: Some(window), music: Music::Beats, ..Default::default() });
+    (tokenizer, gpt)
 }
 
 fn beats(words: usize) -> Vec<f32> {
     let config = ModelConfig { music: Music::Beats, ..ModelConfig::default() };
     let sound = ClipMusic { beats_s: &[0.05, 0.3, 0.5], ..ClipMusic::default() };
     conditioning(config.music_conditioning(), &sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
-}
-
-fn sampled(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
-    let mut reader = Reader::new(gpt, ReaderOptions { streams: plan.streams(), ..ReaderOptions::default() }).unwrap();
-    sample_one(&mut reader, plan, &mut |_| {}).unwrap()
 }
 
 #[test]

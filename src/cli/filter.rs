@@ -8,7 +8,7 @@ use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, lock};
 use kinelm_motion::format::{self, ReadOptions, RestFrame, resolve_floor};
 use kinelm_motion::metric::jitter;
-use kinelm_motion::rig::map_for;
+use kinelm_motion::rig::map_of;
 use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};
 
@@ -83,7 +83,7 @@ fn one(
     };
     let mut locked = None;
     if let Some(floor_m) = floor_m {
-        let map = map_for(motion.clip.skeleton(), options.map.as_deref())?;
+        let map = map_of(&motion.clip, options.map.as_deref())?;
         let (clip, found) = lock(&done.clip, &map, floor_m, FixedParts::default())?;
         (done.clip, locked) = (clip, Some(found));
     }

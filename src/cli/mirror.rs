@@ -7,7 +7,7 @@ use anyhow::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::mirror::Mirror;
-use kinelm_motion::rig::map_for;
+use kinelm_motion::rig::map_of;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -31,7 +31,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let motion = format::read(path, &options[i])?;
         odd.warn(&motion);
         let (rig, map) = (motion.clip.skeleton(), options[i].map.as_deref());
-        let clip = Mirror::new(rig, &map_for(rig, map)?)?.apply(&motion.clip)?;
+        let clip = Mirror::new(rig, &map_of(&motion.clip, map)?)?.apply(&motion.clip)?;
         let mirrored = super::written_as(output, Motion { clip, ..motion }, map)?;
         outputs.write(output, &format::to_bytes(output, &mirrored)?)?;
         super::convert::report_written(output, &mirrored, say);

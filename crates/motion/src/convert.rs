@@ -6,7 +6,7 @@ use crate::format::{self, ReadOptions, Up};
 use crate::joints::Selection;
 use crate::resample::{Method, resample};
 use crate::retarget::{self, Retarget};
-use crate::rig::{SkeletonMap, map_for};
+use crate::rig::{SkeletonMap, map_for, map_of};
 use crate::{Clip, Error, Motion, Quat, Result, Skeleton, Source, smpl};
 use std::path::Path;
 use std::sync::Arc;
@@ -126,7 +126,7 @@ pub fn on_rig(motion: Motion, rig: &TargetRig, map: Option<&str>) -> Result<Moti
         TargetRig::OfFile(like) => {
             let clip = retarget::to_smpl(&motion, map)?;
             let to = like.clip.skeleton();
-            let back = Retarget::new(to, &map_for(to, map)?, clip.skeleton().clone())?.with_floor(floor_m);
+            let back = Retarget::new(to, &map_of(&like.clip, map)?, clip.skeleton().clone())?.with_floor(floor_m);
             let mut source = like.source.clone();
             match &mut source {
                 Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),

@@ -4,7 +4,7 @@ use crate::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, FootLock, lock};
 use kinelm_motion::joints::{LEGS, Selection};
-use kinelm_motion::rig::{floor, map_for};
+use kinelm_motion::rig::{floor, map_of};
 
 /// What foot locking must not move: the first `frames` frames, and the given joints.
 pub(super) fn fixed(given: Option<&Selection>, frames: usize) -> FixedParts {
@@ -23,7 +23,7 @@ pub fn lock_feet(
     floor_m: Option<f64>,
     fixed: FixedParts,
 ) -> Result<(Motion, FootLock)> {
-    let map = map_for(motion.clip.skeleton(), map)?;
+    let map = map_of(&motion.clip, map)?;
     let floor_m = match floor_m {
         Some(floor_m) => floor_m,
         None => floor(&motion.clip, &map)?.height_m,

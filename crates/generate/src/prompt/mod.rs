@@ -9,7 +9,7 @@ use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::joints::Selection;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::rig::map_for;
+use kinelm_motion::rig::map_of;
 use kinelm_motion::{Clip, Motion, Source, Warning, smpl};
 use kinelm_tokenizer::{Encoded, Tokenizer, UncodedPose, WordLength, Words};
 use std::path::Path;
@@ -152,7 +152,7 @@ impl PromptClip {
     pub fn retarget(&self, map: Option<&str>) -> Result<Retarget> {
         let rig = self.motion.clip.skeleton();
         let floor_m = format::floor_height(&self.motion, map)?;
-        Ok(Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?.with_floor(floor_m))
+        Ok(Retarget::new(rig, &map_of(&self.motion.clip, map)?, smpl::neutral())?.with_floor(floor_m))
     }
 }
 

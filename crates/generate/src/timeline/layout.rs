@@ -8,7 +8,7 @@ use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::rig::map_for;
+use kinelm_motion::rig::map_of;
 use kinelm_motion::rotation::heading;
 use kinelm_motion::{Clip, Motion, Quat, Source, Vec3, smpl};
 use std::collections::BTreeMap;
@@ -282,7 +282,7 @@ impl ClipFile {
             return Ok(ReadClip { clip: motion.clip, exact, left_out, scale, above_m, headings });
         }
         let skeleton = rig.clip.skeleton();
-        let retarget = Retarget::new(skeleton, &map_for(skeleton, own.map.as_deref())?, smpl::neutral())?;
+        let retarget = Retarget::new(skeleton, &map_of(&rig.clip, own.map.as_deref())?, smpl::neutral())?;
         let retargeted =
             retarget.with_floor(format::floor_height(rig, own.map.as_deref())?).to_rig_over(&on_smpl, None)?;
         let mut on_rig = Motion { clip: retargeted, ..rig.clone() };

@@ -72,7 +72,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     if matches!(options.up, Up::Auto | Up::Y) {
         return Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: vec![] });
     }
-    let map = map_if_any(clip.skeleton().names(), options.map.as_deref())?;
+    let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
     let (axes, _) = Axes::of(&clip, options.up, map.as_ref());
     let clip = axes.to_y_up(clip)?;
     Ok(Motion { path: path.to_owned(), clip, source: Source::Json(axes), warnings: vec![] })

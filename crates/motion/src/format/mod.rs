@@ -42,6 +42,7 @@ pub use up::{Axes, Up, UpSource};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
+use crate::rig::{SkeletonMap, recognise};
 use crate::{Error, FaultKind, FileError, Result};
 use kinelm_store::{SourcePos, files, input};
 use options::{check_skip, is_rate};
@@ -178,6 +179,9 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         return Err(fault.help("give the true rate as `fps_source`").into());
     }
     let mut motion = rest::handle_rest_frame(motion, options);
+    if options.map.is_none() && SkeletonMap::detect(motion.clip.skeleton().names()).is_none() {
+        motion.warnings.extend(recognise(motion.clip.skeleton(), Some(&motion.clip)).and_then(|found| found.warning()));
+    }
     if options.fps_source.is_none() {
         motion.warnings.extend(RateDoubt::of(&motion.clip).map(|doubt| doubt.warning()));
     }

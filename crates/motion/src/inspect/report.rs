@@ -3,7 +3,7 @@
 use super::stats::{ClipStats, clip_stats};
 use crate::format::bvh::{BvhSource, NodeKind};
 use crate::format::{Axes, BvhPosition, Up, UpSource};
-use crate::rig::SkeletonMap;
+use crate::rig::map_of;
 use crate::{Motion, Skeleton, Source, Vec3, Warning};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -21,8 +21,9 @@ pub struct Report<'a> {
 /// Makes the report of a motion as it was read, with the given or detected floor, metres.
 pub fn report(motion: &Motion, floor_m: Option<f64>) -> Report<'_> {
     let stats = clip_stats(&motion.clip);
-    // an inferred up axis is part of the report, not a doubt
-    let mut doubts: Vec<Warning> = motion.warnings.iter().filter(|w| w.kind != "up_axis").cloned().collect();
+    // what was found out is part of the report, not a doubt
+    let mut doubts: Vec<Warning> =
+        motion.warnings.iter().filter(|w| !matches!(w.kind, "up_axis" | "rig_recognised")).cloned().collect();
     doubts.extend(doubts_of(&stats, motion.clip.skeleton()));
     Report { motion, floor_m, stats, doubts }
 }
@@ -33,7 +34,12 @@ impl Report<'_> {
         let mut t = String::new();
         let (f, clip, skeleton) = (&self.stats, &self.motion.clip, self.motion.clip.skeleton());
         let (format, source) = source_lines(&self.motion.source);
-        let rig = self.rig().unwrap_or_else(|| "unknown (give `map` to retarget it)".into());
+        let recognised = self.motion.warnings.iter().find(|w| w.kind == "rig_recognised");
+        let rig = match (recognised, self.rig()) {
+            (Some(found), _) => format!("recognised: {}", found.what),
+            (None, Some(name)) => name,
+            (None, None) => "unknown (give `map` to retarget it)".into(),
+        };
         let _ = writeln!(t, "{}: {format}", self.motion.path.display());
         let _ = writeln!(t, "  {} frames at {} fps, {:.2} s", clip.frames(), round(clip.fps(), 6), clip.duration_s());
         let _ = writeln!(t, "  {} joints, {} end sites; rig {rig}", skeleton.joints(), skeleton.ends().len());
@@ -93,9 +99,9 @@ impl Report<'_> {
         .to_string()
     }
 
-    /// The name of the built-in map that fits.
+    /// The name of the map that fits.
     fn rig(&self) -> Option<String> {
-        SkeletonMap::detect(self.motion.clip.skeleton().names()).map(|map| map.name)
+        map_of(&self.motion.clip, None).ok().map(|map| map.name)
     }
 
     /// The names of the joints that never rotate.

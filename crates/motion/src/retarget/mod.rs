@@ -22,7 +22,7 @@
 
 use crate::format::floor_height;
 use crate::rig::reference::LIMBS;
-use crate::rig::{Feet, ReferencePose, SkeletonMap, map_for};
+use crate::rig::{Feet, ReferencePose, SkeletonMap, map_of};
 use crate::rotation::swing;
 use crate::{Clip, Error, GlobalPose, Motion, Quat, Result, Skeleton, Source, Vec3, smpl};
 use std::sync::Arc;
@@ -366,14 +366,14 @@ fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
 /// rotations, which are valid for every SMPL body.
 ///
 /// # Errors
-/// [`Error::Clip`] with the file's name for the errors of [`map_for`] and [`Retarget::new`].
+/// [`Error::Clip`] with the file's name for the errors of [`map_of`] and [`Retarget::new`].
 pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
     let rig = motion.clip.skeleton();
     if matches!(motion.source, Source::Amass { .. } | Source::Aist { .. }) && smpl::is_rig(rig) {
         return on_neutral(motion);
     }
     let retargeted = || {
-        let retarget = Retarget::new(rig, &map_for(rig, map)?, smpl::neutral())?;
+        let retarget = Retarget::new(rig, &map_of(&motion.clip, map)?, smpl::neutral())?;
         let floor_m = if retarget.same { 0.0 } else { floor_height(motion, map)? };
         retarget.with_floor(floor_m).to_smpl(&motion.clip)
     };

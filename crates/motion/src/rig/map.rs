@@ -1,7 +1,7 @@
 //! Skeleton maps: which joints of a rig correspond to which SMPL joints, as a TOML that users can write.
 
 use crate::rotation::{Axis, EulerOrder};
-use crate::{Error, FaultKind, FileError, Quat, Result, smpl};
+use crate::{Error, FaultKind, FileError, Quat, Result, Skeleton, smpl};
 use kinelm_store::SourcePos;
 use kinelm_store::suggest::did_you_mean;
 use serde::Deserialize;
@@ -18,6 +18,9 @@ const SHIPPED: &[(&str, &str)] = &[
     ("bandai", include_str!("../../configs/bandai.toml")),
     ("mixamo", include_str!("../../configs/mixamo.toml")),
 ];
+
+/// The name of maps of recognised rigs.
+pub const RECOGNISED: &str = "recognised";
 
 /// The SMPL joints that every map must have: pelvis, hips, knees, ankles, shoulders, elbows, wrists.
 pub const REQUIRED: [usize; 13] = [0, 1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21];
@@ -126,6 +129,19 @@ impl SkeletonMap {
         Ok(SkeletonMap { name: file.name.into_inner(), description: file.description, joints, reference })
     }
 
+    /// The map of a rig whose joints by SMPL id are known, with the local rotations (J) of its reference pose; none of them:
+    /// the rest pose is one.
+    pub(super) fn of_joints(rig: &Skeleton, joints: &[Option<usize>; 24], reference: &[Quat]) -> Self {
+        let name = |j: &Option<usize>| j.map(|j| rig.names()[j].clone()).into_iter().collect();
+        let turned = reference.iter().enumerate().filter(|(_, q)| **q != Quat::IDENTITY);
+        SkeletonMap {
+            name: RECOGNISED.into(),
+            description: "by shape and names".into(),
+            joints: std::array::from_fn(|id| name(&joints[id])),
+            reference: turned.map(|(j, q)| (rig.names()[j].clone(), *q)).collect(),
+        }
+    }
+
     /// The built-in map that fits a rig with these joint names best: it finds all required joints and most of the others.
     /// [`SkeletonMap::joint`] of the result gives the rig's own names. `None` if no map fits.
     pub fn detect(names: &[String]) -> Option<Self> {
@@ -195,6 +211,32 @@ impl SkeletonMap {
             }
         }
         bound
+    }
+
+    /// The map as TOML, as [`SkeletonMap::parse`] reads it.
+    pub fn to_toml(&self) -> String {
+        let quoted = |text: &str| toml::Value::from(text).to_string();
+        let mut out =
+            format!("name = {}\ndescription = {}\n\n[joints]\n", quoted(&self.name), quoted(&self.description));
+        for (id, names) in self.joints.iter().enumerate() {
+            match names.as_slice() {
+                [] => {}
+                [one] => out += &format!("{} = {}\n", smpl::NAMES[id], quoted(one)),
+                several => {
+                    let list: Vec<String> = several.iter().map(|n| quoted(n)).collect();
+                    out += &format!("{} = [{}]\n", smpl::NAMES[id], list.join(", "));
+                }
+            }
+        }
+        if !self.reference.is_empty() {
+            out += "\n[reference]\norder = \"ZXY\"\n\n[reference.rotations]\n";
+        }
+        let order = EulerOrder::new([Axis::Z, Axis::X, Axis::Y]);
+        for (name, q) in &self.reference {
+            let degrees = order.map_or([0.0; 3], |o| o.from_quat(*q, 0.0).map(f64::to_degrees));
+            out += &format!("{} = [{:?}, {:?}, {:?}]\n", quoted(name), degrees[0], degrees[1], degrees[2]);
+        }
+        out
     }
 
     /// The required SMPL joints that a rig with these joint names lacks under this map.
@@ -348,6 +390,20 @@ mod tests {
         assert!(SkeletonMap::by_name_or_file("ballerina").unwrap_err().to_string().contains("cmu-acrnn"));
         let message = SkeletonMap::by_name_or_file("miximo").unwrap_err().to_string();
         assert!(message.ends_with("; did you mean mixamo?"), "{message}");
+    }
+
+    #[test]
+    fn a_map_is_written_and_read_again() {
+        let mut map = SkeletonMap::builtin("bandai").unwrap();
+        map.joints[10] = vec!["a \"b\"".into(), "ü".into()];
+        let again = SkeletonMap::parse(&map.to_toml(), Path::new("again")).unwrap();
+        assert_eq!((&again.name, &again.joints), (&map.name, &map.joints));
+        let (mut a, mut b) = (again.reference, map.reference);
+        a.sort_by(|x, y| x.0.cmp(&y.0));
+        b.sort_by(|x, y| x.0.cmp(&y.0));
+        for ((joint, q), (other, p)) in a.iter().zip(&b) {
+            assert!(joint == other && crate::rotation::angle_between(*q, *p) < 1e-12, "{joint} {other}");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Reference poses: the T-pose or A-pose facing +z in which two bodies are compared.
 
-use super::SkeletonMap;
+use super::{Recognised, SkeletonMap};
 use crate::rotation::Mat3;
 use crate::{Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 
@@ -101,7 +101,7 @@ fn no_stand(map: &SkeletonMap, why: &str) -> Error {
 fn bind(rig: &Skeleton, map: &SkeletonMap) -> Result<[Option<usize>; 24]> {
     let missing = map.missing(rig.names());
     if !missing.is_empty() {
-        return Err(unknown_rig(rig.names(), Some(map)));
+        return Err(unknown_rig(rig.names(), Some(map), None));
     }
     let bound = map.bind_any(rig.names());
     let joints = std::array::from_fn(|id| bound.joint(id).and_then(|name| rig.find(name)));
@@ -117,27 +117,37 @@ fn bind(rig: &Skeleton, map: &SkeletonMap) -> Result<[Option<usize>; 24]> {
     Ok(joints)
 }
 
-/// The error of a rig that no map fits, with what the nearest map lacks and a TOML to start from.
-pub(super) fn unknown_rig(names: &[String], map: Option<&SkeletonMap>) -> Error {
-    let nearest = match map {
-        Some(map) => Some(map.clone()),
-        None => SkeletonMap::names().filter_map(SkeletonMap::builtin).min_by_key(|m| m.missing(names).len()),
-    };
+/// The error of a rig that no map fits, with what the map or the nearest one lacks, or what is doubtful in what was
+/// recognised, and a TOML to start from.
+pub(super) fn unknown_rig(names: &[String], map: Option<&SkeletonMap>, found: Option<&Recognised>) -> Error {
     let shown = names.iter().take(12).cloned().collect::<Vec<_>>().join(", ");
     let more = if names.len() > 12 { format!(" and {} more", names.len() - 12) } else { String::new() };
-    let mut why = String::new();
-    let bound = nearest.map(|m| (m.name.clone(), m.missing(names), m.bind_any(names)));
-    if let Some((name, missing, _)) = &bound {
-        let nearest = if map.is_some() { "the skeleton map" } else { "no skeleton map fits; the nearest," };
-        let comma = if map.is_some() { "" } else { "," };
-        why += &format!("{nearest} {name}{comma} finds no {}; ", missing.join(", "));
-    }
-    why += "write a skeleton TOML and give it as `map` (docs/skeletons.md):\n  name = \"my-rig\"\n  [joints]";
-    for id in super::map::REQUIRED {
-        let known = bound.as_ref().and_then(|(_, _, b)| b.joint(id)).map(|j| format!("{j:?}"));
-        why += &format!("\n  {} = {}", smpl::NAMES[id], known.unwrap_or_else(|| "\"?\"".into()));
-    }
+    let (lacks, stub) = match (map, found) {
+        (Some(map), _) => by_names(names, map, &format!("the skeleton map {}", map.name)),
+        (None, Some(found)) => (found.doubts(names), found.stub(names)),
+        (None, None) => {
+            let nearest = SkeletonMap::names().filter_map(SkeletonMap::builtin).min_by_key(|m| m.missing(names).len());
+            match nearest {
+                Some(map) => by_names(names, &map, &format!("no skeleton map fits; the nearest, {},", map.name)),
+                None => (String::new(), String::new()),
+            }
+        }
+    };
+    let why = format!(
+        "{lacks}; write a skeleton TOML and give it as `map` (docs/skeletons.md):\n  name = \"my-rig\"\n  [joints]{stub}"
+    );
     Error::unsupported(format!("a rig of the joints {shown}{more}"), why)
+}
+
+/// What a map doesn't find among the names, and the joints that it must have with those it does.
+fn by_names(names: &[String], map: &SkeletonMap, what: &str) -> (String, String) {
+    let bound = map.bind_any(names);
+    let line = |&id: &usize| {
+        let known = bound.joint(id).map_or_else(|| "\"?\"".into(), |j| format!("{j:?}"));
+        format!("\n  {} = {known}", smpl::NAMES[id])
+    };
+    let stub = super::map::REQUIRED.iter().map(line).collect();
+    (format!("{what} finds no {}", map.missing(names).join(", ")), stub)
 }
 
 /// Of the 24 rotations by quarter turns, the one that takes the body's up to +y and its left to +x most nearly.

@@ -118,7 +118,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     warnings.extend(more);
     let mut source = BvhSource { head, numbers, frames, rig, floor_m: None };
     let clip = source.clip(fps).map_err(|e| e.in_clip(path))?;
-    let map = map_if_any(clip.skeleton().names(), options.map.as_deref())?;
+    let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
     let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
     warnings.extend(doubt.map(|what| Warning { kind: "up_unsure", what }));
     if axes.by == UpSource::Inferred && axes.up != Up::Y {

@@ -4,7 +4,7 @@ use super::text::Text;
 use crate::format::source::bvh::{Header, NodeKind};
 use crate::format::{BvhPosition, ReadOptions};
 use crate::rig::map_if_any;
-use crate::{FaultKind, Result, Vec3};
+use crate::{FaultKind, Result, Skeleton, Vec3};
 use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 
@@ -53,7 +53,11 @@ pub(crate) fn judge(
 fn mapped_leg(head: &Header, range: Range<usize>, options: &ReadOptions) -> Result<Option<Vec<usize>>> {
     let joints: Vec<usize> = range.filter(|&n| head.nodes[n].kind != NodeKind::End).collect();
     let names: Vec<String> = joints.iter().map(|&n| head.nodes[n].unique.clone()).collect();
-    let Some(map) = map_if_any(&names, options.map.as_deref())? else { return Ok(None) };
+    let parent = |n: usize| head.nodes[n].parent.and_then(|p| joints.iter().position(|&j| j == p));
+    let offsets = joints.iter().map(|&n| Vec3::from_array(head.nodes[n].offset)).collect();
+    let parents = joints.iter().map(|&n| parent(n)).collect();
+    let rig = Skeleton::new(names.clone(), parents, offsets, Vec::new())?;
+    let Some(map) = map_if_any(&rig, None, options.map.as_deref())? else { return Ok(None) };
     let node = |smpl: usize| {
         let name = map.joint(smpl)?;
         names.iter().position(|n| n == name).map(|i| joints[i])

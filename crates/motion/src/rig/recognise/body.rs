@@ -1,0 +1,434 @@
+//! The likeliest body: which pairs of limbs are legs and arms, what lies between and above them, which side is left.
+
+use super::limbs::{LimbPair, Tree, pairs};
+use super::names::{Hint, Side, side_of};
+use crate::Vec3;
+use crate::smpl;
+
+/// What one joint's name counts for, in the unit of the scores: minus half of a squared deviation.
+const NAME: f64 = 3.0;
+/// No single measurement counts for more.
+const MOST: f64 = 8.0;
+/// Lengths of an adult over the leg, hip to ankle: mean of the logarithm and deviation.
+const ARM: (f64, f64) = (-0.46, 0.15);
+const TRUNK: (f64, f64) = (-0.65, 0.35);
+const NECK: (f64, f64) = (-2.0, 0.5);
+/// Logarithms of lower over upper bone.
+const SHIN: (f64, f64) = (0.0, 0.13);
+const FOREARM: (f64, f64) = (-0.05, 0.18);
+
+/// A body found in a rig.
+#[derive(Debug, Clone)]
+pub(super) struct Body {
+    /// The rig's joint by SMPL id.
+    pub joints: [Option<usize>; 24],
+    /// The score of hierarchy, proportions and poses alone.
+    pub shape: f64,
+    /// And of names.
+    pub names: f64,
+    /// How sure left and right are, 0.5 to 1.
+    pub sides: f64,
+}
+
+impl Body {
+    pub fn score(&self) -> f64 {
+        self.shape + self.names
+    }
+}
+
+/// What is known of a rig.
+pub(super) struct Evidence<'a> {
+    pub tree: Tree<'a>,
+    /// What the names (J) say.
+    pub hints: Vec<Hint>,
+    /// Places (J) of the joints in some poses.
+    pub poses: Vec<Vec<Vec3>>,
+    /// Whether each joint (J) turns in its parent's frame; all, where no clip tells.
+    pub turns: Vec<bool>,
+}
+
+/// Minus half the squared deviation of `x`, at most [`MOST`].
+fn normal(x: f64, (mean, deviation): (f64, f64)) -> f64 {
+    if x.is_nan() { -MOST } else { (-0.5 * ((x - mean) / deviation).powi(2)).max(-MOST) }
+}
+
+impl Evidence<'_> {
+    /// The bodies of a rig, likeliest first; empty if it has no two pairs of limbs.
+    pub fn bodies(&self) -> Vec<Body> {
+        let pairs = pairs(&self.tree);
+        let best = |score: &dyn Fn(&LimbPair) -> f64| {
+            let mut scored: Vec<(f64, &LimbPair)> = pairs.iter().map(|p| (score(p), p)).collect();
+            scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+            scored.truncate(40);
+            scored
+        };
+        let longest = pairs.iter().map(LimbPair::length).fold(0.0, f64::max);
+        let legs = best(&|p| self.leg(p) + (p.length() / longest).ln());
+        let arms = best(&|p| self.arm(p) + (p.length() / longest).ln());
+        let mut bodies = Vec::new();
+        for (_, leg) in &legs {
+            for (_, arm) in &arms {
+                bodies.extend(self.body(leg, arm));
+            }
+        }
+        bodies.sort_by(|a: &Body, b| b.score().total_cmp(&a.score()));
+        bodies
+    }
+
+    fn leg(&self, pair: &LimbPair) -> f64 {
+        self.limb(pair, SHIN) + self.named_pair(pair, [1, 4, 7])
+    }
+
+    fn arm(&self, pair: &LimbPair) -> f64 {
+        self.limb(pair, FOREARM) + self.named_pair(pair, [16, 18, 20])
+    }
+
+    /// A pair by itself: the ratio of its bones, whether both sides are alike, and whether the bones are stiff.
+    fn limb(&self, pair: &LimbPair, ratio: (f64, f64)) -> f64 {
+        normal((pair.bones[1] / pair.bones[0]).ln(), ratio) - pair.uneven.min(MOST) + self.stiff(pair)
+    }
+
+    /// A bone is as long in every pose as the way along it: what bends between its ends is no bone.
+    fn stiff(&self, pair: &LimbPair) -> f64 {
+        let mut sum = 0.0;
+        for side in 0..2 {
+            let joints = pair.joints(side);
+            for bone in 0..2 {
+                let (a, b) = (joints[bone], joints[bone + 1]);
+                let way = self.tree.way(a, b);
+                let apart =
+                    self.poses.iter().map(|p| p[a].distance(p[b])).sum::<f64>() / self.poses.len().max(1) as f64;
+                sum += normal(1.0 - apart / way, (0.0, 0.02));
+            }
+        }
+        0.5 * sum
+    }
+
+    fn agreement(&self, joint: usize, id: usize) -> f64 {
+        NAME * self.hints[joint].agreement(id)
+    }
+
+    /// What names say of a pair as the left joints `ids` and their right ones, whichever way round they fit.
+    fn named_pair(&self, pair: &LimbPair, ids: [usize; 3]) -> f64 {
+        let way = |left: usize| -> f64 {
+            let of = |side: usize, right: usize| -> f64 {
+                pair.joints(side).iter().zip(ids).map(|(&j, id)| self.agreement(j, id + right)).sum()
+            };
+            of(left, 0) + of(1 - left, 1)
+        };
+        way(0).max(way(1))
+    }
+
+    /// The body with these legs and arms, if they can belong together.
+    fn body(&self, leg: &LimbPair, arm: &LimbPair) -> Option<Body> {
+        let tree = &self.tree;
+        let arm = &if self.crossed(leg, arm) { arm.swapped() } else { arm.clone() };
+        let limbs = |pair: &LimbPair| [pair.paths[0][0], pair.paths[1][0]];
+        let apart = limbs(leg).iter().all(|&l| !tree.rig.descends(arm.parent, l))
+            && limbs(arm).iter().all(|&a| !tree.rig.descends(leg.parent, a))
+            && limbs(leg).iter().all(|l| !limbs(arm).contains(l));
+        if !apart {
+            return None;
+        }
+        let trunk_root = tree.common(leg.parent, arm.parent);
+        let scale = leg.length();
+        let to_shoulders = tree.way(trunk_root, arm.parent) + 0.5 * tree.way(arm.parent, arm.joints(0)[0]);
+        let mut shape = self.limb(leg, SHIN)
+            + self.limb(arm, FOREARM)
+            + normal((arm.length() / scale).ln(), ARM)
+            + normal((to_shoulders / scale).ln(), TRUNK);
+        // a foot goes on for a quarter of the leg at most, and is there
+        let beyond = |pair: &LimbPair| (0..2).map(|s| tree.reach[pair.joints(s)[2]]).sum::<f64>() / (2.0 * scale);
+        shape += if (0.02..0.6).contains(&beyond(leg)) { 0.0 } else { -1.5 };
+        shape += if beyond(arm) < 0.5 { 0.0 } else { -2.0 };
+        // what lies between trunk and limb is short
+        let before = |pair: &LimbPair| tree.way(pair.parent, pair.joints(0)[0]) / scale;
+        shape += normal(before(leg).max(0.2) - 0.2, (0.0, 0.1)) + normal(before(arm).max(0.35) - 0.35, (0.0, 0.1));
+        shape += self.posture(leg, arm);
+
+        let (left, sides) = self.left(leg, arm);
+        let mut joints = [None; 24];
+        for (pair, ids) in [(leg, [1, 4, 7]), (arm, [16, 18, 20])] {
+            for (right, side) in [left, 1 - left].into_iter().enumerate() {
+                for (joint, id) in pair.joints(side).into_iter().zip(ids) {
+                    joints[id + right] = Some(joint);
+                }
+            }
+        }
+        joints[0] = Some(self.pelvis(trunk_root, scale));
+        self.trunk(&mut joints, trunk_root, arm, scale);
+        for (right, side) in [left, 1 - left].into_iter().enumerate() {
+            joints[13 + right] = self.collar(arm, side, 13 + right);
+            joints[10 + right] = self.toe(leg, side, 10 + right);
+            joints[22 + right] = self.hand(arm, side, 22 + right);
+        }
+        shape += if joints[12].is_some() { 0.0 } else { -3.0 };
+        let named = joints.iter().enumerate().filter_map(|(id, j)| Some(self.agreement((*j)?, id))).sum::<f64>();
+        Some(Body { joints, shape, names: named, sides })
+    }
+
+    /// How well legs and trunk go opposite ways, in the median of the poses.
+    fn posture(&self, leg: &LimbPair, arm: &LimbPair) -> f64 {
+        let mut cosines: Vec<f64> = self
+            .poses
+            .iter()
+            .map(|p| {
+                let mid = |pair: &LimbPair, i: usize| 0.5 * (p[pair.joints(0)[i]] + p[pair.joints(1)[i]]);
+                let hips = mid(leg, 0);
+                let down = (mid(leg, 2) - hips).normalize_or_zero();
+                down.dot((mid(arm, 0) - hips).normalize_or_zero())
+            })
+            .collect();
+        let Some(middle) = median(&mut cosines) else { return 0.0 };
+        // not limited: who goes on all fours is no humanoid, whatever else fits
+        -0.5 * ((middle + 0.85).max(0.0) / 0.2).powi(2)
+    }
+
+    /// Whether the first arm is on the second leg's side, by names and by where they are.
+    fn crossed(&self, leg: &LimbPair, arm: &LimbPair) -> bool {
+        let says = |pair: &LimbPair, side: usize, joint: Side| {
+            pair.joints(side).iter().filter(|&&j| self.hints[j].side == Some(joint)).count() as f64
+        };
+        let names = |pair: &LimbPair| {
+            says(pair, 0, Side::Left) + says(pair, 1, Side::Right)
+                - says(pair, 1, Side::Left)
+                - says(pair, 0, Side::Right)
+        };
+        let across = |pair: &LimbPair, p: &[Vec3]| (p[pair.joints(0)[0]] - p[pair.joints(1)[0]]).normalize_or_zero();
+        let seen: f64 = self.poses.iter().map(|p| across(leg, p).dot(across(arm, p))).sum();
+        let seen = seen / self.poses.len().max(1) as f64;
+        names(leg) * names(arm) / 9.0 + 2.0 * seen < 0.0
+    }
+
+    /// Which side of the pairs is left (0 or 1), and how sure that is.
+    fn left(&self, leg: &LimbPair, arm: &LimbPair) -> (usize, f64) {
+        let mut named = 0.0;
+        for pair in [leg, arm] {
+            for side in 0..2 {
+                for joint in pair.joints(side) {
+                    named += match (self.hints[joint].side, side) {
+                        (None, _) => 0.0,
+                        (Some(Side::Left), 0) | (Some(Side::Right), 1) => 1.0,
+                        _ => -1.0,
+                    };
+                }
+            }
+        }
+        let seen = self.facing(leg, arm);
+        let total = 1.5 * named + 4.0 * seen;
+        let sure = 1.0 / (1.0 + (-total.abs()).exp());
+        (usize::from(total < 0.0), sure)
+    }
+
+    /// Whether the first side is the left one by how feet, knees and elbows point, -1 to 1.
+    fn facing(&self, leg: &LimbPair, arm: &LimbPair) -> f64 {
+        let mut sum = 0.0;
+        let mut size = 1e-9;
+        for p in &self.poses {
+            let at = |pair: &LimbPair, side: usize| pair.joints(side).map(|j| p[j]);
+            let mid = |pair: &LimbPair| 0.5 * (at(pair, 0)[0] + at(pair, 1)[0]);
+            let up = (mid(arm) - mid(leg)).normalize_or_zero();
+            let mut front = Vec3::ZERO;
+            for side in 0..2 {
+                let [hip, knee, ankle] = at(leg, side);
+                if let Some(toe) = leg.next(side) {
+                    let along = (ankle - knee).normalize_or_zero();
+                    let foot = p[toe] - ankle;
+                    front += foot - along * foot.dot(along);
+                }
+                front += off_line(hip, knee, ankle);
+                let [shoulder, elbow, wrist] = at(arm, side);
+                front -= 0.5 * off_line(shoulder, elbow, wrist);
+            }
+            front -= up * front.dot(up);
+            let across = (at(leg, 0)[0] - at(leg, 1)[0]).normalize_or_zero()
+                + (at(arm, 0)[0] - at(arm, 1)[0]).normalize_or_zero();
+            sum += up.cross(front).dot(across) / leg.length();
+            size += front.length() / leg.length();
+        }
+        (sum / (2.0 * size)).clamp(-1.0, 1.0) * (size / (0.05 * self.poses.len().max(1) as f64)).min(1.0)
+    }
+
+    /// The pelvis: where legs and trunk part, or a joint just above it whose name says so.
+    fn pelvis(&self, trunk_root: usize, scale: f64) -> usize {
+        let says = |j: usize| self.hints[j].agreement(0);
+        let mut best = trunk_root;
+        for j in self.tree.upwards(trunk_root).skip(1).take(2) {
+            if says(j) >= 0.7 && says(best) < 0.3 && self.tree.way(j, trunk_root) < 0.25 * scale {
+                best = j;
+            }
+        }
+        best
+    }
+
+    /// Spine, neck and head.
+    fn trunk(&self, joints: &mut [Option<usize>; 24], trunk_root: usize, arm: &LimbPair, scale: f64) {
+        let tree = &self.tree;
+        let pelvis = joints[0].unwrap_or(trunk_root);
+        let mut spine: Vec<usize> = tree.upwards(arm.parent).take_while(|&j| j != pelvis).collect();
+        spine.reverse();
+        self.keep_moving(&mut spine);
+        let arms = [arm.paths[0][0], arm.paths[1][0]];
+        let upwards = tree.children[arm.parent].iter().copied().filter(|c| !arms.contains(c));
+        let score = |c: usize| {
+            let name = self.hints[c].agreement(12).max(self.hints[c].agreement(15));
+            NAME * name + self.above(c, arm) + (self.tree.bone(c) + self.tree.reach[c]).min(0.4 * scale) / (0.2 * scale)
+        };
+        let first = upwards.max_by(|a, b| score(*a).total_cmp(&score(*b)).then(b.cmp(a)));
+        let mut above = first.map(|c| self.upper_path(c)).unwrap_or_default();
+        self.keep_moving(&mut above);
+        // Biped's collars hang from the neck
+        let neck_below = above.first().is_some_and(|&c| self.hints[c].agreement(15) > 0.5)
+            && self.hints[arm.parent].agreement(12) > 0.5
+            && spine.last() == Some(&arm.parent);
+        if neck_below {
+            spine.pop();
+            above.insert(0, arm.parent);
+        }
+        let neck = (0..above.len()).max_by(|&a, &b| {
+            let of = |i: usize| self.agreement(above[i], 12) - 0.5 * i as f64;
+            of(a).total_cmp(&of(b)).then(b.cmp(&a))
+        });
+        if let Some(n) = neck {
+            let says_head = self.hints[above[n]].agreement(15) > 0.5;
+            spine.extend_from_slice(&above[..n]);
+            if says_head {
+                joints[15] = Some(above[n]);
+            } else {
+                joints[12] = Some(above[n]);
+                joints[15] = self.head(&above[n..], scale);
+            }
+        }
+        let ids: &[usize] = match spine.len() {
+            0 => &[],
+            1 => &[9],
+            2 => &[3, 9],
+            _ => &[3, 6, 9],
+        };
+        for &id in ids {
+            joints[id] = match id {
+                3 => spine.first().copied(),
+                9 => spine.last().copied(),
+                _ => self.middle(&spine),
+            };
+        }
+        if joints[12].is_none() && joints[15].is_some() {
+            joints[12] = None;
+        }
+    }
+
+    /// Leaves out the joints that never turn, if there are others.
+    fn keep_moving(&self, chain: &mut Vec<usize>) {
+        if chain.iter().any(|&j| self.turns[j]) {
+            chain.retain(|&j| self.turns[j]);
+        }
+    }
+
+    /// The joint between the first and last of the spine that lies nearest to where SMPL's spine2 does.
+    fn middle(&self, spine: &[usize]) -> Option<usize> {
+        let offsets = smpl::neutral();
+        let [lower, upper] = [6, 9].map(|id| offsets.offsets()[id].length());
+        let share = lower / (lower + upper);
+        let whole = self.tree.way(spine[0], *spine.last()?);
+        let off = |j: usize| (self.tree.way(spine[0], j) / whole - share).abs();
+        spine[1..spine.len() - 1].iter().copied().min_by(|a, b| off(*a).total_cmp(&off(*b)))
+    }
+
+    /// The way up from the neck: at each joint the child that is called head or neck, else the one that leads straight on.
+    fn upper_path(&self, from: usize) -> Vec<usize> {
+        let mut path = vec![from];
+        let mut at = from;
+        loop {
+            let score = |c: usize| {
+                let hint = &self.hints[c];
+                NAME * hint.agreement(12).max(hint.agreement(15))
+                    + (self.tree.bone(c) + self.tree.reach[c]) / (self.tree.bone(at) + 1e-9)
+            };
+            let next =
+                self.tree.children[at].iter().copied().max_by(|a, b| score(*a).total_cmp(&score(*b)).then(b.cmp(a)));
+            match next {
+                Some(next) if path.len() < 12 => path.push(next),
+                _ => return path,
+            }
+            at = path[path.len() - 1];
+        }
+    }
+
+    /// The head on the way up from the neck.
+    fn head(&self, above: &[usize], scale: f64) -> Option<usize> {
+        let score = |i: usize| {
+            let j = above[i];
+            let branches = if self.tree.children[j].len() > 1 { 1.0 } else { 0.0 };
+            let tip = if self.tree.reach[j] <= 0.0 { -1.0 } else { 0.0 };
+            self.agreement(j, 15) + normal((self.tree.way(above[0], j) / scale).ln(), NECK) + branches + tip
+        };
+        let best = (1..above.len()).max_by(|&a, &b| score(a).total_cmp(&score(b)).then(b.cmp(&a)))?;
+        (self.hints[above[best]].agreement(15) >= 0.0).then_some(above[best])
+    }
+
+    /// How far a joint is above the shoulders, along the trunk, -1 to 1.
+    fn above(&self, joint: usize, arm: &LimbPair) -> f64 {
+        let mut cosines: Vec<f64> = self
+            .poses
+            .iter()
+            .map(|p| {
+                let shoulders = 0.5 * (p[arm.joints(0)[0]] + p[arm.joints(1)[0]]);
+                let trunk = shoulders - p[self.tree.rig.parents()[arm.parent].unwrap_or(0)];
+                let path = self.tree.path(joint);
+                (p[path[path.len() - 1]] - shoulders).normalize_or_zero().dot(trunk.normalize_or_zero())
+            })
+            .collect();
+        median(&mut cosines).unwrap_or(0.0)
+    }
+
+    fn collar(&self, arm: &LimbPair, side: usize, id: usize) -> Option<usize> {
+        let before = &arm.paths[side][..arm.at[0]];
+        let score = |i: usize| self.agreement(before[i], id) - 0.1 * i as f64;
+        (0..before.len()).max_by(|&a, &b| score(a).total_cmp(&score(b)).then(b.cmp(&a))).map(|i| before[i])
+    }
+
+    /// The ball of a foot: the joint after the ankle, or after that one if its name says so.
+    fn toe(&self, leg: &LimbPair, side: usize, id: usize) -> Option<usize> {
+        let ankle = leg.joints(side)[2];
+        let usual = leg.next(side);
+        let near = self.tree.children[ankle].iter().copied();
+        let far = usual.into_iter().flat_map(|j| self.tree.children[j].iter().copied());
+        let score = |c: usize| self.hints[c].agreement(id) + if Some(c) == usual { 0.3 } else { 0.0 };
+        let best = near.chain(far).max_by(|a, b| score(*a).total_cmp(&score(*b)).then(b.cmp(a)))?;
+        (self.hints[best].agreement(id) >= 0.0).then_some(best)
+    }
+
+    /// SMPL's hand, where the fingers begin: only where a name says so, or the wrist goes on in one joint that others hang from.
+    fn hand(&self, arm: &LimbPair, side: usize, id: usize) -> Option<usize> {
+        let wrist = arm.joints(side)[2];
+        let children = &self.tree.children[wrist];
+        let named =
+            children.iter().copied().find(|&c| self.hints[c].parts.iter().any(|(part, w)| *part == 22 && *w >= 0.5));
+        named.filter(|&c| self.hints[c].agreement(id) > 0.0)
+    }
+}
+
+/// From the straight line between `a` and `c` to `b`.
+fn off_line(a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
+    let along = (c - a).normalize_or_zero();
+    let to = b - a;
+    to - along * to.dot(along)
+}
+
+fn median(values: &mut [f64]) -> Option<f64> {
+    if values.is_empty() {
+        return None;
+    }
+    let middle = values.len() / 2;
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Whether two bodies give the SMPL joint `id` to the same joint of the rig.
+pub(super) fn agree(a: &Body, b: &Body, id: usize) -> bool {
+    a.joints[id] == b.joints[id]
+}
+
+/// Whether an SMPL joint has a side.
+pub(super) fn is_sided(id: usize) -> bool {
+    side_of(id).1.is_some()
+}

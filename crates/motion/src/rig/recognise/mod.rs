@@ -1,0 +1,159 @@
+//! Recognising a humanoid rig by what it is: hierarchy, proportions and symmetry, how it stands and moves, and its names.
+//!
+//! [`names`] reads each name by itself, [`limbs`] finds the pairs of chains that could be legs and arms, [`body`] puts them
+//! together and scores each body. Here the scores become a [`SkeletonMap`] with a confidence for each joint. Nothing
+//! depends on the unit, the up axis or the floor.
+
+mod body;
+mod limbs;
+mod names;
+mod stand;
+
+use super::SkeletonMap;
+use super::map::REQUIRED;
+use crate::rotation::angle_between;
+use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, Warning, smpl};
+use body::{Body, Evidence, agree, is_sided};
+use limbs::Tree;
+
+/// More joints than any humanoid has.
+const MOST_JOINTS: usize = 2048;
+/// Frames of a clip that are looked at, evenly spaced.
+const FRAMES: usize = 60;
+/// The score of hierarchy and proportions at which a rig is as likely a body as not.
+const EVEN: f64 = -6.0;
+/// How far from it the odds are as one to e, and the most that names make up for.
+const SPREAD: f64 = 0.6;
+const NAMED: f64 = 2.0;
+/// Two bodies whose scores differ by this have odds of one to e.
+const SOFTNESS: f64 = 1.2;
+/// Pelvis, spine, neck, head, collars and balls of the feet: where one ends and the next begins, lengths say little.
+const VAGUE: [usize; 10] = [0, 3, 6, 9, 10, 11, 12, 13, 14, 15];
+/// As sure as they can be without a name.
+const UNNAMED: f64 = 0.8;
+/// Below this a rig is no humanoid.
+const NONE: f64 = 0.02;
+/// The confidence from which a map is used without asking.
+pub const SURE: f64 = 0.9;
+
+/// A body recognised in a rig.
+#[derive(Debug, Clone)]
+pub struct Recognised {
+    /// The map, with a reference pose if the rest pose is none.
+    pub map: SkeletonMap,
+    /// The rig's joint by SMPL id.
+    pub joints: [Option<usize>; 24],
+    /// How sure each is, 0 to 1, by SMPL id; 0 where there is none.
+    pub confidence: [f64; 24],
+    /// The second likeliest joint, by SMPL id.
+    pub second: [Option<usize>; 24],
+}
+
+impl Recognised {
+    /// The lowest confidence of the joints that every map must have.
+    pub fn confidence(&self) -> f64 {
+        REQUIRED.iter().map(|&id| self.confidence[id]).fold(1.0, f64::min)
+    }
+
+    /// Whether the map may be used without asking.
+    pub fn is_sure(&self) -> bool {
+        self.confidence() >= SURE
+    }
+
+    /// What is said of a rig that is recognised for sure.
+    pub(crate) fn warning(&self) -> Option<Warning> {
+        let found = self.joints.iter().flatten().count();
+        let what = format!(
+            "{found} of SMPL's 24 joints, by shape and names; `kinelm inspect FILE --map-out my.toml` writes them"
+        );
+        self.is_sure().then_some(Warning { kind: "rig_recognised", what })
+    }
+
+    /// What is doubtful, for messages.
+    pub(super) fn doubts(&self, names: &[String]) -> String {
+        let doubtful: Vec<String> = REQUIRED
+            .iter()
+            .filter(|&&id| self.confidence[id] < SURE)
+            .map(|&id| match self.joints[id] {
+                Some(j) => format!("{} ({}, {:.0} %)", smpl::NAMES[id], names[j], 100.0 * self.confidence[id]),
+                None => format!("{} (none)", smpl::NAMES[id]),
+            })
+            .collect();
+        format!("no skeleton map fits, and the rig is not recognised for sure: {}", doubtful.join(", "))
+    }
+
+    /// The joints as lines of a skeleton TOML; doubtful ones with the second likeliest as a comment.
+    pub(super) fn stub(&self, names: &[String]) -> String {
+        let line = |id: usize| {
+            let joint = self.joints[id]?;
+            let or = self.second[id].filter(|_| self.confidence[id] < SURE);
+            let or = or.map(|j| format!("  # or {:?}", names[j])).unwrap_or_default();
+            Some(format!("\n  {} = {:?}{or}", smpl::NAMES[id], names[joint]))
+        };
+        (0..24).filter_map(line).collect()
+    }
+}
+
+/// Recognises the body of a rig from its skeleton and, if there is one, a clip on it. `None` if it has no two pairs of limbs
+/// or is no humanoid.
+pub fn recognise(rig: &Skeleton, clip: Option<&Clip>) -> Option<Recognised> {
+    if rig.joints() > MOST_JOINTS {
+        return None;
+    }
+    let (poses, turns) = (poses(rig, clip), turns(rig, clip));
+    let evidence = Evidence { tree: Tree::new(rig), hints: names::hints(rig.names()), poses, turns };
+    let bodies = evidence.bodies();
+    let best = bodies.first()?;
+    let humanoid = logistic((best.shape + (0.5 * best.names).min(NAMED) - EVEN) / SPREAD);
+    if humanoid < NONE {
+        return None;
+    }
+    let weight = |b: &Body| ((b.score() - best.score()) / SOFTNESS).exp();
+    let all: f64 = bodies.iter().map(weight).sum();
+    let mut confidence = [0.0; 24];
+    for (id, c) in confidence.iter_mut().enumerate() {
+        if best.joints[id].is_some() {
+            let share = bodies.iter().filter(|b| agree(b, best, id)).map(weight).sum::<f64>() / all;
+            *c = humanoid * share * if is_sided(id) { best.sides } else { 1.0 };
+            let named = best.joints[id].is_some_and(|j| evidence.hints[j].agreement(id) > 0.0);
+            if VAGUE.contains(&id) && !named {
+                *c = c.min(UNNAMED);
+            }
+        }
+    }
+    let second = std::array::from_fn(|id| {
+        let others = bodies.iter().filter(|b| !agree(b, best, id) && b.joints[id].is_some());
+        others.map(|b| b.joints[id]).next().flatten()
+    });
+    let reference = stand::reference(rig, &best.joints, clip);
+    let map = SkeletonMap::of_joints(rig, &best.joints, &reference);
+    Some(Recognised { map, joints: best.joints, confidence, second })
+}
+
+fn logistic(x: f64) -> f64 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+/// Whether each joint (J) turns in the clip by more than a degree; all, if none does or there is no clip.
+fn turns(rig: &Skeleton, clip: Option<&Clip>) -> Vec<bool> {
+    let all = vec![true; rig.joints()];
+    let Some(clip) = clip.filter(|c| c.frames() > 1) else { return all };
+    let step = clip.frames().div_ceil(FRAMES).max(1);
+    let turns = |j: usize| {
+        let frames = (0..clip.frames()).step_by(step);
+        frames.map(|f| angle_between(clip.pose(0)[j], clip.pose(f)[j])).fold(0.0, f64::max) > 0.02
+    };
+    let found: Vec<bool> = (0..rig.joints()).map(turns).collect();
+    if found.iter().any(|t| *t) { found } else { all }
+}
+
+/// Places (J) of the joints in some frames of the clip, else in the rest pose.
+fn poses(rig: &Skeleton, clip: Option<&Clip>) -> Vec<Vec<Vec3>> {
+    match clip.filter(|c| c.frames() > 0) {
+        Some(clip) => {
+            let step = clip.frames().div_ceil(FRAMES).max(1);
+            (0..clip.frames()).step_by(step).map(|f| clip.global_pose(f).positions).collect()
+        }
+        None => vec![GlobalPose::new(rig, Vec3::ZERO, &vec![Quat::IDENTITY; rig.joints()]).positions],
+    }
+}

@@ -91,6 +91,10 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
             .iter()
             .map(|c| BvhSource::for_skeleton(c.skeleton()).and_then(|s| s.to_bytes(c)).unwrap())
             .collect(),
+        "amc" => {
+            let read = |name| files("crates/motion/tests/golden", name).concat();
+            vec![[read("asf"), vec![0], read("amc")].concat()]
+        }
         "amass" | "codes" => files("crates/motion/tests/golden/amass", "npz"),
         "body_model" => files("crates/motion/tests/golden/body", "npz"),
         "aist" => files("crates/motion/tests/golden/aist", "pkl"),

@@ -15,7 +15,7 @@ use kinelm::train::TrainFile;
 use kinelm_motion::format::body_model::BodyModel;
 use kinelm_motion::format::npz::Npz;
 use kinelm_motion::format::pickle::Pickle;
-use kinelm_motion::format::{ReadOptions, aist, amass, bvh, json};
+use kinelm_motion::format::{ReadOptions, aist, amass, amc, bvh, json};
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rig::SkeletonMap;
 use kinelm_motion::{Clip, joints, synth};
@@ -27,7 +27,8 @@ use std::sync::LazyLock;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All readers; each has a file of its name in `fuzz_targets/`.
-pub const TARGETS: [Target; 18] = [
+pub const TARGETS: [Target; 19] = [
+    ("amc", amc),
     ("bvh", bvh),
     ("amass", amass),
     ("body_model", body_model),
@@ -47,6 +48,13 @@ pub const TARGETS: [Target; 18] = [
     ("music", music),
     ("beats", beats),
 ];
+
+/// An ASF, and behind a zero byte an AMC.
+pub fn amc(data: &[u8]) {
+    let mut files = data.splitn(2, |byte| *byte == 0);
+    let [asf, amc] = [0; 2].map(|_| files.next().unwrap_or_default());
+    let _ = amc::parse((Path::new("a.amc"), amc), (Path::new("a.asf"), asf), &ReadOptions::default());
+}
 
 /// A BVH, strict or lenient, and its positions. What is read is written and read again.
 pub fn bvh(data: &[u8]) {

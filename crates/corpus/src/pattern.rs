@@ -6,8 +6,11 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 /// Extensions of motion files.
-pub const EXTENSIONS: &[&str] =
-    if cfg!(feature = "fbx") { &["bvh", "npz", "pkl", "json", "fbx"] } else { &["bvh", "npz", "pkl", "json"] };
+pub const EXTENSIONS: &[&str] = if cfg!(feature = "fbx") {
+    &["bvh", "npz", "pkl", "json", "amc", "fbx"]
+} else {
+    &["bvh", "npz", "pkl", "json", "amc"]
+};
 
 /// A path without the extension of a motion file.
 pub fn without_extension(path: &str) -> &str {

@@ -1,11 +1,12 @@
 //! Motion files: detected by name and first bytes, read into a [`Motion`], and written.
 //!
-//! BVH, JSON and GLB are always available, `.npz` with the feature `amass`, `.pkl` with `aist`, `.fbx` with `fbx`.
+//! BVH, AMC, JSON and GLB are always available, `.npz` with the feature `amass`, `.pkl` with `aist`, `.fbx` with `fbx`.
 
 #[cfg(feature = "aist")]
 pub mod aist;
 #[cfg(feature = "amass")]
 pub mod amass;
+pub mod amc;
 #[cfg(feature = "amass")]
 pub mod array;
 #[cfg(feature = "amass")]
@@ -53,6 +54,8 @@ use std::path::Path;
 /// The formats of motion files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Format {
+    /// `.amc`, with an `.asf` beside it: read, not written.
+    Amc,
     /// `.bvh`.
     Bvh,
     /// `.npz`: AMASS.
@@ -72,6 +75,7 @@ impl Format {
     pub fn of_name(path: &Path) -> Option<Format> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         Some(match extension.as_str() {
+            "amc" => Format::Amc,
             "bvh" => Format::Bvh,
             "npz" => Format::Npz,
             "pkl" => Format::Pickle,
@@ -91,16 +95,18 @@ impl Format {
             Some(e) => format!("the extension .{}", e.to_string_lossy()),
             None => "no extension".into(),
         };
-        let expected = ".bvh, .npz, .pkl or .json";
+        let expected = ".bvh, .amc, .npz, .pkl or .json";
         Format::of_name(path).ok_or_else(|| {
             let fault = FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected);
-            match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("c3d")) {
-                true => fault.help(
-                    "a C3D holds markers, not joints: let the capture system solve it onto a skeleton, and export BVH",
-                ),
-                false => fault,
-            }
-            .into()
+            let is = |extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
+            let help = if is("c3d") {
+                "a C3D holds markers, not joints: let the capture system solve it onto a skeleton, and export BVH"
+            } else if is("asf") {
+                "an ASF is a skeleton without motion: give the .amc files beside it"
+            } else {
+                ""
+            };
+            fault.help(help).into()
         })
     }
 }
@@ -144,6 +150,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     check_rate(options)?;
     check_up(path, format, options)?;
     let motion = match format {
+        Format::Amc => skipped(amc::read(path, bytes, options)?, options)?,
         Format::Bvh => bvh::read(path, bytes, options)?,
         #[cfg(feature = "amass")]
         Format::Npz => skipped(amass::read(path, bytes, options)?, options)?,
@@ -167,7 +174,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         },
         Format::Glb => {
             let (found, expected) =
-                ("a GLB, which is written and not read", "the .bvh, .npz, .pkl or .json it is from");
+                ("a GLB, which is written and not read", "the .bvh, .amc, .npz, .pkl or .json it is from");
             return Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into());
         }
     };
@@ -244,7 +251,7 @@ fn check_rate(options: &ReadOptions) -> Result<()> {
 /// Refuses `up` for formats that define their own axes.
 fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
     let own = match format {
-        Format::Bvh | Format::Json | Format::Glb => return Ok(()),
+        Format::Amc | Format::Bvh | Format::Json | Format::Glb => return Ok(()),
         Format::Npz => "an AMASS file has z up",
         Format::Pickle => "an AIST++ file has y up",
         Format::Fbx => "an FBX states its up axis",
@@ -252,7 +259,7 @@ fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
     if options.up == Up::Auto {
         return Ok(());
     }
-    let why = format!("{own}, always; `up` is for BVH and JSON");
+    let why = format!("{own}, always; `up` is for BVH, AMC and JSON");
     Err(Error::unsupported(format!("`up` {} of {}", options.up, path.display()), why))
 }
 
@@ -281,7 +288,7 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
             _ => Ok(json::write(&motion.clip)),
         },
         Format::Glb => glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)]),
-        Format::Pickle | Format::Fbx => {
+        Format::Amc | Format::Pickle | Format::Fbx => {
             let found = format!("the extension .{}", path.extension().unwrap_or_default().to_string_lossy());
             let expected = "a .bvh, .npz, .json or .glb to write";
             Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into())
@@ -309,7 +316,9 @@ mod tests {
         assert_eq!(read(&file("a.BvH", BVH.as_bytes()), &options).unwrap().clip.frames(), 2);
         let e = message(&file("a.txt", BVH.as_bytes()));
         assert!(
-            e.contains("not_this_format") && e.contains(".bvh, .npz, .pkl or .json") && e.contains("looks like a BVH"),
+            e.contains("not_this_format")
+                && e.contains(".bvh, .amc, .npz, .pkl or .json")
+                && e.contains("looks like a BVH"),
             "{e}"
         );
         let e = message(&file("b.bvh", b"PK\x03\x04poses.npy"));

@@ -24,6 +24,7 @@ pub use compose::Piece;
 pub use frame_time::USUAL_FPS;
 pub use positions::positions;
 pub use splice::Changed;
+pub(crate) use unit::unit_of_leg;
 pub use write::{to_bytes, to_bytes_in};
 
 use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpSource};

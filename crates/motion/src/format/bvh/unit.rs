@@ -12,6 +12,11 @@ use std::path::Path;
 const LEGS: [(RangeInclusive<f64>, f64); 5] =
     [(0.6..=1.1, 1.0), (12.0..=19.0, 0.0564444), (23.0..=45.0, 0.0254), (60.0..=110.0, 0.01), (600.0..=1100.0, 0.001)];
 
+/// The unit in metres that a leg of this length, hip to knee to ankle, indicates.
+pub(crate) fn unit_of_leg(length: f64) -> Option<f64> {
+    LEGS.iter().find(|(lengths, _)| lengths.contains(&length)).map(|(_, metres)| *metres)
+}
+
 /// The unit in metres of a file whose nodes `range` have these rest `offset`s.
 pub(crate) fn judge(
     path: &Path,
@@ -27,11 +32,11 @@ pub(crate) fn judge(
     let length = |offset: &dyn Fn(usize) -> Vec3| {
         leg.as_ref().map(|bones| bones.iter().map(|&n| offset(n).length()).sum::<f64>())
     };
-    let unit = |length: Option<f64>| length.and_then(|l| LEGS.iter().find(|(lengths, _)| lengths.contains(&l)));
+    let unit = |length: Option<f64>| length.and_then(unit_of_leg);
     let by_offset = length(&|n| Vec3::from_array(head.nodes[n].offset));
     let leg = length(&offset);
-    if let Some((_, metres)) = unit(leg) {
-        return Ok(*metres);
+    if let Some(metres) = unit(leg) {
+        return Ok(metres);
     }
     let help = match (options.bvh_position, unit(by_offset)) {
         (BvhPosition::Replace, Some(_)) => {

@@ -4,7 +4,7 @@
 #[path = "../fuzz/src/lib.rs"]
 mod readers;
 
-use kinelm_motion::format::{bvh::BvhSource, json};
+use kinelm_motion::format::{bvh::BvhSource, glb, json};
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::{Clip, synth};
 use kinelm_tokenizer::{LappedConfig, SchemeConfig, Tokenizer, TokenizerConfig};
@@ -98,6 +98,7 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
         "amass" | "codes" => files("crates/motion/tests/golden/amass", "npz"),
         "body_model" => files("crates/motion/tests/golden/body", "npz"),
         "aist" => files("crates/motion/tests/golden/aist", "pkl"),
+        "glb" => dances().iter().map(|c| glb::to_bytes(&[("dance", c)]).unwrap()).collect(),
         "json" => dances().iter().map(json::write).collect(),
         "skeleton_map" => files("configs/skeleton", "toml"),
         "joint_list" => own("root,right_arm,left_knee,7,13,head"),

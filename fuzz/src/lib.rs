@@ -15,7 +15,7 @@ use kinelm::train::TrainFile;
 use kinelm_motion::format::body_model::BodyModel;
 use kinelm_motion::format::npz::Npz;
 use kinelm_motion::format::pickle::Pickle;
-use kinelm_motion::format::{ReadOptions, aist, amass, amc, bvh, json};
+use kinelm_motion::format::{ReadOptions, aist, amass, amc, bvh, glb, json};
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::rig::SkeletonMap;
 use kinelm_motion::{Clip, joints, synth};
@@ -27,9 +27,10 @@ use std::sync::LazyLock;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All readers; each has a file of its name in `fuzz_targets/`.
-pub const TARGETS: [Target; 19] = [
+pub const TARGETS: [Target; 20] = [
     ("amc", amc),
     ("bvh", bvh),
+    ("glb", glb),
     ("amass", amass),
     ("body_model", body_model),
     ("aist", aist),
@@ -90,6 +91,11 @@ pub fn aist(data: &[u8]) {
     let path = Path::new("a.pkl");
     let _ = Pickle::parse(path, data);
     let _ = aist::read(path, data, &ReadOptions::default());
+}
+
+/// A GLB.
+pub fn glb(data: &[u8]) {
+    let _ = glb::read(Path::new("a.glb"), data, &ReadOptions::default());
 }
 
 /// A clip as JSON.

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Motion files (.bvh .amc .npz .pkl .json), or folders of them
+    /// Motion files (.bvh .amc .glb .npz .pkl .json), or folders of them
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// One JSON object a file and line instead of text

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// Clips, and where what is made of each of them goes.
 #[derive(Debug, clap::Args)]
 pub struct InOut {
-    /// Motion files (.bvh .amc .npz .pkl .json), or folders of them
+    /// Motion files (.bvh .amc .glb .npz .pkl .json), or folders of them
     #[arg(required = true, value_name = "CLIP")]
     clips: Vec<PathBuf>,
     /// The file to write (.bvh .npz .json), or a folder, which is created: files keep their names, those of a folder

@@ -47,7 +47,7 @@ pub fn files(given: &[PathBuf]) -> Result<Vec<Found>> {
 pub fn written_for(own: &str) -> &str {
     match own {
         "pkl" => "npz",
-        "amc" | "fbx" => "bvh",
+        "amc" | "fbx" | "vrm" => "bvh",
         own => own,
     }
 }

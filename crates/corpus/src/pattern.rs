@@ -7,9 +7,9 @@ use std::sync::LazyLock;
 
 /// Extensions of motion files.
 pub const EXTENSIONS: &[&str] = if cfg!(feature = "fbx") {
-    &["bvh", "npz", "pkl", "json", "amc", "fbx"]
+    &["bvh", "npz", "pkl", "json", "amc", "glb", "vrm", "fbx"]
 } else {
-    &["bvh", "npz", "pkl", "json", "amc"]
+    &["bvh", "npz", "pkl", "json", "amc", "glb", "vrm"]
 };
 
 /// A path without the extension of a motion file.

@@ -18,7 +18,7 @@ use together::{together, write_together};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Motion files (.bvh .amc .npz .pkl .json) or folders of them, then the file to write (.bvh .npz .json .glb), or for
+    /// Motion files (.bvh .amc .glb .npz .pkl .json) or folders of them, then the file to write (.bvh .npz .json .glb), or for
     /// several a folder, where paths below a folder are kept. An .npz is AMASS SMPL+H; a .glb has a body and can hold
     /// several clips, which play together
     #[arg(required = true, value_names = ["IN", "OUT"])]

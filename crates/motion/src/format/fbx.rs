@@ -5,12 +5,11 @@
 //! its unit and axes.
 
 use super::options::{ReadOptions, is_rate};
+use super::posed::{Figure, Placed, placed, unique};
 use crate::error::{FaultKind, FileError};
-use crate::{Clip, Motion, Quat, Result, Skeleton, Source, Vec3, Warning};
-use glam::DMat3;
+use crate::{Motion, Result, Source, Vec3, Warning};
 use kinelm_store::SourcePos;
 use std::path::Path;
-use std::sync::Arc;
 use ufbx::{EvaluateOpts, LoadOpts, Matrix, Node, Scene};
 
 /// Most frames: more than a day at 120 per second.
@@ -71,30 +70,20 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         let found = format!("{count} frames of {} bones", figure.len());
         return Err(fault(FaultKind::TooLarge, found, "268,435,456 rotations at most").into());
     }
-    let rest: Vec<(Quat, Vec3)> = figure.iter().map(|joint| placed(&bind(joint.node))).collect();
-    let positions: Vec<Vec3> = rest.iter().map(|(_, place)| *place).collect();
-    let offset = |(j, joint): (usize, &Joint)| joint.parent.map_or(Vec3::ZERO, |p| positions[j] - positions[p]);
-    let offsets: Vec<Vec3> = figure.iter().enumerate().map(offset).collect();
-    let names = figure.iter().map(|joint| joint.name.clone()).collect();
-    let parents = figure.iter().map(|joint| joint.parent).collect();
-    let skeleton = Arc::new(Skeleton::new(names, parents, offsets.clone(), Vec::new())?);
-    let (mut root, mut rotations, mut stretch) = (Vec::new(), Vec::new(), 0.0f64);
-    for frame in 0..count as usize {
+    let whole = Figure {
+        names: figure.iter().map(|joint| joint.name.clone()).collect(),
+        parents: figure.iter().map(|joint| joint.parent).collect(),
+        rest: figure.iter().map(|joint| split(&bind(joint.node))).collect(),
+    };
+    let frames = (0..count as usize).map(|frame| {
         let time = (begin + frame as f64 / own).min(end);
         let now = ufbx::evaluate_scene(&scene, anim, time, EvaluateOpts::default()).map_err(|e| {
             fault(FaultKind::NotThisFormat, format!("frame {frame}: {}", e.description), "one that can be posed")
         })?;
-        let at = |joint: &Joint| placed(&now.nodes[joint.node.element.typed_id as usize].node_to_world);
-        let here: Vec<(Quat, Vec3)> = figure.iter().map(at).collect();
-        let turned: Vec<Quat> = here.iter().zip(&rest).map(|((now, _), (rest, _))| *now * rest.inverse()).collect();
-        root.push(here[0].1);
-        for (j, joint) in figure.iter().enumerate() {
-            rotations.push(joint.parent.map_or(turned[j], |p| turned[p].inverse() * turned[j]).normalize());
-            if let Some(p) = joint.parent {
-                stretch = stretch.max(((here[j].1 - here[p].1).length() - offsets[j].length()).abs());
-            }
-        }
-    }
+        let at = |joint: &Joint| split(&now.nodes[joint.node.element.typed_id as usize].node_to_world);
+        Ok(figure.iter().map(at).collect())
+    });
+    let (clip, stretch) = whole.clip(options.fps_source.unwrap_or(own), frames)?;
     if figure.iter().all(|joint| posed(joint.node).is_none()) {
         let what = "no bind pose: rotations are 0 as the figure stood when it was saved; was that no rest pose, export it \
                     with its mesh";
@@ -104,7 +93,6 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         let what = format!("bones get longer or shorter by {:.1} cm at most: left as at rest", 100.0 * stretch);
         warnings.push(Warning { kind: "stretch_dropped", what });
     }
-    let clip = Clip::new(skeleton, options.fps_source.unwrap_or(own), root, rotations)?;
     Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
 }
 
@@ -128,8 +116,8 @@ fn figure<'a>(
         let mut joints: Vec<Joint> = Vec::new();
         let mut next = vec![(top, None)];
         while let Some((node, parent)) = next.pop() {
-            let name = unique(&node.element.name, &joints);
-            joints.push(Joint { node, parent, name });
+            let taken: Vec<String> = joints.iter().map(|joint| joint.name.clone()).collect();
+            joints.push(Joint { node, parent, name: unique(&node.element.name, &taken) });
             let here = joints.len() - 1;
             next.extend(node.children.iter().rev().filter(|c| is_bone(c)).map(|child| (&**child, Some(here))));
         }
@@ -152,13 +140,6 @@ fn figure<'a>(
     Ok(found)
 }
 
-/// A name that no other joint has.
-fn unique(name: &str, joints: &[Joint]) -> String {
-    let is_taken = |name: &str| joints.iter().any(|joint| joint.name == name);
-    let numbered = (2..).map(|n| format!("{name}.{n}"));
-    std::iter::once(name.to_owned()).chain(numbered).find(|name| !is_taken(name)).unwrap_or_default()
-}
-
 /// The rest transform of a bone: in its bind pose, or as the file was saved.
 fn bind(node: &Node) -> Matrix {
     posed(node).unwrap_or(node.node_to_world)
@@ -170,13 +151,10 @@ fn posed(node: &Node) -> Option<Matrix> {
     Some(node.bind_pose.as_ref()?.bone_poses.iter().find(of_node)?.bone_to_world)
 }
 
-/// Rotation and position of a matrix, without its scale.
-fn placed(m: &Matrix) -> (Quat, Vec3) {
-    let column = |x: f64, y: f64, z: f64| Vec3::new(x, y, z).normalize_or_zero();
-    let turn = DMat3::from_cols(column(m.m00, m.m10, m.m20), column(m.m01, m.m11, m.m21), column(m.m02, m.m12, m.m22));
-    // a reflection is no rotation
-    let turn = if turn.determinant() < 0.0 { -turn } else { turn };
-    (Quat::from_mat3(&turn).normalize(), Vec3::new(m.m03, m.m13, m.m23))
+fn split(m: &Matrix) -> Placed {
+    let column = |x: f64, y: f64, z: f64| Vec3::new(x, y, z);
+    let columns = [column(m.m00, m.m10, m.m20), column(m.m01, m.m11, m.m21), column(m.m02, m.m12, m.m22)];
+    placed(columns, column(m.m03, m.m13, m.m23))
 }
 
 #[cfg(test)]

@@ -24,6 +24,7 @@ pub mod npz;
 mod options;
 #[cfg(feature = "amass")]
 pub mod pickle;
+mod posed;
 pub mod positions;
 pub mod rate;
 mod rest;
@@ -64,7 +65,7 @@ pub enum Format {
     Pickle,
     /// `.json`: a clip in this crate's own format.
     Json,
-    /// `.glb`: written, not read.
+    /// `.glb`, and `.vrm`, which is one: a VRM is read only.
     Glb,
     /// `.fbx`: read, not written.
     Fbx,
@@ -80,7 +81,7 @@ impl Format {
             "npz" => Format::Npz,
             "pkl" => Format::Pickle,
             "json" => Format::Json,
-            "glb" => Format::Glb,
+            "glb" | "vrm" => Format::Glb,
             "fbx" => Format::Fbx,
             _ => return None,
         })
@@ -95,7 +96,7 @@ impl Format {
             Some(e) => format!("the extension .{}", e.to_string_lossy()),
             None => "no extension".into(),
         };
-        let expected = ".bvh, .amc, .npz, .pkl or .json";
+        let expected = ".bvh, .amc, .glb, .npz, .pkl or .json";
         Format::of_name(path).ok_or_else(|| {
             let fault = FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected);
             let is = |extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
@@ -172,11 +173,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
                 );
             }
         },
-        Format::Glb => {
-            let (found, expected) =
-                ("a GLB, which is written and not read", "the .bvh, .amc, .npz, .pkl or .json it is from");
-            return Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into());
-        }
+        Format::Glb => skipped(glb::read(path, bytes, options)?, options)?,
     };
     let fps = motion.clip.fps();
     if !is_rate(fps) {
@@ -251,7 +248,8 @@ fn check_rate(options: &ReadOptions) -> Result<()> {
 /// Refuses `up` for formats that define their own axes.
 fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
     let own = match format {
-        Format::Amc | Format::Bvh | Format::Json | Format::Glb => return Ok(()),
+        Format::Amc | Format::Bvh | Format::Json => return Ok(()),
+        Format::Glb => "a GLB has y up",
         Format::Npz => "an AMASS file has z up",
         Format::Pickle => "an AIST++ file has y up",
         Format::Fbx => "an FBX states its up axis",
@@ -287,13 +285,20 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
             Source::Json(axes) => Ok(json::write(axes.restored(&motion.clip)?.as_ref())),
             _ => Ok(json::write(&motion.clip)),
         },
-        Format::Glb => glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)]),
-        Format::Amc | Format::Pickle | Format::Fbx => {
+        Format::Glb if !is_vrm(path) => {
+            glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)])
+        }
+        Format::Amc | Format::Pickle | Format::Fbx | Format::Glb => {
             let found = format!("the extension .{}", path.extension().unwrap_or_default().to_string_lossy());
             let expected = "a .bvh, .npz, .json or .glb to write";
             Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into())
         }
     }
+}
+
+/// A VRM is a GLB with an avatar that we don't make.
+fn is_vrm(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("vrm"))
 }
 
 #[cfg(test)]
@@ -317,7 +322,7 @@ mod tests {
         let e = message(&file("a.txt", BVH.as_bytes()));
         assert!(
             e.contains("not_this_format")
-                && e.contains(".bvh, .amc, .npz, .pkl or .json")
+                && e.contains(".bvh, .amc, .glb, .npz, .pkl or .json")
                 && e.contains("looks like a BVH"),
             "{e}"
         );

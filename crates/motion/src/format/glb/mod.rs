@@ -1,6 +1,6 @@
-//! GLB (binary glTF 2.0), written for game engines and browsers, not read.
+//! GLB (binary glTF 2.0): written for game engines and browsers, and [read](read()).
 //!
-//! Each clip becomes a skeleton of nodes, a skinned body of capsules, and an animation with keys in every frame: rotations,
+//! Each clip that is written becomes a skeleton of nodes, a skinned body of capsules, and an animation with keys in every frame: rotations,
 //! and positions of the root. Metres, y up. All clips of a file play together in one animation. Joints that never rotate
 //! have no keys.
 //!
@@ -8,6 +8,9 @@
 
 mod buffer;
 mod mesh;
+mod read;
+
+pub use read::read;
 
 use crate::rotation::nearest_sign;
 use crate::{Clip, Error, GlobalPose, Quat, Result, Vec3};

@@ -1,0 +1,231 @@
+//! The parts of a glTF file that animation needs, and its binary buffers.
+
+use crate::{Error, FaultKind, FileError, Result};
+use kinelm_store::SourcePos;
+use serde::Deserialize;
+use std::path::Path;
+
+/// Most numbers of an accessor.
+const MOST_NUMBERS: usize = 1 << 28;
+/// Extensions that a file may require without its skeleton or animation depending on them.
+const HARMLESS: [&str; 8] = [
+    "KHR_materials",
+    "KHR_texture",
+    "KHR_lights",
+    "KHR_mesh_quantization",
+    "KHR_draco",
+    "EXT_texture",
+    "VRM",
+    "MSFT_texture",
+];
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Json {
+    asset: Asset,
+    extensions_required: Vec<String>,
+    pub nodes: Vec<Node>,
+    pub skins: Vec<Skin>,
+    pub animations: Vec<Animation>,
+    accessors: Vec<Accessor>,
+    buffer_views: Vec<View>,
+    buffers: Vec<BufferOf>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Asset {
+    version: String,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Node {
+    pub name: Option<String>,
+    pub children: Vec<usize>,
+    pub translation: Option<[f64; 3]>,
+    pub rotation: Option<[f64; 4]>,
+    pub scale: Option<[f64; 3]>,
+    pub matrix: Option<[f64; 16]>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Skin {
+    pub joints: Vec<usize>,
+    pub inverse_bind_matrices: Option<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Animation {
+    pub name: Option<String>,
+    pub channels: Vec<ChannelOf>,
+    pub samplers: Vec<Sampler>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct ChannelOf {
+    pub sampler: usize,
+    pub target: Target,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Target {
+    pub node: Option<usize>,
+    pub path: String,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Sampler {
+    pub input: usize,
+    pub output: usize,
+    pub interpolation: Option<String>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct Accessor {
+    buffer_view: Option<usize>,
+    byte_offset: usize,
+    component_type: u32,
+    count: usize,
+    #[serde(rename = "type")]
+    kind: String,
+    sparse: Option<serde_json::Value>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct View {
+    buffer: usize,
+    byte_offset: usize,
+    byte_length: usize,
+    byte_stride: Option<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct BufferOf {
+    uri: Option<String>,
+}
+
+/// A file with its binary chunk.
+pub(super) struct Document<'a> {
+    path: &'a Path,
+    pub json: Json,
+    binary: &'a [u8],
+}
+
+impl<'a> Document<'a> {
+    /// The chunks of a GLB (glTF 2.0, section 4.4).
+    pub fn parse(path: &'a Path, bytes: &'a [u8]) -> Result<Self> {
+        let bad = |found: String, expected: &str| not_this(path, found, expected);
+        let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
+        if !bytes.starts_with(b"glTF") {
+            return Err(bad(crate::format::sniff(bytes).to_owned(), "a GLB (binary glTF)"));
+        }
+        if word(4) != Some(2) {
+            return Err(bad(format!("glTF of version {}", word(4).unwrap_or(0)), "version 2"));
+        }
+        let (mut at, mut json, mut binary) = (12usize, None, &bytes[..0]);
+        while let (Some(length), Some(kind)) = (word(at), word(at + 4)) {
+            let chunk = bytes.get(at + 8..(at + 8).saturating_add(length as usize));
+            let Some(chunk) = chunk else {
+                return Err(bad(format!("a chunk of {length} bytes at byte {at}"), "all of it; the file was cut off"));
+            };
+            match &kind.to_le_bytes() {
+                b"JSON" if json.is_none() => json = Some(chunk),
+                b"BIN\0" => binary = chunk,
+                _ => {}
+            }
+            at += 8 + length as usize;
+        }
+        let json = json.ok_or_else(|| bad("no JSON chunk".into(), "a GLB with one"))?;
+        let json: Json = serde_json::from_slice(json).map_err(|e| bad(e.to_string(), "a glTF document"))?;
+        if !json.asset.version.starts_with("2.") {
+            return Err(bad(format!("an asset of version {:?}", json.asset.version), "version 2"));
+        }
+        let strange = |e: &&String| !HARMLESS.iter().any(|known| e.starts_with(known));
+        if let Some(needs) = json.extensions_required.iter().find(strange) {
+            return Err(bad(format!("a file that requires {needs}"), "one without; export it uncompressed"));
+        }
+        Ok(Document { path, json, binary })
+    }
+
+    pub fn fault(&self, found: String, expected: &str) -> Error {
+        not_this(self.path, found, expected)
+    }
+
+    /// The numbers of an accessor of `width` components (N, width), whole ones normalised (section 3.11).
+    pub fn numbers(&self, index: usize, width: usize) -> Result<Vec<f64>> {
+        let bad = |found: String, expected: &str| self.fault(format!("accessor {index}: {found}"), expected);
+        let accessor = self.json.accessors.get(index).ok_or_else(|| bad("not there".into(), "an accessor"))?;
+        if accessor.sparse.is_some() {
+            return Err(bad("sparse".into(), "a whole one; export it without sparse accessors"));
+        }
+        let own = match accessor.kind.as_str() {
+            "SCALAR" => 1,
+            "VEC3" => 3,
+            "VEC4" => 4,
+            "MAT4" => 16,
+            _ => 0,
+        };
+        if own != width {
+            return Err(bad(format!("the type {:?}", accessor.kind), &format!("{width} components")));
+        }
+        let size = match accessor.component_type {
+            5120 | 5121 => 1,
+            5122 | 5123 => 2,
+            5126 => 4,
+            other => return Err(bad(format!("the component type {other}"), "floats or normalised numbers")),
+        };
+        if accessor.count.saturating_mul(width) > MOST_NUMBERS {
+            let found = format!("accessor {index} of {} elements", accessor.count);
+            return Err(FileError::new(SourcePos::file(self.path), FaultKind::TooLarge, found, "fewer").into());
+        }
+        let Some(view) = accessor.buffer_view else { return Ok(vec![0.0; accessor.count * width]) };
+        let view = self.json.buffer_views.get(view).ok_or_else(|| bad("no buffer view".into(), "one"))?;
+        let outside = self.json.buffers.get(view.buffer).is_none_or(|b| b.uri.is_some());
+        if outside {
+            return Err(bad("a buffer in another file".into(), "the file's own binary chunk; export as GLB"));
+        }
+        let end = view.byte_offset.saturating_add(view.byte_length);
+        let bytes = self.binary.get(view.byte_offset..end).ok_or_else(|| bad("beyond its buffer".into(), "inside"))?;
+        let stride = view.byte_stride.unwrap_or(size * width);
+        let mut numbers = Vec::with_capacity(accessor.count * width);
+        for n in 0..accessor.count {
+            for c in 0..width {
+                let at = n.saturating_mul(stride).saturating_add(accessor.byte_offset).saturating_add(c * size);
+                let raw =
+                    bytes.get(at..at.saturating_add(size)).ok_or_else(|| bad("beyond its view".into(), "inside"))?;
+                numbers.push(number(accessor.component_type, raw));
+            }
+        }
+        match numbers.iter().position(|x| !x.is_finite()) {
+            None => Ok(numbers),
+            Some(n) => {
+                let found = format!("accessor {index}: {} in element {}", numbers[n], n / width);
+                Err(FileError::new(SourcePos::file(self.path), FaultKind::NotFinite, found, "finite numbers").into())
+            }
+        }
+    }
+}
+
+fn number(kind: u32, raw: &[u8]) -> f64 {
+    match (kind, raw) {
+        (5120, [a]) => (f64::from(*a as i8) / 127.0).max(-1.0),
+        (5121, [a]) => f64::from(*a) / 255.0,
+        (5122, [a, b]) => (f64::from(i16::from_le_bytes([*a, *b])) / 32767.0).max(-1.0),
+        (5123, [a, b]) => f64::from(u16::from_le_bytes([*a, *b])) / 65535.0,
+        (_, [a, b, c, d]) => f64::from(f32::from_le_bytes([*a, *b, *c, *d])),
+        _ => 0.0,
+    }
+}
+
+fn not_this(path: &Path, found: String, expected: &str) -> Error {
+    FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into()
+}

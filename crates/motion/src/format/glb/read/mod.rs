@@ -1,0 +1,348 @@
+//! GLB and VRM (binary glTF 2.0), read: the joints of the largest figure and its longest animation.
+//!
+//! Source: Khronos Group, glTF 2.0 Specification (2021), sections 3.5, 3.7.3, 3.11. Metres, y up. A file states no rate: it
+//! is that of its keys, if they are evenly spaced.
+
+mod document;
+mod track;
+
+use crate::format::posed::{Figure, Placed, placed, unique};
+use crate::format::{ReadOptions, bvh::USUAL_FPS};
+use crate::{FaultKind, FileError, Motion, Quat, Result, Source, Vec3, Warning};
+use document::Document;
+use glam::DAffine3;
+use kinelm_store::SourcePos;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use track::{Between, Track, quat};
+
+/// The rate of animations whose keys have none.
+const FPS: f64 = 30.0;
+/// Most nodes, their deepest nesting, and most frames times joints: 8 GiB.
+const MOST_NODES: usize = 65_536;
+const DEEPEST: usize = 512;
+const MOST_JOINTS: usize = 4096;
+const MOST_ROTATIONS: f64 = (1u64 << 28) as f64;
+/// A change of a bone's length above this is reported, metres.
+const STILL_M: f64 = 0.01;
+
+/// Reads the figure with the most joints, or the one with a joint named `root` in the options.
+///
+/// # Errors
+/// [`FaultKind::NotThisFormat`] for a file that is no GLB of version 2, is damaged, is compressed, or has no figure;
+/// [`FaultKind::NotFinite`], [`FaultKind::TooLarge`].
+pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
+    let document = Document::parse(path, bytes)?;
+    let tree = Tree::new(&document)?;
+    let mut warnings = Vec::new();
+    let joints = tree.figure(options.root.as_deref(), &mut warnings)?;
+    let figure = tree.at_rest(&joints)?;
+    let takes = &document.json.animations;
+    let read = |n: usize| Take::new(&document, n);
+    let all: Vec<Take> = (0..takes.len()).map(read).collect::<Result<_>>()?;
+    let longest = all.into_iter().enumerate().reduce(|a, b| if b.1.length() > a.1.length() { b } else { a });
+    let (fps, count, take) = match &longest {
+        None => {
+            warnings.push(Warning { kind: "no_animation", what: "no animation: its pose is read as one frame".into() });
+            (FPS, 1.0, None)
+        }
+        Some((n, take)) => {
+            if takes.len() > 1 {
+                let name = takes[*n].name.clone().unwrap_or_else(|| n.to_string());
+                let what = format!("{} takes; {name} is read, the longest", takes.len());
+                warnings.push(Warning { kind: "several_takes", what });
+            }
+            let fps = take.fps().unwrap_or_else(|| {
+                let what = format!("keys at no even rate: read at {FPS}; give `fps_source` if that is wrong");
+                warnings.push(Warning { kind: "rate_assumed", what });
+                FPS
+            });
+            (fps, (take.length() * fps).round() + 1.0, Some(take))
+        }
+    };
+    if !(count * joints.len() as f64 <= MOST_ROTATIONS) {
+        let found = format!("{count} frames of {} joints", joints.len());
+        return Err(FileError::new(SourcePos::file(path), FaultKind::TooLarge, found, "268,435,456 rotations").into());
+    }
+    let frames = (0..count as usize).map(|f| {
+        let world = tree.world(take.map(|take| (take, take.begin + f as f64 / fps)));
+        Ok(joints.iter().map(|&node| split(&world[node])).collect())
+    });
+    let (clip, stretch) = figure.clip(options.fps_source.unwrap_or(fps), frames)?;
+    if stretch > STILL_M {
+        let what = format!("bones get longer or shorter by {:.1} cm at most: left as at rest", 100.0 * stretch);
+        warnings.push(Warning { kind: "stretch_dropped", what });
+    }
+    Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
+}
+
+fn split(m: &DAffine3) -> Placed {
+    placed([m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis], m.translation)
+}
+
+/// The nodes of a document as a forest.
+struct Tree<'a> {
+    document: &'a Document<'a>,
+    parents: Vec<Option<usize>>,
+    /// Nodes, parents before children.
+    order: Vec<usize>,
+}
+
+impl<'a> Tree<'a> {
+    fn new(document: &'a Document<'a>) -> Result<Self> {
+        let nodes = &document.json.nodes;
+        let n = nodes.len();
+        if n > MOST_NODES {
+            return Err(document.fault(format!("{n} nodes"), "65,536 at most"));
+        }
+        let mut parents = vec![None; n];
+        for (parent, node) in nodes.iter().enumerate() {
+            for &child in &node.children {
+                match parents.get_mut(child) {
+                    Some(free @ None) if child != parent => *free = Some(parent),
+                    _ => return Err(document.fault(format!("node {child} below node {parent}"), "one parent a node")),
+                }
+            }
+        }
+        let mut order: Vec<usize> = Vec::with_capacity(n);
+        let mut next: Vec<(usize, usize)> = (0..n).rev().filter(|&i| parents[i].is_none()).map(|i| (i, 0)).collect();
+        while let Some((node, depth)) = next.pop() {
+            if depth > DEEPEST {
+                return Err(document.fault(format!("node {node}, more than {DEEPEST} deep"), "512 levels at most"));
+            }
+            order.push(node);
+            next.extend(nodes[node].children.iter().rev().map(|&c| (c, depth + 1)));
+        }
+        // what a circle of nodes holds is reached from no root
+        if order.len() < n {
+            return Err(document.fault("nodes in a circle".into(), "trees of nodes"));
+        }
+        Ok(Tree { document, parents, order })
+    }
+
+    fn upwards(&self, node: usize) -> impl Iterator<Item = usize> + '_ {
+        std::iter::successors(Some(node), |&n| self.parents[n])
+    }
+
+    fn name(&self, node: usize) -> String {
+        self.document.json.nodes[node].name.clone().filter(|n| !n.is_empty()).unwrap_or_else(|| format!("node{node}"))
+    }
+
+    /// The nodes that are the joints of a figure, parents first: those of all skins below one top node, else those that an
+    /// animation turns, with what lies between them.
+    fn figure(&self, root: Option<&str>, warnings: &mut Vec<Warning>) -> Result<Vec<usize>> {
+        let json = &self.document.json;
+        let mut candidates: Vec<usize> = json.skins.iter().flat_map(|s| s.joints.iter().copied()).collect();
+        if candidates.is_empty() {
+            let turned = json.animations.iter().flat_map(|a| &a.channels).filter(|c| c.target.path == "rotation");
+            candidates = turned.filter_map(|c| c.target.node).collect();
+        }
+        let mut figures: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+        for node in candidates {
+            if node >= json.nodes.len() {
+                return Err(self.document.fault(format!("a joint at node {node}"), "a node of the file"));
+            }
+            let top = self.upwards(node).last().unwrap_or(node);
+            figures.entry(top).or_default().insert(node);
+        }
+        let whole: Vec<Vec<usize>> = figures.values().map(|joints| self.connected(joints)).collect();
+        let names: Vec<String> = whole.iter().map(|joints| self.name(joints[0])).collect();
+        let chosen = match root {
+            Some(root) => whole.iter().find(|joints| joints.iter().any(|&j| self.name(j) == root)),
+            None => whole.iter().rev().max_by_key(|joints| joints.len()),
+        };
+        let Some(chosen) = chosen else {
+            return Err(match root.filter(|_| !names.is_empty()) {
+                Some(root) => self.document.fault(format!("no figure {root}"), &format!("one of {}", names.join(", "))),
+                None => self.document.fault("no skin and no turning node".into(), "a figure with a skeleton"),
+            });
+        };
+        if chosen.len() > MOST_JOINTS {
+            let found = format!("{} joints", chosen.len());
+            return Err(self.document.fault(found, "4,096 at most"));
+        }
+        if root.is_none() && whole.len() > 1 {
+            let own = self.name(chosen[0]);
+            let what = format!("{} figures, {}; {own} is read, `root` takes another", whole.len(), names.join(", "));
+            warnings.push(Warning { kind: "several_roots", what });
+        }
+        Ok(chosen.clone())
+    }
+
+    /// The joints and what connects them to one tree; parents first.
+    fn connected(&self, joints: &BTreeSet<usize>) -> Vec<usize> {
+        // the lowest node that all descend from
+        let mut shared: Option<Vec<usize>> = None;
+        for &joint in joints {
+            let mut down: Vec<usize> = self.upwards(joint).collect();
+            down.reverse();
+            shared = Some(match shared {
+                None => down,
+                Some(s) => s.iter().zip(&down).take_while(|(a, b)| a == b).map(|(a, _)| *a).collect(),
+            });
+        }
+        let top = shared.and_then(|s| s.last().copied());
+        let mut whole: BTreeSet<usize> = joints.clone();
+        for &joint in joints {
+            for node in self.upwards(joint) {
+                whole.insert(node);
+                if Some(node) == top {
+                    break;
+                }
+            }
+        }
+        // the file's own order, where parents come first in it
+        if whole.iter().all(|&n| Some(n) == top || self.parents[n].is_none_or(|p| p < n)) {
+            return whole.into_iter().collect();
+        }
+        self.order.iter().copied().filter(|n| whole.contains(n)).collect()
+    }
+
+    /// The figure in its bind pose, if every joint has one, else as its nodes stand.
+    fn at_rest(&self, joints: &[usize]) -> Result<Figure> {
+        let mut names: Vec<String> = Vec::with_capacity(joints.len());
+        for &node in joints {
+            names.push(unique(&self.name(node), &names));
+        }
+        let place = |node: usize| joints.iter().position(|&j| j == node);
+        let parents: Vec<Option<usize>> = joints.iter().map(|&node| self.parents[node].and_then(place)).collect();
+        let world = self.world(None);
+        let stand: Vec<Placed> = joints.iter().map(|&node| split(&world[node])).collect();
+        let mut bound: Vec<Option<Placed>> = vec![None; joints.len()];
+        for skin in &self.document.json.skins {
+            let Some(matrices) = skin.inverse_bind_matrices else { continue };
+            let numbers = self.document.numbers(matrices, 16)?;
+            for (&node, m) in skin.joints.iter().zip(numbers.chunks_exact(16)) {
+                let Some(j) = place(node).filter(|&j| bound[j].is_none()) else { continue };
+                let column = |c: usize| Vec3::new(m[4 * c], m[4 * c + 1], m[4 * c + 2]);
+                let inverse = DAffine3::from_cols(column(0), column(1), column(2), column(3));
+                if inverse.matrix3.determinant().abs() > 1e-12 {
+                    bound[j] = Some(split(&inverse.inverse()));
+                }
+            }
+        }
+        let rest = match bound.into_iter().collect::<Option<Vec<Placed>>>() {
+            Some(bound) => scaled_as(&parents, bound, &stand),
+            None => stand,
+        };
+        Ok(Figure { names, parents, rest })
+    }
+
+    /// Where all nodes stand, as the file was saved or at a time of a take.
+    fn world(&self, take: Option<(&Take, f64)>) -> Vec<DAffine3> {
+        let mut world = vec![DAffine3::IDENTITY; self.parents.len()];
+        for &n in &self.order {
+            let node = &self.document.json.nodes[n];
+            let local = match (node.matrix, take.map(|(take, time)| (take.of(n), time))) {
+                (Some(m), None | Some((None, _))) => DAffine3::from_mat4(glam::DMat4::from_cols_array(&m)),
+                (_, moved) => {
+                    let at = |path: usize| moved.and_then(|(tracks, time)| Some((tracks?[path].as_ref()?, time)));
+                    let place =
+                        at(0).map_or(Vec3::from_array(node.translation.unwrap_or_default()), |(t, s)| t.vector(s));
+                    let own = || node.rotation.map_or(Quat::IDENTITY, |q| quat(&q));
+                    let turn = at(1).map_or_else(own, |(t, s)| t.rotation(s));
+                    let scale = at(2).map_or(Vec3::from_array(node.scale.unwrap_or([1.0; 3])), |(t, s)| t.vector(s));
+                    DAffine3::from_scale_rotation_translation(scale, turn, place)
+                }
+            };
+            world[n] = self.parents[n].map_or(local, |p| world[p] * local);
+        }
+        world
+    }
+}
+
+/// A bind pose with its bones as long as where the figure stands: some programs bind in centimetres below a scaled node.
+fn scaled_as(parents: &[Option<usize>], bound: Vec<Placed>, stand: &[Placed]) -> Vec<Placed> {
+    let length = |pose: &[Placed]| -> f64 {
+        let bones = parents.iter().enumerate().filter_map(|(j, p)| Some((pose[j].1 - pose[(*p)?].1).length()));
+        bones.sum()
+    };
+    let factor = length(stand) / length(&bound);
+    let factor = if factor.is_finite() && !(0.8..1.25).contains(&factor) { factor } else { 1.0 };
+    bound.into_iter().map(|(q, place)| (q, place * factor)).collect()
+}
+
+/// Tracks of a node: translation, rotation, scale.
+type Tracks = [Option<Track>; 3];
+
+/// An animation.
+struct Take {
+    tracks: BTreeMap<usize, Tracks>,
+    begin: f64,
+    end: f64,
+}
+
+impl Take {
+    fn new(document: &Document, n: usize) -> Result<Take> {
+        let animation = &document.json.animations[n];
+        let mut take = Take { tracks: BTreeMap::new(), begin: f64::INFINITY, end: f64::NEG_INFINITY };
+        for channel in &animation.channels {
+            let (path, width) = match channel.target.path.as_str() {
+                "translation" => (0, 3),
+                "rotation" => (1, 4),
+                "scale" => (2, 3),
+                _ => continue,
+            };
+            let Some(node) = channel.target.node.filter(|&node| node < document.json.nodes.len()) else { continue };
+            let track = Take::track(document, animation, channel.sampler, width)?;
+            take.begin = take.begin.min(track.times[0]);
+            take.end = take.end.max(track.times[track.times.len() - 1]);
+            take.tracks.entry(node).or_default()[path] = Some(track);
+        }
+        if take.tracks.is_empty() {
+            (take.begin, take.end) = (0.0, 0.0);
+        }
+        Ok(take)
+    }
+
+    fn track(document: &Document, animation: &document::Animation, sampler: usize, width: usize) -> Result<Track> {
+        let bad = |found: &str, expected: &str| document.fault(format!("sampler {sampler}: {found}"), expected);
+        let sampler = animation.samplers.get(sampler).ok_or_else(|| bad("not there", "a sampler"))?;
+        let between = match sampler.interpolation.as_deref() {
+            None | Some("LINEAR") => Between::Linear,
+            Some("STEP") => Between::Step,
+            Some("CUBICSPLINE") => Between::Cubic,
+            Some(other) => return Err(bad(other, "LINEAR, STEP or CUBICSPLINE")),
+        };
+        let times = document.numbers(sampler.input, 1)?;
+        let values = document.numbers(sampler.output, width)?;
+        let each = if between == Between::Cubic { 3 * width } else { width };
+        if times.is_empty() || values.len() != times.len() * each {
+            return Err(bad(&format!("{} times, {} numbers", times.len(), values.len()), &format!("{each} a time")));
+        }
+        if !times.is_sorted() {
+            return Err(bad("times that go back", "ascending ones"));
+        }
+        Ok(Track { times, values, width, between })
+    }
+
+    fn of(&self, node: usize) -> Option<&Tracks> {
+        self.tracks.get(&node)
+    }
+
+    fn length(&self) -> f64 {
+        self.end - self.begin
+    }
+
+    /// The rate of the keys, if nearly all are whole steps of the shortest apart: a usual or whole one within 1 %.
+    fn fps(&self) -> Option<f64> {
+        let mut times: Vec<f64> =
+            self.tracks.values().flatten().flatten().flat_map(|t| t.times.iter().copied()).collect();
+        times.sort_by(f64::total_cmp);
+        let steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 2e-4).collect();
+        let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+        let even = |d: &&f64| (*d / shortest - (*d / shortest).round()).abs() < 0.1;
+        if steps.is_empty() || (steps.iter().filter(even).count() as f64) < 0.95 * steps.len() as f64 {
+            return None;
+        }
+        // single precision rounds each time: the mean step is exact
+        let frames = steps.iter().map(|d| (d / shortest).round()).sum::<f64>();
+        let exact = frames / steps.iter().sum::<f64>();
+        let near = |n: f64| (n / exact - 1.0).abs() < 0.01;
+        let usual = USUAL_FPS.iter().map(|n| *n as f64).find(|n| near(*n));
+        Some(usual.or(Some(exact.round()).filter(|n| near(*n))).unwrap_or(exact))
+    }
+}
+
+#[cfg(test)]
+mod tests;

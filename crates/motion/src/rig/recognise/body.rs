@@ -1,18 +1,18 @@
 //! The likeliest body: which pairs of limbs are legs and arms, what lies between and above them, which side is left.
 
 use super::limbs::{LimbPair, Tree, pairs};
-use super::names::{Hint, Side, side_of};
+use super::names::{Hint, Side};
 use crate::Vec3;
-use crate::smpl;
 
 /// What one joint's name counts for, in the unit of the scores: minus half of a squared deviation.
-const NAME: f64 = 3.0;
+pub(super) const NAME: f64 = 3.0;
+/// As many pairs of limbs are tried as legs, and as many as arms.
+const CANDIDATES: usize = 40;
 /// No single measurement counts for more.
 const MOST: f64 = 8.0;
 /// Lengths of an adult over the leg, hip to ankle: mean of the logarithm and deviation.
 const ARM: (f64, f64) = (-0.46, 0.15);
 const TRUNK: (f64, f64) = (-0.65, 0.35);
-const NECK: (f64, f64) = (-2.0, 0.5);
 /// Logarithms of lower over upper bone.
 const SHIN: (f64, f64) = (0.0, 0.13);
 const FOREARM: (f64, f64) = (-0.05, 0.18);
@@ -48,7 +48,7 @@ pub(super) struct Evidence<'a> {
 }
 
 /// Minus half the squared deviation of `x`, at most [`MOST`].
-fn normal(x: f64, (mean, deviation): (f64, f64)) -> f64 {
+pub(super) fn normal(x: f64, (mean, deviation): (f64, f64)) -> f64 {
     if x.is_nan() { -MOST } else { (-0.5 * ((x - mean) / deviation).powi(2)).max(-MOST) }
 }
 
@@ -56,15 +56,15 @@ impl Evidence<'_> {
     /// The bodies of a rig, likeliest first; empty if it has no two pairs of limbs.
     pub fn bodies(&self) -> Vec<Body> {
         let pairs = pairs(&self.tree);
-        let best = |score: &dyn Fn(&LimbPair) -> f64| {
+        let likeliest = |score: &dyn Fn(&LimbPair) -> f64| {
             let mut scored: Vec<(f64, &LimbPair)> = pairs.iter().map(|p| (score(p), p)).collect();
             scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-            scored.truncate(40);
+            scored.truncate(CANDIDATES);
             scored
         };
         let longest = pairs.iter().map(LimbPair::length).fold(0.0, f64::max);
-        let legs = best(&|p| self.leg(p) + (p.length() / longest).ln());
-        let arms = best(&|p| self.arm(p) + (p.length() / longest).ln());
+        let legs = likeliest(&|p| self.leg(p) + (p.length() / longest).ln());
+        let arms = likeliest(&|p| self.arm(p) + (p.length() / longest).ln());
         let mut bodies = Vec::new();
         for (_, leg) in &legs {
             for (_, arm) in &arms {
@@ -104,7 +104,7 @@ impl Evidence<'_> {
         0.5 * sum
     }
 
-    fn agreement(&self, joint: usize, id: usize) -> f64 {
+    pub(super) fn agreement(&self, joint: usize, id: usize) -> f64 {
         NAME * self.hints[joint].agreement(id)
     }
 
@@ -248,164 +248,6 @@ impl Evidence<'_> {
         }
         (sum / (2.0 * size)).clamp(-1.0, 1.0) * (size / (0.05 * self.poses.len().max(1) as f64)).min(1.0)
     }
-
-    /// The pelvis: where legs and trunk part, or a joint just above it whose name says so.
-    fn pelvis(&self, trunk_root: usize, scale: f64) -> usize {
-        let says = |j: usize| self.hints[j].agreement(0);
-        let mut best = trunk_root;
-        for j in self.tree.upwards(trunk_root).skip(1).take(2) {
-            if says(j) >= 0.7 && says(best) < 0.3 && self.tree.way(j, trunk_root) < 0.25 * scale {
-                best = j;
-            }
-        }
-        best
-    }
-
-    /// Spine, neck and head.
-    fn trunk(&self, joints: &mut [Option<usize>; 24], trunk_root: usize, arm: &LimbPair, scale: f64) {
-        let tree = &self.tree;
-        let pelvis = joints[0].unwrap_or(trunk_root);
-        let mut spine: Vec<usize> = tree.upwards(arm.parent).take_while(|&j| j != pelvis).collect();
-        spine.reverse();
-        self.keep_moving(&mut spine);
-        let arms = [arm.paths[0][0], arm.paths[1][0]];
-        let upwards = tree.children[arm.parent].iter().copied().filter(|c| !arms.contains(c));
-        let score = |c: usize| {
-            let name = self.hints[c].agreement(12).max(self.hints[c].agreement(15));
-            NAME * name + self.above(c, arm) + (self.tree.bone(c) + self.tree.reach[c]).min(0.4 * scale) / (0.2 * scale)
-        };
-        let first = upwards.max_by(|a, b| score(*a).total_cmp(&score(*b)).then(b.cmp(a)));
-        let mut above = first.map(|c| self.upper_path(c)).unwrap_or_default();
-        self.keep_moving(&mut above);
-        // Biped's collars hang from the neck
-        let neck_below = above.first().is_some_and(|&c| self.hints[c].agreement(15) > 0.5)
-            && self.hints[arm.parent].agreement(12) > 0.5
-            && spine.last() == Some(&arm.parent);
-        if neck_below {
-            spine.pop();
-            above.insert(0, arm.parent);
-        }
-        let neck = (0..above.len()).max_by(|&a, &b| {
-            let of = |i: usize| self.agreement(above[i], 12) - 0.5 * i as f64;
-            of(a).total_cmp(&of(b)).then(b.cmp(&a))
-        });
-        if let Some(n) = neck {
-            let says_head = self.hints[above[n]].agreement(15) > 0.5;
-            spine.extend_from_slice(&above[..n]);
-            if says_head {
-                joints[15] = Some(above[n]);
-            } else {
-                joints[12] = Some(above[n]);
-                joints[15] = self.head(&above[n..], scale);
-            }
-        }
-        let ids: &[usize] = match spine.len() {
-            0 => &[],
-            1 => &[9],
-            2 => &[3, 9],
-            _ => &[3, 6, 9],
-        };
-        for &id in ids {
-            joints[id] = match id {
-                3 => spine.first().copied(),
-                9 => spine.last().copied(),
-                _ => self.middle(&spine),
-            };
-        }
-        if joints[12].is_none() && joints[15].is_some() {
-            joints[12] = None;
-        }
-    }
-
-    /// Leaves out the joints that never turn, if there are others.
-    fn keep_moving(&self, chain: &mut Vec<usize>) {
-        if chain.iter().any(|&j| self.turns[j]) {
-            chain.retain(|&j| self.turns[j]);
-        }
-    }
-
-    /// The joint between the first and last of the spine that lies nearest to where SMPL's spine2 does.
-    fn middle(&self, spine: &[usize]) -> Option<usize> {
-        let offsets = smpl::neutral();
-        let [lower, upper] = [6, 9].map(|id| offsets.offsets()[id].length());
-        let share = lower / (lower + upper);
-        let whole = self.tree.way(spine[0], *spine.last()?);
-        let off = |j: usize| (self.tree.way(spine[0], j) / whole - share).abs();
-        spine[1..spine.len() - 1].iter().copied().min_by(|a, b| off(*a).total_cmp(&off(*b)))
-    }
-
-    /// The way up from the neck: at each joint the child that is called head or neck, else the one that leads straight on.
-    fn upper_path(&self, from: usize) -> Vec<usize> {
-        let mut path = vec![from];
-        let mut at = from;
-        loop {
-            let score = |c: usize| {
-                let hint = &self.hints[c];
-                NAME * hint.agreement(12).max(hint.agreement(15))
-                    + (self.tree.bone(c) + self.tree.reach[c]) / (self.tree.bone(at) + 1e-9)
-            };
-            let next =
-                self.tree.children[at].iter().copied().max_by(|a, b| score(*a).total_cmp(&score(*b)).then(b.cmp(a)));
-            match next {
-                Some(next) if path.len() < 12 => path.push(next),
-                _ => return path,
-            }
-            at = path[path.len() - 1];
-        }
-    }
-
-    /// The head on the way up from the neck.
-    fn head(&self, above: &[usize], scale: f64) -> Option<usize> {
-        let score = |i: usize| {
-            let j = above[i];
-            let branches = if self.tree.children[j].len() > 1 { 1.0 } else { 0.0 };
-            let tip = if self.tree.reach[j] <= 0.0 { -1.0 } else { 0.0 };
-            self.agreement(j, 15) + normal((self.tree.way(above[0], j) / scale).ln(), NECK) + branches + tip
-        };
-        let best = (1..above.len()).max_by(|&a, &b| score(a).total_cmp(&score(b)).then(b.cmp(&a)))?;
-        (self.hints[above[best]].agreement(15) >= 0.0).then_some(above[best])
-    }
-
-    /// How far a joint is above the shoulders, along the trunk, -1 to 1.
-    fn above(&self, joint: usize, arm: &LimbPair) -> f64 {
-        let mut cosines: Vec<f64> = self
-            .poses
-            .iter()
-            .map(|p| {
-                let shoulders = 0.5 * (p[arm.joints(0)[0]] + p[arm.joints(1)[0]]);
-                let trunk = shoulders - p[self.tree.rig.parents()[arm.parent].unwrap_or(0)];
-                let path = self.tree.path(joint);
-                (p[path[path.len() - 1]] - shoulders).normalize_or_zero().dot(trunk.normalize_or_zero())
-            })
-            .collect();
-        median(&mut cosines).unwrap_or(0.0)
-    }
-
-    fn collar(&self, arm: &LimbPair, side: usize, id: usize) -> Option<usize> {
-        let before = &arm.paths[side][..arm.at[0]];
-        let score = |i: usize| self.agreement(before[i], id) - 0.1 * i as f64;
-        (0..before.len()).max_by(|&a, &b| score(a).total_cmp(&score(b)).then(b.cmp(&a))).map(|i| before[i])
-    }
-
-    /// The ball of a foot: the joint after the ankle, or after that one if its name says so.
-    fn toe(&self, leg: &LimbPair, side: usize, id: usize) -> Option<usize> {
-        let ankle = leg.joints(side)[2];
-        let usual = leg.next(side);
-        let near = self.tree.children[ankle].iter().copied();
-        let far = usual.into_iter().flat_map(|j| self.tree.children[j].iter().copied());
-        let score = |c: usize| self.hints[c].agreement(id) + if Some(c) == usual { 0.3 } else { 0.0 };
-        let best = near.chain(far).max_by(|a, b| score(*a).total_cmp(&score(*b)).then(b.cmp(a)))?;
-        (self.hints[best].agreement(id) >= 0.0).then_some(best)
-    }
-
-    /// SMPL's hand, where the fingers begin: only where a name says so, or the wrist goes on in one joint that others hang from.
-    fn hand(&self, arm: &LimbPair, side: usize, id: usize) -> Option<usize> {
-        let wrist = arm.joints(side)[2];
-        let children = &self.tree.children[wrist];
-        let named =
-            children.iter().copied().find(|&c| self.hints[c].parts.iter().any(|(part, w)| *part == 22 && *w >= 0.5));
-        named.filter(|&c| self.hints[c].agreement(id) > 0.0)
-    }
 }
 
 /// From the straight line between `a` and `c` to `b`.
@@ -415,20 +257,10 @@ fn off_line(a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
     to - along * to.dot(along)
 }
 
-fn median(values: &mut [f64]) -> Option<f64> {
+pub(super) fn median(values: &mut [f64]) -> Option<f64> {
     if values.is_empty() {
         return None;
     }
     let middle = values.len() / 2;
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
-}
-
-/// Whether two bodies give the SMPL joint `id` to the same joint of the rig.
-pub(super) fn agree(a: &Body, b: &Body, id: usize) -> bool {
-    a.joints[id] == b.joints[id]
-}
-
-/// Whether an SMPL joint has a side.
-pub(super) fn is_sided(id: usize) -> bool {
-    side_of(id).1.is_some()
 }

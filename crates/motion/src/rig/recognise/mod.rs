@@ -1,20 +1,22 @@
 //! Recognising a humanoid rig by what it is: hierarchy, proportions and symmetry, how it stands and moves, and its names.
 //!
-//! [`names`] reads each name by itself, [`limbs`] finds the pairs of chains that could be legs and arms, [`body`] puts them
-//! together and scores each body. Here the scores become a [`SkeletonMap`] with a confidence for each joint. Nothing
+//! [`names`] reads each name by itself, [`limbs`] finds the pairs of chains that could be legs and arms, [`body`] and
+//! [`trunk`] put them together and score each body, [`stand`] makes the reference pose. Here the scores become a [`SkeletonMap`] with a confidence for each joint. Nothing
 //! depends on the unit, the up axis or the floor.
 
 mod body;
 mod limbs;
 mod names;
 mod stand;
+mod trunk;
 
 use super::SkeletonMap;
 use super::map::REQUIRED;
 use crate::rotation::angle_between;
 use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, Warning, smpl};
-use body::{Body, Evidence, agree, is_sided};
+use body::{Body, Evidence};
 use limbs::Tree;
+use names::side_of;
 
 /// More joints than any humanoid has.
 const MOST_JOINTS: usize = 2048;
@@ -27,8 +29,8 @@ const SPREAD: f64 = 0.6;
 const NAMED: f64 = 2.0;
 /// Two bodies whose scores differ by this have odds of one to e.
 const SOFTNESS: f64 = 1.2;
-/// Pelvis, spine, neck, head, collars and balls of the feet: where one ends and the next begins, lengths say little.
-const VAGUE: [usize; 10] = [0, 3, 6, 9, 10, 11, 12, 13, 14, 15];
+/// Spine, neck, head, collars and balls of the feet: where one ends and the next begins, lengths say little.
+const VAGUE: [usize; 9] = [3, 6, 9, 10, 11, 12, 13, 14, 15];
 /// As sure as they can be without a name.
 const UNNAMED: f64 = 0.8;
 /// Below this a rig is no humanoid.
@@ -113,17 +115,20 @@ pub fn recognise(rig: &Skeleton, clip: Option<&Clip>) -> Option<Recognised> {
     let mut confidence = [0.0; 24];
     for (id, c) in confidence.iter_mut().enumerate() {
         if best.joints[id].is_some() {
-            let share = bodies.iter().filter(|b| agree(b, best, id)).map(weight).sum::<f64>() / all;
-            *c = humanoid * share * if is_sided(id) { best.sides } else { 1.0 };
+            let share = bodies.iter().filter(|b| b.joints[id] == best.joints[id]).map(weight).sum::<f64>() / all;
+            *c = humanoid * share * if side_of(id).1.is_some() { best.sides } else { 1.0 };
             let named = best.joints[id].is_some_and(|j| evidence.hints[j].agreement(id) > 0.0);
-            if VAGUE.contains(&id) && !named {
+            // what turns above the joint that legs and trunk part at may be the pelvis too
+            let below = |j: usize| evidence.tree.upwards(j).skip(1).any(|above| evidence.turns[above]);
+            let vague = VAGUE.contains(&id) || (id == 0 && best.joints[0].is_some_and(below));
+            if vague && !named {
                 *c = c.min(UNNAMED);
             }
         }
     }
     let second = std::array::from_fn(|id| {
-        let others = bodies.iter().filter(|b| !agree(b, best, id) && b.joints[id].is_some());
-        others.map(|b| b.joints[id]).next().flatten()
+        let others = bodies.iter().map(|b| b.joints[id]).filter(|j| j.is_some() && *j != best.joints[id]);
+        others.flatten().next()
     });
     let reference = stand::reference(rig, &best.joints, clip);
     let map = SkeletonMap::of_joints(rig, &best.joints, &reference);

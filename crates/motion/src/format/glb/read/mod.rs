@@ -60,7 +60,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
             (fps, (take.length() * fps).round() + 1.0, Some(take))
         }
     };
-    if !(count * joints.len() as f64 <= MOST_ROTATIONS) {
+    if !(1.0..=MOST_ROTATIONS).contains(&(count * joints.len() as f64)) {
         let found = format!("{count} frames of {} joints", joints.len());
         return Err(FileError::new(SourcePos::file(path), FaultKind::TooLarge, found, "268,435,456 rotations").into());
     }

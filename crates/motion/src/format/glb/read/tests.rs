@@ -84,7 +84,8 @@ fn faults_say_what_is_wrong() {
         change(&mut json);
         read(Path::new("a.glb"), &glb(&json, &binary), &ReadOptions::default()).unwrap_err().to_string()
     };
-    let changes: [(&dyn Fn(&mut serde_json::Value), &str); 8] = [
+    type Change<'a> = &'a dyn Fn(&mut serde_json::Value);
+    let changes: [(Change, &str); 8] = [
         (&|j| j["nodes"][2]["children"] = vec![1].into(), "one parent a node"),
         (&|j| j["nodes"][2]["children"] = vec![9].into(), "node 9"),
         (&|j| j["skins"][0]["joints"] = vec![7].into(), "node 7"),

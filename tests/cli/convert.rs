@@ -59,6 +59,9 @@ fn options_may_stand_between_and_positions_go_with_a_rate_and_a_rig() {
     let call = |words: &str| kinelm().current_dir(dir.path()).args(words.split_whitespace()).assert();
     call("convert a.bvh --fps 30 b.bvh").success();
     call("convert a.bvh --fps 30").code(2).stderr(contains("IN OUT"));
+    call("convert a.bvh still.bvh --in-place").success();
+    call("convert a.bvh start.bvh --at-origin").success();
+    call("convert a.bvh none.bvh --at-origin --in-place").code(2);
     call("convert a.bvh c.npz --positions --fps 30 --skeleton smpl --from 1s").success();
     let (shape, _) = array(&dir.path().join("c.npz"), "positions");
     assert_eq!((shape[0], shape[2]), (30, 3));

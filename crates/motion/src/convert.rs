@@ -7,7 +7,7 @@ use crate::joints::Selection;
 use crate::resample::{Method, resample};
 use crate::retarget::{self, Retarget};
 use crate::rig::{SkeletonMap, map_for, map_of};
-use crate::{Clip, Error, Motion, Quat, Result, Skeleton, Source, smpl};
+use crate::{Clip, Error, Motion, Quat, Result, Skeleton, Source, Vec3, smpl};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -58,6 +58,34 @@ pub struct ConvertOptions {
     pub rig: Option<TargetRig>,
     /// The SMPL joints that keep moving; the others get their rest rotation.
     pub joints: Option<Selection>,
+    /// What becomes of the way over the floor.
+    pub place: Place,
+}
+
+/// Where a converted motion stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Place {
+    /// Where it was.
+    #[default]
+    Own,
+    /// Moved so that its first frame stands at x = z = 0.
+    AtOrigin,
+    /// At x = z = 0 in every frame, as engines want it that move the character themselves; heights stay.
+    InPlace,
+}
+
+impl Place {
+    /// The clip at its place.
+    fn put(self, clip: &Clip) -> Result<Clip> {
+        let first = clip.root().first().copied().unwrap_or_default();
+        let moved = |p: &Vec3| match self {
+            Place::Own => *p,
+            Place::AtOrigin => Vec3::new(p.x - first.x, p.y, p.z - first.z),
+            Place::InPlace => Vec3::new(0.0, p.y, 0.0),
+        };
+        let root = clip.root().iter().map(moved).collect();
+        Clip::new(clip.skeleton().clone(), clip.fps(), root, clip.rotations().to_vec())
+    }
 }
 
 /// Converts a motion. Without any option set it is returned unchanged.
@@ -74,7 +102,7 @@ pub struct ConvertOptions {
 /// let clip = synth::corpus(1, 1, 2.0, 60.0)?.remove(0).clip;
 /// let dance = Motion { path: "dance.json".into(), clip, source: Source::Plain, warnings: vec![] };
 /// let arms = joints::parse("root,arms")?;
-/// let slow = convert(dance, &ConvertOptions { fps: Some(20.0), joints: Some(arms), rig: None }, None)?;
+/// let slow = convert(dance, &ConvertOptions { fps: Some(20.0), joints: Some(arms), ..Default::default() }, None)?;
 /// assert_eq!((slow.clip.fps(), slow.clip.frames()), (20.0, 40));
 /// assert_eq!(slow.clip.pose(7)[4], kinelm_motion::Quat::IDENTITY, "the knee is at rest");
 /// # Ok::<(), kinelm_motion::Error>(())
@@ -93,6 +121,9 @@ pub fn convert(motion: Motion, options: &ConvertOptions, map: Option<&str>) -> R
     }
     if let Some(fps) = options.fps {
         motion.clip = if rest { after_rest(&motion.clip, fps)? } else { resample(&motion.clip, fps, Method::Smooth)? };
+    }
+    if options.place != Place::Own {
+        motion.clip = options.place.put(&motion.clip)?;
     }
     Ok(motion)
 }
@@ -185,5 +216,22 @@ mod tests {
             let without = resample(&motion.clip.slice(1..motion.clip.frames()), 20.0, Method::Auto).unwrap();
             assert_eq!(slow.slice(1..slow.frames()), without, "{name}");
         }
+    }
+
+    #[test]
+    fn places() {
+        let clip = crate::synth::corpus(1, 1, 2.0, 20.0).unwrap().remove(0).clip;
+        let far: Vec<Vec3> = clip.root().iter().map(|p| *p + Vec3::new(3.0, 0.0, -2.0)).collect();
+        let clip = Clip::new(clip.skeleton().clone(), 20.0, far, clip.rotations().to_vec()).unwrap();
+        let motion = Motion { path: "a.json".into(), clip, source: Source::Plain, warnings: vec![] };
+        let put = |place| convert(motion.clone(), &ConvertOptions { place, ..Default::default() }, None).unwrap().clip;
+        let (own, origin, still) = (put(Place::Own), put(Place::AtOrigin), put(Place::InPlace));
+        assert_eq!(own, motion.clip);
+        let first = own.root()[0];
+        for (f, p) in own.root().iter().enumerate() {
+            assert_eq!(origin.root()[f], Vec3::new(p.x - first.x, p.y, p.z - first.z));
+            assert_eq!(still.root()[f], Vec3::new(0.0, p.y, 0.0));
+        }
+        assert_eq!(still.rotations(), own.rotations());
     }
 }

@@ -3,7 +3,7 @@
 use super::Args;
 use crate::cli::{WrongCall, extension};
 use anyhow::Result;
-use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
+use kinelm_motion::convert::{ConvertOptions, Place, TargetRig, convert};
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::{Motion, joints, smpl};
@@ -42,6 +42,11 @@ fn wanted(
         fps: args.fps,
         rig: rig.cloned().or_else(npz),
         joints: args.joints.as_deref().map(selection).transpose().map_err(|e| WrongCall(e.to_string()))?,
+        place: match (args.in_place, args.at_origin) {
+            (true, _) => Place::InPlace,
+            (_, true) => Place::AtOrigin,
+            _ => Place::Own,
+        },
     })
 }
 

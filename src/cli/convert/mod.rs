@@ -42,6 +42,12 @@ pub struct Args {
     /// End before this time
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     to: Option<Moment>,
+    /// Stay at one place of the floor, for programs that move the character themselves; heights stay
+    #[arg(long, conflicts_with = "at_origin")]
+    in_place: bool,
+    /// Begin at the origin of the floor
+    #[arg(long)]
+    at_origin: bool,
     /// The unit of a BVH output [default: that of its own file, else cm]
     #[arg(long, value_name = "m|cm|mm|in", value_parser = metres)]
     write_unit: Option<f64>,
@@ -151,7 +157,8 @@ impl Args {
     /// Whether another rate, rig, or a part of the file is requested.
     fn moves(&self) -> bool {
         let moment = self.from.is_some() || self.to.is_some();
-        moment || self.fps.is_some() || self.skeleton.is_some() || self.joints.is_some()
+        let placed = self.in_place || self.at_origin;
+        moment || placed || self.fps.is_some() || self.skeleton.is_some() || self.joints.is_some()
     }
 }
 

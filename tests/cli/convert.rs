@@ -328,7 +328,7 @@ fn up_is_said_in_one_line_and_refused_where_the_format_says_it() {
         wrong.stderr(contains("AMASS file has z up"));
         let out = dir.path().join("b.bvh");
         let wrong = kinelm().args(["convert", "--up", up]).arg(&npz).arg(out).assert().code(2);
-        wrong.stderr(contains("--up is for BVH and JSON"));
+        wrong.stderr(contains("--up is for BVH, AMC and JSON"));
     }
 }
 
@@ -424,7 +424,7 @@ fn a_mirrored_clip_is_the_image_and_twice_is_the_clip() {
 }
 
 #[test]
-fn a_glb_has_one_dancer_or_several_and_is_not_read() {
+fn a_glb_has_one_dancer_or_several_and_comes_back() {
     let dir = tempfile::tempdir().unwrap();
     let (one, other, out) = (dance(dir.path()), dir.path().join("other.bvh"), dir.path().join("both.glb"));
     std::fs::copy(&one, &other).unwrap();
@@ -440,7 +440,7 @@ fn a_glb_has_one_dancer_or_several_and_is_not_read() {
     let folder = dir.path().join("glb/");
     kinelm().arg("convert").args([&one, &other, &folder]).args(["--format", "glb"]).assert().success();
     assert_eq!(document(&folder.join("other.glb"))["skins"].as_array().unwrap().len(), 1);
-    // what stands there and is no file of ours is left alone, and a GLB is no motion to read
+    // what stands there and is no file of ours is left alone
     kinelm()
         .arg("convert")
         .args([&one, &other, &out])
@@ -449,7 +449,10 @@ fn a_glb_has_one_dancer_or_several_and_is_not_read() {
         .assert()
         .failure()
         .stderr(contains("--force"));
-    let mut c = kinelm();
-    c.arg("convert").arg(&out).arg(dir.path().join("back.bvh"));
-    c.assert().failure().stderr(contains("a GLB, which is written and not read"));
+    // one figure is read, and which
+    let back = dir.path().join("back.bvh");
+    let said = kinelm().arg("convert").args([&out, &back]).assert().success();
+    said.stderr(contains("several_roots: 2 figures").and(contains("back.bvh: 90 frames at 30 fps")));
+    let joints = |path: &Path| std::fs::read_to_string(path).unwrap().matches("JOINT").count();
+    assert_eq!(joints(&back), joints(&one));
 }

@@ -9,8 +9,8 @@ use super::segments::{Segment, TimedLabels};
 use super::sidecar;
 use super::splits::{self, abbreviated};
 use crate::{Error, Result};
-use kinelm_motion::format::{Format, ReadOptions};
-use kinelm_store::{counted, input};
+use kinelm_motion::format::ReadOptions;
+use kinelm_store::input;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs;
 use std::io::Read;
@@ -117,8 +117,6 @@ pub struct Dataset {
     pub no_motion: usize,
     /// Files that an `ignore_list.txt` names.
     pub ignored: usize,
-    /// FBX files that this build doesn't read.
-    pub unread_fbx: usize,
     /// Files without a row in their label CSV.
     pub without_row: usize,
     /// Rows of label CSVs without a file.
@@ -156,11 +154,10 @@ impl Dataset {
         let labels: Vec<Labels> = labels.iter().map(|l| Labels::parse(l)).collect::<Result<_>>()?;
         let mut dataset = Dataset { sources: data.iter().map(|d| slashed(d)).collect(), ..Dataset::default() };
         let (mut found, mut seen) = (Vec::new(), HashSet::new());
-        let (mut twice, mut with_fbx) = (0, None);
+        let mut twice = 0;
         for (source, place) in data.iter().enumerate() {
             let mut walk = Walk { dataset: &mut dataset, files: Vec::new(), folders: HashSet::new() };
             let is_source = !walk.start(place)?;
-            with_fbx = with_fbx.or((walk.dataset.unread_fbx > 0).then_some(place));
             for (path, relative) in walk.files {
                 // a broken link is reported where it is read
                 if seen.insert(fs::canonicalize(&path).unwrap_or(path.clone())) {
@@ -171,14 +168,12 @@ impl Dataset {
             }
         }
         if found.is_empty() {
-            with_fbx.map_or(Ok(()), |place| refuse_fbx(place, dataset.unread_fbx))?;
             let what = format!("motion in {}", dataset.sources.join(", "));
             return Err(Error::missing(what, format!("looked for files ending in {}", EXTENSIONS.join(", "))));
         }
         for (count, what) in [
             (dataset.no_motion, "files hold no motion (body shapes, other JSON) and are left out"),
             (dataset.ignored, "files are left out because ignore_list.txt names them"),
-            (dataset.unread_fbx, ".fbx files are left out: this build has not the feature `fbx`"),
             (twice, "files were given twice and are taken once"),
         ] {
             dataset.notes.extend((count > 0).then(|| format!("{count} {what}")));
@@ -299,30 +294,11 @@ impl Dataset {
 /// The motion files below a folder, by path, as [`Dataset::find`] finds them.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Io`] for paths that can't be read; [`kinelm_store::Error::File`] for a folder with no other motion
-/// than FBX files, in a build that doesn't read them.
+/// [`kinelm_store::Error::Io`] for paths that can't be read.
 pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut walk = Walk { dataset: &mut Dataset::default(), files: Vec::new(), folders: HashSet::new() };
     walk.start(folder)?;
-    if walk.files.is_empty() {
-        refuse_fbx(folder, walk.dataset.unread_fbx)?;
-    }
     Ok(walk.files.into_iter().map(|(path, _)| path).collect())
-}
-
-/// Refuses `place` if it holds `unread` FBX files, which are all its motion.
-fn refuse_fbx(place: &Path, unread: usize) -> Result<()> {
-    if unread == 0 {
-        return Ok(());
-    }
-    let expected = "motion that this build reads, or a build with the feature `fbx`";
-    let help = "cargo install --path . --features fbx makes one; or convert the files to BVH";
-    Err(Error::file(place, format!("{} and no other motion", counted(unread, ".fbx files")), expected, help))
-}
-
-/// Whether a file is one that only another build reads.
-fn is_unread_fbx(path: &Path) -> bool {
-    !cfg!(feature = "fbx") && Format::of_name(path) == Some(Format::Fbx)
 }
 
 /// What `labels` say of a file. A file that was given itself is also looked up by the folders above it, longest path first,
@@ -398,7 +374,6 @@ impl Walk<'_> {
         }
         let name = place.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         if without_extension(&name) == name {
-            refuse_fbx(place, usize::from(is_unread_fbx(place)))?;
             let expected = format!("a file ending in {}, or a folder", EXTENSIONS.join(", "));
             return Err(Error::file(place, "a file of another kind", expected, ""));
         }
@@ -443,7 +418,6 @@ impl Walk<'_> {
     fn file(&mut self, path: PathBuf, relative: String, ignore: &HashSet<String>) {
         let stem = without_extension(&relative);
         if stem == relative {
-            self.dataset.unread_fbx += usize::from(is_unread_fbx(&path));
             return;
         }
         let name = stem.rsplit('/').next().unwrap_or(stem);

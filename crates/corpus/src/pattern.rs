@@ -6,11 +6,7 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 /// Extensions of motion files.
-pub const EXTENSIONS: &[&str] = if cfg!(feature = "fbx") {
-    &["bvh", "npz", "pkl", "json", "amc", "glb", "vrm", "fbx"]
-} else {
-    &["bvh", "npz", "pkl", "json", "amc", "glb", "vrm"]
-};
+pub const EXTENSIONS: &[&str] = &["bvh", "npz", "pkl", "json", "amc", "glb", "vrm", "fbx"];
 
 /// A path without the extension of a motion file.
 pub fn without_extension(path: &str) -> &str {

@@ -77,6 +77,7 @@ pub fn describe(sidecar: &ReadOptions, read: &ReadOptions) -> Option<String> {
     add(is_added, "positions added".into());
     for (what, sidecar, read) in [("map", &sidecar.map, &read.map), ("root", &sidecar.root, &read.root)] {
         if let Some(name) = sidecar.as_ref().filter(|_| sidecar == read) {
+            let name = if name.contains('\n') { "of its own" } else { name };
             add(true, format!("{what} {name}"));
         }
     }

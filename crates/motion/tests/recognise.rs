@@ -10,7 +10,7 @@ use kinelm_motion::rig::recognise::SURE;
 use kinelm_motion::rig::{Recognised, map_for, recognise};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, GlobalPose, Quat, Skeleton, Vec3, smpl, synth};
-use rigs::{Tree, random, varied};
+use rigs::{Tree, from_pose, random, tilted, turns, varied};
 
 /// Pelvis, hips, knees, ankles, shoulders, elbows, wrists.
 const LIMBS: [usize; 13] = [0, 1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21];
@@ -104,36 +104,6 @@ fn shape_and_movement_are_enough() {
     assert!(share(count.sure_and_wrong, count.sure) <= 0.01, "{count:?}");
 }
 
-/// A clip whose frames are counted from its pose at `frame`: what was there is its rest pose.
-fn from_pose(clip: &Clip, frame: usize) -> Clip {
-    let rig = clip.skeleton();
-    let still = clip.global_pose(frame);
-    let offset = |j: usize| rig.parents()[j].map_or(rig.offsets()[j], |p| still.rotations[p] * rig.offsets()[j]);
-    let offsets = (0..rig.joints()).map(offset).collect();
-    let based = Skeleton::new(rig.names().to_vec(), rig.parents().to_vec(), offsets, Vec::new()).unwrap();
-    reframed(clip, based, &still.rotations.iter().map(|q| q.inverse()).collect::<Vec<_>>())
-}
-
-/// A clip whose joints' frames are turned by `turns` (J) of their own.
-fn tilted(clip: &Clip, turns: &[Quat]) -> Clip {
-    let rig = clip.skeleton();
-    let offset = |j: usize| rig.parents()[j].map_or(rig.offsets()[j], |p| turns[p].inverse() * rig.offsets()[j]);
-    let offsets = (0..rig.joints()).map(offset).collect();
-    let based = Skeleton::new(rig.names().to_vec(), rig.parents().to_vec(), offsets, Vec::new()).unwrap();
-    reframed(clip, based, turns)
-}
-
-/// The clip with `G_j A_j` for the rotations `G_j` of its joints in the world.
-fn reframed(clip: &Clip, rig: Skeleton, turns: &[Quat]) -> Clip {
-    let mut rotations = Vec::new();
-    for f in 0..clip.frames() {
-        let pose = clip.global_pose(f);
-        let turned = pose.rotations.iter().zip(turns).map(|(g, a)| *g * *a).collect();
-        rotations.extend(GlobalPose { rotations: turned, positions: pose.positions }.to_local(&rig));
-    }
-    Clip::new(rig.into(), clip.fps(), clip.root().to_vec(), rotations).unwrap()
-}
-
 /// Mean angles in degrees between what a clip on a rig becomes on SMPL and what it was there: of limb bones, of feet,
 /// of the trunk. Hands are left out: how a palm faces at rest, a dance doesn't tell.
 fn off(before: &Clip, rig: &Clip) -> [f64; 3] {
@@ -172,14 +142,7 @@ fn rest_poses_of_any_kind_are_calibrated() {
         let rig = tree.skeleton(&body);
         let on_rig = tree.dance(&rig, &clip);
         let mut random = random(3);
-        let turns: Vec<Quat> = (0..rig.joints())
-            .map(|_| {
-                Quat::from_axis_angle(
-                    Vec3::new(random() - 0.5, random() - 0.5, random() - 0.5).normalize(),
-                    3.0 * random(),
-                )
-            })
-            .collect();
+        let turns = turns(rig.joints(), &mut random);
         for (what, moved, most) in [
             ("T", on_rig.clone(), 0.01),
             ("from frame 0", from_pose(&on_rig, 0), 8.0),

@@ -10,7 +10,7 @@ use clap::ValueEnum;
 use clip::{converted, cut, wanted_rig};
 use kinelm_motion::Motion;
 use kinelm_motion::format::positions::Positions;
-use kinelm_motion::format::{self, RestFrame, Unit};
+use kinelm_motion::format::{self, Format, Importer, RestFrame, Unit};
 use kinelm_motion::moment::Moment;
 use kinelm_store::counted;
 use std::path::{Path, PathBuf};
@@ -48,6 +48,10 @@ pub struct Args {
     /// Begin at the origin of the floor
     #[arg(long)]
     at_origin: bool,
+    /// Write what this program imports as it is (docs/engines.md): .bvh in metres with a root of its own, or .glb (unreal:
+    /// .glb alone), with names that it keeps
+    #[arg(long = "for", value_name = "PROGRAM", value_enum, conflicts_with_all = ["write_unit", "positions"])]
+    importer: Option<Program>,
     /// The unit of a BVH output [default: that of its own file, else cm]
     #[arg(long, value_name = "m|cm|mm|in", value_parser = metres)]
     write_unit: Option<f64>,
@@ -59,6 +63,24 @@ pub struct Args {
     force: ForceArgs,
     #[command(flatten)]
     read: ReadArgs,
+}
+
+/// A program that imports the output.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Program {
+    Blender,
+    Three,
+    Unreal,
+}
+
+impl From<Program> for Importer {
+    fn from(program: Program) -> Importer {
+        match program {
+            Program::Blender => Importer::Blender,
+            Program::Three => Importer::Three,
+            Program::Unreal => Importer::Unreal,
+        }
+    }
 }
 
 /// Metres of a unit.
@@ -100,9 +122,13 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             format!("{out}: {} of {n} points at {} fps", counted(f, "frames"), positions.fps)
         } else {
             let motion = converted(&args, rig.as_ref(), (motion, map), output)?;
-            let bytes = match args.write_unit {
-                Some(metres) => format::bvh::to_bytes_in(&motion, metres)?,
-                None => format::to_bytes(output, &motion)?,
+            let bytes = match (args.importer, args.write_unit) {
+                (Some(program), _) => {
+                    let name = output.file_stem().unwrap_or_default().to_string_lossy();
+                    Importer::from(program).to_bytes(&name, &motion, Format::of(output)?)?
+                }
+                (None, Some(metres)) => format::bvh::to_bytes_in(&motion, metres)?,
+                (None, None) => format::to_bytes(output, &motion)?,
             };
             outputs.write(output, &bytes)?;
             described(output, &motion)
@@ -148,6 +174,14 @@ fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
             let what =
                 format!("--write-unit with {}: all files but a .bvh are in metres; leave it out", output.display());
             return Err(WrongCall(what).into());
+        }
+        if let Some(program) = args.importer {
+            let formats = Importer::from(program).formats();
+            if !Format::of_name(output).is_some_and(|format| formats.contains(&format)) {
+                let names = if formats.contains(&Format::Bvh) { ".bvh or .glb" } else { ".glb" };
+                let what = format!("{program:?} imports no {}; write {names}", output.display());
+                return Err(WrongCall(what).into());
+            }
         }
     }
     Ok(())

@@ -4,7 +4,7 @@ use super::Args;
 use super::clip::{converted, cut, wanted_rig};
 use crate::cli::{Odd, Say, WrongCall, extension};
 use anyhow::Result;
-use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::format::{self, Importer, RestFrame};
 use std::path::{Path, PathBuf};
 
 /// The GLB that several clips are written to, and the clips.
@@ -29,7 +29,12 @@ pub fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> 
         odd.warn(&motion);
         let motion = cut(args, motion)?;
         let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        clips.push((name, converted(args, rig.as_ref(), (motion, options.map.as_deref()), out)?.clip));
+        let clip = converted(args, rig.as_ref(), (motion, options.map.as_deref()), out)?.clip;
+        let clip = match args.importer {
+            Some(program) => Importer::from(program).fit(&clip)?,
+            None => clip,
+        };
+        clips.push((name, clip));
     }
     let named: Vec<_> = clips.iter().map(|(name, clip)| (name.as_str(), clip)).collect();
     outputs.write(out, &format::glb::to_bytes(&named)?)?;

@@ -113,25 +113,6 @@ fn nothing_to_find_is_an_error() {
     assert!(Dataset::find(&[dir.path().join("a.txt")], &[]).unwrap_err().to_string().contains("another kind"));
 }
 
-#[cfg(not(feature = "fbx"))]
-#[test]
-fn fbx_files_are_reported_if_nothing_reads_them() {
-    let dir = tree(&["a/x.FBX", "a/y.fbx"]);
-    for said in [
-        Dataset::find(&[dir.path().into()], &[]).unwrap_err().to_string(),
-        motion_files(&dir.path().join("a")).unwrap_err().to_string(),
-    ] {
-        assert!(said.contains("found 2 .fbx files and no other motion") && said.contains("`fbx`"), "{said}");
-    }
-    let said = Dataset::find(&[dir.path().join("a/x.FBX")], &[]).unwrap_err().to_string();
-    assert!(said.contains("x.FBX") && said.contains("--features fbx"), "{said}");
-    fs::write(dir.path().join("b.bvh"), "").unwrap();
-    let g = Dataset::find(&[dir.path().into()], &[]).unwrap();
-    assert_eq!((names(&g), g.unread_fbx), (vec!["b"], 2));
-    assert!(notes(&g, "2 .fbx files are left out: this build has not the feature `fbx`"), "{:?}", g.notes);
-    assert_eq!(motion_files(dir.path()).unwrap().len(), 1);
-}
-
 #[test]
 fn the_shared_lists_cover_the_shared_data() {
     let Some(dir) = kinelm_shared_data::set("cmu-dance", "corpus::dataset") else { return };

@@ -8,6 +8,7 @@ use crate::{Error, Result};
 use kinelm_motion::Source;
 use kinelm_motion::format::Format;
 use kinelm_motion::joints::{self, Selection};
+use kinelm_motion::rig::recognised_map;
 use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use std::sync::Arc;
@@ -43,7 +44,17 @@ impl PreparedPrompt {
         }
         let text = bytes(request, layout)?;
         let mut clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
-        // floor and up axis are settled here, so that they aren't estimated again, least of all from the dance
+        // map, floor and up axis are settled here, so that they aren't estimated again, least of all from the dance
+        if request.read.map.is_none() {
+            request.read.map = recognised_map(&clip.motion.clip).map(|map| map.to_toml());
+            if request.read.map.is_some() {
+                // what the sidecar says gives the same bits again
+                clip = PromptClip {
+                    motion: clip.motion,
+                    ..PromptClip::parse(&request.path, &text, &request.read, tokenizer)?
+                };
+            }
+        }
         request.read.floor = clip.floor_m.or(request.read.floor);
         if let Source::Bvh(_) | Source::Json(_) = clip.motion.source {
             request.read.up = clip.motion.source.axes().up;

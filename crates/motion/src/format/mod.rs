@@ -16,6 +16,7 @@ pub mod bvh;
 pub mod fbx;
 mod floor;
 pub mod glb;
+mod importer;
 pub mod json;
 #[cfg(feature = "amass")]
 pub mod npy;
@@ -35,6 +36,7 @@ pub mod source;
 mod up;
 
 pub use floor::{floor_height, resolve_floor};
+pub use importer::Importer;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
 pub use rate::{RateDoubt, RateDoubts};
 pub use rest::has_rest_frame;

@@ -16,7 +16,7 @@ pub struct ReadOptions {
     pub unit: Unit,
     /// The up axis of a BVH or JSON file.
     pub up: Up,
-    /// A skeleton map by its built-in name or its path, for rigs that no built-in map fits.
+    /// A skeleton map by its built-in name or its path, or its TOML, for rigs that no built-in map fits.
     pub map: Option<String>,
     /// What position channels do to a joint's OFFSET.
     pub bvh_position: BvhPosition,

@@ -67,13 +67,16 @@ impl SkeletonMap {
         SkeletonMap::parse(&text, path)
     }
 
-    /// A built-in map by its name, else the map in the file of that path.
+    /// A built-in map by its name, else the map in the file of that path; several lines are the TOML itself.
     ///
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) when it is neither, else those of [`SkeletonMap::load`].
     pub fn by_name_or_file(name_or_path: &str) -> Result<Self> {
         if let Some(map) = SkeletonMap::builtin(name_or_path) {
             return Ok(map);
+        }
+        if name_or_path.contains('\n') {
+            return SkeletonMap::parse(name_or_path, Path::new("map"));
         }
         if !Path::new(name_or_path).exists() {
             let names: Vec<_> = SkeletonMap::names().collect();

@@ -49,6 +49,14 @@ fn find_map(rig: &Skeleton, clip: Option<&Clip>, map: Option<&str>) -> Result<Sk
     }
 }
 
+/// The map of a rig that no built-in map fits, as it is [recognised](recognise()) for sure by shape, movement and names.
+pub fn recognised_map(clip: &Clip) -> Option<SkeletonMap> {
+    if SkeletonMap::detect(clip.skeleton().names()).is_some() {
+        return None;
+    }
+    recognise(clip.skeleton(), Some(clip)).filter(Recognised::is_sure).map(|found| found.map)
+}
+
 /// The map given by name or path, bound to these joints as far as it fits, else as [`map_for`] finds it, if it does; `clip`
 /// shows how the rig moves.
 ///

@@ -175,6 +175,42 @@ impl Tree {
     }
 }
 
+/// A clip whose frames are counted from its pose at `frame`: what was there is its rest pose.
+pub fn from_pose(clip: &Clip, frame: usize) -> Clip {
+    let rig = clip.skeleton();
+    let still = clip.global_pose(frame);
+    let offset = |j: usize| rig.parents()[j].map_or(rig.offsets()[j], |p| still.rotations[p] * rig.offsets()[j]);
+    let offsets = (0..rig.joints()).map(offset).collect();
+    let based = Skeleton::new(rig.names().to_vec(), rig.parents().to_vec(), offsets, Vec::new()).unwrap();
+    reframed(clip, based, &still.rotations.iter().map(|q| q.inverse()).collect::<Vec<_>>())
+}
+
+/// A clip whose joints' frames are turned by `turns` (J) of their own.
+pub fn tilted(clip: &Clip, turns: &[Quat]) -> Clip {
+    let rig = clip.skeleton();
+    let offset = |j: usize| rig.parents()[j].map_or(rig.offsets()[j], |p| turns[p].inverse() * rig.offsets()[j]);
+    let offsets = (0..rig.joints()).map(offset).collect();
+    let based = Skeleton::new(rig.names().to_vec(), rig.parents().to_vec(), offsets, Vec::new()).unwrap();
+    reframed(clip, based, turns)
+}
+
+/// The clip with `G_j A_j` for the rotations `G_j` of its joints in the world.
+fn reframed(clip: &Clip, rig: Skeleton, turns: &[Quat]) -> Clip {
+    let mut rotations = Vec::new();
+    for f in 0..clip.frames() {
+        let pose = clip.global_pose(f);
+        let turned = pose.rotations.iter().zip(turns).map(|(g, a)| *g * *a).collect();
+        rotations.extend(GlobalPose { rotations: turned, positions: pose.positions }.to_local(&rig));
+    }
+    Clip::new(rig.into(), clip.fps(), clip.root().to_vec(), rotations).unwrap()
+}
+
+/// A rotation for each of `joints` joints, up to 3 radians about any axis.
+pub fn turns(joints: usize, random: &mut dyn FnMut() -> f64) -> Vec<Quat> {
+    let axis = |random: &mut dyn FnMut() -> f64| Vec3::new(random() - 0.5, random() - 0.5, random() - 0.5).normalize();
+    (0..joints).map(|_| Quat::from_axis_angle(axis(random), 3.0 * random())).collect()
+}
+
 /// SMPL's neutral body with each bone up to `share` longer or shorter, both sides alike; `random` draws from 0 to 1.
 pub fn varied(share: f64, random: &mut dyn FnMut() -> f64) -> Skeleton {
     let neutral = smpl::neutral();

@@ -49,10 +49,9 @@ impl PreparedPrompt {
             request.read.map = recognised_map(&clip.motion.clip).map(|map| map.to_toml());
             if request.read.map.is_some() {
                 // what the sidecar says gives the same bits again
-                clip = PromptClip {
-                    motion: clip.motion,
-                    ..PromptClip::parse(&request.path, &text, &request.read, tokenizer)?
-                };
+                let motion = clip.motion;
+                clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
+                clip.motion = motion;
             }
         }
         request.read.floor = clip.floor_m.or(request.read.floor);

@@ -25,9 +25,18 @@ pub struct Tree {
     pub nodes: Vec<Node>,
 }
 
-/// All trees of the folder, by name.
+/// The trees that the rules of recognition were made with, by name.
 pub fn all() -> Vec<Tree> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/rigs");
+    trees("tests/rigs")
+}
+
+/// The trees that were first looked at when the rules were done.
+pub fn held_out() -> Vec<Tree> {
+    trees("tests/rigs/held_out")
+}
+
+fn trees(folder: &str) -> Vec<Tree> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
     let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     files.retain(|f| f.extension().is_some_and(|e| e == "txt"));
     files.sort();

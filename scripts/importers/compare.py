@@ -16,6 +16,6 @@ frames = theirs["frames"]
 shared = [name for name in names if name in frames[0]]
 count = min(len(frames), len(at))
 far = max(np.linalg.norm(at[f][names.index(name)] - frames[f][name]) for f in range(count) for name in shared)
-print(f"{theirs['program']}: {len(frames)} of {len(at)} frames, {len(shared)} of {len(names)} joints by name, "
+print(f"{theirs['program']}: {len(frames)} of {len(at)} frames, {len(shared)} of {len(frames[0])} joints by name, "
       f"{1000 * far:.4f} mm at most")
-sys.exit(far * 1000 > float(sys.argv[3]) or len(shared) < len(names) or abs(len(frames) - len(at)) > 1)
+sys.exit(far * 1000 > float(sys.argv[3]) or len(shared) < len(frames[0]) or abs(len(frames) - len(at)) > 1)

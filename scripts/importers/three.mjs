@@ -9,8 +9,8 @@ import { createRequire } from 'node:module';
 import { pathToFileURL } from 'node:url';
 
 const require = createRequire(pathToFileURL(process.cwd() + '/'));
-const load = (path) => import(pathToFileURL(require.resolve(path)));
-const THREE = await load('three');
+const load = (path) => import(pathToFileURL(`${process.cwd()}/node_modules/${path}`));
+const THREE = await load('three/build/three.module.js');
 globalThis.self = globalThis;
 
 const [source, fps, target] = process.argv.slice(2);

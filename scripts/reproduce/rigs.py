@@ -19,7 +19,9 @@ def figure(path):
     """Places (N, 3) at the moment, about the first joint that moves, and parents."""
     read = np.load(path)
     f = min(round(MOMENT_S * float(read["fps"])), len(read["positions"]) - 1)
-    at = read["positions"][f]
+    # seen from ahead and the side
+    turn = np.radians(50)
+    at = read["positions"][f] @ [[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]]
     low, high = at.min(0), at.max(0)
     return at - [(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2], read["parents"]
 

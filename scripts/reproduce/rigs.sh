@@ -13,7 +13,7 @@ shift 3
 here=$(cd "$(dirname "$0")/../.." && pwd)
 kinelm=${KINELM:-$here/target/release/kinelm} python=${PYTHON:-python3}
 rigs=${RIGS:-xsens_mvn optitrack vicon rokoko perception_neuron mocopi iclone_cc daz_genesis9 mmd ue4_mannequin ue5_manny \
-    unity_humanoid valve_biped biped_3dsmax humanik lafan1 vrm0_vroid}
+    unity_humanoid valve_biped biped_3dsmax humanik lafan1}
 mkdir -p "$out/files" "$out/smpl" "$out/dances"
 [ -e "$out/rigs/lafan1.bvh" ] ||
     (cd "$here" && cargo run --release --quiet -p kinelm-motion --example on_rigs -- "$dance" "$out/rigs" > /dev/null)

@@ -46,8 +46,8 @@ pub use up::{Axes, Up, UpSource};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
-use crate::rig::{SkeletonMap, recognise};
-use crate::{Error, FaultKind, FileError, Result};
+use crate::rig::{SkeletonMap, recognise, recognised_map};
+use crate::{Error, FaultKind, FileError, Result, Warning};
 use kinelm_store::{SourcePos, files, input};
 use options::{check_skip, is_rate};
 use positions::Positions;
@@ -185,8 +185,15 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         return Err(fault.help("give the true rate as `fps_source`").into());
     }
     let mut motion = rest::handle_rest_frame(motion, options);
-    if options.map.is_none() && SkeletonMap::detect(motion.clip.skeleton().names()).is_none() {
-        motion.warnings.extend(recognise(motion.clip.skeleton(), Some(&motion.clip)).and_then(|found| found.warning()));
+    if options.map.is_none() {
+        let rig = motion.clip.skeleton();
+        motion.warnings.extend(match SkeletonMap::detect(rig.names()) {
+            Some(map) => recognised_map(&motion.clip).map(|_| Warning {
+                kind: "rest_pose",
+                what: format!("no body stands in the rig's rest pose, as the map {} needs it: its reference pose is made from the clip", map.name),
+            }),
+            None => recognise(rig, Some(&motion.clip)).and_then(|found| found.warning()),
+        });
     }
     if options.fps_source.is_none() {
         motion.warnings.extend(RateDoubt::of(&motion.clip).map(|doubt| doubt.warning()));

@@ -136,13 +136,25 @@ impl SkeletonMap {
     /// the rest pose is one.
     pub(super) fn of_joints(rig: &Skeleton, joints: &[Option<usize>; 24], reference: &[Quat]) -> Self {
         let name = |j: &Option<usize>| j.map(|j| rig.names()[j].clone()).into_iter().collect();
-        let turned = reference.iter().enumerate().filter(|(_, q)| **q != Quat::IDENTITY);
-        SkeletonMap {
+        let map = SkeletonMap {
             name: RECOGNISED.into(),
             description: "by shape and names".into(),
             joints: std::array::from_fn(|id| name(&joints[id])),
-            reference: turned.map(|(j, q)| (rig.names()[j].clone(), *q)).collect(),
-        }
+            reference: Vec::new(),
+        };
+        map.with_reference(rig, reference)
+    }
+
+    /// The map with these local rotations (J) of a reference pose; none of them: as it is.
+    pub(super) fn with_reference(self, rig: &Skeleton, reference: &[Quat]) -> Self {
+        let turned = reference.iter().enumerate().filter(|(_, q)| **q != Quat::IDENTITY);
+        let reference: Vec<_> = turned.map(|(j, q)| (rig.names()[j].clone(), *q)).collect();
+        if reference.is_empty() { self } else { SkeletonMap { reference, ..self } }
+    }
+
+    /// Whether it has a reference pose of its own.
+    pub(super) fn has_reference(&self) -> bool {
+        !self.reference.is_empty()
     }
 
     /// The built-in map that fits a rig with these joint names best: it finds all required joints and most of the others.

@@ -40,7 +40,7 @@ fn find_map(rig: &Skeleton, clip: Option<&Clip>, map: Option<&str>) -> Result<Sk
     if let Some(map) = map {
         return SkeletonMap::by_name_or_file(map);
     }
-    if let Some(map) = SkeletonMap::detect(rig.names()) {
+    if let Some(map) = built_in(rig, clip) {
         return Ok(map);
     }
     match recognise(rig, clip) {
@@ -49,10 +49,26 @@ fn find_map(rig: &Skeleton, clip: Option<&Clip>, map: Option<&str>) -> Result<Sk
     }
 }
 
-/// The map of a rig that no built-in map fits, as it is [recognised](recognise()) for sure by shape, movement and names.
+/// The built-in map that fits the joint names. If it has no reference pose, and no body stands in the rest pose, it gets the
+/// one that the clip shows.
+fn built_in(rig: &Skeleton, clip: Option<&Clip>) -> Option<SkeletonMap> {
+    let map = SkeletonMap::detect(rig.names())?;
+    let turns = clip.filter(|_| !map.has_reference()).map(|clip| {
+        let joints = std::array::from_fn(|id| map.joint(id).and_then(|name| rig.find(name)));
+        recognise::stand::reference_if_none(rig, &joints, clip)
+    });
+    Some(match turns {
+        Some(turns) => map.with_reference(rig, &turns),
+        None => map,
+    })
+}
+
+/// The map of a rig that shows only in how it moves, wholly or its reference pose: one that no built-in map fits and that
+/// is [recognised](recognise()) for sure, or one whose rest pose is none to compare bodies in.
 pub fn recognised_map(clip: &Clip) -> Option<SkeletonMap> {
-    if SkeletonMap::detect(clip.skeleton().names()).is_some() {
-        return None;
+    if let Some(map) = SkeletonMap::detect(clip.skeleton().names()) {
+        let own = built_in(clip.skeleton(), Some(clip))?;
+        return (own.has_reference() && !map.has_reference()).then_some(own);
     }
     recognise(clip.skeleton(), Some(clip)).filter(Recognised::is_sure).map(|found| found.map)
 }
@@ -65,7 +81,6 @@ pub fn recognised_map(clip: &Clip) -> Option<SkeletonMap> {
 pub(crate) fn map_if_any(rig: &Skeleton, clip: Option<&Clip>, map: Option<&str>) -> Result<Option<SkeletonMap>> {
     Ok(match map {
         Some(map) => Some(SkeletonMap::by_name_or_file(map)?.bind_any(rig.names())),
-        None => SkeletonMap::detect(rig.names())
-            .or_else(|| recognise(rig, clip).filter(Recognised::is_sure).map(|found| found.map)),
+        None => built_in(rig, clip).or_else(|| recognise(rig, clip).filter(Recognised::is_sure).map(|found| found.map)),
     })
 }

@@ -7,7 +7,7 @@
 mod body;
 mod limbs;
 mod names;
-mod stand;
+pub(super) mod stand;
 mod trunk;
 
 use super::SkeletonMap;

@@ -6,9 +6,10 @@ use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3};
 
 /// Frames of a clip that are looked at, evenly spaced.
 const FRAMES: usize = 300;
-/// Up to this angle, radians, legs are straight and below the trunk, and both sides are alike.
-const UPRIGHT: f64 = 0.2;
-const ALIKE: f64 = 0.06;
+/// Up to these angles, radians, legs are straight and below the trunk, and both sides are alike.
+const STRAIGHT: [f64; 2] = [0.2, 0.06];
+/// The same of a rig that a built-in map fits, whose rest pose is taken for one if it can be.
+const PLAUSIBLE: [f64; 2] = [1.0, 0.5];
 /// Arms may be this far from halfway between out and down, radians.
 const OUT_OR_DOWN: f64 = 1.0;
 /// The mean sine of a bend from which on it shows its axis.
@@ -21,10 +22,20 @@ const LIMBS: [([usize; 3], bool); 4] =
 /// Empty: the rest pose is one.
 pub(super) fn reference(rig: &Skeleton, joints: &[Option<usize>; 24], clip: Option<&Clip>) -> Vec<Quat> {
     let rest = GlobalPose::new(rig, Vec3::ZERO, &vec![Quat::IDENTITY; rig.joints()]);
-    if stands(&rest, joints) {
+    if stands(&rest, joints, STRAIGHT) {
         return Vec::new();
     }
-    let mut poses = vec![rest];
+    made(rig, joints, clip)
+}
+
+/// As [`reference`], for a rig whose rest pose is replaced only if no body stands in it.
+pub(in crate::rig) fn reference_if_none(rig: &Skeleton, joints: &[Option<usize>; 24], clip: &Clip) -> Vec<Quat> {
+    let rest = GlobalPose::new(rig, Vec3::ZERO, &vec![Quat::IDENTITY; rig.joints()]);
+    if stands(&rest, joints, PLAUSIBLE) { Vec::new() } else { made(rig, joints, Some(clip)) }
+}
+
+fn made(rig: &Skeleton, joints: &[Option<usize>; 24], clip: Option<&Clip>) -> Vec<Quat> {
+    let mut poses = vec![GlobalPose::new(rig, Vec3::ZERO, &vec![Quat::IDENTITY; rig.joints()])];
     if let Some(clip) = clip.filter(|c| c.frames() > 0) {
         let step = clip.frames().div_ceil(FRAMES).max(1);
         poses = (0..clip.frames()).step_by(step).map(|f| clip.global_pose(f)).collect();
@@ -33,7 +44,7 @@ pub(super) fn reference(rig: &Skeleton, joints: &[Option<usize>; 24], clip: Opti
 }
 
 /// Whether a body stands in a pose: legs below the trunk, arms out or down, both sides alike.
-fn stands(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> bool {
+fn stands(pose: &GlobalPose, joints: &[Option<usize>; 24], [upright, alike]: [f64; 2]) -> bool {
     let at = |id: usize| joints[id].map_or(Vec3::ZERO, |j| pose.positions[j]);
     let up = (at(16) + at(17) - at(1) - at(2)).normalize_or_zero();
     let across = (at(1) - at(2) + at(16) - at(17)).normalize_or_zero();
@@ -42,10 +53,10 @@ fn stands(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> bool {
         ids.windows(2).all(|bone| {
             let [left, right] = [0, 1].map(|side| at(bone[1] + side) - at(bone[0] + side));
             let fits = match ids[0] {
-                1 => left.angle_between(-up) < UPRIGHT,
+                1 => left.angle_between(-up) < upright,
                 _ => left.angle_between(across - up) < OUT_OR_DOWN,
             };
-            fits && left.angle_between(mirrored(right)) < ALIKE
+            fits && left.angle_between(mirrored(right)) < alike
         })
     })
 }

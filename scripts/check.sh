@@ -10,3 +10,5 @@ cargo test --release --workspace --locked
 RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --no-deps --locked
 cargo deny --locked check bans licenses sources
 cargo package --workspace --locked
+# Blender 4.2, 4.5 and 5.0 and three.js read what is written; installs them once
+scripts/importers/check.sh target/importers crates/motion/tests/golden/blender_dance_y_up.bvh

@@ -452,7 +452,9 @@ fn a_glb_has_one_dancer_or_several_and_comes_back() {
     // one figure is read, and which
     let back = dir.path().join("back.bvh");
     let said = kinelm().arg("convert").args([&out, &back]).assert().success();
-    said.stderr(contains("several_roots: 2 figures").and(contains("back.bvh: 90 frames at 30 fps")));
+    said.stderr(contains("2 figures, dance, other; dance is read").and(contains("back.bvh: 90 frames at 30 fps")));
+    let second = kinelm().args(["convert", "--root", "other", "--force"]).args([&out, &back]).assert().success();
+    second.stderr(contains("several_roots").not());
     let joints = |path: &Path| std::fs::read_to_string(path).unwrap().matches("JOINT").count();
     assert_eq!(joints(&back), joints(&one));
 }

@@ -146,24 +146,36 @@ impl<'a> Tree<'a> {
             figures.entry(top).or_default().insert(node);
         }
         let whole: Vec<Vec<usize>> = figures.values().map(|joints| self.connected(joints)).collect();
-        let names: Vec<String> = whole.iter().map(|joints| self.name(joints[0])).collect();
-        let chosen = match root {
-            Some(root) => whole.iter().find(|joints| joints.iter().any(|&j| self.name(j) == root)),
-            None => whole.iter().rev().max_by_key(|joints| joints.len()),
+        // figures on the same rig differ by what they hang from
+        let name = |(&top, joints): (&usize, &Vec<usize>)| {
+            let own = self.name(joints[0]);
+            let shared = whole.iter().filter(|other| self.name(other[0]) == own).count() > 1;
+            if shared { self.name(top) } else { own }
         };
-        let Some(chosen) = chosen else {
+        let names: Vec<String> = figures.keys().zip(&whole).map(name).collect();
+        let is = |n: usize, root: &str| names[n] == root || whole[n].iter().any(|&j| self.name(j) == root);
+        let chosen = match root {
+            Some(root) => (0..whole.len()).find(|&n| is(n, root)),
+            None => (0..whole.len()).rev().max_by_key(|&n| whole[n].len()),
+        };
+        let Some(which) = chosen else {
             return Err(match root.filter(|_| !names.is_empty()) {
                 Some(root) => self.document.fault(format!("no figure {root}"), &format!("one of {}", names.join(", "))),
                 None => self.document.fault("no skin and no turning node".into(), "a figure with a skeleton"),
             });
         };
+        let chosen = &whole[which];
         if chosen.len() > MOST_JOINTS {
             let found = format!("{} joints", chosen.len());
             return Err(self.document.fault(found, "4,096 at most"));
         }
         if root.is_none() && whole.len() > 1 {
-            let own = self.name(chosen[0]);
-            let what = format!("{} figures, {}; {own} is read, `root` takes another", whole.len(), names.join(", "));
+            let what = format!(
+                "{} figures, {}; {} is read, `root` takes another",
+                whole.len(),
+                names.join(", "),
+                names[which]
+            );
             warnings.push(Warning { kind: "several_roots", what });
         }
         Ok(chosen.clone())

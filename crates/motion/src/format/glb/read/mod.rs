@@ -38,7 +38,8 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let joints = tree.figure(options.root.as_deref(), &mut warnings)?;
     let figure = tree.at_rest(&joints)?;
     let takes = &document.json.animations;
-    let read = |n: usize| Take::new(&document, n);
+    let of_figure: BTreeSet<usize> = joints.iter().flat_map(|&joint| tree.upwards(joint)).collect();
+    let read = |n: usize| Take::new(&document, n, &of_figure);
     let all: Vec<Take> = (0..takes.len()).map(read).collect::<Result<_>>()?;
     let longest = all.into_iter().enumerate().reduce(|a, b| if b.1.length() > a.1.length() { b } else { a });
     let (fps, count, take) = match &longest {
@@ -285,7 +286,8 @@ struct Take {
 }
 
 impl Take {
-    fn new(document: &Document, n: usize) -> Result<Take> {
+    /// The animation's tracks of these nodes.
+    fn new(document: &Document, n: usize, nodes: &BTreeSet<usize>) -> Result<Take> {
         let animation = &document.json.animations[n];
         let mut take = Take { tracks: BTreeMap::new(), begin: f64::INFINITY, end: f64::NEG_INFINITY };
         for channel in &animation.channels {
@@ -295,7 +297,7 @@ impl Take {
                 "scale" => (2, 3),
                 _ => continue,
             };
-            let Some(node) = channel.target.node.filter(|&node| node < document.json.nodes.len()) else { continue };
+            let Some(node) = channel.target.node.filter(|node| nodes.contains(node)) else { continue };
             let track = Take::track(document, animation, channel.sampler, width)?;
             take.begin = take.begin.min(track.times[0]);
             take.end = take.end.max(track.times[track.times.len() - 1]);

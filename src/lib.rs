@@ -62,6 +62,7 @@ pub use kinelm_model as model;
 pub use kinelm_model::{Error, Result};
 pub use kinelm_motion as motion;
 pub use kinelm_music as music;
+pub use kinelm_ready as ready;
 pub use kinelm_spectral as spectral;
 pub use kinelm_store as store;
 pub use kinelm_tokenizer as tokenizer;

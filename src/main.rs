@@ -9,7 +9,7 @@ fn main() -> ExitCode {
     if let Some(commit) = option_env!("KINELM_COMMIT") {
         kinelm::train::provenance::built_from(commit);
     }
-    kinelm::cli::run(std::env::args_os())
+    ExitCode::from(kinelm::cli::run(std::env::args_os()))
 }
 
 /// What would end the program by a signal is failed work.

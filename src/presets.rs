@@ -59,7 +59,7 @@ mod tests {
         assert_eq!(TrainFile::find(&file).unwrap().train.steps, 7);
         let message = TrainFile::find(Path::new("smal")).unwrap_err().to_string();
         let expected = "`config` \"smal\": no training file: neither a file nor one of tiny, small, two-level, thesis-26m, gpt2, finetune, goal, \
-                        labels, demo, demo-music; did you mean small?";
+                        tune, labels, demo, demo-music; did you mean small?";
         assert_eq!(message, expected);
         let message = Settings::find(Path::new("no/such.toml")).unwrap_err().to_string();
         assert!(message.contains("neither a file nor one of uniform") && !message.contains("did you"), "{message}");

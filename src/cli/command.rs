@@ -45,6 +45,8 @@ pub enum Command {
     Runs(runs::Command),
     /// Fine-tune the model of another run, with more conditions if the clips have labels for them
     Finetune(finetune::Args),
+    /// Teach kinelm's own model your dances: tokenize and finetune in one call
+    Tune(tune::Args),
     /// Find a learning rate: train for a few hundred steps at growing rates until the loss diverges, and plot it
     LrFind(lr_find::Args),
     /// Generate dances, from nothing or from parts of a clip
@@ -103,6 +105,7 @@ pub fn command(command: Command, say: Say) -> Result<()> {
         Command::Pretrain(args) => pretrain::run(args, say),
         Command::Runs(command) => runs::run(command, say),
         Command::Finetune(args) => finetune::run(args, say),
+        Command::Tune(args) => tune::run(args, say),
         Command::Classify(command) => classify::run(command, say),
         Command::LrFind(args) => lr_find::run(args, say),
         Command::Generate(args) => generate::run(*args, say),

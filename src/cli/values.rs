@@ -4,6 +4,16 @@ use crate::spectral::windows::{MAX_FRAMES, MIN_FRAMES};
 use kinelm_motion::moment::{EXPECTED, Moment};
 use kinelm_motion::resample::MOST_FPS;
 use std::ops::RangeInclusive;
+use std::path::PathBuf;
+
+/// A run folder, or `ready`: kinelm's own model, unless a folder has that name.
+pub fn run_folder(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    if text == kinelm_ready::NAME && !path.exists() {
+        return kinelm_ready::run().map_err(|e| e.to_string());
+    }
+    Ok(path)
+}
 
 /// A positive, finite number.
 pub fn positive(text: &str) -> Result<f64, String> {

@@ -1,6 +1,7 @@
-//! `kinelm demo`: the whole way on dances made up for it, with no data and no network.
+//! `kinelm demo`: dances of kinelm's own model, or the whole way on dances made up for it, with no data and no network.
 
 mod music;
+mod ready;
 
 use crate::corpus::build::{self, BuildOptions};
 use crate::corpus::{Corpus, Dataset, Split};
@@ -47,7 +48,10 @@ pub struct Args {
     /// The seed of the dances, the model and the draws
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Training steps, over the demo's own
+    /// Makes up dances, and trains and measures a small model on them
+    #[arg(long)]
+    train: bool,
+    /// With a training: its steps, over the demo's own
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
     /// Dances to music: trains a model with music conditioning, and dances to a tempo outside its training data
@@ -67,6 +71,9 @@ impl Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let started = Instant::now();
     args.compute.get().device.open()?;
+    if !(args.train || args.music || args.steps.is_some()) {
+        return ready::run(&args, started, say);
+    }
     make_room(&args)?;
     if args.music {
         return music::run(&args, started, say);

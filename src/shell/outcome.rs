@@ -8,7 +8,6 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::error::Error as StdError;
 use std::ffi::OsString;
-use std::process::ExitCode;
 use std::sync::OnceLock;
 
 /// A call that is wrong in a way that the parser can't see.
@@ -83,14 +82,14 @@ fn with_flags(text: &str, flags: &Flags) -> String {
 
 /// Prints what the parser has to say, help included. Returns the exit code: 0 after help that was requested and printed, 2
 /// for a wrong call.
-pub fn refused(e: clap::Error) -> ExitCode {
+pub fn refused(e: clap::Error) -> u8 {
     match e.print() {
-        _ if e.use_stderr() => ExitCode::from(2),
+        _ if e.use_stderr() => 2,
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
             tell(format_args!("help can't be written: {e}"));
-            ExitCode::FAILURE
+            1
         }
-        _ => ExitCode::SUCCESS,
+        _ => 0,
     }
 }
 

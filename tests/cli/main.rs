@@ -18,6 +18,7 @@ mod pipeline;
 mod plan;
 mod query;
 mod readme;
+mod ready;
 mod study;
 mod support;
 mod training;

@@ -260,6 +260,8 @@ const OTHERS: &[&str] = &[
     // into folders of their own, by names of their own: study.rs, files.rs
     "tokenizer study",
     "demo",
+    // into a new run and its corpus: ready.rs
+    "tune",
 ];
 
 /// Options that name what is written.

@@ -255,7 +255,7 @@ fn a_dance_from_nothing_goes_on_from_a_train_clip_with_its_labels() {
     for (genre, clips) in train {
         let (name, label) = (format!("led{genre}.bvh"), format!("--label genre={genre}"));
         let label = if genre.is_empty() { "" } else { &label };
-        make(&name, label).stderr(contains("(a train clip) at "));
+        make(&name, label).stderr(contains("(a lead-in of the run) at "));
         let (frames, clip) = from(&name);
         assert!(frames == Some(20) && clip.as_ref().is_some_and(|clip| clips.contains(&&**clip)), "{genre}: {clip:?}");
         place.done(&format!("generate again {name}.kinelm.json --out twice.{name}"));

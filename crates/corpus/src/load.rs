@@ -77,7 +77,15 @@ impl ModelClip {
     /// # Errors
     /// Those of [`ModelClip::load`], but for the system's.
     pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions, spec: ClipSpec) -> Result<ModelClip> {
-        let mut motion = format::parse(path, bytes, options)?;
+        let clip = ModelClip::of(format::parse(path, bytes, options)?, options, spec)?;
+        Ok(ModelClip { sha256: FileRecord::of(bytes).sha256, ..clip })
+    }
+
+    /// [`ModelClip::load`] of a motion that was read with these options, or made; without the hash of a file.
+    ///
+    /// # Errors
+    /// Those of retargeting and resampling.
+    pub fn of(mut motion: Motion, options: &ReadOptions, spec: ClipSpec) -> Result<ModelClip> {
         let on_body = |motion: &Motion| retarget::to_smpl(motion, options.map.as_deref());
         let clip = on_body(&motion)?;
         let (mut floor_m, mut clip_floor_m) = (None, 0.0);
@@ -88,7 +96,7 @@ impl ModelClip {
             (floor_m, clip_floor_m) = (Some(floor), first.y - on_body(&lowered)?.root()[0].y);
         }
         let clip = resample(&clip, spec.fps, Method::Auto)?;
-        Ok(ModelClip { motion, clip, floor_m, clip_floor_m, sha256: FileRecord::of(bytes).sha256 })
+        Ok(ModelClip { motion, clip, floor_m, clip_floor_m, sha256: String::new() })
     }
 
     /// The clip as the tokenizer takes it: with its floor at y = 0, if the spec says so.

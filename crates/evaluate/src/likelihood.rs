@@ -16,6 +16,8 @@ pub struct LikelihoodReport {
     pub split: Split,
     /// Bits of the scored windows.
     pub found: Likelihood,
+    /// Bits per frame of each clip, by name, where all its windows were scored.
+    pub clips: Vec<(String, f64)>,
     /// Bits of each slot of a word, where requested.
     pub places: Option<Vec<SlotBits>>,
     /// Bits in gaps, for each requested length.
@@ -50,6 +52,10 @@ impl LikelihoodReport {
                 "xz9": floors.and_then(Floors::xz).map(in_all),
             },
         });
+        if !self.clips.is_empty() {
+            let clip = |(name, bits): &(String, f64)| json!({"name": name, "bits_per_frame": bits});
+            line["clips"] = self.clips.iter().map(clip).collect();
+        }
         if let Some(places) = &self.places {
             line["places"] = json!(places);
             line["parts"] =

@@ -22,6 +22,7 @@ pub const TRAIN: &kinelm_store::presets::Presets = &[
     ("gpt2", include_str!("../configs/gpt2.toml")),
     ("finetune", include_str!("../configs/finetune.toml")),
     ("goal", include_str!("../configs/goal.toml")),
+    ("tune", include_str!("../configs/tune.toml")),
     ("labels", include_str!("../configs/labels.toml")),
     ("demo", include_str!("../configs/demo.toml")),
     ("demo-music", include_str!("../configs/demo-music.toml")),

@@ -9,12 +9,14 @@ use crate::evaluate::per_joint::{by_slot, slots};
 use crate::model::likelihood::likelihood_by_token;
 use crate::model::{CheckpointChoice, LoadedRun, ReaderOptions, load_run};
 use anyhow::Result;
+use std::collections::BTreeMap;
+use std::f64::consts::LN_2;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The run folder of a trained model
-    #[arg(long, value_name = "RUN")]
+    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder)]
     run: PathBuf,
     /// A corpus folder of the same tokenizer
     #[arg(long, value_name = "CORPUS")]
@@ -91,6 +93,7 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
         ConditionsArg::Labels => known,
         ConditionsArg::None => known.unknown(),
     };
+    let mut nats_of: BTreeMap<String, f64> = BTreeMap::new();
     let found = if args.per_joint {
         slots(corpus.tokenizer()).map_err(|e| WrongCall(format!("--per-joint: {e}")))?;
         by_slot(&mut *model, corpus, &clips, args.windows, &conditions)?.map(|(found, bits)| (found, Some(bits)))
@@ -98,7 +101,11 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
         // of some windows alone nobody knows how many tokens they have
         let tokens = if args.windows == 0 { clips.iter().map(|c| c.tokens).sum() } else { 0 };
         let (bar, mut done) = (progress::bar(tokens as u64, "tokens", say), 0);
-        let mut each = |_: &ClipRecord, _, _| {
+        let mut each = |clip: &ClipRecord, _, nats: f64| {
+            match nats_of.get_mut(&clip.name) {
+                Some(sum) => *sum += nats,
+                None => drop(nats_of.insert(clip.name.clone(), nats)),
+            }
             done += 1;
             if done % 512 == 0 {
                 bar.set_position(done);
@@ -114,7 +121,12 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
         let found = gap_bits(&mut *model, corpus, &clips, frames, &conditions);
         gaps.extend(found.map_err(|e| WrongCall(format!("--gaps {frames}: {e}")))?);
     }
+    // of some windows a clip's bits are not known
+    let whole = |c: &&&ClipRecord| args.windows == 0 && c.frames > 0;
+    let bits = |c: &&ClipRecord| Some((c.name.clone(), nats_of.get(&c.name)? / LN_2 / c.frames as f64));
+    let whole_clips = clips.iter().filter(whole).filter_map(bits).collect();
     Ok(LikelihoodReport {
+        clips: whole_clips,
         checkpoint: run.checkpoint.display().to_string(),
         split: args.split,
         found,

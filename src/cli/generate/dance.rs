@@ -3,7 +3,7 @@
 use super::at_model_rate;
 use super::best::BestArgs;
 use crate::cli::draw::DrawArgs;
-use crate::cli::values::{length, length_in_frames, rate, time};
+use crate::cli::values::{length, length_in_frames, rate, run_folder, time};
 use crate::cli::{ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
 use crate::generate::request::{
     Computing, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel, UncodedJoints,
@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct DanceArgs {
-    /// The run folder of a trained model
-    #[arg(long, value_name = "RUN", required = true)]
+    /// The run folder of a trained model [default: ready, kinelm's own]
+    #[arg(long, value_name = "RUN", value_parser = run_folder)]
     run: Option<PathBuf>,
     /// Where the dance goes (.bvh .npz .json .glb); with --variations to FILE-1, FILE-2, ... before the extension. A sidecar,
     /// FILE.bvh.kinelm.json, records how it was made
@@ -103,9 +103,14 @@ fn goal_guidance(text: &str) -> Result<f64, String> {
 }
 
 impl DanceArgs {
-    /// The run folder, which the parser requires.
-    pub fn run(&self) -> Result<&Path> {
-        self.run.as_deref().context("no run folder")
+    /// The run folder: the one given, else the ready model's.
+    pub fn run(&self) -> Result<PathBuf> {
+        self.run.clone().map_or_else(|| Ok(kinelm_ready::run()?), Ok)
+    }
+
+    /// Whether the ready model is meant without being named.
+    pub fn is_ready(&self) -> bool {
+        self.run.is_none()
     }
 
     /// The request for a dance with this prompt and these labels besides those of the call.
@@ -118,7 +123,7 @@ impl DanceArgs {
             }
         }
         timed_labels.splice(0..0, timed.into_iter().cloned());
-        let music_from = self.music_from.map(|at| at_model_rate(self.run()?, at)).transpose()?;
+        let music_from = self.music_from.map(|at| at_model_rate(&self.run()?, at)).transpose()?;
         let reading = self.reading.get(1);
         Ok(Request {
             prompt,

@@ -30,8 +30,15 @@ pub fn make(
         outputs.check_replaceable(out, None)?;
         outputs.check_replaceable(&sidecar::path_of(out), None)?;
     }
+    if args.is_ready() {
+        say.line(format_args!(
+            "no --run: the ready model dances; what it is: {}",
+            request.run.join("CARD.md").display()
+        ));
+    }
     let open = OpenRequest::open_with(&request, layout)?;
     report(&open, say)?;
+    open.surprise_note()?.iter().for_each(|note| say.line(note));
     let reference = args.best.reference(&open, say)?;
     let samples = args.best.best.map_or(outs.len(), usize::from);
     let sampled = sample(&open, samples, args.guesses, say)?;
@@ -50,7 +57,7 @@ pub fn make(
         convert::report_written(out, &generated.motion, say);
         if let Some(from) = open.lead_in(i).map(|lead_in| &lead_in.from) {
             let from_s = from.frame as f64 / open.tokenizer.fps();
-            say.line(format_args!("continues from a second of {} (a train clip) at {from_s:.2} s", from.clip));
+            say.line(format_args!("continues from a second of {} (a lead-in of the run) at {from_s:.2} s", from.clip));
         }
         generated
             .notes(&open)

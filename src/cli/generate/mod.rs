@@ -83,8 +83,8 @@ fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
 /// The prompt, and what is taken from it.
 fn prompt(args: &Args, path: &Path, say: Say) -> Result<PromptRequest> {
     let run = args.dance.run()?;
-    let read = read_as(&args.read, run, path, say);
-    let from_frame = args.from_frame.map(|at| at_model_rate(run, at)).transpose()?.map(|(_, frame)| frame as usize);
+    let read = read_as(&args.read, &run, path, say);
+    let from_frame = args.from_frame.map(|at| at_model_rate(&run, at)).transpose()?.map(|(_, frame)| frame as usize);
     let edit = args.edit.get(&args.dance, &|| Ok(format::read(path, &read)?.clip.fps()))?;
     if args.joints.is_none() && from_frame.is_none() && edit.is_none() {
         wrong_call!(

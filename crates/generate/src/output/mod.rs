@@ -7,6 +7,7 @@ mod likelihood;
 mod notes;
 mod placement;
 mod request_notes;
+pub mod surprise;
 
 pub use feet::lock_feet;
 pub use free_spans::FreeSpan;

@@ -1,0 +1,22 @@
+"""Motion capture into text, a GPT on that text, and new dances out of it.
+
+    import kinelm
+    dance = kinelm.Model.ready().generate("mine.bvh", joints="root,torso,right_arm")
+    dance.write("dance.bvh")
+"""
+
+from ._kinelm import Clip, Error, Model, Tokenizer, __version__
+
+__all__ = ["Clip", "Error", "Model", "Tokenizer", "__version__"]
+
+
+def _program():
+    """The program `kinelm`."""
+    import signal
+    import sys
+
+    from ._kinelm import main
+
+    # the program hears Ctrl-C itself
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sys.exit(main(["kinelm", *sys.argv[1:]]))

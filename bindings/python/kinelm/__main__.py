@@ -1,0 +1,3 @@
+from . import _program
+
+_program()

@@ -1,0 +1,221 @@
+//! Clips.
+
+use crate::error::{library, motion, raised};
+use kinelm::motion::convert::{ConvertOptions, TargetRig, convert};
+use kinelm::motion::format::{self, ReadOptions, Unit, Up};
+use kinelm::motion::{Motion, Quat, Skeleton, Source, Vec3};
+use kinelm::store::Kind;
+use kinelm::store::files::write_whole;
+use kinelm::view::{Figure, page};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A motion: a skeleton of J joints, a rate, and for each of F frames the root's position in metres and the joints' local
+/// rotations as unit quaternions (x, y, z, w); y is up.
+#[pyclass(frozen, module = "kinelm", from_py_object)]
+#[derive(Clone)]
+pub struct Clip(pub Motion);
+
+/// The call is wrong.
+pub fn wrong(text: String) -> PyErr {
+    raised(text, Kind::Call)
+}
+
+#[pymethods]
+impl Clip {
+    /// A clip of arrays: offsets (J, 3), root (F, 3), rotations (F, J, 4).
+    #[new]
+    #[pyo3(signature = (names, parents, offsets, root, rotations, fps))]
+    fn new(
+        names: Vec<String>,
+        parents: Vec<Option<usize>>,
+        offsets: PyReadonlyArray2<'_, f64>,
+        root: PyReadonlyArray2<'_, f64>,
+        rotations: PyReadonlyArray3<'_, f64>,
+        fps: f64,
+    ) -> PyResult<Clip> {
+        let vectors = |name: &str, array: &PyReadonlyArray2<'_, f64>| -> PyResult<Vec<Vec3>> {
+            let view = array.as_array();
+            if view.ncols() != 3 {
+                return Err(wrong(format!("{name} has {} columns; expected 3", view.ncols())));
+            }
+            Ok(view.rows().into_iter().map(|row| Vec3::new(row[0], row[1], row[2])).collect())
+        };
+        let turns = rotations.as_array();
+        if turns.shape()[2] != 4 {
+            return Err(wrong(format!("rotations have {} numbers each; expected 4: x, y, z, w", turns.shape()[2])));
+        }
+        let quat = |q: numpy::ndarray::ArrayView1<'_, f64>| Quat::from_xyzw(q[0], q[1], q[2], q[3]);
+        let turns = turns.outer_iter().flat_map(|frame| frame.outer_iter().map(quat).collect::<Vec<_>>()).collect();
+        let skeleton = Skeleton::new(names, parents, vectors("offsets", &offsets)?, Vec::new()).map_err(motion)?;
+        let clip =
+            kinelm::motion::Clip::new(Arc::new(skeleton), fps, vectors("root", &root)?, turns).map_err(motion)?;
+        Ok(Clip(Motion { path: "clip.json".into(), clip, source: Source::Plain, warnings: Vec::new() }))
+    }
+
+    /// Reads a motion file: .bvh .amc .fbx .glb .vrm .npz .pkl .json.
+    #[staticmethod]
+    #[pyo3(signature = (path, *, fps_source=None, skip=0, up=None, unit=None, map=None))]
+    fn read(
+        py: Python<'_>,
+        path: PathBuf,
+        fps_source: Option<f64>,
+        skip: usize,
+        up: Option<&str>,
+        unit: Option<&str>,
+        map: Option<String>,
+    ) -> PyResult<Clip> {
+        let up = match up {
+            None => Up::Auto,
+            Some("x") => Up::X,
+            Some("-x") => Up::NegX,
+            Some("y") => Up::Y,
+            Some("-y") => Up::NegY,
+            Some("z") => Up::Z,
+            Some("-z") => Up::NegZ,
+            Some(other) => return Err(wrong(format!("up {other:?}; expected x, y, z, -x, -y or -z"))),
+        };
+        let unit = match unit {
+            None => Unit::Auto,
+            Some("m") => Unit::Metre,
+            Some("cm") => Unit::Centimetre,
+            Some("mm") => Unit::Millimetre,
+            Some("in") => Unit::Inch,
+            Some(other) => return Err(wrong(format!("unit {other:?}; expected m, cm, mm or in"))),
+        };
+        let options = ReadOptions { fps_source, skip, up, unit, map, ..ReadOptions::default() };
+        py.detach(|| format::read(&path, &options)).map(Clip).map_err(motion)
+    }
+
+    /// Writes the clip, by the name's extension: .bvh .glb .npz .json. A file that is there is replaced only with `force`.
+    #[pyo3(signature = (path, *, force=false))]
+    fn write(&self, py: Python<'_>, path: PathBuf, force: bool) -> PyResult<()> {
+        py.detach(|| {
+            let bytes = format::to_bytes(&path, &self.0).map_err(motion)?;
+            if !force && path.exists() {
+                return Err(wrong(format!("{} is there; force=True replaces it", path.display())));
+            }
+            write_whole(&path, &bytes).map_err(|e| library(e))
+        })
+    }
+
+    /// The clip on another rig: "smpl", or that of another clip.
+    #[pyo3(signature = (rig, *, map=None))]
+    fn retarget(&self, py: Python<'_>, rig: &Bound<'_, PyAny>, map: Option<String>) -> PyResult<Clip> {
+        let rig = match rig.extract::<Clip>() {
+            Ok(clip) => TargetRig::OfFile(Box::new(clip.0)),
+            Err(_) => {
+                let name: PathBuf = rig.extract()?;
+                TargetRig::load(&name.to_string_lossy(), &ReadOptions::default()).map_err(motion)?
+            }
+        };
+        let options = ConvertOptions { rig: Some(rig), ..ConvertOptions::default() };
+        py.detach(|| convert(self.0.clone(), &options, map.as_deref())).map(Clip).map_err(motion)
+    }
+
+    /// The clip at another rate, interpolated smoothly and low-passed where it gets slower.
+    fn resample(&self, py: Python<'_>, fps: f64) -> PyResult<Clip> {
+        let options = ConvertOptions { fps: Some(fps), ..ConvertOptions::default() };
+        py.detach(|| convert(self.0.clone(), &options, None)).map(Clip).map_err(motion)
+    }
+
+    /// Frames `start` to `stop`, exclusive.
+    fn slice(&self, start: usize, stop: usize) -> PyResult<Clip> {
+        let frames = self.0.clip.frames();
+        if start > stop || stop > frames {
+            return Err(wrong(format!("frames {start} to {stop} of a clip that has {frames}")));
+        }
+        Ok(Clip(Motion { clip: self.0.clip.slice(start..stop), ..self.0.clone() }))
+    }
+
+    #[getter]
+    fn fps(&self) -> f64 {
+        self.0.clip.fps()
+    }
+
+    #[getter]
+    fn frames(&self) -> usize {
+        self.0.clip.frames()
+    }
+
+    /// Seconds.
+    #[getter]
+    fn duration(&self) -> f64 {
+        self.0.clip.duration_s()
+    }
+
+    /// Names of the joints.
+    #[getter]
+    fn joints(&self) -> Vec<String> {
+        self.0.clip.skeleton().names().to_vec()
+    }
+
+    /// The index of each joint's parent; None for the root.
+    #[getter]
+    fn parents(&self) -> Vec<Option<usize>> {
+        self.0.clip.skeleton().parents().to_vec()
+    }
+
+    /// What was odd about the file: (kind, text).
+    #[getter]
+    fn warnings(&self) -> Vec<(String, String)> {
+        self.0.warnings.iter().map(|w| (w.kind.to_owned(), w.what.clone())).collect()
+    }
+
+    /// (J, 3) offsets from the parents, metres.
+    #[getter]
+    fn offsets<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        vectors(py, self.0.clip.skeleton().offsets())
+    }
+
+    /// (F, 3) positions of the root, metres.
+    #[getter]
+    fn root<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        vectors(py, self.0.clip.root())
+    }
+
+    /// (F, J, 4) local rotations as unit quaternions x, y, z, w.
+    #[getter]
+    fn rotations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let flat: Vec<f64> = self.0.clip.rotations().iter().flat_map(|q| q.to_array()).collect();
+        PyArray1::from_vec(py, flat).reshape([self.0.clip.frames(), self.0.clip.joints(), 4])
+    }
+
+    /// (F, J, 3) positions of the joints in the world, metres.
+    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let clip = &self.0.clip;
+        let flat: Vec<f64> = py.detach(|| {
+            let frames = (0..clip.frames()).flat_map(|f| clip.global_pose(f).positions);
+            frames.flat_map(|p| p.to_array()).collect()
+        });
+        PyArray1::from_vec(py, flat).reshape([clip.frames(), clip.joints(), 3])
+    }
+
+    /// The page on which the clip plays, as HTML.
+    fn page(&self, py: Python<'_>) -> PyResult<String> {
+        let title = self.0.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        py.detach(|| page(&[Figure::new(title, &self.0.clip)])).map_err(|e| wrong(e.to_string()))
+    }
+
+    /// The clip plays in a notebook.
+    fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
+        let page = self.page(py)?.replace('&', "&amp;").replace('"', "&quot;");
+        Ok(format!("<iframe srcdoc=\"{page}\" width=\"100%\" height=\"480\" style=\"border:0\"></iframe>"))
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.clip.frames()
+    }
+
+    fn __repr__(&self) -> String {
+        let clip = &self.0.clip;
+        format!("<kinelm.Clip: {} frames of {} joints at {} fps>", clip.frames(), clip.joints(), clip.fps())
+    }
+}
+
+fn vectors<'py>(py: Python<'py>, all: &[Vec3]) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let flat: Vec<f64> = all.iter().flat_map(|p| p.to_array()).collect();
+    PyArray1::from_vec(py, flat).reshape([all.len(), 3])
+}

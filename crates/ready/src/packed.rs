@@ -1,0 +1,131 @@
+//! Weights in a quarter of their size: matrices as 8-bit integers with a scale for each row, an output of the matrix or a
+//! row of a table; vectors as they are.
+//!
+//! A file: `KINELMW1`; for each tensor, by name: the name's length (u16) and bytes, the number of sides (u8) and each side
+//! (u32), then of a vector its numbers (f32), of anything else a scale (f32) for each row, and the rows (i8). Little-endian.
+
+use candle_core::{Device, Tensor};
+use kinelm_model::{Error, Result};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+const MAGIC: &[u8; 8] = b"KINELMW1";
+/// The largest integer.
+const MOST: f32 = 127.0;
+
+/// The bytes of weights, packed.
+///
+/// # Errors
+/// Tensors that are not f32, or have names of more than 65,535 bytes.
+pub fn pack(weights: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
+    let mut out = MAGIC.to_vec();
+    for (name, tensor) in weights {
+        let length =
+            u16::try_from(name.len()).map_err(|_| Error::Weights(format!("a name of {} bytes", name.len())))?;
+        out.extend(length.to_le_bytes());
+        out.extend(name.bytes());
+        out.push(tensor.rank() as u8);
+        out.extend(tensor.dims().iter().flat_map(|&side| (side as u32).to_le_bytes()));
+        let numbers = tensor.flatten_all()?.to_vec1::<f32>()?;
+        if tensor.rank() < 2 {
+            out.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
+            continue;
+        }
+        let width = (numbers.len() / tensor.dims()[0].max(1)).max(1);
+        let scales: Vec<f32> = numbers.chunks(width).map(scale_of).collect();
+        out.extend(scales.iter().flat_map(|x| x.to_le_bytes()));
+        for (row, &scale) in numbers.chunks(width).zip(&scales) {
+            let whole = |x: &f32| if scale > 0.0 { (x / scale).round() as i8 } else { 0 };
+            out.extend(row.iter().map(|x| whole(x) as u8));
+        }
+    }
+    Ok(out)
+}
+
+/// The step of a row's integers. Its last 8 bits are 0, so that 127 steps are exact, and packing again gives the same.
+fn scale_of(row: &[f32]) -> f32 {
+    let most = row.iter().fold(0.0f32, |most, x| most.max(x.abs()));
+    f32::from_bits((most / MOST).to_bits().div_ceil(256) * 256)
+}
+
+/// The weights in f32.
+///
+/// # Errors
+/// Bytes that [`pack`] did not make.
+pub fn expand(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
+    let mut rest = Rest(bytes);
+    if rest.take(MAGIC.len())? != MAGIC {
+        return Err(wrong());
+    }
+    let mut weights = BTreeMap::new();
+    while !rest.0.is_empty() {
+        let length = u16::from_le_bytes(rest.array()?);
+        let name = String::from_utf8(rest.take(length.into())?.to_vec()).map_err(|_| wrong())?;
+        let rank = rest.array::<1>()?[0];
+        let sides = (0..rank).map(|_| Ok(u32::from_le_bytes(rest.array()?) as usize)).collect::<Result<Vec<_>>>()?;
+        let count = sides.iter().try_fold(1usize, |n, &side| n.checked_mul(side)).ok_or_else(wrong)?;
+        let numbers = if rank < 2 {
+            rest.floats(count)?
+        } else {
+            let scales = rest.floats(sides[0])?;
+            let width = (count / sides[0].max(1)).max(1);
+            let rows = rest.take(count)?.chunks(width).zip(&scales);
+            rows.flat_map(|(row, &scale)| row.iter().map(move |&x| f32::from(x as i8) * scale)).collect()
+        };
+        weights.insert(name, Tensor::from_vec(numbers, sides, &Device::Cpu)?);
+    }
+    Ok(weights)
+}
+
+fn wrong() -> Error {
+    Error::file(Path::new("the ready model"), "damaged weights", "weights as they were packed", "install kinelm again")
+}
+
+/// What is left to read.
+struct Rest<'a>(&'a [u8]);
+
+impl<'a> Rest<'a> {
+    fn take(&mut self, n: usize) -> Result<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(n).ok_or_else(wrong)?;
+        self.0 = rest;
+        Ok(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N]> {
+        self.take(N)?.try_into().map_err(|_| wrong())
+    }
+
+    fn floats(&mut self, n: usize) -> Result<Vec<f32>> {
+        let bytes = self.take(n.checked_mul(4).ok_or_else(wrong)?)?;
+        Ok(bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_come_back_within_half_a_step_of_their_row() {
+        let matrix: Vec<f32> = (0..12).map(|i| (i as f32 - 5.0) * if i < 4 { 0.001 } else { 1.0 }).collect();
+        let weights = BTreeMap::from([
+            ("a".to_string(), Tensor::from_vec(matrix.clone(), (3, 4), &Device::Cpu).unwrap()),
+            ("b".to_string(), Tensor::from_vec(vec![0.1f32, -7.0], 2, &Device::Cpu).unwrap()),
+            ("zero".to_string(), Tensor::zeros((2, 2), candle_core::DType::F32, &Device::Cpu).unwrap()),
+        ]);
+        let bytes = pack(&weights).unwrap();
+        let back = expand(&bytes).unwrap();
+        assert_eq!(back["b"].to_vec1::<f32>().unwrap(), [0.1, -7.0]);
+        assert_eq!(back["zero"].to_vec2::<f32>().unwrap(), [[0.0; 2]; 2]);
+        let rows = back["a"].to_vec2::<f32>().unwrap();
+        for (row, own) in rows.iter().zip(matrix.chunks(4)) {
+            let step = own.iter().fold(0.0f32, |most, x| most.max(x.abs())) / MOST;
+            assert!(row.iter().zip(own).all(|(a, b)| (a - b).abs() <= 0.51 * step), "{row:?} {own:?}");
+        }
+        // the same again: what was packed and expanded is packed without loss
+        assert_eq!(pack(&back).unwrap(), bytes);
+        for end in [0, 3, 9, 12, bytes.len() - 1] {
+            assert!(expand(&bytes[..end]).is_err(), "{end}");
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! `kinelm tune`: kinelm's own model learns a user's dances.
+
+use super::data::DataArgs;
+use super::{ComputeArgs, ForceArgs, Say, TrustArgs, WrongCall, progress, read::ReadArgs};
+use crate::corpus::build::tokenize;
+use crate::corpus::writer::LAYOUT;
+use crate::corpus::{Corpus, Split};
+use crate::model::likelihood::likelihood;
+use crate::model::run::TOKENIZER;
+use crate::model::{CheckpointChoice, load_run};
+use crate::train::{CorpusPart, PretrainOptions, TrainFile, finetune};
+use anyhow::{Context, Result};
+use kinelm_motion::format::RestFrame;
+use kinelm_tokenizer::Tokenizer;
+use std::path::{Path, PathBuf};
+
+/// The settings of its training.
+const SETTINGS: &str = "tune";
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    data: DataArgs,
+    /// The run folder to create; the dances as words are beside it in RUN-corpus
+    #[arg(long, value_name = "RUN")]
+    run: PathBuf,
+    /// Training steps, over those of the settings `tune`
+    #[arg(long, value_name = "N")]
+    steps: Option<u64>,
+    /// Seed of the order of windows, dropout and augmentation
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    #[command(flatten)]
+    compute: ComputeArgs,
+    #[command(flatten)]
+    trust: TrustArgs,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+pub fn run(args: Args, say: Say) -> Result<()> {
+    let ready = kinelm_ready::run()?;
+    let folder = corpus_folder(&args.run)?;
+    write_words(&args, &ready, &folder, say)?;
+    let corpus = args.trust.open(&folder)?;
+    let measured = [Split::Test, Split::Valid].into_iter().find(|split| corpus.split(*split).next().is_some());
+    let before = measured.map(|split| bits(&args, &ready, &corpus, split)).transpose()?;
+    let options = PretrainOptions {
+        from: Some(ready),
+        file: Some(TrainFile::find(Path::new(SETTINGS))?),
+        corpora: vec![CorpusPart { path: folder, weight: 1.0 }],
+        run: Some(args.run.clone()),
+        steps: args.steps,
+        seed: args.seed,
+        conditions: None,
+        precision: None,
+        compute: args.compute.get(),
+        opening: args.trust.opening(),
+        resume: false,
+    };
+    let summary = super::training::with_lines(say, |stop, progress| finetune(&options, stop, progress))?;
+    super::pretrain::report(&summary, "finetune", say)?;
+    if let (Some(split), Some(before)) = (measured, before) {
+        let after = bits(&args, &args.run, &corpus, split)?;
+        say.line(format_args!("bits/frame of the {split} clips: {before:.2} before, {after:.2} after"));
+    }
+    Ok(())
+}
+
+/// Where the dances become words: RUN-corpus.
+fn corpus_folder(run: &Path) -> Result<PathBuf> {
+    let Some(name) = run.file_name() else {
+        return Err(WrongCall(format!("--run {}; expected a folder's name", run.display())).into());
+    };
+    let mut name = name.to_owned();
+    name.push("-corpus");
+    Ok(run.with_file_name(name))
+}
+
+/// Writes the corpus in the words of the model of `ready`.
+fn write_words(args: &Args, ready: &Path, corpus: &Path, say: Say) -> Result<()> {
+    let tokenizer = Tokenizer::load(ready.join(TOKENIZER))?;
+    let dataset = args.data.find(say)?;
+    let inputs = args.data.files(&dataset).chain(args.read.files());
+    ForceArgs { force: false }.outputs(inputs).check_folder(corpus, &LAYOUT)?;
+    let options = args.data.build_options(args.read.options(RestFrame::Drop));
+    let mut watch = progress::watch(say, "writing the corpus");
+    let (_, summary) = tokenize(&dataset, &tokenizer, corpus, &options, &mut *watch)?;
+    summary.lines().iter().for_each(|line| say.line(line));
+    Ok(())
+}
+
+/// Bits per frame of a split's clips under a run.
+fn bits(args: &Args, run: &Path, corpus: &Corpus, split: Split) -> Result<f64> {
+    let loaded = load_run(run, CheckpointChoice::Auto)?;
+    let clips: Vec<_> = corpus.split(split).collect();
+    let conditions = loaded.load_conditions()?;
+    let found = likelihood(&mut *loaded.scores(args.compute.get())?, corpus, &clips, 0, &conditions)?;
+    Ok(found.context("no frame to measure")?.bits_per_frame)
+}

@@ -1,0 +1,88 @@
+//! The demo without a training: kinelm's own model dances.
+
+use super::{Args, MARK, make_room};
+use crate::generate::open::OpenRequest;
+use crate::generate::request::{Edit, Length, Loop, LoopKind, PromptRequest, Request, Span};
+use crate::shell::Say;
+use crate::view::{Figure, write_page};
+use anyhow::{Error, Result};
+use kinelm_motion::format::{self, ReadOptions, Up};
+use kinelm_motion::{joints, smpl};
+use kinelm_store::files::write_whole;
+use std::path::Path;
+use std::time::Instant;
+
+/// Seconds that it dances by itself.
+const SECONDS: f64 = 20.0;
+/// What another dance follows.
+const FOLLOWED: &str = "root,torso,right_arm";
+/// What is danced anew in the first dance.
+const GAP: &str = "all@8s:10s";
+/// Seconds before a loop's end that lead to the pose of its beginning.
+const BACK_S: f64 = 2.0;
+
+pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
+    let run = kinelm_ready::run()?;
+    make_room(args)?;
+    let at = |name: &str| args.out.join(name);
+    let of = |prompt| Request { prompt, seed: args.seed, computing: args.computing(), ..Request::of(&run) };
+    let prompt = |edit: Option<Edit>| PromptRequest {
+        path: at("free.bvh"),
+        read: ReadOptions { up: Up::Y, ..ReadOptions::default() },
+        joints: edit.is_none().then(|| FOLLOWED.into()),
+        from_frame: None,
+        timeline: None,
+        edit,
+    };
+    let edit = |free: Vec<Span>, looping| Edit { given: Vec::new(), free, blend_s: 0.2, tries: 8, looping };
+    let gap = GAP.parse::<Span>().map_err(Error::msg)?;
+    let back = Loop { kind: LoopKind::Pose, over_s: BACK_S };
+    say.line(format_args!("1/4 it dances by itself for {SECONDS} s"));
+    let free = Request { length: Some(Length::Seconds(SECONDS)), ..of(None) };
+    dance(&free, &at("free.bvh"))?;
+    say.line("2/4 it follows the root, the torso and the right arm of that dance");
+    dance(&of(Some(prompt(None))), &at("follows.bvh"))?;
+    say.line("3/4 it dances two seconds of it anew, and makes a loop of it");
+    dance(&of(Some(prompt(Some(edit(vec![gap], None))))), &at("gap.bvh"))?;
+    dance(&of(Some(prompt(Some(edit(Vec::new(), Some(back)))))), &at("loop.bvh"))?;
+    say.line("4/4 page");
+    page(args)?;
+    let seconds = started.elapsed().as_secs_f64();
+    let report = format!(
+        "{MARK}, seed {}\n\nkinelm's own model danced `free.bvh`; `follows.bvh` has its root, torso and right arm, `gap.bvh` other \
+         seconds from 8 to 10, and `loop.bvh` ends in the pose that it began with. `page.html` shows all. {seconds:.0} s in all.\n",
+        args.seed
+    );
+    write_whole(&at("report.md"), report.as_bytes())?;
+    crate::shell::print(&report)?;
+    say.line(format_args!(
+        "done: open {} in a browser; `kinelm demo --train` trains a model",
+        at("page.html").display()
+    ));
+    Ok(())
+}
+
+fn dance(request: &Request, out: &Path) -> Result<()> {
+    Ok(OpenRequest::open(request)?.write(out)?)
+}
+
+/// The four dances side by side.
+fn page(args: &Args) -> Result<()> {
+    let clip = |name: &str| {
+        let read = ReadOptions { up: Up::Y, ..ReadOptions::default() };
+        format::read(&args.out.join(name), &read).map(|motion| motion.clip)
+    };
+    let [free, follows, gap, back] = ["free.bvh", "follows.bvh", "gap.bvh", "loop.bvh"].map(clip);
+    let (free, follows, gap, back) = (free?, follows?, gap?, back?);
+    // a file's joints stand in another order than SMPL's
+    let named = |id: &usize| free.skeleton().find(smpl::NAMES[*id]);
+    let followed: Vec<usize> = joints::parse(FOLLOWED)?.joints.iter().filter_map(named).collect();
+    let figures = [
+        Figure::new("free", &free).note("by itself").given(&followed),
+        Figure::new("follows", &follows).note("root, torso and right arm; the rest is new").given(&followed),
+        Figure::new("gap", &gap).note("seconds 8 to 10 are new"),
+        Figure::new("loop", &back).note("ends in the pose that it began with"),
+    ];
+    write_page(&args.out.join("page.html"), &figures)?;
+    Ok(())
+}

@@ -1,0 +1,75 @@
+//! kinelm's own model: what a user has who gives no run.
+
+use super::support::{kinelm_in, read, save};
+use kinelm_motion::synth;
+use predicates::prelude::*;
+use predicates::str::contains;
+use std::fs;
+use std::path::Path;
+
+/// A call in a folder whose cache is its own.
+fn call(folder: &Path, words: &str) -> assert_cmd::Command {
+    let mut command = kinelm_in(folder, words);
+    command.env("XDG_CACHE_HOME", folder.join("cache"));
+    command
+}
+
+fn with_a_dance() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    save(&dir.path().join("mine.bvh"), &synth::corpus(3, 1, 4.0, 30.0).unwrap()[0].clip);
+    dir
+}
+
+#[test]
+fn it_dances_to_a_clip_without_a_run() {
+    let dir = with_a_dance();
+    let words = "generate --prompt mine.bvh --joints root,torso,right_arm --seconds 2";
+    let said = call(dir.path(), &format!("{words} --out a.bvh")).assert().success();
+    said.stderr(contains("no --run: the ready model dances").and(contains("CARD.md")).and(contains("as surprising")));
+    assert_eq!(read(&dir.path().join("a.bvh")).frames(), 40);
+    let named = call(dir.path(), &format!("{words} --run ready --out b.bvh")).assert().success();
+    named.stderr(contains("no --run").not());
+    assert_eq!(fs::read(dir.path().join("a.bvh")).unwrap(), fs::read(dir.path().join("b.bvh")).unwrap());
+    call(dir.path(), "generate again a.bvh.kinelm.json --out c.bvh").assert().success();
+    assert_eq!(fs::read(dir.path().join("a.bvh")).unwrap(), fs::read(dir.path().join("c.bvh")).unwrap());
+    // a folder of that name is a run as any other
+    fs::create_dir(dir.path().join("ready")).unwrap();
+    let own = call(dir.path(), &format!("{words} --run ready --out d.bvh")).assert().failure();
+    own.stderr(contains("no config.toml"));
+}
+
+#[test]
+fn without_a_folder_for_it_the_call_says_what_to_do() {
+    let dir = with_a_dance();
+    fs::write(dir.path().join("cache"), "a file").unwrap();
+    let said = call(dir.path(), "generate --seconds 1 --out a.bvh").assert().failure();
+    said.stderr(contains("cache"));
+    assert!(!dir.path().join("a.bvh").exists());
+}
+
+#[test]
+fn the_demo_dances_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    call(dir.path(), "demo").assert().success().stdout(contains("# kinelm demo, seed 1"));
+    for name in ["free.bvh", "follows.bvh", "gap.bvh", "loop.bvh", "page.html", "report.md"] {
+        assert!(dir.path().join("demo").join(name).exists(), "{name}");
+    }
+    let (free, gap) = (read(&dir.path().join("demo/free.bvh")), read(&dir.path().join("demo/gap.bvh")));
+    assert_eq!((free.frames(), free.fps()), (400, 20.0));
+    assert_eq!(gap.slice(0..150), free.slice(0..150), "before the gap nothing changes");
+    assert_ne!(gap.slice(165..195), free.slice(165..195));
+    call(dir.path(), "demo").assert().code(2).stderr(contains("--force"));
+}
+
+#[test]
+fn it_learns_a_users_dances() {
+    let dir = tempfile::tempdir().unwrap();
+    for (i, dance) in synth::corpus(5, 8, 4.0, 20.0).unwrap().into_iter().enumerate() {
+        save(&dir.path().join(format!("dances/{i}.bvh")), &dance.clip);
+    }
+    let said = call(dir.path(), "tune dances --run mine --steps 3").assert().success();
+    said.stderr(contains("bits/frame of the").and(contains("before")));
+    assert!(dir.path().join("mine-corpus/corpus.json").exists());
+    call(dir.path(), "generate --run mine --seconds 1 --out a.bvh").assert().success();
+    call(dir.path(), "tune dances --run mine --steps 3").assert().failure();
+}

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The run folder; its best checkpoint is exported, or its latest where none was validated
-    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder)]
+    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder())]
     run: PathBuf,
     /// kinelm: our own names, any model; hf: what `transformers` loads as GPT2LMHeadModel, for models that GPT-2 can
     /// express

@@ -12,7 +12,7 @@ pub struct Args {
     #[command(subcommand)]
     resume: Option<Resume>,
     /// What to start from: a run (its best checkpoint), ready (kinelm's own model), or a folder that `kinelm export` or transformers wrote
-    #[arg(long, value_name = "RUN|DIR", required = true, value_parser = super::values::run_folder)]
+    #[arg(long, value_name = "RUN|DIR", required = true, value_parser = super::values::run_folder())]
     from: Option<PathBuf>,
     /// Training settings: finetune, goal, or a TOML file. The model's shape is that of --from, so [model] is left out or
     /// agrees with it (dropout may differ)

@@ -1,18 +1,22 @@
 //! The parsers of option values that several commands take: numbers, rates, times, lengths.
 
 use crate::spectral::windows::{MAX_FRAMES, MIN_FRAMES};
+use clap::builder::{OsStringValueParser, TypedValueParser};
 use kinelm_motion::moment::{EXPECTED, Moment};
 use kinelm_motion::resample::MOST_FPS;
+use std::ffi::OsString;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-/// A run folder, or `ready`: kinelm's own model, unless a folder has that name.
-pub fn run_folder(text: &str) -> Result<PathBuf, String> {
-    let path = PathBuf::from(text);
-    if text == kinelm_ready::NAME && !path.exists() {
-        return kinelm_ready::run().map_err(|e| e.to_string());
-    }
-    Ok(path)
+/// The parser of a run folder, or `ready`: kinelm's own model, unless a folder has that name.
+pub fn run_folder() -> impl TypedValueParser<Value = PathBuf> {
+    OsStringValueParser::new().try_map(|name: OsString| {
+        let path = PathBuf::from(&name);
+        if name == kinelm_ready::NAME && !path.exists() {
+            return kinelm_ready::run().map_err(|e| e.to_string());
+        }
+        Ok(path)
+    })
 }
 
 /// A positive, finite number.

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The run to start from (its best checkpoint), or a folder that `kinelm export` or transformers wrote
-    #[arg(long, value_name = "RUN|DIR", value_parser = crate::cli::values::run_folder)]
+    #[arg(long, value_name = "RUN|DIR", value_parser = crate::cli::values::run_folder())]
     run: PathBuf,
     /// The labelled corpus, of the run's tokenizer
     #[arg(long, value_name = "CORPUS")]

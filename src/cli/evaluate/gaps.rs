@@ -16,7 +16,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The run folder of a trained model
-    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder)]
+    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder())]
     run: PathBuf,
     /// A corpus folder of the same tokenizer
     #[arg(long, value_name = "CORPUS")]

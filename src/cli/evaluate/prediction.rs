@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// The run folder of a trained model [default: only zero and constant velocity are measured, on the protocol's 15
     /// joints]
-    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder)]
+    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder())]
     run: Option<PathBuf>,
     /// Frames per second without a model; slower clips are left out
     #[arg(long, value_name = "FPS", value_parser = rate, default_value_t = PROTOCOL_FPS, conflicts_with = "run")]

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 pub struct DanceArgs {
     /// The run folder of a trained model [default: ready, kinelm's own]
-    #[arg(long, value_name = "RUN", value_parser = run_folder)]
+    #[arg(long, value_name = "RUN", value_parser = run_folder())]
     run: Option<PathBuf>,
     /// Where the dance goes (.bvh .npz .json .glb); with --variations to FILE-1, FILE-2, ... before the extension. A sidecar,
     /// FILE.bvh.kinelm.json, records how it was made

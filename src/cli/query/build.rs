@@ -22,7 +22,7 @@ pub struct Args {
     #[arg(long, value_enum)]
     transform: Option<TransformArg>,
     /// With --transform model: the run
-    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder)]
+    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder())]
     run: Option<PathBuf>,
     /// With --transform stft: leave out the bin at 0 Hz, which holds the mean pose
     #[arg(long)]

@@ -25,7 +25,7 @@ pub struct Args {
     #[arg(long, value_enum, value_name = "stft|dct|pca|model", value_delimiter = ',')]
     transform: Vec<TransformArg>,
     /// The run whose embedding is measured too
-    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder)]
+    #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder())]
     run: Option<PathBuf>,
     /// Leave out the bin of the STFT at 0 Hz, which holds the mean pose
     #[arg(long)]

@@ -28,6 +28,10 @@ class Kinelm(unittest.TestCase):
     def tearDownClass(cls):
         cls.folder.cleanup()
 
+    def in_order_of(self, clip):
+        """The dance's positions in the order of a file's joints, which is depth first."""
+        return self.dance.positions()[:, [self.dance.joints.index(name) for name in clip.joints]]
+
     def test_arrays(self):
         dance = self.dance
         self.assertEqual((len(dance), dance.fps, dance.duration), (80, 20.0, 4.0))
@@ -44,8 +48,8 @@ class Kinelm(unittest.TestCase):
 
     def test_files(self):
         clip = kinelm.Clip.read(self.at / "dance.bvh")
-        np.testing.assert_allclose(clip.positions(), self.dance.positions(), atol=1e-5)
-        self.assertEqual(clip.resample(30).frames, 120)
+        np.testing.assert_allclose(clip.positions(), self.in_order_of(clip), atol=1e-5)
+        self.assertEqual(clip.resample(30).frames, 119)  # to the last frame, 3.95 s
         self.assertEqual(clip.slice(10, 30).frames, 20)
         self.assertEqual(clip.retarget("smpl").joints[0], "pelvis")
         with self.assertRaisesRegex(kinelm.Error, "force=True"):
@@ -73,7 +77,7 @@ class Kinelm(unittest.TestCase):
         again = self.model.generate(self.at / "dance.bvh", joints=JOINTS, rig="prompt")
         np.testing.assert_array_equal(follows.rotations, again.rotations)
         edited = self.model.generate(self.at / "dance.bvh", free=["all@1s:2s"])
-        np.testing.assert_allclose(edited.rotations[:15], self.dance.rotations[:15], atol=1e-6)
+        np.testing.assert_allclose(edited.positions()[:15], self.in_order_of(edited)[:15], atol=1e-5)
         self.assertGreater(self.model.bits_per_frame(self.at / "dance.bvh"), 10)
         with self.assertRaisesRegex(kinelm.Error, "genre"):
             self.model.generate(seconds=1, labels={"genre": "waltz"})

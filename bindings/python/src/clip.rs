@@ -97,7 +97,7 @@ impl Clip {
             if !force && path.exists() {
                 return Err(wrong(format!("{} is there; force=True replaces it", path.display())));
             }
-            write_whole(&path, &bytes).map_err(|e| library(e))
+            write_whole(&path, &bytes).map_err(library)
         })
     }
 

@@ -48,15 +48,13 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let options = PretrainOptions {
         from: Some(ready),
         file: Some(TrainFile::find(Path::new(SETTINGS))?),
-        corpora: vec![CorpusPart { path: folder, weight: 1.0 }],
+        corpora: vec![CorpusPart::once(folder)],
         run: Some(args.run.clone()),
         steps: args.steps,
         seed: args.seed,
-        conditions: None,
-        precision: None,
         compute: args.compute.get(),
         opening: args.trust.opening(),
-        resume: false,
+        ..PretrainOptions::default()
     };
     let summary = super::training::with_lines(say, |stop, progress| finetune(&options, stop, progress))?;
     super::pretrain::report(&summary, "finetune", say)?;

@@ -25,6 +25,8 @@ pub const AVERAGED: &str = "ema.safetensors";
 pub const OPTIMIZER: &str = "optimizer.safetensors";
 /// The run's configuration.
 pub const CONFIG: &str = "config.toml";
+/// The bits per frame of the run's held-out clips, where it stores them.
+pub const HELD_OUT: &str = "held_out.json";
 /// The run's tokenizer.
 pub const TOKENIZER: &str = "tokenizer.json";
 

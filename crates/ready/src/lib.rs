@@ -7,7 +7,7 @@ pub mod packed;
 
 use kinelm_model::checkpoint::{Checkpoints, State};
 use kinelm_model::lead_in::LEAD_INS;
-use kinelm_model::run::{CONFIG, TOKENIZER, WEIGHTS};
+use kinelm_model::run::{CONFIG, HELD_OUT, TOKENIZER, WEIGHTS};
 use kinelm_model::{CheckpointChoice, Error, Result, load_run, weights};
 use kinelm_store::files::{self, PendingFolder};
 use kinelm_store::{hash, input};
@@ -29,7 +29,7 @@ const FILES: [(&str, &str); 4] = [
     (CONFIG, include_str!("../data/config.toml")),
     (TOKENIZER, include_str!("../data/tokenizer.json")),
     (LEAD_INS, include_str!("../data/lead_ins.json")),
-    ("held_out.json", include_str!("../data/held_out.json")),
+    (HELD_OUT, include_str!("../data/held_out.json")),
 ];
 /// Of all files, as [`pack`] wrote it.
 const VERSION: &str = include_str!("../data/version.txt");

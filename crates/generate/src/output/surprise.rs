@@ -2,12 +2,10 @@
 
 use crate::open::OpenRequest;
 use crate::{Error, Result};
+use kinelm_model::run::HELD_OUT;
 use kinelm_store::input;
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
-
-/// The file of a run folder with the bits per frame of its held-out clips.
-pub const HELD_OUT: &str = "held_out.json";
 
 /// Bits per frame of clips that a model has not seen.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

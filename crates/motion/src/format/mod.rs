@@ -46,7 +46,7 @@ pub use up::{Axes, Up, UpSource};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
-use crate::rig::{SkeletonMap, recognise, recognised_map};
+use crate::rig::{SkeletonMap, made_to_stand, recognise};
 use crate::{Error, FaultKind, FileError, Result, Warning};
 use kinelm_store::{SourcePos, files, input};
 use options::{check_skip, is_rate};
@@ -188,7 +188,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     if options.map.is_none() {
         let rig = motion.clip.skeleton();
         motion.warnings.extend(match SkeletonMap::detect(rig.names()) {
-            Some(map) => recognised_map(&motion.clip).map(|_| Warning {
+            Some(map) => made_to_stand(map, &motion.clip).map(|map| Warning {
                 kind: "rest_pose",
                 what: format!("no body stands in the rig's rest pose, as the map {} needs it: its reference pose is made from the clip", map.name),
             }),

@@ -52,25 +52,33 @@ fn find_map(rig: &Skeleton, clip: Option<&Clip>, map: Option<&str>) -> Result<Sk
 /// The built-in map that fits the joint names. If it has no reference pose, and no body stands in the rest pose, it gets the
 /// one that the clip shows.
 fn built_in(rig: &Skeleton, clip: Option<&Clip>) -> Option<SkeletonMap> {
-    let map = SkeletonMap::detect(rig.names())?;
+    SkeletonMap::detect(rig.names()).map(|map| standing(map, rig, clip))
+}
+
+fn standing(map: SkeletonMap, rig: &Skeleton, clip: Option<&Clip>) -> SkeletonMap {
     let turns = clip.filter(|_| !map.has_reference()).map(|clip| {
         let joints = std::array::from_fn(|id| map.joint(id).and_then(|name| rig.find(name)));
         recognise::stand::reference_if_none(rig, &joints, clip)
     });
-    Some(match turns {
+    match turns {
         Some(turns) => map.with_reference(rig, &turns),
         None => map,
-    })
+    }
 }
 
 /// The map of a rig that shows only in how it moves, wholly or its reference pose: one that no built-in map fits and that
 /// is [recognised](recognise()) for sure, or one whose rest pose is none to compare bodies in.
 pub fn recognised_map(clip: &Clip) -> Option<SkeletonMap> {
     if let Some(map) = SkeletonMap::detect(clip.skeleton().names()) {
-        let own = built_in(clip.skeleton(), Some(clip))?;
-        return (own.has_reference() && !map.has_reference()).then_some(own);
+        return made_to_stand(map, clip);
     }
     recognise(clip.skeleton(), Some(clip)).filter(Recognised::is_sure).map(|found| found.map)
+}
+
+/// A built-in map that gets its reference pose from the clip; `None` if it needs none.
+pub(crate) fn made_to_stand(map: SkeletonMap, clip: &Clip) -> Option<SkeletonMap> {
+    let has_own = map.has_reference();
+    Some(standing(map, clip.skeleton(), Some(clip))).filter(|map| !has_own && map.has_reference())
 }
 
 /// The map given by name or path, bound to these joints as far as it fits, else as [`map_for`] finds it, if it does; `clip`

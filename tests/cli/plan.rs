@@ -220,7 +220,7 @@ fn a_plan_tells_labels_of_its_times() {
     assert_eq!((&sway_rows[..55], &sway_rows[150..]), (&none[..55], &none[150..]), "where it is given nothing changes");
     set.call("generate again sway.bvh.kinelm.json --out sway-2.bvh").assert().success();
     assert_eq!(fs::read(set.at("sway-2.bvh")).unwrap(), fs::read(set.at("sway.bvh")).unwrap());
-    let call = "generate timeline sway.toml --run run --label genre=stomp --out wrong.bvh";
+    let call = "generate timeline sway.toml --run run --label genre=stomp --out mislabeled.bvh";
     set.call(call).assert().failure().stderr(contains("expected one value of genre at a time"));
     // all to the end, with a clip and its label in one
     let both = sway
@@ -230,22 +230,22 @@ fn a_plan_tells_labels_of_its_times() {
     set.call("timeline check both.toml").assert().success().stdout(contains("\nlabel genre=sway@3.5s:\n"));
     set.call("generate timeline both.toml --run run --tries 1 --out both.bvh").assert().success();
     for (more, told) in [
-        (sway.replace("labels", "# labels"), "wrong.toml:14:1: found neither a clip nor labels"),
+        (sway.replace("labels", "# labels"), "mislabeled.toml:14:1: found neither a clip nor labels"),
         (sway.replace("to = 2", "to = 2\nat = 1"), "found joints or at without a clip"),
         (format!("{sway}{}", sway.replace("to = 2", "to = 3")), "while segment 3 says what genre is too"),
         (sway.replace("to = 2", "to = 0"), "expected an end after the beginning"),
     ] {
-        fs::write(set.at("wrong.toml"), with_gap(&more)).unwrap();
-        set.call("timeline check wrong.toml").assert().failure().stderr(contains(told));
+        fs::write(set.at("mislabeled.toml"), with_gap(&more)).unwrap();
+        set.call("timeline check mislabeled.toml").assert().failure().stderr(contains(told));
     }
     let head = with_gap("").split("[[segment]]").next().unwrap().to_owned();
-    fs::write(set.at("wrong.toml"), head + sway).unwrap();
-    set.call("timeline check wrong.toml")
+    fs::write(set.at("mislabeled.toml"), head + sway).unwrap();
+    set.call("timeline check mislabeled.toml")
         .assert()
         .failure()
         .stderr(contains("segments with labels alone, expected at least one with a clip"));
     fs::write(set.at("waltz.toml"), with_gap(&sway.replace("sway", "waltz"))).unwrap();
-    let waltz = set.call("generate timeline waltz.toml --run run --out wrong.bvh").assert().failure();
+    let waltz = set.call("generate timeline waltz.toml --run run --out mislabeled.bvh").assert().failure();
     waltz.stderr(contains("waltz"));
 }
 
@@ -343,8 +343,8 @@ fn a_dance_of_a_plan_and_its_clip_play_in_one_time() {
     let again =
         plan.replace("hasty.bvh", "right.bvh").replace("fps_source = 30\nskip = 6\n", "").replace("at = 5", "at = 1");
     fs::write(set.at("again.toml"), again).unwrap();
-    set.call("generate timeline again.toml --run run --tries 1 --out twice.bvh").assert().success();
-    assert_eq!(set.rows("twice.bvh")[..30], set.rows("right.bvh")[..30]);
+    set.call("generate timeline again.toml --run run --tries 1 --out in-time.bvh").assert().success();
+    assert_eq!(set.rows("in-time.bvh")[..30], set.rows("right.bvh")[..30]);
 }
 
 #[test]

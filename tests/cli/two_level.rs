@@ -284,11 +284,11 @@ fn a_dance_from_nothing_goes_on_from_a_train_clip_with_its_labels() {
     // a model from elsewhere has none
     place.done("export --run led --out led-model");
     place.done("import led-model --run led-back");
-    let alone = "generate --run led-back --frames 20 --out";
-    place.call(&format!("{alone} alone.bvh")).assert().success().stderr(contains("stores no second of a train clip"));
-    assert_eq!(bytes("alone.bvh"), bytes("none.bvh"));
+    let unled = "generate --run led-back --frames 20 --out";
+    place.call(&format!("{unled} led-back.bvh")).assert().success().stderr(contains("stores no second of a train clip"));
+    assert_eq!(bytes("led-back.bvh"), bytes("none.bvh"));
     place
-        .call(&format!("{alone} no.bvh --lead-in train"))
+        .call(&format!("{unled} no.bvh --lead-in train"))
         .assert()
         .code(2)
         .stderr(contains("the run stores no second of a train clip"));
@@ -349,27 +349,27 @@ fn it_learns_what_is_ahead_and_fills_gaps_that_way() {
         place.done(&call);
         fs::read_to_string(place.at(&format!("{name}.kinelm.json"))).unwrap()
     };
-    let led = fill("goal", "", "led.bvh");
+    let led = fill("goal", "", "goal.bvh");
     assert!(led.contains("\"goal_guidance\": 1.5") && led.contains("\"top_p\": 0.7"), "{led}");
     assert!(fill("run", "", "plain.bvh").contains("\"top_p\": 0.95"));
     let blind = fill("goal", "--goal-guidance 0", "blind.bvh");
     assert!(!blind.contains("\"goal_guidance\":") && blind.contains("\"top_p\": 0.95"), "{blind}");
     assert!(fill("goal", "--goal-guidance 1", "once.bvh").contains("\"goal_guidance\": 1.0"));
     let bytes = |name: &str| fs::read(place.at(name)).unwrap();
-    assert_ne!(bytes("led.bvh"), bytes("blind.bvh"));
-    place.done("generate again led.bvh.kinelm.json --out twice.led.bvh");
-    assert_eq!(bytes("twice.led.bvh"), bytes("led.bvh"));
+    assert_ne!(bytes("goal.bvh"), bytes("blind.bvh"));
+    place.done("generate again goal.bvh.kinelm.json --out twice.goal.bvh");
+    assert_eq!(bytes("twice.goal.bvh"), bytes("goal.bvh"));
     // led, and under labels that change within the gap
     let labels = "--label genre=salsa@:1.3s --label genre=waltz@1.3s: --guidance 2";
     assert!(fill("goal", labels, "both.bvh").contains("\"goal_guidance\": 1.5"));
-    assert_ne!(bytes("both.bvh"), bytes("led.bvh"));
+    assert_ne!(bytes("both.bvh"), bytes("goal.bvh"));
     place.done("generate again both.bvh.kinelm.json --out twice.both.bvh");
     assert_eq!(bytes("twice.both.bvh"), bytes("both.bvh"));
     fill("goal", "--label genre=salsa --goal-guidance 0", "unled.bvh");
     assert_ne!(bytes("both.bvh"), bytes("unled.bvh"));
     // a model that can't be told
     assert!(!fill("run", "", "untold.bvh").contains("\"goal_guidance\":"));
-    let call = "generate --run run --prompt data/03.bvh --free all@1s:1.7s --goal-guidance 2 --out no.bvh";
+    let call = "generate --run run --prompt data/03.bvh --free all@1s:1.7s --goal-guidance 2 --out no.goal.bvh";
     place.call(call).assert().failure().stderr(contains("this model isn't goal-conditioned"));
     place.done("export --run goal --out told");
     place.done("import told --run told-back");

@@ -14,7 +14,7 @@ use kinelm_tokenizer::{Grammar, Vocabulary, WordLength};
 use rand_chacha::rand_core::RngCore;
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use std::ops::Range;
+use std::ops::{ControlFlow, Range};
 use std::time::Instant;
 
 /// Tokens that are read one by one, at the end of the context, in a timing.
@@ -191,7 +191,10 @@ impl Bench<'_> {
 /// Seconds from the call until each frame of `plan` was there.
 fn times(reader: &mut Reader, plan: &SamplingPlan) -> Result<Vec<f64>> {
     let (started, mut at) = (Instant::now(), Vec::with_capacity(plan.words));
-    sample(reader, plan, &mut |frames| at.resize(frames, started.elapsed().as_secs_f64()))?;
+    sample(reader, plan, &mut |words, _| {
+        at.resize(words, started.elapsed().as_secs_f64());
+        ControlFlow::Continue(())
+    })?;
     Ok(at)
 }
 

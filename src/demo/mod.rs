@@ -11,6 +11,7 @@ use crate::generate::output::RootGiven;
 use crate::generate::prompt::{self, PromptClip};
 use crate::generate::request::{Computing, Length, Placement, PromptRequest, Request, Seeding, UncodedJoints};
 use crate::generate::sampling::Sampling;
+use crate::generate::unwatched;
 use crate::model::likelihood::likelihood;
 use crate::model::{CheckpointChoice, load_run};
 use crate::shell::{ComputeArgs, Say, WrongCall};
@@ -235,7 +236,7 @@ fn generate(args: &Args, prompt: PromptRequest, frames: usize) -> Result<Clip> {
         ..Request::of(args.out.join("run"))
     };
     let ready = OpenRequest::open(&request)?;
-    let danced = ready.sample(1, None, &mut |_| {})?;
+    let danced = ready.sample(1, None, &mut unwatched)?;
     Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
 }
 

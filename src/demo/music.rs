@@ -8,7 +8,7 @@ use crate::evaluate::dance::beats::{BeatMetrics, BeatPair, BeatScores, controls,
 use crate::generate::open::{MUSIC_GUIDANCE, OpenRequest};
 use crate::generate::request::{LeadInKind, Length, MusicRequest, Request, Seeding};
 use crate::generate::sampling::Sampling;
-use crate::generate::variation_seed;
+use crate::generate::{unwatched, variation_seed};
 use crate::model::likelihood::likelihood;
 use crate::model::{CheckpointChoice, load_run};
 use crate::shell::Say;
@@ -124,7 +124,7 @@ fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
         ..Request::of(args.out.join("run"))
     };
     let ready = OpenRequest::open(&request)?;
-    let danced = ready.sample(1, None, &mut |_| {})?;
+    let danced = ready.sample(1, None, &mut unwatched)?;
     Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
 }
 

@@ -285,7 +285,11 @@ fn a_dance_from_nothing_goes_on_from_a_train_clip_with_its_labels() {
     place.done("export --run led --out led-model");
     place.done("import led-model --run led-back");
     let unled = "generate --run led-back --frames 20 --out";
-    place.call(&format!("{unled} led-back.bvh")).assert().success().stderr(contains("stores no second of a train clip"));
+    place
+        .call(&format!("{unled} led-back.bvh"))
+        .assert()
+        .success()
+        .stderr(contains("stores no second of a train clip"));
     assert_eq!(bytes("led-back.bvh"), bytes("none.bvh"));
     place
         .call(&format!("{unled} no.bvh --lead-in train"))

@@ -13,7 +13,7 @@ use kinelm_generate::edit::gap::{ClosingError, aligned, close};
 use kinelm_generate::edit::mask::Mask;
 use kinelm_generate::edit::splice::extended;
 use kinelm_generate::sampling::Sampling;
-use kinelm_generate::{NextToken, SamplingPlan, sample, variation_seed};
+use kinelm_generate::{NextToken, SamplingPlan, sample, unwatched, variation_seed};
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
 use kinelm_motion::metric::{InBetween, PositionScale, TrueGap};
 use kinelm_motion::rotation::slerp;
@@ -254,7 +254,7 @@ impl Filler<'_> {
             fronts: vec![(0, front)],
             ..SamplingPlan::free(self.tokenizer.grammar(), words, self.draw, seed)
         };
-        let sampled = sample(self.model, &plan, &mut |_| {})?;
+        let sampled = sample(self.model, &plan, &mut unwatched)?;
         let mut samples = Vec::with_capacity(sampled.ids.len());
         for i in 0..sampled.ids.len() {
             let dance = extended(&decode(&sampled.with_lookahead(i))?, frames)?;

@@ -7,7 +7,7 @@
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_generate::sampling::Sampling;
-use kinelm_generate::{NextToken, SamplingPlan, sample, variation_seed};
+use kinelm_generate::{NextToken, SamplingPlan, sample, unwatched, variation_seed};
 use kinelm_motion::metric::ShortTerm;
 use kinelm_motion::metric::short_term::HorizonMetrics;
 use kinelm_motion::resample::{Method, resample};
@@ -195,7 +195,7 @@ impl Predictor<'_> {
         let plan =
             SamplingPlan::free(tokenizer.grammar(), all - (known - seen), draw, variation_seed(self.seed, index));
         let plan = SamplingPlan { beginnings: vec![beginning], fronts: vec![(0, front)], ..plan };
-        let danced = sample(model, &plan, &mut |_| {})?;
+        let danced = sample(model, &plan, &mut unwatched)?;
         let before = tokenizer.ids_of_words(&words.slice(0..known - seen))?;
         let clip = |ids: &Vec<u32>| {
             let words: Words = tokenizer.words_of_ids(&[before.as_slice(), ids].concat()).words;

@@ -7,7 +7,7 @@ use crate::best::Best;
 use crate::open::OpenRequest;
 use crate::output::Generated;
 use crate::request::{Resolved, Timeline};
-use crate::sampler::variation_seed;
+use crate::sampler::{SamplingProgress, unwatched, variation_seed};
 use crate::{Error, Result};
 use kinelm_model::CheckpointChoice;
 use kinelm_motion::format::ReadOptions;
@@ -123,7 +123,7 @@ impl OpenRequest {
     /// What sampling and decoding fail with; a file in the way that is no dance with its sidecar, see [`Outputs::write`].
     pub fn write(&self, out: impl AsRef<Path>) -> Result<()> {
         let out = out.as_ref();
-        let generated = self.motion(&self.words(&self.sample(1, None, &mut |_| {})?, 0), out)?;
+        let generated = self.motion(&self.words(&self.sample(1, None, &mut unwatched)?, 0), out)?;
         let bytes = generated.bytes(out)?;
         let is_file = |path: &Path| Ok(sidecar::is_beside_its_file(path) || sidecar::has_hash_of(path)?);
         let dances = Ours { is_marked: |_| false, is_file, owner: |_| None };
@@ -277,7 +277,7 @@ impl Provenance {
         open: &OpenRequest,
         out: &Path,
         guesses: Option<usize>,
-        progress: &mut dyn FnMut(usize),
+        progress: &mut SamplingProgress<'_>,
     ) -> Result<(Generated, Vec<u8>)> {
         let generated = open.motion(&open.words(&open.sample(1, guesses, progress)?, 0), out)?;
         let bytes = generated.bytes(out)?;

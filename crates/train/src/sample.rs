@@ -47,7 +47,7 @@ fn write(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor
         file.train.seed,
     );
     plan.fronts = vec![(0, front)];
-    let ids = generate::sample_one(&mut reader, &plan, &mut |_| ())?;
+    let ids = generate::sample_one(&mut reader, &plan, &mut generate::unwatched)?;
     let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, UncodedPose::Identity)?.slice(0..frames);
     let folder = run.join("samples");
     std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;

@@ -1,7 +1,7 @@
 //! `kinelm generate again`.
 
 use super::make;
-use crate::cli::{ForceArgs, Say, convert, extension, progress, writable, wrong_call};
+use crate::cli::{ForceArgs, Say, convert, extension, writable, wrong_call};
 use crate::generate::provenance::{Moved, Provenance};
 use anyhow::Result;
 use kinelm_store::output::is_same;
@@ -48,11 +48,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
     let open = first.open(request)?;
     make::report(&open, say)?;
-    let bar = progress::bar(open.frames as u64, "frames", say);
     let guesses = args.guesses.map(usize::from);
-    let generated = first.regenerate(&open, &out, guesses, &mut |frames| bar.set_position(frames as u64));
-    drop(bar);
-    let (generated, bytes) = generated?;
+    let (generated, bytes) = make::with_bar(&open, say, |progress| first.regenerate(&open, &out, guesses, progress))?;
     if is_same(&sidecar::path_of(&out), file) {
         outputs.write(&out, &bytes)?; // its sidecar is there already
     } else {

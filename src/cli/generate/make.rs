@@ -2,6 +2,7 @@
 
 use super::{best, dance::DanceArgs};
 use crate::cli::{ForceArgs, Say, convert, progress, warn};
+use crate::generate::SamplingProgress;
 use crate::generate::best::Best;
 use crate::generate::open::OpenRequest;
 use crate::generate::provenance::Provenance;
@@ -11,6 +12,7 @@ use anyhow::Result;
 use kinelm_store::output::Outputs;
 use kinelm_store::sidecar;
 use kinelm_tokenizer::Words;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 /// Generates the dances of a request into `outs`; `timeline` is the file and the layout of its timeline.
@@ -89,12 +91,18 @@ pub fn outputs(
     force.outputs(prompt.chain(music).chain([run.to_owned()]).chain(files))
 }
 
+/// Runs a sampling under a progress bar.
+pub fn with_bar<T>(open: &OpenRequest, say: Say, sampling: impl FnOnce(&mut SamplingProgress<'_>) -> T) -> T {
+    let (bar, each) = (progress::bar(open.frames as u64, "frames", say), open.tokenizer.frames_per_word());
+    sampling(&mut |words, _| {
+        bar.set_position((words * each).min(open.frames) as u64);
+        ControlFlow::Continue(())
+    })
+}
+
 /// Samples dances side by side, with a progress bar; returns the words of each.
 pub fn sample(open: &OpenRequest, dances: usize, guesses: Option<u8>, say: Say) -> Result<Vec<Words>> {
-    let bar = progress::bar(open.frames as u64, "frames", say);
-    let sampled = open.sample(dances, guesses.map(usize::from), &mut |frames| bar.set_position(frames as u64));
-    drop(bar);
-    let sampled = sampled?;
+    let sampled = with_bar(open, say, |progress| open.sample(dances, guesses.map(usize::from), progress))?;
     if sampled.guessed > 0 {
         say.line(format_args!("{} of {} guessed tokens were right", sampled.right, sampled.guessed));
     }

@@ -2,7 +2,9 @@
 
 use super::OpenRequest;
 use crate::Result;
-use crate::sampler::{Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, reader, sample, variation_seed};
+use crate::sampler::{
+    Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, SamplingProgress, reader, sample, variation_seed,
+};
 use kinelm_corpus::music::clip_music::ClipMusic;
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
 use kinelm_model::music;
@@ -21,8 +23,8 @@ impl OpenRequest {
         Sampler::new(model, plan)
     }
 
-    /// Samples `variations` dances. `guesses` as [`SamplingPlan::guesses`]; `progress` gets the number of frames that every
-    /// dance has.
+    /// Samples `variations` dances. `guesses` as [`SamplingPlan::guesses`]; `progress` gets the dances that are sampled side by
+    /// side.
     ///
     /// Of an edited clip whose gaps end, each dance is the best of several tries; the tries of a variation are sampled side by
     /// side, the variations one after the other.
@@ -33,22 +35,20 @@ impl OpenRequest {
         &self,
         variations: usize,
         guesses: Option<usize>,
-        progress: &mut dyn FnMut(usize),
+        progress: &mut SamplingProgress<'_>,
     ) -> Result<SampledTokens> {
         let mut plan = self.plan(variations)?;
         plan.guesses = guesses.unwrap_or(plan.guesses);
         let tries = self.tries();
         let mut model = self.reader(if tries > 1 { tries } else { variations }, &plan)?;
-        let length = self.tokenizer.frames_per_word();
-        let mut progress = |words: usize| progress((words * length).min(self.frames));
         if tries == 1 {
-            return sample(&mut *model, &plan, &mut progress);
+            return sample(&mut *model, &plan, progress);
         }
         let (beginnings, mut all) = (plan.beginnings.clone(), SampledTokens::default());
         for variation in 0..variations {
             plan.seed = variation_seed(self.resolved.seed, variation);
             plan.beginnings = beginnings.get(variation).or(beginnings.first()).cloned().into_iter().collect();
-            let mut sampled = sample(&mut *model, &plan, &mut progress)?;
+            let mut sampled = sample(&mut *model, &plan, progress)?;
             let best = self.best_try(&sampled)?;
             all.ids.push(sampled.ids.swap_remove(best));
             all.lookahead.push(sampled.lookahead.swap_remove(best));

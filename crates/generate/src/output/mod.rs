@@ -89,6 +89,19 @@ impl OpenRequest {
         Ok(generated(motion, vec![locked]))
     }
 
+    /// The first words of a dance on the model's rig, to watch while the others are sampled: no foot is locked, and the ends
+    /// of gaps are not closed.
+    ///
+    /// # Errors
+    /// Words that are not this tokenizer's.
+    pub fn preview(&self, words: &Words) -> Result<Clip> {
+        let clip = self.clip(words)?;
+        let Some((prompt, edit)) = self.edit() else { return Ok(clip) };
+        let Some(placement) = Placement::of(&prompt.clip.clip) else { return Ok(clip) };
+        let is_given = edit.mask().is_given(0, 0);
+        placement.put(&clip, RootGiven { path: is_given, heading: is_given })
+    }
+
     /// An edited clip.
     fn edited(&self, words: &Words, (prompt, edit): (&PreparedPrompt, &PreparedEdit), out: &Path) -> Result<Generated> {
         let lock = self.resolved.feet == FootMode::Lock;
@@ -124,7 +137,8 @@ impl OpenRequest {
             }
             None => self.tokenizer.decode(words, UncodedPose::Identity)?,
         };
-        let clip = self.without_lead_in(&clip)?.slice(0..self.frames);
+        let clip = self.without_lead_in(&clip)?;
+        let clip = clip.slice(0..self.frames.min(clip.frames()));
         match (&self.prompt, self.resolved.placement) {
             (Some(prompt), Some(placement)) => placement.put(&clip, RootGiven::by(prompt)),
             _ => Ok(clip),

@@ -89,7 +89,7 @@ fn candidate_seed(seed: u64, candidate: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{Summing, model, plan, run};
-    use super::super::{sample, variation_seed};
+    use super::super::{sample, unwatched, variation_seed};
     use super::*;
     use kinelm_model::Logits;
 
@@ -171,7 +171,7 @@ mod tests {
         assert!(seen > 15, "{seen} of 20 choices are better than the first candidate");
         // of several dances side by side each has its own choice
         let plan = SamplingPlan { first_frames: 40, ..one.clone() };
-        let together = sample(&mut model(100, 3), &plan, &mut |_| {}).unwrap().ids;
+        let together = sample(&mut model(100, 3), &plan, &mut unwatched).unwrap().ids;
         for (i, ids) in together.iter().enumerate() {
             assert_eq!(ids, &run(100, &SamplingPlan { seed: variation_seed(plan.seed, i), ..plan.clone() }).unwrap().0);
         }

@@ -1,6 +1,6 @@
 //! The fast form samples the dances of the plain one.
 
-use super::{NextToken, SamplingPlan, sample};
+use super::{NextToken, SamplingPlan, sample, unwatched};
 use crate::sampling::Sampling;
 use kinelm_model::{HeadKind, ModelConfig, Positions, Reader, ReaderOptions, TokenLayout, fixtures};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
@@ -30,7 +30,7 @@ fn dances_of_the_default_form_are_those_of_the_plain_one_guessed_or_not() {
             let sampling = Sampling { greedy, ..Sampling::default() };
             let dance = |model: &mut dyn NextToken, guesses| {
                 let plan = SamplingPlan { guesses, ..SamplingPlan::free(tokenizer.grammar(), 30, sampling, 3) };
-                sample(model, &plan, &mut |_| {}).unwrap()
+                sample(model, &plan, &mut unwatched).unwrap()
             };
             let alone = dance(&mut fast(), 0);
             let guessed = dance(&mut fast(), 8);

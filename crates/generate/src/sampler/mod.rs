@@ -22,7 +22,7 @@ pub use plan::{GUESSES, MOST_FRAMES, SamplingPlan, check_frames, variation_seed}
 use crate::{Error, Result};
 use kinelm_model::Logits;
 use sequence::Sequence;
-use std::ops::DerefMut;
+use std::ops::{ControlFlow, DerefMut};
 use std::sync::Arc;
 
 /// The tokens of sampled dances.
@@ -120,19 +120,30 @@ impl<M: DerefMut<Target: NextToken>> Iterator for Sampler<M> {
     }
 }
 
-/// All words of as many dances as `model` has sequences for. `progress` gets the number of words that every dance has.
+/// Watches a sampling: it gets the number of words that every dance has and the ids of the last word of each, spaces
+/// included. `Break` stops the sampling.
+pub type SamplingProgress<'a> = dyn FnMut(usize, &[Vec<u32>]) -> ControlFlow<()> + 'a;
+
+/// The [`SamplingProgress`] of a sampling that nobody watches.
+pub fn unwatched(_: usize, _: &[Vec<u32>]) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// All words of as many dances as `model` has sequences for.
 ///
 /// # Errors
-/// Those of [`Sampler::new`]; logits that allow no token (word and slot are named), and what reading fails with.
+/// Those of [`Sampler::new`]; logits that allow no token (word and slot are named), and what reading fails with;
+/// [`kinelm_store::Error::Stopped`] when `progress` stopped it.
 pub fn sample(
     model: &mut dyn NextToken,
     plan: &SamplingPlan,
-    progress: &mut dyn FnMut(usize),
+    progress: &mut SamplingProgress<'_>,
 ) -> Result<SampledTokens> {
     let mut sampler = Sampler::new(model, plan.clone())?;
     while let Some(word) = sampler.next() {
-        word?;
-        progress(sampler.yielded);
+        if progress(sampler.yielded, &word?).is_break() {
+            return Err(Error::stopped("stopped before the dance was whole"));
+        }
     }
     Ok(sampler.into_tokens())
 }
@@ -141,7 +152,11 @@ pub fn sample(
 ///
 /// # Errors
 /// Those of [`sample`]; a model of more sequences than one dance takes.
-pub fn sample_one(model: &mut dyn NextToken, plan: &SamplingPlan, progress: &mut dyn FnMut(usize)) -> Result<Vec<u32>> {
+pub fn sample_one(
+    model: &mut dyn NextToken,
+    plan: &SamplingPlan,
+    progress: &mut SamplingProgress<'_>,
+) -> Result<Vec<u32>> {
     let (found, expected) = (model.streams(), plan.streams());
     if found != expected {
         return Err(Error::invalid("the number of sequences", found, format!("{expected}, for one dance")));

@@ -109,6 +109,6 @@ fn goals_of_other_words_are_refused() {
     let track = track(&tokenizer, &prompt, &[true; FRAMES * C], 0);
     let mut reader = Reader::new(&gpt, ReaderOptions::default()).unwrap();
     let plan = SamplingPlan { goals: Some(track), ..plan(5, &[true], &[6, 5], Sampling::greedy()) };
-    let message = sample_one(&mut reader, &plan, &mut |_| {}).unwrap_err().to_string();
+    let message = sample_one(&mut reader, &plan, &mut unwatched).unwrap_err().to_string();
     assert!(message.contains("the goals' length is 9 characters per frame"), "{message}");
 }

@@ -7,6 +7,7 @@ use super::*;
 use crate::sampling::Sampling;
 use kinelm_model::{Architecture, Gpt, ModelConfig, Reader, ReaderOptions, TokenLayout, fixtures};
 use kinelm_tokenizer::{Grammar, SPACE, Slot, Special, Tokenizer, Vocabulary, WordLength};
+use std::ops::ControlFlow::{Break, Continue};
 
 /// Prefers the token that is the sum of all it has read, plus one, modulo the characters; checks its context.
 pub(super) struct Summing {
@@ -74,7 +75,7 @@ fn two_level(tokenizer: &Tokenizer, own: ModelConfig) -> Gpt {
 
 fn sampled(gpt: &Gpt, plan: &SamplingPlan) -> Vec<u32> {
     let mut reader = Reader::new(gpt, ReaderOptions { streams: plan.streams(), ..ReaderOptions::default() }).unwrap();
-    sample_one(&mut reader, plan, &mut |_| {}).unwrap()
+    sample_one(&mut reader, plan, &mut unwatched).unwrap()
 }
 
 pub(super) fn model(context: usize, streams: usize) -> Summing {
@@ -83,7 +84,7 @@ pub(super) fn model(context: usize, streams: usize) -> Summing {
 
 pub(super) fn run(context: usize, plan: &SamplingPlan) -> Result<(Vec<u32>, usize)> {
     let mut model = model(context, 1);
-    let ids = sample_one(&mut model, plan, &mut |_| {})?;
+    let ids = sample_one(&mut model, plan, &mut unwatched)?;
     Ok((ids, model.calls))
 }
 
@@ -148,7 +149,7 @@ fn guessing_ahead_changes_no_id_and_saves_reads() {
                 let (ids, calls) = run(context, &plain).unwrap();
                 for guesses in [1, 2, 5] {
                     let mut model = model(context, 1);
-                    let found = sample(&mut model, &SamplingPlan { guesses, ..plain.clone() }, &mut |_| {}).unwrap();
+                    let found = sample(&mut model, &SamplingPlan { guesses, ..plain.clone() }, &mut unwatched).unwrap();
                     assert_eq!(found.ids, std::slice::from_ref(&ids));
                     assert_eq!(model.calls + found.right as usize, calls);
                     assert!(found.right <= found.guessed && found.guessed > 0);
@@ -165,13 +166,22 @@ fn the_first_of_several_dances_is_the_one_sampled_alone() {
             SamplingPlan { guesses, ..plan(20, &[false, true, false], &[6, 7, 8, 5], Sampling::temperature(3.0)) };
         let mut model = model(30, 3);
         let mut done = Vec::new();
-        let found = sample(&mut model, &plan, &mut |frames| done.push(frames)).unwrap().ids;
+        let found = sample(&mut model, &plan, &mut |words, last| {
+            assert_eq!(last.len(), 3);
+            done.push(words);
+            Continue(())
+        })
+        .unwrap()
+        .ids;
         assert_eq!(found[0], run(30, &plan).unwrap().0);
         assert!(found[0] != found[1] && found[0] != found[2] && found[1] != found[2]);
         assert!(found.iter().all(|ids| ids.len() == 80 && ids[1] == 7));
         assert!(done.is_sorted() && done.last() == Some(&20));
+        let stop = |words: usize, _: &[Vec<u32>]| if words < 5 { Continue(()) } else { Break(()) };
+        let stopped = sample(&mut model, &plan, &mut { stop }).unwrap_err();
+        assert_eq!(stopped.kind(), kinelm_store::Kind::Stopped);
         assert!(
-            sample_one(&mut model, &plan, &mut |_| {})
+            sample_one(&mut model, &plan, &mut unwatched)
                 .unwrap_err()
                 .to_string()
                 .contains("the number of sequences is 3")
@@ -246,7 +256,7 @@ fn guessing_ahead_changes_no_word_of_any_length() {
             let mut guessed = 0;
             for guesses in [1, 2, 5] {
                 let mut model = model(context, 1);
-                let found = sample(&mut model, &SamplingPlan { guesses, ..plain.clone() }, &mut |_| {}).unwrap();
+                let found = sample(&mut model, &SamplingPlan { guesses, ..plain.clone() }, &mut unwatched).unwrap();
                 assert_eq!(found.ids, std::slice::from_ref(&ids));
                 assert_eq!(model.calls + found.right as usize, calls);
                 guessed += found.guessed;
@@ -290,7 +300,7 @@ fn guidance_reads_with_and_without_conditions() {
                 guesses,
                 ..plan(12, &[false, true, false], &[6, 7, 8, 5], Sampling::greedy())
             };
-            let ids = sample_one(&mut model(context, 2), &plan, &mut |_| {}).unwrap();
+            let ids = sample_one(&mut model(context, 2), &plan, &mut unwatched).unwrap();
             assert_eq!((ids[1], ids.len()), (7, 48));
             if context == 200 {
                 for (i, &id) in ids.iter().enumerate().filter(|&(i, id)| *id != SPACE && i != 1) {
@@ -299,17 +309,17 @@ fn guidance_reads_with_and_without_conditions() {
             }
             // beside others it is the same, and the others are not
             let sampled = SamplingPlan { sampling: Sampling::temperature(9.0), ..plan.clone() };
-            let alone = sample_one(&mut model(context, 2), &sampled, &mut |_| {}).unwrap();
-            let three = sample(&mut model(context, 6), &sampled, &mut |_| {}).unwrap().ids;
+            let alone = sample_one(&mut model(context, 2), &sampled, &mut unwatched).unwrap();
+            let three = sample(&mut model(context, 6), &sampled, &mut unwatched).unwrap().ids;
             assert!(three.len() == 3 && three[0] == alone && three[1] != alone);
             if scale == 1.0 {
                 let plain = SamplingPlan { guidance: None, ..sampled };
-                assert_eq!(sample_one(&mut model(context, 1), &plain, &mut |_| {}).unwrap(), alone);
+                assert_eq!(sample_one(&mut model(context, 1), &plain, &mut unwatched).unwrap(), alone);
             }
         }
     }
     let said = |plan: SamplingPlan, streams: usize| {
-        sample(&mut model(50, streams), &plan, &mut |_| {}).unwrap_err().to_string()
+        sample(&mut model(50, streams), &plan, &mut unwatched).unwrap_err().to_string()
     };
     let guided = |unconditioned| SamplingPlan {
         guidance: Some(Guidance { scale: 2.0, unconditioned }),
@@ -354,7 +364,7 @@ fn a_look_ahead_word_is_sampled_taken_back_and_made_of_given_characters() {
             ..plan(6, &given[..3], &prompt, Sampling::greedy())
         };
         let plan = SamplingPlan { given: given.clone(), ..plan };
-        sample(&mut model(context, 1), &plan, &mut |_| {}).unwrap()
+        sample(&mut model(context, 1), &plan, &mut unwatched).unwrap()
     };
     for (context, guesses) in [(100, 0), (100, 4), (14, 0), (12, 2)] {
         let [without, with] = [&[][..], &lookahead].map(|lookahead| one_frame(context, guesses, lookahead));
@@ -382,7 +392,7 @@ fn a_look_ahead_word_may_begin_with_a_free_character() {
             sample(
                 &mut model(context, 1),
                 &SamplingPlan { given: given.clone(), lookahead: lookahead.to_vec(), ..plan.clone() },
-                &mut |_| {},
+                &mut unwatched,
             )
             .unwrap()
         });

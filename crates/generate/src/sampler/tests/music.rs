@@ -82,7 +82,7 @@ fn music_of_other_words_and_numbers_is_refused() {
     let free = SamplingPlan::free(tokenizer.grammar(), 5, Sampling::greedy(), 4);
     let said = |music: Vec<f32>| {
         let mut reader = Reader::new(&gpt, ReaderOptions::default()).unwrap();
-        sample_one(&mut reader, &SamplingPlan { music, ..free.clone() }, &mut |_| {}).unwrap_err().to_string()
+        sample_one(&mut reader, &SamplingPlan { music, ..free.clone() }, &mut unwatched).unwrap_err().to_string()
     };
     assert!(said(vec![0.0; 7]).contains("music is 7 numbers; expected as many for each of 5 words"));
     assert!(said(vec![0.0; 10]).contains("the music of a frame is 2 numbers; expected"));

@@ -5,9 +5,35 @@
     dance.write("dance.bvh")
 """
 
-from ._kinelm import Clip, Error, Model, Tokenizer, __version__
+from ._kinelm import (
+    Classifier,
+    Clip,
+    Corpus,
+    Error,
+    Index,
+    Model,
+    Tokenizer,
+    __version__,
+    evaluate,
+    finetune,
+    pretrain,
+    resume,
+)
 
-__all__ = ["Clip", "Error", "Model", "Tokenizer", "__version__"]
+__all__ = [
+    "Classifier",
+    "Clip",
+    "Corpus",
+    "Error",
+    "Index",
+    "Model",
+    "Tokenizer",
+    "__version__",
+    "evaluate",
+    "finetune",
+    "pretrain",
+    "resume",
+]
 
 
 def _program():

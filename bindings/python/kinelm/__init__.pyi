@@ -1,13 +1,49 @@
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
-from typing import Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 __version__: str
 
 Path = str | PathLike[str]
+Split = Literal["train", "valid", "test"]
+
+class Reading(TypedDict, total=False):
+    """How a motion file is read; what isn't given is found out."""
+
+    fps_source: float
+    """Its true rate, where the file's is wrong."""
+    skip: int
+    """Frames left out at its beginning."""
+    up: Literal["x", "-x", "y", "-y", "z", "-z"]
+    unit: Literal["m", "cm", "mm", "in"]
+    map: str
+    """A skeleton map: its name, file, or text."""
+
+class Dance(Reading, total=False):
+    """What a dance is asked for."""
+
+    joints: str
+    """Of the prompt, given throughout, such as "root,torso,right_arm"."""
+    from_frame: int
+    """All joints of the prompt are given before this frame."""
+    free: Sequence[str]
+    """All of the prompt is given but this, such as ["left_arm@4s:8s"]."""
+    loop: bool
+    """The end leads to the beginning."""
+    seconds: float
+    frames: int
+    labels: Mapping[str, str]
+    guidance: float
+    music: Path
+    seed: int
+    temperature: float
+    top_p: float
+    rig: Literal["model", "prompt"]
+    lock_feet: bool
 
 class Error(Exception):
     """What kinelm could not do: its text says what, where, and what to do."""
@@ -28,15 +64,7 @@ class Clip:
     ) -> None:
         """offsets (J, 3), root (F, 3), rotations (F, J, 4) as x, y, z, w."""
     @staticmethod
-    def read(
-        path: Path,
-        *,
-        fps_source: float | None = None,
-        skip: int = 0,
-        up: Literal["x", "-x", "y", "-y", "z", "-z"] | None = None,
-        unit: Literal["m", "cm", "mm", "in"] | None = None,
-        map: str | None = None,
-    ) -> Clip:
+    def read(path: Path, **reading: Unpack[Reading]) -> Clip:
         """Reads .bvh .amc .fbx .glb .vrm .npz .pkl .json."""
     def write(self, path: Path, *, force: bool = False) -> None:
         """Writes .bvh .glb .npz .json."""
@@ -88,6 +116,41 @@ class Tokenizer:
     @property
     def tokens_per_word(self) -> int | None: ...
 
+class Corpus:
+    """A corpus folder: the tokens of many clips, with labels and splits."""
+
+    @staticmethod
+    def open(path: Path) -> Corpus: ...
+    @staticmethod
+    def build(
+        data: Path | Sequence[Path],
+        out: Path,
+        *,
+        tokenizer: Tokenizer,
+        labels: Sequence[str] | None = None,
+        force: bool = False,
+        **reading: Unpack[Reading],
+    ) -> Corpus:
+        """Tokenizes files and folders. `labels` are CSV files or patterns of file names, "{genre}_{dancer}_*"."""
+    @property
+    def path(self) -> str: ...
+    @property
+    def tokenizer(self) -> Tokenizer: ...
+    def clips(self, split: Split | None = None) -> list[dict[str, Any]]:
+        """Name, offset and tokens (of `tokens`), frames, labels, split and take of each clip."""
+    @property
+    def tokens(self) -> np.memmap[Any, np.dtype[np.uint16 | np.uint32]]:
+        """All tokens, clip after clip, straight from the file."""
+    def sequences(self, split: Split = "train", *, context: int, conditions: Sequence[str] | None = None) -> Sequences:
+        """Windows of whole words behind <bos> and labels, to train a model of your own on."""
+    def __len__(self) -> int: ...
+
+class Sequences(Sequence[dict[str, NDArray[np.int64]]]):
+    """Dictionaries of `input_ids` and `labels`, (context,) each; what doesn't count has the label -100."""
+
+    def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """All as (N, context) `input_ids` and `labels`."""
+
 class Model:
     """A trained model: its run folder."""
 
@@ -98,27 +161,102 @@ class Model:
         """kinelm's own model; the first call writes it to the user's cache folder."""
     @property
     def run(self) -> str: ...
-    def generate(
-        self,
-        prompt: Path | None = None,
-        *,
-        joints: str | None = None,
-        from_frame: int | None = None,
-        free: Sequence[str] | None = None,
-        loop: bool = False,
-        seconds: float | None = None,
-        frames: int | None = None,
-        labels: Mapping[str, str] | None = None,
-        guidance: float | None = None,
-        seed: int = 1,
-        temperature: float = 1.0,
-        top_p: float | None = None,
-        rig: Literal["model", "prompt"] | None = None,
-        fps_source: float | None = None,
-        skip: int = 0,
-        map: str | None = None,
-    ) -> Clip: ...
-    def bits_per_frame(
-        self, path: Path, *, fps_source: float | None = None, skip: int = 0, map: str | None = None
-    ) -> float:
+    def generate(self, prompt: Path | None = None, **options: Unpack[Dance]) -> Clip: ...
+    def variations(self, count: int, prompt: Path | None = None, **options: Unpack[Dance]) -> list[Clip]:
+        """Several dances, sampled side by side."""
+    def frames(self, prompt: Path | None = None, **options: Unpack[Dance]) -> Iterator[NDArray[np.float64]]:
+        """(24, 3) positions of each frame while the dance is sampled. It can be dropped at any frame."""
+    def bits_per_frame(self, path: Path, **reading: Unpack[Reading]) -> float:
         """How surprising a motion is to the model."""
+    def likelihood(self, corpus: Corpus, split: Split = "test") -> dict[str, Any]:
+        """`bits_per_frame`, `nats_per_token`, `tokens`, `frames` of a split."""
+
+class Index:
+    """Windows of clips by their spectra."""
+
+    @staticmethod
+    def open(path: Path) -> Index: ...
+    @staticmethod
+    def build(
+        data: Path | Sequence[Path],
+        out: Path,
+        *,
+        labels: Sequence[str] | None = None,
+        window: int | None = None,
+        hop: int | None = None,
+        fps: float | None = None,
+        **reading: Unpack[Reading],
+    ) -> Index:
+        """Indexes files and folders, or adds them to the index that is there."""
+    def find(
+        self,
+        clip: Path,
+        *,
+        at: float | None = None,
+        k: int = 10,
+        distance: Literal["cosine", "euclid"] = "cosine",
+        exclude: Literal["none", "self", "overlap", "clip", "take", "choreography"] = "take",
+        one_per_clip: bool = False,
+        **reading: Unpack[Reading],
+    ) -> list[dict[str, Any]]:
+        """What moves like the clip does `at` seconds from its beginning, nearest first."""
+    def __len__(self) -> int: ...
+
+class Classifier:
+    """Class tokens of a model: dancer, genre or whatever a corpus labels."""
+
+    @staticmethod
+    def open(path: Path) -> Classifier: ...
+    @staticmethod
+    def train(
+        run: Path,
+        corpus: Corpus,
+        fields: Sequence[str],
+        out: Path,
+        *,
+        steps: int = 1000,
+        batch: int = 16,
+        seed: int = 1,
+        resume: bool = False,
+        callback: Callable[[dict[str, Any]], bool | None] | None = None,
+    ) -> Classifier | None:
+        """None where the callback stopped it; `resume` goes on."""
+    def predict(self, path: Path, **reading: Unpack[Reading]) -> dict[str, Any]:
+        """For each field the likeliest class, all probabilities, and the class second by second."""
+
+def pretrain(
+    corpus: Path | Sequence[Path],
+    run: Path,
+    *,
+    config: Path = "two-level",
+    steps: int | None = None,
+    seed: int | None = None,
+    conditions: Sequence[str] | None = None,
+    precision: Literal["f32", "bf16", "auto"] | None = None,
+    callback: Callable[[dict[str, Any]], bool | None] | None = None,
+) -> Model:
+    """Trains a model. The callback gets a dictionary at every step and validation; False from it stops."""
+
+def finetune(
+    source: Model | Path,
+    corpus: Path | Sequence[Path],
+    run: Path,
+    *,
+    config: Path = "tune",
+    steps: int | None = None,
+    seed: int | None = None,
+    conditions: Sequence[str] | None = None,
+    precision: Literal["f32", "bf16", "auto"] | None = None,
+    callback: Callable[[dict[str, Any]], bool | None] | None = None,
+) -> Model:
+    """As `pretrain`, from the weights of a model. Corpora have its tokenizer."""
+
+def resume(
+    run: Path, *, steps: int | None = None, callback: Callable[[dict[str, Any]], bool | None] | None = None
+) -> Model:
+    """Goes on with a training that was stopped."""
+
+def evaluate(
+    dances: Path | Sequence[Path], real: Corpus, *, copying: bool = False, **reading: Unpack[Reading]
+) -> dict[str, Any]:
+    """Measures dances against the real ones of a corpus."""

@@ -1,14 +1,16 @@
 //! Clips.
 
 use crate::error::{library, motion, raised};
+use crate::options::Reading;
 use kinelm::motion::convert::{ConvertOptions, TargetRig, convert};
-use kinelm::motion::format::{self, ReadOptions, Unit, Up};
+use kinelm::motion::format::{self, ReadOptions};
 use kinelm::motion::{Motion, Quat, Skeleton, Source, Vec3};
 use kinelm::store::Kind;
 use kinelm::store::files::write_whole;
 use kinelm::view::{Figure, page};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -55,37 +57,13 @@ impl Clip {
         Ok(Clip(Motion { path: "clip.json".into(), clip, source: Source::Plain, warnings: Vec::new() }))
     }
 
-    /// Reads a motion file: .bvh .amc .fbx .glb .vrm .npz .pkl .json.
+    /// Reads a motion file: .bvh .amc .fbx .glb .vrm .npz .pkl .json. `fps_source` is its true rate where the file's is wrong,
+    /// `skip` the frames left out at its beginning; `up` ("y", "z", ..), `unit` ("m", "cm", "mm", "in") and `map` (a skeleton
+    /// map's name, file or text) are found out if not given.
     #[staticmethod]
-    #[pyo3(signature = (path, *, fps_source=None, skip=0, up=None, unit=None, map=None))]
-    fn read(
-        py: Python<'_>,
-        path: PathBuf,
-        fps_source: Option<f64>,
-        skip: usize,
-        up: Option<&str>,
-        unit: Option<&str>,
-        map: Option<String>,
-    ) -> PyResult<Clip> {
-        let up = match up {
-            None => Up::Auto,
-            Some("x") => Up::X,
-            Some("-x") => Up::NegX,
-            Some("y") => Up::Y,
-            Some("-y") => Up::NegY,
-            Some("z") => Up::Z,
-            Some("-z") => Up::NegZ,
-            Some(other) => return Err(wrong(format!("up {other:?}; expected x, y, z, -x, -y or -z"))),
-        };
-        let unit = match unit {
-            None => Unit::Auto,
-            Some("m") => Unit::Metre,
-            Some("cm") => Unit::Centimetre,
-            Some("mm") => Unit::Millimetre,
-            Some("in") => Unit::Inch,
-            Some(other) => return Err(wrong(format!("unit {other:?}; expected m, cm, mm or in"))),
-        };
-        let options = ReadOptions { fps_source, skip, up, unit, map, ..ReadOptions::default() };
+    #[pyo3(signature = (path, **reading))]
+    fn read(py: Python<'_>, path: PathBuf, reading: Option<&Bound<'_, PyDict>>) -> PyResult<Clip> {
+        let options = Reading::of(reading)?;
         py.detach(|| format::read(&path, &options)).map(Clip).map_err(motion)
     }
 
@@ -185,12 +163,7 @@ impl Clip {
 
     /// (F, J, 3) positions of the joints in the world, metres.
     fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let clip = &self.0.clip;
-        let flat: Vec<f64> = py.detach(|| {
-            let frames = (0..clip.frames()).flat_map(|f| clip.global_pose(f).positions);
-            frames.flat_map(|p| p.to_array()).collect()
-        });
-        PyArray1::from_vec(py, flat).reshape([clip.frames(), clip.joints(), 3])
+        positions(py, &self.0.clip)
     }
 
     /// The page on which the clip plays, as HTML.
@@ -213,6 +186,12 @@ impl Clip {
         let clip = &self.0.clip;
         format!("<kinelm.Clip: {} frames of {} joints at {} fps>", clip.frames(), clip.joints(), clip.fps())
     }
+}
+
+/// (F, J, 3) positions of a clip's joints.
+pub fn positions<'py>(py: Python<'py>, clip: &kinelm::motion::Clip) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let flat: Vec<f64> = py.detach(|| clip.positions().iter().flat_map(|p| p.to_array()).collect());
+    PyArray1::from_vec(py, flat).reshape([clip.frames(), clip.joints(), 3])
 }
 
 fn vectors<'py>(py: Python<'py>, all: &[Vec3]) -> PyResult<Bound<'py, PyArray2<f64>>> {

@@ -1,11 +1,19 @@
-//! The extension module of the `kinelm` package for Python: clips, tokenizers and models as Python objects, and the program.
+//! The extension module of the `kinelm` package for Python: the library as Python objects, and the program.
 //!
 //! Long work runs without the interpreter's lock. Arrays go in and out as numpy's, f64, as copies.
 
+mod classifier;
 mod clip;
+mod corpus;
 mod error;
+mod evaluate;
+mod index;
+mod interrupt;
+mod json;
 mod model;
+mod options;
 mod tokenizer;
+mod training;
 
 use pyo3::prelude::*;
 use std::ffi::OsString;
@@ -22,6 +30,15 @@ fn _kinelm(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("Error", module.py().get_type::<error::Error>())?;
     module.add_class::<clip::Clip>()?;
     module.add_class::<tokenizer::Tokenizer>()?;
+    module.add_class::<corpus::Corpus>()?;
+    module.add_class::<corpus::Sequences>()?;
     module.add_class::<model::Model>()?;
+    module.add_class::<model::Frames>()?;
+    module.add_class::<index::Index>()?;
+    module.add_class::<classifier::Classifier>()?;
+    module.add_function(wrap_pyfunction!(training::pretrain, module)?)?;
+    module.add_function(wrap_pyfunction!(training::finetune, module)?)?;
+    module.add_function(wrap_pyfunction!(training::resume, module)?)?;
+    module.add_function(wrap_pyfunction!(evaluate::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)
 }

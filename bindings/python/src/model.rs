@@ -1,19 +1,103 @@
 //! Models.
 
-use crate::clip::{Clip, wrong};
+use crate::clip::{Clip, positions, wrong};
+use crate::corpus::Corpus;
 use crate::error::library;
+use crate::interrupt::Interrupt;
+use crate::json::python;
+use crate::options::{Reading, parsed};
 use kinelm::generate::open::OpenRequest;
-use kinelm::generate::request::{Edit, Length, Loop, LoopKind, PromptRequest, Request, Rig, Span};
+use kinelm::generate::request::{
+    Edit, FootMode, Length, Loop, LoopKind, MusicRequest, PromptRequest, Request, Rig, Span,
+};
+use kinelm::generate::sampler::{NextToken, Sampler};
 use kinelm::generate::sampling::Sampling;
+use kinelm::model::likelihood::likelihood;
+use kinelm::model::{CheckpointChoice, load_run};
 use kinelm::motion::format::ReadOptions;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 /// A trained model: its run folder.
 #[pyclass(frozen, module = "kinelm")]
 pub struct Model {
     run: PathBuf,
+}
+
+/// What a dance is asked for, besides its prompt.
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Asked {
+    joints: Option<String>,
+    from_frame: Option<usize>,
+    free: Vec<String>,
+    r#loop: bool,
+    seconds: Option<f64>,
+    frames: Option<usize>,
+    labels: BTreeMap<String, String>,
+    guidance: Option<f64>,
+    music: Option<PathBuf>,
+    seed: Option<u64>,
+    temperature: Option<f64>,
+    top_p: Option<f64>,
+    rig: Option<String>,
+    lock_feet: Option<bool>,
+    // as in `Reading`
+    fps_source: Option<f64>,
+    skip: usize,
+    up: Option<String>,
+    unit: Option<String>,
+    map: Option<String>,
+}
+
+impl Model {
+    /// The model of a run folder that is one.
+    pub fn of(run: PathBuf) -> Model {
+        Model { run }
+    }
+
+    /// The request of a call.
+    fn request(&self, prompt: Option<PathBuf>, kwargs: Option<&Bound<'_, PyDict>>) -> PyResult<Request> {
+        let asked: Asked = parsed(kwargs)?;
+        let Asked { fps_source, skip, up, unit, map, .. } = asked;
+        let read = Reading { fps_source, skip, up, unit, map }.options()?;
+        let free = asked.free.iter().map(|span| span.parse::<Span>()).collect::<Result<Vec<_>, _>>();
+        let free = free.map_err(|e| wrong(e.to_string()))?;
+        let looping = asked.r#loop.then_some(Loop { kind: LoopKind::Back, over_s: 2.0 });
+        let is_edited = !free.is_empty() || looping.is_some();
+        let edit = is_edited.then(|| Edit { given: Vec::new(), free, blend_s: 0.2, tries: 8, looping });
+        let rig = match asked.rig.as_deref() {
+            None => None,
+            Some("model") => Some(Rig::Model),
+            Some("prompt") => Some(Rig::Prompt),
+            Some(other) => return Err(wrong(format!("rig is {other:?}; expected model or prompt"))),
+        };
+        let (joints, from_frame) = (asked.joints, asked.from_frame);
+        if prompt.is_none() && (joints.is_some() || from_frame.is_some() || is_edited || rig == Some(Rig::Prompt)) {
+            return Err(wrong("joints, from_frame, free, loop and rig=\"prompt\" are of a prompt; give one".into()));
+        }
+        let usual = Sampling::default();
+        Ok(Request {
+            prompt: prompt.map(|path| PromptRequest { path, read, joints, from_frame, timeline: None, edit }),
+            labels: asked.labels,
+            guidance: asked.guidance,
+            length: asked.frames.map(Length::Frames).or(asked.seconds.map(Length::Seconds)),
+            music: asked.music.map(|path| MusicRequest { path, from_s: 0.0 }),
+            seed: asked.seed.unwrap_or(1),
+            sampling: Sampling {
+                temperature: asked.temperature.unwrap_or(usual.temperature),
+                top_p: asked.top_p,
+                ..usual
+            },
+            rig,
+            feet: asked.lock_feet.map(|lock| if lock { FootMode::Lock } else { FootMode::Off }),
+            ..Request::of(&self.run)
+        })
+    }
 }
 
 #[pymethods]
@@ -34,80 +118,60 @@ impl Model {
     }
 
     /// The run folder.
-    #[getter]
-    fn run(&self) -> PathBuf {
+    #[getter(run)]
+    pub fn run(&self) -> PathBuf {
         self.run.clone()
     }
 
     /// A dance. Of `prompt`, a motion file, `joints` are given throughout, all joints before `from_frame`, or all but `free`
-    /// (a list such as ["left_arm@4s:8s"]); `loop` makes its end lead to its beginning. `seconds` or `frames` say how long it is.
-    #[pyo3(signature = (prompt=None, *, joints=None, from_frame=None, free=None, r#loop=false, seconds=None, frames=None,
-        labels=None, guidance=None, seed=1, temperature=1.0, top_p=None, rig=None, fps_source=None, skip=0, map=None))]
-    #[allow(clippy::too_many_arguments)]
-    fn generate(
+    /// (a list such as ["left_arm@4s:8s"]); `loop` makes its end lead to its beginning. `seconds` or `frames` say how long it
+    /// is; `labels`, `guidance`, `music`, `seed`, `temperature`, `top_p`, `rig` ("model" or "prompt") and `lock_feet` as the
+    /// program's flags; `fps_source`, `skip`, `up`, `unit` and `map` as in `Clip.read`.
+    #[pyo3(signature = (prompt=None, **options))]
+    fn generate(&self, py: Python<'_>, prompt: Option<PathBuf>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Clip> {
+        Ok(self.variations(py, 1, prompt, options)?.remove(0))
+    }
+
+    /// `count` dances of one call, sampled side by side, which is quicker than one after the other.
+    #[pyo3(signature = (count, prompt=None, **options))]
+    fn variations(
         &self,
         py: Python<'_>,
+        count: usize,
         prompt: Option<PathBuf>,
-        joints: Option<String>,
-        from_frame: Option<usize>,
-        free: Option<Vec<String>>,
-        r#loop: bool,
-        seconds: Option<f64>,
-        frames: Option<usize>,
-        labels: Option<BTreeMap<String, String>>,
-        guidance: Option<f64>,
-        seed: u64,
-        temperature: f64,
-        top_p: Option<f64>,
-        rig: Option<&str>,
-        fps_source: Option<f64>,
-        skip: usize,
-        map: Option<String>,
-    ) -> PyResult<Clip> {
-        let free = free.unwrap_or_default().iter().map(|span| span.parse::<Span>()).collect::<Result<Vec<_>, _>>();
-        let free = free.map_err(wrong)?;
-        let looping = r#loop.then_some(Loop { kind: LoopKind::Back, over_s: 2.0 });
-        let edited = !free.is_empty() || r#loop;
-        let edit = edited.then(|| Edit { given: Vec::new(), free, blend_s: 0.2, tries: 8, looping });
-        let rig = match rig {
-            None => None,
-            Some("model") => Some(Rig::Model),
-            Some("prompt") => Some(Rig::Prompt),
-            Some(other) => return Err(wrong(format!("rig {other:?}; expected model or prompt"))),
-        };
-        if prompt.is_none() && (joints.is_some() || from_frame.is_some() || edited || rig == Some(Rig::Prompt)) {
-            return Err(wrong("joints, from_frame, free, loop and rig=\"prompt\" are of a prompt; give one".into()));
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Vec<Clip>> {
+        let request = self.request(prompt, options)?;
+        if !(1..=256).contains(&count) {
+            return Err(wrong(format!("count is {count}; expected 1 to 256")));
         }
-        let read = ReadOptions { fps_source, skip, map, ..ReadOptions::default() };
-        let request = Request {
-            prompt: prompt.map(|path| PromptRequest { path, read, joints, from_frame, timeline: None, edit }),
-            labels: labels.unwrap_or_default(),
-            guidance,
-            length: frames.map(Length::Frames).or(seconds.map(Length::Seconds)),
-            seed,
-            sampling: Sampling { temperature, top_p, ..Sampling::default() },
-            rig,
-            ..Request::of(&self.run)
-        };
         py.detach(|| {
             let open = OpenRequest::open(&request).map_err(library)?;
-            let sampled = open.sample(1, None, &mut |_| {}).map_err(library)?;
-            let generated = open.motion(&open.words(&sampled, 0), Path::new("dance.bvh")).map_err(library)?;
-            Ok(Clip(generated.motion))
+            let mut interrupt = Interrupt::default();
+            let sampled = open.sample(count, None, &mut |_, _| interrupt.check());
+            let sampled = interrupt.result(sampled)?;
+            let motion = |dance| open.motion(&open.words(&sampled, dance), Path::new("dance.bvh"));
+            (0..count).map(|dance| Ok(Clip(motion(dance).map_err(library)?.motion))).collect()
+        })
+    }
+
+    /// The frames of a dance while they are sampled: an iterator of (24, 3) positions of SMPL's joints, metres, at the
+    /// model's rate. It can be dropped at any frame. Feet are not locked, ends of gaps not closed, and of several tries
+    /// through a gap it shows the first.
+    #[pyo3(signature = (prompt=None, **options))]
+    fn frames(&self, py: Python<'_>, prompt: Option<PathBuf>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Frames> {
+        let request = self.request(prompt, options)?;
+        py.detach(|| {
+            let open = OpenRequest::open(&request).map_err(library)?;
+            let sampler = open.sampler(1).map_err(library)?;
+            Ok(Frames(Mutex::new(SamplingState { open, sampler, ids: Vec::new(), yielded: 0 })))
         })
     }
 
     /// Bits per frame of a motion file: how surprising it is to the model.
-    #[pyo3(signature = (path, *, fps_source=None, skip=0, map=None))]
-    fn bits_per_frame(
-        &self,
-        py: Python<'_>,
-        path: PathBuf,
-        fps_source: Option<f64>,
-        skip: usize,
-        map: Option<String>,
-    ) -> PyResult<f64> {
-        let read = ReadOptions { fps_source, skip, map, ..ReadOptions::default() };
+    #[pyo3(signature = (path, **reading))]
+    fn bits_per_frame(&self, py: Python<'_>, path: PathBuf, reading: Option<&Bound<'_, PyDict>>) -> PyResult<f64> {
+        let read: ReadOptions = Reading::of(reading)?;
         let prompt = PromptRequest { read, joints: Some("root".into()), ..PromptRequest::of(path) };
         let request = Request { prompt: Some(prompt), ..Request::of(&self.run) };
         py.detach(|| {
@@ -117,7 +181,61 @@ impl Model {
         })
     }
 
+    /// The likelihood of a split of a corpus: a dictionary with `bits_per_frame`, `nats_per_token`, `tokens`, `frames`.
+    #[pyo3(signature = (corpus, split="test"))]
+    fn likelihood<'py>(&self, py: Python<'py>, corpus: &Corpus, split: &str) -> PyResult<Bound<'py, PyAny>> {
+        let Some(split) = crate::corpus::split_of(Some(split))? else { return Err(wrong("no split".into())) };
+        let found = py.detach(|| {
+            let run = load_run(&self.run, CheckpointChoice::Auto)?;
+            let clips: Vec<_> = corpus.0.split(split).collect();
+            let conditions = run.load_conditions()?;
+            likelihood(&mut *run.scores(Default::default())?, &corpus.0, &clips, 0, &conditions)
+        });
+        python(py, &found.map_err(library)?)
+    }
+
     fn __repr__(&self) -> String {
         format!("<kinelm.Model: {}>", self.run.display())
+    }
+}
+
+/// A dance while it is sampled.
+#[pyclass(frozen, module = "kinelm")]
+pub struct Frames(Mutex<SamplingState>);
+
+/// What has been sampled of it.
+struct SamplingState {
+    open: OpenRequest,
+    sampler: Sampler<Box<dyn NextToken>>,
+    ids: Vec<u32>,
+    yielded: usize,
+}
+
+impl SamplingState {
+    /// The next frame, as a clip of one.
+    fn next(&mut self) -> kinelm::Result<Option<kinelm::motion::Clip>> {
+        loop {
+            let clip = self.open.preview(&self.open.tokenizer.words_of_ids(&self.ids).words)?;
+            if clip.frames() > self.yielded {
+                self.yielded += 1;
+                return Ok(Some(clip.slice(self.yielded - 1..self.yielded)));
+            }
+            match self.sampler.next() {
+                None => return Ok(None),
+                Some(word) => self.ids.extend(&word?[0]),
+            }
+        }
+    }
+}
+
+#[pymethods]
+impl Frames {
+    fn __iter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    fn __next__<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let frame = py.detach(|| self.0.lock().unwrap_or_else(PoisonError::into_inner).next());
+        frame.map_err(library)?.map(|frame| positions(py, &frame)?.as_any().get_item(0)).transpose()
     }
 }

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 /// Turns clips into ids and back: a frame is a word, each component of a joint's rotation a character.
 #[pyclass(frozen, module = "kinelm")]
-pub struct Tokenizer(kinelm::tokenizer::Tokenizer);
+pub struct Tokenizer(pub kinelm::tokenizer::Tokenizer);
 
 /// A clip as this tokenizer takes it: on SMPL-24, at its rate, above its floor.
 fn taken(motion: Motion, config: &TokenizerConfig, map: Option<String>) -> PyResult<kinelm::motion::Clip> {

@@ -1,9 +1,12 @@
 """The package as a user has it. python -m unittest, with the package on the path; scripts/python.sh does both."""
 
+import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 from pathlib import Path
 
@@ -84,10 +87,132 @@ class Kinelm(unittest.TestCase):
         with self.assertRaisesRegex(kinelm.Error, "config.toml"):
             kinelm.Model.open(self.at)
 
+    def test_options(self):
+        self.assertEqual(len(self.model.variations(3, seconds=np.float64(1), seed=np.int64(5))), 3)
+        with self.assertRaisesRegex(TypeError, "unknown field `second`, expected one of"):
+            self.model.generate(second=1)
+        with self.assertRaisesRegex(TypeError, "invalid type"):
+            self.model.generate(seconds="1")
+        with self.assertRaisesRegex(kinelm.Error, "up is"):
+            kinelm.Clip.read(self.at / "dance.bvh", up="w")
+
+    def test_frames_as_they_are_sampled(self):
+        given = {"labels": {"genre": "salsa"}, "seed": 3, "seconds": 4}
+        frames = list(self.model.frames(**given))
+        whole = self.model.generate(**given, lock_feet=False)
+        np.testing.assert_allclose(frames, whole.positions(), atol=1e-9)
+        some = self.model.frames(self.at / "dance.bvh", free=["all@1s:2s"])
+        prompt = kinelm.Clip.read(self.at / "dance.bvh")
+        np.testing.assert_allclose(next(some)[0], prompt.root[0], atol=0.01)
+
+    def test_interrupt(self):
+        code = "import kinelm, sys; print(1, flush=True); kinelm.Model.ready().generate(seconds=600)"
+        child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        child.stdout.readline()
+        time.sleep(1)
+        child.send_signal(signal.SIGINT)
+        self.assertIn(b"KeyboardInterrupt", child.communicate(timeout=20)[1])
+
+    def test_corpora_training_and_what_stands_on_them(self):
+        data, at = self.at / "dances", self.at
+        data.mkdir()
+        for i, dance in enumerate(self.model.variations(8, seconds=4, seed=7)):
+            dance.write(data / f"{'ab'[i % 2]}_{i}.bvh")
+        tokenizer = kinelm.Tokenizer.load(Path(self.model.run) / "tokenizer.json")
+        corpus = kinelm.Corpus.build(data, at / "corpus", tokenizer=tokenizer, labels=["{genre}_*"])
+        self.assertEqual((len(corpus), len(corpus.tokens)), (8, sum(clip["tokens"] for clip in corpus.clips())))
+        clip = corpus.clips("train")[0]
+        self.assertEqual(clip["labels"]["genre"], clip["name"][0])
+        own = corpus.tokens[clip["offset"] : clip["offset"] + clip["tokens"]]
+        np.testing.assert_array_equal(own, tokenizer.encode(kinelm.Clip.read(data / (clip["name"] + ".bvh"))))
+
+        word = tokenizer.tokens_per_word
+        sequences = corpus.sequences("train", context=10 * word, conditions=["genre"])
+        ids, labels = sequences.arrays()
+        self.assertEqual(ids.shape, labels.shape)
+        counted = labels[labels != -100]
+        self.assertEqual(len(counted), sum(clip["tokens"] for clip in corpus.clips("train")))
+        np.testing.assert_array_equal(ids[:, 1:][labels[:, :-1] != -100], labels[:, :-1][labels[:, :-1] != -100])
+        np.testing.assert_array_equal(sequences[-1]["input_ids"], ids[-1])
+        self.assertRaises(IndexError, lambda: sequences[len(sequences)])
+
+        said = []
+        run = kinelm.finetune(self.model, at / "corpus", at / "run", steps=3, callback=said.append)
+        self.assertEqual([m["step"] for m in said if "loss" in m], [1, 2, 3])
+        self.assertLess(run.likelihood(corpus, "train")["bits_per_frame"], 200)
+        stopped = kinelm.finetune(self.model, at / "corpus", at / "stopped", steps=3, callback=lambda m: m.get("step", 0) < 2)
+        self.assertEqual(kinelm.resume(stopped.run).generate(seconds=1, seed=1).frames, 20)
+        with self.assertRaises(ZeroDivisionError):
+            kinelm.finetune(self.model, at / "corpus", at / "raised", steps=3, callback=lambda m: 1 / 0)
+
+        index = kinelm.Index.build(data, at / "index", window=64, hop=16)
+        found = index.find(data / "a_0.bvh", k=2, exclude="none")
+        self.assertEqual((len(found), found[0]["clip"]), (2, "a_0"))
+        with self.assertRaisesRegex(kinelm.Error, "distance is"):
+            index.find(data / "a_0.bvh", distance="far")
+
+        classifier = kinelm.Classifier.train(self.model.run, corpus, ["genre"], at / "classes", steps=2, batch=2)
+        field = classifier.predict(data / "a_0.bvh")["fields"][0]
+        self.assertAlmostEqual(sum(p for _, p in field["probabilities"]), 1)
+
+        report = kinelm.evaluate([data / "a_0.bvh", data / "b_1.bvh"], corpus)
+        self.assertEqual([group["name"] for group in report["groups"]][:3], ["train", "valid", "dances"])
+
     def test_program(self):
         call = [sys.executable, "-m", "kinelm", "inspect", str(self.at / "dance.bvh")]
         self.assertIn("80 frames at 20 fps", subprocess.run(call, capture_output=True, text=True, check=True).stdout)
         self.assertEqual(subprocess.run([*call[:3], "inspect"], capture_output=True).returncode, 2)
+
+
+class Notebook(unittest.TestCase):
+    def test_it_runs(self):
+        notebook = json.loads((Path(__file__).parents[1] / "examples/from_files_to_a_dance.ipynb").read_text())
+        names, here = {}, os.getcwd()
+        with tempfile.TemporaryDirectory() as folder:
+            os.chdir(folder)
+            try:
+                for cell in notebook["cells"]:
+                    if cell["cell_type"] == "code":
+                        exec("".join(cell["source"]), names)
+            finally:
+                os.chdir(here)
+        self.assertGreater(len(names["corpus"]), 0)
+        self.assertLess(names["far"].mean(), 0.05)
+
+
+class Loaders(unittest.TestCase):
+    """Sequences as other libraries take them."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        at = Path(cls.folder.name)
+        model = kinelm.Model.ready()
+        (at / "data").mkdir()
+        for i, dance in enumerate(model.variations(4, seconds=3)):
+            dance.write(at / "data" / f"{i}.bvh")
+        tokenizer = kinelm.Tokenizer.load(Path(model.run) / "tokenizer.json")
+        cls.sequences = kinelm.Corpus.build(at / "data", at / "corpus", tokenizer=tokenizer).sequences(context=581)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.folder.cleanup()
+
+    def test_torch(self):
+        try:
+            import torch
+        except ImportError:
+            self.skipTest("no torch")
+        batch = next(iter(torch.utils.data.DataLoader(self.sequences, batch_size=2, shuffle=True)))
+        self.assertEqual((batch["input_ids"].shape, batch["labels"].dtype), ((2, 581), torch.int64))
+
+    def test_datasets(self):
+        try:
+            import datasets
+        except ImportError:
+            self.skipTest("no datasets")
+        view = datasets.Dataset.from_generator(lambda: iter(self.sequences), cache_dir=self.folder.name)
+        self.assertEqual((len(view), len(view[0]["input_ids"])), (len(self.sequences), 581))
 
 
 if __name__ == "__main__":

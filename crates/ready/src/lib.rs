@@ -31,6 +31,14 @@ const FILES: [(&str, &str); 4] = [
     (LEAD_INS, include_str!("../data/lead_ins.json")),
     (HELD_OUT, include_str!("../data/held_out.json")),
 ];
+/// In the run: a corpus of dances that the model made itself, chosen beside real ones. Real ones are no part of the model.
+pub const MADE: &str = "corpus-made";
+/// Its files, beside the tokenizer.
+const MADE_FILES: [(&str, &[u8]); 3] = [
+    ("corpus-made/corpus.json", include_bytes!("../data/corpus-made/corpus.json")),
+    ("corpus-made/clips.jsonl", include_bytes!("../data/corpus-made/clips.jsonl")),
+    ("corpus-made/tokens.u16", include_bytes!("../data/corpus-made/tokens.u16")),
+];
 /// Of all files, as [`pack`] wrote it.
 const VERSION: &str = include_str!("../data/version.txt");
 
@@ -56,6 +64,12 @@ pub fn write(place: &Path) -> Result<()> {
         folder.write(name, text.as_bytes())?;
     }
     folder.write("CARD.md", CARD.as_bytes())?;
+    let made = folder.path().join(MADE);
+    std::fs::create_dir(&made).map_err(Error::io(&made))?;
+    for (name, bytes) in MADE_FILES {
+        folder.write(name, bytes)?;
+    }
+    folder.write(&format!("{MADE}/{TOKENIZER}"), tokenizer().as_bytes())?;
     let expanded = packed::expand(PACKED)?;
     let bytes = weights::to_bytes(expanded.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
     let state: State = serde_json::from_str(STATE).map_err(|e| {
@@ -63,6 +77,11 @@ pub fn write(place: &Path) -> Result<()> {
     })?;
     Checkpoints::of(folder.path()).write(state, &[(WEIGHTS, bytes)])?;
     Ok(folder.commit("give a run as `--run`, or set XDG_CACHE_HOME to another folder")?)
+}
+
+/// The run's tokenizer, which its corpus has too.
+fn tokenizer() -> &'static str {
+    FILES.iter().find(|(name, _)| *name == TOKENIZER).map_or("", |(_, text)| text)
 }
 
 /// Where programs keep what they can make again: XDG_CACHE_HOME, else as the system has it.
@@ -92,6 +111,11 @@ pub fn pack(run: &Path, to: &Path) -> Result<()> {
         let text = input::text(&path).map_err(Error::io(&path))?;
         let text = if name == CONFIG { without_corpora(&text) } else { text };
         contents.push((name.to_owned(), text.into_bytes()));
+    }
+    std::fs::create_dir_all(to.join(MADE)).map_err(Error::io(to))?;
+    for (name, _) in MADE_FILES {
+        let path = run.join(name);
+        contents.push((name.to_owned(), input::bytes(&path).map_err(Error::io(&path))?));
     }
     let State { step, windows, tokens, seed, .. } = loaded.state;
     let state = serde_json::to_vec_pretty(&State::new(step, windows, tokens, seed, None));

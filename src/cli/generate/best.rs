@@ -47,10 +47,16 @@ impl BestArgs {
             );
         }
         Reference::check(&corpus)?;
-        if corpus.split(Split::Valid).next().is_none() {
-            say.line("no validation clips: whether a dance is a copy isn't known");
+        if path.ends_with(kinelm_ready::MADE) {
+            say.line(
+                "compared with dances that the model made itself, chosen beside real ones; --real compares with yours",
+            );
+        } else {
+            if corpus.split(Split::Valid).next().is_none() {
+                say.line("no validation clips: whether a dance is a copy isn't known");
+            }
+            say.line(format_args!("compared with the train clips of {}", path.display()));
         }
-        say.line(format_args!("compared with the train clips of {}", path.display()));
         Ok(Some(corpus))
     }
 }
@@ -58,6 +64,10 @@ impl BestArgs {
 /// The corpus of the largest weight in a run's training.
 fn of_run(run: &Path) -> Result<PathBuf> {
     let parts = RunFile::read(run)?.corpora.into_iter();
+    let made = run.join(kinelm_ready::MADE);
+    if parts.len() == 0 && made.is_dir() {
+        return Ok(made);
+    }
     let run = run.display();
     let Some(most) = parts.reduce(|most, part| if part.weight > most.weight { part } else { most }) else {
         wrong_call!("--best: {run} was trained elsewhere and names no corpus; add --real CORPUS");

@@ -1,17 +1,18 @@
 //! `kinelm tune`: kinelm's own model learns a user's dances.
 
+mod measure;
+
 use super::data::DataArgs;
-use super::{ComputeArgs, ForceArgs, Say, TrustArgs, WrongCall, progress, read::ReadArgs};
+use super::{ComputeArgs, ForceArgs, Say, TrustArgs, WrongCall, print, progress, read::ReadArgs};
+use crate::corpus::Dataset;
 use crate::corpus::build::tokenize;
 use crate::corpus::writer::LAYOUT;
-use crate::corpus::{Corpus, Split};
-use crate::model::likelihood::likelihood;
 use crate::model::run::TOKENIZER;
-use crate::model::{CheckpointChoice, load_run};
 use crate::train::{CorpusPart, PretrainOptions, TrainFile, finetune};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use kinelm_motion::format::RestFrame;
 use kinelm_tokenizer::Tokenizer;
+use measure::{Comparison, HeldOut};
 use std::path::{Path, PathBuf};
 
 /// The settings of its training.
@@ -41,10 +42,11 @@ pub struct Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let ready = kinelm_ready::run()?;
     let folder = corpus_folder(&args.run)?;
-    write_words(&args, &ready, &folder, say)?;
+    let dataset = args.data.find(say)?;
+    write_words(&args, &dataset, (&ready, &folder), say)?;
     let corpus = args.trust.open(&folder)?;
-    let measured = [Split::Test, Split::Valid].into_iter().find(|split| corpus.split(*split).next().is_some());
-    let before = measured.map(|split| bits(&args, &ready, &corpus, split)).transpose()?;
+    let held_out = HeldOut::of(&corpus, &dataset, args.compute.get());
+    let before = held_out.as_ref().map(|held_out| held_out.measure(&ready)).transpose()?;
     let options = PretrainOptions {
         from: Some(ready),
         file: Some(TrainFile::find(Path::new(SETTINGS))?),
@@ -58,11 +60,13 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     };
     let summary = super::training::with_lines(say, |stop, progress| finetune(&options, stop, progress))?;
     super::pretrain::report(&summary, "finetune", say)?;
-    if let (Some(split), Some(before)) = (measured, before) {
-        let after = bits(&args, &args.run, &corpus, split)?;
-        say.line(format_args!("bits/frame of the {split} clips: {before:.2} before, {after:.2} after"));
+    match (&held_out, before) {
+        (Some(held_out), Some(before)) => {
+            let after = held_out.measure(&args.run)?;
+            print(&Comparison(held_out, [before, after]).to_string())
+        }
+        _ => Ok(()),
     }
-    Ok(())
 }
 
 /// Where the dances become words: RUN-corpus.
@@ -76,23 +80,13 @@ fn corpus_folder(run: &Path) -> Result<PathBuf> {
 }
 
 /// Writes the corpus in the words of the model of `ready`.
-fn write_words(args: &Args, ready: &Path, corpus: &Path, say: Say) -> Result<()> {
+fn write_words(args: &Args, dataset: &Dataset, (ready, corpus): (&Path, &Path), say: Say) -> Result<()> {
     let tokenizer = Tokenizer::load(ready.join(TOKENIZER))?;
-    let dataset = args.data.find(say)?;
-    let inputs = args.data.files(&dataset).chain(args.read.files());
+    let inputs = args.data.files(dataset).chain(args.read.files());
     ForceArgs { force: false }.outputs(inputs).check_folder(corpus, &LAYOUT)?;
     let options = args.data.build_options(args.read.options(RestFrame::Drop));
     let mut watch = progress::watch(say, "writing the corpus");
-    let (_, summary) = tokenize(&dataset, &tokenizer, corpus, &options, &mut *watch)?;
+    let (_, summary) = tokenize(dataset, &tokenizer, corpus, &options, &mut *watch)?;
     summary.lines().iter().for_each(|line| say.line(line));
     Ok(())
-}
-
-/// Bits per frame of a split's clips under a run.
-fn bits(args: &Args, run: &Path, corpus: &Corpus, split: Split) -> Result<f64> {
-    let loaded = load_run(run, CheckpointChoice::Auto)?;
-    let clips: Vec<_> = corpus.split(split).collect();
-    let conditions = loaded.load_conditions()?;
-    let found = likelihood(&mut *loaded.scores(args.compute.get())?, corpus, &clips, 0, &conditions)?;
-    Ok(found.context("no frame to measure")?.bits_per_frame)
 }

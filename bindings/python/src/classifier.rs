@@ -1,0 +1,83 @@
+//! Classifiers.
+
+use crate::corpus::Corpus;
+use crate::error::library;
+use crate::interrupt::Interrupt;
+use crate::json::python;
+use crate::options::Reading;
+use kinelm::classify::TrainOptions;
+use kinelm::model::exchange;
+use kinelm::motion::format::{ReadOptions, RestFrame};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// Class tokens of a model: dancer, genre or whatever a corpus labels.
+#[pyclass(frozen, module = "kinelm")]
+pub struct Classifier(Mutex<kinelm::classify::Classifier>);
+
+#[pymethods]
+impl Classifier {
+    /// Opens a classifier's folder.
+    #[staticmethod]
+    fn open(py: Python<'_>, path: PathBuf) -> PyResult<Classifier> {
+        py.detach(|| kinelm::classify::Classifier::load(&path)).map(|c| Classifier(Mutex::new(c))).map_err(library)
+    }
+
+    /// Trains class tokens for label fields on a run, together with its language model, into the folder `out`. `callback` gets
+    /// a dictionary at every validation, and may return False to stop; the training is then taken up again with `resume`.
+    #[staticmethod]
+    #[pyo3(signature = (run, corpus, fields, out, *, steps=1000, batch=16, seed=1, resume=false, callback=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn train(
+        py: Python<'_>,
+        run: PathBuf,
+        corpus: &Corpus,
+        fields: Vec<String>,
+        out: PathBuf,
+        steps: u64,
+        batch: usize,
+        seed: u64,
+        resume: bool,
+        callback: Option<Py<PyAny>>,
+    ) -> PyResult<Option<Classifier>> {
+        let options = TrainOptions { fields, steps, batch, seed, patience: 5, ..TrainOptions::default() };
+        py.detach(|| {
+            let run = exchange::load(&run).map_err(library)?;
+            let (stop, mut interrupt) = (AtomicBool::new(false), Interrupt::default());
+            let done = kinelm::classify::train(&run, &corpus.0, &options, (&out, resume), &stop, &mut |metrics| {
+                let goes_on = interrupt.during(|py| {
+                    py.check_signals()?;
+                    if let Some(callback) = &callback {
+                        let said = callback.call1(py, (python(py, metrics)?,))?;
+                        stop.fetch_or(said.extract::<bool>(py).is_ok_and(|more| !more), Ordering::SeqCst);
+                    }
+                    Ok(())
+                });
+                stop.fetch_or(goes_on.is_break(), Ordering::SeqCst);
+            });
+            let done = interrupt.result(done)?;
+            if done.stopped {
+                return Ok(None);
+            }
+            let classifier = kinelm::classify::Classifier::load(&out).map_err(library)?;
+            Ok(Some(Classifier(Mutex::new(classifier))))
+        })
+    }
+
+    /// The classes of a motion file: a dictionary with, for each field, the likeliest class, all probabilities, and the class
+    /// second by second.
+    #[pyo3(signature = (path, **reading))]
+    fn predict<'py>(
+        &self,
+        py: Python<'py>,
+        path: PathBuf,
+        reading: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
+        let found = py.detach(|| self.0.lock().unwrap_or_else(PoisonError::into_inner).predict(&path, &read));
+        python(py, &found.map_err(library)?.1)
+    }
+}

@@ -1,0 +1,169 @@
+//! Corpora.
+
+use crate::clip::wrong;
+use crate::error::library;
+use crate::interrupt::Interrupt;
+use crate::json::python;
+use crate::options::{Paths, Reading};
+use crate::tokenizer::Tokenizer;
+use kinelm::corpus::conditions::in_order;
+use kinelm::corpus::windows::{each_eval_window, fill_sequence};
+use kinelm::corpus::{BuildOptions, Conditions, Dataset, Split, tokenize};
+use kinelm::tokenizer::Special;
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A corpus folder: the tokens of many clips, with labels and splits.
+#[pyclass(frozen, module = "kinelm")]
+pub struct Corpus(pub Arc<kinelm::corpus::Corpus>);
+
+/// The split of this name; all where it is `None`.
+pub fn split_of(name: Option<&str>) -> PyResult<Option<Split>> {
+    name.map(|name| name.parse::<Split>().map_err(|e| wrong(e.to_string()))).transpose()
+}
+
+#[pymethods]
+impl Corpus {
+    /// Opens a corpus folder.
+    #[staticmethod]
+    fn open(py: Python<'_>, path: PathBuf) -> PyResult<Corpus> {
+        py.detach(|| kinelm::corpus::Corpus::open(path)).map(|corpus| Corpus(Arc::new(corpus))).map_err(library)
+    }
+
+    /// Tokenizes files and folders into a corpus folder at `out`. `labels` are CSV files or patterns of file names, such as
+    /// "{genre}_{dancer}_*".
+    #[staticmethod]
+    #[pyo3(signature = (data, out, *, tokenizer, labels=None, force=false, **reading))]
+    fn build(
+        py: Python<'_>,
+        data: Paths,
+        out: PathBuf,
+        tokenizer: &Tokenizer,
+        labels: Option<Vec<String>>,
+        force: bool,
+        reading: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Corpus> {
+        let options = BuildOptions { read: Reading::of(reading)?, force, ..BuildOptions::default() };
+        let data: Vec<PathBuf> = data.into();
+        py.detach(|| {
+            let dataset = Dataset::find(&data, &labels.unwrap_or_default()).map_err(library)?;
+            let mut interrupt = Interrupt::default();
+            let built = tokenize(&dataset, &tokenizer.0, &out, &options, &mut |_| interrupt.check());
+            interrupt.result(built)?;
+            kinelm::corpus::Corpus::open(&out).map(|corpus| Corpus(Arc::new(corpus))).map_err(library)
+        })
+    }
+
+    /// The folder.
+    #[getter]
+    fn path(&self) -> PathBuf {
+        self.0.dir().to_owned()
+    }
+
+    /// The tokenizer, with the labels of the corpus.
+    #[getter]
+    fn tokenizer(&self) -> Tokenizer {
+        Tokenizer(self.0.tokenizer().clone())
+    }
+
+    /// The clips of a split, or all: dictionaries with name, offset and tokens (of `tokens`), frames, labels, split, take.
+    #[pyo3(signature = (split=None))]
+    fn clips<'py>(&self, py: Python<'py>, split: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
+        let split = split_of(split)?;
+        let clips: Vec<_> =
+            self.0.clips().iter().filter(|clip| split.is_none_or(|split| clip.split == split)).collect();
+        python(py, &clips)
+    }
+
+    /// All tokens, clip after clip: a read-only numpy memmap of the corpus's file, u2 or u4.
+    #[getter]
+    fn tokens<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let kind = self.0.manifest().token_type;
+        let options = PyDict::new(py);
+        options.set_item("dtype", format!("<u{}", kind.width()))?;
+        options.set_item("mode", "r")?;
+        py.import("numpy")?.call_method("memmap", (self.0.dir().join(kind.file_name()),), Some(&options))
+    }
+
+    /// Sequences of `context` tokens to train or measure a model of your own on: an indexable of dictionaries with
+    /// `input_ids` and `labels`, i64, ready for torch's DataLoader. Windows hold whole words. Each begins with <bos> and the
+    /// labels of the `conditions`; places that don't count have the label -100.
+    #[pyo3(signature = (split="train", *, context, conditions=None))]
+    fn sequences(&self, split: &str, context: usize, conditions: Option<Vec<String>>) -> PyResult<Sequences> {
+        let split = split_of(Some(split))?;
+        let fields = in_order(&conditions.unwrap_or_default());
+        let conditions = Conditions::new(&fields, self.0.tokenizer().vocabulary());
+        let clips: Vec<usize> =
+            (0..self.0.clips().len()).filter(|&i| split.is_none_or(|split| self.0.clips()[i].split == split)).collect();
+        let places = (context + 1).saturating_sub(conditions.len());
+        let words = clips.iter().map(|&i| self.0.words(&self.0.clips()[i]));
+        let windows = each_eval_window(words, places).map_err(library)?;
+        let windows = windows.map(|w| (clips[w.clip], w.start, w.tokens, w.scored.start)).collect();
+        Ok(Sequences { corpus: self.0.clone(), conditions, context, windows })
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.clips().len()
+    }
+
+    fn __repr__(&self) -> String {
+        let count = &self.0.manifest().count;
+        format!("<kinelm.Corpus: {} clips, {} frames, {}>", count.clips, count.frames, self.0.dir().display())
+    }
+}
+
+/// Sequences of a corpus.
+#[pyclass(frozen, module = "kinelm", sequence)]
+pub struct Sequences {
+    corpus: Arc<kinelm::corpus::Corpus>,
+    conditions: Conditions,
+    context: usize,
+    /// Clip, first token, tokens, the first of them that counts.
+    windows: Vec<(usize, usize, usize, usize)>,
+}
+
+/// What losses skip, by the convention of transformers.
+const IGNORED: i64 = -100;
+
+#[pymethods]
+impl Sequences {
+    fn __len__(&self) -> usize {
+        self.windows.len()
+    }
+
+    fn __getitem__<'py>(&self, py: Python<'py>, index: isize) -> PyResult<Bound<'py, PyDict>> {
+        let at = if index < 0 { index + self.windows.len() as isize } else { index };
+        let Some(&(clip, start, tokens, scored)) = usize::try_from(at).ok().and_then(|at| self.windows.get(at)) else {
+            let text = format!("sequence {index} of {}", self.windows.len());
+            return Err(pyo3::exceptions::PyIndexError::new_err(text));
+        };
+        let clip = &self.corpus.clips()[clip];
+        let ids = self.corpus.ids(clip, start..start + tokens).map_err(library)?;
+        let (pad, front) = (Special::Pad.id(), self.conditions.front(&clip.labels));
+        let (mut input, mut target) = (vec![pad; self.context], vec![pad; self.context]);
+        fill_sequence(&ids, &front, pad, &mut input, &mut target);
+        let first = front.len() - 1 + scored;
+        let counts = |(at, id): (usize, u32)| if at < first || id == pad { IGNORED } else { id.into() };
+        let item = PyDict::new(py);
+        item.set_item("input_ids", PyArray1::from_vec(py, input.into_iter().map(i64::from).collect()))?;
+        item.set_item("labels", PyArray1::from_vec(py, target.into_iter().enumerate().map(counts).collect()))?;
+        Ok(item)
+    }
+
+    /// All sequences as two arrays, (N, context): `input_ids` and `labels`.
+    fn arrays<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray2<i64>>, Bound<'py, PyArray2<i64>>)> {
+        let (mut input, mut labels) = (Vec::new(), Vec::new());
+        for index in 0..self.windows.len() {
+            let item = self.__getitem__(py, index as isize)?;
+            for (key, to) in [("input_ids", &mut input), ("labels", &mut labels)] {
+                let row: Vec<i64> = item.as_any().get_item(key)?.extract()?;
+                to.extend(row);
+            }
+        }
+        let whole = |flat: Vec<i64>| PyArray1::from_vec(py, flat).reshape([self.windows.len(), self.context]);
+        Ok((whole(input)?, whole(labels)?))
+    }
+}

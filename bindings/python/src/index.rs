@@ -1,0 +1,94 @@
+//! Search.
+
+use crate::clip::wrong;
+use crate::error::library;
+use crate::interrupt::Interrupt;
+use crate::json::python;
+use crate::options::{Paths, Reading};
+use kinelm::corpus::{BuildOptions, Dataset};
+use kinelm::motion::format::{ReadOptions, RestFrame};
+use kinelm::spectral::query::{Distance, Exclude, IndexRequest, Query};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde::de::DeserializeOwned;
+use std::path::PathBuf;
+
+/// An index of windows of clips, by their spectra.
+#[pyclass(frozen, module = "kinelm")]
+pub struct Index(kinelm::spectral::query::Index);
+
+/// One of an enum's names.
+fn named<T: DeserializeOwned>(name: &str, parameter: &str, known: &str) -> PyResult<T> {
+    serde_json::from_value(name.into()).map_err(|_| wrong(format!("{parameter} is {name:?}; expected {known}")))
+}
+
+#[pymethods]
+impl Index {
+    /// Opens an index folder.
+    #[staticmethod]
+    fn open(py: Python<'_>, path: PathBuf) -> PyResult<Index> {
+        py.detach(|| kinelm::spectral::query::Index::open(&path)).map(Index).map_err(library)
+    }
+
+    /// Indexes files and folders at `out`, or adds them to the index there: windows of `window` frames at `fps`, `hop` frames
+    /// apart, by the DCT of their joints.
+    #[staticmethod]
+    #[pyo3(signature = (data, out, *, labels=None, window=None, hop=None, fps=None, **reading))]
+    #[allow(clippy::too_many_arguments)]
+    fn build(
+        py: Python<'_>,
+        data: Paths,
+        out: PathBuf,
+        labels: Option<Vec<String>>,
+        window: Option<usize>,
+        hop: Option<usize>,
+        fps: Option<f64>,
+        reading: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Index> {
+        let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
+        let options = BuildOptions { read, ..BuildOptions::default() };
+        let request = IndexRequest { frames: window, hop, fps, ..IndexRequest::default() };
+        let data: Vec<PathBuf> = data.into();
+        py.detach(|| {
+            let dataset = Dataset::find(&data, &labels.unwrap_or_default()).map_err(library)?;
+            let mut interrupt = Interrupt::default();
+            let built =
+                kinelm::spectral::query::Index::build(&dataset, &request, &options, &out, &mut |_| interrupt.check());
+            interrupt.result(built)?;
+            kinelm::spectral::query::Index::open(&out).map(Index).map_err(library)
+        })
+    }
+
+    /// The `k` windows that move most like the clip does `at` seconds from its beginning (or in its middle), nearest first, as
+    /// dictionaries. `exclude` is none, self, overlap, clip, take or choreography; `distance` cosine or euclid.
+    #[pyo3(signature = (clip, *, at=None, k=10, distance="cosine", exclude="take", one_per_clip=false, **reading))]
+    #[allow(clippy::too_many_arguments)]
+    fn find<'py>(
+        &self,
+        py: Python<'py>,
+        clip: PathBuf,
+        at: Option<f64>,
+        k: usize,
+        distance: &str,
+        exclude: &str,
+        one_per_clip: bool,
+        reading: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let distance: Distance = named(distance, "distance", "cosine or euclid")?;
+        let exclude: Exclude = named(exclude, "exclude", "none, self, overlap, clip, take or choreography")?;
+        let as_indexed = reading.is_none_or(|reading| reading.is_empty());
+        let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
+        let query = Query { clip, read, as_indexed, at_s: at, k, distance, exclude, one_per_clip };
+        let found = py.detach(|| self.0.find(&query)).map_err(library)?;
+        python(py, &found.matches)
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.database().windows()
+    }
+
+    fn __repr__(&self) -> String {
+        let database = self.0.database();
+        format!("<kinelm.Index: {} windows of {} clips>", database.windows(), database.clips().len())
+    }
+}

@@ -1,0 +1,96 @@
+//! Keyword arguments that several calls share.
+
+use crate::clip::wrong;
+use kinelm::motion::format::{ReadOptions, Unit, Up};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyCFunction, PyDict, PyTuple};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use std::path::PathBuf;
+
+/// How a motion file is read.
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Reading {
+    pub fps_source: Option<f64>,
+    pub skip: usize,
+    pub up: Option<String>,
+    pub unit: Option<String>,
+    pub map: Option<String>,
+}
+
+impl Reading {
+    /// The library's options.
+    pub fn options(self) -> PyResult<ReadOptions> {
+        let up = match self.up.as_deref() {
+            None => Up::Auto,
+            Some("x") => Up::X,
+            Some("-x") => Up::NegX,
+            Some("y") => Up::Y,
+            Some("-y") => Up::NegY,
+            Some("z") => Up::Z,
+            Some("-z") => Up::NegZ,
+            Some(other) => return Err(wrong(format!("up is {other:?}; expected x, y, z, -x, -y or -z"))),
+        };
+        let unit = match self.unit.as_deref() {
+            None => Unit::Auto,
+            Some("m") => Unit::Metre,
+            Some("cm") => Unit::Centimetre,
+            Some("mm") => Unit::Millimetre,
+            Some("in") => Unit::Inch,
+            Some(other) => return Err(wrong(format!("unit is {other:?}; expected m, cm, mm or in"))),
+        };
+        let Reading { fps_source, skip, map, .. } = self;
+        Ok(ReadOptions { fps_source, skip, up, unit, map, ..ReadOptions::default() })
+    }
+
+    /// The options of a call that has no other keyword arguments.
+    pub fn of(kwargs: Option<&Bound<'_, PyDict>>) -> PyResult<ReadOptions> {
+        parsed::<Reading>(kwargs)?.options()
+    }
+}
+
+/// Keyword arguments as a struct, by way of JSON; paths and numpy's numbers may stand among them.
+///
+/// # Errors
+/// TypeError for a name that `T` doesn't have, or a value of another type.
+pub fn parsed<T: Default + DeserializeOwned>(kwargs: Option<&Bound<'_, PyDict>>) -> PyResult<T> {
+    let Some(kwargs) = kwargs else { return Ok(T::default()) };
+    let py = kwargs.py();
+    let plain = |args: &Bound<'_, PyTuple>, _: Option<&Bound<'_, PyDict>>| -> PyResult<Py<PyAny>> {
+        let value = args.get_item(0)?;
+        let plain = match value.hasattr("item")? {
+            true => value.call_method0("item")?,
+            false => value.py().import("os")?.call_method1("fspath", (value,))?,
+        };
+        Ok(plain.unbind())
+    };
+    let options = PyDict::new(py);
+    options.set_item("default", PyCFunction::new_closure(py, None, None, plain)?)?;
+    let text: String = py.import("json")?.call_method("dumps", (kwargs,), Some(&options))?.extract()?;
+    let whole = |e: serde_json::Error| {
+        let text = e.to_string();
+        let place = text.find(" at line ").unwrap_or(text.len());
+        PyTypeError::new_err(text[..place].to_owned())
+    };
+    serde_json::from_str(&text).map_err(whole)
+}
+
+/// One path or several.
+#[derive(FromPyObject)]
+pub enum Paths {
+    /// One.
+    One(PathBuf),
+    /// Several.
+    Many(Vec<PathBuf>),
+}
+
+impl From<Paths> for Vec<PathBuf> {
+    fn from(paths: Paths) -> Self {
+        match paths {
+            Paths::One(path) => vec![path],
+            Paths::Many(paths) => paths,
+        }
+    }
+}

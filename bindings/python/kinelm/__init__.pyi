@@ -102,12 +102,19 @@ class Tokenizer:
 
     @staticmethod
     def fit(
-        clips: Sequence[Clip], *, joints: str = "18", fps: float = 20.0, bins: int = 360, map: str | None = None
+        clips: Sequence[Clip],
+        *,
+        joints: str = "18",
+        fps: float = 20.0,
+        bins: int = 360,
+        map: str | None = None,
+        floor: float | None = None,
     ) -> Tokenizer: ...
     @staticmethod
     def load(path: Path) -> Tokenizer: ...
     def save(self, path: Path) -> None: ...
-    def encode(self, clip: Clip, *, map: str | None = None) -> NDArray[np.uint32]: ...
+    def encode(self, clip: Clip, *, map: str | None = None, floor: float | None = None) -> NDArray[np.uint32]:
+        """`floor` is the height of the clip's floor, metres, found out if not given."""
     def decode(self, ids: NDArray[np.uint32]) -> Clip: ...
     @property
     def vocabulary(self) -> int: ...

@@ -15,8 +15,12 @@ use std::path::PathBuf;
 pub struct Tokenizer(pub kinelm::tokenizer::Tokenizer);
 
 /// A clip as this tokenizer takes it: on SMPL-24, at its rate, above its floor.
-fn taken(motion: Motion, config: &TokenizerConfig, map: Option<String>) -> PyResult<kinelm::motion::Clip> {
-    let options = ReadOptions { map, ..ReadOptions::default() };
+fn taken(
+    motion: Motion,
+    config: &TokenizerConfig,
+    (map, floor): (Option<String>, Option<f64>),
+) -> PyResult<kinelm::motion::Clip> {
+    let options = ReadOptions { map, floor, ..ReadOptions::default() };
     ModelClip::of(motion, &options, config.into()).map(|clip| clip.lowered()).map_err(library)
 }
 
@@ -24,7 +28,7 @@ fn taken(motion: Motion, config: &TokenizerConfig, map: Option<String>) -> PyRes
 impl Tokenizer {
     /// Fits a tokenizer to clips: `joints` are those coded, as "18" or a list of groups and names; `bins` of each character.
     #[staticmethod]
-    #[pyo3(signature = (clips, *, joints="18", fps=20.0, bins=360, map=None))]
+    #[pyo3(signature = (clips, *, joints="18", fps=20.0, bins=360, map=None, floor=None))]
     fn fit(
         py: Python<'_>,
         clips: Vec<Clip>,
@@ -32,12 +36,15 @@ impl Tokenizer {
         fps: f64,
         bins: u32,
         map: Option<String>,
+        floor: Option<f64>,
     ) -> PyResult<Tokenizer> {
         let selection = joints::parse(joints).map_err(crate::error::motion)?;
         let config = TokenizerConfig::uniform(&selection.joints, fps, bins);
         py.detach(|| {
-            let clips =
-                clips.into_iter().map(|clip| taken(clip.0, &config, map.clone())).collect::<PyResult<Vec<_>>>()?;
+            let clips = clips
+                .into_iter()
+                .map(|clip| taken(clip.0, &config, (map.clone(), floor)))
+                .collect::<PyResult<Vec<_>>>()?;
             kinelm::tokenizer::Tokenizer::fit(&clips, config).map(Tokenizer).map_err(library)
         })
     }
@@ -53,11 +60,17 @@ impl Tokenizer {
         self.0.save(path).map_err(library)
     }
 
-    /// The ids of a clip on any rig, at any rate.
-    #[pyo3(signature = (clip, *, map=None))]
-    fn encode<'py>(&self, py: Python<'py>, clip: &Clip, map: Option<String>) -> PyResult<Bound<'py, PyArray1<u32>>> {
+    /// The ids of a clip on any rig, at any rate. `floor` is its height in metres, found out if not given.
+    #[pyo3(signature = (clip, *, map=None, floor=None))]
+    fn encode<'py>(
+        &self,
+        py: Python<'py>,
+        clip: &Clip,
+        map: Option<String>,
+        floor: Option<f64>,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let ids = py.detach(|| {
-            let clip = taken(clip.0.clone(), self.0.config(), map)?;
+            let clip = taken(clip.0.clone(), self.0.config(), (map, floor))?;
             let encoded = self.0.encode(&clip).map_err(library)?;
             self.0.ids_of_words(&encoded.words).map_err(library)
         })?;

@@ -5,6 +5,7 @@ use super::segments::{past_end_warning, segment_of};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, RateDoubt, ReadOptions, resolve_floor};
 use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::retarget::is_on_neutral;
 use kinelm_motion::{Clip, Motion, Warning, retarget};
 use kinelm_store::FileRecord;
 use kinelm_tokenizer::TokenizerConfig;
@@ -92,7 +93,8 @@ impl ModelClip {
         if let Some(first) = clip.root().first().filter(|_| spec.above_floor) {
             let floor = resolve_floor(&mut motion, options)?;
             // retargeting scales heights about a floor of its own: the difference tells where this one comes to lie
-            let lowered = Motion { clip: motion.clip.clone().raised(-floor), ..motion.clone() };
+            let shown = if is_on_neutral(motion.clip.skeleton()) { 1 } else { motion.clip.frames() };
+            let lowered = Motion { clip: motion.clip.slice(0..shown).raised(-floor), ..motion.clone() };
             (floor_m, clip_floor_m) = (Some(floor), first.y - on_body(&lowered)?.root()[0].y);
         }
         let clip = resample(&clip, spec.fps, Method::Auto)?;

@@ -334,6 +334,11 @@ fn smpl_leg_m(smpl: &Skeleton) -> f64 {
     0.5 * [4, 5, 7, 8].iter().map(|&j: &usize| smpl.offsets()[j].length()).sum::<f64>()
 }
 
+/// Whether clips of this rig are on the neutral SMPL-24 body already: then [`to_smpl`] keeps their numbers bit for bit.
+pub fn is_on_neutral(rig: &Skeleton) -> bool {
+    is_same(rig, &smpl::neutral())
+}
+
 fn is_same(rig: &Skeleton, smpl: &Skeleton) -> bool {
     // kinematics ignores the root's offset; files round the others
     let offsets = || rig.offsets()[1..].iter().zip(&smpl.offsets()[1..]);
@@ -369,6 +374,9 @@ fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
 /// [`Error::Clip`] with the file's name for the errors of [`map_of`] and [`Retarget::new`].
 pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
     let rig = motion.clip.skeleton();
+    if map.is_none() && is_on_neutral(rig) {
+        return motion.clip.clone().with_skeleton(smpl::neutral());
+    }
     if matches!(motion.source, Source::Amass { .. } | Source::Aist { .. }) && smpl::is_rig(rig) {
         return on_neutral(motion);
     }

@@ -1,9 +1,9 @@
 #!/bin/sh
-# The tests of the Python package, on the library that `cargo build --release --workspace` left. Needs Python 3.10 and numpy,
-# which it puts into a virtual environment if it isn't there.
+# The tests of the Python package, or those that are named, on the library that `cargo build --release --workspace` left. Needs
+# Python 3.10 and numpy, which it puts into a virtual environment if it isn't there.
 set -eu
 cd "$(dirname "$0")/.."
-target=${CARGO_TARGET_DIR:-target}
+target=$(realpath "${CARGO_TARGET_DIR:-target}")
 place=$target/python
 rm -rf "$place/kinelm"
 mkdir -p "$place"
@@ -17,4 +17,6 @@ python=${PYTHON:-python3}
     }
     python=$place/venv/bin/python
 }
-PYTHONPATH=$place "$python" -m unittest discover --start-directory bindings/python/tests --verbose
+cd bindings/python/tests
+[ $# -gt 0 ] || set -- discover
+PYTHONPATH=$place "$python" -m unittest "$@" --verbose

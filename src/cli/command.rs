@@ -89,6 +89,8 @@ pub enum Command {
     Bench(bench::Command),
     /// Run the whole pipeline on synthetic dances: no data, no network, three minutes
     Demo(demo::Args),
+    /// Print a script that completes commands and flags in a shell
+    Completions(completions::Args),
 }
 
 pub fn command(command: Command, say: Say) -> Result<()> {
@@ -121,5 +123,6 @@ pub fn command(command: Command, say: Say) -> Result<()> {
         Command::MusicLstm(command) => music_lstm::run(command, say),
         Command::Bench(command) => bench::run(command, say),
         Command::Demo(args) => demo::run(args, say),
+        Command::Completions(args) => completions::run(&args),
     }
 }

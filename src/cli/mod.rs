@@ -6,6 +6,7 @@ mod aclstm;
 mod classify;
 mod clean;
 mod command;
+mod completions;
 mod config;
 mod convert;
 mod corpus;
@@ -53,6 +54,11 @@ use std::panic::{AssertUnwindSafe, resume_unwind};
 
 /// Bytes of stack of a thread that computes: what a program's first thread has.
 const STACK: usize = 8 << 20;
+
+/// The program's commands and flags, from which its man pages are made.
+pub fn parser() -> clap::Command {
+    <Call as clap::CommandFactory>::command()
+}
 
 /// Runs one call of the program, its name in front, and gives the exit code. 0: done. 1: the work failed. 2: the call was
 /// wrong. 130: stopped by Ctrl-C, what is done is saved. A reader that closes the pipe early is no failure.

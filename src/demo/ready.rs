@@ -9,6 +9,7 @@ use anyhow::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions, Up};
 use kinelm_motion::{joints, smpl};
 use kinelm_store::files::write_whole;
+use rayon::prelude::*;
 use std::path::Path;
 use std::time::Instant;
 
@@ -37,15 +38,17 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     let edit = |free: Vec<Span>, looping| Edit { given: Vec::new(), free, blend_s: 0.2, tries: 8, looping };
     let gap = GAP.parse::<Span>().map_err(Error::msg)?;
     let back = Loop { kind: LoopKind::Pose, over_s: BACK_S };
-    say.line(format_args!("1/4 it dances by itself for {SECONDS} s"));
+    say.line(format_args!("1/3 it dances by itself for {SECONDS} s"));
     let free = Request { length: Some(Length::Seconds(SECONDS)), ..of(None) };
     dance(&free, &at("free.bvh"))?;
-    say.line("2/4 it follows the root, the torso and the right arm of that dance");
-    dance(&of(Some(prompt(None))), &at("follows.bvh"))?;
-    say.line("3/4 it dances two seconds of it anew, and makes a loop of it");
-    dance(&of(Some(prompt(Some(edit(vec![gap], None))))), &at("gap.bvh"))?;
-    dance(&of(Some(prompt(Some(edit(Vec::new(), Some(back)))))), &at("loop.bvh"))?;
-    say.line("4/4 page");
+    say.line("2/3 it follows root, torso and right arm of that dance, dances two seconds of it anew, and makes a loop of it");
+    let three = [
+        ("follows.bvh", None),
+        ("gap.bvh", Some(edit(vec![gap], None))),
+        ("loop.bvh", Some(edit(Vec::new(), Some(back)))),
+    ];
+    three.into_par_iter().try_for_each(|(name, edit)| dance(&of(Some(prompt(edit))), &at(name)))?;
+    say.line("3/3 page");
     page(args)?;
     let seconds = started.elapsed().as_secs_f64();
     let report = format!(

@@ -235,6 +235,7 @@ const WRITE: &[Row] = &[
 const OTHERS: &[&str] = &[
     "inspect",
     "config show",
+    "completions",
     "tokenizer text",
     "corpus stats",
     "runs list",

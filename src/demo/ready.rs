@@ -41,7 +41,9 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     say.line(format_args!("1/3 it dances by itself for {SECONDS} s"));
     let free = Request { length: Some(Length::Seconds(SECONDS)), ..of(None) };
     dance(&free, &at("free.bvh"))?;
-    say.line("2/3 it follows root, torso and right arm of that dance, dances two seconds of it anew, and makes a loop of it");
+    say.line(
+        "2/3 it follows root, torso and right arm of that dance, dances two seconds of it anew, and makes a loop of it",
+    );
     let three = [
         ("follows.bvh", None),
         ("gap.bvh", Some(edit(vec![gap], None))),

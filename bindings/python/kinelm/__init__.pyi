@@ -49,6 +49,14 @@ class Error(Exception):
     """What kinelm could not do: its text says what, where, and what to do."""
 
     kind: Literal["io", "file", "call", "limit", "stopped", "failed"]
+    path: str | None
+    """The file that it is about."""
+    line: int | None
+    column: int | None
+    parameter: str | None
+    """The parameter that has a wrong value."""
+    found: str | None
+    expected: str | None
 
 class Clip:
     """A motion: J joints, a rate, and for each of F frames a root position in metres and local rotations; y is up."""

@@ -61,6 +61,14 @@ class Kinelm(unittest.TestCase):
             kinelm.Clip.read(self.at / "none.bvh")
         self.assertEqual(raised.exception.kind, "io")
         self.assertIn("none.bvh", str(raised.exception))
+        self.assertEqual((Path(raised.exception.path).name, raised.exception.line), ("none.bvh", None))
+        (self.at / "bad.bvh").write_text("HIERARCHY\nROOT hips\n{\n  OFFSET 0 zero 0\n")
+        with self.assertRaises(kinelm.Error) as raised:
+            kinelm.Clip.read(self.at / "bad.bvh")
+        self.assertEqual((raised.exception.kind, raised.exception.line), ("file", 4))
+        with self.assertRaises(kinelm.Error) as raised:
+            self.model.generate(seconds=1, top_p=7)
+        self.assertEqual((raised.exception.parameter, raised.exception.found), ("top_p", "7"))
         self.assertTrue(clip._repr_html_().startswith("<iframe"))
 
     def test_tokenizer(self):

@@ -66,7 +66,7 @@ import numpy as np
 out, run = map(Path, sys.argv[1:])
 test, walks, copied = (json.loads((out / f"{name}.json").read_text()) for name in ("test", "walks", "copying"))
 limit = json.loads((run / "held_out.json").read_text())["p95"]
-bits = {clip["clip"]: clip["bits_per_frame"] for clip in test["clips"]}
+bits = {clip["name"]: clip["bits_per_frame"] for clip in test["clips"]}
 print((out / "floors.txt").read_text())
 print(f"test clips: {test['bits_per_frame']:.2f} bits/frame; median of the clips {np.median(list(bits.values())):.2f}, 95th percentile {limit}")
 print("by clip:", ", ".join(f"{name} {b:.1f}" for name, b in sorted(bits.items())))

@@ -31,7 +31,7 @@ once() { # FILE COMMAND..: its output, made once
 once floors.txt "$kinelm" evaluate baselines --corpus "$out/corpus" --quiet
 once test.json "$kinelm" evaluate likelihood --run "$run" --corpus "$out/corpus" --json $threads
 for frames in 10 20 40; do
-    once gaps-$frames.txt "$kinelm" evaluate gaps --run "$run" --corpus "$out/corpus" --frames $frames --gaps 200 $threads
+    once gaps-$frames.txt "$kinelm" evaluate gaps --run "$run" --corpus "$out/corpus" --frames $frames --gaps 60 $threads
 done
 
 # 48 free dances beside the validation clips: does the model give a clip back?

@@ -146,7 +146,7 @@ fn make_room(args: &Args) -> Result<()> {
     for (folder, extensions) in [("motion", &["bvh"][..]), ("music", &["wav"])] {
         sweep(&args.out.join(folder), extensions)?;
     }
-    std::fs::create_dir_all(args.out.join("motion")).with_context(|| out.to_string())?;
+    std::fs::create_dir_all(&args.out).with_context(|| out.to_string())?;
     Ok(write_whole(&report, format!("{MARK}, seed {}\n\nIt isn't done.\n", args.seed).as_bytes())?)
 }
 

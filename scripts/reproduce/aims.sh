@@ -6,7 +6,7 @@
 #
 # RUN: a two-level run on 18 joints; CORPUS: cmu-dance as its tokenizer codes it. DATA and SPLITS as ../shared/data/unpack.sh
 # leaves them. What is there is not made again. Variables: SEED (5), FIRST_FRAMES (64 candidates), TOP_P (generate's own), THREADS
-# (1), KINELM. Needs numpy, scipy, scikit-learn.
+# (1), KINELM, PYTHON with numpy, scipy and scikit-learn.
 set -eu
 call="the call is: $0 RUN CORPUS DATA SPLITS OUT"
 run=${1:?$call} corpus=${2:?$call} data=${3:?$call}/cmu-dance/salsa splits=${4:?$call} out=${5:?$call}
@@ -44,4 +44,4 @@ for dances in lock off real; do
     [ -e "$out/words/$dances/corpus.json" ] ||
         "$kinelm" tokenize "$out/$dances" --tokenizer "$run/tokenizer.json" --floor 0 --out "$out/words/$dances" --quiet
 done
-python3 "$here/scripts/reproduce/aims.py" "$out" "$corpus" "$splits/cmu-dance.csv"
+"${PYTHON:-python3}" "$here/scripts/reproduce/aims.py" "$out" "$corpus" "$splits/cmu-dance.csv"

@@ -51,9 +51,9 @@ once copying.json "$kinelm" evaluate dance "$out/free"/*.bvh --real "$out/corpus
 }
 once walks.json "$kinelm" evaluate likelihood --run "$run" --corpus "$out/walks" --conditions none --json $threads
 
+export PYTHON="$python"
 KINELM=$kinelm THREADS=${THREADS:-2} SEED=5 once aims.txt "$here/scripts/reproduce/aims.sh" "$run" "$out/corpus" "${data%/*}" "$splits" "$out/aims"
 salsas=$(for take in 03 07 11 18 22 26; do echo "$data/salsa/$take.bvh"; done)
-export PYTHON="$python"
 KINELM=$kinelm OPTIONS="--fps-source 60 --skip 10" LEAD_IN=train GUIDANCE=2 DANCES=16 once conditions.txt \
     "$here/scripts/reproduce/conditions.sh" "$run" "$out/corpus" genre "$out/conditions" $salsas
 

@@ -38,7 +38,7 @@ python -m pip install --quiet \
 
 # the program
 cargo zigbuild --profile dist --locked --target "$platform.$glibc" --bin kinelm
-cargo zigbuild --release --locked --target "$platform.$glibc" --example man
+cargo zigbuild --profile dist --locked --target "$platform.$glibc" --example man
 program=$target/$platform/dist/kinelm
 newest=$(objdump -T "$program" | grep -o 'GLIBC_[0-9.]*' | sed 's/GLIBC_//' | sort -Vu | tail -1)
 echo "kinelm needs glibc $newest"
@@ -73,7 +73,7 @@ cp README.md LICENSE-MIT LICENSE-APACHE "$stage/LICENSE-THIRD-PARTY" "$share/doc
 "$program" completions fish > "$share/fish/vendor_completions.d/kinelm.fish"
 "$program" completions elvish > "$share/elvish/lib/kinelm.elv"
 "$program" completions powershell > "$share/powershell/kinelm.ps1"
-"$target/$platform/release/examples/man" "$share/man/man1"
+"$target/$platform/dist/examples/man" "$share/man/man1"
 tar --create --directory "$stage" --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$(git log -1 --format=%ct)" \
     "$name" | xz -9e --threads=1 > "$stage/out/$name.tar.xz"
 size "$stage/out/$name.tar.xz" 20

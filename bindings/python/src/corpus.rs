@@ -125,6 +125,9 @@ pub struct Sequences {
     windows: Vec<(usize, usize, usize, usize)>,
 }
 
+/// Sequences as one array.
+type Rows<'py> = Bound<'py, PyArray2<i64>>;
+
 /// What losses skip, by the convention of transformers.
 const IGNORED: i64 = -100;
 
@@ -154,7 +157,7 @@ impl Sequences {
     }
 
     /// All sequences as two arrays, (N, context): `input_ids` and `labels`.
-    fn arrays<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray2<i64>>, Bound<'py, PyArray2<i64>>)> {
+    fn arrays<'py>(&self, py: Python<'py>) -> PyResult<(Rows<'py>, Rows<'py>)> {
         let (mut input, mut labels) = (Vec::new(), Vec::new());
         for index in 0..self.windows.len() {
             let item = self.__getitem__(py, index as isize)?;

@@ -1,11 +1,10 @@
 //! Clips.
 
-use crate::error::{library, motion, raised};
+use crate::error::{library, motion, wrong};
 use crate::options::Reading;
 use kinelm::motion::convert::{ConvertOptions, TargetRig, convert};
 use kinelm::motion::format::{self, ReadOptions};
 use kinelm::motion::{Motion, Quat, Skeleton, Source, Vec3};
-use kinelm::store::Kind;
 use kinelm::store::files::write_whole;
 use kinelm::view::{Figure, page};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
@@ -19,11 +18,6 @@ use std::sync::Arc;
 #[pyclass(frozen, module = "kinelm", from_py_object)]
 #[derive(Clone)]
 pub struct Clip(pub Motion);
-
-/// The call is wrong.
-pub fn wrong(text: String) -> PyErr {
-    raised(text, Kind::Call)
-}
 
 #[pymethods]
 impl Clip {

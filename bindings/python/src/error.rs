@@ -14,6 +14,11 @@ pub fn raised(text: String, kind: Kind) -> PyErr {
     with(text, kind, Data::default())
 }
 
+/// The call is wrong.
+pub fn wrong(text: String) -> PyErr {
+    raised(text, Kind::Call)
+}
+
 /// The exception of an error of motion files and clips.
 pub fn motion(e: MotionError) -> PyErr {
     library(e)

@@ -1,7 +1,6 @@
 //! Search.
 
-use crate::clip::wrong;
-use crate::error::library;
+use crate::error::{library, wrong};
 use crate::interrupt::Interrupt;
 use crate::json::python;
 use crate::options::{Paths, Reading};

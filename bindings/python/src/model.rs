@@ -1,8 +1,8 @@
 //! Models.
 
-use crate::clip::{Clip, positions, wrong};
+use crate::clip::{Clip, positions};
 use crate::corpus::Corpus;
-use crate::error::library;
+use crate::error::{library, wrong};
 use crate::interrupt::Interrupt;
 use crate::json::python;
 use crate::options::{Reading, parsed};

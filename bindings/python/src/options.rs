@@ -1,6 +1,6 @@
 //! Keyword arguments that several calls share.
 
-use crate::clip::wrong;
+use crate::error::wrong;
 use kinelm::motion::format::{ReadOptions, Unit, Up};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;

@@ -1,7 +1,7 @@
 //! Tokenizers.
 
-use crate::clip::{Clip, wrong};
-use crate::error::library;
+use crate::clip::Clip;
+use crate::error::{library, wrong};
 use kinelm::corpus::load::ModelClip;
 use kinelm::motion::format::ReadOptions;
 use kinelm::motion::{Motion, Source, joints};

@@ -89,7 +89,7 @@ fn options(
     conditions: Option<Vec<String>>,
     precision: Option<&str>,
 ) -> PyResult<PretrainOptions> {
-    let precision = precision.map(|name| name.parse::<Precision>().map_err(|e| crate::clip::wrong(e.to_string())));
+    let precision = precision.map(|name| name.parse::<Precision>().map_err(|e| crate::error::wrong(e.to_string())));
     let corpora: Vec<PathBuf> = corpus.into();
     Ok(PretrainOptions {
         file: Some(TrainFile::find(&config).map_err(crate::error::library)?),

@@ -9,7 +9,7 @@
 //! `<pre id="selftest">`).
 #![forbid(unsafe_code)]
 
-mod data;
+pub mod data;
 pub mod music;
 pub mod plot;
 pub mod table;

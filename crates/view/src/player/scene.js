@@ -1,9 +1,8 @@
-'use strict';
-// The stage: draws capsules, soft shadows and a floor with WebGL2. Knows nothing of dances, time or controls.
+// Draws capsules, soft shadows, rings and a floor with WebGL2. Knows nothing of dances, time or controls.
 
-// ---- 4 x 4 matrices, column by column, as WebGL takes them ----
-function multiply(a, b) {
-  const c = new Float32Array(16);
+// ---- 4 x 4 matrices, column by column, as WebGL takes them; each is written into its last argument ----
+/** @param {Float32Array} a @param {Float32Array} b @param {Float32Array} c */
+export function multiply(a, b, c) {
   for (let i = 0; i < 4; i++) for (let j = 0; j < 4; j++) {
     let sum = 0;
     for (let k = 0; k < 4; k++) sum += a[k * 4 + j] * b[i * 4 + k];
@@ -12,18 +11,26 @@ function multiply(a, b) {
   return c;
 }
 
-function perspective(fov, aspect, near, far) {
+/** @param {number} fov @param {number} aspect @param {number} near @param {number} far @param {Float32Array} c */
+export function perspective(fov, aspect, near, far, c) {
   const f = 1 / Math.tan(fov / 2);
-  return new Float32Array([f / aspect, 0, 0, 0, 0, f, 0, 0,
-    0, 0, (far + near) / (near - far), -1, 0, 0, 2 * far * near / (near - far), 0]);
+  c.fill(0);
+  c[0] = f / aspect; c[5] = f; c[11] = -1;
+  c[10] = (far + near) / (near - far); c[14] = 2 * far * near / (near - far);
+  return c;
 }
 
 // The view from `eye`, turned by yaw about y and pitch about x: no roll, so the axes are known in closed form.
-function viewFrom(eye, yaw, pitch) {
+/** @param {Float32Array} eye @param {number} yaw @param {number} pitch @param {Float32Array} c */
+export function viewFrom(eye, yaw, pitch, c) {
   const cy = Math.cos(yaw), sy = Math.sin(yaw), cp = Math.cos(pitch), sp = Math.sin(pitch);
-  const x = [cy, 0, -sy], y = [-sy * sp, cp, -cy * sp], z = [sy * cp, sp, cy * cp];
-  const dot = a => -(a[0] * eye[0] + a[1] * eye[1] + a[2] * eye[2]);
-  return new Float32Array([x[0], y[0], z[0], 0, x[1], y[1], z[1], 0, x[2], y[2], z[2], 0, dot(x), dot(y), dot(z), 1]);
+  c[0] = cy; c[4] = 0; c[8] = -sy;
+  c[1] = -sy * sp; c[5] = cp; c[9] = -cy * sp;
+  c[2] = sy * cp; c[6] = sp; c[10] = cy * cp;
+  for (let i = 0; i < 3; i++) c[12 + i] = -(c[i] * eye[0] + c[4 + i] * eye[1] + c[8 + i] * eye[2]);
+  c[3] = c[7] = c[11] = 0;
+  c[15] = 1;
+  return c;
 }
 
 // ---- shaders ----
@@ -48,7 +55,7 @@ const CAPSULE_FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 normal, place, tint;
 uniform vec3 eye;
-uniform float flatColours, unit;
+uniform float flatColours, unit, opacity;
 out vec4 pixel;
 void main() {
   if (flatColours > 0.5) { pixel = vec4(tint, 1); return; }
@@ -59,7 +66,7 @@ void main() {
   float shine = pow(max(dot(n, normalize(sun + v)), 0.0), 34.0) * 0.16;
   float rim = pow(1.0 - max(dot(n, v), 0.0), 3.0) * 0.20;
   float near = 0.86 + 0.14 * smoothstep(0.0, 0.35 * unit, place.y);  // the floor takes light from what is close to it
-  pixel = vec4(tint * (0.42 + 0.50 * day + 0.24 * sky * day) * near + shine + rim * tint, 1);
+  pixel = vec4(tint * (0.42 + 0.50 * day + 0.24 * sky * day) * near + shine + rim * tint, 1) * opacity;
 }`;
 const FLOOR_VERTEX = `#version 300 es
 layout(location=0) in vec2 corner;
@@ -105,16 +112,24 @@ const SHADOW_FRAGMENT = `#version 300 es
 precision highp float;
 in vec2 from;
 in float dark;
+uniform vec3 ringColour;
+uniform float ring;
 out vec4 pixel;
 void main() {
-  float f = max(0.0, 1.0 - dot(from, from));
-  pixel = vec4(0, 0, 0, dark * f * f);
+  float r = length(from), f = max(0.0, 1.0 - r * r), w = fwidth(r);
+  float band = (1.0 - smoothstep(1.0 - w, 1.0, r)) * smoothstep(0.66 - w, 0.66, r) + 0.22 * (1.0 - smoothstep(0.6, 0.7, r));
+  pixel = mix(vec4(0, 0, 0, dark * f * f), vec4(ringColour, 1) * dark * band, ring);
 }`;
 
 // ---- meshes ----
 // A capsule: rings of directions from one pole to the other, the equator twice, once for each end.
+/** @param {number} around @param {number} half */
 function capsuleMesh(around, half) {
-  const vertices = [], faces = [];
+  /** @type {number[]} */
+  const vertices = [];
+  /** @type {number[]} */
+  const faces = [];
+  /** @param {number} angle @param {number} end */
   const ring = (angle, end) => {
     for (let i = 0; i < around; i++) {
       const a = 2 * Math.PI * i / around;
@@ -132,23 +147,40 @@ function capsuleMesh(around, half) {
 
 const QUAD = new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]);
 
-// Floats in one instance of a capsule, and of a shadow.
-const CAPSULE = 11, SHADOW = 4;
+// How much of what is behind a ghost it covers.
+const GHOST = 0.34;
 
-class Scene {
+// Floats in one instance of a capsule, and of a shadow or ring.
+export const CAPSULE = 11, SHADOW = 4;
+
+/**
+ * What stands in a picture. A ghost is a capsule that one can see through.
+ * @typedef {{ capsules: Float32Array, capsuleCount: number, ghosts: Float32Array, ghostCount: number,
+ *   shadows: Float32Array, shadowCount: number, rings: Float32Array, ringCount: number }} Things
+ * @typedef {number[]} Colour red, green, blue: 0 to 1
+ * @typedef {{ view: Float32Array, eye: Float32Array, centre: number[], distance: number, reach: number, unit: number }} View
+ * @typedef {{ id: WebGLProgram, vao: WebGLVertexArrayObject | null, instances: WebGLBuffer | null,
+ *   at: Record<string, WebGLUniformLocation | null> }} Program
+ */
+export class Scene {
+  /** @param {HTMLCanvasElement} canvas @param {boolean} antialias */
   constructor(canvas, antialias) {
     this.canvas = canvas;
-    this.gl = canvas.getContext('webgl2', { antialias, alpha: true, premultipliedAlpha: true });
-    if (!this.gl) throw new Error('this browser has no WebGL 2, which the page draws with');
+    const gl = canvas.getContext('webgl2', { antialias, alpha: true, premultipliedAlpha: true });
+    if (!gl) throw new Error('this browser has no WebGL 2, which the page draws with');
+    this.gl = gl;
+    /** @type {Colour | null} behind everything; null: what is behind the canvas shows through */
+    this.backdrop = null;
+    this.faces = 0;
     this.build();
   }
 
   // Everything that lives on the graphics card; called again when the card was lost and came back.
   build() {
     const gl = this.gl;
-    this.capsules = this.program(CAPSULE_VERTEX, CAPSULE_FRAGMENT, ['view', 'eye', 'flatColours', 'unit']);
+    this.capsules = this.program(CAPSULE_VERTEX, CAPSULE_FRAGMENT, ['view', 'eye', 'flatColours', 'unit', 'opacity']);
     this.floor = this.program(FLOOR_VERTEX, FLOOR_FRAGMENT, ['view', 'centre', 'reach', 'cell', 'floorColour', 'lineColour']);
-    this.shadows = this.program(SHADOW_VERTEX, SHADOW_FRAGMENT, ['view']);
+    this.shadows = this.program(SHADOW_VERTEX, SHADOW_FRAGMENT, ['view', 'ring', 'ringColour']);
     const mesh = capsuleMesh(14, 4);
     this.faces = mesh.faces.length;
     this.capsules.vao = this.arrays(mesh.vertices, 4, [4, 4, 3], this.capsules);
@@ -159,23 +191,28 @@ class Scene {
     gl.bindVertexArray(null);
   }
 
+  /** @param {string} vertex @param {string} fragment @param {string[]} uniforms @returns {Program} */
   program(vertex, fragment, uniforms) {
     const gl = this.gl, id = gl.createProgram();
-    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+    /** @param {number} kind @param {string} text */
+    const compile = (kind, text) => {
       const shader = gl.createShader(kind);
+      if (!shader) return;                           // the card is lost; it comes back
       gl.shaderSource(shader, text);
       gl.compileShader(shader);
       gl.attachShader(id, shader);
-      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(gl.getShaderInfoLog(shader));
-    }
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(gl.getShaderInfoLog(shader) ?? '');
+    };
+    compile(gl.VERTEX_SHADER, vertex);
+    compile(gl.FRAGMENT_SHADER, fragment);
     gl.linkProgram(id);
-    if (!gl.getProgramParameter(id, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(id));
-    const program = { id };
-    for (const name of uniforms) program[name] = gl.getUniformLocation(id, name);
-    return program;
+    if (!gl.getProgramParameter(id, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(id) ?? '');
+    const at = Object.fromEntries(uniforms.map(name => [name, gl.getUniformLocation(id, name)]));
+    return { id, at, vao: null, instances: null };
   }
 
   // A vertex array: attribute 0 from `mesh`, then one attribute for each size in `parts`, advanced once an instance.
+  /** @param {Float32Array} mesh @param {number} size @param {number[]} parts @param {Program} program */
   arrays(mesh, size, parts, program) {
     const gl = this.gl, vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
@@ -206,46 +243,79 @@ class Scene {
     }
   }
 
-  // camera: { view, eye, centre, reach, unit }; things: { capsules, capsuleCount, shadows, shadowCount };
-  // colours: { floor, line }. With `flat` only the capsules are drawn, in their plain colours, for counting.
+  // With `flat` only the capsules are drawn, in their plain colours, for counting.
+  /** @param {View} camera @param {Things} things @param {Record<string, any>} colours @param {boolean} flat */
   draw(camera, things, colours, flat) {
-    const gl = this.gl;
+    const { gl, backdrop } = this;
     gl.viewport(0, 0, this.canvas.width, this.canvas.height);
-    gl.clearColor(0, 0, 0, 0);
+    if (backdrop) gl.clearColor(backdrop[0], backdrop[1], backdrop[2], 1);
+    else gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     if (!flat && camera.eye[1] > 0) this.drawGround(camera, things, colours);
     gl.enable(gl.DEPTH_TEST);
     gl.disable(gl.BLEND);
+    const at = this.capsules.at;
     gl.useProgram(this.capsules.id);
-    gl.uniformMatrix4fv(this.capsules.view, false, camera.view);
-    gl.uniform3fv(this.capsules.eye, camera.eye);
-    gl.uniform1f(this.capsules.unit, camera.unit);
-    gl.uniform1f(this.capsules.flatColours, flat ? 1 : 0);
-    this.fill(this.capsules, things.capsules, things.capsuleCount * CAPSULE);
-    gl.drawElementsInstanced(gl.TRIANGLES, this.faces, gl.UNSIGNED_SHORT, 0, things.capsuleCount);
+    gl.uniformMatrix4fv(at.view, false, camera.view);
+    gl.uniform3fv(at.eye, camera.eye);
+    gl.uniform1f(at.unit, camera.unit);
+    gl.uniform1f(at.flatColours, flat ? 1 : 0);
+    gl.uniform1f(at.opacity, 1);
+    this.drawCapsules(things.capsules, things.capsuleCount);
+    if (things.ghostCount && !flat) this.drawGhosts(things);
     gl.bindVertexArray(null);
   }
 
+  /** @param {Float32Array} numbers @param {number} count */
+  drawCapsules(numbers, count) {
+    this.fill(this.capsules, numbers, count * CAPSULE);
+    this.gl.drawElementsInstanced(this.gl.TRIANGLES, this.faces, this.gl.UNSIGNED_SHORT, 0, count);
+  }
+
+  // First their depths alone, then their nearest surfaces: limbs of one ghost don't show through each other.
+  /** @param {Things} things */
+  drawGhosts(things) {
+    const gl = this.gl;
+    gl.colorMask(false, false, false, false);
+    this.drawCapsules(things.ghosts, things.ghostCount);
+    gl.colorMask(true, true, true, true);
+    gl.depthFunc(gl.LEQUAL);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.uniform1f(this.capsules.at.opacity, GHOST);
+    this.drawCapsules(things.ghosts, things.ghostCount);
+    gl.depthFunc(gl.LESS);
+    gl.disable(gl.BLEND);
+  }
+
+  /** @param {View} camera @param {Things} things @param {Record<string, any>} colours */
   drawGround(camera, things, colours) {
     const gl = this.gl;
     gl.disable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.useProgram(this.floor.id);
-    gl.uniformMatrix4fv(this.floor.view, false, camera.view);
-    gl.uniform2f(this.floor.centre, camera.centre[0], camera.centre[1]);
-    gl.uniform1f(this.floor.reach, camera.reach);
-    gl.uniform1f(this.floor.cell, 0.25 * camera.unit);
-    gl.uniform3fv(this.floor.floorColour, colours.floor);
-    gl.uniform3fv(this.floor.lineColour, colours.line);
+    gl.uniformMatrix4fv(this.floor.at.view, false, camera.view);
+    gl.uniform2f(this.floor.at.centre, camera.centre[0], camera.centre[1]);
+    gl.uniform1f(this.floor.at.reach, camera.reach);
+    gl.uniform1f(this.floor.at.cell, 0.25 * camera.unit);
+    gl.uniform3fv(this.floor.at.floorColour, colours.floor);
+    gl.uniform3fv(this.floor.at.lineColour, colours.line);
     gl.bindVertexArray(this.floor.vao);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
     gl.useProgram(this.shadows.id);
-    gl.uniformMatrix4fv(this.shadows.view, false, camera.view);
+    gl.uniformMatrix4fv(this.shadows.at.view, false, camera.view);
     this.fill(this.shadows, things.shadows, things.shadowCount * SHADOW);
+    gl.uniform1f(this.shadows.at.ring, 0);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, things.shadowCount);
+    if (!things.ringCount) return;
+    this.fill(this.shadows, things.rings, things.ringCount * SHADOW);
+    gl.uniform1f(this.shadows.at.ring, 1);
+    gl.uniform3fv(this.shadows.at.ringColour, colours.ring);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, things.ringCount);
   }
 
+  /** @param {Program} program @param {Float32Array} numbers @param {number} count */
   fill(program, numbers, count) {
     const gl = this.gl;
     gl.bindVertexArray(program.vao);

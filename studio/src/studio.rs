@@ -23,7 +23,7 @@ use kinelm_motion::{format, smpl};
 use kinelm_store::{Kind as ErrorKind, input};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 /// What a studio is opened with.
@@ -56,6 +56,9 @@ pub struct Studio {
     roots: Vec<String>,
     /// Whether a new project begins with dances.
     opens: bool,
+    /// Held while the timeline follows what becomes of a clip: a clip that is read otherwise just when the timeline begins
+    /// with it would be stated as it was before.
+    following: Mutex<()>,
 }
 
 /// Keys whose texts name no folders.
@@ -79,7 +82,8 @@ impl Studio {
         roots.sort_by_key(|root| std::cmp::Reverse(root.len()));
         let maker = Maker { model, real, library: library.clone(), timelines: timelines.clone(), hub: hub.clone() };
         let opens = !options.empty;
-        let studio = Studio { project, hub, library, timelines, maker, jobs, roots, opens };
+        let following = Mutex::default();
+        let studio = Studio { project, hub, library, timelines, maker, jobs, roots, opens, following };
         if studio.project.is_new() {
             studio.take_in()?;
         }
@@ -330,6 +334,7 @@ impl Studio {
     fn clip_was_read(&self, id: &str) {
         let Ok(record) = self.project.clip(id) else { return };
         self.hub.send("clip", &self.clip_view(&record));
+        let _following = self.following.lock().unwrap_or_else(PoisonError::into_inner);
         let (text, is_motion) = (self.project.read(|d| d.timeline.clone()), self.library.source(id).is_ok());
         if text.is_none() && is_motion {
             // a rig that no timeline can have begins none
@@ -347,6 +352,7 @@ impl Studio {
     /// # Errors
     /// Those of [`Library::restated`].
     pub fn restate(&self, id: &str, reading: &Reading) -> Result<()> {
+        let _following = self.following.lock().unwrap_or_else(PoisonError::into_inner);
         let mut changes = self.library.restated(id, reading.clone())?;
         let record = self.project.clip(id)?;
         let (before, elsewhere) = self.project.timeline()?;

@@ -30,6 +30,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// The files of a project and what is known of them.
 #[derive(Debug)]
@@ -136,8 +137,18 @@ impl Library {
             if !inner.waiting.contains(&id) {
                 inner.known.insert(id.clone(), Known::Read(Arc::new(outcome)));
                 drop(inner);
+                self.wake.notify_all();
                 done(&id);
             }
+        }
+    }
+
+    /// Waits while a clip is read, as it is when a project was just opened; `goes_on` is asked now and then.
+    pub fn wait_for(&self, id: &str, goes_on: &dyn Fn() -> bool) {
+        let mut inner = self.inner();
+        while matches!(inner.known.get(id), Some(Known::Reading)) && !self.stop.load(Ordering::Relaxed) && goes_on() {
+            let waited = self.wake.wait_timeout(inner, Duration::from_millis(100));
+            inner = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
     }
 

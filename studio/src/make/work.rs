@@ -51,6 +51,9 @@ impl Maker {
         progress: &(dyn Fn() + Sync),
         made: &(dyn Fn(Change) -> Result<()> + Sync),
     ) -> Result<()> {
+        for id in job.make.clip.iter().chain(&job.make.music) {
+            self.library.wait_for(id, &|| !running.cancelled.load(Ordering::Relaxed));
+        }
         let Prepared { request, layout, source } = job.make.prepare(&self.model, &self.library, &self.timelines)?;
         let open = OpenRequest::open_with(&request, layout)?;
         let floor_m = source.as_ref().map_or(0.0, |source| source.floor_m);

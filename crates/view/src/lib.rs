@@ -137,7 +137,7 @@ pub fn page_with(figures: &[Figure], music: Option<&Music>) -> Result<String> {
     let titles: Vec<&str> = figures.iter().map(|f| f.title.as_str()).collect();
     let parts = [
         ("title", escaped(&titles.join(", "))),
-        ("style", include_str!("page.css").into()),
+        ("style", [include_str!("player/look.css"), include_str!("page.css")].concat()),
         ("modules", script(music.is_some())),
         ("page", include_str!("page.js").into()),
         ("controls", include_str!("controls.js").into()),
@@ -160,7 +160,8 @@ pub fn write_page(path: &Path, figures: &[Figure]) -> Result<usize> {
     Ok(page.len())
 }
 
-/// The modules of the page's player, each after those it imports. The page has them in one script, the studio loads them.
+/// The modules of the page's player, each after those it imports, and its look. The page has them in one script and one
+/// style sheet, the studio loads them.
 /// An `import` or `export` stands at the beginning of its line, an `import` on one line alone, and no two modules have
 /// names in common, so that [`script`] needs no parser.
 pub const MODULES: &[(&str, &str)] = &[
@@ -171,13 +172,14 @@ pub const MODULES: &[(&str, &str)] = &[
     ("labels.js", include_str!("player/labels.js")),
     ("pointers.js", include_str!("player/pointers.js")),
     (SOUND, include_str!("player/sound.js")),
+    ("look.css", include_str!("player/look.css")),
 ];
 const SOUND: &str = "sound.js";
 
 /// The modules as one script: without imports, `export`, comments, and the types in `/** .. */`, which only a checker reads.
 fn script(sound: bool) -> String {
     let mut script = String::new();
-    for (_, text) in MODULES.iter().filter(|(name, _)| sound || *name != SOUND) {
+    for (_, text) in MODULES.iter().filter(|(name, _)| name.ends_with(".js") && (sound || *name != SOUND)) {
         let mut in_types = false;
         for line in text.lines().filter(|line| !line.starts_with("import ")) {
             in_types |= line.trim_start().starts_with("/**");

@@ -26,7 +26,7 @@ export class Composition {
     const sum = (/** @type {(f: Figure) => number} */ of) => figures.reduce((n, f) => n + of(f), 0);
     const body = (/** @type {Figure} */ f) => f.bones.length + f.balls.length;
     this.capsules = new Float32Array(CAPSULE * sum(f => body(f) + f.tips.length * TRAIL));
-    this.ghosts = new Float32Array(CAPSULE * sum(f => f.bones.length + (f.original ? body(f.original) : 0)));
+    this.ghosts = new Float32Array(CAPSULE * sum(f => f.bones.length + body(f) + (f.original ? body(f.original) : 0)));
     this.shadows = new Float32Array(SHADOW * sum(f => f.points));
     this.rings = new Float32Array(SHADOW * sum(f => f.points));
   }
@@ -58,17 +58,21 @@ export class Composition {
   /** @param {Figure} figure @param {number} time @param {Record<string, any>} colours @param {boolean} plain */
   addBody(figure, time, colours, plain) {
     const p = figure.now, [sx, sz] = figure.shift, own = figure.colour, { given, ink } = colours;
+    const list = figure.faint ? this.ghosts : this.capsules;
+    let next = figure.faint ? this.ghostCount : this.capsuleCount;
     for (const bone of figure.bones) {
       const a = 3 * bone.a, b = 3 * bone.b, colour = figure.isGiven(bone, bone.a, time) ? given : own;
-      this.put(this.capsules, CAPSULE * this.capsuleCount++, p[a] + sx, p[a + 1], p[a + 2] + sz, bone.ra,
+      this.put(list, CAPSULE * next++, p[a] + sx, p[a + 1], p[a + 2] + sz, bone.ra,
         p[b] + sx, p[b + 1], p[b + 2] + sz, bone.rb, colour, colour, 0);
-      if (figure.selected?.[bone.a] && !plain) this.addHalo(bone, p, sx, sz, colours);
     }
     for (const ball of figure.balls) {
       const i = 3 * ball.at, x = p[i] + sx, y = p[i + 1], z = p[i + 2] + sz, isGiven = figure.isGiven(ball, ball.at, time);
-      this.put(this.capsules, CAPSULE * this.capsuleCount++, x, y, z, ball.r, x, y, z, ball.r,
-        isGiven ? given : own, ink, plain ? 0 : isGiven ? 0.12 : 0.16);
+      this.put(list, CAPSULE * next++, x, y, z, ball.r, x, y, z, ball.r, isGiven ? given : own, ink, plain ? 0 : isGiven ? 0.12 : 0.16);
     }
+    if (figure.faint) this.ghostCount = next;
+    else this.capsuleCount = next;
+    if (!figure.selected || plain) return;
+    for (const bone of figure.bones) if (figure.selected[bone.a]) this.addHalo(bone, p, sx, sz, colours);
   }
 
   // A selected limb: a wider ghost around it.

@@ -48,6 +48,7 @@ export class Figure {
     this.colour = [0, 0, 0];
     /** @type {Figure | null} what it was made from, drawn as a ghost at its place */
     this.original = null;
+    this.faint = false;                              // one can see through it
     /** @type {Uint8Array | null} (points): the joints that are selected */
     this.selected = null;
     /** @type {number[][][] | null} (points): the seconds, from and to, in which each is on the floor */

@@ -163,6 +163,9 @@ export const CAPSULE = 11, SHADOW = 4;
  *   at: Record<string, WebGLUniformLocation | null> }} Program
  */
 export class Scene {
+  /** @type {Record<'capsules' | 'floor' | 'shadows', Program>} */
+  programs = /** @type {any} */ ({});
+
   /** @param {HTMLCanvasElement} canvas @param {boolean} antialias */
   constructor(canvas, antialias) {
     this.canvas = canvas;
@@ -178,17 +181,18 @@ export class Scene {
   // Everything that lives on the graphics card; called again when the card was lost and came back.
   build() {
     const gl = this.gl;
-    this.capsules = this.program(CAPSULE_VERTEX, CAPSULE_FRAGMENT, ['view', 'eye', 'flatColours', 'unit', 'opacity']);
-    this.floor = this.program(FLOOR_VERTEX, FLOOR_FRAGMENT, ['view', 'centre', 'reach', 'cell', 'floorColour', 'lineColour']);
-    this.shadows = this.program(SHADOW_VERTEX, SHADOW_FRAGMENT, ['view', 'ring', 'ringColour']);
+    const capsules = this.program(CAPSULE_VERTEX, CAPSULE_FRAGMENT, ['view', 'eye', 'flatColours', 'unit', 'opacity']);
+    const floor = this.program(FLOOR_VERTEX, FLOOR_FRAGMENT, ['view', 'centre', 'reach', 'cell', 'floorColour', 'lineColour']);
+    const shadows = this.program(SHADOW_VERTEX, SHADOW_FRAGMENT, ['view', 'ring', 'ringColour']);
     const mesh = capsuleMesh(14, 4);
     this.faces = mesh.faces.length;
-    this.capsules.vao = this.arrays(mesh.vertices, 4, [4, 4, 3], this.capsules);
+    capsules.vao = this.arrays(mesh.vertices, 4, [4, 4, 3], capsules);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.faces, gl.STATIC_DRAW);
-    this.floor.vao = this.arrays(QUAD, 2, [], this.floor);
-    this.shadows.vao = this.arrays(QUAD, 2, [4], this.shadows);
+    floor.vao = this.arrays(QUAD, 2, [], floor);
+    shadows.vao = this.arrays(QUAD, 2, [4], shadows);
     gl.bindVertexArray(null);
+    this.programs = { capsules, floor, shadows };
   }
 
   /** @param {string} vertex @param {string} fragment @param {string[]} uniforms @returns {Program} */
@@ -254,8 +258,8 @@ export class Scene {
     if (!flat && camera.eye[1] > 0) this.drawGround(camera, things, colours);
     gl.enable(gl.DEPTH_TEST);
     gl.disable(gl.BLEND);
-    const at = this.capsules.at;
-    gl.useProgram(this.capsules.id);
+    const at = this.programs.capsules.at;
+    gl.useProgram(this.programs.capsules.id);
     gl.uniformMatrix4fv(at.view, false, camera.view);
     gl.uniform3fv(at.eye, camera.eye);
     gl.uniform1f(at.unit, camera.unit);
@@ -268,7 +272,7 @@ export class Scene {
 
   /** @param {Float32Array} numbers @param {number} count */
   drawCapsules(numbers, count) {
-    this.fill(this.capsules, numbers, count * CAPSULE);
+    this.fill(this.programs.capsules, numbers, count * CAPSULE);
     this.gl.drawElementsInstanced(this.gl.TRIANGLES, this.faces, this.gl.UNSIGNED_SHORT, 0, count);
   }
 
@@ -282,7 +286,7 @@ export class Scene {
     gl.depthFunc(gl.LEQUAL);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.uniform1f(this.capsules.at.opacity, GHOST);
+    gl.uniform1f(this.programs.capsules.at.opacity, GHOST);
     this.drawCapsules(things.ghosts, things.ghostCount);
     gl.depthFunc(gl.LESS);
     gl.disable(gl.BLEND);
@@ -294,24 +298,24 @@ export class Scene {
     gl.disable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.useProgram(this.floor.id);
-    gl.uniformMatrix4fv(this.floor.at.view, false, camera.view);
-    gl.uniform2f(this.floor.at.centre, camera.centre[0], camera.centre[1]);
-    gl.uniform1f(this.floor.at.reach, camera.reach);
-    gl.uniform1f(this.floor.at.cell, 0.25 * camera.unit);
-    gl.uniform3fv(this.floor.at.floorColour, colours.floor);
-    gl.uniform3fv(this.floor.at.lineColour, colours.line);
-    gl.bindVertexArray(this.floor.vao);
+    gl.useProgram(this.programs.floor.id);
+    gl.uniformMatrix4fv(this.programs.floor.at.view, false, camera.view);
+    gl.uniform2f(this.programs.floor.at.centre, camera.centre[0], camera.centre[1]);
+    gl.uniform1f(this.programs.floor.at.reach, camera.reach);
+    gl.uniform1f(this.programs.floor.at.cell, 0.25 * camera.unit);
+    gl.uniform3fv(this.programs.floor.at.floorColour, colours.floor);
+    gl.uniform3fv(this.programs.floor.at.lineColour, colours.line);
+    gl.bindVertexArray(this.programs.floor.vao);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
-    gl.useProgram(this.shadows.id);
-    gl.uniformMatrix4fv(this.shadows.at.view, false, camera.view);
-    this.fill(this.shadows, things.shadows, things.shadowCount * SHADOW);
-    gl.uniform1f(this.shadows.at.ring, 0);
+    gl.useProgram(this.programs.shadows.id);
+    gl.uniformMatrix4fv(this.programs.shadows.at.view, false, camera.view);
+    this.fill(this.programs.shadows, things.shadows, things.shadowCount * SHADOW);
+    gl.uniform1f(this.programs.shadows.at.ring, 0);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, things.shadowCount);
     if (!things.ringCount) return;
-    this.fill(this.shadows, things.rings, things.ringCount * SHADOW);
-    gl.uniform1f(this.shadows.at.ring, 1);
-    gl.uniform3fv(this.shadows.at.ringColour, colours.ring);
+    this.fill(this.programs.shadows, things.rings, things.ringCount * SHADOW);
+    gl.uniform1f(this.programs.shadows.at.ring, 1);
+    gl.uniform3fv(this.programs.shadows.at.ringColour, colours.ring);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, things.ringCount);
   }
 

@@ -34,6 +34,7 @@ export class Stage {
     this.whole = 0;
     this.oneWorld = false;
     this.hold_s = HOLD_S;
+    this.growing = false;                            // frames still come: at the end it waits for them
     /** @type {Sound | null} */
     this.sound = null;
     /** @type {Record<string, any>} floor, line, ink, given, selected, ring, shadow */
@@ -104,7 +105,7 @@ export class Stage {
       if (state.time >= end) {
         state.time = end;
         state.rested += dt;
-        if (state.rested > this.hold_s || this.whole === 0) state.loop ? this.seek(this.begin) : this.play(false);
+        if (!this.growing && (state.rested > this.hold_s || this.whole === 0)) state.loop ? this.seek(this.begin) : this.play(false);
       }
     }
     state.overlaid = this.moved(state.overlaid, state.overlay, dt);
@@ -177,17 +178,20 @@ export class Stage {
     return room;
   }
 
-  // The middle of all dancers around a time, with the shifts that they have.
+  // The middle of all dancers on the stage around a time, with the shifts that they have.
   /** @param {number} time @param {number[]} out */
   centre(time, out) {
-    let x = 0, z = 0;
+    let x = 0, z = 0, n = 0;
+    const nobody = !this.figures.some(f => f.shows(time));
     for (const f of this.figures) {
+      if (!nobody && !f.shows(time)) continue;
       f.about(time, this.spot);
       x += this.spot[0];
       z += this.spot[1];
+      n++;
     }
-    out[0] = x / (this.figures.length || 1);
-    out[1] = z / (this.figures.length || 1);
+    out[0] = x / (n || 1);
+    out[1] = z / (n || 1);
     return out;
   }
 

@@ -1,0 +1,53 @@
+// Where dancers stand: side by side without touching, or on one spot.
+
+/** @typedef {import('./dancer.js').Dancer} Dancer */
+
+// Moments at which the room of each is looked at.
+const MOMENTS = 240;
+
+/**
+ * Dancers of one source share a path; others begin on one spot where they are overlaid.
+ * @param {Dancer[]} dancers @param {number} whole seconds
+ */
+export function arrange(dancers, whole) {
+  if (!dancers.length) return;
+  const together = dancers.every(d => d.world === dancers[0].world);
+  const widths = dancers.map(dancer => widthsOf(dancer, whole));
+  const shifts = [0];
+  for (let n = 1; n < dancers.length; n++) {
+    let overlap = -Infinity;
+    for (let m = 0; m < MOMENTS; m++) overlap = Math.max(overlap, widths[n - 1][2 * m + 1] - widths[n][2 * m]);
+    shifts.push(shifts[n - 1] + overlap + 0.12 * Math.max(dancers[n].height, dancers[n - 1].height));
+  }
+  const middle = (shifts[0] + mean(widths[0], 0) + shifts[shifts.length - 1] + mean(widths[widths.length - 1], 1)) / 2;
+  const start = new Float32Array(3);
+  dancers.forEach((dancer, n) => {
+    dancer.places(0, start, 0, 1);
+    dancer.beside = [shifts[n] - middle, together ? 0 : -start[2]];
+    dancer.onto = together ? [0, 0] : [-start[0], -start[2]];
+  });
+}
+
+// The least and the largest x at each moment.
+/** @param {Dancer} dancer @param {number} whole */
+function widthsOf(dancer, whole) {
+  const widths = new Float32Array(2 * MOMENTS);
+  for (let m = 0; m < MOMENTS; m++) {
+    dancer.places(whole * m / (MOMENTS - 1), dancer.now);
+    let low = Infinity, high = -Infinity;
+    for (let i = 0; i < dancer.now.length; i += 3) {
+      low = Math.min(low, dancer.now[i]);
+      high = Math.max(high, dancer.now[i]);
+    }
+    widths[2 * m] = low;
+    widths[2 * m + 1] = high;
+  }
+  return widths;
+}
+
+/** @param {Float32Array} widths @param {number} side */
+function mean(widths, side) {
+  let sum = 0;
+  for (let m = 0; m < MOMENTS; m++) sum += widths[2 * m + side];
+  return sum / MOMENTS;
+}

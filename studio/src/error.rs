@@ -63,6 +63,11 @@ impl Error {
         }
     }
 
+    /// Work that failed otherwise.
+    pub fn failed(e: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Error {
+        Error::Library(kinelm_model::Error::Work(e.into()))
+    }
+
     /// An id of `what` that nothing has.
     pub fn unknown(what: &str, id: &str) -> Error {
         let id: String = id.chars().filter(|c| c.is_ascii_alphanumeric()).take(16).collect();
@@ -77,7 +82,7 @@ impl Error {
         }
         let text = payload.downcast_ref::<String>().map(String::as_str).or(payload.downcast_ref().copied());
         let what = format!("a fault of kinelm itself: {}", text.unwrap_or("no more is known"));
-        Error::Library(kinelm_model::Error::Work(what.into()))
+        Error::failed(what)
     }
 
     /// The status of the answer.

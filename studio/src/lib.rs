@@ -11,7 +11,7 @@
 //! - [`project`]: the folder, the journal, steps back and on.
 //! - [`library`]: files, what is known of them, figures, search.
 //! - [`timeline`]: the file, edits of it, its layout.
-//! - [`make`]: dances.
+//! - [`make`]: requests, jobs and the dances that they make.
 //! - [`studio`]: all of it together.
 //! - [`http`]: requests and answers.
 #![forbid(unsafe_code)]

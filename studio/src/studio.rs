@@ -524,19 +524,18 @@ impl Studio {
 
     /// What a new project begins with: a dance, then four variations of its right arm.
     fn begin_opening(&self) -> Result<()> {
-        let opening = self.project.read(|document| {
-            let of_opening = document.dances.iter().filter(|dance| dance.opening);
-            of_opening.map(|dance| (dance.id.clone(), dance.source.is_some())).collect::<Vec<_>>()
+        let (is_empty, first) = self.project.read(|document| {
+            let is_empty = document.clips.is_empty() && document.dances.is_empty() && document.timeline.is_none();
+            let first = document.dances.iter().find(|dance| dance.opening && dance.source.is_none());
+            (is_empty, first.map(|dance| dance.id.clone()))
         });
-        let is_empty = self.project.read(|d| d.clips.is_empty() && d.dances.is_empty() && d.timeline.is_none());
+        let begun = |kind: Kind| self.jobs.has_opening(kind);
         if self.opens && is_empty && self.jobs.is_empty() {
             self.add_job(Make { seed: Some(1), ..Make::free() }, true)?;
-        } else if let [(first, false)] = &opening[..]
-            && !self.jobs.is_busy()
-        {
+        } else if let Some(first) = first.filter(|_| begun(Kind::Free) && !begun(Kind::Edit)) {
             let free = "right_arm".parse().map_err(|e: String| Error::invalid("`free`", "right_arm", e))?;
-            let (kind, clip) = (Kind::Edit, Some(first.clone()));
-            self.add_job(Make { kind, clip, free: vec![free], variations: 4, seed: Some(2), ..Make::free() }, true)?;
+            let make = Make { kind: Kind::Edit, clip: Some(first), free: vec![free], variations: 4, ..Make::free() };
+            self.add_job(Make { seed: Some(2), ..make }, true)?;
         }
         Ok(())
     }

@@ -61,7 +61,7 @@ pub fn read_file() -> Result<()> {
     // a panic is an error of this file too; what it printed nobody reads
     let found = std::panic::catch_unwind(|| outcome(&job.file, &job.reading, &job.convert));
     let found = found.unwrap_or_else(|payload| Outcome::failed(&Error::of_panic(&*payload)));
-    let text = serde_json::to_vec(&found).map_err(|e| Error::Library(kinelm_model::Error::Work(e.into())))?;
+    let text = serde_json::to_vec(&found).map_err(Error::failed)?;
     Ok(files::write_whole(&job.out, &text)?)
 }
 

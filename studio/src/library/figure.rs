@@ -127,7 +127,7 @@ fn text(source: &Source, dance: Option<&DanceRecord>, part: Part) -> Result<Stri
     let spans = dance.map_or(&[][..], |dance| &dance.made_spans);
     let made = spans.iter().map(|span| Made { points: drawn.points_of(&span.joints), from: span.from, to: span.to });
     let made = made.collect();
-    serde_json::to_string(&Shown { drawn, made }).map_err(|e| Error::Library(kinelm_model::Error::Work(e.into())))
+    serde_json::to_string(&Shown { drawn, made }).map_err(Error::failed)
 }
 
 #[cfg(test)]

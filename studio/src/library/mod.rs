@@ -19,7 +19,7 @@ use crate::project::document::{Change, ClipRecord, Reading};
 use crate::project::{CACHE, CONVERTED, Project};
 use crate::{Error, Result};
 use doubts::{Info, Outcome};
-use kinelm_corpus::sidecar;
+use kinelm_corpus::{Dataset, Item, sidecar};
 use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
 use kinelm_motion::rig::SkeletonMap;
 use kinelm_store::{files, hash};
@@ -30,7 +30,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// The files of a project and what is known of them.
 #[derive(Debug)]
@@ -51,7 +51,12 @@ struct Inner {
     /// By the id of the clip.
     known: BTreeMap<String, Known>,
     waiting: VecDeque<String>,
+    /// How dances are read, each of a length and a time of change.
+    dances: BTreeMap<PathBuf, DanceRead>,
 }
+
+/// How a dance is read, as it was when it had this length and time of change.
+type DanceRead = ((u64, Option<SystemTime>), Option<ReadOptions>);
 
 /// What is known of a clip.
 #[derive(Debug, Clone)]
@@ -217,6 +222,19 @@ impl Library {
         }
     }
 
+    /// How a dance is read by its sidecar, which hashes it: once for each file as it is.
+    fn dance_options(&self, path: &Path) -> Result<Option<ReadOptions>> {
+        let file = std::fs::metadata(path).map_err(Error::io(path))?;
+        let key = (file.len(), file.modified().ok());
+        let known = self.inner().dances.get(path).filter(|(other, _)| *other == key).cloned();
+        if let Some((_, options)) = known {
+            return Ok(options);
+        }
+        let options = sidecar::read_options(path)?;
+        self.inner().dances.insert(path.into(), (key, options.clone()));
+        Ok(options)
+    }
+
     /// A clip or a dance by its id.
     ///
     /// # Errors
@@ -225,7 +243,7 @@ impl Library {
         if let Ok(dance) = self.project.dance(id) {
             let gone = || Error::Conflict(format!("the file of the dance {} is gone", dance.name));
             let path = self.project.path(dance.file().ok_or_else(gone)?);
-            let read = sidecar::read_options(&path)?.ok_or_else(|| {
+            let read = self.dance_options(&path)?.ok_or_else(|| {
                 let text = format!("the dance {} was changed: put its file back, or drop it in as a clip", dance.name);
                 Error::Conflict(text)
             })?;
@@ -328,6 +346,43 @@ impl Library {
     /// The project.
     pub fn project(&self) -> &Project {
         &self.project
+    }
+}
+
+/// Clips as the library's other parts take many.
+pub fn dataset(sources: &[Source]) -> Dataset {
+    let item = |(key, source): (usize, &Source)| Item {
+        path: source.path.clone(),
+        name: source.id.clone(),
+        take: source.id.clone(),
+        // all of how it is read, whatever the options of what is built
+        sidecar: Some(source.read.clone()),
+        fps: source.read.fps_source,
+        skip: Some(source.read.skip),
+        floor: source.read.floor,
+        key,
+        ..Item::default()
+    };
+    let items = sources.iter().enumerate().map(item).collect();
+    Dataset { items, sources: vec![String::new()], ..Dataset::default() }
+}
+
+/// A text that other clips, other files, and files that are read otherwise don't have.
+pub fn fingerprint(sources: &[Source]) -> String {
+    let of = |source: &Source| {
+        let file = std::fs::metadata(&source.path).ok().map(|file| (file.len(), file.modified().ok()));
+        let read = serde_json::to_string(&source.read).unwrap_or_default();
+        format!("{} {} {file:?} {read}", source.id, source.path.display())
+    };
+    hash::of(sources.iter().map(of).collect::<Vec<_>>().join("\n").as_bytes())
+}
+
+/// Removes the folders whose names begin so: what was built of a library that is another now.
+pub fn remove_folders(inside: &Path, beginning: &str) {
+    for entry in std::fs::read_dir(inside).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(beginning) {
+            let _ = std::fs::remove_dir_all(entry.path());
+        }
     }
 }
 

@@ -77,7 +77,7 @@ impl Reader {
         command.env("RAYON_NUM_THREADS", "1").env("RUST_BACKTRACE", "0");
         command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
         let mut child = Guarded(command.spawn().map_err(Error::io(&self.program))?);
-        let text = serde_json::to_vec(job).map_err(|e| Error::Library(kinelm_model::Error::Work(e.into())))?;
+        let text = serde_json::to_vec(job).map_err(Error::failed)?;
         if let Some(mut stdin) = child.0.stdin.take() {
             // a process that ended already says so below
             let _ = stdin.write_all(&text);

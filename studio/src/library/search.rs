@@ -1,13 +1,11 @@
 //! What else moves like this: the library's own index of the clips, built where it is needed.
 
-use super::{Library, Source};
+use super::{Library, dataset, fingerprint, remove_folders};
 use crate::project::CACHE;
 use crate::{Error, Result};
-use kinelm_corpus::{Dataset, Item};
 use kinelm_spectral::WindowSpec;
 use kinelm_spectral::query::build::BuildOptions;
 use kinelm_spectral::query::{Distance, Exclude, Index, IndexRequest, Query};
-use kinelm_store::hash;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -71,7 +69,7 @@ impl Library {
         let (window, seconds) = (window_s(), source.frames as f64 / source.fps);
         // at its rate the index may have a frame less
         let last = (seconds - window - 0.04).max(0.0);
-        let sources: Vec<Source> = self.sources();
+        let sources = self.sources();
         let index = Index::open(&self.index(&sources)?)?;
         let query = Query {
             clip: source.path.clone(),
@@ -93,40 +91,16 @@ impl Library {
     }
 
     /// The folder of an index of these clips.
-    fn index(&self, sources: &[Source]) -> Result<PathBuf> {
+    fn index(&self, sources: &[super::Source]) -> Result<PathBuf> {
         let _searching = self.searching.lock().unwrap_or_else(PoisonError::into_inner);
-        let of = |source: &Source| {
-            let file = std::fs::metadata(&source.path).ok();
-            let changed = file.as_ref().and_then(|file| file.modified().ok());
-            let read = serde_json::to_string(&source.read).unwrap_or_default();
-            format!("{} {} {:?} {changed:?} {read}", source.id, source.path.display(), file.map(|file| file.len()))
-        };
-        let key = hash::of(sources.iter().map(of).collect::<Vec<_>>().join("\n").as_bytes());
+        let key = fingerprint(sources);
         let cache = self.project().folder().join(CACHE);
         let out = cache.join(format!("index-{}", &key[..16]));
         if out.is_dir() {
             return Ok(out);
         }
-        // those of a library that was
-        for entry in std::fs::read_dir(&cache).into_iter().flatten().flatten() {
-            if entry.file_name().to_string_lossy().starts_with("index-") {
-                let _ = std::fs::remove_dir_all(entry.path());
-            }
-        }
-        let item = |(key, source): (usize, &Source)| Item {
-            path: source.path.clone(),
-            name: source.id.clone(),
-            take: source.id.clone(),
-            // all of how it is read, whatever the options of the build
-            sidecar: Some(source.read.clone()),
-            fps: source.read.fps_source,
-            skip: Some(source.read.skip),
-            floor: source.read.floor,
-            key,
-            ..Item::default()
-        };
-        let items = sources.iter().enumerate().map(item).collect();
-        let dataset = Dataset { items, sources: vec![String::new()], ..Dataset::default() };
+        remove_folders(&cache, "index-");
+        let dataset = dataset(sources);
         let mut watch = |_: kinelm_spectral::query::build::BuildEvent<'_>| match self.stop.load(Ordering::Relaxed) {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),

@@ -1,10 +1,10 @@
 //! The best of several dances, compared with real ones: those that the model was trained on, or the clips of the library.
 
-use crate::library::{Library, Source};
+use crate::library::{Library, dataset, fingerprint, remove_folders};
 use crate::project::CACHE;
 use crate::{Error, Result};
+use kinelm_corpus::CorpusOptions;
 use kinelm_corpus::build::{BuildEvent, BuildOptions, tokenize};
-use kinelm_corpus::{CorpusOptions, Dataset, Item};
 use kinelm_evaluate::dance::judge::Judge;
 use kinelm_evaluate::dance::{Reference, real};
 use kinelm_generate::OpenRequest;
@@ -50,41 +50,19 @@ impl Real {
 
 /// A corpus of the library's clips.
 fn of_library(open: &OpenRequest, library: &Library) -> Result<PathBuf> {
-    let sources: Vec<Source> = library.sources();
+    let sources = library.sources();
     if sources.is_empty() {
         let help = "drop some clips in, or start the studio with `real` CORPUS";
         return Err(Error::missing("real dances to compare with", help));
     }
-    let of = |source: &Source| {
-        let file = std::fs::metadata(&source.path).ok().map(|file| (file.len(), file.modified().ok()));
-        format!("{} {file:?} {}", source.path.display(), serde_json::to_string(&source.read).unwrap_or_default())
-    };
-    let key = sources.iter().map(of).chain([open.tokenizer.hash()]).collect::<Vec<_>>().join("\n");
+    let key = hash::of(format!("{} {}", fingerprint(&sources), open.tokenizer.hash()).as_bytes());
     let cache = library.project().folder().join(CACHE);
-    let out = cache.join(format!("real-{}", &hash::of(key.as_bytes())[..16]));
+    let out = cache.join(format!("real-{}", &key[..16]));
     if out.join("corpus.json").exists() {
         return Ok(out);
     }
-    for entry in std::fs::read_dir(&cache).into_iter().flatten().flatten() {
-        if entry.file_name().to_string_lossy().starts_with("real-") {
-            let _ = std::fs::remove_dir_all(entry.path());
-        }
-    }
-    let item = |(key, source): (usize, &Source)| Item {
-        path: source.path.clone(),
-        name: source.id.clone(),
-        take: source.id.clone(),
-        // all of how it is read, whatever the options of the build
-        sidecar: Some(source.read.clone()),
-        fps: source.read.fps_source,
-        skip: Some(source.read.skip),
-        floor: source.read.floor,
-        key,
-        ..Item::default()
-    };
-    let items = sources.iter().enumerate().map(item).collect();
-    let dataset = Dataset { items, sources: vec![String::new()], ..Dataset::default() };
+    remove_folders(&cache, "real-");
     let mut watch = |_: BuildEvent<'_>| ControlFlow::Continue(());
-    tokenize(&dataset, &open.tokenizer, &out, &BuildOptions::default(), &mut watch)?;
+    tokenize(&dataset(&sources), &open.tokenizer, &out, &BuildOptions::default(), &mut watch)?;
     Ok(out)
 }

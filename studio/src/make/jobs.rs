@@ -1,6 +1,6 @@
 //! The list of jobs: one line of JSON for each change of a job, so that a job which a process didn't end is begun again.
 
-use super::request::Make;
+use super::request::{Kind, Make};
 use crate::project::{OWN, Project};
 use crate::{Error, Result};
 use kinelm_store::{files, input};
@@ -213,9 +213,9 @@ impl Jobs {
         self.inner().jobs.is_empty()
     }
 
-    /// Whether one waits or runs.
-    pub fn is_busy(&self) -> bool {
-        self.inner().jobs.values().any(|(job, _)| matches!(job.state, State::Waiting | State::Running))
+    /// Whether a new project begins, or began, with one of a kind.
+    pub fn has_opening(&self, kind: Kind) -> bool {
+        self.inner().jobs.values().any(|(job, _)| job.opening && job.make.kind == kind)
     }
 
     /// A job as a page has it.
@@ -241,7 +241,7 @@ impl Jobs {
 
 impl Inner {
     fn write(&mut self, job: &Job) -> Result<()> {
-        let mut line = serde_json::to_vec(job).map_err(|e| Error::Library(kinelm_model::Error::Work(e.into())))?;
+        let mut line = serde_json::to_vec(job).map_err(Error::failed)?;
         line.push(b'\n');
         self.file.write_all(&line).and_then(|()| self.file.sync_data()).map_err(Error::io(&self.path))
     }
@@ -302,7 +302,7 @@ mod tests {
         jobs.end("j3", State::Done, None).unwrap();
         drop(jobs);
         let (jobs, _) = open();
-        assert!(!jobs.is_busy() && jobs.find("j3").unwrap().state == State::Done);
+        assert!(jobs.find("j3").unwrap().state == State::Done);
     }
 
     #[test]

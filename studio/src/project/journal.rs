@@ -122,7 +122,7 @@ impl Journal {
     /// # Errors
     /// I/O errors: the journal is as before then.
     pub fn append(&mut self, line: &Line) -> Result<()> {
-        let mut text = serde_json::to_vec(line).map_err(|e| Error::Library(kinelm_model::Error::Work(e.into())))?;
+        let mut text = serde_json::to_vec(line).map_err(Error::failed)?;
         text.push(b'\n');
         if let Err(e) = self.file.write_all(&text).and_then(|()| self.file.sync_data()) {
             let _ = self.file.set_len(self.bytes);
@@ -144,7 +144,7 @@ impl Journal {
     pub fn rewrite(&mut self, state: &Replayed) -> Result<()> {
         let (document, history) = (state.document.clone(), state.history.clone());
         let line = Line::Begin { schema: SCHEMA, document, history, next: state.next };
-        let mut text = serde_json::to_vec(&line).map_err(|e| Error::Library(kinelm_model::Error::Work(e.into())))?;
+        let mut text = serde_json::to_vec(&line).map_err(Error::failed)?;
         text.push(b'\n');
         files::write_whole(&self.path, &text)?;
         self.file = OpenOptions::new().append(true).open(&self.path).map_err(Error::io(&self.path))?;

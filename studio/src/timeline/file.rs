@@ -228,7 +228,7 @@ impl TimelineFile {
                 put(&mut table, "at", seconds(cut.at_s));
             }
             if is_new && !cut.labels.is_empty() {
-                let labels: InlineTable = cut.labels.iter().map(|(field, value)| (field, value)).collect();
+                let labels: InlineTable = cut.labels.iter().collect();
                 put(&mut table, "labels", labels.into());
             }
             after.push(table);

@@ -65,10 +65,11 @@ impl Timelines {
     /// A file that can't be read.
     pub fn view(&self) -> Result<(Arc<Value>, Vec<Change>)> {
         let (text, changes) = self.project.timeline()?;
-        Ok((self.view_of(text.as_deref())?, changes))
+        Ok((self.view_of(text.as_deref(), None)?, changes))
     }
 
-    fn view_of(&self, text: Option<&str>) -> Result<Arc<Value>> {
+    /// The view of a text, which is laid out already or not.
+    fn view_of(&self, text: Option<&str>, laid: Option<Laid>) -> Result<Arc<Value>> {
         let sources = self.sources();
         // what the layout depends on beside the text
         let key = format!("{}\n{sources:?}", text.unwrap_or_default());
@@ -76,7 +77,7 @@ impl Timelines {
         if let Some((_, view)) = seen.as_ref().filter(|(other, _)| *other == key) {
             return Ok(view.clone());
         }
-        let view = Arc::new(view::of(self, text, &sources));
+        let view = Arc::new(view::of(self, text, laid, &sources));
         *seen = Some((key, view.clone()));
         Ok(view)
     }
@@ -97,7 +98,7 @@ impl Timelines {
     /// changed then.
     pub fn edit(&self, edits: &[Edit], name: &str) -> Result<(Vec<Change>, Arc<Value>)> {
         let (before, mut changes) = self.project.timeline()?;
-        let after = self.edited(before.as_deref(), edits)?;
+        let (after, laid) = self.edited(before.as_deref(), edits)?;
         if before.as_deref() != Some(&after) {
             let step = |document: &crate::project::document::Document| match document.timeline == before {
                 true => Ok(vec![Change::Timeline { before: before.clone(), after: Some(after.clone()) }]),
@@ -105,11 +106,11 @@ impl Timelines {
             };
             changes.extend(self.project.step(name, step)?);
         }
-        Ok((changes, self.view_of(Some(&after))?))
+        Ok((changes, self.view_of(Some(&after), laid)?))
     }
 
-    /// The text after edits.
-    fn edited(&self, before: Option<&str>, edits: &[Edit]) -> Result<String> {
+    /// The text after edits, laid out where it can be.
+    fn edited(&self, before: Option<&str>, edits: &[Edit]) -> Result<(String, Option<Laid>)> {
         let path = self.path();
         let mut file = match TimelineFile::parse(&path, before.unwrap_or_default()) {
             Ok(file) => Some(file),
@@ -130,7 +131,7 @@ impl Timelines {
                     }
                     match TimelineFile::parse(&path, text) {
                         Ok(other) => file = Some(other),
-                        Err(_) if edits.len() == 1 => return Ok(text.clone()),
+                        Err(_) if edits.len() == 1 => return Ok((text.clone(), None)),
                         Err(e) => return Err(e),
                     }
                 }
@@ -140,11 +141,15 @@ impl Timelines {
         }
         let file = file.ok_or_else(|| Error::invalid("`edits`", "none", "at least one"))?;
         let text = file.text();
-        let was_fine = before.is_none_or(|before| self.is_fine(before));
-        if !is_written && was_fine && !file.is_empty() {
-            self.lay_out(&text)?;
+        if file.is_empty() {
+            return Ok((text, None));
         }
-        Ok(text)
+        match self.lay_out(&text) {
+            Ok(laid) => Ok((text, Some(laid))),
+            // what was wrong before may stay so, and what is written by hand
+            Err(_) if is_written || before.is_some_and(|before| !self.is_fine(before)) => Ok((text, None)),
+            Err(e) => Err(e),
+        }
     }
 
     /// Whether a timeline can be danced, or has nothing in it yet.

@@ -115,7 +115,7 @@ fn edits_that_could_not_be_danced_are_refused_and_text_is_not() {
         (json!({"op": "give", "clip": "../a.bvh", "from": 0, "to": 1}), "no clip abvh"),
         (json!({"op": "use_clip", "id": "c9"}), "no clip c9"),
     ] {
-        let said = edited(&timelines, &[edit.clone()]).unwrap_err().to_string();
+        let said = edited(&timelines, std::slice::from_ref(&edit)).unwrap_err().to_string();
         assert!(said.contains(expected), "{edit}: {said}");
     }
     assert_eq!(std::fs::read_to_string(timelines.path()).unwrap(), TEXT);

@@ -12,8 +12,9 @@ use kinelm_motion::moment::Moment;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// A timeline as a page has it: its layout where it can be laid out, what is wrong where it can't.
-pub(super) fn of(timelines: &Timelines, text: Option<&str>, sources: &[Source]) -> Value {
+/// A timeline as a page has it: its layout where it can be laid out, what is wrong where it can't. `laid`: it is laid out
+/// already.
+pub(super) fn of(timelines: &Timelines, text: Option<&str>, laid: Option<Laid>, sources: &[Source]) -> Value {
     let path = timelines.path();
     let mut view = json!({
         "text": text.unwrap_or_default(), "seconds": 0, "fps": null, "rig": null, "transition": 1, "clips": {},
@@ -32,7 +33,7 @@ pub(super) fn of(timelines: &Timelines, text: Option<&str>, sources: &[Source]) 
     if file.is_empty() {
         return view;
     }
-    match timelines.lay_out(text) {
+    match laid.map_or_else(|| timelines.lay_out(text), Ok) {
         Ok(laid) => {
             let layout = &laid.layout;
             view["fps"] = json!(layout.fps);

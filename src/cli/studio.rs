@@ -5,6 +5,7 @@ use super::{Say, print};
 use anyhow::{Context, Result};
 use kinelm_motion::format::Format;
 use kinelm_studio::{Error, Limits, Listen, Options, Reader, Server};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -38,18 +39,14 @@ pub struct Args {
     assets: Option<PathBuf>,
 }
 
+/// The Python that runs this program, where one does: the package for Python sets it.
+const PYTHON: &str = "KINELM_PYTHON";
 /// Where a project is that isn't named.
 const PROJECT: &str = "kinelm-studio";
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let (project, files) = project(args.paths);
-    let program = std::env::current_exe().context("this program can't be found, which reads files for the studio")?;
-    let reader = Reader {
-        program,
-        args: ["studio-read", "--threads", "1", "--quiet"].map(Into::into).to_vec(),
-        env: Vec::new(),
-        limits: Limits::default(),
-    };
+    let reader = reader()?;
     let options = Options { project, run: args.run, files, real: args.real, reader, empty: args.empty };
     let listen = Listen { port: args.port, bind: args.bind, assets: args.assets };
     let server = Server::open(&options, &listen).map_err(of_library)?;
@@ -78,6 +75,21 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         true => Err(kinelm_store::Error::stopped("stopped; all that was kept is in the project's folder").into()),
         false => Ok(()),
     }
+}
+
+/// This program, as it reads files in a process of its own.
+fn reader() -> Result<Reader> {
+    let mut args: Vec<OsString> = Vec::new();
+    let program = match std::env::var_os(PYTHON) {
+        // the program is a module of Python's there
+        Some(python) => {
+            args.extend(["-m", "kinelm"].map(Into::into));
+            python.into()
+        }
+        None => std::env::current_exe().context("this program isn't found, which reads files for the studio")?,
+    };
+    args.extend(["studio-read", "--threads", "1", "--quiet"].map(Into::into));
+    Ok(Reader { program, args, env: Vec::new(), limits: Limits::default() })
 }
 
 /// Reads a file for the studio, in the process that it started.

@@ -11,20 +11,23 @@ use std::process::{Command, Stdio};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The project's folder, made if it isn't there [default: kinelm-studio]; then motion and music files, or folders of
+    /// The project's folder, made if it isn't there [default: kinelm-studio]; then motion and music files, or folders
+    /// of
     /// them, for its library. A file in the first place is one for the library
     #[arg(value_name = "PROJECT FILES")]
     paths: Vec<PathBuf>,
     /// The run folder of a trained model [default: ready, kinelm's own]
     #[arg(long, value_name = "RUN", value_parser = run_folder())]
     run: Option<PathBuf>,
-    /// The corpus of real dances that the best of several are compared with [default: the run's, else the library's clips]
+    /// The corpus of real dances that the best of several are compared with [default: the run's, else the library's
+    /// clips]
     #[arg(long, value_name = "CORPUS")]
     real: Option<PathBuf>,
     /// The port [default: a free one]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     port: u16,
-    /// Also answer under this name or address of the machine, to other machines too. Nothing is encrypted: a tunnel (ssh -L)
+    /// Also answer under this name or address of the machine, to other machines too. Nothing is encrypted: a tunnel
+    /// (ssh -L)
     /// is safer
     #[arg(long, value_name = "HOST")]
     bind: Vec<String>,

@@ -1,6 +1,7 @@
 //! Events for all open pages: numbered, kept for a while, so that a page that was away hears what it missed.
 //!
-//! There is one ring for everybody and a cursor for each page: a slow page costs no memory, it is told to load the state
+//! There is one ring for everybody and a cursor for each page: a slow page costs no memory, it is told to load the
+//! state
 //! again where the ring has moved on.
 
 use serde::Serialize;

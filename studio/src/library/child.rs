@@ -1,6 +1,7 @@
 //! The process that reads a file: `kinelm studio-read`, started by the studio for every file that it is given.
 //!
-//! Some parsers are C code, and any parser may take all memory or never end on a file that is made for it. In a process of its
+//! Some parsers are C code, and any parser may take all memory or never end on a file that is made for it. In a
+//! process of its
 //! own, with limits, that is an error of one file.
 
 use super::doubts::{Outcome, outcome};

@@ -1,6 +1,7 @@
 //! What reading a file found: the facts, and its doubts in plain words, each with what would settle it.
 //!
-//! The doubts are the library's own, those that `kinelm inspect` prints; here they get the words for somebody who doesn't
+//! The doubts are the library's own, those that `kinelm inspect` prints; here they get the words for somebody who
+//! doesn't
 //! know its options, and the option as a button.
 
 use crate::project::document::Reading;

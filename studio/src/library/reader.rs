@@ -35,11 +35,13 @@ impl Drop for Guarded {
 }
 
 impl Reader {
-    /// Reads a file. `convert` is where a clip of another format goes as a BVH, `out` where the process leaves its outcome,
+    /// Reads a file. `convert` is where a clip of another format goes as a BVH, `out` where the process leaves its
+    /// outcome,
     /// which is removed.
     ///
     /// # Errors
-    /// A process that can't be started; [`kinelm_store::Error::Stopped`] where `stop` is set. A process that crashes or takes
+    /// A process that can't be started; [`kinelm_store::Error::Stopped`] where `stop` is set. A process that crashes
+    /// or takes
     /// too long is an outcome.
     pub fn read(
         &self,

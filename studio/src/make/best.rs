@@ -1,4 +1,5 @@
-//! The best of several dances, compared with real ones: those that the model was trained on, or the clips of the library.
+//! The best of several dances, compared with real ones: those that the model was trained on, or the clips of the
+//! library.
 
 use crate::library::{Library, dataset, fingerprint, remove_folders};
 use crate::project::CACHE;

@@ -1,4 +1,5 @@
-//! The list of jobs: one line of JSON for each change of a job, so that a job which a process didn't end is begun again.
+//! The list of jobs: one line of JSON for each change of a job, so that a job which a process didn't end is begun
+//! again.
 
 use super::request::{Kind, Make};
 use crate::project::{OWN, Project};

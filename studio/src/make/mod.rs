@@ -1,4 +1,5 @@
-//! Dances that are made: a request of the page becomes the library's request, is sampled in a job, streamed while it is, and
+//! Dances that are made: a request of the page becomes the library's request, is sampled in a job, streamed while it
+//! is, and
 //! written with its sidecar.
 //!
 //! - [`model`]: the model that dances.

@@ -1,6 +1,7 @@
 //! Frames of dances that are still sampled, as the stage shows them.
 //!
-//! A few words at a time are decoded, in a small share of the time that sampling takes, and sent as numbers of the page's
+//! A few words at a time are decoded, in a small share of the time that sampling takes, and sent as numbers of the
+//! page's
 //! player. They are a sketch: no foot is locked, no end closed; the dance that is there in the end replaces them.
 
 use crate::Result;
@@ -78,7 +79,8 @@ impl<'a> Streams<'a> {
         }
     }
 
-    /// Takes up the last word of each dance that is sampled. Returns the frames that are there of how many, over all dances.
+    /// Takes up the last word of each dance that is sampled. Returns the frames that are there of how many, over all
+    /// dances.
     ///
     /// # Errors
     /// Words that can't be decoded.

@@ -116,7 +116,8 @@ pub(super) fn missing(folder: &Path, dance: &DanceRecord) -> Option<Change> {
     Some(Change::Dance { before: Some(Box::new(dance.clone())), after })
 }
 
-/// Removes the made files of dances that nobody can come back to: rejected ones and the oldest of too many, unless a step
+/// Removes the made files of dances that nobody can come back to: rejected ones and the oldest of too many, unless a
+/// step
 /// or a kept dance needs them.
 pub(super) fn sweep(folder: &Path, document: &Document, history: &History) {
     let open = document.dances.iter().filter(|dance| dance.kept.is_none() && !dance.rejected);

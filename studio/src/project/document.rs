@@ -1,4 +1,5 @@
-//! What a project holds: clips, dances, the timeline's text, the music; and the changes that lead from one state to the next.
+//! What a project holds: clips, dances, the timeline's text, the music; and the changes that lead from one state to
+//! the next.
 
 use kinelm_generate::best::Best;
 use kinelm_generate::output::FreeSpan;

@@ -1,6 +1,7 @@
 //! The journal: every change of a project as a line of JSON, synced before anybody is told of it.
 //!
-//! A process may end at any moment. A line that isn't whole was told nobody and is dropped; a line that is whole counts. When
+//! A process may end at any moment. A line that isn't whole was told nobody and is dropped; a line that is whole
+//! counts. When
 //! the journal has grown it is written anew, as one line with the state and the steps that can be taken back.
 
 use super::document::{Change, Document};

@@ -13,7 +13,8 @@
 //! - [`journal`]: the file that both are in.
 //! - [`dances`]: the files of dances.
 //!
-//! One process has a project at a time. Files are written before the line of the journal that names them, so a line never
+//! One process has a project at a time. Files are written before the line of the journal that names them, so a line
+//! never
 //! promises what isn't there.
 
 pub mod dances;
@@ -145,7 +146,8 @@ impl Project {
         (inner.state.history.counts(), (undo.map(str::to_owned), redo.map(str::to_owned)))
     }
 
-    /// Carries out a step of the user: what `of` makes of the state. Returns the changes, none where nothing is to be done.
+    /// Carries out a step of the user: what `of` makes of the state. Returns the changes, none where nothing is to be
+    /// done.
     ///
     /// # Errors
     /// Those of `of`; I/O errors. Nothing has changed then.
@@ -267,7 +269,8 @@ impl Project {
         String::from_utf8(bytes).map(Some).map_err(wrong)
     }
 
-    /// Brings the state in line with the files that are there: a process may have ended between both, and files may have
+    /// Brings the state in line with the files that are there: a process may have ended between both, and files may
+    /// have
     /// been moved.
     fn reconcile(&self) -> Result<()> {
         if self.is_new {

@@ -1,6 +1,7 @@
 //! The way in: a token in a redirect file, exchanged for a cookie.
 //!
-//! The file is of mode 0600, so the token is neither in the list of processes nor in a shell's history. A token is taken
+//! The file is of mode 0600, so the token is neither in the list of processes nor in a shell's history. A token is
+//! taken
 //! once; then the file gets the next one, so that opening it again works.
 
 use super::secret::Secret;

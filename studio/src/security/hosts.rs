@@ -1,6 +1,7 @@
 //! The names under which the server answers, and whether a request comes from its own page.
 //!
-//! A page of another site reaches a local server by its address, or by a name that it points at it (DNS rebinding). Names
+//! A page of another site reaches a local server by its address, or by a name that it points at it (DNS rebinding).
+//! Names
 //! that aren't ours are refused, and so is every request that a browser doesn't call the page's own.
 
 use axum::http::{HeaderMap, Method, header};
@@ -35,7 +36,8 @@ impl Hosts {
         origin.strip_prefix("http://").is_some_and(|host| self.has(host))
     }
 
-    /// Why a request is refused for where it comes from; `None` if it may pass. `is_page`: it asks for the page itself, which
+    /// Why a request is refused for where it comes from; `None` if it may pass. `is_page`: it asks for the page
+    /// itself, which
     /// a user may open by typing its address.
     pub fn refusal(&self, method: &Method, headers: &HeaderMap, is_page: bool) -> Option<&'static str> {
         let mut hosts = headers.get_all(header::HOST).iter();

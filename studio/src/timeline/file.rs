@@ -238,7 +238,8 @@ impl TimelineFile {
     }
 }
 
-/// A text whose lines end as those of the text that it was before: lines of its beginning and end that are the same keep
+/// A text whose lines end as those of the text that it was before: lines of its beginning and end that are the same
+/// keep
 /// theirs, others get the usual one.
 fn with_ends_of(before: &str, after: &str) -> String {
     if !before.contains('\r') {

@@ -94,7 +94,8 @@ impl Timelines {
     /// Carries out edits as one step. Returns what changed, and the view afterwards.
     ///
     /// # Errors
-    /// An edit that can't be carried out, or after which the timeline couldn't be danced though it could before: nothing has
+    /// An edit that can't be carried out, or after which the timeline couldn't be danced though it could before:
+    /// nothing has
     /// changed then.
     pub fn edit(&self, edits: &[Edit], name: &str) -> Result<(Vec<Change>, Arc<Value>)> {
         let (before, mut changes) = self.project.timeline()?;

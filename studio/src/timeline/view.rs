@@ -12,7 +12,8 @@ use kinelm_motion::moment::Moment;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// A timeline as a page has it: its layout where it can be laid out, what is wrong where it can't. `laid`: it is laid out
+/// A timeline as a page has it: its layout where it can be laid out, what is wrong where it can't. `laid`: it is laid
+/// out
 /// already.
 pub(super) fn of(timelines: &Timelines, text: Option<&str>, laid: Option<Laid>, sources: &[Source]) -> Value {
     let path = timelines.path();

@@ -12,14 +12,20 @@ import { menu } from './menu.js';
 import { setMusic } from './music.js';
 import { Small } from './small.js';
 import { stage } from './stage-view.js';
-import { store, tell, ui } from './store.js';
+import { seedOf, store, tell, ui } from './store.js';
 import { attempt, toast } from './toast.js';
 
 /** @typedef {import('./types.js').Clip} Clip @typedef {import('./types.js').Dance} Dance */
 
+/** @type {Promise<unknown>} */
+let before = Promise.resolve();
+
+// One after the other: the studio refuses an edit of a timeline that is being edited.
 /** @param {...import('./types.js').Edit} edits */
 export async function change(...edits) {
-  const timeline = await attempt(() => edit(...edits));
+  const now = before.then(() => attempt(() => edit(...edits)));
+  before = now;
+  const timeline = await now;
   if (timeline) setTimeline(timeline);
   return timeline;
 }
@@ -144,7 +150,7 @@ export function keptCard(dance) {
     h('span', { class: 'picture' }, small.canvas),
     h('span', { class: 'about' },
       h('button', { type: 'button', class: 'name', title: dance.name, onclick: () => showClip(dance.id) }, dance.name),
-      h('small', null, `${length(dance.seconds)} · seed ${dance.seed}`), out),
+      h('small', null, [length(dance.seconds), seedOf(dance)].filter(Boolean).join(' · ')), out),
     more);
   loadSmall(dance.id).then(loaded => small.show(dance.id, loaded), () => {});
   draggable(card, () => ({ kind: 'clip', id: dance.id }));

@@ -110,10 +110,19 @@ function ofSet(kept) {
     dancer.title = job.dances.length > 1 ? String(n + 1) : dance?.name ?? 'A new dance';
     dancer.note = dance?.kept ? 'kept' : '';
     dancer.paint = `--take-${n % TAKES}`;
+    if (job.kind === 'free') dancer.made = null;
     const source = dance?.source ?? job.make.clip ?? null;
     dancer.original = originalOf(source, kept, job.kind === 'timeline');
     // dances of one source share its path
     dancer.world = source && job.kind !== 'free' ? 1 : 100 + n;
+    dancers.push(dancer);
+  }
+  // until the first frame comes one sees what they are made from
+  const source = job.make.clip ?? null, there = dancers.length === 0 && source ? ask(source, true) : null;
+  if (source && there) {
+    const dancer = kept(`clip ${source}`, there, () => new Dancer(source, there, '', ''));
+    dancer.title = nameOf(source);
+    dancer.paint = '--body';
     dancers.push(dancer);
   }
   return dancers;
@@ -137,6 +146,13 @@ const wholeOf = segment => ({ ...segment, from: segment.from - segment.at, to: s
 /** @param {Segment} segment */
 export const clipIdOf = segment => (segment.clip ? store.timeline.clips[segment.clip]?.clip ?? null : null);
 
+// What a segment's clip is called in the library.
+/** @param {Segment} segment */
+export function nameIn(segment) {
+  const id = clipIdOf(segment);
+  return id ? nameOf(id) : segment.clip ?? '';
+}
+
 // The colour of a clip of the timeline.
 /** @param {string | null} name */
 export const clipPaint = name => `--figure-${Math.max(0, Object.keys(store.timeline.clips).indexOf(name ?? '')) % CLIPS}`;
@@ -152,6 +168,8 @@ function ofTimeline(kept) {
     part.paint = clipPaint(segment.clip);
     part.original = part.isWhole ? null : originalOf(id, kept, true);
     part.world = 1;
+    // one name for the parts of one body
+    part.named = part.isWhole || !parts.some(other => other.id === id && other.from < part.upto && other.upto > part.from);
     parts.push(part);
   }
   return parts;

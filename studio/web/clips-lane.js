@@ -1,6 +1,6 @@
 // The lane of clips: the timeline's segments as blocks, which are moved, trimmed, cut and removed.
 
-import { clipPaint } from './cast.js';
+import { clipPaint, nameIn } from './cast.js';
 import { h } from './dom.js';
 import { moveSegment } from './edits.js';
 import { clock, joints as said } from './format.js';
@@ -79,7 +79,7 @@ function movable(box, segment, show) {
 
 /** @param {Segment} segment @param {number} line */
 function block(segment, line) {
-  const label = `${segment.clip}${segment.joints && segment.joints !== 'all' ? `: ${said(segment.joints)}` : ''}`;
+  const label = `${nameIn(segment)}${segment.joints && segment.joints !== 'all' ? `: ${said(segment.joints)}` : ''}`;
   const box = h('div', {
     class: `block${ui.segment === segment.index ? ' chosen' : ''}`, role: 'button', tabindex: 0, 'data-keep': `segment ${segment.index}`,
     'aria-pressed': ui.segment === segment.index, title: `${label}, ${clock(segment.from)} to ${clock(segment.to)}, from its ${clock(segment.at)} on`,

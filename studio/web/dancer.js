@@ -6,6 +6,9 @@ import { store } from './store.js';
 
 /** @typedef {import('./figures.js').Loaded} Loaded */
 
+// Joints by SMPL id, and those that they hang on.
+const ENDS = [[22, 20], [23, 21], [10, 7], [11, 8], [15, 12], [6, 3]];
+
 export class Dancer extends Figure {
   /** @param {string} id of the clip or dance @param {Loaded} loaded @param {string} title @param {string} note */
   constructor(id, loaded, title, note) {
@@ -14,6 +17,7 @@ export class Dancer extends Figure {
     this.loaded = loaded;
     this.joints = loaded.head.joints ?? [];
     this.top = loaded.top;
+    this.isPart = false;
     this.paint = '--figure-0';                       // the name of its colour
     /** @type {number[][][] | null} (points) when each joint is made; null: as a whole, throughout */
     this.made = null;
@@ -24,8 +28,9 @@ export class Dancer extends Figure {
       this.contacts = standing;
     }
     if (loaded.head.made?.length) {
-      this.made = /** @type {number[][][]} */ (Array.from({ length: this.points }, () => []));
-      for (const { points, from, to } of loaded.head.made) for (const point of points) this.made[point].push([from, to]);
+      const made = /** @type {number[][][]} */ (Array.from({ length: this.points }, () => []));
+      for (const { points, from, to } of loaded.head.made) for (const point of points) made[point].push([from, to]);
+      this.made = this.withEnds(made);
     }
     this.grow();
   }
@@ -58,7 +63,17 @@ export class Dancer extends Figure {
         if (joint?.smpl !== undefined && ids.has(joint.smpl)) made[point].push([from, to]);
       });
     }
-    this.made = made;
+    this.made = this.withEnds(made);
+  }
+
+  // Joints that a model may not know go with those before them.
+  /** @param {number[][][]} made */
+  withEnds(made) {
+    for (const [end, before] of ENDS) {
+      const from = this.joints.findIndex(joint => joint?.smpl === before);
+      this.joints.forEach((joint, point) => { if (joint?.smpl === end && !made[point].length && from >= 0) made[point] = made[from]; });
+    }
+    return made;
   }
 }
 
@@ -67,6 +82,7 @@ export class Part extends Dancer {
   /** @param {string} id @param {Loaded} loaded @param {string} title @param {import('./types.js').Segment} segment */
   constructor(id, loaded, title, segment) {
     super(id, loaded, title, '');
+    this.isPart = true;
     const [from, to] = segment.given ?? [segment.from, segment.to];
     this.from = from;
     this.upto = to;
@@ -75,15 +91,20 @@ export class Part extends Dancer {
     this.move = [segment.place?.x ?? 0, segment.place?.z ?? 0];
     const ids = idsOf(segment.joints ?? 'all');
     this.isWhole = ids.size >= 24;
-    const has = (/** @type {number} */ point) => ids.has(this.joints[point]?.smpl ?? -1);
+    this.has = (/** @type {number} */ point) => this.isWhole || ids.has(this.joints[point]?.smpl ?? -1);
     if (!this.isWhole && this.joints.length) {
-      this.bones = this.bones.filter(bone => has(bone.a));
-      this.balls = this.balls.filter(ball => has(ball.at));
+      this.bones = this.bones.filter(bone => this.has(bone.a));
+      this.balls = this.balls.filter(ball => this.has(ball.at));
     }
   }
 
   get lasts() {
     return this.upto;
+  }
+
+  /** @param {import('./figure.js').Bone} bone */
+  covers(bone) {
+    return this.has(bone.a);
   }
 
   /** @param {number} time */

@@ -6,6 +6,9 @@ export function clock(s) {
   return `${Math.floor(whole / 60)}:${whole % 60 < 9.95 ? '0' : ''}${(whole % 60).toFixed(1)}`;
 }
 
+/** @param {number} from @param {number} to */
+export const between = (from, to) => (to < 60 ? `${from.toFixed(1)} to ${to.toFixed(1)} s` : `${clock(from)} to ${clock(to)}`);
+
 /** @param {number} s */
 export function length(s) {
   if (s < 60) return `${s.toFixed(1)} s`;

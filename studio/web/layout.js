@@ -11,6 +11,11 @@ const MOMENTS = 240;
  */
 export function arrange(dancers, whole) {
   if (!dancers.length) return;
+  if (dancers.every(d => d.isPart)) {
+    // parts of one dance stand where it is
+    for (const dancer of dancers) dancer.beside = dancer.onto = [0, 0];
+    return;
+  }
   const together = dancers.every(d => d.world === dancers[0].world);
   const widths = dancers.map(dancer => widthsOf(dancer, whole));
   const shifts = [0];

@@ -63,6 +63,7 @@ function showFound() {
   matches.forEach(small => small.remove());
   box.hidden = !found.of;
   if (!found.of) return;
+  box.parentElement?.scrollTo(0, 0);
   const cards = found.matches.map(matchCard);
   matches = cards.map(card => card.small);
   const none = found.busy ? 'Looking …' : 'Nothing in the library is like it.';

@@ -2,7 +2,7 @@
 
 import { get } from './api.js';
 import { forget, streamed } from './figures.js';
-import { put, store, tell, ui } from './store.js';
+import { isBusy, put, store, tell, ui } from './store.js';
 
 /** @typedef {import('./types.js').State} State */
 
@@ -60,6 +60,8 @@ let waiting = null;
 /** @param {MessageEvent} event @param {string} name */
 function happened(event, name) {
   const data = JSON.parse(event.data), id = Number(event.lastEventId);
+  // what was before the state is in it, but for the frames of dances that aren't made yet
+  if (id <= store.state.last_event && name !== 'frames') return;
   if (waiting) waiting.push({ id, name, data });
   else EVENTS[name](data);
 }
@@ -75,11 +77,21 @@ async function load() {
     waiting = null;
     tell('clips', 'dances', 'jobs', 'undo', 'music', 'model', 'cast', 'connection');
     for (const { name, data } of later) EVENTS[name](data);
+    catchUp(state);
     await loadTimeline();
   } catch {
     // the stream tries again, and so does this
     waiting = null;
   }
+}
+
+// Frames that were sampled before this page came are sent again from where their job began.
+/** @param {State} state */
+function catchUp(state) {
+  const running = state.jobs.filter(isBusy).map(job => job.since).filter(since => since !== undefined);
+  if (!running.length) return;
+  stream?.close();
+  listen(Math.min(...running));
 }
 
 let asked = 0;
@@ -89,15 +101,24 @@ export async function loadTimeline() {
   if (timeline && number === asked) setTimeline(timeline);
 }
 
+let known = false;
 /** @param {import('./types.js').Timeline} timeline */
 export function setTimeline(timeline) {
+  // a timeline that begins wants to be seen
+  const begins = known && !store.timeline.segments.length && timeline.segments.length > 0;
+  if (begins && ui.mode === 'takes') ui.mode = 'timeline';
+  known = true;
   store.timeline = timeline;
   if (ui.segment !== null && ui.segment >= timeline.segments.length) ui.segment = null;
   tell('timeline', 'cast');
 }
 
-export function listen() {
-  const stream = new EventSource('/api/events');
+/** @type {EventSource | null} */
+let stream = null;
+
+/** @param {number} [since] an event: those after it are sent again */
+export function listen(since) {
+  stream = new EventSource(since === undefined ? '/api/events' : `/api/events?since=${since}`);
   stream.addEventListener('hello', event => {
     store.connected = true;
     tell('connection');

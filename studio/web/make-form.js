@@ -81,6 +81,8 @@ export async function makeNow() {
   const make = request();
   const answer = await attempt(() => post('/api/make', make));
   if (!answer) return;
+  // Enter is to keep what is chosen now, not to make again
+  if (document.activeElement instanceof HTMLElement && document.activeElement.closest('form')) document.activeElement.blur();
   Object.assign(ui, { set: answer.job, focus: null, solo: false, versus: [], mode: 'takes' });
   tell('cast', 'jobs');
 }

@@ -5,7 +5,7 @@ import { madeBy } from './dancer.js';
 import { h } from './dom.js';
 import { capital, clock, joints as said } from './format.js';
 import { GROUPS, NAMES, PARTS } from './groups.js';
-import { currentSet, danceOf, on, store, tell, ui } from './store.js';
+import { currentSet, danceOf, isBusy, on, secondsOf, store, tell, ui } from './store.js';
 
 /** @typedef {import('./types.js').Row} Row @typedef {import('./types.js').Span} Span */
 
@@ -15,17 +15,20 @@ export function danceShown() {
   return chosen ? danceOf(chosen.id) ?? null : null;
 }
 
-/** @param {import('./types.js').Dance} dance @returns {Row[]} */
+/** @param {import('./types.js').Dance | null} dance null: one that is on its way @returns {Row[]} */
 function rowsOf(dance) {
-  const job = currentSet(), unsaid = job?.dances.includes(dance.id) ? madeBy(job.make) : null;
-  const all = dance.made.length ? dance.made : unsaid ?? [{ joints: GROUPS.all, from: 0, to: dance.seconds }];
-  const made = all.map(span => ({ ids: new Set(span.joints), from: span.from, to: Math.min(span.to, dance.seconds) }));
-  const cuts = [...new Set([0, dance.seconds, ...made.flatMap(span => [span.from, span.to])])].sort((a, b) => a - b);
+  const job = currentSet(), unsaid = job && (!dance || job.dances.includes(dance.id)) ? madeBy(job.make) : null;
+  const seconds = dance?.seconds ?? secondsOf(job), coded = new Set(store.state.model.joints.map(joint => joint.smpl));
+  const all = dance?.made.length ? dance.made : unsaid ?? [{ joints: GROUPS.all, from: 0, to: seconds }];
+  const made = all.map(span => ({ ids: new Set(span.joints), from: span.from, to: Math.min(span.to, seconds) }));
+  const cuts = [...new Set([0, seconds, ...made.flatMap(span => [span.from, span.to])])].sort((a, b) => a - b);
   /** @param {number[]} ids @returns {Span[]} */
   const spans = ids => cuts.slice(1).map((to, i) => {
     const from = cuts[i], middle = (from + to) / 2;
-    const count = ids.filter(id => made.some(span => span.ids.has(id) && middle > span.from && middle < span.to)).length;
-    return { from, to, state: count === 0 ? 'given' : count === ids.length ? 'generated' : 'partly', segment: null };
+    // a group is made where all of its joints are that the model knows
+    const known = ids.filter(id => coded.size === 0 || coded.has(id)), asked = known.length ? known : ids;
+    const count = asked.filter(id => made.some(span => span.ids.has(id) && middle > span.from && middle < span.to)).length;
+    return { from, to, state: count === 0 ? 'given' : count === asked.length ? 'generated' : 'partly', segment: null };
   });
   return PARTS.map(part => ({ group: part, spans: spans(GROUPS[part]), joints: GROUPS[part].map(id => ({ name: NAMES[id], spans: spans([id]) })) }));
 }
@@ -33,7 +36,7 @@ function rowsOf(dance) {
 export const rows = () => {
   if (store.timeline.rows.length) return store.timeline.rows;
   const dance = danceShown();
-  return dance ? rowsOf(dance) : PARTS.map(part => ({ group: part, spans: [], joints: [] }));
+  return dance || isBusy(currentSet()) ? rowsOf(dance) : PARTS.map(part => ({ group: part, spans: [], joints: [] }));
 };
 
 const STATES = { given: 'given', generated: 'made', partly: 'partly made' };

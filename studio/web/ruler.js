@@ -38,7 +38,7 @@ function paint() {
     pen.stroke();
     pen.fillStyle = colour('--quiet');
     const s = n * fine;
-    if (isLong) pen.fillText(step < 1 ? clock(s) : `${Math.floor(s / 60)}:${String(Math.round(s % 60)).padStart(2, '0')}`, x + 4, height - 8);
+    if (isLong && x < width - 26) pen.fillText(step < 1 ? clock(s) : `${Math.floor(s / 60)}:${String(Math.round(s % 60)).padStart(2, '0')}`, x + 4, height - 6);
   }
   pen.strokeStyle = colour('--beat');
   for (const beat of beats()) {

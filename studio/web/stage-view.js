@@ -10,11 +10,12 @@ import { picked } from './pick.js';
 import { listenToPointers } from './pointers.js';
 import { Scene } from './scene.js';
 import { Stage } from './stage.js';
-import { currentSet, on, store, tell, ui } from './store.js';
+import { currentSet, isBusy, on, store, tell, ui } from './store.js';
 
 /** @typedef {import('./dancer.js').Dancer} Dancer */
 
 export const stage = new Stage();
+stage.state.ghost = true;
 /** @type {Dancer[]} */
 let dancers = [];
 /** @type {Scene | null} */
@@ -54,12 +55,13 @@ export function readColours() {
 // ---- dancers ----
 let last = '';
 function recast() {
-  const before = dancers;
+  const before = dancers, job = currentSet(), shown = ui.mode === 'takes' && job ? job : null;
   dancers = cast();
+  // those of before stay until the first frame of the next comes
+  if (!dancers.length && isBusy(shown ?? undefined)) dancers = before;
   const key = dancers.map(d => `${d.id} ${d.paint} ${d.title} ${d.note} ${d.original ? 1 : 0}`).join('|');
   const isSame = dancers.length === before.length && dancers.every((d, i) => d === before[i] && d.original === before[i].original);
-  const job = currentSet(), shown = ui.mode === 'takes' && job ? job : null;
-  stage.growing = shown !== null && (shown.state === 'running' || shown.state === 'waiting');
+  stage.growing = isBusy(shown ?? undefined) && dancers.some(dancer => dancer.loaded.live);
   // a loop goes on without a rest
   stage.hold_s = shown?.kind === 'loop' || stage.state.upto !== Infinity ? 0 : 0.7;
   if (!isSame || key !== last) {
@@ -139,7 +141,7 @@ function wait(time) {
 }
 
 function empty() {
-  const isLoading = !store.ready || (dancers.length === 0 && store.state.jobs.some(job => job.state === 'running' || job.state === 'waiting'));
+  const isLoading = !store.ready || store.state.jobs.some(isBusy);
   find('stage-hint').hidden = dancers.length > 0;
   find('stage-hint').textContent = isLoading ? 'The first dance is on its way' : 'Drop a motion file here, or make a new dance on the right';
 }
@@ -185,8 +187,8 @@ export function openStage() {
     return;
   }
   labels = new Labels(find('labels'), stage);
+  labels.top = 48;
   stage.margin = { high: 0.22, low: 0.0 };
-  stage.state.ghost = true;
   if (matchMedia('(prefers-reduced-motion: reduce)').matches) stage.play(false);
   listenToPointers(canvas, stage, clicked);
   canvas.addEventListener('webglcontextlost', e => e.preventDefault());

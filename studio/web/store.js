@@ -91,6 +91,25 @@ export function currentSet() {
   return all.find(job => job.id === ui.set) ?? all[all.length - 1];
 }
 
+// How long the dances of a set are, or will be.
+/** @param {import('./types.js').Job | undefined} job */
+export function secondsOf(job) {
+  if (!job) return 0;
+  const there = Math.max(0, ...job.dances.map(id => danceOf(id)?.seconds ?? 0));
+  if (there || job.kind === 'timeline') return there || store.timeline.seconds;
+  return job.make.seconds ?? (clipOf(job.make.clip) ?? danceOf(job.make.clip))?.seconds ?? 0;
+}
+
+// The seed of a dance as one can say it: that of its job.
+/** @param {import('./types.js').Dance} dance */
+export function seedOf(dance) {
+  const seed = jobOf(dance.job)?.make.seed;
+  if (seed === undefined) return dance.seed < 1e7 ? `seed ${dance.seed}` : '';
+  return `seed ${seed}`;
+}
+
+export const isBusy = (/** @type {import('./types.js').Job | undefined} */ job) => job?.state === 'running' || job?.state === 'waiting';
+
 /** @template {{ id: string }} T @param {T[]} all @param {T} one */
 export function put(all, one) {
   const at = all.findIndex(other => other.id === one.id);

@@ -2,14 +2,15 @@
 
 import { post } from './api.js';
 import { exportItems, workOn } from './card.js';
-import { TAKES, focusOn, takes } from './cast.js';
+import { TAKES, clipIdOf, focusOn, takes } from './cast.js';
 import { find, h, icon, iconButton } from './dom.js';
-import { load, loaded } from './figures.js';
+import { load, loaded, loadSmall } from './figures.js';
 import { capital, counted, joints as said } from './format.js';
 import { takeOver } from './make-form.js';
 import { menu } from './menu.js';
 import { Small } from './small.js';
-import { currentSet, danceOf, nameOf, on, sets, store, tell, ui } from './store.js';
+import { onFrame } from './stage-view.js';
+import { currentSet, danceOf, isBusy, nameOf, on, sets, store, tell, ui } from './store.js';
 import { attempt, toast } from './toast.js';
 
 /** @typedef {import('./types.js').Job} Job */
@@ -46,7 +47,9 @@ export function compare(id) {
 /** @param {number} n from 1 */
 export function choose(n) {
   const take = takes().find(take => take.n === n - 1);
-  if (take) focusOn(take.id, ui.focus === take.id && !ui.solo);
+  if (!take) return;
+  focusOn(take.id, ui.focus === take.id && !ui.solo);
+  focusWanted = true;
 }
 
 /** @param {number} by */
@@ -66,7 +69,7 @@ export function goBack(by) {
 }
 
 export function cancel() {
-  const running = store.state.jobs.filter(job => job.state === 'running' || job.state === 'waiting');
+  const running = store.state.jobs.filter(isBusy);
   for (const job of running) attempt(() => post(`/api/jobs/${job.id}/cancel`));
   return running.length > 0;
 }
@@ -85,13 +88,14 @@ export function title(job) {
 
 /** @param {Job} job */
 function head(job) {
-  const all = sets(), at = all.findIndex(one => one.id === job.id), running = job.state === 'running' || job.state === 'waiting';
+  const all = sets(), at = all.findIndex(one => one.id === job.id), running = isBusy(job);
   return h('header', null,
     h('h3', { title: title(job) }, capital(title(job))),
     all.length > 1 && h('span', { class: 'group pages' },
       iconButton('back', 'The set before (,)', () => goBack(-1), { disabled: at <= 0 }),
       h('small', { 'aria-label': `Set ${at + 1} of ${all.length}` }, `${at + 1}/${all.length}`),
       iconButton('on', 'The set after (.)', () => goBack(1), { disabled: at >= all.length - 1 })),
+    h('small', null, job.make.seed === undefined ? '' : `seed ${job.make.seed}`),
     !running && iconButton('redo', 'Use these settings again', () => takeOver(job.make)));
 }
 
@@ -112,11 +116,17 @@ let smalls = new Map();
 
 /** @param {Job} job @param {{ id: string, n: number }} take */
 function card(job, { id, n }) {
+  const source = job.make.clip ?? (job.kind === 'timeline' ? store.timeline.segments.map(clipIdOf).find(Boolean) : null);
   const dance = danceOf(id), there = loaded(id), name = job.dances.length > 1 ? `Variation ${n + 1}` : dance?.name ?? 'The dance';
   const small = smalls.get(id) ?? new Small(name), chosen = ui.focus === id, paint = `--take-${n % TAKES}`;
   smalls.set(id, small);
   small.paint = paint;
   if (there) small.show(id, there, job.make);
+  else if (source) {
+    // until its first frame comes, what it is made from, faintly
+    small.paint = '--line';
+    loadSmall(source).then(clip => { if (!loaded(id)) small.show(id, clip); }, () => {});
+  }
   const state = !dance ? (job.state === 'cancelled' ? 'cancelled' : 'being made') : dance.kept ? 'kept' : '';
   const score = dance?.score === undefined ? null : h('span', { class: 'score', title: dance.verdict ?? 'The score: 0 is as good as real dances' }, `score ${dance.score.toFixed(1)}`);
   const versus = iconButton('loop', `Compare ${name} with another (V)`, e => { e.stopPropagation(); compare(id); }, { class: 'icon-button versus', 'aria-pressed': ui.versus.includes(id) });
@@ -128,7 +138,7 @@ function card(job, { id, n }) {
     'data-id': id, style: { '--own': `var(${paint})` },
     onclick: () => focusOn(id, ui.focus === id && !ui.solo),
   }, small.canvas, h('span', { class: 'number' }, n + 1), score,
-  h('span', { class: 'foot' }, h('small', null, state || (dance ? `seed ${dance.seed}` : '')),
+  h('span', { class: 'foot' }, h('small', null, state),
     dance && !dance.kept && job.dances.length > 1 && versus,
     dance && !dance.kept && iconButton('close', `Reject ${name} (X)`, e => { e.stopPropagation(); reject(id); }),
     dance && !dance.kept && iconButton('check', `Keep ${name} (Enter)`, e => { e.stopPropagation(); keep(id); }, { class: 'icon-button keep' }),
@@ -145,10 +155,12 @@ function note(job) {
 /** @type {HTMLElement} */
 let box;
 let last = '';
+// the chosen card is to have the focus, so that Enter keeps it
+let focusWanted = false;
 
 function draw() {
   const job = currentSet(), all = takes(), failed = [...store.state.jobs].sort((a, b) => b.started - a.started)[0];
-  const running = job && (job.state === 'running' || job.state === 'waiting');
+  const running = isBusy(job);
   const key = JSON.stringify([job && { ...job, frames: 0, of: 0 }, all.map(({ id }) => [danceOf(id), Boolean(loaded(id))]), ui.focus, ui.solo, ui.versus, sets().length, failed?.text, failed?.state]);
   if (key === last) {
     // only its progress is new
@@ -158,7 +170,7 @@ function draw() {
     return;
   }
   last = key;
-  const hadFocus = box.contains(document.activeElement), next = new Map();
+  const hadFocus = focusWanted || box.contains(document.activeElement), next = new Map();
   for (const [id, small] of smalls) {
     if (all.some(take => take.id === id)) next.set(id, small);
     else small.remove();
@@ -173,6 +185,7 @@ function draw() {
     rejected ? h('p', { class: 'quiet' }, `${counted(rejected, 'variation')} rejected. Undo brings the last one back.`) : null,
     note(job),
   ].filter(part => part !== null));
+  focusWanted = false;
   if (hadFocus) /** @type {HTMLElement | null} */ (box.querySelector('.take.chosen') ?? box.querySelector('.take'))?.focus();
 }
 
@@ -182,13 +195,17 @@ function refresh(job) {
   if (!job) return;
   for (const [id, small] of smalls) {
     const there = loaded(id);
-    if (there) small.show(id, there, job.make);
-    else if (danceOf(id)) load(id).then(() => tell('frames'), () => {});
+    if (there) {
+      small.paint = `--take-${job.dances.indexOf(id) % TAKES}`;
+      small.show(id, there, job.make);
+    } else if (danceOf(id)) load(id).then(() => tell('frames'), () => {});
   }
 }
 
 export function openTakes() {
   box = find('takes');
+  // all at the stage's moment, so that they can be compared
+  onFrame(time => { for (const small of smalls.values()) small.at = time; });
   on(['cast', 'jobs', 'dances', 'frames'], draw);
   box.addEventListener('keydown', e => {
     if (!(e.target instanceof Element) || !e.target.closest('#grid')) return;

@@ -2,7 +2,7 @@
 
 import { beats } from './music.js';
 import { stage } from './stage-view.js';
-import { store, ui } from './store.js';
+import { currentSet, secondsOf, store, ui } from './store.js';
 
 const NEAR = 7;                                      // pixels within which something snaps
 
@@ -15,7 +15,7 @@ const listeners = [];
 export const onAxis = does => { listeners.push(does); };
 
 // What there is to see: the timeline, and what dances longer.
-export const wholeTime = () => Math.max(2, stage.whole, store.timeline.seconds);
+export const wholeTime = () => Math.max(2, stage.whole, store.timeline.seconds, ui.mode === 'takes' ? secondsOf(currentSet()) : 0);
 
 export const xOf = (/** @type {number} */ time) => (time - axis.from) * axis.scale;
 export const timeAt = (/** @type {number} */ x) => axis.from + x / axis.scale;

@@ -5,7 +5,7 @@ import { clipsLane } from './clips-lane.js';
 import { find, h, icon, iconButton } from './dom.js';
 import { whatIsDragged } from './drag.js';
 import { cut, freeSelected, giveSelected, keyPose, landed, removeSegment } from './edits.js';
-import { clock, joints as said } from './format.js';
+import { between, joints as said } from './format.js';
 import { addLabel, labelsLane, musicLane } from './labels-lane.js';
 import { setMusic } from './music.js';
 import { openPaint } from './paint.js';
@@ -59,7 +59,7 @@ function selection() {
     box.hidden = !isSome;
     if (!isSome) return;
     const what = ui.joints.size ? said([...ui.joints].join(',')) : 'whole body';
-    const when = ui.range ? `, ${clock(ui.range[0])} to ${clock(ui.range[1])}` : '';
+    const when = ui.range ? `, ${between(ui.range[0], ui.range[1])}` : '';
     const { range } = ui;
     box.replaceChildren(...[h('b', { title: `${what}${when}` }, `${what}${when}`),
       h('button', { type: 'button', class: 'free', title: 'To be made anew (Shift R)', onclick: freeSelected }, 'Make anew'),
@@ -75,7 +75,7 @@ function selection() {
 function text() {
   const area = h('textarea', { 'aria-label': 'The timeline’s file', spellcheck: 'false', rows: 22 });
   area.value = store.timeline.text;
-  const notes = store.timeline.notes.map(note => h('li', null, note));
+  const notes = [...new Set(store.timeline.notes)].map(note => h('li', null, note));
   const dialog = h('dialog', { class: 'text', 'aria-label': 'The timeline’s file' }, h('h2', null, 'timeline.toml'), area,
     notes.length > 0 && h('ul', { class: 'notes' }, ...notes),
     h('div', { class: 'row end' },

@@ -7,6 +7,7 @@ import { thePlayer } from './music.js';
 import { film, isFilming } from './record.js';
 import { dancersOnStage, onFrame, stage } from './stage-view.js';
 import { currentSet, danceOf, nameOf, on, store, ui } from './store.js';
+import { wholeTime } from './timeline-view.js';
 
 const SPEEDS = [0.25, 0.5, 0.75, 1, 1.5, 2];
 const SHOWN = [0.25, 0.5, 0.75, 1, 1.5, 2].map(speed => `${{ 0.25: '¼', 0.5: '½', 0.75: '¾', 1.5: '1½' }[speed] ?? speed}×`);
@@ -92,7 +93,9 @@ function legend() {
   const parts = [];
   if (isPartly) parts.push(key('--body', 'given'), h('span', null, h('i', { class: 'made' }), 'made'));
   if (hasGhost) parts.push(key('--ghost', 'original'));
-  if (ui.mode === 'timeline') for (const name of Object.keys(store.timeline.clips)) parts.push(key(clipPaint(name), name));
+  if (ui.mode === 'timeline') for (const [name, { clip }] of Object.entries(store.timeline.clips)) {
+    if (store.timeline.segments.some(segment => segment.clip === name)) parts.push(key(clipPaint(name), clip ? nameOf(clip) : name));
+  }
   box.replaceChildren(...parts);
   box.hidden = parts.length === 0;
 }
@@ -130,7 +133,7 @@ export function openTransport() {
   const now = find('now'), whole = find('whole');
   onFrame(time => {
     now.textContent = clock(time);
-    whole.textContent = ` / ${clock(Math.max(stage.whole, store.timeline.seconds))}`;
+    whole.textContent = ` / ${clock(wholeTime())}`;
   });
   on(['cast', 'timeline', 'dances', 'jobs', 'clips'], modes);
   on(['cast', 'timeline', 'frames'], legend);

@@ -15,7 +15,8 @@
  *   seed?: number, temperature?: number, top_p?: number, guidance?: number, feet?: 'lock' | 'off', variations: number,
  *   best?: number, loop?: 'back' | 'pose', loop_over?: number }} Make
  * @typedef {{ id: string, kind: Kind, make: Make, dances: string[], text: string | null, opening: boolean, started: number,
- *   state: 'waiting' | 'running' | 'done' | 'failed' | 'cancelled', frames: number, of: number }} Job
+ *   state: 'waiting' | 'running' | 'done' | 'failed' | 'cancelled', frames: number, of: number,
+ *   since?: number }} Job since: the last event before its first frames
  * @typedef {{ name: string, smpl: number, label: string, group: string }} ModelJoint
  * @typedef {{ name: string, fps: number, labels: Record<string, string[]>, joints: ModelJoint[], groups: string[] }} Model
  * @typedef {{ undo: number, redo: number, undo_name: string | null, redo_name: string | null }} Undo

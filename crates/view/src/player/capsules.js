@@ -152,6 +152,7 @@ export class Composition {
       sz += mine[1] - its[1];
     }
     for (const bone of original.bones) {
+      if (figure.covers(bone, original, looks.time)) continue;
       const a = 3 * bone.a, b = 3 * bone.b;
       this.put(this.ghosts, CAPSULE * this.ghostCount++, p[a] + sx, p[a + 1], p[a + 2] + sz, bone.ra,
         p[b] + sx, p[b + 1], p[b + 2] + sz, bone.rb, own, own, 0);

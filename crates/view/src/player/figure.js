@@ -48,6 +48,7 @@ export class Figure {
     this.colour = [0, 0, 0];
     /** @type {Figure | null} what it was made from, drawn as a ghost at its place */
     this.original = null;
+    this.named = true;                               // its label is shown
     this.faint = false;                              // one can see through it
     /** @type {Uint8Array | null} (points): the joints that are selected */
     this.selected = null;
@@ -76,6 +77,12 @@ export class Figure {
   isGiven(part, _joint, time) {
     const over = this.given_s;
     return part.given && (!over || (time >= over[0] && time < over[1]));
+  }
+
+  // Whether it is at a time where its original is with a bone, so that a ghost of it would only flicker.
+  /** @param {Bone} bone @param {Figure} original @param {number} time */
+  covers(bone, original, time) {
+    return this.points === original.points && this.isGiven(bone, bone.a, time);
   }
 
   // Places of points `from` to `upto` at a time, between frames along a Catmull-Rom curve; held beyond the ends.

@@ -15,6 +15,7 @@ export class Labels {
     /** @type {number[]} */
     this.heights = [];
     this.spot = [0, 0];
+    this.top = 10;                                   // pixels at the top that no label reaches
   }
 
   // One label a figure: its title behind a dot of its colour, a CSS colour, and its note.
@@ -55,21 +56,21 @@ export class Labels {
       const w = view[3] * x + view[7] * y + view[11] * z + view[15];
       at[i].x = (0.5 + 0.5 * (view[0] * x + view[4] * y + view[8] * z + view[12]) / w) * width;
       at[i].y = (0.5 - 0.5 * (view[1] * x + view[5] * y + view[9] * z + view[13]) / w) * height;
-      at[i].seen = w > 0 && f.shows(state.time);
+      at[i].seen = w > 0 && f.named && f.shows(state.time);
     });
     // side by side a label has the room up to its neighbours; in steps, so that its lines don't break anew all the time
     all.forEach((label, i) => {
       let apart = 340;
-      for (let j = 0; j < at.length; j++) if (j !== i) apart = Math.min(apart, Math.abs(at[j].x - at[i].x) + 340 * this.close(i, j));
+      for (let j = 0; j < at.length; j++) if (j !== i && at[j].seen) apart = Math.min(apart, Math.abs(at[j].x - at[i].x) + 340 * this.close(i, j));
       label.style.maxWidth = `${clamp(16 * Math.floor((apart - 8) / 16), 64, 336)}px`;
     });
     for (let i = 0; i < all.length; i++) this.heights[i] = all[i].offsetHeight + 3;
     all.forEach((label, i) => {
       // on one spot the labels stand above each other, the last on top; none leaves the window by its top
       let below = 0, above = 0;
-      for (let j = 0; j < i; j++) below += this.heights[j] * this.close(i, j);
-      for (let j = i + 1; j < all.length; j++) above += this.heights[j] * this.close(i, j);
-      const bottom = Math.max(at[i].y - below, 10 + this.heights[i] + above);
+      for (let j = 0; j < i; j++) if (at[j].seen) below += this.heights[j] * this.close(i, j);
+      for (let j = i + 1; j < all.length; j++) if (at[j].seen) above += this.heights[j] * this.close(i, j);
+      const bottom = Math.max(at[i].y - below, this.top + this.heights[i] + above);
       label.style.display = at[i].seen ? '' : 'none';
       label.style.transform = `translate(${at[i].x.toFixed(1)}px, ${bottom.toFixed(1)}px) translate(-50%, -100%)`;
     });

@@ -160,7 +160,9 @@ export class Stage {
       const time = whole * i / 120;
       settle(time);
       const [cx, cz] = follow ? this.centre(time, at) : middle;
+      const nobody = !figures.some(f => f.shows(time));
       for (const f of figures) {
+        if (!nobody && !f.shows(time)) continue;
         f.places(time, f.now);
         for (let k = 0; k < f.now.length; k += 3) {
           room.wide = Math.max(room.wide, Math.abs(f.now[k] + f.shift[0] - cx));

@@ -109,8 +109,8 @@ function pressed(e) {
   const writes = target.matches('input:not([type=checkbox]), textarea, select'), isGlobal = name.startsWith('Ctrl+');
   // fields keep their own keys, undo too
   if (writes && name !== 'Ctrl+Enter' && name !== 'Escape') return;
-  // a button is pressed by these itself
-  if ((name === 'Enter' || name === 'Space') && target.matches('button, a, summary, [role=button]')) return;
+  // a button is pressed by these itself; on a variation, space plays all the same
+  if ((name === 'Enter' || name === 'Space') && target.matches('button, a, summary, [role=button]') && !(name === 'Space' && target.matches('.choose'))) return;
   if (writes && name === 'Escape') { target.blur(); return; }
   if (!isGlobal && target.closest('[role=menu]')) return;
   e.preventDefault();

@@ -2,6 +2,8 @@
 
 /** @typedef {import('./dancer.js').Dancer} Dancer */
 
+// Who goes far leaves no more room beside than this, in heights: ways may cross.
+const MOST_ROOM = 1.25;
 // Moments at which the room of each is looked at.
 const MOMENTS = 240;
 
@@ -22,7 +24,10 @@ export function arrange(dancers, whole) {
   for (let n = 1; n < dancers.length; n++) {
     let overlap = -Infinity;
     for (let m = 0; m < MOMENTS; m++) overlap = Math.max(overlap, widths[n - 1][2 * m + 1] - widths[n][2 * m]);
-    shifts.push(shifts[n - 1] + overlap + 0.12 * Math.max(dancers[n].height, dancers[n - 1].height));
+    const height = Math.max(dancers[n].height, dancers[n - 1].height), room = shifts[n - 1] + overlap + 0.12 * height;
+    // where each is on the average, with its shift
+    const apart = mean(widths[n], 0.5) + room - mean(widths[n - 1], 0.5) - shifts[n - 1];
+    shifts.push(together ? room : room - Math.max(0, apart - MOST_ROOM * height));
   }
   const middle = (shifts[0] + mean(widths[0], 0) + shifts[shifts.length - 1] + mean(widths[widths.length - 1], 1)) / 2;
   const start = new Float32Array(3);
@@ -50,9 +55,9 @@ function widthsOf(dancer, whole) {
   return widths;
 }
 
-/** @param {Float32Array} widths @param {number} side */
+/** @param {Float32Array} widths @param {number} side 0: left, 1: right, 0.5: the middle */
 function mean(widths, side) {
   let sum = 0;
-  for (let m = 0; m < MOMENTS; m++) sum += widths[2 * m + side];
+  for (let m = 0; m < MOMENTS; m++) sum += widths[2 * m] + side * (widths[2 * m + 1] - widths[2 * m]);
   return sum / MOMENTS;
 }

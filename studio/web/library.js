@@ -7,7 +7,7 @@ import { find, h, icon, iconButton } from './dom.js';
 import { draggable } from './drag.js';
 import { chosen, send, uploads } from './drop.js';
 import { load } from './figures.js';
-import { capital, clock } from './format.js';
+import { between, capital, clock } from './format.js';
 import { addLabel } from './labels-lane.js';
 import { Small } from './small.js';
 import { stage } from './stage-view.js';
@@ -51,7 +51,7 @@ function matchCard(match) {
     h('span', { class: 'picture' }, small.canvas),
     h('span', { class: 'about' },
       h('button', { type: 'button', class: 'name', onclick: watch }, nameOf(match.clip)),
-      h('small', null, `${clock(match.from_s)} to ${clock(match.to_s)} · alike ${Math.round(100 * Math.max(0, match.score))} %`)));
+      h('small', null, `${between(match.from_s, match.to_s)} · ${Math.round(100 * Math.max(0, match.score))} % alike`)));
   draggable(card, () => ({ kind: 'part', id: match.clip, from: match.from_s, to: match.to_s }));
   return { card, small };
 }
@@ -69,7 +69,7 @@ function showFound() {
   const none = found.busy ? 'Looking …' : 'Nothing in the library is like it.';
   box.replaceChildren(
     h('h3', null, 'Moves like this', iconButton('close', 'Close', forgetFound)),
-    h('p', { class: 'quiet' }, `${nameOf(found.of.id)}, ${clock(found.of.from)} to ${clock(found.of.to)}`),
+    h('p', { class: 'quiet' }, `${nameOf(found.of.id)}, ${between(found.of.from, found.of.to)}`),
     cards.length ? h('ul', { class: 'cards' }, ...cards.map(card => card.card)) : h('p', { class: 'quiet' }, none));
 }
 

@@ -130,22 +130,23 @@ export function ruler() {
   made = h('div', { class: 'made-bar', title: 'Orange: what is made' });
   played = h('div', { class: 'played' });
   ends = { from: end('from'), upto: end('upto') };
-  const track = h('div', {
-    class: 'track ruler', id: 'ruler', role: 'slider', tabindex: 0, 'aria-label': 'Time', 'aria-valuemin': 0, title: 'Drag to move through time',
-  }, canvas, made, played, ends.from, ends.upto);
+  const slider = h('div', {
+    class: 'scrub', id: 'scrub', role: 'slider', tabindex: 0, 'aria-label': 'Time', 'aria-valuemin': 0, 'aria-valuenow': 0, title: 'Drag to move through time',
+  }, canvas, made);
+  const track = h('div', { class: 'track ruler', id: 'ruler' }, slider, played, ends.from, ends.upto);
   const seek = (/** @type {PointerEvent} */ e) => {
     stage.seek(Math.min(stage.whole, Math.max(0, snapped(timeAt(e.clientX - canvas.getBoundingClientRect().left)))));
   };
   let was = false;
-  track.addEventListener('pointerdown', e => {
-    track.setPointerCapture(e.pointerId);
+  slider.addEventListener('pointerdown', e => {
+    slider.setPointerCapture(e.pointerId);
     was = stage.state.playing;
     stage.play(false);
     seek(e);
   });
-  track.addEventListener('pointermove', e => { if (track.hasPointerCapture(e.pointerId)) seek(e); });
-  track.addEventListener('pointerup', () => { if (was) stage.play(true); was = false; });
-  track.addEventListener('dblclick', () => playOnly(null));
+  slider.addEventListener('pointermove', e => { if (slider.hasPointerCapture(e.pointerId)) seek(e); });
+  slider.addEventListener('pointerup', () => { if (was) stage.play(true); was = false; });
+  slider.addEventListener('dblclick', () => playOnly(null));
   onAxis(() => { paint(); paintMade(); paintEnds(); });
   addEventListener('repaint', paint);
   on(['music', 'clips'], paint);
@@ -154,7 +155,7 @@ export function ruler() {
 }
 
 export function openPlayhead() {
-  const line = find('playhead'), track = find('ruler');
+  const line = find('playhead'), track = find('scrub');
   let at = -1;
   const show = (/** @type {number} */ time) => {
     const x = xOf(time);

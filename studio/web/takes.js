@@ -5,7 +5,7 @@ import { exportItems, workOn } from './card.js';
 import { TAKES, clipIdOf, focusOn, takes } from './cast.js';
 import { find, h, icon, iconButton } from './dom.js';
 import { load, loaded, loadSmall } from './figures.js';
-import { capital, counted, joints as said } from './format.js';
+import { capital, counted, joints } from './format.js';
 import { takeOver } from './make-form.js';
 import { menu } from './menu.js';
 import { Small } from './small.js';
@@ -79,10 +79,10 @@ export function cancel() {
 export function title(job) {
   const { make } = job, of = make.clip ? nameOf(make.clip) : '';
   if (job.kind === 'free') return 'A new dance';
-  if (job.kind === 'given') return `${of}: ${said(make.joints ?? 'root,torso')} given`;
+  if (job.kind === 'given') return `${of}: ${joints(make.joints ?? 'root,torso')} given`;
   if (job.kind === 'loop') return `A loop of ${of}`;
   if (job.kind === 'timeline') return 'The timeline';
-  const free = (make.free ?? []).map(span => said(span.split('@')[0])).join(' and ');
+  const free = (make.free ?? []).map(span => joints(span.split('@')[0])).join(' and ');
   return `Another ${free} for ${of}`;
 }
 
@@ -129,15 +129,17 @@ function card(job, { id, n }) {
   }
   const state = !dance ? (job.state === 'cancelled' ? 'cancelled' : 'being made') : dance.kept ? 'kept' : '';
   const score = dance?.score === undefined ? null : h('span', { class: 'score', title: dance.verdict ?? 'The score: 0 is as good as real dances' }, `score ${dance.score.toFixed(1)}`);
-  const versus = iconButton('loop', `Compare ${name} with another (V)`, e => { e.stopPropagation(); compare(id); }, { class: 'icon-button versus', 'aria-pressed': ui.versus.includes(id) });
+  const versus = iconButton('loop', `vs: compare ${name} with another (V)`, e => { e.stopPropagation(); compare(id); }, { class: 'icon-button versus', 'aria-pressed': ui.versus.includes(id) });
   versus.replaceChildren('vs');
   const out = dance?.kept ? iconButton('save', `Export ${name}`, e => { e.stopPropagation(); menu(out, exportItems(dance)); }, { 'aria-haspopup': 'menu' }) : h('span');
-  const box = h('div', {
-    class: `take${chosen ? ' chosen' : ''}${dance?.kept ? ' kept' : ''}`, role: 'option', tabindex: chosen || (!ui.focus && n === 0) ? 0 : -1,
-    'aria-selected': chosen, 'aria-label': `${name}${state ? `, ${state}` : ''}${dance?.score === undefined ? '' : `, score ${dance.score.toFixed(1)}`}`,
-    'data-id': id, style: { '--own': `var(${paint})` },
+  const said = `${n + 1}: ${name}${state ? `, ${state}` : ''}${dance?.score === undefined ? '' : `, score ${dance.score.toFixed(1)}`}`;
+  const box = h('div', { class: `take${chosen ? ' chosen' : ''}${dance?.kept ? ' kept' : ''}`, role: 'group', 'aria-label': name, 'data-id': id, style: { '--own': `var(${paint})` } },
+  h('button', {
+    type: 'button', class: 'choose', 'aria-pressed': chosen, 'aria-label': said, title: `Choose ${name} (${n + 1}); once more: it alone`,
     onclick: () => focusOn(id, ui.focus === id && !ui.solo),
-  }, small.canvas, h('span', { class: 'number' }, n + 1), score,
+    // Enter keeps the one that is chosen
+    onkeydown: (/** @type {KeyboardEvent} */ e) => { if (e.key === 'Enter' && chosen) { e.preventDefault(); keep(id); } },
+  }, small.canvas, h('span', { class: 'number', 'aria-hidden': 'true' }, n + 1), score),
   h('span', { class: 'foot' }, h('small', null, state),
     dance && !dance.kept && job.dances.length > 1 && versus,
     dance && !dance.kept && iconButton('close', `Reject ${name} (X)`, e => { e.stopPropagation(); reject(id); }),
@@ -181,12 +183,12 @@ function draw() {
     failed?.state === 'failed' && (!job || failed.started > job.started) ? h('p', { class: 'failed', role: 'alert' }, icon('warn'), failed.text ?? 'It could not be made.') : null,
     job ? head(job) : h('p', { class: 'quiet' }, 'What you make appears here, frame by frame.'),
     job && running ? progress(job) : null,
-    job ? h('div', { id: 'grid', role: 'listbox', 'aria-label': 'Variations', 'data-count': all.length }, ...all.map(take => card(job, take))) : null,
+    job ? h('div', { id: 'grid', role: 'group', 'aria-label': 'Variations', 'data-count': all.length }, ...all.map(take => card(job, take))) : null,
     rejected ? h('p', { class: 'quiet' }, `${counted(rejected, 'variation')} rejected. Undo brings the last one back.`) : null,
     note(job),
   ].filter(part => part !== null));
   focusWanted = false;
-  if (hadFocus) /** @type {HTMLElement | null} */ (box.querySelector('.take.chosen') ?? box.querySelector('.take'))?.focus();
+  if (hadFocus) /** @type {HTMLElement | null} */ (box.querySelector('.take.chosen .choose') ?? box.querySelector('.choose'))?.focus();
 }
 
 // Figures that came since.
@@ -208,11 +210,12 @@ export function openTakes() {
   onFrame(time => { for (const small of smalls.values()) small.at = time; });
   on(['cast', 'jobs', 'dances', 'frames'], draw);
   box.addEventListener('keydown', e => {
-    if (!(e.target instanceof Element) || !e.target.closest('#grid')) return;
+    if (!(e.target instanceof Element) || !e.target.closest('.choose')) return;
     const columns = takes().length > 1 ? 2 : 1, by = { ArrowLeft: -1, ArrowRight: 1, ArrowUp: -columns, ArrowDown: columns }[e.key];
     if (by === undefined) return;
     e.preventDefault();
     e.stopPropagation();
+    focusWanted = true;
     chooseNext(by);
   });
   draw();

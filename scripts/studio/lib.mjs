@@ -24,16 +24,23 @@ export async function launch() {
     console.error('SKIPPED: no chromium on the PATH');
     return null;
   }
-  return chromium.launch({ executablePath, args: ['--no-sandbox', '--disable-quic', '--autoplay-policy=no-user-gesture-required', ...DRAWING] });
+  return chromium.launch({
+    executablePath,
+    args: ['--no-sandbox', '--disable-quic', '--autoplay-policy=no-user-gesture-required', ...DRAWING],
+  });
 }
 
 /** A studio of a project in a new folder, or in that of an earlier one. */
 export async function studio({ folder, files = [], args = [] } = {}) {
   const at = folder ?? mkdtempSync(join(tmpdir(), 'kinelm-studio-'));
   const extra = process.env.STUDIO_ASSETS ? ['--assets', process.env.STUDIO_ASSETS] : [];
-  const child = spawn(KINELM, ['studio', join(at, 'project'), ...files, '--no-open', ...extra, ...args], { stdio: ['ignore', 'pipe', 'pipe'] });
+  const child = spawn(KINELM, ['studio', join(at, 'project'), ...files, '--no-open', ...extra, ...args], {
+    stdio: ['ignore', 'pipe', 'pipe'],
+  });
   let said = '';
-  child.stderr.on('data', data => { said += data; });
+  child.stderr.on('data', data => {
+    said += data;
+  });
   const file = await new Promise((done, fail) => {
     let text = '';
     child.stdout.on('data', data => {
@@ -46,21 +53,35 @@ export async function studio({ folder, files = [], args = [] } = {}) {
   });
   const ended = new Promise(done => child.on('exit', done));
   return {
-    file, folder: at, project: join(at, 'project'),
-    async stop() { child.kill('SIGINT'); await ended; },
-    async end() { child.kill('SIGINT'); await ended; rmSync(at, { recursive: true, force: true }); },
+    file,
+    folder: at,
+    project: join(at, 'project'),
+    async stop() {
+      child.kill('SIGINT');
+      await ended;
+    },
+    async end() {
+      child.kill('SIGINT');
+      await ended;
+      rmSync(at, { recursive: true, force: true });
+    },
   };
 }
 
 /** The studio's page, loaded; what it complains of is collected in `page.complaints`. */
 export async function open(browser, { file }, { width = 1280, height = 800, dark = false, still = false } = {}) {
   const context = await browser.newContext({
-    viewport: { width, height }, colorScheme: dark ? 'dark' : 'light', reducedMotion: still ? 'reduce' : 'no-preference', acceptDownloads: true,
+    viewport: { width, height },
+    colorScheme: dark ? 'dark' : 'light',
+    reducedMotion: still ? 'reduce' : 'no-preference',
+    acceptDownloads: true,
   });
   const page = await context.newPage();
   page.complaints = [];
   page.on('pageerror', error => page.complaints.push(String(error.stack ?? error)));
-  page.on('console', message => { if (message.type() === 'error') page.complaints.push(`${message.text()} ${message.location().url}`); });
+  page.on('console', message => {
+    if (message.type() === 'error') page.complaints.push(`${message.text()} ${message.location().url}`);
+  });
   await page.goto(`file://${file}`);
   await page.waitForURL(/^http:/, { timeout: 30e3 });
   await page.waitForFunction(() => window.studio?.store.ready, null, { timeout: 60e3 });
@@ -69,8 +90,12 @@ export async function open(browser, { file }, { width = 1280, height = 800, dark
 
 /** Waits until no job runs. */
 export async function idle(page, timeout = 600e3) {
-  await page.waitForFunction(() => {
-    const { jobs } = window.studio.store.state;
-    return jobs.length > 0 && jobs.every(job => !['running', 'waiting'].includes(job.state));
-  }, null, { timeout });
+  await page.waitForFunction(
+    () => {
+      const { jobs } = window.studio.store.state;
+      return jobs.length > 0 && jobs.every(job => !['running', 'waiting'].includes(job.state));
+    },
+    null,
+    { timeout },
+  );
 }

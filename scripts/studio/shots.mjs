@@ -16,16 +16,28 @@ mkdirSync(out, { recursive: true });
 const browser = await launch();
 if (!browser) process.exit(0);
 const folder = mkdtempSync(join(tmpdir(), 'kinelm-shots-'));
-const salsa = dance(folder, 'salsa 03.bvh', 12, 4), other = dance(folder, 'salsa 11.bvh', 9, 8);
-const hops = hopping(other, join(folder, 'jump.bvh')), song = join(folder, 'song.wav');
+const salsa = dance(folder, 'salsa 03.bvh', 12, 4),
+  other = dance(folder, 'salsa 11.bvh', 9, 8);
+const hops = hopping(other, join(folder, 'jump.bvh')),
+  song = join(folder, 'song.wav');
 writeFileSync(song, beat(20));
 
 /** Music of clicks at 120 beats a minute: 16-bit mono at 22,050 Hz. */
 function beat(seconds) {
-  const rate = 22050, bytes = Buffer.alloc(44 + 2 * rate * seconds);
-  bytes.write('RIFF', 0); bytes.writeUInt32LE(bytes.length - 8, 4); bytes.write('WAVEfmt ', 8); bytes.writeUInt32LE(16, 16);
-  bytes.writeUInt16LE(1, 20); bytes.writeUInt16LE(1, 22); bytes.writeUInt32LE(rate, 24); bytes.writeUInt32LE(2 * rate, 28);
-  bytes.writeUInt16LE(2, 32); bytes.writeUInt16LE(16, 34); bytes.write('data', 36); bytes.writeUInt32LE(2 * rate * seconds, 40);
+  const rate = 22050,
+    bytes = Buffer.alloc(44 + 2 * rate * seconds);
+  bytes.write('RIFF', 0);
+  bytes.writeUInt32LE(bytes.length - 8, 4);
+  bytes.write('WAVEfmt ', 8);
+  bytes.writeUInt32LE(16, 16);
+  bytes.writeUInt16LE(1, 20);
+  bytes.writeUInt16LE(1, 22);
+  bytes.writeUInt32LE(rate, 24);
+  bytes.writeUInt32LE(2 * rate, 28);
+  bytes.writeUInt16LE(2, 32);
+  bytes.writeUInt16LE(16, 34);
+  bytes.write('data', 36);
+  bytes.writeUInt32LE(2 * rate * seconds, 40);
   for (let i = 0; i < rate * seconds; i++) {
     const t = (i % (rate / 2)) / rate;
     bytes.writeInt16LE(Math.round(9000 * Math.exp(-t * 30) * Math.sin(2 * Math.PI * 180 * t)), 44 + 2 * i);
@@ -42,7 +54,11 @@ const shot = async name => {
   await page.screenshot({ path });
   console.log(path);
 };
-const at = time => page.evaluate(time => { window.studio.stage.play(false); window.studio.stage.seek(time); }, time);
+const at = time =>
+  page.evaluate(time => {
+    window.studio.stage.play(false);
+    window.studio.stage.seek(time);
+  }, time);
 const select = name => page.locator(`[data-keep="pick ${name}"]`).click();
 const time = async (row, from, to, release = true) => {
   const box = await page.locator(`[data-row="${row}"]`).boundingBox();
@@ -56,7 +72,11 @@ const time = async (row, from, to, release = true) => {
 const key = name => page.keyboard.press(name);
 const upload = async paths => page.locator('input[type=file]').first().setInputFiles(paths);
 const menuOf = async (card, item) => {
-  await page.locator('.card', { hasText: card }).first().getByRole('button', { name: /More for/ }).click();
+  await page
+    .locator('.card', { hasText: card })
+    .first()
+    .getByRole('button', { name: /More for/ })
+    .click();
   await page.getByRole('menuitem', { name: item }).click();
 };
 
@@ -84,14 +104,27 @@ try {
 
   await upload([salsa, other, hops, song]);
   await page.locator('.card', { hasText: 'jump' }).locator('.fix').first().waitFor({ timeout: 300e3 });
-  await page.waitForFunction(() => window.studio.store.state.clips.length === 4 && window.studio.store.state.clips.every(clip => clip.state !== 'reading'), null, { timeout: 300e3 });
+  await page.waitForFunction(
+    () =>
+      window.studio.store.state.clips.length === 4 &&
+      window.studio.store.state.clips.every(clip => clip.state !== 'reading'),
+    null,
+    { timeout: 300e3 },
+  );
   await page.locator('.card', { hasText: 'jump' }).scrollIntoViewIfNeeded();
   await shot('library-doubts');
   await page.locator('.card', { hasText: 'jump' }).locator('.fix', { hasText: 'fps' }).click();
-  await page.locator('.card', { hasText: 'jump' }).locator('.fix', { hasText: 'fps' }).waitFor({ state: 'detached', timeout: 300e3 });
+  await page
+    .locator('.card', { hasText: 'jump' })
+    .locator('.fix', { hasText: 'fps' })
+    .waitFor({ state: 'detached', timeout: 300e3 });
   await menuOf('salsa 03', /Work on this/);
   await page.waitForFunction(() => window.studio.store.timeline.rows.length === 7);
-  await page.locator('.card', { hasText: 'salsa 03' }).first().getByRole('button', { name: /More for/ }).click();
+  await page
+    .locator('.card', { hasText: 'salsa 03' })
+    .first()
+    .getByRole('button', { name: /More for/ })
+    .click();
   await shot('card-menu');
   await key('Escape');
   await at(2.2);
@@ -101,11 +134,19 @@ try {
   await time('left_arm', 3, 6, false);
   await shot('painting');
   await page.mouse.up();
-  await page.waitForFunction(() => window.studio.store.timeline.rows.some(row => row.spans.some(span => span.state === 'generated')));
+  await page.waitForFunction(() =>
+    window.studio.store.timeline.rows.some(row => row.spans.some(span => span.state === 'generated')),
+  );
   await at(4.5);
   await shot('painted');
   await page.locator('#make-now').click();
-  await page.waitForFunction(() => window.studio.stage.figures.length > 0 && window.studio.stage.figures.every(one => one.loaded.live), null, { timeout: 120e3 }).catch(() => {});
+  await page
+    .waitForFunction(
+      () => window.studio.stage.figures.length > 0 && window.studio.stage.figures.every(one => one.loaded.live),
+      null,
+      { timeout: 120e3 },
+    )
+    .catch(() => {});
   await shot('being-made');
   await idle(page);
   await page.waitForTimeout(1500);
@@ -126,9 +167,16 @@ try {
 
   // a timeline with everything on it
   await key('a');
-  await page.locator('.card', { hasText: 'salsa 11' }).first().dragTo(page.locator('#clips-lane'), { targetPosition: { x: 0.98 * (await page.locator('#clips-lane').boundingBox()).width, y: 12 } });
+  await page
+    .locator('.card', { hasText: 'salsa 11' })
+    .first()
+    .dragTo(page.locator('#clips-lane'), {
+      targetPosition: { x: 0.98 * (await page.locator('#clips-lane').boundingBox()).width, y: 12 },
+    });
   await page.waitForFunction(() => window.studio.store.timeline.segments.filter(segment => segment.clip).length > 3);
-  await page.locator('.card', { hasText: 'song' }).dragTo(page.locator('#clips-lane'), { targetPosition: { x: 4, y: 12 } });
+  await page
+    .locator('.card', { hasText: 'song' })
+    .dragTo(page.locator('#clips-lane'), { targetPosition: { x: 4, y: 12 } });
   await page.locator('.music-block').waitFor();
   const rows = page.locator('#rows');
   await rows.evaluate(box => box.parentElement.scrollTo(0, 0));
@@ -149,7 +197,8 @@ try {
   await page.locator('[data-keep="pick right_arm"]').click();
   await key('Escape');
 
-  const strip = page.locator('.card', { hasText: 'salsa 03' }).first().locator('.brush'), box = await strip.boundingBox();
+  const strip = page.locator('.card', { hasText: 'salsa 03' }).first().locator('.brush'),
+    box = await strip.boundingBox();
   await page.mouse.move(box.x + 0.3 * box.width, box.y + 6);
   await page.mouse.down();
   await page.mouse.move(box.x + 0.4 * box.width, box.y + 6, { steps: 4 });

@@ -8,12 +8,13 @@ import { basename, join } from 'node:path';
 import { dance, hopping } from './clips.mjs';
 import { idle, launch, open, studio } from './lib.mjs';
 
-const PATIENCE = 600e3;                              // programs without optimisation take their time
+const PATIENCE = 600e3; // programs without optimisation take their time
 
 const browser = await launch();
 if (!browser) process.exit(0);
 const folder = mkdtempSync(join(tmpdir(), 'kinelm-test-'));
-const mine = dance(folder, 'mine.bvh', 6), hops = hopping(mine, join(folder, 'hops.bvh'));
+const mine = dance(folder, 'mine.bvh', 6),
+  hops = hopping(mine, join(folder, 'hops.bvh'));
 const own = await studio();
 let page = await open(browser, own);
 const steps = [];
@@ -32,7 +33,8 @@ async function drop(paths, onto = 'body') {
     for (const { name, text } of files) transfer.items.add(new File([text], name));
     return transfer;
   }, files);
-  for (const type of ['dragenter', 'dragover', 'drop']) await page.dispatchEvent(onto, type, { dataTransfer: transfer });
+  for (const type of ['dragenter', 'dragover', 'drop'])
+    await page.dispatchEvent(onto, type, { dataTransfer: transfer });
 }
 
 const card = name => page.locator('.card', { has: page.locator('.name', { hasText: name }) });
@@ -41,8 +43,10 @@ const state = what => page.evaluate(what);
 
 /** Drags over rows of the timeline, from a time to a time. */
 async function paint(name, from, to) {
-  const box = await row(name).boundingBox(), scale = await page.evaluate(() => document.querySelector('#lanes').style.getPropertyValue('--pps'));
-  const x = time => box.x + time * parseFloat(scale), y = box.y + box.height / 2;
+  const box = await row(name).boundingBox(),
+    scale = await page.evaluate(() => document.querySelector('#lanes').style.getPropertyValue('--pps'));
+  const x = time => box.x + time * parseFloat(scale),
+    y = box.y + box.height / 2;
   await page.mouse.move(x(from), y);
   await page.mouse.down();
   await page.mouse.move(x((from + to) / 2), y, { steps: 4 });
@@ -65,23 +69,41 @@ try {
     assert.match(await card('hops').innerText(), /gravity/);
     await fix.click();
     await fix.waitFor({ state: 'detached', timeout: PATIENCE });
-    await card('hops').locator('small', { hasText: /\b(24|25|30) fps/ }).waitFor({ timeout: PATIENCE });
+    await card('hops')
+      .locator('small', { hasText: /\b(24|25|30) fps/ })
+      .waitFor({ timeout: PATIENCE });
   });
 
   await step('a clip becomes the timeline', async () => {
     await drop([mine], '#stage');
     await card('mine').locator('.brush').waitFor({ timeout: PATIENCE });
-    await card('mine').getByRole('button', { name: /More for/ }).click();
+    await card('mine')
+      .getByRole('button', { name: /More for/ })
+      .click();
     await page.getByRole('menuitem', { name: /Work on this/ }).click();
-    await page.waitForFunction(() => window.studio.store.timeline.segments.length === 1 && window.studio.store.timeline.rows.length === 7);
-    assert.ok(await state(() => window.studio.store.timeline.rows.every(row => row.spans.every(span => span.state === 'given'))));
+    await page.waitForFunction(
+      () => window.studio.store.timeline.segments.length === 1 && window.studio.store.timeline.rows.length === 7,
+    );
+    assert.ok(
+      await state(() =>
+        window.studio.store.timeline.rows.every(row => row.spans.every(span => span.state === 'given')),
+      ),
+    );
   });
 
   await step('an arm is painted free', async () => {
     await page.getByRole('button', { name: 'Make anew' }).first().click();
     await paint('left_arm', 2, 4);
-    await page.waitForFunction(() => window.studio.store.timeline.rows.find(row => row.group === 'left_arm').spans.some(span => span.state === 'generated'));
-    const span = await state(() => window.studio.store.timeline.rows.find(row => row.group === 'left_arm').spans.find(span => span.state === 'generated'));
+    await page.waitForFunction(() =>
+      window.studio.store.timeline.rows
+        .find(row => row.group === 'left_arm')
+        .spans.some(span => span.state === 'generated'),
+    );
+    const span = await state(() =>
+      window.studio.store.timeline.rows
+        .find(row => row.group === 'left_arm')
+        .spans.find(span => span.state === 'generated'),
+    );
     assert.ok(Math.abs(span.from - 2) < 0.15 && Math.abs(span.to - 4) < 0.15, JSON.stringify(span));
     assert.equal(await page.locator('#make-kind').inputValue(), 'timeline');
   });
@@ -132,12 +154,18 @@ try {
     await page.waitForFunction(() => window.studio.stage.figures.length === 1 && !window.studio.stage.state.playing);
     await page.waitForTimeout(400);
     const at = await state(() => {
-      const { stage } = window.studio, [one] = stage.figures, point = one.joints.findIndex(joint => joint?.group === 'spine');
-      const view = stage.seen.view, bone = one.bones.find(bone => bone.a === point), canvas = document.querySelector('#stage');
-      const p = [0, 1, 2].map(i => (one.now[3 * bone.a + i] + one.now[3 * bone.b + i]) / 2 + (i === 1 ? 0 : one.shift[i / 2]));
+      const { stage } = window.studio,
+        [one] = stage.figures,
+        point = one.joints.findIndex(joint => joint?.group === 'spine');
+      const view = stage.seen.view,
+        bone = one.bones.find(bone => bone.a === point),
+        canvas = document.querySelector('#stage');
+      const p = [0, 1, 2].map(
+        i => (one.now[3 * bone.a + i] + one.now[3 * bone.b + i]) / 2 + (i === 1 ? 0 : one.shift[i / 2]),
+      );
       const on = i => view[i] * p[0] + view[4 + i] * p[1] + view[8 + i] * p[2] + view[12 + i];
       const box = canvas.getBoundingClientRect();
-      return [box.x + (0.5 + 0.5 * on(0) / on(3)) * box.width, box.y + (0.5 - 0.5 * on(1) / on(3)) * box.height];
+      return [box.x + (0.5 + (0.5 * on(0)) / on(3)) * box.width, box.y + (0.5 - (0.5 * on(1)) / on(3)) * box.height];
     });
     await page.mouse.click(...at);
     await page.waitForFunction(() => window.studio.ui.joints.size === 1);
@@ -160,23 +188,39 @@ try {
   });
 
   await step('it is exported as a BVH, a GLB and an npz', async () => {
-    for (const [name, first] of [['BVH', 'HIERARCHY'], ['GLB', 'glTF'], ['npz', 'PK']]) {
+    for (const [name, first] of [
+      ['BVH', 'HIERARCHY'],
+      ['GLB', 'glTF'],
+      ['npz', 'PK'],
+    ]) {
       await page.locator('[aria-label="Kept dances"] .export').last().click();
-      const [download] = await Promise.all([page.waitForEvent('download'), page.getByRole('menuitem', { name: `Export ${name}` }).click()]);
+      const [download] = await Promise.all([
+        page.waitForEvent('download'),
+        page.getByRole('menuitem', { name: `Export ${name}` }).click(),
+      ]);
       const bytes = readFileSync(await download.path());
-      assert.ok(bytes.subarray(0, first.length).toString() === first && bytes.length > 5000, `${name}: ${bytes.length} bytes`);
+      assert.ok(
+        bytes.subarray(0, first.length).toString() === first && bytes.length > 5000,
+        `${name}: ${bytes.length} bytes`,
+      );
     }
   });
 
   await step('a film of the stage is saved', async () => {
-    await state(() => { Object.assign(window.studio.stage.state, { from: 0, upto: 1 }); });
-    const [download] = await Promise.all([page.waitForEvent('download', { timeout: PATIENCE }), page.locator('#film').click()]);
+    await state(() => {
+      Object.assign(window.studio.stage.state, { from: 0, upto: 1 });
+    });
+    const [download] = await Promise.all([
+      page.waitForEvent('download', { timeout: PATIENCE }),
+      page.locator('#film').click(),
+    ]);
     assert.match(download.suggestedFilename(), /\.webm$/);
     assert.ok(readFileSync(await download.path()).length > 2000);
   });
 
   await step('what else moves like two seconds of a clip is found', async () => {
-    const strip = card('mine').locator('.brush').first(), box = await strip.boundingBox();
+    const strip = card('mine').locator('.brush').first(),
+      box = await strip.boundingBox();
     await page.mouse.move(box.x + 0.4 * box.width, box.y + 6);
     await page.mouse.down();
     await page.mouse.move(box.x + 0.5 * box.width, box.y + 6, { steps: 3 });
@@ -186,12 +230,18 @@ try {
   });
 
   await step('after a reload all is there', async () => {
-    const before = await state(() => ({ text: window.studio.store.timeline.text, kept: window.studio.store.state.dances.filter(dance => dance.kept).map(dance => dance.name) }));
+    const before = await state(() => ({
+      text: window.studio.store.timeline.text,
+      kept: window.studio.store.state.dances.filter(dance => dance.kept).map(dance => dance.name),
+    }));
     await page.reload();
     await page.waitForFunction(() => window.studio?.store.ready && window.studio.store.timeline.rows.length === 7);
-    const after = await state(() => ({ text: window.studio.store.timeline.text, kept: window.studio.store.state.dances.filter(dance => dance.kept).map(dance => dance.name) }));
+    const after = await state(() => ({
+      text: window.studio.store.timeline.text,
+      kept: window.studio.store.state.dances.filter(dance => dance.kept).map(dance => dance.name),
+    }));
     assert.deepEqual(after, before);
-    assert.ok(after.kept.length === 2 && await state(() => window.studio.store.state.undo.undo > 3));
+    assert.ok(after.kept.length === 2 && (await state(() => window.studio.store.state.undo.undo > 3)));
   });
 
   await step('and after the program was started again', async () => {

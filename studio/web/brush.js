@@ -17,7 +17,9 @@ export const found = {
 };
 
 /** @param {() => void} does */
-export const onFound = does => { listeners.push(does); };
+export const onFound = does => {
+  listeners.push(does);
+};
 const told = () => listeners.forEach(does => does());
 
 export function forgetFound() {
@@ -37,14 +39,25 @@ async function look(id, from, to) {
 
 /** @param {string} id @param {string} name @param {number} seconds @param {(time: number | null) => void} at what is under the pointer */
 export function strip(id, name, seconds, at) {
-  const long = Math.min(store.state.search_s, seconds), mark = h('i'), box = h('div', {
-    class: 'brush', role: 'slider', tabindex: 0, 'aria-label': `${name}: brush ${long.toFixed(0)} seconds to find what else moves like this`,
-    'aria-valuemin': 0, 'aria-valuemax': Math.max(0, seconds - long).toFixed(1), title: `Brush ${long.toFixed(0)} seconds: what else moves like this?`,
-  }, mark);
+  const long = Math.min(store.state.search_s, seconds),
+    mark = h('i'),
+    box = h(
+      'div',
+      {
+        class: 'brush',
+        role: 'slider',
+        tabindex: 0,
+        'aria-label': `${name}: brush ${long.toFixed(0)} seconds to find what else moves like this`,
+        'aria-valuemin': 0,
+        'aria-valuemax': Math.max(0, seconds - long).toFixed(1),
+        title: `Brush ${long.toFixed(0)} seconds: what else moves like this?`,
+      },
+      mark,
+    );
   let from = 0;
   const show = () => {
-    mark.style.left = `${100 * from / seconds}%`;
-    mark.style.width = `${100 * long / seconds}%`;
+    mark.style.left = `${(100 * from) / seconds}%`;
+    mark.style.width = `${(100 * long) / seconds}%`;
     box.setAttribute('aria-valuenow', from.toFixed(1));
     box.setAttribute('aria-valuetext', `${clock(from)} to ${clock(from + long)}`);
   };
@@ -54,13 +67,16 @@ export function strip(id, name, seconds, at) {
     show();
     at(from + long / 2);
   };
-  const timeOf = (/** @type {PointerEvent} */ e) => (e.clientX - box.getBoundingClientRect().left) / box.clientWidth * seconds - long / 2;
+  const timeOf = (/** @type {PointerEvent} */ e) =>
+    ((e.clientX - box.getBoundingClientRect().left) / box.clientWidth) * seconds - long / 2;
   box.addEventListener('pointerdown', e => {
     box.setPointerCapture(e.pointerId);
     box.classList.add('brushing');
     set(timeOf(e));
   });
-  box.addEventListener('pointermove', e => { if (box.hasPointerCapture(e.pointerId)) set(timeOf(e)); });
+  box.addEventListener('pointermove', e => {
+    if (box.hasPointerCapture(e.pointerId)) set(timeOf(e));
+  });
   box.addEventListener('pointerup', () => {
     box.classList.remove('brushing');
     at(null);
@@ -69,8 +85,10 @@ export function strip(id, name, seconds, at) {
   box.addEventListener('keydown', e => {
     const by = { ArrowLeft: -0.25, ArrowRight: 0.25 }[e.key];
     if (by !== undefined) set(from + by);
-    else if (e.key === 'Enter') { at(null); look(id, from, from + long); }
-    else return;
+    else if (e.key === 'Enter') {
+      at(null);
+      look(id, from, from + long);
+    } else return;
     e.preventDefault();
     e.stopPropagation();
   });

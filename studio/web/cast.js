@@ -7,7 +7,8 @@ import { clipOf, currentSet, danceOf, nameOf, store, tell, ui } from './store.js
 /** @typedef {import('./types.js').Segment} Segment */
 
 // Colours for dances side by side, and for the clips of a timeline.
-export const TAKES = 8, CLIPS = 6;
+export const TAKES = 8,
+  CLIPS = 6;
 
 /** @type {Map<string, Dancer>} */
 let known = new Map();
@@ -41,7 +42,12 @@ export function focusOn(id, solo = false) {
 function ask(id, complete) {
   const there = loaded(id);
   if ((!there || there.live) && complete && !failed.has(id)) {
-    load(id).then(() => tell('cast', 'frames'), () => { failed.add(id); });
+    load(id).then(
+      () => tell('cast', 'frames'),
+      () => {
+        failed.add(id);
+      },
+    );
   }
   return there;
 }
@@ -50,8 +56,14 @@ function ask(id, complete) {
 export function cast() {
   const before = known;
   known = new Map();
-  const mode = ui.mode === 'clip' && (clipOf(ui.clip) || danceOf(ui.clip)) ? 'clip'
-    : ui.mode === 'timeline' && store.timeline.segments.some(segment => segment.clip) ? 'timeline' : currentSet() ? 'takes' : 'timeline';
+  const mode =
+    ui.mode === 'clip' && (clipOf(ui.clip) || danceOf(ui.clip))
+      ? 'clip'
+      : ui.mode === 'timeline' && store.timeline.segments.some(segment => segment.clip)
+        ? 'timeline'
+        : currentSet()
+          ? 'takes'
+          : 'timeline';
   /** @template {Dancer} D @param {string} key @param {import('./figures.js').Loaded} there @param {() => D} make @returns {D} */
   const kept = (key, there, make) => {
     const old = /** @type {D | undefined} */ (before.get(key));
@@ -88,7 +100,8 @@ export function takes() {
 }
 
 export function staged() {
-  const all = takes(), versus = all.filter(({ id }) => ui.versus.includes(id));
+  const all = takes(),
+    versus = all.filter(({ id }) => ui.versus.includes(id));
   if (versus.length > 1) return versus;
   const alone = ui.solo ? all.filter(({ id }) => id === ui.focus) : [];
   return alone.length ? alone : all;
@@ -100,14 +113,16 @@ function ofSet(kept) {
   if (!job) return [];
   const dancers = [];
   for (const { id, n } of staged()) {
-    const dance = danceOf(id), there = ask(id, dance !== undefined);
+    const dance = danceOf(id),
+      there = ask(id, dance !== undefined);
     if (!there) continue;
     const dancer = kept(`take ${id}`, there, () => {
-      const made = madeBy(job.make), one = new Dancer(id, there, '', '');
+      const made = madeBy(job.make),
+        one = new Dancer(id, there, '', '');
       if (made && !one.made) one.marks(made);
       return one;
     });
-    dancer.title = job.dances.length > 1 ? String(n + 1) : dance?.name ?? 'A new dance';
+    dancer.title = job.dances.length > 1 ? String(n + 1) : (dance?.name ?? 'A new dance');
     dancer.note = dance?.kept ? 'kept' : '';
     dancer.paint = `--take-${n % TAKES}`;
     if (job.kind === 'free') dancer.made = null;
@@ -118,7 +133,8 @@ function ofSet(kept) {
     dancers.push(dancer);
   }
   // until the first frame comes one sees what they are made from
-  const source = job.make.clip ?? null, there = dancers.length === 0 && source ? ask(source, true) : null;
+  const source = job.make.clip ?? null,
+    there = dancers.length === 0 && source ? ask(source, true) : null;
   if (source && there) {
     const dancer = kept(`clip ${source}`, there, () => new Dancer(source, there, '', ''));
     dancer.title = nameOf(source);
@@ -135,33 +151,44 @@ function originalOf(source, kept, placed = false) {
   if (!source || !there) return null;
   const segment = placed ? store.timeline.segments.find(segment => clipIdOf(segment) === source) : undefined;
   const key = `ghost ${source} ${segment ? segment.from - segment.at : ''}`;
-  const ghost = kept(key, there, () => (segment ? new Part(source, there, '', wholeOf(segment)) : new Dancer(source, there, '', '')));
+  const ghost = kept(key, there, () =>
+    segment ? new Part(source, there, '', wholeOf(segment)) : new Dancer(source, there, '', ''),
+  );
   ghost.paint = '--ghost';
   return ghost;
 }
 
 /** @param {Segment} segment @returns {Segment} the whole clip where a segment has a part of it */
-const wholeOf = segment => ({ ...segment, from: segment.from - segment.at, to: segment.from - segment.at + 3600, at: 0, joints: null, given: undefined });
+const wholeOf = segment => ({
+  ...segment,
+  from: segment.from - segment.at,
+  to: segment.from - segment.at + 3600,
+  at: 0,
+  joints: null,
+  given: undefined,
+});
 
 /** @param {Segment} segment */
-export const clipIdOf = segment => (segment.clip ? store.timeline.clips[segment.clip]?.clip ?? null : null);
+export const clipIdOf = segment => (segment.clip ? (store.timeline.clips[segment.clip]?.clip ?? null) : null);
 
 // What a segment's clip is called in the library.
 /** @param {Segment} segment */
 export function nameIn(segment) {
   const id = clipIdOf(segment);
-  return id ? nameOf(id) : segment.clip ?? '';
+  return id ? nameOf(id) : (segment.clip ?? '');
 }
 
 // The colour of a clip of the timeline.
 /** @param {string | null} name */
-export const clipPaint = name => `--figure-${Math.max(0, Object.keys(store.timeline.clips).indexOf(name ?? '')) % CLIPS}`;
+export const clipPaint = name =>
+  `--figure-${Math.max(0, Object.keys(store.timeline.clips).indexOf(name ?? '')) % CLIPS}`;
 
 /** @param {Keep} kept */
 function ofTimeline(kept) {
   const parts = [];
   for (const segment of store.timeline.segments) {
-    const id = clipIdOf(segment), there = id ? ask(id, true) : null;
+    const id = clipIdOf(segment),
+      there = id ? ask(id, true) : null;
     if (!id || !there) continue;
     const part = kept(`part ${JSON.stringify(segment)}`, there, () => new Part(id, there, '', segment));
     part.title = nameOf(id);
@@ -169,7 +196,8 @@ function ofTimeline(kept) {
     part.original = part.isWhole ? null : originalOf(id, kept, true);
     part.world = 1;
     // one name for the parts of one body
-    part.named = part.isWhole || !parts.some(other => other.id === id && other.from < part.upto && other.upto > part.from);
+    part.named =
+      part.isWhole || !parts.some(other => other.id === id && other.from < part.upto && other.upto > part.from);
     parts.push(part);
   }
   return parts;

@@ -7,7 +7,14 @@ import { store } from './store.js';
 /** @typedef {import('./figures.js').Loaded} Loaded */
 
 // Joints by SMPL id, and those that they hang on.
-const ENDS = [[22, 20], [23, 21], [10, 7], [11, 8], [15, 12], [6, 3]];
+const ENDS = [
+  [22, 20],
+  [23, 21],
+  [10, 7],
+  [11, 8],
+  [15, 12],
+  [6, 3],
+];
 
 export class Dancer extends Figure {
   /** @param {string} id of the clip or dance @param {Loaded} loaded @param {string} title @param {string} note */
@@ -18,7 +25,7 @@ export class Dancer extends Figure {
     this.joints = loaded.head.joints ?? [];
     this.top = loaded.top;
     this.isPart = false;
-    this.paint = '--figure-0';                       // the name of its colour
+    this.paint = '--figure-0'; // the name of its colour
     /** @type {number[][][] | null} (points) when each joint is made; null: as a whole, throughout */
     this.made = null;
     const contacts = loaded.head.contacts;
@@ -43,7 +50,7 @@ export class Dancer extends Figure {
   }
 
   highest() {
-    return 0;                                        // the worker that decoded it has looked
+    return 0; // the worker that decoded it has looked
   }
 
   /** @param {import('./figure.js').Bone | import('./figure.js').Ball} _part @param {number} joint @param {number} time */
@@ -71,7 +78,9 @@ export class Dancer extends Figure {
   withEnds(made) {
     for (const [end, before] of ENDS) {
       const from = this.joints.findIndex(joint => joint?.smpl === before);
-      this.joints.forEach((joint, point) => { if (joint?.smpl === end && !made[point].length && from >= 0) made[point] = made[from]; });
+      this.joints.forEach((joint, point) => {
+        if (joint?.smpl === end && !made[point].length && from >= 0) made[point] = made[from];
+      });
     }
     return made;
   }
@@ -83,6 +92,8 @@ export class Part extends Dancer {
   constructor(id, loaded, title, segment) {
     super(id, loaded, title, '');
     this.isPart = true;
+    /** @type {number[][][] | null} */
+    this.made = null; // in the timeline it is given, however it was made
     const [from, to] = segment.given ?? [segment.from, segment.to];
     this.from = from;
     this.upto = to;
@@ -115,9 +126,12 @@ export class Part extends Dancer {
   /** @param {number} time @param {Float32Array} out @param {number} [from] @param {number} [upto] */
   places(time, out, from = 0, upto = this.points) {
     super.places(Math.min(Math.max(time, this.from), this.upto) + this.offset, out, from, upto);
-    const c = Math.cos(this.turn), s = Math.sin(this.turn), [mx, mz] = this.move;
+    const c = Math.cos(this.turn),
+      s = Math.sin(this.turn),
+      [mx, mz] = this.move;
     for (let i = 0; i < (upto - from) * 3; i += 3) {
-      const x = out[i], z = out[i + 2];
+      const x = out[i],
+        z = out[i + 2];
       out[i] = c * x + s * z + mx;
       out[i + 2] = c * z - s * x + mz;
     }
@@ -134,9 +148,13 @@ export function madeBy(make) {
     return [{ joints: [...all].filter(id => !given.has(id)), from: 0, to: Infinity }];
   }
   if (make.kind === 'timeline') {
-    return store.timeline.rows.flatMap(row => row.joints.flatMap(joint => joint.spans
-      .filter(span => span.state === 'generated')
-      .map(({ from, to }) => ({ joints: idsOf(joint.name), from, to }))));
+    return store.timeline.rows.flatMap(row =>
+      row.joints.flatMap(joint =>
+        joint.spans
+          .filter(span => span.state === 'generated')
+          .map(({ from, to }) => ({ joints: idsOf(joint.name), from, to })),
+      ),
+    );
   }
   return null;
 }

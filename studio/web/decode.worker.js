@@ -5,7 +5,8 @@ import { decoded } from './figure.js';
 addEventListener('message', async event => {
   const { id, url } = event.data;
   try {
-    const response = await fetch(url), head = await response.json();
+    const response = await fetch(url),
+      head = await response.json();
     if (!response.ok) throw new Error(head?.error?.text ?? `the studio answered ${response.status}`);
     const numbers = decoded(head.data);
     head.data = '';

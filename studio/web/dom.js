@@ -51,7 +51,8 @@ const ICONS = {
   upload: 'M12 16V5M7.5 9.5L12 5l4.5 4.5M5 19h14',
   save: 'M12 5v11M7.5 11.5L12 16l4.5-4.5M5 19h14',
   select: 'M6 4l12 8-5.2 1.2L10 19z',
-  brush: 'M19 4.5c-4 2-8 6-9.5 9.5l1.5 1.5c3.500-1.500 7.500-5.500 9.500-9.500zM8.500 14.500c-2.500 0-3 2-3 3.500 0 1-1 1.500-1.500 1.500 3 1.500 7 .5 7-3z',
+  brush:
+    'M19 4.5c-4 2-8 6-9.5 9.5l1.5 1.5c3.500-1.500 7.500-5.500 9.500-9.500zM8.500 14.500c-2.500 0-3 2-3 3.500 0 1-1 1.500-1.500 1.500 3 1.500 7 .5 7-3z',
   pin: 'M12 21v-6M8 4h8l-1 5 3 4H6l3-4z',
   diamond: 'M12 5l6 7-6 7-6-7z',
   cut: 'M6 8.500a2.500 2.500 0 1 0 0-5 2.500 2.500 0 0 0 0 5zM6 20.500a2.500 2.500 0 1 0 0-5 2.500 2.500 0 0 0 0 5zM8 7.500L19 18M8 16.500L19 6',
@@ -84,5 +85,9 @@ export function icon(name) {
  * @param {Record<string, any>} [props]
  */
 export function iconButton(name, label, click, props) {
-  return h('button', { type: 'button', class: 'icon-button', title: label, 'aria-label': label, onclick: click, ...props }, icon(name));
+  return h(
+    'button',
+    { type: 'button', class: 'icon-button', title: label, 'aria-label': label, onclick: click, ...props },
+    icon(name),
+  );
 }

@@ -14,7 +14,9 @@ export const whatIsDragged = () => dragged;
 export function draggable(element, what, not) {
   let from = /** @type {EventTarget | null} */ (null);
   element.draggable = true;
-  element.addEventListener('pointerdown', e => { from = e.target; });
+  element.addEventListener('pointerdown', e => {
+    from = e.target;
+  });
   element.addEventListener('dragstart', e => {
     if (not && from instanceof Element && from.closest(not)) {
       e.preventDefault();

@@ -5,18 +5,21 @@ import { clipIdOf } from './cast.js';
 import { simplest } from './groups.js';
 import { danceShown } from './rows.js';
 import { selectedJoints, stage } from './stage-view.js';
-import { clipOf, danceOf, motionClips, store, tell, ui } from './store.js';
+import { clipOf, danceOf, motionClips, nameOf, store, tell, ui } from './store.js';
 import { frameTime, snapped } from './timeline-view.js';
 import { toast } from './toast.js';
 
-const POSE_S = 0.1;                                  // a key pose: two frames of a model at 20 a second
+const POSE_S = 0.1; // a key pose: two frames of a model at 20 a second
 
 // The segment that has a clip at a time, or the nearest.
 /** @param {string | null} clip an id; null: any @param {number} time */
 function nearest(clip, time) {
   const all = store.timeline.segments.filter(segment => segment.clip && (!clip || clipIdOf(segment) === clip));
   const away = (/** @type {import('./types.js').Segment} */ s) => Math.max(0, s.from - time, time - s.to);
-  return all.reduce((/** @type {import('./types.js').Segment | null} */ best, s) => (best && away(best) <= away(s) ? best : s), null);
+  return all.reduce(
+    (/** @type {import('./types.js').Segment | null} */ best, s) => (best && away(best) <= away(s) ? best : s),
+    null,
+  );
 }
 
 // The clip that joints are given from: the chosen one, else the one that is nearest.
@@ -24,7 +27,7 @@ function nearest(clip, time) {
 export function giver(time) {
   if (ui.giver && (clipOf(ui.giver) || danceOf(ui.giver))) return ui.giver;
   const segment = nearest(null, time);
-  return segment ? clipIdOf(segment) : motionClips()[0]?.id ?? null;
+  return segment ? clipIdOf(segment) : (motionClips()[0]?.id ?? null);
 }
 
 // With an empty timeline, the dance on show begins one: it is kept for that.
@@ -42,19 +45,23 @@ export async function free(joints, from, to) {
     return;
   }
   if (await change(...first, { op: 'free', joints, from, to })) shown();
+  if (first.length) toast(`${nameOf(first[0].id)} is kept, and the timeline begins with it.`);
 }
 
 /** @param {string} joints @param {number} from @param {number} to */
 export async function give(joints, from, to) {
-  const clip = giver(from), first = begun();
+  const clip = giver(from),
+    first = begun();
   if (!clip || first?.length !== 0) {
     toast('There is nothing to give yet: drop a clip on the timeline first.');
     return;
   }
-  const segment = nearest(clip, from), offset = segment ? segment.at - segment.from : -from;
+  const segment = nearest(clip, from),
+    offset = segment ? segment.at - segment.from : -from;
   const seconds = (clipOf(clip) ?? danceOf(clip))?.seconds ?? Infinity;
   // what the clip has of this time
-  const begin = Math.max(from, -offset), end = Math.min(to, seconds - offset);
+  const begin = Math.max(from, -offset),
+    end = Math.min(to, seconds - offset);
   if (end - begin < 0.5 * frameTime()) {
     toast('The clip has nothing at this time.');
     return;
@@ -69,7 +76,13 @@ function shown() {
 
 // What is selected, or the time at the playhead.
 function chosenTime() {
-  return ui.range ?? /** @type {[number, number]} */ ([stage.state.time, Math.min(stage.state.time + 2, Math.max(stage.whole, store.timeline.seconds))]);
+  return (
+    ui.range ??
+    /** @type {[number, number]} */ ([
+      stage.state.time,
+      Math.min(stage.state.time + 2, Math.max(stage.whole, store.timeline.seconds)),
+    ])
+  );
 }
 
 export const freeSelected = () => free(simplest(selectedJoints().split(',')).join(','), ...chosenTime());
@@ -82,8 +95,12 @@ export function keyPose() {
 
 /** @param {'from' | 'to'} side */
 export function markRange(side) {
-  const { time } = stage.state, [from, to] = ui.range ?? [0, Math.max(stage.whole, store.timeline.seconds)];
-  ui.range = side === 'from' ? [time, Math.max(to, time + frameTime())] : [Math.min(from, Math.max(0, time - frameTime())), time];
+  const { time } = stage.state,
+    [from, to] = ui.range ?? [0, Math.max(stage.whole, store.timeline.seconds)];
+  ui.range =
+    side === 'from'
+      ? [time, Math.max(to, time + frameTime())]
+      : [Math.min(from, Math.max(0, time - frameTime())), time];
   tell('selection');
 }
 
@@ -96,8 +113,10 @@ export function clearSelection() {
 export const chosenSegment = () => store.timeline.segments.find(segment => segment.index === ui.segment);
 
 export async function cut() {
-  const { time } = stage.state, inside = (/** @type {import('./types.js').Segment} */ s) => time > s.from && time < s.to;
-  const own = chosenSegment(), segment = own && inside(own) ? own : store.timeline.segments.find(inside);
+  const { time } = stage.state,
+    inside = (/** @type {import('./types.js').Segment} */ s) => time > s.from && time < s.to;
+  const own = chosenSegment(),
+    segment = own && inside(own) ? own : store.timeline.segments.find(inside);
   if (segment) await change({ op: 'split', index: segment.index, at: snapped(time) });
   else toast('There is nothing to cut at the playhead.');
 }
@@ -115,7 +134,9 @@ export async function removeSegment() {
 export function moveSegment(index, to) {
   const segment = store.timeline.segments.find(segment => segment.index === index);
   if (!segment) return;
-  const keys = /** @type {('from' | 'to' | 'at')[]} */ (['from', 'to', 'at']).filter(key => Math.abs(segment[key] - to[key]) > 1e-6);
+  const keys = /** @type {('from' | 'to' | 'at')[]} */ (['from', 'to', 'at']).filter(
+    key => Math.abs(segment[key] - to[key]) > 1e-6,
+  );
   const tidy = (/** @type {number} */ s) => Number(s.toFixed(4));
   // a time that grows sets its end first, so that no step is empty
   if (to.from > segment.from) keys.sort((a, b) => Number(b === 'to') - Number(a === 'to'));
@@ -125,7 +146,7 @@ export function moveSegment(index, to) {
 // Something that was dragged from the library lands on the timeline.
 /** @param {import('./drag.js').Dragged} what @param {number} time @param {string | null} row the joints of the row, if it fell on one */
 export async function landed(what, time, row) {
-  const seconds = 'id' in what ? (clipOf(what.id) ?? danceOf(what.id))?.seconds ?? 0 : 0;
+  const seconds = 'id' in what ? ((clipOf(what.id) ?? danceOf(what.id))?.seconds ?? 0) : 0;
   if (what.kind === 'clip' && !row) await putAt(what.id, seconds, time);
   else if (what.kind === 'clip' && row) {
     const first = begun();
@@ -135,7 +156,14 @@ export async function landed(what, time, row) {
     const long = Math.min(seconds, store.timeline.seconds ? store.timeline.seconds - begin : seconds);
     if (long > 0) await change({ op: 'give', clip: what.id, joints: row, from: begin, to: begin + long, at: 0 });
   } else if (what.kind === 'part') {
-    await change({ op: 'give', clip: what.id, joints: row ?? 'all', from: time, to: time + what.to - what.from, at: what.from });
+    await change({
+      op: 'give',
+      clip: what.id,
+      joints: row ?? 'all',
+      from: time,
+      to: time + what.to - what.from,
+      at: what.from,
+    });
   }
   if (what.kind === 'clip' || what.kind === 'part') Object.assign(ui, { mode: 'timeline' });
   tell('cast');

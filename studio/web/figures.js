@@ -10,7 +10,8 @@ import { decoded } from './figure.js';
  */
 
 // Numbers of whole figures that are kept, bytes; small ones take some 20 KB each.
-const MOST_BYTES = 256 << 20, MOST_SMALL = 400;
+const MOST_BYTES = 256 << 20,
+  MOST_SMALL = 400;
 const SMALL = { fps: 15, seconds: 6 };
 
 /** @type {Map<string, { loading: Promise<Loaded>, loaded: Loaded | null }>} */
@@ -37,7 +38,8 @@ function decode(url) {
       else one?.done({ head, numbers, frames: head.frames, top, live: false });
     };
   }
-  const id = ++last, at = worker;
+  const id = ++last,
+    at = worker;
   return new Promise((done, fail) => {
     waiting.set(id, { done, fail });
     at.postMessage({ id, url });
@@ -55,11 +57,16 @@ export function load(id) {
   }
   const one = { loading: decode(`/api/clips/${id}/figure`), loaded: /** @type {Loaded | null} */ (null) };
   whole.set(id, one);
-  one.loading.then(loaded => {
-    one.loaded = loaded;
-    live.delete(id);
-    makeRoom();
-  }, () => { if (whole.get(id) === one) whole.delete(id); });
+  one.loading.then(
+    loaded => {
+      one.loaded = loaded;
+      live.delete(id);
+      makeRoom();
+    },
+    () => {
+      if (whole.get(id) === one) whole.delete(id);
+    },
+  );
   return one.loading;
 }
 
@@ -104,8 +111,9 @@ export function streamed({ dance, from, figure_head: head, data }) {
     figure = { head, numbers: new Uint16Array(0), frames: 0, top: head.low[1], live: true };
     live.set(dance, figure);
   }
-  if (!figure) return;                               // its beginning was missed; the dance itself will come
-  const size = figure.head.points * 3, begin = from * size;
+  if (!figure) return; // its beginning was missed; the dance itself will come
+  const size = figure.head.points * 3,
+    begin = from * size;
   if (begin + numbers.length > figure.numbers.length) {
     const room = new Uint16Array(Math.max(2 * figure.numbers.length, begin + numbers.length, 256 * size));
     room.set(figure.numbers);

@@ -7,7 +7,8 @@ export function clock(s) {
 }
 
 /** @param {number} from @param {number} to */
-export const between = (from, to) => (to < 60 ? `${from.toFixed(1)} to ${to.toFixed(1)} s` : `${clock(from)} to ${clock(to)}`);
+export const between = (from, to) =>
+  to < 60 ? `${from.toFixed(1)} to ${to.toFixed(1)} s` : `${clock(from)} to ${clock(to)}`;
 
 /** @param {number} s */
 export function length(s) {
@@ -28,8 +29,12 @@ const JOINTS = { 15: 'skull', root: 'hips and path', all: 'whole body' };
 // A list of joints as one says it: `left_arm,root` is `left arm and hips and path`.
 /** @param {string} list */
 export function joints(list) {
-  const names = list.split(',').map(name => name.trim()).filter(Boolean).map(name => JOINTS[name] ?? name.replaceAll('_', ' '));
-  return names.length > 1 ? `${names.slice(0, -1).join(', ')} and ${names[names.length - 1]}` : names[0] ?? '';
+  const names = list
+    .split(',')
+    .map(name => name.trim())
+    .filter(Boolean)
+    .map(name => JOINTS[name] ?? name.replaceAll('_', ' '));
+  return names.length > 1 ? `${names.slice(0, -1).join(', ')} and ${names[names.length - 1]}` : (names[0] ?? '');
 }
 
 /** @param {string} word */

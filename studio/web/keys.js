@@ -14,12 +14,14 @@ import { mute, playOrPause, speedBy, step, toggle } from './transport.js';
 
 /** @param {'undo' | 'redo'} which */
 export async function undo(which) {
-  const { undo, redo, undo_name, redo_name } = store.state.undo, name = which === 'undo' ? undo_name : redo_name;
+  const { undo, redo, undo_name, redo_name } = store.state.undo,
+    name = which === 'undo' ? undo_name : redo_name;
   if (!(which === 'undo' ? undo : redo)) {
     toast(which === 'undo' ? 'There is nothing to undo.' : 'There is nothing to redo.');
     return;
   }
-  if (await attempt(() => post(`/api/${which}`)) !== undefined && name) toast(`${which === 'undo' ? 'Undone' : 'Done again'}: ${name}.`);
+  if ((await attempt(() => post(`/api/${which}`))) !== undefined && name)
+    toast(`${which === 'undo' ? 'Undone' : 'Done again'}: ${name}.`);
 }
 
 // Escape leaves what is nearest: a job, a comparison, one alone, a selection.
@@ -35,58 +37,77 @@ function leave() {
 
 /** @type {[string, Key[]][]} */
 const SHEET = [
-  ['Playing', [
-    ['Space', 'play or pause', playOrPause],
-    ['ArrowLeft', 'a frame back', () => step(-1)],
-    ['ArrowRight', 'a frame on', () => step(1)],
-    ['Shift+ArrowLeft', 'a second back', () => stage.seek(stage.state.time - 1)],
-    ['Shift+ArrowRight', 'a second on', () => stage.seek(stage.state.time + 1)],
-    ['Home', 'to the beginning', () => stage.seek(stage.begin)],
-    ['End', 'to the end', () => stage.seek(stage.end)],
-    ['[', 'slower', () => speedBy(-1)],
-    [']', 'faster', () => speedBy(1)],
-    ['L', 'loop', () => toggle('loop')],
-    ['M', 'sound', mute],
-  ]],
-  ['The stage', [
-    ['O', 'overlay', () => toggle('overlay')],
-    ['G', 'ghost of the original', () => toggle('ghost')],
-    ['T', 'trails', () => toggle('trails')],
-    ['N', 'contacts with the floor', () => toggle('contacts')],
-    ['P', 'in place', () => toggle('inPlace')],
-    ['C', 'the camera follows', () => toggle('follow')],
-    ['F', 'the camera as it was', () => stage.resetView()],
-  ]],
-  ['Choosing', [
-    ['1', 'variation 1 to 8; once more: it alone', () => choose(1)],
-    ['Enter', 'keep the chosen one', () => keep(ui.focus)],
-    ['X', 'reject it, or cut the timeline', () => (ui.focus && ui.mode === 'takes' && ui.segment === null ? reject(ui.focus) : cut())],
-    ['V', 'compare it with another', () => compare(ui.focus)],
-    [',', 'the set before', () => goBack(-1)],
-    ['.', 'the set after', () => goBack(1)],
-    ['J', 'the next variation', () => chooseNext(1)],
-    ['Shift+J', 'the variation before', () => chooseNext(-1)],
-  ]],
-  ['The timeline', [
-    ['A', 'select', () => setTool('select')],
-    ['R', 'paint: make anew', () => setTool('free')],
-    ['E', 'paint: give', () => setTool('give')],
-    ['I', 'the selection begins here', () => markRange('from')],
-    ['U', 'the selection ends here', () => markRange('to')],
-    ['Shift+R', 'make the selection anew', freeSelected],
-    ['Shift+E', 'give the selection', giveSelected],
-    ['K', 'key pose at the playhead', keyPose],
-    ['Delete', 'remove the selected block', removeSegment],
-    ['Q', 'snap', toggleSnap],
-    ['Shift+L', 'loop the selected time', () => playOnly(ui.range ?? null)],
-  ]],
-  ['All', [
-    ['Ctrl+Enter', 'make', makeNow],
-    ['Escape', 'cancel; leave the selection', leave],
-    ['Ctrl+Z', 'undo', () => undo('undo')],
-    ['Ctrl+Shift+Z', 'redo', () => undo('redo')],
-    ['?', 'this sheet', () => help()],
-  ]],
+  [
+    'Playing',
+    [
+      ['Space', 'play or pause', playOrPause],
+      ['ArrowLeft', 'a frame back', () => step(-1)],
+      ['ArrowRight', 'a frame on', () => step(1)],
+      ['Shift+ArrowLeft', 'a second back', () => stage.seek(stage.state.time - 1)],
+      ['Shift+ArrowRight', 'a second on', () => stage.seek(stage.state.time + 1)],
+      ['Home', 'to the beginning', () => stage.seek(stage.begin)],
+      ['End', 'to the end', () => stage.seek(stage.end)],
+      ['[', 'slower', () => speedBy(-1)],
+      [']', 'faster', () => speedBy(1)],
+      ['L', 'loop', () => toggle('loop')],
+      ['M', 'sound', mute],
+    ],
+  ],
+  [
+    'The stage',
+    [
+      ['O', 'overlay', () => toggle('overlay')],
+      ['G', 'ghost of the original', () => toggle('ghost')],
+      ['T', 'trails', () => toggle('trails')],
+      ['N', 'contacts with the floor', () => toggle('contacts')],
+      ['P', 'in place', () => toggle('inPlace')],
+      ['C', 'the camera follows', () => toggle('follow')],
+      ['F', 'the camera as it was', () => stage.resetView()],
+    ],
+  ],
+  [
+    'Choosing',
+    [
+      ['1', 'variation 1 to 8; once more: it alone', () => choose(1)],
+      ['Enter', 'keep the chosen one', () => keep(ui.focus)],
+      [
+        'X',
+        'reject it, or cut the timeline',
+        () => (ui.focus && ui.mode === 'takes' && ui.segment === null ? reject(ui.focus) : cut()),
+      ],
+      ['V', 'compare it with another', () => compare(ui.focus)],
+      [',', 'the set before', () => goBack(-1)],
+      ['.', 'the set after', () => goBack(1)],
+      ['J', 'the next variation', () => chooseNext(1)],
+      ['Shift+J', 'the variation before', () => chooseNext(-1)],
+    ],
+  ],
+  [
+    'The timeline',
+    [
+      ['A', 'select', () => setTool('select')],
+      ['R', 'paint: make anew', () => setTool('free')],
+      ['E', 'paint: give', () => setTool('give')],
+      ['I', 'the selection begins here', () => markRange('from')],
+      ['U', 'the selection ends here', () => markRange('to')],
+      ['Shift+R', 'make the selection anew', freeSelected],
+      ['Shift+E', 'give the selection', giveSelected],
+      ['K', 'key pose at the playhead', keyPose],
+      ['Delete', 'remove the selected block', removeSegment],
+      ['Q', 'snap', toggleSnap],
+      ['Shift+L', 'loop the selected time', () => playOnly(ui.range ?? null)],
+    ],
+  ],
+  [
+    'All',
+    [
+      ['Ctrl+Enter', 'make', makeNow],
+      ['Escape', 'cancel; leave the selection', leave],
+      ['Ctrl+Z', 'undo', () => undo('undo')],
+      ['Ctrl+Shift+Z', 'redo', () => undo('redo')],
+      ['?', 'this sheet', () => help()],
+    ],
+  ],
 ];
 
 /** @type {Map<string, (e: KeyboardEvent) => unknown>} */
@@ -104,14 +125,25 @@ function nameOf(e) {
 
 /** @param {KeyboardEvent} e */
 function pressed(e) {
-  const name = nameOf(e), act = acts.get(name), target = e.target instanceof HTMLElement ? e.target : document.body;
+  const name = nameOf(e),
+    act = acts.get(name),
+    target = e.target instanceof HTMLElement ? e.target : document.body;
   if (!act || e.defaultPrevented || document.querySelector('dialog[open]')) return;
-  const writes = target.matches('input:not([type=checkbox]), textarea, select'), isGlobal = name.startsWith('Ctrl+');
+  const writes = target.matches('input:not([type=checkbox]), textarea, select'),
+    isGlobal = name.startsWith('Ctrl+');
   // fields keep their own keys, undo too
   if (writes && name !== 'Ctrl+Enter' && name !== 'Escape') return;
   // a button is pressed by these itself; on a variation, space plays all the same
-  if ((name === 'Enter' || name === 'Space') && target.matches('button, a, summary, [role=button]') && !(name === 'Space' && target.matches('.choose'))) return;
-  if (writes && name === 'Escape') { target.blur(); return; }
+  if (
+    (name === 'Enter' || name === 'Space') &&
+    target.matches('button, a, summary, [role=button]') &&
+    !(name === 'Space' && target.matches('.choose'))
+  )
+    return;
+  if (writes && name === 'Escape') {
+    target.blur();
+    return;
+  }
   if (!isGlobal && target.closest('[role=menu]')) return;
   e.preventDefault();
   act(e);
@@ -122,13 +154,37 @@ const SHOWN = { ArrowLeft: '←', ArrowRight: '→', Escape: 'Esc', 1: '1 … 8'
 
 export function help() {
   const keys = (/** @type {string} */ name) => name.split('+').map(part => h('kbd', null, SHOWN[part] ?? part));
-  const dialog = h('dialog', { class: 'sheet', 'aria-label': 'Keys' },
-    h('header', null, h('h2', null, 'Keys'), iconButton('close', 'Close', () => dialog.close())),
-    h('div', { class: 'columns' }, ...SHEET.map(([title, all]) => h('section', null, h('h3', null, title),
-      h('dl', null, ...all.flatMap(([name, does]) => [h('dt', null, ...keys(name)), h('dd', null, does)]))))),
-    h('p', { class: 'quiet' }, 'On the stage: drag to orbit, wheel to zoom, right drag to move. Press a limb to select it, with Shift more of them, with Ctrl one joint.'));
+  const dialog = h(
+    'dialog',
+    { class: 'sheet', 'aria-label': 'Keys' },
+    h(
+      'header',
+      null,
+      h('h2', null, 'Keys'),
+      iconButton('close', 'Close', () => dialog.close()),
+    ),
+    h(
+      'div',
+      { class: 'columns' },
+      ...SHEET.map(([title, all]) =>
+        h(
+          'section',
+          null,
+          h('h3', null, title),
+          h('dl', null, ...all.flatMap(([name, does]) => [h('dt', null, ...keys(name)), h('dd', null, does)])),
+        ),
+      ),
+    ),
+    h(
+      'p',
+      { class: 'quiet' },
+      'On the stage: drag to orbit, wheel to zoom, right drag to move. Press a limb to select it, with Shift more of them, with Ctrl one joint.',
+    ),
+  );
   dialog.addEventListener('close', () => dialog.remove());
-  dialog.addEventListener('click', e => { if (e.target === dialog) dialog.close(); });
+  dialog.addEventListener('click', e => {
+    if (e.target === dialog) dialog.close();
+  });
   document.body.append(dialog);
   dialog.showModal();
 }
@@ -136,4 +192,3 @@ export function help() {
 export function openKeys() {
   document.addEventListener('keydown', pressed);
 }
-

@@ -24,7 +24,8 @@ export function arrange(dancers, whole) {
   for (let n = 1; n < dancers.length; n++) {
     let overlap = -Infinity;
     for (let m = 0; m < MOMENTS; m++) overlap = Math.max(overlap, widths[n - 1][2 * m + 1] - widths[n][2 * m]);
-    const height = Math.max(dancers[n].height, dancers[n - 1].height), room = shifts[n - 1] + overlap + 0.12 * height;
+    const height = Math.max(dancers[n].height, dancers[n - 1].height),
+      room = shifts[n - 1] + overlap + 0.12 * height;
     // where each is on the average, with its shift
     const apart = mean(widths[n], 0.5) + room - mean(widths[n - 1], 0.5) - shifts[n - 1];
     shifts.push(together ? room : room - Math.max(0, apart - MOST_ROOM * height));
@@ -43,8 +44,9 @@ export function arrange(dancers, whole) {
 function widthsOf(dancer, whole) {
   const widths = new Float32Array(2 * MOMENTS);
   for (let m = 0; m < MOMENTS; m++) {
-    dancer.places(whole * m / (MOMENTS - 1), dancer.now);
-    let low = Infinity, high = -Infinity;
+    dancer.places((whole * m) / (MOMENTS - 1), dancer.now);
+    let low = Infinity,
+      high = -Infinity;
     for (let i = 0; i < dancer.now.length; i += 3) {
       low = Math.min(low, dancer.now[i]);
       high = Math.max(high, dancer.now[i]);

@@ -59,7 +59,8 @@ let waiting = null;
 
 /** @param {MessageEvent} event @param {string} name */
 function happened(event, name) {
-  const data = JSON.parse(event.data), id = Number(event.lastEventId);
+  const data = JSON.parse(event.data),
+    id = Number(event.lastEventId);
   // what was before the state is in it, but for the frames of dances that aren't made yet
   if (id <= store.state.last_event && name !== 'frames') return;
   if (waiting) waiting.push({ id, name, data });
@@ -88,7 +89,10 @@ async function load() {
 // Frames that were sampled before this page came are sent again from where their job began.
 /** @param {State} state */
 function catchUp(state) {
-  const running = state.jobs.filter(isBusy).map(job => job.since).filter(since => since !== undefined);
+  const running = state.jobs
+    .filter(isBusy)
+    .map(job => job.since)
+    .filter(since => since !== undefined);
   if (!running.length) return;
   stream?.close();
   listen(Math.min(...running));

@@ -23,7 +23,8 @@ export function beats() {
 export const setMusic = (clip, from_s = 0) => attempt(() => post('/api/music', { clip, from_s }));
 
 function change() {
-  const { music } = store.state, clip = clipOf(music?.clip);
+  const { music } = store.state,
+    clip = clipOf(music?.clip);
   const key = music && clip ? `${music.clip} ${music.from_s} ${clip.beats?.length ?? 0}` : '';
   if (key === playing) return;
   playing = key;
@@ -33,10 +34,13 @@ function change() {
   }
   const button = find('sound');
   button.hidden = key === '';
-  player = music && clip ? new Player(
-    { src: `/api/clips/${music.clip}/sound`, name: clip.name, from: music.from_s, beats: clip.beats ?? [] },
-    { ticks: null, pulse: find('pulse'), button, length: Infinity },
-  ) : null;
+  player =
+    music && clip
+      ? new Player(
+          { src: `/api/clips/${music.clip}/sound`, name: clip.name, from: music.from_s, beats: clip.beats ?? [] },
+          { ticks: null, pulse: find('pulse'), button, length: Infinity },
+        )
+      : null;
   stage.sound = player;
   stage.state.dirty = true;
 }

@@ -7,7 +7,7 @@ import { stage } from './stage-view.js';
 import { tell, ui } from './store.js';
 import { axis, frameTime, snapped, timeAt, wholeTime } from './timeline-view.js';
 
-const CLICK = 4;                                     // pixels that a click may move
+const CLICK = 4; // pixels that a click may move
 
 /** @param {HTMLElement} rows */
 export function openPaint(rows) {
@@ -17,7 +17,8 @@ export function openPaint(rows) {
   let marks = [];
   let last = { names: /** @type {string[]} */ ([]), from: 0, to: 0 };
 
-  const trackOf = (/** @type {Element | null} */ element) => /** @type {HTMLElement | null} */ (element?.closest('[data-row]') ?? null);
+  const trackOf = (/** @type {Element | null} */ element) =>
+    /** @type {HTMLElement | null} */ (element?.closest('[data-row]') ?? null);
   const at = (/** @type {PointerEvent} */ e, /** @type {HTMLElement} */ track) => {
     const x = e.clientX - track.getBoundingClientRect().left;
     return Math.min(snapped(timeAt(Math.min(Math.max(0, x), axis.width))), wholeTime());
@@ -37,11 +38,20 @@ export function openPaint(rows) {
   rows.addEventListener('pointermove', e => {
     if (!begun || !rows.hasPointerCapture(e.pointerId)) return;
     if (!marks.length && Math.abs(e.clientX - begun.x) < CLICK) return;
-    const all = /** @type {HTMLElement[]} */ ([...rows.querySelectorAll('[data-row]')]), first = all.indexOf(begun.row);
-    const under = all.findIndex(track => { const box = track.getBoundingClientRect(); return e.clientY >= box.top && e.clientY < box.bottom; });
+    const all = /** @type {HTMLElement[]} */ ([...rows.querySelectorAll('[data-row]')]),
+      first = all.indexOf(begun.row);
+    const under = all.findIndex(track => {
+      const box = track.getBoundingClientRect();
+      return e.clientY >= box.top && e.clientY < box.bottom;
+    });
     const to = under < 0 ? (e.clientY < begun.row.getBoundingClientRect().top ? 0 : all.length - 1) : under;
-    const swept = all.slice(Math.min(first, to), Math.max(first, to) + 1), time = at(e, begun.row);
-    last = { names: swept.map(track => track.dataset.row ?? ''), from: Math.min(begun.time, time), to: Math.max(begun.time, time) };
+    const swept = all.slice(Math.min(first, to), Math.max(first, to) + 1),
+      time = at(e, begun.row);
+    last = {
+      names: swept.map(track => track.dataset.row ?? ''),
+      from: Math.min(begun.time, time),
+      to: Math.max(begun.time, time),
+    };
     clear();
     marks = swept.map(track => {
       const mark = h('i', { class: `painting ${ui.tool}`, style: { '--a': last.from, '--b': last.to } });
@@ -51,7 +61,9 @@ export function openPaint(rows) {
   });
   const end = (/** @type {PointerEvent} */ e) => {
     if (!begun) return;
-    const { names, from, to } = last, { more } = begun, isClick = marks.length === 0;
+    const { names, from, to } = last,
+      { more } = begun,
+      isClick = marks.length === 0;
     begun = null;
     clear();
     if (e.type === 'pointercancel') return;

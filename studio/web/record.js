@@ -9,7 +9,9 @@ const KINDS = ['video/webm;codecs=vp9,opus', 'video/webm;codecs=vp8,opus', 'vide
 
 /** @type {MediaRecorder | null} */
 let recorder = null;
-let end = 0, wasLooping = true, lastTime = 0;
+let end = 0,
+  wasLooping = true,
+  lastTime = 0;
 
 export const isFilming = () => recorder !== null;
 
@@ -20,12 +22,14 @@ export function film(name, changed) {
     stop();
     return;
   }
-  const scene = theScene(), kind = KINDS.find(kind => window.MediaRecorder?.isTypeSupported(kind));
+  const scene = theScene(),
+    kind = KINDS.find(kind => window.MediaRecorder?.isTypeSupported(kind));
   if (!scene || !kind || !stage.figures.length) {
     toast(kind ? 'There is nobody on the stage.' : 'This browser can’t record films.', { kind: 'trouble' });
     return;
   }
-  const stream = scene.canvas.captureStream(60), audio = thePlayer()?.audio;
+  const stream = scene.canvas.captureStream(60),
+    audio = thePlayer()?.audio;
   // a browser that can give the sound of an element records it too
   const heard = /** @type {any} */ (audio)?.captureStream?.();
   for (const track of heard?.getAudioTracks() ?? []) stream.addTrack(track);
@@ -58,7 +62,8 @@ export function stop() {
 
 /** @param {Blob} blob @param {string} name */
 export function save(blob, name) {
-  const href = URL.createObjectURL(blob), link = h('a', { href, download: name });
+  const href = URL.createObjectURL(blob),
+    link = h('a', { href, download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(href), 60e3);
   toast(`${name} is in your downloads.`);

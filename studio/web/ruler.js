@@ -20,17 +20,22 @@ let ends;
 let played;
 
 function paint() {
-  const scale = Math.min(devicePixelRatio || 1, 2), width = canvas.clientWidth, height = canvas.clientHeight;
+  const scale = Math.min(devicePixelRatio || 1, 2),
+    width = canvas.clientWidth,
+    height = canvas.clientHeight;
   if (!width) return;
   Object.assign(canvas, { width: Math.round(width * scale), height: Math.round(height * scale) });
   const pen = canvas.getContext('2d');
   if (!pen) return;
-  const style = getComputedStyle(canvas), colour = (/** @type {string} */ name) => style.getPropertyValue(name);
+  const style = getComputedStyle(canvas),
+    colour = (/** @type {string} */ name) => style.getPropertyValue(name);
   pen.scale(scale, scale);
   pen.font = '11px system-ui, sans-serif';
-  const step = STEPS.find(step => step * axis.scale >= 58) ?? 600, fine = step / 5;
+  const step = STEPS.find(step => step * axis.scale >= 58) ?? 600,
+    fine = step / 5;
   for (let n = Math.floor(axis.from / fine); n * fine <= timeAt(width); n++) {
-    const isLong = n % 5 === 0, x = Math.round(xOf(n * fine)) + 0.5;
+    const isLong = n % 5 === 0,
+      x = Math.round(xOf(n * fine)) + 0.5;
     pen.strokeStyle = colour('--line');
     pen.beginPath();
     pen.moveTo(x, height - (isLong ? 12 : 6));
@@ -38,7 +43,12 @@ function paint() {
     pen.stroke();
     pen.fillStyle = colour('--quiet');
     const s = n * fine;
-    if (isLong && x < width - 26) pen.fillText(step < 1 ? clock(s) : `${Math.floor(s / 60)}:${String(Math.round(s % 60)).padStart(2, '0')}`, x + 4, height - 6);
+    if (isLong && x < width - 26)
+      pen.fillText(
+        step < 1 ? clock(s) : `${Math.floor(s / 60)}:${String(Math.round(s % 60)).padStart(2, '0')}`,
+        x + 4,
+        height - 6,
+      );
   }
   pen.strokeStyle = colour('--beat');
   for (const beat of beats()) {
@@ -54,14 +64,19 @@ function paint() {
 
 // Orange where something is made: of the dances on the stage, or of the timeline where it is shown.
 function paintMade() {
-  const spans = ui.mode === 'timeline'
-    ? store.timeline.rows.flatMap(row => row.spans.filter(span => span.state !== 'given').map(span => [span.from, span.to]))
-    : staged().flatMap(({ id }) => {
-      const dance = danceOf(id), dancer = dancersOnStage().find(d => d.id === id);
-      if (!dance) return dancer ? [[0, dancer.lasts]] : [];
-      return dance.generated_s.length ? dance.generated_s : [[0, dance.seconds]];
-    });
-  const seen = new Set(), marks = [];
+  const spans =
+    ui.mode === 'timeline'
+      ? store.timeline.rows.flatMap(row =>
+          row.spans.filter(span => span.state !== 'given').map(span => [span.from, span.to]),
+        )
+      : staged().flatMap(({ id }) => {
+          const dance = danceOf(id),
+            dancer = dancersOnStage().find(d => d.id === id);
+          if (!dance) return dancer ? [[0, dancer.lasts]] : [];
+          return dance.generated_s.length ? dance.generated_s : [[0, dance.seconds]];
+        });
+  const seen = new Set(),
+    marks = [];
   for (const [from, to] of spans) {
     if (seen.has(`${from} ${to}`)) continue;
     seen.add(`${from} ${to}`);
@@ -71,13 +86,18 @@ function paintMade() {
 }
 
 export function paintEnds() {
-  const { from, upto } = stage.state, whole = wholeTime(), end = Math.min(upto, whole);
+  const { from, upto } = stage.state,
+    whole = wholeTime(),
+    end = Math.min(upto, whole);
   played.style.setProperty('--a', String(from));
   played.style.setProperty('--b', String(end));
   played.classList.toggle('all', from <= 0 && end >= whole);
   ends.from.style.setProperty('--a', String(from));
   ends.upto.style.setProperty('--a', String(end));
-  for (const [name, at] of /** @type {['from' | 'upto', number][]} */ ([['from', from], ['upto', end]])) {
+  for (const [name, at] of /** @type {['from' | 'upto', number][]} */ ([
+    ['from', from],
+    ['upto', end],
+  ])) {
     ends[name].setAttribute('aria-valuenow', at.toFixed(2));
     ends[name].setAttribute('aria-valuemax', whole.toFixed(2));
     ends[name].setAttribute('aria-valuetext', clock(at));
@@ -86,7 +106,9 @@ export function paintEnds() {
 
 /** @param {'from' | 'upto'} name @param {number} time */
 function setEnd(name, time) {
-  const { state } = stage, whole = wholeTime(), least = 4 * frameTime();
+  const { state } = stage,
+    whole = wholeTime(),
+    least = 4 * frameTime();
   if (name === 'from') state.from = Math.max(0, Math.min(time, Math.min(state.upto, whole) - least));
   else state.upto = time >= whole - 1e-6 ? Infinity : Math.max(time, state.from + least);
   stage.hold_s = state.upto === Infinity ? 0.7 : 0;
@@ -106,13 +128,25 @@ export function playOnly(range) {
 function end(name) {
   const label = name === 'from' ? 'Loop begins' : 'Loop ends';
   const handle = h('span', {
-    class: `loop-end ${name}`, role: 'slider', tabindex: 0, 'aria-label': label, 'aria-valuemin': 0, title: `${label}: drag; double click plays all again`,
+    class: `loop-end ${name}`,
+    role: 'slider',
+    tabindex: 0,
+    'aria-label': label,
+    'aria-valuemin': 0,
+    title: `${label}: drag; double click plays all again`,
   });
-  handle.addEventListener('pointerdown', e => { handle.setPointerCapture(e.pointerId); e.stopPropagation(); });
+  handle.addEventListener('pointerdown', e => {
+    handle.setPointerCapture(e.pointerId);
+    e.stopPropagation();
+  });
   handle.addEventListener('pointermove', e => {
-    if (handle.hasPointerCapture(e.pointerId)) setEnd(name, snapped(timeAt(e.clientX - canvas.getBoundingClientRect().left)));
+    if (handle.hasPointerCapture(e.pointerId))
+      setEnd(name, snapped(timeAt(e.clientX - canvas.getBoundingClientRect().left)));
   });
-  handle.addEventListener('dblclick', e => { e.stopPropagation(); playOnly(null); });
+  handle.addEventListener('dblclick', e => {
+    e.stopPropagation();
+    playOnly(null);
+  });
   handle.addEventListener('keydown', e => {
     const by = { ArrowLeft: -1, ArrowRight: 1 }[e.key];
     if (by === undefined) return;
@@ -130,9 +164,21 @@ export function ruler() {
   made = h('div', { class: 'made-bar', title: 'Orange: what is made' });
   played = h('div', { class: 'played' });
   ends = { from: end('from'), upto: end('upto') };
-  const slider = h('div', {
-    class: 'scrub', id: 'scrub', role: 'slider', tabindex: 0, 'aria-label': 'Time', 'aria-valuemin': 0, 'aria-valuenow': 0, title: 'Drag to move through time',
-  }, canvas, made);
+  const slider = h(
+    'div',
+    {
+      class: 'scrub',
+      id: 'scrub',
+      role: 'slider',
+      tabindex: 0,
+      'aria-label': 'Time',
+      'aria-valuemin': 0,
+      'aria-valuenow': 0,
+      title: 'Drag to move through time',
+    },
+    canvas,
+    made,
+  );
   const track = h('div', { class: 'track ruler', id: 'ruler' }, slider, played, ends.from, ends.upto);
   const seek = (/** @type {PointerEvent} */ e) => {
     stage.seek(Math.min(stage.whole, Math.max(0, snapped(timeAt(e.clientX - canvas.getBoundingClientRect().left)))));
@@ -144,18 +190,31 @@ export function ruler() {
     stage.play(false);
     seek(e);
   });
-  slider.addEventListener('pointermove', e => { if (slider.hasPointerCapture(e.pointerId)) seek(e); });
-  slider.addEventListener('pointerup', () => { if (was) stage.play(true); was = false; });
+  slider.addEventListener('pointermove', e => {
+    if (slider.hasPointerCapture(e.pointerId)) seek(e);
+  });
+  slider.addEventListener('pointerup', () => {
+    if (was) stage.play(true);
+    was = false;
+  });
   slider.addEventListener('dblclick', () => playOnly(null));
-  onAxis(() => { paint(); paintMade(); paintEnds(); });
+  onAxis(() => {
+    paint();
+    paintMade();
+    paintEnds();
+  });
   addEventListener('repaint', paint);
   on(['music', 'clips'], paint);
-  on(['dances', 'cast'], () => { paintMade(); paintEnds(); });
+  on(['dances', 'cast'], () => {
+    paintMade();
+    paintEnds();
+  });
   return { head: h('span', { class: 'head' }, 'Time'), track };
 }
 
 export function openPlayhead() {
-  const line = find('playhead'), track = find('scrub');
+  const line = find('playhead'),
+    track = find('scrub');
   let at = -1;
   const show = (/** @type {number} */ time) => {
     const x = xOf(time);

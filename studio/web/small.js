@@ -2,7 +2,8 @@
 
 import { Dancer, madeBy } from './dancer.js';
 
-const STEP_S = 1 / 24, YAW = 0.42;
+const STEP_S = 1 / 24,
+  YAW = 0.42;
 const still = matchMedia('(prefers-reduced-motion: reduce)');
 
 /** @type {Set<Small>} those that can be seen */
@@ -71,7 +72,8 @@ export class Small {
     const { dancer } = this;
     if (!dancer) return;
     dancer.grow();
-    const end = Math.min(dancer.lasts, this.upto), long = Math.max(0.05, end - this.from + 0.4);
+    const end = Math.min(dancer.lasts, this.upto),
+      long = Math.max(0.05, end - this.from + 0.4);
     const time = this.at ?? (still.matches ? (this.from + end) / 2 : this.from + Math.min(now % long, end - this.from));
     if (still.matches && this.at === null && !this.dirty) return;
     this.dirty = false;
@@ -80,21 +82,31 @@ export class Small {
 
   /** @param {Dancer} dancer @param {number} time */
   draw(dancer, time) {
-    const { canvas } = this, scale = Math.min(devicePixelRatio || 1, 2);
-    const width = Math.round(canvas.clientWidth * scale), height = Math.round(canvas.clientHeight * scale);
+    const { canvas } = this,
+      scale = Math.min(devicePixelRatio || 1, 2);
+    const width = Math.round(canvas.clientWidth * scale),
+      height = Math.round(canvas.clientHeight * scale);
     if (!width || !height) return;
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const pen = canvas.getContext('2d');
     if (!pen) return;
-    const style = getComputedStyle(canvas), p = dancer.now;
-    const own = style.getPropertyValue(this.paint), body = style.getPropertyValue('--body'), back = style.getPropertyValue('--card');
+    const style = getComputedStyle(canvas),
+      p = dancer.now;
+    const own = style.getPropertyValue(this.paint),
+      body = style.getPropertyValue('--body'),
+      back = style.getPropertyValue('--card');
     dancer.places(time, p);
-    const size = 0.8 * height / (1.08 * dancer.height), c = Math.cos(YAW), s = Math.sin(YAW);
+    const size = (0.8 * height) / (1.08 * dancer.height),
+      c = Math.cos(YAW),
+      s = Math.sin(YAW);
     const cx = c * p[0] - s * p[2];
     const x = (/** @type {number} */ i) => width / 2 + size * (c * p[3 * i] - s * p[3 * i + 2] - cx);
-    const y = (/** @type {number} */ i) => 0.93 * height - size * (p[3 * i + 1] - 0.08 * (s * p[3 * i] + c * p[3 * i + 2] - s * p[0] - c * p[2]));
+    const y = (/** @type {number} */ i) =>
+      0.93 * height - size * (p[3 * i + 1] - 0.08 * (s * p[3 * i] + c * p[3 * i + 2] - s * p[0] - c * p[2]));
     const { bones } = dancer;
-    bones.forEach(({ a, b }, i) => { this.depths[i] = s * (p[3 * a] + p[3 * b]) + c * (p[3 * a + 2] + p[3 * b + 2]); });
+    bones.forEach(({ a, b }, i) => {
+      this.depths[i] = s * (p[3 * a] + p[3 * b]) + c * (p[3 * a + 2] + p[3 * b + 2]);
+    });
     this.order.sort((i, j) => this.depths[i] - this.depths[j]);
     pen.clearRect(0, 0, width, height);
     pen.fillStyle = style.getPropertyValue('--edge');
@@ -103,7 +115,8 @@ export class Small {
     pen.fill();
     pen.lineCap = 'round';
     for (const i of this.order) {
-      const { a, b, ra, rb } = bones[i], wide = size * (ra + rb);
+      const { a, b, ra, rb } = bones[i],
+        wide = size * (ra + rb);
       pen.beginPath();
       pen.moveTo(x(a), y(a));
       pen.lineTo(x(b), y(b));

@@ -38,11 +38,30 @@ export function onFrame(does) {
 
 // ---- colours ----
 /** @param {CSSStyleDeclaration} style @param {string} name */
-const rgb = (style, name) => [1, 3, 5].map(i => parseInt(style.getPropertyValue(name).trim().slice(i, i + 2), 16) / 255);
+const rgb = (style, name) =>
+  [1, 3, 5].map(
+    i =>
+      parseInt(
+        style
+          .getPropertyValue(name)
+          .trim()
+          .slice(i, i + 2),
+        16,
+      ) / 255,
+  );
 
 export function readColours() {
-  const style = getComputedStyle(document.documentElement), { colours } = stage;
-  const names = { floor: '--floor', line: '--line', ink: '--ink', given: '--body', selected: '--select', ring: '--ring', sky: '--sky' };
+  const style = getComputedStyle(document.documentElement),
+    { colours } = stage;
+  const names = {
+    floor: '--floor',
+    line: '--line',
+    ink: '--ink',
+    given: '--body',
+    selected: '--select',
+    ring: '--ring',
+    sky: '--sky',
+  };
   for (const [key, name] of Object.entries(names)) colours[key] = rgb(style, name);
   colours.shadow = parseFloat(style.getPropertyValue('--shadow'));
   for (const dancer of dancers) {
@@ -55,12 +74,15 @@ export function readColours() {
 // ---- dancers ----
 let last = '';
 function recast() {
-  const before = dancers, job = currentSet(), shown = ui.mode === 'takes' && job ? job : null;
+  const before = dancers,
+    job = currentSet(),
+    shown = ui.mode === 'takes' && job ? job : null;
   dancers = cast();
   // those of before stay until the first frame of the next comes
   if (!dancers.length && isBusy(shown ?? undefined)) dancers = before;
   const key = dancers.map(d => `${d.id} ${d.paint} ${d.title} ${d.note} ${d.original ? 1 : 0}`).join('|');
-  const isSame = dancers.length === before.length && dancers.every((d, i) => d === before[i] && d.original === before[i].original);
+  const isSame =
+    dancers.length === before.length && dancers.every((d, i) => d === before[i] && d.original === before[i].original);
   stage.growing = isBusy(shown ?? undefined) && dancers.some(dancer => dancer.loaded.live);
   // a loop goes on without a rest
   stage.hold_s = shown?.kind === 'loop' || stage.state.upto !== Infinity ? 0 : 0.7;
@@ -69,6 +91,7 @@ function recast() {
     place(dancers, before.length !== dancers.length);
     select();
   }
+  labels?.all.forEach((label, i) => label.classList.toggle('chosen', dancers[i].id === ui.focus && dancers.length > 1));
   empty();
 }
 
@@ -82,7 +105,6 @@ function place(all, moved) {
   readColours();
   if (labels) {
     labels.make((_, i) => `var(${all[i].paint})`);
-    labels.all.forEach((label, i) => label.classList.toggle('chosen', all[i].id === ui.focus && all.length > 1));
   }
   if (moved) stage.state.dirty = true;
 }
@@ -110,7 +132,9 @@ function arrangeLive() {
 function select() {
   const ids = idsOf([...ui.joints].join(','));
   for (const dancer of dancers) {
-    dancer.selected = ids.size ? Uint8Array.from(dancer.joints, joint => Number(joint?.smpl !== undefined && ids.has(joint.smpl))) : null;
+    dancer.selected = ids.size
+      ? Uint8Array.from(dancer.joints, joint => Number(joint?.smpl !== undefined && ids.has(joint.smpl)))
+      : null;
   }
   stage.state.dirty = true;
 }
@@ -122,7 +146,7 @@ function clicked(x, y, event) {
   const joint = hit?.dancer.joints[hit.joint];
   if (!event.shiftKey) ui.joints.clear();
   if (hit && joint?.smpl !== undefined) {
-    const name = event.ctrlKey || event.metaKey ? NAMES[joint.smpl] : joint.group ?? NAMES[joint.smpl];
+    const name = event.ctrlKey || event.metaKey ? NAMES[joint.smpl] : (joint.group ?? NAMES[joint.smpl]);
     if (event.shiftKey && ui.joints.has(name)) ui.joints.delete(name);
     else ui.joints.add(name);
     if (ui.mode === 'takes' && dancers.length > 1) ui.focus = hit.dancer.id;
@@ -134,7 +158,8 @@ function clicked(x, y, event) {
 /** @param {number} time */
 function wait(time) {
   if (ui.mode !== 'timeline' || !dancers.length) return;
-  const gap = (/** @type {any} */ d) => (d.from === undefined || d.shows(time) ? 0 : Math.min(Math.abs(d.from - time), Math.abs(d.upto - time)));
+  const gap = (/** @type {any} */ d) =>
+    d.from === undefined || d.shows(time) ? 0 : Math.min(Math.abs(d.from - time), Math.abs(d.upto - time));
   const nobody = dancers.every(d => !d.shows(time));
   const nearest = nobody ? dancers.reduce((a, b) => (gap(b) < gap(a) ? b : a)) : null;
   for (const dancer of dancers) dancer.faint = dancer === nearest;
@@ -143,7 +168,9 @@ function wait(time) {
 function empty() {
   const isLoading = !store.ready || store.state.jobs.some(isBusy);
   find('stage-hint').hidden = dancers.length > 0;
-  find('stage-hint').textContent = isLoading ? 'The first dance is on its way' : 'Drop a motion file here, or make a new dance on the right';
+  find('stage-hint').textContent = isLoading
+    ? 'The first dance is on its way'
+    : 'Drop a motion file here, or make a new dance on the right';
 }
 
 // ---- pictures ----
@@ -167,7 +194,8 @@ let before = 0;
 /** @param {number} stamp */
 function tick(stamp) {
   requestAnimationFrame(tick);
-  const dt = clamp((stamp - before) / 1000, 0, 0.1), begun = performance.now();
+  const dt = clamp((stamp - before) / 1000, 0, 0.1),
+    begun = performance.now();
   before = stamp;
   stage.advance(dt);
   if (!stage.state.dirty) return;
@@ -183,7 +211,9 @@ export function openStage() {
   try {
     scene = new Scene(canvas, true);
   } catch (error) {
-    find('stage-pane').append(h('p', { class: 'trouble', role: 'alert' }, `Nothing to see: ${error instanceof Error ? error.message : error}.`));
+    find('stage-pane').append(
+      h('p', { class: 'trouble', role: 'alert' }, `Nothing to see: ${error instanceof Error ? error.message : error}.`),
+    );
     return;
   }
   labels = new Labels(find('labels'), stage);
@@ -192,8 +222,13 @@ export function openStage() {
   if (matchMedia('(prefers-reduced-motion: reduce)').matches) stage.play(false);
   listenToPointers(canvas, stage, clicked);
   canvas.addEventListener('webglcontextlost', e => e.preventDefault());
-  canvas.addEventListener('webglcontextrestored', () => { scene?.build(); stage.state.dirty = true; });
-  new ResizeObserver(() => { stage.state.dirty = true; }).observe(canvas);
+  canvas.addEventListener('webglcontextrestored', () => {
+    scene?.build();
+    stage.state.dirty = true;
+  });
+  new ResizeObserver(() => {
+    stage.state.dirty = true;
+  }).observe(canvas);
   on(['cast', 'timeline'], recast);
   on(['frames'], grown);
   on(['selection'], select);

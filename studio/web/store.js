@@ -4,12 +4,31 @@
 
 /** @type {State} */
 const NOTHING = {
-  version: '', project: '', model: { name: '', fps: 20, labels: {}, joints: [], groups: [] }, clips: [], dances: [], jobs: [],
-  music: null, undo: { undo: 0, redo: 0, undo_name: null, redo_name: null }, search_s: 2, last_event: 0,
+  version: '',
+  project: '',
+  model: { name: '', fps: 20, labels: {}, joints: [], groups: [] },
+  clips: [],
+  dances: [],
+  jobs: [],
+  music: null,
+  undo: { undo: 0, redo: 0, undo_name: null, redo_name: null },
+  search_s: 2,
+  last_event: 0,
 };
 
 /** @type {import('./types.js').Timeline} */
-const EMPTY = { text: '', seconds: 0, fps: null, rig: null, transition: 1, clips: {}, segments: [], rows: [], trouble: [], notes: [] };
+const EMPTY = {
+  text: '',
+  seconds: 0,
+  fps: null,
+  rig: null,
+  transition: 1,
+  clips: {},
+  segments: [],
+  rows: [],
+  trouble: [],
+  notes: [],
+};
 
 export const store = {
   state: NOTHING,
@@ -81,7 +100,9 @@ export const motionClips = () => store.state.clips.filter(clip => clip.state ===
 
 // The jobs whose dances can be looked at, the earliest first.
 export function sets() {
-  const shown = store.state.jobs.filter(job => job.state !== 'failed' && job.dances.some(id => danceOf(id) || job.state === 'running'));
+  const shown = store.state.jobs.filter(
+    job => job.state !== 'failed' && job.dances.some(id => danceOf(id) || job.state === 'running'),
+  );
   return shown.sort((a, b) => a.started - b.started);
 }
 
@@ -97,6 +118,7 @@ export function secondsOf(job) {
   if (!job) return 0;
   const there = Math.max(0, ...job.dances.map(id => danceOf(id)?.seconds ?? 0));
   if (there || job.kind === 'timeline') return there || store.timeline.seconds;
+  if (job.kind === 'free') return job.make.seconds ?? 8;
   return job.make.seconds ?? (clipOf(job.make.clip) ?? danceOf(job.make.clip))?.seconds ?? 0;
 }
 
@@ -108,7 +130,8 @@ export function seedOf(dance) {
   return `seed ${seed}`;
 }
 
-export const isBusy = (/** @type {import('./types.js').Job | undefined} */ job) => job?.state === 'running' || job?.state === 'waiting';
+export const isBusy = (/** @type {import('./types.js').Job | undefined} */ job) =>
+  job?.state === 'running' || job?.state === 'waiting';
 
 /** @template {{ id: string }} T @param {T[]} all @param {T} one */
 export function put(all, one) {

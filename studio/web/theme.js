@@ -19,7 +19,8 @@ export function setTheme(chosen) {
 }
 
 export function apply() {
-  const chosen = theme(), dark = chosen === 'dark' || (chosen === 'system' && system.matches);
+  const chosen = theme(),
+    dark = chosen === 'dark' || (chosen === 'system' && system.matches);
   document.documentElement.classList.toggle('dark', dark);
   readColours();
   repaintSmall();

@@ -5,13 +5,34 @@ import { find, h, iconButton } from './dom.js';
 
 /** @param {string} text @param {{ kind?: 'note' | 'trouble', action?: { label: string, does: () => void } }} [more] */
 export function toast(text, { kind = 'note', action } = {}) {
-  const box = h('div', { class: `toast ${kind}`, role: kind === 'trouble' ? 'alert' : 'status' }, h('span', null, text));
+  const box = h(
+    'div',
+    { class: `toast ${kind}`, role: kind === 'trouble' ? 'alert' : 'status' },
+    h('span', null, text),
+  );
   const gone = () => box.remove();
-  if (action) box.append(h('button', { type: 'button', class: 'quiet', onclick: () => { gone(); action.does(); } }, action.label));
+  if (action)
+    box.append(
+      h(
+        'button',
+        {
+          type: 'button',
+          class: 'quiet',
+          onclick: () => {
+            gone();
+            action.does();
+          },
+        },
+        action.label,
+      ),
+    );
   box.append(iconButton('close', 'Close', gone));
   const all = find('toasts');
-  // the same again takes the place of the first
-  for (const other of [...all.children]) if (other.querySelector('span')?.textContent === text) other.remove();
+  // a note takes the place of the one before, and so does the same again
+  for (const other of [...all.children]) {
+    if ((kind === 'note' && other.matches('.note')) || other.querySelector('span')?.textContent === text)
+      other.remove();
+  }
   all.append(box);
   while (all.children.length > 3) all.firstChild?.remove();
   setTimeout(gone, kind === 'trouble' ? 14000 : 7000);

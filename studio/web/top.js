@@ -9,20 +9,34 @@ import { setTheme, theme } from './theme.js';
 import { attempt } from './toast.js';
 
 export function openTop() {
-  const back = iconButton('undo', 'Undo', () => undo('undo')), again = iconButton('redo', 'Redo', () => undo('redo'));
-  const more = iconButton('more', 'Menu', () => menu(more, [
-    ...(/** @type {const} */ (['system', 'light', 'dark'])).map(of => ({
-      label: { system: 'Colours as the system has them', light: 'Light', dark: 'Dark' }[of], hint: theme() === of ? 'now' : undefined, does: () => setTheme(of),
-    })),
-    null,
-    { label: 'Keys', hint: '?', does: help },
-    { label: 'End the studio', hint: 'everything is saved', does: stop },
-  ]), { 'aria-haspopup': 'menu' });
+  const back = iconButton('undo', 'Undo', () => undo('undo')),
+    again = iconButton('redo', 'Redo', () => undo('redo'));
+  const more = iconButton(
+    'more',
+    'Menu',
+    () =>
+      menu(more, [
+        .../** @type {const} */ (['system', 'light', 'dark']).map(of => ({
+          label: { system: 'Colours as the system has them', light: 'Light', dark: 'Dark' }[of],
+          hint: theme() === of ? 'now' : undefined,
+          does: () => setTheme(of),
+        })),
+        null,
+        { label: 'Keys', hint: '?', does: help },
+        { label: 'End the studio', hint: 'everything is saved', does: stop },
+      ]),
+    { 'aria-haspopup': 'menu' },
+  );
   find('top-right').append(h('span', { class: 'group' }, back, again), iconButton('help', 'Keys (?)', help), more);
   const line = find('connection');
   on(['undo'], () => {
     const { undo: n, redo: m, undo_name, redo_name } = store.state.undo;
-    const says = (/** @type {HTMLElement} */ button, /** @type {string} */ verb, /** @type {string | null} */ name, /** @type {string} */ key) => {
+    const says = (
+      /** @type {HTMLElement} */ button,
+      /** @type {string} */ verb,
+      /** @type {string | null} */ name,
+      /** @type {string} */ key,
+    ) => {
       const text = name ? `${verb}: ${name} (${key})` : `${verb} (${key})`;
       button.title = text;
       button.setAttribute('aria-label', text);
@@ -45,7 +59,14 @@ export function openTop() {
 
 let stopped = false;
 async function stop() {
-  if (await attempt(() => post('/api/stop')) === undefined) return;
+  if ((await attempt(() => post('/api/stop'))) === undefined) return;
   stopped = true;
-  document.body.replaceChildren(h('p', { class: 'ended', role: 'status' }, icon('check'), 'The studio has ended. Everything is saved; this page can be closed.'));
+  document.body.replaceChildren(
+    h(
+      'p',
+      { class: 'ended', role: 'status' },
+      icon('check'),
+      'The studio has ended. Everything is saved; this page can be closed.',
+    ),
+  );
 }

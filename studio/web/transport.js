@@ -10,7 +10,9 @@ import { currentSet, danceOf, nameOf, on, store, ui } from './store.js';
 import { wholeTime } from './timeline-view.js';
 
 const SPEEDS = [0.25, 0.5, 0.75, 1, 1.5, 2];
-const SHOWN = [0.25, 0.5, 0.75, 1, 1.5, 2].map(speed => `${{ 0.25: '¼', 0.5: '½', 0.75: '¾', 1.5: '1½' }[speed] ?? speed}×`);
+const SHOWN = [0.25, 0.5, 0.75, 1, 1.5, 2].map(
+  speed => `${{ 0.25: '¼', 0.5: '½', 0.75: '¾', 1.5: '1½' }[speed] ?? speed}×`,
+);
 
 /** @typedef {'loop' | 'follow' | 'overlay' | 'ghost' | 'trails' | 'contacts' | 'inPlace'} Toggle */
 
@@ -57,7 +59,11 @@ export function speedBy(by) {
 /** @param {Toggle} name */
 function toggleButton(name) {
   const { name: text, tip } = TOGGLES[name];
-  const button = h('button', { type: 'button', title: tip, 'aria-pressed': stage.state[name], onclick: () => toggle(name) }, text);
+  const button = h(
+    'button',
+    { type: 'button', title: tip, 'aria-pressed': stage.state[name], onclick: () => toggle(name) },
+    text,
+  );
   buttons.set(name, button);
   return button;
 }
@@ -66,16 +72,26 @@ function toggleButton(name) {
 function filmName() {
   if (ui.mode === 'clip' && ui.clip) return nameOf(ui.clip);
   const one = staged().length === 1 ? danceOf(staged()[0].id) : null;
-  return ui.mode === 'timeline' ? 'timeline' : one?.name ?? 'variations';
+  return ui.mode === 'timeline' ? 'timeline' : (one?.name ?? 'variations');
 }
 
 function modes() {
-  const { segments } = store.timeline, job = currentSet(), box = find('modes');
+  const { segments } = store.timeline,
+    job = currentSet(),
+    box = find('modes');
   const count = job ? takes().length : 0;
   /** @param {'takes' | 'timeline' | 'clip'} mode @param {string} text @param {string} tip */
-  const button = (mode, text, tip) => h('button', {
-    type: 'button', 'aria-pressed': ui.mode === mode, title: tip, onclick: () => showMode(mode),
-  }, text);
+  const button = (mode, text, tip) =>
+    h(
+      'button',
+      {
+        type: 'button',
+        'aria-pressed': ui.mode === mode,
+        title: tip,
+        onclick: () => showMode(mode),
+      },
+      text,
+    );
   const shown = [
     segments.length ? button('timeline', 'Timeline', 'What the timeline gives, before anything is made') : null,
     job ? button('takes', count > 1 ? `Variations ${count}` : 'Made', 'What was made') : null,
@@ -87,15 +103,20 @@ function modes() {
 
 // What the colours mean.
 function legend() {
-  const box = find('legend'), all = dancersOnStage();
-  const isPartly = all.some(d => d.made), hasGhost = all.some(d => d.original) && stage.state.ghost;
-  const key = (/** @type {string} */ paint, /** @type {string} */ text) => h('span', null, h('i', { style: { background: `var(${paint})` } }), text);
+  const box = find('legend'),
+    all = dancersOnStage();
+  const isPartly = all.some(d => d.made),
+    hasGhost = all.some(d => d.original) && stage.state.ghost;
+  const key = (/** @type {string} */ paint, /** @type {string} */ text) =>
+    h('span', null, h('i', { style: { background: `var(${paint})` } }), text);
   const parts = [];
   if (isPartly) parts.push(key('--body', 'given'), h('span', null, h('i', { class: 'made' }), 'made'));
   if (hasGhost) parts.push(key('--ghost', 'original'));
-  if (ui.mode === 'timeline') for (const [name, { clip }] of Object.entries(store.timeline.clips)) {
-    if (store.timeline.segments.some(segment => segment.clip === name)) parts.push(key(clipPaint(name), clip ? nameOf(clip) : name));
-  }
+  if (ui.mode === 'timeline')
+    for (const [name, { clip }] of Object.entries(store.timeline.clips)) {
+      if (store.timeline.segments.some(segment => segment.clip === name))
+        parts.push(key(clipPaint(name), clip ? nameOf(clip) : name));
+    }
   box.replaceChildren(...parts);
   box.hidden = parts.length === 0;
 }
@@ -104,16 +125,42 @@ export function openTransport() {
   find('view-bar').append(
     h('span', { id: 'modes', class: 'segments', role: 'group', 'aria-label': 'On the stage' }),
     h('span', { class: 'spring' }),
-    h('span', { class: 'group', role: 'group', 'aria-label': 'Look' },
-      ...(/** @type {Toggle[]} */ (['overlay', 'ghost', 'trails', 'contacts', 'inPlace', 'follow'])).map(toggleButton),
-      h('button', { type: 'button', title: 'The camera as it was (F, or double click)', onclick: () => stage.resetView() }, 'Reset view')),
+    h(
+      'span',
+      { class: 'group', role: 'group', 'aria-label': 'Look' },
+      .../** @type {Toggle[]} */ (['overlay', 'ghost', 'trails', 'contacts', 'inPlace', 'follow']).map(toggleButton),
+      h(
+        'button',
+        { type: 'button', title: 'The camera as it was (F, or double click)', onclick: () => stage.resetView() },
+        'Reset view',
+      ),
+    ),
   );
-  const play = h('button', { id: 'play', class: 'round', type: 'button', title: 'Play or pause (space)', 'aria-label': 'Play or pause', onclick: playOrPause },
-    icon('play'), icon('pause'));
-  const speed = h('select', { id: 'speed', 'aria-label': 'Speed', title: 'Speed ([ and ])' },
-    ...SPEEDS.map((of, i) => h('option', { value: of, selected: of === 1 }, SHOWN[i])));
-  speed.addEventListener('change', () => { stage.state.speed = Number(speed.value); });
-  const filming = iconButton('film', 'Film of the stage, as WebM', () => film(filmName(), refilm), { id: 'film', 'aria-pressed': false });
+  const play = h(
+    'button',
+    {
+      id: 'play',
+      class: 'round',
+      type: 'button',
+      title: 'Play or pause (space)',
+      'aria-label': 'Play or pause',
+      onclick: playOrPause,
+    },
+    icon('play'),
+    icon('pause'),
+  );
+  const speed = h(
+    'select',
+    { id: 'speed', 'aria-label': 'Speed', title: 'Speed ([ and ])' },
+    ...SPEEDS.map((of, i) => h('option', { value: of, selected: of === 1 }, SHOWN[i])),
+  );
+  speed.addEventListener('change', () => {
+    stage.state.speed = Number(speed.value);
+  });
+  const filming = iconButton('film', 'Film of the stage, as WebM', () => film(filmName(), refilm), {
+    id: 'film',
+    'aria-pressed': false,
+  });
   const refilm = () => {
     filming.setAttribute('aria-pressed', String(isFilming()));
     find('stage-pane').classList.toggle('filming', isFilming());
@@ -130,7 +177,8 @@ export function openTransport() {
   );
   stage.onPlay = () => document.documentElement.classList.toggle('playing', stage.state.playing);
   stage.onPlay();
-  const now = find('now'), whole = find('whole');
+  const now = find('now'),
+    whole = find('whole');
   onFrame(time => {
     now.textContent = clock(time);
     whole.textContent = ` / ${clock(wholeTime())}`;
@@ -139,4 +187,7 @@ export function openTransport() {
   on(['cast', 'timeline', 'frames'], legend);
 }
 
-export const mute = () => { const player = thePlayer(); if (player) player.mute(!player.muted); };
+export const mute = () => {
+  const player = thePlayer();
+  if (player) player.mute(!player.muted);
+};

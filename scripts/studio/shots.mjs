@@ -197,8 +197,9 @@ try {
   await page.locator('[data-keep="pick right_arm"]').click();
   await key('Escape');
 
-  const strip = page.locator('.card', { hasText: 'salsa 03' }).first().locator('.brush'),
-    box = await strip.boundingBox();
+  const strip = page.locator('.card', { hasText: 'salsa 03' }).first().locator('.brush');
+  await strip.scrollIntoViewIfNeeded();
+  const box = await strip.boundingBox();
   await page.mouse.move(box.x + 0.3 * box.width, box.y + 6);
   await page.mouse.down();
   await page.mouse.move(box.x + 0.4 * box.width, box.y + 6, { steps: 4 });

@@ -87,7 +87,7 @@ pub enum Command {
     /// Measure how fast this machine does what the program does
     #[command(subcommand)]
     Bench(bench::Command),
-    /// Run the whole pipeline on synthetic dances: no data, no network, three minutes
+    /// Dance with kinelm's own model; or, with --train, run the whole pipeline on synthetic dances
     Demo(demo::Args),
     /// Print a script that completes commands and flags in a shell
     Completions(completions::Args),

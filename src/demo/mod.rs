@@ -12,7 +12,6 @@ use crate::generate::prompt::{self, PromptClip};
 use crate::generate::request::{Computing, Length, Placement, PromptRequest, Request, Seeding, UncodedJoints};
 use crate::generate::sampling::Sampling;
 use crate::generate::unwatched;
-use crate::model::likelihood::likelihood;
 use crate::model::{CheckpointChoice, load_run};
 use crate::shell::{ComputeArgs, Say, WrongCall};
 use crate::train::{CorpusPart, PretrainOptions, TrainFile};
@@ -108,9 +107,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     say.line("5/5 page and report");
     page(&at("page.html"), &test.name, (&tokenizer, &prompt), &follows, &goes_on)?;
-    let tests: Vec<_> = corpus.split(Split::Test).collect();
-    let model = likelihood(&mut *run.scores(args.compute.get())?, &corpus, &tests, 0, &run.load_conditions()?)?
-        .context("the demo's corpus has no test frame")?;
+    let model = run.likelihood(&corpus, Split::Test, args.compute.get())?;
+    let model = model.context("the demo's corpus has no test frame")?;
     let floors = ChannelFloors::measure(&CodeSplits::of_corpora(&corpus, (&corpus, Split::Test), Extent::Sample)?)?;
     let report = report(&args, model.bits_per_frame, &floors, started.elapsed().as_secs_f64());
     write_whole(&at("report.md"), report.as_bytes())?;

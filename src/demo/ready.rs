@@ -35,7 +35,6 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
         timeline: None,
         edit,
     };
-    let edit = |free: Vec<Span>, looping| Edit { given: Vec::new(), free, blend_s: 0.2, tries: 8, looping };
     let gap = GAP.parse::<Span>().map_err(Error::msg)?;
     let back = Loop { kind: LoopKind::Pose, over_s: BACK_S };
     say.line(format_args!("1/3 it dances by itself for {SECONDS} s"));
@@ -46,8 +45,8 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     );
     let three = [
         ("follows.bvh", None),
-        ("gap.bvh", Some(edit(vec![gap], None))),
-        ("loop.bvh", Some(edit(Vec::new(), Some(back)))),
+        ("gap.bvh", Some(Edit::of(vec![gap]))),
+        ("loop.bvh", Some(Edit { looping: Some(back), ..Edit::of(Vec::new()) })),
     ];
     three.into_par_iter().try_for_each(|(name, edit)| dance(&of(Some(prompt(edit))), &at(name)))?;
     say.line("3/3 page");

@@ -10,6 +10,7 @@ __version__: str
 
 Path = str | PathLike[str]
 Split = Literal["train", "valid", "test"]
+Callback = Callable[[dict[str, Any]], bool | None]
 
 class Reading(TypedDict, total=False):
     """How a motion file is read; what isn't given is found out."""
@@ -44,6 +45,14 @@ class Dance(Reading, total=False):
     top_p: float
     rig: Literal["model", "prompt"]
     lock_feet: bool
+
+class Training(TypedDict, total=False):
+    """What of a training file is overruled."""
+
+    steps: int
+    seed: int
+    conditions: Sequence[str]
+    precision: Literal["f32", "bf16", "auto"]
 
 class Error(Exception):
     """What kinelm could not do: its text says what, where, and what to do."""
@@ -233,7 +242,7 @@ class Classifier:
         batch: int = 16,
         seed: int = 1,
         resume: bool = False,
-        callback: Callable[[dict[str, Any]], bool | None] | None = None,
+        callback: Callback | None = None,
     ) -> Classifier | None:
         """None where the callback stopped it; `resume` goes on."""
     def predict(self, path: Path, **reading: Unpack[Reading]) -> dict[str, Any]:
@@ -244,11 +253,8 @@ def pretrain(
     run: Path,
     *,
     config: Path = "two-level",
-    steps: int | None = None,
-    seed: int | None = None,
-    conditions: Sequence[str] | None = None,
-    precision: Literal["f32", "bf16", "auto"] | None = None,
-    callback: Callable[[dict[str, Any]], bool | None] | None = None,
+    callback: Callback | None = None,
+    **options: Unpack[Training],
 ) -> Model:
     """Trains a model. The callback gets a dictionary at every step and validation; False from it stops."""
 
@@ -258,17 +264,12 @@ def finetune(
     run: Path,
     *,
     config: Path = "tune",
-    steps: int | None = None,
-    seed: int | None = None,
-    conditions: Sequence[str] | None = None,
-    precision: Literal["f32", "bf16", "auto"] | None = None,
-    callback: Callable[[dict[str, Any]], bool | None] | None = None,
+    callback: Callback | None = None,
+    **options: Unpack[Training],
 ) -> Model:
     """As `pretrain`, from the weights of a model. Corpora have its tokenizer."""
 
-def resume(
-    run: Path, *, steps: int | None = None, callback: Callable[[dict[str, Any]], bool | None] | None = None
-) -> Model:
+def resume(run: Path, *, steps: int | None = None, callback: Callback | None = None) -> Model:
     """Goes on with a training that was stopped."""
 
 def evaluate(

@@ -11,7 +11,7 @@ use kinelm::motion::format::{ReadOptions, RestFrame};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, PoisonError};
 
 /// Class tokens of a model: dancer, genre or whatever a corpus labels.
@@ -48,15 +48,7 @@ impl Classifier {
             let run = exchange::load(&run).map_err(library)?;
             let (stop, mut interrupt) = (AtomicBool::new(false), Interrupt::default());
             let done = kinelm::classify::train(&run, &corpus.0, &options, (&out, resume), &stop, &mut |metrics| {
-                let goes_on = interrupt.during(|py| {
-                    py.check_signals()?;
-                    if let Some(callback) = &callback {
-                        let said = callback.call1(py, (python(py, metrics)?,))?;
-                        stop.fetch_or(said.extract::<bool>(py).is_ok_and(|more| !more), Ordering::SeqCst);
-                    }
-                    Ok(())
-                });
-                stop.fetch_or(goes_on.is_break(), Ordering::SeqCst);
+                interrupt.tell(callback.as_ref(), &stop, |py| python(py, metrics));
             });
             let done = interrupt.result(done)?;
             if done.stopped {

@@ -19,9 +19,9 @@ use std::sync::Arc;
 #[pyclass(frozen, module = "kinelm")]
 pub struct Corpus(pub Arc<kinelm::corpus::Corpus>);
 
-/// The split of this name; all where it is `None`.
-pub fn split_of(name: Option<&str>) -> PyResult<Option<Split>> {
-    name.map(|name| name.parse::<Split>().map_err(|e| wrong(e.to_string()))).transpose()
+/// The split of this name.
+pub fn split_of(name: &str) -> PyResult<Split> {
+    name.parse().map_err(|e: kinelm::corpus::Error| wrong(e.to_string()))
 }
 
 #[pymethods]
@@ -71,7 +71,7 @@ impl Corpus {
     /// The clips of a split, or all: dictionaries with name, offset and tokens (of `tokens`), frames, labels, split, take.
     #[pyo3(signature = (split=None))]
     fn clips<'py>(&self, py: Python<'py>, split: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
-        let split = split_of(split)?;
+        let split = split.map(split_of).transpose()?;
         let clips: Vec<_> =
             self.0.clips().iter().filter(|clip| split.is_none_or(|split| clip.split == split)).collect();
         python(py, &clips)
@@ -92,11 +92,10 @@ impl Corpus {
     /// labels of the `conditions`; places that don't count have the label -100.
     #[pyo3(signature = (split="train", *, context, conditions=None))]
     fn sequences(&self, split: &str, context: usize, conditions: Option<Vec<String>>) -> PyResult<Sequences> {
-        let split = split_of(Some(split))?;
+        let split = split_of(split)?;
         let fields = in_order(&conditions.unwrap_or_default());
         let conditions = Conditions::new(&fields, self.0.tokenizer().vocabulary());
-        let clips: Vec<usize> =
-            (0..self.0.clips().len()).filter(|&i| split.is_none_or(|split| self.0.clips()[i].split == split)).collect();
+        let clips: Vec<usize> = (0..self.0.clips().len()).filter(|&i| self.0.clips()[i].split == split).collect();
         let places = (context + 1).saturating_sub(conditions.len());
         let words = clips.iter().map(|&i| self.0.words(&self.0.clips()[i]));
         let windows = each_eval_window(words, places).map_err(library)?;
@@ -120,15 +119,31 @@ pub struct Sequences {
     corpus: Arc<kinelm::corpus::Corpus>,
     conditions: Conditions,
     context: usize,
-    /// Clip, first token, tokens, the first of them that counts.
-    windows: Vec<(usize, usize, usize, usize)>,
+    windows: Vec<Window>,
 }
+
+/// Clip, first token, tokens, the first of them that counts.
+type Window = (usize, usize, usize, usize);
 
 /// Sequences as one array.
 type Rows<'py> = Bound<'py, PyArray2<i64>>;
 
 /// What losses skip, by the convention of transformers.
 const IGNORED: i64 = -100;
+
+impl Sequences {
+    /// The inputs and labels of a window.
+    fn row(&self, &(clip, start, tokens, scored): &Window) -> PyResult<(Vec<i64>, Vec<i64>)> {
+        let clip = &self.corpus.clips()[clip];
+        let ids = self.corpus.ids(clip, start..start + tokens).map_err(library)?;
+        let (pad, front) = (Special::Pad.id(), self.conditions.front(&clip.labels));
+        let (mut input, mut target) = (vec![pad; self.context], vec![pad; self.context]);
+        fill_sequence(&ids, &front, pad, &mut input, &mut target);
+        let first = front.len() - 1 + scored;
+        let counts = |(at, id): (usize, u32)| if at < first || id == pad { IGNORED } else { id.into() };
+        Ok((input.into_iter().map(i64::from).collect(), target.into_iter().enumerate().map(counts).collect()))
+    }
+}
 
 #[pymethods]
 impl Sequences {
@@ -138,32 +153,24 @@ impl Sequences {
 
     fn __getitem__<'py>(&self, py: Python<'py>, index: isize) -> PyResult<Bound<'py, PyDict>> {
         let at = if index < 0 { index + self.windows.len() as isize } else { index };
-        let Some(&(clip, start, tokens, scored)) = usize::try_from(at).ok().and_then(|at| self.windows.get(at)) else {
+        let Some(window) = usize::try_from(at).ok().and_then(|at| self.windows.get(at)) else {
             let text = format!("sequence {index} of {}", self.windows.len());
             return Err(pyo3::exceptions::PyIndexError::new_err(text));
         };
-        let clip = &self.corpus.clips()[clip];
-        let ids = self.corpus.ids(clip, start..start + tokens).map_err(library)?;
-        let (pad, front) = (Special::Pad.id(), self.conditions.front(&clip.labels));
-        let (mut input, mut target) = (vec![pad; self.context], vec![pad; self.context]);
-        fill_sequence(&ids, &front, pad, &mut input, &mut target);
-        let first = front.len() - 1 + scored;
-        let counts = |(at, id): (usize, u32)| if at < first || id == pad { IGNORED } else { id.into() };
+        let (input, labels) = self.row(window)?;
         let item = PyDict::new(py);
-        item.set_item("input_ids", PyArray1::from_vec(py, input.into_iter().map(i64::from).collect()))?;
-        item.set_item("labels", PyArray1::from_vec(py, target.into_iter().enumerate().map(counts).collect()))?;
+        item.set_item("input_ids", PyArray1::from_vec(py, input))?;
+        item.set_item("labels", PyArray1::from_vec(py, labels))?;
         Ok(item)
     }
 
     /// All sequences as two arrays, (N, context): `input_ids` and `labels`.
     fn arrays<'py>(&self, py: Python<'py>) -> PyResult<(Rows<'py>, Rows<'py>)> {
         let (mut input, mut labels) = (Vec::new(), Vec::new());
-        for index in 0..self.windows.len() {
-            let item = self.__getitem__(py, index as isize)?;
-            for (key, to) in [("input_ids", &mut input), ("labels", &mut labels)] {
-                let row: Vec<i64> = item.as_any().get_item(key)?.extract()?;
-                to.extend(row);
-            }
+        for window in &self.windows {
+            let row = self.row(window)?;
+            input.extend(row.0);
+            labels.extend(row.1);
         }
         let whole = |flat: Vec<i64>| PyArray1::from_vec(py, flat).reshape([self.windows.len(), self.context]);
         Ok((whole(input)?, whole(labels)?))

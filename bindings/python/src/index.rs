@@ -1,25 +1,19 @@
 //! Search.
 
-use crate::error::{library, wrong};
+use crate::error::library;
 use crate::interrupt::Interrupt;
 use crate::json::python;
-use crate::options::{Paths, Reading};
+use crate::options::{Paths, Reading, named};
 use kinelm::corpus::{BuildOptions, Dataset};
 use kinelm::motion::format::{ReadOptions, RestFrame};
 use kinelm::spectral::query::{Distance, Exclude, IndexRequest, Query};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use serde::de::DeserializeOwned;
 use std::path::PathBuf;
 
 /// An index of windows of clips, by their spectra.
 #[pyclass(frozen, module = "kinelm")]
 pub struct Index(kinelm::spectral::query::Index);
-
-/// One of an enum's names.
-fn named<T: DeserializeOwned>(name: &str, parameter: &str, known: &str) -> PyResult<T> {
-    serde_json::from_value(name.into()).map_err(|_| wrong(format!("{parameter} is {name:?}; expected {known}")))
-}
 
 #[pymethods]
 impl Index {
@@ -73,8 +67,9 @@ impl Index {
         one_per_clip: bool,
         reading: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let distance: Distance = named(distance, "distance", "cosine or euclid")?;
-        let exclude: Exclude = named(exclude, "exclude", "none, self, overlap, clip, take or choreography")?;
+        let distance: Distance = named(distance, "distance", &["cosine", "euclid"])?;
+        let exclusions = ["none", "self", "overlap", "clip", "take", "choreography"];
+        let exclude: Exclude = named(exclude, "exclude", &exclusions)?;
         let as_indexed = reading.is_none_or(|reading| reading.is_empty());
         let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
         let query = Query { clip, read, as_indexed, at_s: at, k, distance, exclude, one_per_clip };

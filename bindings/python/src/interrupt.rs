@@ -3,6 +3,7 @@
 use crate::error::library;
 use pyo3::prelude::*;
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What ended long work from the Python side: KeyboardInterrupt, or what a callback raised.
 #[derive(Default)]
@@ -23,6 +24,25 @@ impl Interrupt {
                 ControlFlow::Break(())
             }
         }
+    }
+
+    /// Tells a callback what `said` makes, if there is one; sets `stop` where it returns False or raises, and at Ctrl-C.
+    pub fn tell<'a>(
+        &mut self,
+        callback: Option<&Py<PyAny>>,
+        stop: &AtomicBool,
+        said: impl for<'py> FnOnce(Python<'py>) -> PyResult<Bound<'py, PyAny>> + 'a,
+    ) {
+        let mut goes_on = true;
+        let raised = self.during(|py| {
+            py.check_signals()?;
+            if let Some(callback) = callback {
+                let answer = callback.call1(py, (said(py)?,))?;
+                goes_on = answer.extract::<bool>(py).unwrap_or(true);
+            }
+            Ok(())
+        });
+        stop.fetch_or(raised.is_break() || !goes_on, Ordering::SeqCst);
     }
 
     /// The result of the work, or what ended it.

@@ -1,19 +1,18 @@
 //! Models.
 
 use crate::clip::{Clip, positions};
-use crate::corpus::Corpus;
+use crate::corpus::{Corpus, split_of};
 use crate::error::{library, wrong};
 use crate::interrupt::Interrupt;
 use crate::json::python;
-use crate::options::{Reading, parsed};
+use crate::options::{Reading, named, parsed};
 use kinelm::generate::open::OpenRequest;
 use kinelm::generate::request::{
     Edit, FootMode, Length, Loop, LoopKind, MusicRequest, PromptRequest, Request, Rig, Span,
 };
 use kinelm::generate::sampler::{NextToken, Sampler};
 use kinelm::generate::sampling::Sampling;
-use kinelm::model::likelihood::likelihood;
-use kinelm::model::{CheckpointChoice, load_run};
+use kinelm::model::{CheckpointChoice, Compute, load_run};
 use kinelm::motion::format::ReadOptions;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -69,13 +68,8 @@ impl Model {
         let free = free.map_err(|e| wrong(e.to_string()))?;
         let looping = asked.r#loop.then_some(Loop { kind: LoopKind::Back, over_s: 2.0 });
         let is_edited = !free.is_empty() || looping.is_some();
-        let edit = is_edited.then(|| Edit { given: Vec::new(), free, blend_s: 0.2, tries: 8, looping });
-        let rig = match asked.rig.as_deref() {
-            None => None,
-            Some("model") => Some(Rig::Model),
-            Some("prompt") => Some(Rig::Prompt),
-            Some(other) => return Err(wrong(format!("rig is {other:?}; expected model or prompt"))),
-        };
+        let edit = is_edited.then(|| Edit { looping, ..Edit::of(free) });
+        let rig = asked.rig.as_deref().map(|rig| named(rig, "rig", &["model", "prompt"])).transpose()?;
         let (joints, from_frame) = (asked.joints, asked.from_frame);
         if prompt.is_none() && (joints.is_some() || from_frame.is_some() || is_edited || rig == Some(Rig::Prompt)) {
             return Err(wrong("joints, from_frame, free, loop and rig=\"prompt\" are of a prompt; give one".into()));
@@ -164,7 +158,7 @@ impl Model {
         py.detach(|| {
             let open = OpenRequest::open(&request).map_err(library)?;
             let sampler = open.sampler(1).map_err(library)?;
-            Ok(Frames(Mutex::new(SamplingState { open, sampler, ids: Vec::new(), yielded: 0 })))
+            Ok(Frames(Mutex::new(SamplingState { open, sampler, ids: Vec::new(), clip: None, yielded: 0 })))
         })
     }
 
@@ -184,13 +178,9 @@ impl Model {
     /// The likelihood of a split of a corpus: a dictionary with `bits_per_frame`, `nats_per_token`, `tokens`, `frames`.
     #[pyo3(signature = (corpus, split="test"))]
     fn likelihood<'py>(&self, py: Python<'py>, corpus: &Corpus, split: &str) -> PyResult<Bound<'py, PyAny>> {
-        let Some(split) = crate::corpus::split_of(Some(split))? else { return Err(wrong("no split".into())) };
-        let found = py.detach(|| {
-            let run = load_run(&self.run, CheckpointChoice::Auto)?;
-            let clips: Vec<_> = corpus.0.split(split).collect();
-            let conditions = run.load_conditions()?;
-            likelihood(&mut *run.scores(Default::default())?, &corpus.0, &clips, 0, &conditions)
-        });
+        let split = split_of(split)?;
+        let found =
+            py.detach(|| load_run(&self.run, CheckpointChoice::Auto)?.likelihood(&corpus.0, split, Compute::default()));
         python(py, &found.map_err(library)?)
     }
 
@@ -208,6 +198,8 @@ struct SamplingState {
     open: OpenRequest,
     sampler: Sampler<Box<dyn NextToken>>,
     ids: Vec<u32>,
+    /// All of it so far.
+    clip: Option<kinelm::motion::Clip>,
     yielded: usize,
 }
 
@@ -215,15 +207,13 @@ impl SamplingState {
     /// The next frame, as a clip of one.
     fn next(&mut self) -> kinelm::Result<Option<kinelm::motion::Clip>> {
         loop {
-            let clip = self.open.preview(&self.open.tokenizer.words_of_ids(&self.ids).words)?;
-            if clip.frames() > self.yielded {
+            if let Some(clip) = self.clip.as_ref().filter(|clip| clip.frames() > self.yielded) {
                 self.yielded += 1;
                 return Ok(Some(clip.slice(self.yielded - 1..self.yielded)));
             }
-            match self.sampler.next() {
-                None => return Ok(None),
-                Some(word) => self.ids.extend(&word?[0]),
-            }
+            let Some(word) = self.sampler.next() else { return Ok(None) };
+            self.ids.extend(&word?[0]);
+            self.clip = Some(self.open.preview(&self.open.tokenizer.words_of_ids(&self.ids).words)?);
         }
     }
 }

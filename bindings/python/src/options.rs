@@ -23,24 +23,9 @@ pub struct Reading {
 impl Reading {
     /// The library's options.
     pub fn options(self) -> PyResult<ReadOptions> {
-        let up = match self.up.as_deref() {
-            None => Up::Auto,
-            Some("x") => Up::X,
-            Some("-x") => Up::NegX,
-            Some("y") => Up::Y,
-            Some("-y") => Up::NegY,
-            Some("z") => Up::Z,
-            Some("-z") => Up::NegZ,
-            Some(other) => return Err(wrong(format!("up is {other:?}; expected x, y, z, -x, -y or -z"))),
-        };
-        let unit = match self.unit.as_deref() {
-            None => Unit::Auto,
-            Some("m") => Unit::Metre,
-            Some("cm") => Unit::Centimetre,
-            Some("mm") => Unit::Millimetre,
-            Some("in") => Unit::Inch,
-            Some(other) => return Err(wrong(format!("unit is {other:?}; expected m, cm, mm or in"))),
-        };
+        let up = self.up.as_deref().map(|up| named(up, "up", &["x", "y", "z", "-x", "-y", "-z"])).transpose()?;
+        let unit = self.unit.as_deref().map(|unit| named(unit, "unit", &["m", "cm", "mm", "in"])).transpose()?;
+        let (up, unit) = (up.unwrap_or(Up::Auto), unit.unwrap_or(Unit::Auto));
         let Reading { fps_source, skip, map, .. } = self;
         Ok(ReadOptions { fps_source, skip, up, unit, map, ..ReadOptions::default() })
     }
@@ -75,6 +60,19 @@ pub fn parsed<T: Default + DeserializeOwned>(kwargs: Option<&Bound<'_, PyDict>>)
         PyTypeError::new_err(text[..place].to_owned())
     };
     serde_json::from_str(&text).map_err(whole)
+}
+
+/// A value of the library's by its name; `known` are those that a parameter takes.
+///
+/// # Errors
+/// `kinelm.Error` that lists them.
+pub fn named<T: DeserializeOwned>(name: &str, parameter: &str, known: &[&str]) -> PyResult<T> {
+    let unknown = || {
+        let (last, others) = known.split_last().unwrap_or((&"", &[]));
+        wrong(format!("{parameter} is {name:?}; expected {} or {last}", others.join(", ")))
+    };
+    let value = known.contains(&name).then(|| serde_json::from_value(name.into()).ok()).flatten();
+    value.ok_or_else(unknown)
 }
 
 /// One path or several.

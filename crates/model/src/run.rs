@@ -6,11 +6,13 @@ use super::decode::{Reader, ReaderOptions};
 use super::device::Compute;
 use super::fast::Fast;
 use super::gpt::Gpt;
+use super::likelihood::{Likelihood, likelihood};
 use super::scores::Scores;
 use super::weights;
 use crate::{Error, Result};
 use candle_core::{Device, Tensor};
 use kinelm_corpus::conditions::{Conditions, in_order};
+use kinelm_corpus::{Corpus, Split};
 use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::Deserialize;
@@ -100,6 +102,15 @@ impl LoadedRun {
     /// As [`LoadedRun::plain`]; no sequences.
     pub fn reader(&self, reading: ReaderOptions) -> Result<Reader> {
         Reader::new(&self.plain(&Device::Cpu)?, reading)
+    }
+
+    /// The likelihood of a split's clips under their labels, each token scored once; `None` where they have no frame.
+    ///
+    /// # Errors
+    /// Those of [`LoadedRun::scores`] and [`likelihood`].
+    pub fn likelihood(&self, corpus: &Corpus, split: Split, compute: Compute) -> Result<Option<Likelihood>> {
+        let clips: Vec<_> = corpus.split(split).collect();
+        likelihood(&mut *self.scores(compute)?, corpus, &clips, 0, &self.load_conditions()?)
     }
 
     /// The model in the form that is wanted, to measure with.

@@ -6,7 +6,7 @@ use crate::cli::draw::DrawArgs;
 use crate::cli::values::{length, length_in_frames, rate, run_folder, time};
 use crate::cli::{ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
 use crate::generate::request::{
-    Computing, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel, UncodedJoints,
+    Computing, Edit, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel, UncodedJoints,
 };
 use anyhow::{Context, Result};
 use kinelm_motion::moment::Moment;
@@ -79,7 +79,7 @@ pub struct DanceArgs {
     #[arg(long, value_name = "S", default_value = "0.2s", value_parser = time)]
     pub blend: Moment,
     /// Samples of a gap, of which the one that ends nearest to the given frames is used
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=64))]
+    #[arg(long, value_name = "N", default_value_t = Edit::TRIES, value_parser = clap::value_parser!(u8).range(1..=64))]
     pub tries: u8,
     /// Tokens that are guessed from the previous word and verified in one pass, which changes no token [default: 8 with
     /// --greedy, else 0]

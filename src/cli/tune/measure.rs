@@ -3,10 +3,11 @@
 use crate::corpus::{ClipRecord, Corpus, Dataset, Split};
 use crate::evaluate::dance::{Dance, Reference, judge::Judge};
 use crate::generate::best::Verdict;
+use crate::generate::output::FreeSpan;
 use crate::generate::{Length, OpenRequest, PromptRequest, Request, unwatched};
-use crate::model::likelihood::likelihood;
 use crate::model::{CheckpointChoice, Compute, load_run};
 use anyhow::{Context, Result};
+use kinelm_motion::joints;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -16,19 +17,29 @@ const GIVEN: &str = "root,right_arm";
 const CLIPS: usize = 4;
 const SECONDS: f64 = 10.0;
 
-/// The held-out clips of a corpus, and their files.
+/// The held-out clips of a corpus.
 pub struct HeldOut<'a> {
-    pub split: Split,
+    split: Split,
     corpus: &'a Corpus,
-    clips: Vec<(&'a ClipRecord, PathBuf)>,
+    /// Those that are danced to.
+    clips: Vec<Clip<'a>>,
+    /// Of these clips, where the dances are free.
+    real: Aims,
     compute: Compute,
+}
+
+/// A clip that is danced to.
+struct Clip<'a> {
+    record: &'a ClipRecord,
+    file: PathBuf,
+    frames: usize,
+    judge: Judge<'a>,
 }
 
 /// What was measured under a run.
 pub struct Measured {
-    pub bits_per_frame: f64,
-    /// Of the clips' own joints, and of what the model made of them.
-    aims: [Aims; 2],
+    bits_per_frame: f64,
+    made: Aims,
 }
 
 /// Means over dances.
@@ -40,43 +51,55 @@ struct Aims {
     outside_cm: Option<f64>,
 }
 
+/// Test, or valid if no clip is in that; `None` without either.
+pub fn held_out_split(corpus: &Corpus) -> Option<Split> {
+    [Split::Test, Split::Valid].into_iter().find(|split| corpus.split(*split).next().is_some())
+}
+
 impl<'a> HeldOut<'a> {
-    /// The test clips, or if there are none the validation clips; `None` without either.
-    pub fn of(corpus: &'a Corpus, dataset: &Dataset, compute: Compute) -> Option<HeldOut<'a>> {
-        let split = [Split::Test, Split::Valid].into_iter().find(|split| corpus.split(*split).next().is_some())?;
-        let file = |clip: &&ClipRecord| {
-            let item = dataset.items.iter().find(|item| item.name == clip.name && item.segment.is_none())?;
+    /// The clips of a split of the corpus that dances are compared with.
+    pub fn of((split, real): (Split, &'a Reference<'a>), dataset: &Dataset, compute: Compute) -> Result<HeldOut<'a>> {
+        let corpus = real.corpus();
+        let given = joints::parse(GIVEN)?.joints;
+        let coded = corpus.tokenizer().channels().joints().iter();
+        let free: Vec<usize> = coded.copied().filter(|joint| !given.contains(joint)).collect();
+        let most = (SECONDS * corpus.manifest().fps).round() as usize;
+        let file = |record: &&ClipRecord| {
+            let item = dataset.items.iter().find(|item| item.name == record.name && item.segment.is_none())?;
             Some(item.path.clone())
         };
-        let clips = corpus.split(split).filter_map(|clip| Some((clip, file(&clip)?))).take(CLIPS).collect();
-        Some(HeldOut { split, corpus, clips, compute })
+        let files = corpus.split(split).filter_map(|record| Some((record, file(&record)?))).take(CLIPS);
+        let clips = files.map(|(record, file)| {
+            let frames = record.frames.min(most);
+            let judge = Judge::new(real, vec![FreeSpan { frames: 0..frames, joints: free.clone() }])?;
+            Ok(Clip { record, file, frames, judge })
+        });
+        let clips = clips.collect::<Result<Vec<_>>>()?;
+        let verdict = |clip: &Clip| Ok(clip.judge.verdict(&Dance::of_corpus(corpus, clip.record)?));
+        let real = Aims::of(&clips.iter().map(verdict).collect::<Result<Vec<_>>>()?);
+        Ok(HeldOut { split, corpus, clips, real, compute })
     }
 
     /// Measures a run.
     pub fn measure(&self, run: &Path) -> Result<Measured> {
-        let loaded = load_run(run, CheckpointChoice::Auto)?;
-        let clips: Vec<_> = self.corpus.split(self.split).collect();
-        let conditions = loaded.load_conditions()?;
-        let found = likelihood(&mut *loaded.scores(self.compute)?, self.corpus, &clips, 0, &conditions)?;
+        let found = load_run(run, CheckpointChoice::Auto)?.likelihood(self.corpus, self.split, self.compute)?;
         let bits_per_frame = found.context("no frame to measure")?.bits_per_frame;
-        let reference = Reference::load(self.corpus)?;
-        let both = self.clips.iter().map(|(clip, path)| self.dance(run, clip, path, &reference));
-        let (real, made): (Vec<Verdict>, Vec<Verdict>) = both.collect::<Result<Vec<_>>>()?.into_iter().unzip();
-        Ok(Measured { bits_per_frame, aims: [Aims::of(&real), Aims::of(&made)] })
+        let made = self.clips.iter().map(|clip| clip.dance(run)).collect::<Result<Vec<_>>>()?;
+        Ok(Measured { bits_per_frame, made: Aims::of(&made) })
     }
+}
 
-    /// What is to be said of a clip, and of a dance that was given a part of it.
-    fn dance(&self, run: &Path, clip: &ClipRecord, path: &Path, real: &Reference<'_>) -> Result<(Verdict, Verdict)> {
-        let seconds = SECONDS.min(clip.frames as f64 / self.corpus.manifest().fps);
-        let read = clip.read.clone();
-        let prompt = PromptRequest { read, joints: Some(GIVEN.into()), ..PromptRequest::of(path) };
-        let request =
-            Request { prompt: Some(prompt), length: Some(Length::Seconds(seconds)), seed: 1, ..Request::of(run) };
+impl Clip<'_> {
+    /// What is to be said of a dance of a run that is given a part of the clip.
+    fn dance(&self, run: &Path) -> Result<Verdict> {
+        let read = self.record.read.clone();
+        let prompt = PromptRequest { read, joints: Some(GIVEN.into()), ..PromptRequest::of(&self.file) };
+        let length = Some(Length::Frames(self.frames));
+        let request = Request { prompt: Some(prompt), length, seed: 1, ..Request::of(run) };
         let open = OpenRequest::open(&request)?;
-        let judge = Judge::new(real, open.free_spans())?;
         let words = open.words(&open.sample(1, None, &mut unwatched)?, 0);
-        let (_, best) = judge.best(&open, &[words], Path::new("dance.bvh"), 1)?.remove(0);
-        Ok((judge.verdict(&Dance::of_corpus(self.corpus, clip)?), best.verdict))
+        let (_, best) = self.judge.best(&open, &[words], Path::new("dance.bvh"), 1)?.remove(0);
+        Ok(best.verdict)
     }
 }
 
@@ -105,8 +128,7 @@ impl fmt::Display for Comparison<'_> {
         writeln!(f, "{n} {split} clips                       before   after   real")?;
         writeln!(f, "bits/frame                      {:>9.2} {:>7.2}", before.bits_per_frame, after.bits_per_frame)?;
         writeln!(f, "given {GIVEN}, {} of them:", held_out.clips.len())?;
-        let [real, made] = &before.aims;
-        let tuned = &after.aims[1];
+        let (made, tuned, real) = (&before.made, &after.made, &held_out.real);
         type Row = (&'static str, f64, fn(&Aims) -> Option<f64>);
         let rows: [Row; 4] = [
             ("  steps that slide, %", 100.0, |a| a.skate_share),

@@ -7,6 +7,7 @@ use super::{ComputeArgs, ForceArgs, Say, TrustArgs, WrongCall, print, progress, 
 use crate::corpus::Dataset;
 use crate::corpus::build::tokenize;
 use crate::corpus::writer::LAYOUT;
+use crate::evaluate::dance::Reference;
 use crate::model::run::TOKENIZER;
 use crate::train::{CorpusPart, PretrainOptions, TrainFile, finetune};
 use anyhow::Result;
@@ -45,7 +46,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let dataset = args.data.find(say)?;
     write_words(&args, &dataset, (&ready, &folder), say)?;
     let corpus = args.trust.open(&folder)?;
-    let held_out = HeldOut::of(&corpus, &dataset, args.compute.get());
+    let split = measure::held_out_split(&corpus);
+    let real = split.map(|_| Reference::load(&corpus)).transpose()?;
+    let held_out =
+        split.zip(real.as_ref()).map(|found| HeldOut::of(found, &dataset, args.compute.get())).transpose()?;
     let before = held_out.as_ref().map(|held_out| held_out.measure(&ready)).transpose()?;
     let options = PretrainOptions {
         from: Some(ready),

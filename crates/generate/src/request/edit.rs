@@ -22,6 +22,18 @@ pub struct Edit {
     pub looping: Option<Loop>,
 }
 
+impl Edit {
+    /// The usual [`Edit::blend_s`].
+    pub const BLEND_S: f64 = 0.2;
+    /// The usual [`Edit::tries`].
+    pub const TRIES: u8 = 8;
+
+    /// Everything is given but these joints and times.
+    pub fn of(free: Vec<Span>) -> Edit {
+        Edit { given: Vec::new(), free, blend_s: Edit::BLEND_S, tries: Edit::TRIES.into(), looping: None }
+    }
+}
+
 /// What returns to the beginning at the end of a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -9,6 +9,7 @@ cargo clippy --release --workspace --all-targets --locked -- -D warnings
 cargo test --release --workspace --locked
 cargo build --release --workspace --locked
 scripts/python.sh
+scripts/studio.sh
 RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --no-deps --locked
 cargo deny --locked check bans licenses sources
 cargo package --workspace --locked

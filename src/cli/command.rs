@@ -54,6 +54,13 @@ pub enum Command {
     /// Check timelines of several clips, the input of generate timeline
     #[command(subcommand)]
     Timeline(timeline::Command),
+    /// Make dances in the browser: a library, a stage, a timeline, variations to choose from
+    #[cfg(feature = "studio")]
+    Studio(studio::Args),
+    /// Read a file for the studio, with limits; what to read is on the standard input
+    #[cfg(feature = "studio")]
+    #[command(hide = true)]
+    StudioRead,
     /// Name the dancer, the genre or another label of a dance
     #[command(subcommand)]
     Classify(classify::Command),
@@ -99,6 +106,10 @@ pub fn command(command: Command, say: Say) -> Result<()> {
         Command::Convert(args) => convert::run(args, say),
         Command::Mirror(args) => mirror::run(args, say),
         Command::Timeline(command) => timeline::run(&command, say),
+        #[cfg(feature = "studio")]
+        Command::Studio(args) => studio::run(args, say),
+        #[cfg(feature = "studio")]
+        Command::StudioRead => studio::read(),
         Command::View(args) => view::run(args, say),
         Command::Tokenizer(command) => tokenizer::run(command, say),
         Command::Tokenize(args) => tokenize::run(args, say),

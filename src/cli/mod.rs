@@ -31,6 +31,8 @@ mod query;
 mod read;
 mod runs;
 mod spectrum;
+#[cfg(feature = "studio")]
+mod studio;
 mod study;
 mod timeline;
 mod tokenize;
@@ -88,6 +90,11 @@ fn work(call: Call) -> Result<()> {
     }
     pool.build_global()?;
     let say = Say { quiet: call.quiet };
+    #[cfg(feature = "studio")]
+    if let command::Command::Studio(args) = call.command {
+        // the server waits; a thread of the pool would be lost to what computes
+        return studio::run(args, say);
+    }
     progress::report_waits(say);
     // on a thread of the pool: from outside, every parallel step would wake its threads anew and wait for them asleep
     let whole = || rayon::scope(|_| command(call.command, say).and_then(|()| all_read()));

@@ -19,6 +19,8 @@ mod plan;
 mod query;
 mod readme;
 mod ready;
+#[cfg(feature = "studio")]
+mod studio;
 mod study;
 mod support;
 mod training;

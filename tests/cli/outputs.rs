@@ -261,6 +261,8 @@ const OTHERS: &[&str] = &[
     // into folders of their own, by names of their own: study.rs, files.rs
     "tokenizer study",
     "demo",
+    // a project of its own: studio.rs
+    "studio",
     // into a new run and its corpus: ready.rs
     "tune",
 ];

@@ -38,11 +38,14 @@ __all__ = [
 
 def _program():
     """The program `kinelm`."""
+    import os
     import signal
     import sys
 
     from ._kinelm import main
 
+    # the studio starts this program again to read files
+    os.environ["KINELM_PYTHON"] = sys.executable
     # the program hears Ctrl-C itself
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     sys.exit(main(["kinelm", *sys.argv[1:]]))

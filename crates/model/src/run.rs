@@ -31,6 +31,8 @@ pub const CONFIG: &str = "config.toml";
 pub const HELD_OUT: &str = "held_out.json";
 /// The run's tokenizer.
 pub const TOKENIZER: &str = "tokenizer.json";
+/// In a run whose real dances may not go with it: a corpus of dances that the model made itself, chosen beside them.
+pub const MADE: &str = "corpus-made";
 
 /// A model and what belongs to it, of no form yet.
 pub struct LoadedRun {

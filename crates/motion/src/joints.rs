@@ -1,6 +1,6 @@
 //! Named groups and selections of the SMPL joints.
 
-use crate::rig::{map::without_namespace, map_for};
+use crate::rig::{SkeletonMap, map::without_namespace, map_for};
 use crate::{Error, Result, Skeleton, smpl};
 use kinelm_store::suggest::did_you_mean;
 
@@ -32,6 +32,55 @@ pub const GROUPS: &[(&str, &[usize])] = &[
     ("lower_body", &[0, 1, 2, 4, 5, 7, 8, 10, 11]),
     ("all", &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23]),
 ];
+
+/// Groups of [`GROUPS`] that divide the body: every joint is in one.
+pub const PARTS: [&str; 7] = ["root", "spine", "head", "left_arm", "right_arm", "left_leg", "right_leg"];
+
+/// The SMPL ids of a group of [`GROUPS`]; none for another name.
+pub fn group(name: &str) -> &'static [usize] {
+    GROUPS.iter().find(|(group, _)| *group == name).map_or(&[], |(_, ids)| ids)
+}
+
+/// The group of [`PARTS`] that an SMPL joint is in; `None` for other ids.
+pub fn part_of(id: usize) -> Option<&'static str> {
+    PARTS.into_iter().find(|part| group(part).contains(&id))
+}
+
+/// A list for [`parse`] of SMPL ids, in as few groups as it takes. The pelvis is `root`, with its translation.
+///
+/// ```
+/// use kinelm_motion::joints;
+///
+/// assert_eq!(joints::list_of(&[0, 3, 6, 9, 13, 16, 18, 20, 22, 5]), "root,left_arm,spine,right_knee");
+/// assert_eq!(joints::list_of(&(0..24).collect::<Vec<_>>()), "all");
+/// ```
+pub fn list_of(ids: &[usize]) -> String {
+    let mut left: Vec<usize> = (0..smpl::NAMES.len()).filter(|id| ids.contains(id)).collect();
+    let mut names = Vec::new();
+    // the torso's pelvis comes without a translation
+    let mut groups: Vec<_> = GROUPS.iter().filter(|(name, _)| !["torso", "lower_body"].contains(name)).collect();
+    groups.sort_by_key(|(name, ids)| (*name != "all", *name != "root", std::cmp::Reverse(ids.len())));
+    for (name, ids) in groups {
+        if ids.iter().all(|id| left.contains(id)) {
+            names.push((*name).to_owned());
+            left.retain(|id| !ids.contains(id));
+        }
+    }
+    // the joint `head` is an id, because its name is a group's
+    let of_joint = |id: usize| match by_exact_name(smpl::NAMES[id]) {
+        Some(found) if found.joints == [id] => smpl::NAMES[id].to_owned(),
+        _ => id.to_string(),
+    };
+    names.extend(left.into_iter().map(of_joint));
+    names.join(",")
+}
+
+/// (J) the SMPL joint that each joint of a rig stands for.
+pub fn smpl_ids(rig: &Skeleton, map: &SkeletonMap) -> Vec<Option<usize>> {
+    let bound = map.bind(rig.names());
+    let map = bound.as_ref().unwrap_or(map);
+    rig.names().iter().map(|name| (0..smpl::NAMES.len()).find(|&id| map.joint(id) == Some(name))).collect()
+}
 
 /// A selection of SMPL joints.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -100,10 +149,8 @@ const RIG: &str = "rig:";
 
 /// The names of the rig's joints with the ids of the SMPL joints that they map to.
 fn rig_joints<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, Option<usize>)>> {
-    let map = map_for(rig, map).ok()?;
-    let map = map.bind(rig.names()).unwrap_or(map);
-    let stands_for = |name: &str| (0..24).find(|&id| map.joint(id) == Some(name));
-    Some(rig.names().iter().map(|n| (n.as_str(), stands_for(n))).collect())
+    let ids = smpl_ids(rig, &map_for(rig, map).ok()?);
+    Some(rig.names().iter().map(String::as_str).zip(ids).collect())
 }
 
 /// Translates a joint list that may use a rig's own names, such as `root,RightArm` or `rig:"Head"`, to a list for
@@ -374,6 +421,24 @@ mod tests {
             .map(|(name, parent)| (name.as_str(), *parent))
             .collect::<Vec<_>>());
         assert_eq!(to_smpl_names("Left_Knee,LEFT_ANKLE", &loud, None).unwrap(), "left_knee,left_ankle");
+    }
+
+    #[test]
+    fn lists_are_parsed_as_they_were_made() {
+        for part in 0..24 {
+            assert!(part_of(part).is_some_and(|name| group(name).contains(&part)), "{part}");
+        }
+        assert_eq!((part_of(24), PARTS.map(|name| group(name).len()).iter().sum::<usize>()), (None, 24));
+        // every subset of some, and of all but some
+        for bits in 0..1u32 << 12 {
+            let some: Vec<usize> = (0..12).filter(|bit| bits >> bit & 1 == 1).map(|bit| 2 * bit + 1).collect();
+            let others: Vec<usize> = (0..24).filter(|id| !some.contains(id)).collect();
+            for ids in [some, others].iter().filter(|ids| !ids.is_empty()) {
+                let selection = parse(&list_of(ids)).unwrap();
+                assert_eq!((&selection.joints, selection.translation), (ids, ids.contains(&0)), "{}", list_of(ids));
+            }
+        }
+        assert_eq!([list_of(&[15]), list_of(&[12, 15]), list_of(&[])], ["15", "head", ""]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ pub mod packed;
 
 use kinelm_model::checkpoint::{Checkpoints, State};
 use kinelm_model::lead_in::LEAD_INS;
-use kinelm_model::run::{CONFIG, HELD_OUT, TOKENIZER, WEIGHTS};
+use kinelm_model::run::{CONFIG, HELD_OUT, MADE, TOKENIZER, WEIGHTS};
 use kinelm_model::{CheckpointChoice, Error, Result, load_run, weights};
 use kinelm_store::files::{self, PendingFolder};
 use kinelm_store::{hash, input};
@@ -31,9 +31,7 @@ const FILES: [(&str, &str); 4] = [
     (LEAD_INS, include_str!("../data/lead_ins.json")),
     (HELD_OUT, include_str!("../data/held_out.json")),
 ];
-/// In the run: a corpus of dances that the model made itself, chosen beside real ones. Real ones are no part of the model.
-pub const MADE: &str = "corpus-made";
-/// Its files, beside the tokenizer.
+/// The files of [`MADE`], beside the tokenizer.
 const MADE_FILES: [(&str, &[u8]); 3] = [
     ("corpus-made/corpus.json", include_bytes!("../data/corpus-made/corpus.json")),
     ("corpus-made/clips.jsonl", include_bytes!("../data/corpus-made/clips.jsonl")),

@@ -1,18 +1,8 @@
 // What the user does: buttons, keys, mouse, touch, and the address.
 
-function play(on) {
-  if (on && state.time >= whole) seek(0);
-  state.playing = on;
-  document.documentElement.classList.toggle('playing', on);
-  state.dirty = true;
-}
-
-function seek(time) {
-  state.time = clamp(time, 0, whole);
-  state.rested = 0;
-  state.dirty = true;
-  if (player) player.seek(state.time);
-}
+const play = on => stage.play(on);
+const seek = time => stage.seek(time);
+stage.onPlay = () => document.documentElement.classList.toggle('playing', state.playing);
 
 function toggle(name) {
   state[name] = !state[name];
@@ -24,10 +14,6 @@ function speedBy(step) {
   const select = $('speed');
   select.selectedIndex = clamp(select.selectedIndex + step, 0, select.options.length - 1);
   state.speed = Number(select.value);
-}
-
-function resetView() {
-  Object.assign(state, { yaw: HOME.yaw, pitch: HOME.pitch, zoom: HOME.zoom, pan: [0, 0, 0], dirty: true });
 }
 
 const KEYS = {
@@ -42,7 +28,7 @@ const KEYS = {
   c: () => toggle('follow'),
   o: () => toggle('overlay'),
   t: () => toggle('trails'),
-  f: resetView,
+  f: () => stage.resetView(),
   m: () => player && player.mute(!player.muted),
 };
 
@@ -51,7 +37,7 @@ function listen() {
   $('scrub').oninput = e => seek(Number(e.target.value));
   $('speed').onchange = e => { state.speed = Number(e.target.value); };
   for (const name of ['loop', 'follow', 'overlay', 'trails']) $(name).onclick = () => toggle(name);
-  $('reset').onclick = resetView;
+  $('reset').onclick = () => stage.resetView();
   document.addEventListener('keydown', e => {
     const does = KEYS[e.key.length === 1 ? e.key.toLowerCase() : e.key];
     // the list of speeds keeps its own keys; everywhere else a key means the same
@@ -63,66 +49,9 @@ function listen() {
   const dark = matchMedia('(prefers-color-scheme: dark)');
   dark.addEventListener('change', theme);
   window.addEventListener('hashchange', () => { address(); state.dirty = true; });
-  listenToPointers(scene.canvas);
+  listenToPointers(scene.canvas, stage);
   scene.canvas.addEventListener('webglcontextlost', e => e.preventDefault());
   scene.canvas.addEventListener('webglcontextrestored', () => { scene.build(); state.dirty = true; });
-}
-
-// Moves what the camera looks at with the pointer, at the dancers' distance.
-function pan(dx, dy) {
-  const metres = 2 * Math.tan(FOV / 2) * camera().distance / scene.canvas.clientHeight;
-  state.pan[0] -= Math.cos(state.yaw) * dx * metres;
-  state.pan[2] += Math.sin(state.yaw) * dx * metres;
-  state.pan[1] = clamp(state.pan[1] + dy * metres, -unit, 3 * unit);
-  state.dirty = true;
-}
-
-function orbit(dx, dy) {
-  state.yaw -= dx * 0.006;
-  state.pitch = clamp(state.pitch + dy * 0.006, -0.05, 1.5);
-  state.dirty = true;
-}
-
-function zoom(by) {
-  state.zoom = clamp(state.zoom * by, 0.12, 6);
-  state.dirty = true;
-}
-
-function listenToPointers(canvas) {
-  const down = new Map();                            // pointer -> [x, y]
-  canvas.addEventListener('pointerdown', e => {
-    down.set(e.pointerId, [e.clientX, e.clientY]);
-    try { canvas.setPointerCapture(e.pointerId); } catch { /* a pointer that is gone already, or one of the self-test */ }
-    canvas.classList.add('dragging');
-  });
-  canvas.addEventListener('pointermove', e => {
-    const was = down.get(e.pointerId);
-    if (!was) return;
-    const [dx, dy] = [e.clientX - was[0], e.clientY - was[1]];
-    const other = [...down].find(([id]) => id !== e.pointerId);
-    if (other) {
-      const apart = p => Math.hypot(p[0] - other[1][0], p[1] - other[1][1]) + 1;
-      zoom(apart(was) / apart([e.clientX, e.clientY]));
-      pan(dx / 2, dy / 2);
-    } else if (e.shiftKey || e.buttons & 6) {
-      pan(dx, dy);
-    } else {
-      orbit(dx, dy);
-    }
-    down.set(e.pointerId, [e.clientX, e.clientY]);
-  });
-  const up = e => {
-    down.delete(e.pointerId);
-    canvas.classList.toggle('dragging', down.size > 0);
-  };
-  canvas.addEventListener('pointerup', up);
-  canvas.addEventListener('pointercancel', up);
-  canvas.addEventListener('contextmenu', e => e.preventDefault());
-  canvas.addEventListener('dblclick', resetView);
-  canvas.addEventListener('wheel', e => {
-    e.preventDefault();
-    zoom(Math.exp(clamp(e.deltaY * (e.deltaMode ? 20 : 1), -200, 200) * 0.0012));
-  }, { passive: false });
 }
 
 // The fragment of the address: `#t=2.5&pause&yaw=30`.
@@ -136,12 +65,13 @@ function address() {
   number('yaw', v => { state.yaw = v * Math.PI / 180; });
   number('pitch', v => { state.pitch = clamp(v, -3, 86) * Math.PI / 180; });
   number('zoom', v => { state.zoom = clamp(1 / (v || 1), 0.12, 6); });
-  if ((parts.has('overlay') || oneWorld) && !parts.has('beside') && !state.overlay) toggle('overlay');
+  if ((parts.has('overlay') || stage.oneWorld) && !parts.has('beside') && !state.overlay) toggle('overlay');
   if (parts.has('trails') && !state.trails) toggle('trails');
   if (parts.has('still') && state.follow) toggle('follow');
   // an address names a picture, not the way to it
   [state.overlaid, state.following] = [Number(state.overlay), Number(state.follow)];
   document.documentElement.classList.toggle('bare', parts.has('bare'));
+  stage.margin = parts.has('bare') ? { high: 0.13, low: 0.04 } : { high: 0.24, low: -0.015 };
   play(!parts.has('pause') && !parts.has('selftest'));
   theme();
   return parts;

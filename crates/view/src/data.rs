@@ -1,12 +1,17 @@
-//! The page's data: 16-bit positions of points, and each figure's place on the floor.
+//! The data of the page's player: 16-bit positions of points, and each figure's place on the floor. [`drawn`] makes the
+//! figures of a page, [`figure`] one by itself, [`LiveFigure`] one that is still sampled.
 
 use super::Figure;
 use crate::{Error, Result};
 use kinelm_motion::capsules::{Capsule, CapsuleBody, JointSphere, standing_height_m};
+use kinelm_motion::feet::contact::contacts;
+use kinelm_motion::feet::leg::Leg;
 use kinelm_motion::metric::beat::BeatHits;
-use kinelm_motion::{Clip, GlobalPose, Vec3};
+use kinelm_motion::rig::SkeletonMap;
+use kinelm_motion::{Clip, GlobalPose, Vec3, joints};
 use kinelm_store::counted;
 use serde::Serialize;
+use std::ops::Range;
 
 /// One figure for the page's script.
 #[derive(Debug, Serialize)]
@@ -38,6 +43,46 @@ pub struct Drawn {
     /// The beats that it hits, if measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     hits: Option<Lit>,
+    /// (P) what each point shows, where that was requested.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    joints: Vec<Option<PointJoint>>,
+    /// When feet are in contact with the floor, where that was requested.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    contacts: Vec<PointContacts>,
+}
+
+/// The joint that a point shows: itself, or the one that its end site hangs on.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct PointJoint {
+    /// The rig's name.
+    label: String,
+    /// As lists of joints name it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
+    /// Its SMPL id.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    smpl: Option<usize>,
+    /// Its group among [`joints::PARTS`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    group: Option<&'static str>,
+}
+
+/// When a point is in contact with the floor.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PointContacts {
+    point: usize,
+    /// Seconds, from and to.
+    spans: Vec<[f64; 2]>,
+}
+
+impl Drawn {
+    /// The points whose joints are, or move with, these SMPL joints; none where points don't know their joints.
+    pub fn points_of(&self, joints: &[usize]) -> Vec<usize> {
+        let is_one = |point: &Option<PointJoint>| {
+            point.as_ref().and_then(|point| point.smpl).is_some_and(|id| joints.contains(&id))
+        };
+        (0..self.joints.len()).filter(|&point| is_one(&self.joints[point])).collect()
+    }
 }
 
 /// Highlighted beats.
@@ -87,6 +132,111 @@ pub fn drawn(figures: &[Figure]) -> Result<Vec<Drawn>> {
     }
     all.sort_by_key(|(n, _)| *n);
     Ok(all.into_iter().map(|(_, drawn)| drawn).collect())
+}
+
+/// One figure where its clip puts it, over a floor at `floor_m`. With the skeleton map of its rig, points know their joints
+/// and feet their contacts.
+///
+/// # Errors
+/// As [`super::page`].
+pub fn figure(figure: &Figure, floor_m: f64, map: Option<&SkeletonMap>) -> Result<Drawn> {
+    let mut track = Track::new(figure)?;
+    track.places.iter_mut().for_each(|p| p.y -= floor_m);
+    let mut drawn = track.drawn(figure, 0, [0.0; 2], [0.0; 2])?;
+    if let Some(map) = map {
+        drawn.joints = point_joints(figure.clip, track.body.point_count, map);
+        drawn.contacts = point_contacts(figure.clip, floor_m, map);
+    }
+    Ok(drawn)
+}
+
+/// (P) the joints of points: joints, end sites, and the top of the head if there is a head.
+fn point_joints(clip: &Clip, points: usize, map: &SkeletonMap) -> Vec<Option<PointJoint>> {
+    let (skeleton, ids) = (clip.skeleton(), joints::smpl_ids(clip.skeleton(), map));
+    let head = ids.iter().position(|id| *id == Some(15));
+    let of_point = |point: usize| match point.checked_sub(skeleton.joints()) {
+        None => Some(point),
+        Some(end) => skeleton.ends().get(end).map_or(head, |end| Some(end.parent)),
+    };
+    // fingers and twist bones move with the nearest joint above them that SMPL has
+    let owner = |joint: usize| {
+        let mut at = Some(joint);
+        while let Some(joint) = at.filter(|joint| ids[*joint].is_none()) {
+            at = skeleton.parents()[joint];
+        }
+        at.and_then(|joint| ids[joint])
+    };
+    let shown = |joint: usize| {
+        let smpl = owner(joint);
+        let name = smpl.map(|id| joints::list_of(&[id]));
+        PointJoint { label: skeleton.names()[joint].clone(), name, smpl, group: smpl.and_then(joints::part_of) }
+    };
+    (0..points).map(|point| of_point(point).map(shown)).collect()
+}
+
+/// The contacts of both legs; none on a rig without legs.
+fn point_contacts(clip: &Clip, floor_m: f64, map: &SkeletonMap) -> Vec<PointContacts> {
+    let mut all: Vec<PointContacts> = Vec::new();
+    let Ok(legs) = Leg::of_rig(clip.skeleton(), map) else { return all };
+    for (side, leg) in legs.iter().enumerate() {
+        for contact in contacts(clip, leg, side, floor_m) {
+            let span = [contact.from, contact.to].map(|frame| frame as f64 / clip.fps());
+            match all.iter_mut().find(|of| of.point == contact.joint) {
+                Some(of) => of.spans.push(span),
+                None => all.push(PointContacts { point: contact.joint, spans: vec![span] }),
+            }
+        }
+    }
+    all
+}
+
+/// Sides of the box that a live figure is in, metres: a step of its 16 bits is half a millimetre.
+const LIVE_BOX: f64 = 32.0;
+/// How much of it is below the floor.
+const LIVE_BELOW: f64 = 8.0;
+
+/// A figure whose frames are still sampled: its numbers are of a box around one of its frames, as its last isn't known.
+#[derive(Debug)]
+pub struct LiveFigure {
+    body: CapsuleBody,
+    floor_m: f64,
+    low: Vec3,
+    step: f64,
+}
+
+impl LiveFigure {
+    /// The figure, and all of its data but the numbers. The box is around the frame `around`.
+    ///
+    /// # Errors
+    /// As [`figure()`].
+    pub fn new(figure: &Figure, floor_m: f64, map: Option<&SkeletonMap>, around: usize) -> Result<(LiveFigure, Drawn)> {
+        let mut track = Track::new(figure)?;
+        let at = track.places.get(around * track.body.point_count).copied().unwrap_or_default();
+        let low = Vec3::new(at.x - LIVE_BOX / 2.0, -LIVE_BELOW, at.z - LIVE_BOX / 2.0);
+        let step = LIVE_BOX / 65535.0;
+        let body = track.body.clone();
+        track.places.truncate(body.point_count);
+        let mut head = track.drawn(figure, 0, [0.0; 2], [0.0; 2])?;
+        (head.low, head.step, head.frames, head.data) = (low.to_array(), step, figure.clip.frames(), String::new());
+        head.joints = map.map_or(Vec::new(), |map| point_joints(figure.clip, body.point_count, map));
+        Ok((LiveFigure { body, floor_m, low, step }, head))
+    }
+
+    /// The numbers of some frames in base64; `None` where a frame leaves the box: a new figure begins there.
+    pub fn frames(&self, clip: &Clip, frames: Range<usize>) -> Option<String> {
+        let (mut pose, mut points, mut bytes) = (GlobalPose::default(), Vec::new(), Vec::new());
+        for frame in frames {
+            self.body.points(clip, frame, &mut pose, &mut points);
+            for number in points.iter().flat_map(|p| ((*p - Vec3::Y * self.floor_m - self.low) / self.step).to_array())
+            {
+                if !(0.0..=65535.0).contains(&number) {
+                    return None;
+                }
+                bytes.extend_from_slice(&(number.round() as u16).to_le_bytes());
+            }
+        }
+        Some(base64(&bytes))
+    }
 }
 
 /// The figures of each world, in their order.
@@ -194,6 +344,8 @@ impl Track {
             given_s: figure.given_s.as_ref().map(|seconds| [seconds.start, seconds.end]),
             anew: figure.regenerated_s.clone(),
             hits: figure.hits.as_ref().map(Lit::of),
+            joints: Vec::new(),
+            contacts: Vec::new(),
         })
     }
 }
@@ -244,6 +396,7 @@ fn beside(groups: &[Vec<&Track>]) -> Vec<f64> {
     shifts.iter().map(|s| s - middle).collect()
 }
 
+/// Bytes as RFC 4648 has them.
 pub fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
@@ -301,6 +454,39 @@ mod tests {
         assert!(lowest.abs() < 0.01, "{lowest}");
         let drawn = drawn(&[Figure::new("high", &high)]).unwrap();
         assert!(drawn[0].low[1].abs() < 0.01, "{}", drawn[0].low[1]);
+    }
+
+    #[test]
+    fn one_figure_stays_where_its_clip_puts_it_and_knows_its_joints() {
+        let d = &synth::corpus(5, 1, 3.0, 60.0).unwrap()[0].clip;
+        let map = SkeletonMap::builtin("smpl").unwrap();
+        let drawn = figure(&Figure::new("a", d), 0.25, Some(&map)).unwrap();
+        let lowest = d.positions().iter().map(|p| p.x).fold(f64::INFINITY, f64::min);
+        assert!((drawn.low[0] - lowest).abs() < 0.2 && drawn.low[1] < -0.2, "{:?}", drawn.low);
+        let of = |point: usize| drawn.joints[point].clone().unwrap();
+        assert_eq!((of(0).name.as_deref(), of(17).group, of(24).smpl), (Some("root"), Some("right_arm"), Some(15)));
+        assert_eq!((drawn.joints.len(), drawn.points_of(&[15, 17])), (drawn.points, vec![15, 17, 24]));
+        let feet: Vec<usize> = drawn.contacts.iter().map(|c| c.point).collect();
+        assert!(!feet.is_empty() && feet.iter().all(|p| [7, 8, 10, 11].contains(p)), "{feet:?}");
+        let last = drawn.contacts[0].spans.last().unwrap();
+        assert!(last[0] < last[1] && last[1] <= 3.0);
+    }
+
+    #[test]
+    fn frames_of_a_live_figure_are_the_numbers_of_its_box() {
+        let d = &synth::corpus(5, 1, 2.0, 20.0).unwrap()[0].clip;
+        let (live, head) = LiveFigure::new(&Figure::new("a", &d.slice(0..3)), 0.0, None, 0).unwrap();
+        assert_eq!((head.frames, head.points, head.data.as_str()), (3, 25, ""));
+        let (first, rest) = (live.frames(d, 0..3).unwrap(), live.frames(d, 3..40).unwrap());
+        // three frames of 25 points are 450 bytes, which base64 divides
+        assert_eq!(format!("{first}{rest}"), live.frames(d, 0..40).unwrap());
+        assert_eq!(first.len(), 600);
+        let low = Vec3::from_array(head.low);
+        let pelvis = ((d.root()[0] - low) / head.step).round();
+        assert!((pelvis.x - 32767.5).abs() <= 1.0 && pelvis.y > 16000.0, "{pelvis}");
+        let root = d.root().iter().map(|p| *p + Vec3::X * 17.0).collect();
+        let far = Clip::new(d.skeleton().clone(), 20.0, root, d.rotations().to_vec()).unwrap();
+        assert_eq!(live.frames(&far, 0..1), None);
     }
 
     #[test]

@@ -8,7 +8,7 @@ function counted() {
   draw(true);
   const bytes = scene.pixels(), own = figures.map(() => 0);
   const key = (r, g, b) => r << 16 | g << 8 | b;
-  const of = new Map(colours.figures.map((c, i) => [key(...as255(c)), i]));
+  const of = new Map(figures.map((f, i) => [key(...as255(f.colour)), i]));
   const givenKey = key(...as255(colours.given));
   let given = 0;
   for (let i = 0; i < bytes.length; i += 4) {
@@ -49,16 +49,16 @@ function controls() {
   result.keys_set_speed = faster > 1 && state.speed === 1;
   play(true);
   seek(0);
-  advance(0.05);
+  stage.advance(0.05);
   state.speed = 0.25;
-  advance(0.1);
+  stage.advance(0.1);
   state.speed = 1;
   result.time_runs_at_speed = Math.abs(state.time - Math.min(0.075, whole)) < 1e-9;
   seek(whole);
-  for (let i = 0; i < 40; i++) advance(0.05);
+  for (let i = 0; i < 40; i++) stage.advance(0.05);
   result.loops = state.time < whole || whole === 0;
   toggle('loop');
-  for (let i = 0; i < 2 * (whole + 1) / 0.1; i++) advance(0.1);
+  for (let i = 0; i < 2 * (whole + 1) / 0.1; i++) stage.advance(0.1);
   result.stops_without_loop = state.time === whole && !state.playing;
   toggle('loop');
   drag();
@@ -83,7 +83,7 @@ function controls() {
 function sharedColumns() {
   draw(true);
   const bytes = scene.pixels(), { width } = scene.canvas;
-  const keys = colours.figures.map(c => as255(c).join());
+  const keys = figures.map(f => as255(f.colour).join());
   const columns = new Map();
   for (let i = 0; i < bytes.length; i += 4) {
     const n = keys.indexOf(`${bytes[i]},${bytes[i + 1]},${bytes[i + 2]}`);
@@ -106,11 +106,14 @@ function cost() {
   const one = new Uint8Array(4), gl = scene.gl;
   // reading a pixel waits for the picture; finish() doesn't everywhere
   const finish = () => { show(); gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, one); };
-  const script_ms = run(200, () => { compose(); placeLabels(camera().view); });
+  const script_ms = run(200, () => {
+    stage.compose();
+    labels.place(stage.camera(scene.canvas.width, scene.canvas.height).view, scene.canvas.clientWidth, scene.canvas.clientHeight);
+  });
   finish();
   const calls_ms = run(2, show);
   finish();
-  return { capsules: things.capsuleCount, script_ms, calls_ms, finished_ms: run(2, finish) };
+  return { capsules: stage.things.capsuleCount, script_ms, calls_ms, finished_ms: run(2, finish) };
 }
 
 function selftest() {
@@ -129,7 +132,7 @@ function selftest() {
     toggle('trails');
     result.cost_with_trails = cost();
     toggle('trails');
-    result.labels = labels.map(l => l.textContent);
+    result.labels = labels.all.map(l => l.textContent);
     result.legend = !$('legend').hidden;
     result.anew = [...$('anew').children].map(mark => [mark.style.left, mark.style.width].map(parseFloat));
     result.gl_error = scene.gl.getError();

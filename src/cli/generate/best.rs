@@ -1,15 +1,15 @@
 //! `kinelm generate --best N`.
 
-use crate::cli::{Say, TrustArgs, evaluate, wrong_call};
+use crate::cli::{Say, TrustArgs};
 use crate::corpus::{Corpus, Split};
-use crate::evaluate::dance::Reference;
 use crate::evaluate::dance::judge::Judge;
+use crate::evaluate::dance::{Reference, real};
 use crate::generate::best::Best;
 use crate::generate::open::OpenRequest;
-use crate::train::run::RunFile;
+use crate::model::run::MADE;
 use anyhow::Result;
 use kinelm_tokenizer::Words;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct BestArgs {
@@ -36,18 +36,9 @@ impl BestArgs {
         if self.best.is_none() {
             return Ok(None);
         }
-        let path = self.real.clone().map_or_else(|| of_run(&open.resolved.run), Ok)?;
-        let corpus = evaluate::real_corpus(&path, TrustArgs::default())?;
-        let (found, expected) = (corpus.tokenizer().hash(), open.tokenizer.hash());
-        if found != expected {
-            wrong_call!(
-                "{}: a corpus of another tokenizer ({found:.8}) than the model's ({expected:.8}); expected one that kinelm \
-                 tokenize made with it",
-                path.display()
-            );
-        }
-        Reference::check(&corpus)?;
-        if path.ends_with(kinelm_ready::MADE) {
+        let path = self.real.clone().map_or_else(|| real::corpus_of(&open.resolved.run), Ok)?;
+        let corpus = real::open_for(&path, open, TrustArgs::default().opening())?;
+        if path.ends_with(MADE) {
             say.line(
                 "compared with dances that the model made itself, chosen beside real ones; --real compares with yours",
             );
@@ -59,24 +50,6 @@ impl BestArgs {
         }
         Ok(Some(corpus))
     }
-}
-
-/// The corpus of the largest weight in a run's training.
-fn of_run(run: &Path) -> Result<PathBuf> {
-    let parts = RunFile::read(run)?.corpora.into_iter();
-    let made = run.join(kinelm_ready::MADE);
-    if parts.len() == 0 && made.is_dir() {
-        return Ok(made);
-    }
-    let run = run.display();
-    let Some(most) = parts.reduce(|most, part| if part.weight > most.weight { part } else { most }) else {
-        wrong_call!("--best: {run} was trained elsewhere and names no corpus; add --real CORPUS");
-    };
-    if !most.path.join("corpus.json").exists() {
-        let corpus = most.path.display();
-        wrong_call!("--best: {corpus}, which {run} was trained on, isn't there any more; add --real CORPUS");
-    }
-    Ok(most.path)
 }
 
 /// The best dances, as many as `outs`, best first: the number of each and what was found of it, which is reported.

@@ -63,10 +63,7 @@ impl EditArgs {
 pub fn of_timeline(path: &Path, dance: &DanceArgs, say: Say) -> Result<(PromptRequest, TimelineLayout)> {
     let (timeline, layout) = Timeline::load(path)?;
     layout.notes.iter().for_each(|note| say.line(note));
-    let (path, read, given) = (layout.path().to_owned(), layout.read(), layout.given());
     let blend_s = seconds("blend", dance.blend, 0.0, &|| Ok(layout.fps))?;
-    let edit = Edit { given, free: Vec::new(), blend_s, tries: dance.tries.into(), looping: None };
-    let prompt =
-        PromptRequest { path, read, joints: None, from_frame: None, timeline: Some(timeline), edit: Some(edit) };
+    let prompt = layout.prompt(timeline, blend_s, dance.tries.into());
     Ok((prompt, layout))
 }

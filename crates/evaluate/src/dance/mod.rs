@@ -18,6 +18,7 @@ mod metrics;
 pub mod positions;
 mod print;
 pub mod prompt;
+pub mod real;
 pub mod repetition;
 mod report;
 #[cfg(test)]

@@ -57,6 +57,11 @@ impl OpenRequest {
         Ok(all)
     }
 
+    /// Whether each dance is the best of several tries, which are sampled side by side, the dances one after the other.
+    pub fn samples_tries(&self) -> bool {
+        self.tries() > 1
+    }
+
     /// The words of one of several dances, with the look-ahead tokens after gaps of an edited clip.
     pub fn words(&self, sampled: &SampledTokens, dance: usize) -> Words {
         self.tokenizer.words_of_ids(&sampled.with_lookahead(dance)).words

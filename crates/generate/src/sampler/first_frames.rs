@@ -59,7 +59,7 @@ pub(super) fn best_seeds(
     let mut best: Vec<(f64, u64)> = seeds.iter().map(|&seed| (f64::NEG_INFINITY, seed)).collect();
     for candidate in 0..plan.first_frames {
         let own: Vec<u64> = seeds.iter().map(|&seed| candidate_seed(seed, candidate)).collect();
-        let scored = scored(model, &begun, &own)?;
+        let scored = scored(model, &begun, &own, &best)?;
         for ((best, sequence), seed) in best.iter_mut().zip(&scored.sequences).zip(own) {
             if sequence.log_likelihood() > best.0 {
                 *best = (sequence.log_likelihood(), seed);
@@ -69,11 +69,20 @@ pub(super) fn best_seeds(
     Ok(best.into_iter().map(|(_, seed)| seed).collect())
 }
 
-/// Dances of these seeds, sampled until their given characters are scored.
-fn scored(model: &mut (impl NextToken + ?Sized), plan: &Arc<SamplingPlan>, seeds: &[u64]) -> Result<Batch> {
+/// Dances of these seeds, sampled until their given characters are scored, or no better than the best so far.
+fn scored(
+    model: &mut (impl NextToken + ?Sized),
+    plan: &Arc<SamplingPlan>,
+    seeds: &[u64],
+    best: &[(f64, u64)],
+) -> Result<Batch> {
     let mut batch = Batch { scores: true, ..Batch::new(plan, seeds, model.context()) };
     while !batch.is_done() {
         batch.step(model)?;
+        // what is given only becomes less likely
+        for (sequence, (best, _)) in batch.sequences.iter_mut().zip(best) {
+            sequence.give_up_below(*best);
+        }
     }
     Ok(batch)
 }
@@ -129,7 +138,7 @@ mod tests {
         for (given, count) in [([f, t, f, t, f], 2), ([t, t, f, f, t], 5), ([t, f, t, t, f], 4), ([f, f, f, t, t], 2)] {
             for context in [12, 40] {
                 let plan = plan(2, &given, &PROMPT, Sampling::temperature(3.0));
-                let batch = scored(&mut Even(model(context, 2)), &Arc::new(plan), &[1, 2]).unwrap();
+                let batch = scored(&mut Even(model(context, 2)), &Arc::new(plan), &[1, 2], &[]).unwrap();
                 for sequence in batch.sequences {
                     // one of 10 is sampled, the space is certain
                     let (expected, found) = (-10f64.ln() * f64::from(count), sequence.log_likelihood());

@@ -42,7 +42,7 @@ pub(super) struct Sequence {
     taken_back: Option<usize>,
     /// ln p of what is given of the first word and up to the next free slot, as far as it is scored.
     log_likelihood: f64,
-    /// Whether all of that is scored.
+    /// Whether all of that is scored, or as much as needed.
     is_scored: bool,
     goals: Option<GoalConditioning>,
     /// Tokens guessed so far.
@@ -101,9 +101,14 @@ impl Sequence {
         self.log_likelihood
     }
 
-    /// Whether all of that is scored.
+    /// Whether all of that is scored, or as much as needed.
     pub fn is_scored(&self) -> bool {
         self.is_scored
+    }
+
+    /// Ends the scoring where the likelihood isn't above this one.
+    pub fn give_up_below(&mut self, log_likelihood: f64) {
+        self.is_scored |= self.log_likelihood <= log_likelihood;
     }
 
     /// The ids, and the look-ahead tokens.
@@ -275,7 +280,7 @@ impl Sequence {
     fn fill_block(&mut self, guesses: usize) {
         self.block.clear();
         self.guesses = 0;
-        if self.is_done() {
+        if self.is_done() || self.is_scored {
             return;
         }
         let front = self.plan.fronts.get(self.front).map_or(&[][..], |(_, front)| front);
@@ -327,7 +332,7 @@ impl Sequence {
                 self.log_likelihood += sampling::log_probability(row, &allowed, self.block[later]);
             }
         }
-        self.is_scored = self.words() > 0;
+        self.is_scored |= self.words() > 0;
     }
 
     /// Samples what the block's `logits` (rows, V) allow to: the next free slot, and those after guesses that turn out right.

@@ -5,7 +5,7 @@ use crate::Result;
 use crate::edit::gap::bridge;
 use crate::edit::mask::Mask;
 use crate::edit::splice::RigJoints;
-use crate::request::Span;
+use crate::request::{Edit, PromptRequest, Span, Timeline};
 use kinelm_motion::format::bvh::{BvhSource, Changed, Piece, parse_header};
 use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
@@ -34,6 +34,19 @@ impl TimelineLayout {
             Span { joints: segment.list.clone(), from, to }
         };
         self.segments.iter().map(span).collect()
+    }
+
+    /// The prompt of a dance that generates what the clips leave free. Blend and tries as in [`Edit`].
+    pub fn prompt(&self, timeline: Timeline, blend_s: f64, tries: usize) -> PromptRequest {
+        let edit = Edit { given: self.given(), free: Vec::new(), blend_s, tries, looping: None };
+        PromptRequest {
+            path: self.path().to_owned(),
+            read: self.read(),
+            joints: None,
+            from_frame: None,
+            timeline: Some(timeline),
+            edit: Some(edit),
+        }
     }
 
     /// The file: what clips give, and straight lines where none does.

@@ -84,6 +84,8 @@ pub(super) struct ReadClip {
 /// A segment in frames of the dance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedSegment {
+    /// Its number among the timeline's segments, from 0.
+    pub index: usize,
     /// The clip's name.
     pub clip: String,
     /// SMPL ids, ascending.
@@ -193,7 +195,7 @@ impl TimelineLayout {
             let read = clips
                 .get(clip)
                 .ok_or_else(|| Fault::Segment(n, format!("clip = \"{clip}\""), format!("one of the clips: {known}")))?;
-            let place = place((clip, segment), read, (&motion, own), &mut notes);
+            let place = place((n, clip, segment), read, (&motion, own), &mut notes);
             placed.push((n, place.map_err(|(found, expected)| Fault::Segment(n, found, expected))?));
         }
         placed.sort_by_key(|(n, p)| (p.frames.start, *n));
@@ -293,7 +295,7 @@ impl ClipFile {
 
 /// A segment in frames; found and expected where it can't be.
 fn place(
-    (clip, segment): (&str, &Segment),
+    (index, clip, segment): (usize, &str, &Segment),
     read: &ReadClip,
     (rig, own): (&Motion, &TimelineClip),
     notes: &mut Vec<String>,
@@ -317,7 +319,8 @@ fn place(
         let found = format!("{long:.2} s from {} of {} on", segment.at.0, clip);
         return Err((found, format!("{left:.2} s at most, which the clip still has there")));
     }
-    Ok(PlacedSegment { clip: clip.to_owned(), joints, list, frames: from..to, at, turn: 0.0, shift: Vec3::ZERO })
+    let (clip, frames) = (clip.to_owned(), from..to);
+    Ok(PlacedSegment { index, clip, joints, list, frames, at, turn: 0.0, shift: Vec3::ZERO })
 }
 
 /// The frames of the dance over which a segment holds; found and expected where there are none.

@@ -7,9 +7,11 @@ mod chart;
 mod compose;
 mod labels;
 mod layout;
+mod spans;
 
 pub use chart::chart;
 pub use layout::{PlacedSegment, TimelineLayout};
+pub use spans::{GivenSpan, GivenState};
 
 use crate::request::timeline::default_transition;
 use crate::request::{At, Segment, Timeline, TimelineClip};
@@ -58,7 +60,7 @@ struct TimelineFile {
 const HELP: &str = "docs/timelines.md has examples with every key";
 
 /// The most bytes of a timeline's file: parsed TOML takes some hundred times as many.
-const MOST_BYTES: usize = 1 << 20;
+pub const MOST_BYTES: usize = 1 << 20;
 
 impl Timeline {
     /// Reads a timeline and lays it out. Relative paths are relative to the timeline's folder.
@@ -67,14 +69,21 @@ impl Timeline {
     /// [`kinelm_store::Error::File`] with line and column: wrong TOML, unknown keys; a clip that isn't named, can't be read or
     /// is no BVH where its rig is written; times outside a clip; unknown joints; two clips that give one joint at a time.
     pub fn load(path: &Path) -> Result<(Timeline, TimelineLayout)> {
-        let text = input::text(path).map_err(Error::io(path))?;
-        let wrong = |span, found: &str, expected: &str| Error::in_text((path, &text), span, found, expected, HELP);
+        Timeline::parse(path, &input::text(path).map_err(Error::io(path))?)
+    }
+
+    /// [`Timeline::load`] of the text of the file `path`.
+    ///
+    /// # Errors
+    /// Those of [`Timeline::load`].
+    pub fn parse(path: &Path, text: &str) -> Result<(Timeline, TimelineLayout)> {
+        let wrong = |span, found: &str, expected: &str| Error::in_text((path, text), span, found, expected, HELP);
         if text.len() > MOST_BYTES {
             let help = "generate the dance in parts";
             let expected = format!("a timeline of at most {MOST_BYTES} bytes, some thousand segments");
             return Err(Error::file(path, format!("{} bytes", text.len()), expected, help));
         }
-        let file: TimelineFile = toml::from_str(&text).map_err(|e| wrong(e.span(), e.message(), "a timeline"))?;
+        let file: TimelineFile = toml::from_str(text).map_err(|e| wrong(e.span(), e.message(), "a timeline"))?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let clip_spans: BTreeMap<String, Range<usize>> =
             file.clips.iter().map(|(k, c)| (k.clone(), c.span())).collect();

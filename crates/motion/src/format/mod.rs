@@ -42,7 +42,7 @@ pub use rate::{RateDoubt, RateDoubts};
 pub use rest::has_rest_frame;
 pub use sniff::sniff;
 pub use source::{Motion, Source};
-pub use up::{Axes, Up, UpSource};
+pub use up::{Axes, Up, UpSource, standing_axis};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};

@@ -201,6 +201,11 @@ fn skeleton(skeleton: &Skeleton, turn: Mat3) -> Result<Skeleton> {
     Skeleton::new(skeleton.names().to_vec(), skeleton.parents().to_vec(), offsets, ends.collect())
 }
 
+/// The axis of a clip along which its body stands in most frames; `None` where no map shows the body, or without frames.
+pub fn standing_axis(clip: &Clip, map: &SkeletonMap) -> Option<Up> {
+    motion(clip, map).map(|found| found.up)
+}
+
 /// The axis along which a body stands, and how well.
 #[derive(Debug, Clone, Copy)]
 struct Uprightness {

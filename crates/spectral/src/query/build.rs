@@ -7,7 +7,7 @@ use super::part::PartWriter;
 use super::record::{ClipEntry, Manifest, PartRecord, VERSION};
 use crate::pca::PcaFit;
 use crate::{Error, PcaBasis, Result, WindowSpec};
-pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
+pub use kinelm_corpus::build::{BuildEvent, BuildOptions, BuildProgress, Summary, for_each_clip};
 use kinelm_corpus::load::ClipSpec;
 use kinelm_corpus::{Dataset, Item};
 use kinelm_store::FileRecord;

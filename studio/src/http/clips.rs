@@ -1,0 +1,231 @@
+//! The routes of the library.
+
+use super::App;
+use super::answer::{Answer, blocking, body, done, json, text_of};
+use crate::library::figure::Part;
+use crate::library::search::Looked;
+use crate::library::upload::{MOST_BYTES, Upload};
+use crate::project::document::{Music, Reading};
+use crate::{Error, Result};
+use axum::body::{Body, Bytes};
+use axum::extract::{Path, Query, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use futures_util::StreamExt;
+use futures_util::stream::unfold;
+use serde::Deserialize;
+use serde_json::json as value;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// The longest time without a byte of an upload.
+const PIECE_TIME: Duration = Duration::from_secs(30);
+/// Bytes that are read of a sound at a time.
+const PIECE: usize = 256 << 10;
+
+/// The name of an upload.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Named {
+    name: String,
+}
+
+/// Takes a file in.
+pub async fn upload(
+    State(app): State<Arc<App>>,
+    name: std::result::Result<Query<Named>, axum::extract::rejection::QueryRejection>,
+    headers: HeaderMap,
+    body: Body,
+) -> Answer {
+    let Query(Named { name }) = name.map_err(|_| Error::missing("name of the file", "the page sends ?name=NAME"))?;
+    let length = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
+    if let Some(length) = length.filter(|length| *length > MOST_BYTES) {
+        let (needs, limit) = (format!("{} MB", length >> 20), format!("{} MB", MOST_BYTES >> 20));
+        return Err(Error::limit("the file", needs, limit, "cut it into shorter ones").into());
+    }
+    let _turn = app.uploads.acquire().await.map_err(|_| Error::Conflict("the studio ends".into()))?;
+    let studio = app.studio.clone();
+    let mut upload = blocking(move || Upload::begin(studio.project(), &name)).await?;
+    let mut pieces = body.into_data_stream();
+    loop {
+        let slow = |_| Error::Slow("no byte came for half a minute; upload it again".into());
+        let Some(piece) = tokio::time::timeout(PIECE_TIME, pieces.next()).await.map_err(slow)? else { break };
+        let piece = piece.map_err(|e| Error::Slow(format!("the upload broke off: {e}")))?;
+        upload = blocking(move || upload.write(&piece).map(|()| upload)).await?;
+    }
+    let studio = app.studio.clone();
+    let id = blocking(move || studio.uploaded(upload)).await?;
+    Ok(json(&value!({ "id": id })))
+}
+
+/// What the stage shows of a clip or a dance.
+pub async fn figure(
+    State(app): State<Arc<App>>,
+    Path(id): Path<String>,
+    part: std::result::Result<Query<Part>, axum::extract::rejection::QueryRejection>,
+) -> Answer {
+    let Query(part) = part.map_err(|e| Error::invalid("the `query`", e.body_text(), "fps and seconds as numbers"))?;
+    let studio = app.studio.clone();
+    let text = blocking(move || studio.library().figure(&id, part)).await?;
+    Ok(text_of(text.to_string(), "application/json"))
+}
+
+/// Reads a clip otherwise.
+pub async fn reading(State(app): State<Arc<App>>, Path(id): Path<String>, request: Body) -> Answer {
+    let reading: Reading = body(request).await?;
+    blocking(move || app.studio.restate(&id, &reading)).await?;
+    done()
+}
+
+/// Takes a clip out.
+pub async fn remove(State(app): State<Arc<App>>, Path(id): Path<String>) -> Answer {
+    blocking(move || app.studio.remove(&id)).await?;
+    done()
+}
+
+/// Gives a clip or a dance another name.
+pub async fn rename(State(app): State<Arc<App>>, Path(id): Path<String>, request: Body) -> Answer {
+    let Named { name } = body(request).await?;
+    blocking(move || app.studio.rename(&id, &name)).await?;
+    done()
+}
+
+/// What else moves like this.
+pub async fn search(State(app): State<Arc<App>>, request: Body) -> Answer {
+    let looked: Looked = body(request).await?;
+    let matches = blocking(move || app.studio.library().search(&looked)).await?;
+    Ok(json(&value!({ "matches": matches })))
+}
+
+/// The music of the stage.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MusicOf {
+    clip: Option<String>,
+    #[serde(default)]
+    from_s: f64,
+}
+
+/// Sets what is danced to on the stage.
+pub async fn music(State(app): State<Arc<App>>, request: Body) -> Answer {
+    let MusicOf { clip, from_s } = body(request).await?;
+    let music = clip.map(|clip| Music { clip, from_s });
+    blocking(move || app.studio.set_music(music)).await?;
+    done()
+}
+
+/// A sound file, or a part of it.
+pub async fn sound(State(app): State<Arc<App>>, Path(id): Path<String>, headers: HeaderMap) -> Answer {
+    let studio = app.studio.clone();
+    let (file, bytes, kind) = blocking(move || {
+        let path = studio.library().sound(&id)?;
+        let file = kinelm_store::input::peek(&path).map_err(Error::io(&path))?;
+        let bytes = file.metadata().map_err(Error::io(&path))?.len();
+        let kind = match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
+            Some("mp3") => "audio/mpeg",
+            Some("ogg" | "oga") => "audio/ogg",
+            Some("flac") => "audio/flac",
+            Some("m4a" | "mp4") => "audio/mp4",
+            _ => "audio/wav",
+        };
+        Ok((file, bytes, kind))
+    })
+    .await?;
+    let wanted = headers.get(header::RANGE).and_then(|range| range.to_str().ok());
+    let range = match wanted.map(|range| range_of(range, bytes)) {
+        None | Some(Some(Range::All)) => None,
+        Some(Some(Range::Part(from, to))) => Some((from, to)),
+        Some(None) => {
+            let mut response = StatusCode::RANGE_NOT_SATISFIABLE.into_response();
+            set(&mut response, header::CONTENT_RANGE, &format!("bytes */{bytes}"));
+            return Ok(response);
+        }
+    };
+    let (from, to) = range.unwrap_or((0, bytes));
+    let mut response = Response::new(Body::from_stream(pieces(file, from, to - from)));
+    if range.is_some() {
+        *response.status_mut() = StatusCode::PARTIAL_CONTENT;
+        set(&mut response, header::CONTENT_RANGE, &format!("bytes {from}-{}/{bytes}", to - 1));
+    }
+    set(&mut response, header::CONTENT_LENGTH, &(to - from).to_string());
+    set(&mut response, header::CONTENT_TYPE, kind);
+    set(&mut response, header::ACCEPT_RANGES, "bytes");
+    Ok(response)
+}
+
+fn set(response: &mut Response, name: header::HeaderName, text: &str) {
+    if let Ok(text) = HeaderValue::from_str(text) {
+        response.headers_mut().insert(name, text);
+    }
+}
+
+/// What a `Range` header wants.
+#[derive(Debug, PartialEq)]
+enum Range {
+    All,
+    /// From a byte to another, exclusive.
+    Part(u64, u64),
+}
+
+/// A header's range of a file; `None`: none of its bytes. Several ranges, and what is no range, are all of it.
+fn range_of(header: &str, bytes: u64) -> Option<Range> {
+    let Some((from, to)) = header.strip_prefix("bytes=").and_then(|range| range.split_once('-')) else {
+        return Some(Range::All);
+    };
+    let (from, to) = match (from.parse::<u64>(), to.parse::<u64>()) {
+        (Ok(from), Ok(to)) if from <= to => (from, to.saturating_add(1).min(bytes)),
+        (Ok(from), Err(_)) if to.is_empty() => (from, bytes),
+        (Err(_), Ok(last)) if from.is_empty() => (bytes.saturating_sub(last), bytes),
+        _ => return Some(Range::All),
+    };
+    (from < to).then_some(Range::Part(from, to))
+}
+
+/// The bytes of a file, piece by piece.
+fn pieces(file: File, from: u64, length: u64) -> impl futures_util::Stream<Item = Result<Bytes>> {
+    unfold((Some(file), from, length), |(file, from, left)| async move {
+        let mut file = file.filter(|_| left > 0)?;
+        let read = blocking(move || {
+            let mut piece = vec![0; (left as usize).min(PIECE)];
+            let read = file.seek(SeekFrom::Start(from)).and_then(|_| file.read(&mut piece));
+            let read = read.map_err(Error::io("the sound"))?;
+            piece.truncate(read);
+            Ok((file, Bytes::from(piece)))
+        });
+        match read.await {
+            Ok((_, piece)) if piece.is_empty() => None,
+            Ok((file, piece)) => {
+                let read = piece.len() as u64;
+                Some((Ok(piece), (Some(file), from + read, left - read)))
+            }
+            Err(e) => Some((Err(e), (None, 0, 0))),
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges() {
+        for (header, expected) in [
+            ("bytes=0-", Some(Range::Part(0, 100))),
+            ("bytes=10-19", Some(Range::Part(10, 20))),
+            ("bytes=90-1000", Some(Range::Part(90, 100))),
+            ("bytes=0-18446744073709551615", Some(Range::Part(0, 100))),
+            ("bytes=-10", Some(Range::Part(90, 100))),
+            ("bytes=-1000", Some(Range::Part(0, 100))),
+            ("bytes=100-", None),
+            ("bytes=-0", None),
+            ("bytes=5-2", Some(Range::All)),
+            ("bytes=0-1,5-6", Some(Range::All)),
+            ("lines=1-2", Some(Range::All)),
+            ("bytes=a-b", Some(Range::All)),
+        ] {
+            assert_eq!(range_of(header, 100), expected, "{header}");
+        }
+    }
+}

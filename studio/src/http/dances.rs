@@ -1,0 +1,85 @@
+//! The routes of jobs and dances.
+
+use super::App;
+use super::answer::{Answer, blocking, body, done, json, text_of};
+use crate::Error;
+use crate::make::request::Make;
+use axum::body::Body;
+use axum::extract::{Path, Query, State};
+use axum::http::{HeaderValue, header};
+use serde::Deserialize;
+use serde_json::json as value;
+use std::sync::Arc;
+
+/// Puts a request into the row.
+pub async fn make(State(app): State<Arc<App>>, request: Body) -> Answer {
+    let make: Make = body(request).await?;
+    let job = blocking(move || app.studio.make(make)).await?;
+    Ok(json(&value!({ "job": job })))
+}
+
+/// Stops a job.
+pub async fn cancel(State(app): State<Arc<App>>, Path(id): Path<String>) -> Answer {
+    blocking(move || app.studio.cancel(&id)).await?;
+    done()
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keep {
+    #[serde(default)]
+    name: Option<String>,
+}
+
+/// Keeps a dance.
+pub async fn keep(State(app): State<Arc<App>>, Path(id): Path<String>, request: Body) -> Answer {
+    let Keep { name } = body(request).await?;
+    Ok(json(&blocking(move || app.studio.keep(&id, name.as_deref())).await?))
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Reject {
+    #[serde(default)]
+    back: bool,
+}
+
+/// Turns a dance down.
+pub async fn reject(State(app): State<Arc<App>>, Path(id): Path<String>, request: Body) -> Answer {
+    let Reject { back } = body(request).await?;
+    blocking(move || app.studio.reject(&id, back)).await?;
+    done()
+}
+
+/// The format of an export.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Format {
+    format: String,
+}
+
+/// A dance as a file.
+pub async fn export(
+    State(app): State<Arc<App>>,
+    Path(id): Path<String>,
+    format: std::result::Result<Query<Format>, axum::extract::rejection::QueryRejection>,
+) -> Answer {
+    let Query(Format { format }) = format.map_err(|_| Error::missing("format", "?format=bvh, glb, npz or json"))?;
+    let (name, bytes) = blocking(move || app.studio.export(&id, &format)).await?;
+    let mut response = text_of(bytes, "application/octet-stream");
+    // RFC 8187: any letter as bytes of UTF-8
+    let coded: String = name
+        .bytes()
+        .map(|b| {
+            if b.is_ascii_alphanumeric() || b"-_.".contains(&b) {
+                char::from(b).to_string()
+            } else {
+                format!("%{b:02X}")
+            }
+        })
+        .collect();
+    if let Ok(saved) = HeaderValue::from_str(&format!("attachment; filename*=UTF-8''{coded}")) {
+        response.headers_mut().insert(header::CONTENT_DISPOSITION, saved);
+    }
+    Ok(response)
+}

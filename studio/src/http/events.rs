@@ -1,0 +1,97 @@
+//! The stream of events to one page.
+
+use super::App;
+use super::answer::Answer;
+use crate::events::{Hub, framed};
+use axum::body::{Body, Bytes};
+use axum::extract::{Query, State};
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::Response;
+use futures_util::stream::unfold;
+use serde::Deserialize;
+use serde_json::json;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::watch;
+
+/// A word now and then, so that both ends know that the other is there.
+const ALIVE: Duration = Duration::from_secs(15);
+
+/// A page that listens.
+struct Page {
+    hub: Arc<Hub>,
+    changed: watch::Receiver<u64>,
+    stop: watch::Receiver<bool>,
+    /// The last event that it has.
+    at: u64,
+    /// What it is told first.
+    first: Option<String>,
+}
+
+impl Page {
+    /// Waits for something to send; `None` where the server ends.
+    async fn next(&mut self) -> Option<String> {
+        if let Some(first) = self.first.take() {
+            return Some(first);
+        }
+        loop {
+            if *self.stop.borrow() {
+                return None;
+            }
+            // seen before it is looked at, so that none is missed in between
+            self.changed.borrow_and_update();
+            match self.hub.since(self.at) {
+                Some((events, last)) if !events.is_empty() => {
+                    self.at = last;
+                    return Some(events.concat());
+                }
+                Some(_) => {}
+                None => {
+                    self.at = self.hub.last();
+                    return Some(hello(self.at, false));
+                }
+            }
+            let (changed, stop) = (self.changed.changed(), self.stop.changed());
+            let waited = tokio::time::timeout(ALIVE, futures_util::future::select(Box::pin(changed), Box::pin(stop)));
+            if waited.await.is_err() {
+                return Some(": alive\n\n".into());
+            }
+        }
+    }
+}
+
+/// The first event: whether those that the page missed follow, or it has to load the state again.
+fn hello(at: u64, resumed: bool) -> String {
+    let data = json!({ "version": env!("CARGO_PKG_VERSION"), "resumed": resumed });
+    framed(at, "hello", &data.to_string())
+}
+
+/// What a page asks for when it opens.
+#[derive(Debug, Deserialize)]
+pub struct From {
+    /// An event: those after it, as far as they are still there.
+    since: Option<u64>,
+}
+
+/// The events from the last one that a page has.
+pub async fn stream(State(app): State<Arc<App>>, Query(from): Query<From>, headers: HeaderMap) -> Answer {
+    let hub = app.studio.hub().clone();
+    let known = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse::<u64>().ok());
+    // a page that comes back knows more than the address that it opened
+    let known = match known {
+        Some(id) => Some(id).filter(|id| hub.since(*id).is_some()),
+        None => from.since.map(|id| hub.kept_since(id)),
+    };
+    let at = known.unwrap_or_else(|| hub.last());
+    let first = Some(format!("retry: 1000\n\n{}", hello(at, known.is_some())));
+    let page = Page { changed: hub.watch(), hub, stop: app.stop.subscribe(), at, first };
+    let chunks = unfold(page, |mut page| async {
+        let text = page.next().await?;
+        Some((Ok::<_, Infallible>(Bytes::from(text)), page))
+    });
+    let mut response = Response::new(Body::from_stream(chunks));
+    let kind = HeaderValue::from_static("text/event-stream");
+    response.headers_mut().insert(header::CONTENT_TYPE, kind);
+    Ok(response)
+}

@@ -1,0 +1,94 @@
+//! The process that reads a file: `kinelm studio-read`, started by the studio for every file that it is given.
+//!
+//! Some parsers are C code, and any parser may take all memory or never end on a file that is made for it. In a
+//! process of its
+//! own, with limits, that is an error of one file.
+
+use super::doubts::{Outcome, outcome};
+use crate::project::document::Reading;
+use crate::{Error, Result};
+use kinelm_store::files;
+use serde::{Deserialize, Serialize};
+use std::io::Read;
+use std::path::PathBuf;
+
+/// Bytes of a job's text.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// What is to be read, as the process gets it on its standard input.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Job {
+    /// The file.
+    pub file: PathBuf,
+    /// What the user states of it.
+    pub reading: Reading,
+    /// Where a clip of another format goes as a BVH.
+    pub convert: PathBuf,
+    /// Where the outcome goes.
+    pub out: PathBuf,
+    /// The limits.
+    pub limits: Limits,
+}
+
+/// What the process may take.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limits {
+    /// Bytes of address space.
+    pub memory: u64,
+    /// Seconds of a processor, and of the clock.
+    pub seconds: u64,
+    /// Bytes of a file that it writes.
+    pub file: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Limits {
+        Limits { memory: 4 << 30, seconds: 120, file: 2 << 30 }
+    }
+}
+
+/// Reads the file of the job on the standard input.
+///
+/// # Errors
+/// A job that is none; an outcome that can't be written. What is wrong with the file is the outcome.
+pub fn read_file() -> Result<()> {
+    let mut text = String::new();
+    std::io::stdin().take(MOST_BYTES).read_to_string(&mut text).map_err(Error::io("standard input"))?;
+    let wrong = |e: serde_json::Error| Error::invalid("the standard input", e, "a job that the studio wrote");
+    let job: Job = serde_json::from_str(&text).map_err(wrong)?;
+    limit(job.limits)?;
+    // a panic is an error of this file too; what it printed nobody reads
+    let found = std::panic::catch_unwind(|| outcome(&job.file, &job.reading, &job.convert));
+    let found = found.unwrap_or_else(|payload| Outcome::failed(&Error::of_panic(&*payload)));
+    let text = serde_json::to_vec(&found).map_err(Error::failed)?;
+    Ok(files::write_whole(&job.out, &text)?)
+}
+
+/// Holds this process to limits, where the system can.
+#[cfg(unix)]
+fn limit(limits: Limits) -> Result<()> {
+    use nix::sys::resource::{Resource, getrlimit, setrlimit};
+    let set = |resource: Resource, most: u64| {
+        // never above what holds already
+        let (_, hard) = getrlimit(resource).map_err(std::io::Error::from)?;
+        let most = most.min(hard);
+        setrlimit(resource, most, most).map_err(std::io::Error::from)
+    };
+    let all = || {
+        set(Resource::RLIMIT_CORE, 0)?;
+        set(Resource::RLIMIT_CPU, limits.seconds)?;
+        set(Resource::RLIMIT_FSIZE, limits.file)?;
+        set(Resource::RLIMIT_NOFILE, 64)?;
+        // macOS has the limit and doesn't keep to it
+        if cfg!(target_os = "linux") { set(Resource::RLIMIT_AS, limits.memory) } else { Ok(()) }
+    };
+    all().map_err(Error::io("limits of the process"))
+}
+
+/// Other systems have no such limits; the clock's is the parent's.
+#[cfg(not(unix))]
+fn limit(_: Limits) -> Result<()> {
+    Ok(())
+}

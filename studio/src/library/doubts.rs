@@ -1,0 +1,381 @@
+//! What reading a file found: the facts, and its doubts in plain words, each with what would settle it.
+//!
+//! The doubts are the library's own, those that `kinelm inspect` prints; here they get the words for somebody who
+//! doesn't
+//! know its options, and the option as a button.
+
+use crate::project::document::Reading;
+use crate::{Error, Result};
+use kinelm_corpus::sidecar;
+use kinelm_motion::capsules::standing_height_m;
+use kinelm_motion::format::{self, Format, RateDoubt, ReadOptions, Unit, Up, standing_axis};
+use kinelm_motion::inspect::report;
+use kinelm_motion::rig::{self, map_of};
+use kinelm_motion::{FaultKind, Motion, Source};
+use kinelm_store::files;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What became of reading a file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// It was read.
+    Ready(Box<Info>),
+    /// It can't be read.
+    Failed {
+        /// Why.
+        text: String,
+        /// What may help.
+        doubts: Vec<Doubt>,
+    },
+}
+
+/// What is known of a file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Info {
+    /// `BVH`, `FBX`, `MP3`, ..
+    pub format: String,
+    /// Whether it is music.
+    pub music: bool,
+    /// Its length.
+    pub seconds: f64,
+    /// Frames per second; 0 of music.
+    pub fps: f64,
+    /// Frames; 0 of music.
+    pub frames: usize,
+    /// Joints of the rig.
+    pub joints: usize,
+    /// The skeleton map that knows the rig.
+    pub rig: Option<String>,
+    /// The height of the floor, metres.
+    pub floor_m: f64,
+    /// Whether it was converted to a BVH.
+    pub converted: bool,
+    /// Beats of music, seconds.
+    pub beats_s: Vec<f64>,
+    /// What looks wrong.
+    pub doubts: Vec<Doubt>,
+}
+
+/// Something that looks wrong in a file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Doubt {
+    /// A stable name.
+    pub kind: String,
+    /// What, in plain words.
+    pub text: String,
+    /// What would settle it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fix: Option<Fix>,
+}
+
+/// A button.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Fix {
+    /// What it says.
+    pub label: String,
+    /// What it states of the file.
+    pub body: Reading,
+}
+
+impl Outcome {
+    /// A file that can't be read.
+    pub fn failed(e: &Error) -> Outcome {
+        Outcome::Failed { text: plain(&e.to_string()), doubts: Vec::new() }
+    }
+}
+
+impl Doubt {
+    fn new(kind: &str, text: impl Into<String>) -> Doubt {
+        Doubt { kind: kind.into(), text: text.into(), fix: None }
+    }
+
+    fn fixed(self, label: impl Into<String>, body: Reading) -> Doubt {
+        Doubt { fix: Some(Fix { label: label.into(), body }), ..self }
+    }
+}
+
+/// A text of the library without its marks of parameters.
+fn plain(text: &str) -> String {
+    text.replace('`', "")
+}
+
+/// Reads a file. A clip of another format than BVH is written to `convert` as one.
+pub fn outcome(file: &Path, reading: &Reading, convert: &Path) -> Outcome {
+    let found = if is_music(file) { music(file) } else { motion(file, reading, convert) };
+    match found {
+        Ok(info) => Outcome::Ready(Box::new(info)),
+        Err(e) => match &e {
+            Error::Library(kinelm_model::Error::Motion(fault)) if fault.fault() == Some(FaultKind::UnitUnknown) => {
+                let text = "The file doesn't say in which unit it is, and the length of its legs fits none.".into();
+                Outcome::Failed { text, doubts: units(file, reading) }
+            }
+            _ => Outcome::failed(&e),
+        },
+    }
+}
+
+/// The extensions of sound files.
+pub const SOUNDS: [&str; 7] = ["mp3", "ogg", "oga", "flac", "wav", "m4a", "mp4"];
+
+/// Whether a file is music by its name.
+pub fn is_music(file: &Path) -> bool {
+    let extension = file.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    extension.is_some_and(|extension| SOUNDS.contains(&&*extension))
+}
+
+fn music(file: &Path) -> Result<Info> {
+    let beats = kinelm_music::beat::beats(file)?;
+    let format = file.extension().unwrap_or_default().to_string_lossy().to_uppercase();
+    let doubts =
+        if beats.times_s.is_empty() { vec![Doubt::new("no_beats", "No beat was found in it.")] } else { vec![] };
+    Ok(Info { format, music: true, seconds: beats.seconds, beats_s: beats.times_s, doubts, ..Info::default() })
+}
+
+/// The options with which a file is read.
+///
+/// # Errors
+/// A sidecar that can't be read.
+pub fn options(file: &Path, reading: &Reading) -> Result<ReadOptions> {
+    Ok(reading.options(sidecar::read_options(file)?.as_ref()))
+}
+
+fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
+    let options = options(file, reading)?;
+    let motion = format::read(file, &options)?;
+    if motion.clip.frames() == 0 {
+        return Err(Error::file(file, "no frames", "at least one", "export it again with its animation"));
+    }
+    let is_bvh = matches!(motion.source, Source::Bvh(_));
+    if !is_bvh {
+        // what the file has beyond its clip is no BVH's
+        let own = Motion { source: Source::Plain, path: convert.into(), ..motion.clone() };
+        files::write_whole(convert, &format::to_bytes(convert, &own)?)?;
+    }
+    let map = map_of(&motion.clip, options.map.as_deref());
+    let (mut floor_m, mut doubts) = (options.floor.unwrap_or(0.0), Vec::new());
+    doubts.extend(of_rate(&motion));
+    doubts.extend(of_up(&motion, options.map.as_deref()));
+    match &map {
+        Ok(map) if options.floor.is_none() => {
+            let floor = rig::floor(&motion.clip, map)?;
+            floor_m = floor.height_m;
+            doubts.extend(of_floor(&floor));
+        }
+        Ok(_) => {}
+        Err(_) => doubts.push(Doubt::new(
+            "rig_unknown",
+            "kinelm doesn't know this rig by its joints' names or build: it can be watched, but nothing can be generated to it.",
+        )),
+    }
+    let report: serde_json::Value = serde_json::from_str(&report(&motion, Some(floor_m)).json()).unwrap_or_default();
+    doubts.extend(others(&report));
+    let format = match Format::of_name(file) {
+        Some(Format::Amc) => "AMC",
+        Some(Format::Bvh) => "BVH",
+        Some(Format::Npz) => "AMASS",
+        Some(Format::Pickle) => "AIST++",
+        Some(Format::Json) => "JSON",
+        Some(Format::Glb) => "GLB",
+        Some(Format::Fbx) => "FBX",
+        None => "",
+    };
+    Ok(Info {
+        format: format.into(),
+        seconds: motion.clip.duration_s(),
+        fps: motion.clip.fps(),
+        frames: motion.clip.frames(),
+        joints: motion.clip.joints(),
+        rig: report["rig"].as_str().map(str::to_owned),
+        floor_m,
+        converted: !is_bvh,
+        doubts,
+        ..Info::default()
+    })
+}
+
+fn of_rate(motion: &Motion) -> Option<Doubt> {
+    let doubt = RateDoubt::in_reading(motion)?;
+    let (fps, likely, g) = (short(doubt.fps), short(doubt.likely_fps()), doubt.fall_g);
+    let text = format!("At {fps} frames per second the body falls {g:.1} times as fast as gravity lets it.");
+    let body = Reading { fps_source: Some(doubt.likely_fps()), ..Reading::default() };
+    Some(Doubt::new("rate_doubted", text).fixed(format!("Play it at {likely} fps"), body))
+}
+
+fn of_up(motion: &Motion, map: Option<&str>) -> Option<Doubt> {
+    let warned = |kind: &str| motion.warnings.iter().any(|warning| warning.kind == kind);
+    let up = |up| Reading { up: Some(up), ..Reading::default() };
+    if warned("up_axis") {
+        let axis = motion.source.axes().up;
+        let text = format!("Its {axis} axis points up; it was turned so that it stands.");
+        return Some(Doubt::new("up_axis", text).fixed("It stood right: don't turn it", up(Up::Y)));
+    }
+    if !warned("up_unsure") {
+        return None;
+    }
+    let text = "It isn't clear which way is up: the body may lie on its side or its back.";
+    let axis = map_of(&motion.clip, map).ok().and_then(|map| standing_axis(&motion.clip, &map));
+    let doubt = Doubt::new("up_unsure", text);
+    Some(match axis.filter(|axis| *axis != Up::Y) {
+        Some(axis) => doubt.fixed(format!("Stand it up: {axis} is up"), up(axis)),
+        None => doubt.fixed("It is right as it is", up(Up::Y)),
+    })
+}
+
+fn of_floor(floor: &rig::Floor) -> Option<Doubt> {
+    let why = match floor.doubts.first()?.kind {
+        "floor_below" => "joints go deep below where its feet stand",
+        "floor_slides" => "its feet never stand still",
+        "floor_pelvis" => "its hips aren't where a standing body has them",
+        "floor_far" => "its feet are hardly ever near the floor",
+        _ => "it is very short",
+    };
+    let (taken, found) = (floor.height_m, floor.found_m);
+    let text = format!("Where the floor is isn't sure: {why}. It is taken to be at {taken:.2} m.");
+    let other = if taken == found { 0.0 } else { (found * 1000.0).round() / 1000.0 };
+    let body = Reading { floor: Some(other), ..Reading::default() };
+    let doubt = Doubt::new("floor_doubted", text);
+    Some(if (other - taken).abs() < 0.005 {
+        doubt
+    } else {
+        doubt.fixed(format!("Put the floor at {other:.2} m"), body)
+    })
+}
+
+/// Doubts of the report that have no words of their own here.
+fn others(report: &serde_json::Value) -> Vec<Doubt> {
+    let own = ["rate_doubted", "up_unsure", "up_axis", "rig_recognised"];
+    let all = report["doubts"].as_array().into_iter().flatten();
+    let text = |doubt: &serde_json::Value, key: &str| doubt[key].as_str().unwrap_or_default().to_owned();
+    let named = all.map(|doubt| (text(doubt, "kind"), text(doubt, "what")));
+    let named = named.filter(|(kind, _)| !own.contains(&&**kind) && !kind.starts_with("floor_"));
+    named.map(|(kind, what)| Doubt::new(&kind, plain(&what))).collect()
+}
+
+/// The two units in which the body is nearest to a person's height, as buttons.
+fn units(file: &Path, reading: &Reading) -> Vec<Doubt> {
+    let named = [("metres", Unit::Metre), ("centimetres", Unit::Centimetre), ("millimetres", Unit::Millimetre)];
+    let named = named.into_iter().chain([("inches", Unit::Inch), ("units of the CMU database", Unit::Cmu)]);
+    let height = |unit: Unit| {
+        let stated = Reading { unit: Some(unit), ..reading.clone() };
+        let motion = format::read(file, &options(file, &stated).ok()?).ok()?;
+        standing_height_m(motion.clip.skeleton()).filter(|height| *height > 0.0)
+    };
+    let mut all: Vec<(f64, &str, Unit)> = named.filter_map(|(name, unit)| Some((height(unit)?, name, unit))).collect();
+    let far = |height: f64| (height / 1.7).ln().abs();
+    all.sort_by(|a, b| far(a.0).total_cmp(&far(b.0)));
+    let of = |(height, name, unit): (f64, &str, Unit)| {
+        let text = format!("In {name} the body would be {height:.2} m tall.");
+        let body = Reading { unit: Some(unit), ..Reading::default() };
+        Doubt::new("unit_unknown", text).fixed(format!("Read it in {name}"), body)
+    };
+    all.into_iter().take(2).map(of).collect()
+}
+
+fn short(fps: f64) -> f64 {
+    (fps * 1e3).round() / 1e3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinelm_motion::{Clip, Vec3, synth};
+    use std::path::PathBuf;
+
+    fn saved(dir: &Path, name: &str, clip: Clip) -> PathBuf {
+        let path = dir.join(name);
+        let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+        format::write(&path, &motion).unwrap();
+        path
+    }
+
+    fn dance() -> Clip {
+        synth::corpus(3, 1, 4.0, 60.0).unwrap().remove(0).clip
+    }
+
+    fn read(path: &Path, reading: &Reading) -> Info {
+        match outcome(path, reading, &path.with_extension("converted.bvh")) {
+            Outcome::Ready(info) => *info,
+            Outcome::Failed { text, .. } => panic!("{text}"),
+        }
+    }
+
+    /// Presses the button of the doubt of this kind, and reads again.
+    fn pressed(path: &Path, kind: &str) -> Info {
+        let info = read(path, &Reading::default());
+        let doubt = info.doubts.iter().find(|doubt| doubt.kind == kind).unwrap_or_else(|| panic!("{:?}", info.doubts));
+        let again = read(path, &doubt.fix.clone().unwrap().body);
+        assert!(again.doubts.iter().all(|doubt| doubt.kind != kind), "{:?}", again.doubts);
+        again
+    }
+
+    #[test]
+    fn a_good_file_has_no_doubts() {
+        let dir = tempfile::tempdir().unwrap();
+        let info = read(&saved(dir.path(), "a.bvh", dance()), &Reading::default());
+        assert_eq!((info.frames, info.fps, info.rig.as_deref(), info.converted), (240, 60.0, Some("smpl"), false));
+        assert_eq!(info.doubts, []);
+    }
+
+    #[test]
+    fn other_formats_become_a_bvh() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["a.npz", "a.glb", "a.json"] {
+            let path = saved(dir.path(), name, dance());
+            let info = read(&path, &Reading::default());
+            let again = read(&path.with_extension("converted.bvh"), &Reading::default());
+            assert!(info.converted && again.frames == info.frames && again.fps == info.fps, "{name}");
+        }
+    }
+
+    #[test]
+    fn buttons_settle_rate_axis_floor_and_unit() {
+        let dir = tempfile::tempdir().unwrap();
+        let dance = dance();
+        // falls in free fall at 60 frames a second, and says 240
+        let root = (0..240).map(|f| Vec3::Y * (30.0 - 4.9 * (f as f64 / 60.0).powi(2))).collect();
+        let falls = Clip::new(dance.skeleton().clone(), 240.0, root, dance.rotations().to_vec()).unwrap();
+        assert_eq!(pressed(&saved(dir.path(), "rate.bvh", falls), "rate_doubted").fps, 60.0);
+        // stands 40 cm up, and skates
+        let root = dance.root().iter().enumerate().map(|(f, p)| *p + Vec3::new(0.03 * f as f64, 2.0, 0.0)).collect();
+        let skates = Clip::new(dance.skeleton().clone(), 60.0, root, dance.rotations().to_vec()).unwrap();
+        let floor = pressed(&saved(dir.path(), "floor.bvh", skates), "floor_doubted");
+        assert_eq!(floor.floor_m, 0.0);
+        // its legs are of no unit
+        let path = saved(dir.path(), "unit.bvh", dance.clone());
+        let offsets = dance.skeleton().offsets().iter().map(|o| *o * 0.003).collect();
+        let (names, parents) = (dance.skeleton().names().to_vec(), dance.skeleton().parents().to_vec());
+        let tiny = kinelm_motion::Skeleton::new(names, parents, offsets, vec![]).unwrap();
+        let tiny = Clip::new(tiny.into(), 60.0, dance.root().to_vec(), dance.rotations().to_vec()).unwrap();
+        let motion = Motion { path: path.clone(), clip: tiny, source: Source::Plain, warnings: vec![] };
+        std::fs::write(&path, format::bvh::to_bytes_in(&motion, 0.001).unwrap()).unwrap();
+        let Outcome::Failed { text, doubts } = outcome(&path, &Reading::default(), &path) else { panic!() };
+        assert!(text.contains("unit") && doubts.len() == 2, "{text} {doubts:?}");
+        let fixed = read(&path, &doubts[0].fix.clone().unwrap().body);
+        assert_eq!(fixed.frames, 240);
+    }
+
+    #[test]
+    fn a_body_that_lies_is_stood_up() {
+        let dir = tempfile::tempdir().unwrap();
+        let dance = dance();
+        // lies on its back, as if z were up, over a rest pose that stands along y
+        let turn = kinelm_motion::Quat::from_rotation_x(std::f64::consts::FRAC_PI_2);
+        let root = dance.root().iter().map(|p| turn * *p).collect();
+        let mut rotations = dance.rotations().to_vec();
+        rotations.iter_mut().step_by(dance.joints()).for_each(|q| *q = turn * *q);
+        let lies = Clip::new(dance.skeleton().clone(), 60.0, root, rotations).unwrap();
+        let info = pressed(&saved(dir.path(), "lies.bvh", lies), "up_unsure");
+        assert!(info.floor_m.abs() < 0.05, "{info:?}");
+    }
+
+    #[test]
+    fn what_is_no_motion_fails_with_words() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.bvh");
+        std::fs::write(&path, "<html>").unwrap();
+        let Outcome::Failed { text, doubts } = outcome(&path, &Reading::default(), &path) else { panic!() };
+        assert!(text.contains("a.bvh") && text.contains("HTML") && doubts.is_empty(), "{text}");
+    }
+}

@@ -1,0 +1,399 @@
+//! The library: files that were given or uploaded, what is known of them, figures of them, and search among them.
+//!
+//! - [`doubts`]: what reading a file found.
+//! - [`child`], [`reader`]: the process that reads a file, and its parent's side.
+//! - [`upload`]: a file that comes in pieces.
+//! - [`figure`]: what the stage shows of a clip.
+//! - [`search`]: what else moves like this.
+//!
+//! Files are read one after the other by a thread of their own; of each only a few facts stay in memory.
+
+pub mod child;
+pub mod doubts;
+pub mod figure;
+pub mod reader;
+pub mod search;
+pub mod upload;
+
+use crate::project::document::{Change, ClipRecord, Reading};
+use crate::project::{CACHE, CONVERTED, Project};
+use crate::{Error, Result};
+use doubts::{Info, Outcome};
+use kinelm_corpus::{Dataset, Item, sidecar};
+use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
+use kinelm_motion::rig::SkeletonMap;
+use kinelm_store::{files, hash};
+use reader::Reader;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, VecDeque};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, SystemTime};
+
+/// The files of a project and what is known of them.
+#[derive(Debug)]
+pub struct Library {
+    project: Arc<Project>,
+    reader: Reader,
+    inner: Mutex<Inner>,
+    /// Wakes the thread that reads.
+    wake: Condvar,
+    stop: AtomicBool,
+    /// Where the index of a search is built, one at a time.
+    searching: Mutex<()>,
+    figures: figure::Figures,
+}
+
+#[derive(Debug, Default)]
+struct Inner {
+    /// By the id of the clip.
+    known: BTreeMap<String, Known>,
+    waiting: VecDeque<String>,
+    /// How dances are read, each of a length and a time of change.
+    dances: BTreeMap<PathBuf, DanceRead>,
+}
+
+/// How a dance is read, as it was when it had this length and time of change.
+type DanceRead = ((u64, Option<SystemTime>), Option<ReadOptions>);
+
+/// What is known of a clip.
+#[derive(Debug, Clone)]
+enum Known {
+    Reading,
+    Read(Arc<Outcome>),
+}
+
+/// A clip or a dance, as what is made of it needs it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Source {
+    /// Its id.
+    pub id: String,
+    /// The name that is shown.
+    pub name: String,
+    /// The file that library calls read: the clip's own where it is a BVH.
+    pub path: PathBuf,
+    /// How it is read.
+    pub read: ReadOptions,
+    /// What a timeline states of it.
+    pub stated: Reading,
+    /// Frames per second.
+    pub fps: f64,
+    /// Frames.
+    pub frames: usize,
+    /// The height of its floor, metres.
+    pub floor_m: f64,
+}
+
+/// An outcome that was found earlier, and of what.
+#[derive(Debug, Serialize, Deserialize)]
+struct Cached {
+    key: String,
+    outcome: Outcome,
+}
+
+impl Library {
+    /// The library of a project.
+    pub fn new(project: Arc<Project>, reader: Reader) -> Library {
+        Library {
+            project,
+            reader,
+            inner: Mutex::default(),
+            wake: Condvar::new(),
+            stop: AtomicBool::new(false),
+            searching: Mutex::default(),
+            figures: figure::Figures::default(),
+        }
+    }
+
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Puts clips into the row of those that are read.
+    pub fn read_soon(&self, ids: impl IntoIterator<Item = String>) {
+        let mut inner = self.inner();
+        for id in ids {
+            inner.known.insert(id.clone(), Known::Reading);
+            if !inner.waiting.contains(&id) {
+                inner.waiting.push_back(id);
+            }
+        }
+        self.wake.notify_all();
+    }
+
+    /// Reads clips as they come, until [`Library::end`]: the work of a thread. `done` is told of each.
+    pub fn read_on(&self, done: &dyn Fn(&str)) {
+        loop {
+            let mut inner = self.inner();
+            while inner.waiting.is_empty() && !self.stop.load(Ordering::Relaxed) {
+                inner = self.wake.wait(inner).unwrap_or_else(PoisonError::into_inner);
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return;
+            }
+            let Some(id) = inner.waiting.pop_front() else { continue };
+            drop(inner);
+            let Ok(record) = self.project.clip(&id) else { continue };
+            let outcome = self.outcome(&record).unwrap_or_else(|e| Outcome::failed(&e));
+            let mut inner = self.inner();
+            // it was put into the row again meanwhile: read otherwise
+            if !inner.waiting.contains(&id) {
+                inner.known.insert(id.clone(), Known::Read(Arc::new(outcome)));
+                drop(inner);
+                self.wake.notify_all();
+                done(&id);
+            }
+        }
+    }
+
+    /// Waits while a clip is read, as it is when a project was just opened; `goes_on` is asked now and then.
+    pub fn wait_for(&self, id: &str, goes_on: &dyn Fn() -> bool) {
+        let mut inner = self.inner();
+        while matches!(inner.known.get(id), Some(Known::Reading)) && !self.stop.load(Ordering::Relaxed) && goes_on() {
+            let waited = self.wake.wait_timeout(inner, Duration::from_millis(100));
+            inner = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Ends the thread that reads.
+    pub fn end(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+        drop(self.inner());
+        self.wake.notify_all();
+    }
+
+    /// Takes [`Library::end`] back.
+    #[cfg(test)]
+    pub fn begin_again(&self) {
+        self.stop.store(false, Ordering::Relaxed);
+    }
+
+    /// Reads a clip, or finds what reading it found before.
+    fn outcome(&self, record: &ClipRecord) -> Result<Outcome> {
+        let file = self.project.path(&record.file);
+        let found = std::fs::metadata(&file).map_err(Error::io(&file))?;
+        let changed = found.modified().ok().and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok());
+        let reading = serde_json::to_string(&record.reading).unwrap_or_default();
+        // a sidecar decides how its dance is read
+        let beside = hash::of_file(&kinelm_store::sidecar::path_of(&file)).unwrap_or_default();
+        let (version, nanos) = (env!("CARGO_PKG_VERSION"), changed.unwrap_or_default().as_nanos());
+        let key = format!("{version} {} {nanos} {} {beside} {reading}", file.display(), found.len());
+        let cache = self.project.folder().join(CACHE).join(format!("{}.json", record.id));
+        let convert = self.converted(&record.id);
+        if let Some(cached) = std::fs::read(&cache).ok().and_then(|text| serde_json::from_slice::<Cached>(&text).ok()) {
+            let is_there = match &cached.outcome {
+                Outcome::Ready(info) => !info.converted || convert.is_file(),
+                Outcome::Failed { .. } => false,
+            };
+            if cached.key == key && is_there {
+                return Ok(cached.outcome);
+            }
+        }
+        let out = cache.with_extension("read");
+        let outcome = self.reader.read(&file, &record.reading, (&convert, &out), &self.stop)?;
+        let cached = Cached { key, outcome };
+        if let Ok(text) = serde_json::to_vec(&cached) {
+            // it can be found again
+            let _ = files::write_whole(&cache, &text);
+        }
+        Ok(cached.outcome)
+    }
+
+    /// Where a clip of another format is as a BVH.
+    fn converted(&self, id: &str) -> PathBuf {
+        self.project.folder().join(CONVERTED).join(format!("{id}.bvh"))
+    }
+
+    /// What is known of a clip that was read.
+    ///
+    /// # Errors
+    /// An unknown clip, one that is still read, and one that can't be.
+    pub fn info(&self, id: &str) -> Result<Info> {
+        let known = self.inner().known.get(id).cloned();
+        match known {
+            Some(Known::Read(outcome)) => match &*outcome {
+                Outcome::Ready(info) => Ok((**info).clone()),
+                Outcome::Failed { text, .. } => Err(Error::Conflict(format!("the clip can't be read: {text}"))),
+            },
+            Some(Known::Reading) => Err(Error::Conflict("the clip is still being read; wait a moment".into())),
+            None => Err(Error::unknown("clip", id)),
+        }
+    }
+
+    /// How a dance is read by its sidecar, which hashes it: once for each file as it is.
+    fn dance_options(&self, path: &Path) -> Result<Option<ReadOptions>> {
+        let file = std::fs::metadata(path).map_err(Error::io(path))?;
+        let key = (file.len(), file.modified().ok());
+        let known = self.inner().dances.get(path).filter(|(other, _)| *other == key).cloned();
+        if let Some((_, options)) = known {
+            return Ok(options);
+        }
+        let options = sidecar::read_options(path)?;
+        self.inner().dances.insert(path.into(), (key, options.clone()));
+        Ok(options)
+    }
+
+    /// A clip or a dance by its id.
+    ///
+    /// # Errors
+    /// Those of [`Library::info`]; music; a dance whose file is gone.
+    pub fn source(&self, id: &str) -> Result<Source> {
+        if let Ok(dance) = self.project.dance(id) {
+            let gone = || Error::Conflict(format!("the file of the dance {} is gone", dance.name));
+            let path = self.project.path(dance.file().ok_or_else(gone)?);
+            let read = self.dance_options(&path)?.ok_or_else(|| {
+                let text = format!("the dance {} was changed: put its file back, or drop it in as a clip", dance.name);
+                Error::Conflict(text)
+            })?;
+            // the sidecar says all of it
+            let stated = Reading::default();
+            let (fps, frames, floor_m) = (dance.fps, dance.frames, dance.floor_m);
+            return Ok(Source { id: dance.id, name: dance.name, path, read, stated, fps, frames, floor_m });
+        }
+        let record = self.project.clip(id)?;
+        let info = self.info(id)?;
+        if info.music {
+            return Err(Error::invalid("`clip`", &record.name, "a clip with a body; this is music"));
+        }
+        let Info { fps, frames, floor_m, .. } = info;
+        let (path, stated, read) = match info.converted {
+            false => {
+                let path = self.project.path(&record.file);
+                let read = doubts::options(&path, &record.reading)?;
+                (path, record.reading, read)
+            }
+            // what was stated of the file is in its numbers now, but for what a BVH can't say
+            true => {
+                let Reading { map, floor, .. } = record.reading;
+                let (up, unit) = (Some(Up::Y), Some(Unit::Centimetre));
+                let stated = Reading { up, unit, map, floor, ..Reading::default() };
+                let read = stated.options(Some(&ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() }));
+                (self.converted(id), stated, read)
+            }
+        };
+        Ok(Source { id: record.id, name: record.name, path, read, stated, fps, frames, floor_m })
+    }
+
+    /// The file of music, and the extension that says its kind.
+    ///
+    /// # Errors
+    /// A clip that is no music.
+    pub fn sound(&self, id: &str) -> Result<PathBuf> {
+        let record = self.project.clip(id)?;
+        match doubts::is_music(&record.file) {
+            true => Ok(self.project.path(&record.file)),
+            false => Err(Error::unknown("music", id)),
+        }
+    }
+
+    /// A clip as the page has it.
+    pub fn view(&self, record: &ClipRecord) -> Value {
+        let mut view = json!({ "id": record.id, "name": record.name, "reading": record.reading });
+        let known = self.inner().known.get(&record.id).cloned();
+        match known.as_ref() {
+            Some(Known::Read(outcome)) => match &**outcome {
+                Outcome::Ready(info) => {
+                    let (seconds, fps, frames, rig) = (info.seconds, info.fps, info.frames, &info.rig);
+                    let more = json!({
+                        "state": "ready", "seconds": seconds, "fps": fps, "frames": frames, "rig": rig,
+                        "format": info.format, "joints": info.joints, "doubts": info.doubts, "music": info.music,
+                        "floor": info.floor_m,
+                    });
+                    extend(&mut view, more);
+                    if info.music {
+                        view["beats"] = json!(info.beats_s);
+                    }
+                }
+                Outcome::Failed { text, doubts } => {
+                    extend(&mut view, json!({ "state": "failed", "error": text, "doubts": doubts }));
+                }
+            },
+            _ => extend(&mut view, json!({ "state": "reading", "doubts": [] })),
+        }
+        view
+    }
+
+    /// The change that states something of a clip.
+    ///
+    /// # Errors
+    /// An unknown clip; a map that isn't built in, since a page names no files.
+    pub fn restated(&self, id: &str, reading: Reading) -> Result<Vec<Change>> {
+        if let Some(map) = reading.map.as_deref().filter(|map| SkeletonMap::builtin(map).is_none()) {
+            return Err(Error::invalid("`map`", map, "the name of a built-in skeleton map"));
+        }
+        if let Some(floor) = reading.floor.filter(|floor| !floor.is_finite()) {
+            return Err(Error::invalid("`floor`", floor, "a height in metres"));
+        }
+        let before = self.project.clip(id)?;
+        let after = ClipRecord { reading: before.reading.clone().with(reading), ..before.clone() };
+        Ok(vec![Change::Clip { before: Some(Box::new(before)), after: Some(Box::new(after)) }])
+    }
+
+    /// The clips that were read, whose ids are in the project.
+    pub fn sources(&self) -> Vec<Source> {
+        let ids: Vec<String> =
+            self.project.read(|document| document.clips.iter().map(|clip| clip.id.clone()).collect());
+        ids.iter().filter_map(|id| self.source(id).ok()).collect()
+    }
+
+    /// Figures that were made lately.
+    pub fn figures(&self) -> &figure::Figures {
+        &self.figures
+    }
+
+    /// The project.
+    pub fn project(&self) -> &Project {
+        &self.project
+    }
+}
+
+/// Clips as the library's other parts take many.
+pub fn dataset(sources: &[Source]) -> Dataset {
+    let item = |(key, source): (usize, &Source)| Item {
+        path: source.path.clone(),
+        name: source.id.clone(),
+        take: source.id.clone(),
+        // all of how it is read, whatever the options of what is built
+        sidecar: Some(source.read.clone()),
+        fps: source.read.fps_source,
+        skip: Some(source.read.skip),
+        floor: source.read.floor,
+        key,
+        ..Item::default()
+    };
+    let items = sources.iter().enumerate().map(item).collect();
+    Dataset { items, sources: vec![String::new()], ..Dataset::default() }
+}
+
+/// A text that other clips, other files, and files that are read otherwise don't have.
+pub fn fingerprint(sources: &[Source]) -> String {
+    let of = |source: &Source| {
+        let file = std::fs::metadata(&source.path).ok().map(|file| (file.len(), file.modified().ok()));
+        let read = serde_json::to_string(&source.read).unwrap_or_default();
+        format!("{} {} {file:?} {read}", source.id, source.path.display())
+    };
+    hash::of(sources.iter().map(of).collect::<Vec<_>>().join("\n").as_bytes())
+}
+
+/// Removes the folders whose names begin so: what was built of a library that is another now.
+pub fn remove_folders(inside: &Path, beginning: &str) {
+    for entry in std::fs::read_dir(inside).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(beginning) {
+            let _ = std::fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
+fn extend(value: &mut Value, more: Value) {
+    if let (Some(value), Value::Object(more)) = (value.as_object_mut(), more) {
+        value.extend(more);
+    }
+}
+
+/// Whether a file of this name is taken in: motion, music, or the skeleton of an AMC.
+pub fn is_taken(name: &Path) -> bool {
+    let is_skeleton = name.extension().is_some_and(|e| e.eq_ignore_ascii_case("asf"));
+    is_skeleton || doubts::is_music(name) || kinelm_motion::format::Format::of_name(name).is_some()
+}

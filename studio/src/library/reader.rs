@@ -1,0 +1,102 @@
+//! The studio's side of the process that reads a file ([`super::child`]).
+
+use super::child::{Job, Limits};
+use super::doubts::Outcome;
+use crate::project::document::Reading;
+use crate::{Error, Result};
+use std::ffi::OsString;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How a file is read in a process of its own.
+#[derive(Debug, Clone)]
+pub struct Reader {
+    /// The program, which then calls [`super::child::read_file`].
+    pub program: PathBuf,
+    /// Its arguments.
+    pub args: Vec<OsString>,
+    /// Its environment, beside this process's.
+    pub env: Vec<(OsString, OsString)>,
+    /// What the process may take.
+    pub limits: Limits,
+}
+
+/// Ends the process where it isn't waited for.
+struct Guarded(Child);
+
+impl Drop for Guarded {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Reader {
+    /// Reads a file. `convert` is where a clip of another format goes as a BVH, `out` where the process leaves its
+    /// outcome,
+    /// which is removed.
+    ///
+    /// # Errors
+    /// A process that can't be started; [`kinelm_store::Error::Stopped`] where `stop` is set. A process that crashes
+    /// or takes
+    /// too long is an outcome.
+    pub fn read(
+        &self,
+        file: &Path,
+        reading: &Reading,
+        (convert, out): (&Path, &Path),
+        stop: &AtomicBool,
+    ) -> Result<Outcome> {
+        let (file, reading) = (file.to_owned(), reading.clone());
+        let job = Job { file, reading, convert: convert.into(), out: out.into(), limits: self.limits };
+        let _ = std::fs::remove_file(out);
+        let status = self.run(&job, stop)?;
+        let found = std::fs::read(out).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        let _ = std::fs::remove_file(out);
+        if found.is_none() {
+            let _ = std::fs::remove_file(convert);
+        }
+        let name = job.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let limits = format!("{} seconds and {} GB of memory", self.limits.seconds, self.limits.memory >> 30);
+        let what = match status {
+            None => format!("{name} takes longer than {limits} to read; cut it into shorter ones"),
+            Some(status) => format!(
+                "{name} can't be read: its reader ended ({status}), as a damaged file may make it, or one that takes more \
+                 than {limits}; export it again, or cut it into shorter ones"
+            ),
+        };
+        Ok(found.unwrap_or(Outcome::Failed { text: what, doubts: Vec::new() }))
+    }
+
+    /// Runs the process to its end; `None` where it took too long and was ended.
+    fn run(&self, job: &Job, stop: &AtomicBool) -> Result<Option<ExitStatus>> {
+        let mut command = Command::new(&self.program);
+        command.args(&self.args).envs(self.env.iter().map(|(name, value)| (name, value)));
+        // one thread: the stacks of many would count as memory
+        command.env("RAYON_NUM_THREADS", "1").env("RUST_BACKTRACE", "0");
+        command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut child = Guarded(command.spawn().map_err(Error::io(&self.program))?);
+        let text = serde_json::to_vec(job).map_err(Error::failed)?;
+        if let Some(mut stdin) = child.0.stdin.take() {
+            // a process that ended already says so below
+            let _ = stdin.write_all(&text);
+        }
+        let (begun, mut nap) = (Instant::now(), Duration::from_millis(2));
+        loop {
+            if let Some(status) = child.0.try_wait().map_err(Error::io(&self.program))? {
+                return Ok(Some(status));
+            }
+            if stop.load(Ordering::Relaxed) {
+                return Err(kinelm_store::Error::stopped("the studio ends").into());
+            }
+            if begun.elapsed() > Duration::from_secs(self.limits.seconds) {
+                return Ok(None);
+            }
+            std::thread::sleep(nap);
+            nap = (nap * 2).min(Duration::from_millis(50));
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! The best of several dances, compared with real ones: those that the model was trained on, or the clips of the
+//! library.
+
+use crate::library::{Library, dataset, fingerprint, remove_folders};
+use crate::project::CACHE;
+use crate::{Error, Result};
+use kinelm_corpus::CorpusOptions;
+use kinelm_corpus::build::{BuildEvent, BuildOptions, tokenize};
+use kinelm_evaluate::dance::judge::Judge;
+use kinelm_evaluate::dance::{Reference, real};
+use kinelm_generate::OpenRequest;
+use kinelm_generate::best::Best;
+use kinelm_model::run::MADE;
+use kinelm_store::hash;
+use kinelm_tokenizer::Words;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+/// What dances are compared with.
+pub struct Real {
+    corpus: kinelm_corpus::Corpus,
+    /// In plain words.
+    pub what: String,
+}
+
+impl Real {
+    /// The corpus that the call named, that of the model's training, or one of the library's clips.
+    ///
+    /// # Errors
+    /// A corpus that can't be opened; neither a corpus nor clips.
+    pub fn open(named: Option<&Path>, open: &OpenRequest, library: &Library) -> Result<Real> {
+        let of_run = real::corpus_of(&open.resolved.run);
+        let (path, what) = match (named, of_run) {
+            (Some(path), _) => (path.to_owned(), "the corpus that was named"),
+            (None, Ok(path)) if path.ends_with(MADE) => (path, "dances of the model's own, chosen beside real ones"),
+            (None, Ok(path)) => (path, "the dances that the model was trained on"),
+            (None, Err(_)) => (of_library(open, library)?, "the clips of the library"),
+        };
+        let corpus = real::open_for(&path, open, CorpusOptions::default())?;
+        Ok(Real { corpus, what: format!("compared with {what}") })
+    }
+
+    /// The best `count` of the dances of a request, best first, each with its number among them.
+    ///
+    /// # Errors
+    /// Those of [`Judge::best`].
+    pub fn choose(&self, open: &OpenRequest, dances: &[Words], out: &Path, count: usize) -> Result<Vec<(usize, Best)>> {
+        let reference = Reference::load(&self.corpus)?;
+        let judge = Judge::new(&reference, open.free_spans())?;
+        Ok(judge.best(open, dances, out, count)?)
+    }
+}
+
+/// A corpus of the library's clips.
+fn of_library(open: &OpenRequest, library: &Library) -> Result<PathBuf> {
+    let sources = library.sources();
+    if sources.is_empty() {
+        let help = "drop some clips in, or start the studio with `real` CORPUS";
+        return Err(Error::missing("real dances to compare with", help));
+    }
+    let key = hash::of(format!("{} {}", fingerprint(&sources), open.tokenizer.hash()).as_bytes());
+    let cache = library.project().folder().join(CACHE);
+    let out = cache.join(format!("real-{}", &key[..16]));
+    if out.join("corpus.json").exists() {
+        return Ok(out);
+    }
+    remove_folders(&cache, "real-");
+    let mut watch = |_: BuildEvent<'_>| ControlFlow::Continue(());
+    tokenize(&dataset(&sources), &open.tokenizer, &out, &BuildOptions::default(), &mut watch)?;
+    Ok(out)
+}

@@ -1,0 +1,54 @@
+//! The model that dances, as a page needs to know it.
+
+use crate::Result;
+use kinelm_model::{CheckpointChoice, load_run};
+use kinelm_motion::joints::{self, GROUPS};
+use kinelm_motion::smpl;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// The model of a studio.
+#[derive(Debug, Clone)]
+pub struct Model {
+    /// Its run folder.
+    pub run: PathBuf,
+    /// The name that is shown.
+    pub name: String,
+    /// Its rate, frames per second.
+    pub fps: f64,
+    labels: BTreeMap<String, Vec<String>>,
+    coded: Vec<usize>,
+}
+
+impl Model {
+    /// Reads what is to be known of a run; without one of the ready model.
+    ///
+    /// # Errors
+    /// A run that can't be read.
+    pub fn open(run: Option<&Path>) -> Result<Model> {
+        let path = run.map_or_else(kinelm_ready::run, |run| Ok(run.to_owned()))?;
+        let path = path.canonicalize().unwrap_or(path);
+        let loaded = load_run(&path, CheckpointChoice::Auto)?;
+        let tokenizer = loaded.load_tokenizer()?;
+        let conditions = loaded.load_conditions()?;
+        let values = |field: &String| conditions.values(field).into_iter().map(str::to_owned).collect();
+        let labels = conditions.fields().iter().map(|field| (field.clone(), values(field))).collect();
+        let name = match run {
+            None => kinelm_ready::NAME.to_owned(),
+            Some(_) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        };
+        let coded = tokenizer.channels().joints().to_vec();
+        Ok(Model { run: path, name, fps: tokenizer.fps(), labels, coded })
+    }
+
+    /// As a page has it.
+    pub fn view(&self) -> Value {
+        let joint = |id: &usize| json!({ "name": joints::list_of(&[*id]), "smpl": id, "label": smpl::NAMES[*id], "group": joints::part_of(*id) });
+        json!({
+            "name": self.name, "fps": self.fps, "labels": self.labels,
+            "joints": self.coded.iter().map(joint).collect::<Vec<_>>(),
+            "groups": GROUPS.iter().map(|(name, _)| name).collect::<Vec<_>>(),
+        })
+    }
+}

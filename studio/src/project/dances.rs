@@ -1,0 +1,160 @@
+//! The files of dances: `.studio/made/d3.bvh` until they are kept, then `dances/NAME.bvh`, each beside its sidecar.
+//!
+//! A made file stays when its dance is kept, so that a step back loses nothing.
+
+use super::document::{Change, DanceRecord, Document};
+use super::history::History;
+use super::{DANCES, MADE, remove};
+use crate::{Error, Result};
+use kinelm_generate::provenance::Provenance;
+use kinelm_store::input;
+use kinelm_store::output::{Ours, Outputs};
+use kinelm_store::sidecar::{FileHash, has_hash_of, is_beside_its_file, name_of, path_of};
+use std::collections::HashSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Dances that are neither kept nor rejected, beyond which the oldest go when a project is opened.
+const MOST_MADE: usize = 400;
+
+impl DanceRecord {
+    /// Its file, in the project's folder: the kept one if there is one.
+    pub fn file(&self) -> Option<&Path> {
+        self.kept.as_deref().or(self.made.as_deref())
+    }
+}
+
+/// What a studio may write over: dances that are as kinelm made them.
+pub fn outputs() -> Outputs {
+    let is_file = |path: &Path| Ok(is_beside_its_file(path) || has_hash_of(path)?);
+    Outputs::new(Ours { is_marked: |_| false, is_file, owner: |_| None }, Vec::<PathBuf>::new(), false)
+}
+
+/// A free file for a dance that is to be kept under a name.
+pub fn file_for(folder: &Path, document: &Document, name: &str) -> PathBuf {
+    let plain = plain_name(name);
+    let taken = |file: &Path| document.dances.iter().any(|dance| dance.kept.as_deref() == Some(file));
+    let numbered = |n: usize| if n == 1 { format!("{plain}.bvh") } else { format!("{plain}-{n}.bvh") };
+    let mut all = (1..).map(|n| Path::new(DANCES).join(numbered(n)));
+    let is_free = |file: &PathBuf| !taken(file) && !folder.join(file).exists() && !path_of(&folder.join(file)).exists();
+    all.find(is_free).unwrap_or_default()
+}
+
+/// A name as a file may have it: no separators, control or odd characters, not hidden, of moderate length.
+pub fn plain_name(name: &str) -> String {
+    let is_odd = |c: char| c.is_control() || "/\\:*?\"<>|".contains(c);
+    let name: String = name.chars().map(|c| if is_odd(c) { '_' } else { c }).take(80).collect();
+    let name = name.trim().trim_start_matches('.').trim_end_matches(['.', ' ']).to_owned();
+    // names of devices on Windows
+    let stem = name.split('.').next().unwrap_or_default().to_ascii_lowercase();
+    let is_device = ["con", "prn", "aux", "nul"].contains(&&*stem)
+        || (stem.len() == 4 && (stem.starts_with("com") || stem.starts_with("lpt")));
+    match name {
+        _ if name.is_empty() => "unnamed".into(),
+        _ if is_device => format!("_{name}"),
+        name => name,
+    }
+}
+
+/// Writes a dance that was made, with its sidecar.
+///
+/// # Errors
+/// I/O errors.
+pub fn write_made(folder: &Path, id: &str, bytes: &[u8], provenance: Provenance) -> Result<PathBuf> {
+    let file = Path::new(MADE).join(format!("{id}.bvh"));
+    let path = folder.join(&file);
+    // what a process left behind that ended while it wrote
+    remove(&path)?;
+    remove(&path_of(&path))?;
+    provenance.write(&path, bytes, &outputs())?;
+    Ok(file)
+}
+
+/// Makes the kept file of a dance as a change has it.
+pub(super) fn settle(folder: &Path, before: Option<&DanceRecord>, after: Option<&DanceRecord>) -> Result<()> {
+    let kept = |dance: Option<&DanceRecord>| dance.and_then(|dance| dance.kept.clone());
+    let (old, new) = (kept(before), kept(after));
+    if old == new {
+        return Ok(());
+    }
+    if let (Some(file), Some(made)) = (&new, after.and_then(|dance| dance.made.as_deref())) {
+        copy(&folder.join(made), &folder.join(file))?;
+    }
+    if let Some(file) = old {
+        let path = folder.join(file);
+        // a file that was changed since, or whose first one is gone, is the user's
+        let made = before.and_then(|dance| dance.made.as_deref()).is_some_and(|made| folder.join(made).is_file());
+        if made && has_hash_of(&path).unwrap_or(false) {
+            remove(&path)?;
+            remove(&path_of(&path))?;
+        }
+    }
+    Ok(())
+}
+
+/// Copies a dance with its sidecar, which gets the new name.
+fn copy(made: &Path, file: &Path) -> Result<()> {
+    if file.exists() && has_hash_of(file)? {
+        return Ok(());
+    }
+    let bytes = input::peek_bytes(made).map_err(Error::io(made))?;
+    let provenance = Provenance::load(&path_of(made))?;
+    let output = FileHash { file: name_of(file), ..provenance.output.clone() };
+    Ok(Provenance { output, replaces: None, ..provenance }.write(file, &bytes, &outputs())?)
+}
+
+/// The change that a dance needs whose file is gone: it isn't kept any more, or it is no more.
+pub(super) fn missing(folder: &Path, dance: &DanceRecord) -> Option<Change> {
+    let is_there = |file: &PathBuf| folder.join(file).is_file();
+    let kept = dance.kept.clone().filter(is_there);
+    let made = dance.made.clone().filter(is_there);
+    if kept == dance.kept && (made.is_some() || kept.is_some()) {
+        return None;
+    }
+    let after = DanceRecord { kept, made, ..dance.clone() };
+    let after = after.file().is_some().then(|| Box::new(after.clone()));
+    Some(Change::Dance { before: Some(Box::new(dance.clone())), after })
+}
+
+/// Removes the made files of dances that nobody can come back to: rejected ones and the oldest of too many, unless a
+/// step or a kept dance needs them.
+pub(super) fn sweep(folder: &Path, document: &Document, history: &History) {
+    let open = document.dances.iter().filter(|dance| dance.kept.is_none() && !dance.rejected);
+    let oldest: HashSet<&str> = {
+        let open: Vec<&str> = open.map(|dance| &*dance.id).collect();
+        open.iter().take(open.len().saturating_sub(MOST_MADE)).copied().collect()
+    };
+    let sources: HashSet<&str> = document.dances.iter().filter_map(|dance| dance.source.as_deref()).collect();
+    let is_over = |dance: &&DanceRecord| dance.rejected || oldest.contains(&*dance.id);
+    let is_needed =
+        |dance: &&DanceRecord| dance.kept.is_some() || sources.contains(&*dance.id) || history.has_dance(&dance.id);
+    for dance in document.dances.iter().filter(is_over).filter(|dance| !is_needed(dance)) {
+        for path in dance.made.iter().map(|made| folder.join(made)) {
+            let _ = fs::remove_file(path_of(&path)).and(fs::remove_file(&path));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_plain() {
+        for (name, expected) in [
+            ("../../etc/passwd", "_.._etc_passwd"),
+            ("a/b\\c:d", "a_b_c_d"),
+            ("  .hidden. ", "hidden"),
+            ("", "unnamed"),
+            ("..", "unnamed"),
+            ("con", "_con"),
+            ("Com1.bvh", "_Com1.bvh"),
+            ("a\nb\0", "a_b_"),
+            ("arm of salsa 3", "arm of salsa 3"),
+        ] {
+            assert_eq!(plain_name(name), expected);
+            assert!(kinelm_store::files::is_plain(&plain_name(name)));
+        }
+        assert_eq!(plain_name(&"ä".repeat(300)).chars().count(), 80);
+    }
+}

@@ -1,0 +1,200 @@
+//! The library: files that come, are read otherwise, renamed and go.
+
+use super::Studio;
+use crate::library::upload;
+use crate::project::dances::plain_name;
+use crate::project::document::{Change, ClipRecord, DanceRecord, Music, Reading};
+use crate::project::{CLIPS, DANCES};
+use crate::timeline::edit::Edit;
+use crate::timeline::file::TimelineFile;
+use crate::{Error, Result};
+use kinelm_corpus::dataset::motion_files;
+use kinelm_corpus::sidecar::read_options;
+use kinelm_generate::provenance;
+use kinelm_motion::format;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::sync::PoisonError;
+
+impl Studio {
+    /// Files that were in the folder before it was a project.
+    pub(super) fn take_in(&self) -> Result<()> {
+        let folder = self.project.folder();
+        let clips = motion_files(&folder.join(CLIPS)).unwrap_or_default();
+        let clips = clips.iter().filter_map(|path| path.strip_prefix(folder).ok());
+        let clips: Vec<Change> = clips.map(|file| upload::added(&self.project, file.to_owned())).collect();
+        let dances = motion_files(&folder.join(DANCES)).unwrap_or_default();
+        let dances = dances.iter().filter_map(|path| self.kept_before(path));
+        self.project.plain(clips.into_iter().chain(dances).collect())?;
+        Ok(())
+    }
+
+    /// A dance that was kept in a project whose journal is gone.
+    fn kept_before(&self, path: &Path) -> Option<Change> {
+        let known = provenance::find(path).ok()??;
+        let motion = format::read(path, &read_options(path).ok()??).ok()?;
+        let record = DanceRecord {
+            id: self.project.new_id('d'),
+            name: path.file_stem()?.to_string_lossy().into_owned(),
+            made: None,
+            kept: Some(path.strip_prefix(self.project.folder()).ok()?.to_owned()),
+            rejected: false,
+            job: None,
+            variation: known.variation,
+            seed: known.request.seed,
+            frames: motion.clip.frames(),
+            fps: motion.clip.fps(),
+            floor_m: known.read.floor.unwrap_or(0.0),
+            note: String::new(),
+            source: None,
+            generated_s: known.generated_s,
+            given: known.request.prompt.and_then(|prompt| prompt.joints).unwrap_or_default(),
+            free: String::new(),
+            made_spans: Vec::new(),
+            best: known.best,
+            opening: false,
+        };
+        Some(Change::Dance { before: None, after: Some(Box::new(record)) })
+    }
+
+    /// Takes files and folders of the call in, where the library doesn't have them.
+    pub(super) fn add_files(&self, files: &[PathBuf]) -> Result<()> {
+        let mut found: Vec<PathBuf> = Vec::new();
+        for path in files {
+            let path = path.canonicalize().map_err(Error::io(path))?;
+            match path.is_dir() {
+                true => found.extend(motion_files(&path)?),
+                false => {
+                    upload::name_of(&path.file_name().unwrap_or_default().to_string_lossy())?;
+                    found.push(path);
+                }
+            }
+        }
+        let known = |path: &PathBuf| {
+            self.project.read(|document| document.clips.iter().any(|clip| self.project.path(&clip.file) == *path))
+        };
+        let changes: Vec<Change> =
+            found.into_iter().filter(|path| !known(path)).map(|path| upload::added(&self.project, path)).collect();
+        let name = format!("add {}", kinelm_store::counted(changes.len(), "files"));
+        self.project.step(&name, |_| Ok(changes))?;
+        Ok(())
+    }
+
+    /// Takes an uploaded file in; `None` for the skeleton of clips beside it, which are read again.
+    ///
+    /// # Errors
+    /// I/O errors.
+    pub fn uploaded(&self, upload: upload::Upload) -> Result<Option<String>> {
+        let Some(change) = upload.finish(&self.project)? else {
+            let is_amc = |clip: &&ClipRecord| clip.file.extension().is_some_and(|e| e.eq_ignore_ascii_case("amc"));
+            let ids =
+                self.project.read(|d| d.clips.iter().filter(is_amc).map(|clip| clip.id.clone()).collect::<Vec<_>>());
+            self.library.read_soon(ids);
+            return Ok(None);
+        };
+        let Change::Clip { after: Some(clip), .. } = &change else { return Ok(None) };
+        let (id, name) = (clip.id.clone(), format!("add {}", clip.name));
+        self.step(&name, vec![change])?;
+        Ok(Some(id))
+    }
+
+    /// What follows when a clip was read: pages are told, and the first one begins the timeline.
+    pub(super) fn clip_was_read(&self, id: &str) {
+        let Ok(record) = self.project.clip(id) else { return };
+        self.hub.send("clip", &self.clip_view(&record));
+        let _following = self.following.lock().unwrap_or_else(PoisonError::into_inner);
+        let (text, is_motion) = (self.project.read(|d| d.timeline.clone()), self.library.source(id).is_ok());
+        if text.is_none() && is_motion {
+            // a rig that no timeline can have begins none
+            let name = format!("begin with {}", record.name);
+            if let Ok((changes, _)) = self.timelines.edit(&[Edit::UseClip { id: id.into() }], &name) {
+                self.publish(&changes);
+            }
+        } else if text.is_some() {
+            self.hub.send("timeline", &json!({}));
+        }
+    }
+
+    /// Reads a clip otherwise. A timeline that has it states the same.
+    ///
+    /// # Errors
+    /// Those of [`Library::restated`].
+    pub fn restate(&self, id: &str, reading: &Reading) -> Result<()> {
+        let _following = self.following.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut changes = self.library.restated(id, reading.clone())?;
+        let record = self.project.clip(id)?;
+        let (before, elsewhere) = self.project.timeline()?;
+        self.publish(&elsewhere);
+        if let Some(text) = &before
+            && let Ok(mut file) = TimelineFile::parse(&self.timelines.path(), text)
+        {
+            let path = self.project.path(&record.file);
+            let folder = self.project.folder();
+            let named = file.clips().into_iter().find(|(_, file)| {
+                folder.join(file).canonicalize().is_ok_and(|found| path.canonicalize().is_ok_and(|path| path == found))
+            });
+            if let Some((name, _)) = named {
+                file.state(&name, reading);
+                let after = Some(file.text());
+                changes.extend((after != before).then_some(Change::Timeline { before, after }));
+            }
+        }
+        self.step(&format!("read {} otherwise", record.name), changes)
+    }
+
+    /// Gives a clip or a dance another name.
+    ///
+    /// # Errors
+    /// An unknown id.
+    pub fn rename(&self, id: &str, name: &str) -> Result<()> {
+        let name = plain_name(name);
+        let change = match self.project.dance(id) {
+            Ok(before) => {
+                let after = DanceRecord { name: name.clone(), ..before.clone() };
+                Change::Dance { before: Some(Box::new(before)), after: Some(Box::new(after)) }
+            }
+            Err(_) => {
+                let before = self.project.clip(id)?;
+                let after = ClipRecord { name: name.clone(), ..before.clone() };
+                Change::Clip { before: Some(Box::new(before)), after: Some(Box::new(after)) }
+            }
+        };
+        self.step(&format!("rename to {name}"), vec![change])
+    }
+
+    /// Takes a clip out of the library; its file stays. A dance is turned down.
+    ///
+    /// # Errors
+    /// An unknown id.
+    pub fn remove(&self, id: &str) -> Result<()> {
+        if let Ok(before) = self.project.dance(id) {
+            let kept = before.kept.clone().filter(|_| before.made.is_none());
+            let (name, after) =
+                (format!("remove {}", before.name), DanceRecord { kept, rejected: true, ..before.clone() });
+            return self
+                .step(&name, vec![Change::Dance { before: Some(Box::new(before)), after: Some(Box::new(after)) }]);
+        }
+        let before = self.project.clip(id)?;
+        let music = self.project.read(|document| document.music.clone()).filter(|music| music.clip == id);
+        let name = format!("remove {}", before.name);
+        let music = music.map(|music| Change::Music { before: Some(music), after: None });
+        let gone = Change::Clip { before: Some(Box::new(before)), after: None };
+        self.step(&name, [Some(gone), music].into_iter().flatten().collect())
+    }
+
+    /// What is danced to on the stage.
+    ///
+    /// # Errors
+    /// A clip that is no music.
+    pub fn set_music(&self, music: Option<Music>) -> Result<()> {
+        if let Some(music) = &music {
+            self.library.sound(&music.clip)?;
+            if !music.from_s.is_finite() {
+                return Err(Error::invalid("`from_s`", music.from_s, "a time"));
+            }
+        }
+        let before = self.project.read(|document| document.music.clone());
+        let name = if music.is_some() { "set the music" } else { "no music" };
+        self.step(name, vec![Change::Music { before, after: music }])
+    }
+}

@@ -1,0 +1,190 @@
+//! The timeline, jobs and dances.
+
+use super::Studio;
+use crate::make::jobs::{Job, Running, State};
+use crate::make::request::{Kind, Make};
+use crate::make::work::guarded;
+use crate::project::dances::{file_for, plain_name};
+use crate::project::document::{Change, DanceRecord};
+use crate::timeline::edit::Edit;
+use crate::{Error, Result};
+use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
+use kinelm_motion::{format, smpl};
+use kinelm_store::{Kind as ErrorKind, input};
+use serde_json::Value;
+use std::path::Path;
+
+impl Studio {
+    /// The timeline as a page has it.
+    ///
+    /// # Errors
+    /// Those of [`Timelines::view`].
+    pub fn timeline(&self) -> Result<Value> {
+        let (view, changes) = self.timelines.view()?;
+        self.publish(&changes);
+        Ok(self.timeline_view(&view))
+    }
+
+    fn timeline_view(&self, view: &Value) -> Value {
+        let mut view = view.clone();
+        // the text is the file's, whatever it says
+        for key in ["trouble", "notes"] {
+            self.clean(&mut view[key], key == "notes");
+        }
+        view
+    }
+
+    /// Edits the timeline as one step. A dance that it begins to use is kept first.
+    ///
+    /// # Errors
+    /// Those of [`Timelines::edit`].
+    pub fn edit(&self, edits: &[Edit]) -> Result<Value> {
+        let words = edits.first().map_or_else(String::new, Edit::words);
+        let name = if edits.len() > 1 { format!("{words} and more") } else { words };
+        for id in edits.iter().filter_map(Edit::names) {
+            if self.project.dance(id).is_ok_and(|dance| dance.kept.is_none()) {
+                self.keep(id, None)?;
+            }
+        }
+        let (changes, view) = self.timelines.edit(edits, &name)?;
+        self.publish(&changes);
+        Ok(self.timeline_view(&view))
+    }
+
+    /// Puts a request into the row of jobs; returns the job's id.
+    ///
+    /// # Errors
+    /// A request that can't be carried out, as far as that is known at once; a row that is full.
+    pub fn make(&self, make: Make) -> Result<String> {
+        self.add_job(make, false)
+    }
+
+    fn add_job(&self, mut make: Make, opening: bool) -> Result<String> {
+        make.check()?;
+        if make.seed.is_none() {
+            let mut bytes = [0; 4];
+            getrandom::fill(&mut bytes).map_err(|e| Error::missing("random numbers", e.to_string()))?;
+            // short enough to be read out
+            make.seed = Some(u32::from_le_bytes(bytes) % 1_000_000);
+        }
+        let id = self.project.new_id('j');
+        let dances = (0..make.variations).map(|_| self.project.new_id('d')).collect();
+        self.jobs.add(Job { id: id.clone(), make, dances, state: State::Waiting, begun: 0, text: None, opening })?;
+        self.publish_job(&id);
+        Ok(id)
+    }
+
+    fn publish_job(&self, id: &str) {
+        if let Some(view) = self.jobs.view(id) {
+            self.hub.send("job", &self.cleaned(view));
+        }
+    }
+
+    pub(super) fn carry_out(&self, job: &Job, running: &Running) {
+        self.publish_job(&job.id);
+        let progress = || self.publish_job(&job.id);
+        let made = |change: Change| {
+            let changes = self.project.plain(vec![change])?;
+            self.publish(&changes);
+            Ok(())
+        };
+        let ended = guarded(|| self.maker.carry_out((job, running), &progress, &made));
+        let (state, text) = match ended {
+            Ok(()) => (State::Done, None),
+            // the studio ends: the job is begun again
+            Err(e) if e.kind() == ErrorKind::Stopped => return,
+            Err(e) => (State::Failed, Some(e.to_string())),
+        };
+        // what can't be written is begun again
+        let _ = self.jobs.end(&job.id, state, text);
+        self.publish_job(&job.id);
+        if job.opening {
+            let _ = self.begin_opening();
+        }
+    }
+
+    /// What a new project begins with: a dance, then four variations of its right arm.
+    pub(super) fn begin_opening(&self) -> Result<()> {
+        let (is_empty, first) = self.project.read(|document| {
+            let is_empty = document.clips.is_empty() && document.dances.is_empty() && document.timeline.is_none();
+            let first = document.dances.iter().find(|dance| dance.opening && dance.source.is_none());
+            (is_empty, first.map(|dance| dance.id.clone()))
+        });
+        let begun = |kind: Kind| self.jobs.has_opening(kind);
+        if self.opens && is_empty && self.jobs.is_empty() {
+            self.add_job(Make { seed: Some(1), ..Make::free() }, true)?;
+        } else if let Some(first) = first.filter(|_| begun(Kind::Free) && !begun(Kind::Edit)) {
+            let free = "right_arm".parse().map_err(|e: String| Error::invalid("`free`", "right_arm", e))?;
+            let make = Make { kind: Kind::Edit, clip: Some(first), free: vec![free], variations: 4, ..Make::free() };
+            self.add_job(Make { seed: Some(2), ..make }, true)?;
+        }
+        Ok(())
+    }
+
+    /// Stops a job at once.
+    ///
+    /// # Errors
+    /// Those of [`Jobs::cancel`].
+    pub fn cancel(&self, id: &str) -> Result<()> {
+        self.jobs.cancel(id)?;
+        self.publish_job(id);
+        Ok(())
+    }
+
+    /// Keeps a dance: its file and sidecar are in the project's dances when this returns.
+    ///
+    /// # Errors
+    /// An unknown dance; I/O errors.
+    pub fn keep(&self, id: &str, name: Option<&str>) -> Result<Value> {
+        let before = self.project.dance(id)?;
+        if before.kept.is_none() {
+            let name = name.map_or_else(|| before.name.clone(), plain_name);
+            let changes = self.project.step(&format!("keep {name}"), |document| {
+                let kept = Some(file_for(self.project.folder(), document, &name));
+                let after = DanceRecord { name: name.clone(), kept, rejected: false, ..before.clone() };
+                Ok(vec![Change::Dance { before: Some(Box::new(before.clone())), after: Some(Box::new(after)) }])
+            })?;
+            self.publish(&changes);
+        }
+        Ok(self.dance_view(&self.project.dance(id)?))
+    }
+
+    /// Turns a dance down, or takes that back.
+    ///
+    /// # Errors
+    /// An unknown dance, one that is kept.
+    pub fn reject(&self, id: &str, back: bool) -> Result<()> {
+        let before = self.project.dance(id)?;
+        if before.kept.is_some() {
+            return Err(Error::Conflict("the dance is kept; take that step back first".into()));
+        }
+        if before.rejected != back {
+            return Ok(());
+        }
+        let name = format!("{} {}", if back { "take back" } else { "reject" }, before.name);
+        let after = DanceRecord { rejected: !back, ..before.clone() };
+        self.step(&name, vec![Change::Dance { before: Some(Box::new(before)), after: Some(Box::new(after)) }])
+    }
+
+    /// A dance as a file of some format, with its name.
+    ///
+    /// # Errors
+    /// An unknown dance or format; what the format can't hold.
+    pub fn export(&self, id: &str, format: &str) -> Result<(String, Vec<u8>)> {
+        if !["bvh", "glb", "npz", "json"].contains(&format) {
+            return Err(Error::invalid("`format`", plain_name(format), "bvh, glb, npz or json"));
+        }
+        let source = self.library.source(id)?;
+        let name = format!("{}.{format}", plain_name(&source.name));
+        let bytes = input::peek_bytes(&source.path).map_err(Error::io(&source.path))?;
+        if format == "bvh" {
+            return Ok((name, bytes));
+        }
+        let motion = format::parse(&source.path, &bytes, &source.read)?;
+        // AMASS has one rig
+        let rig = (format == "npz").then(|| TargetRig::Smpl(smpl::neutral()));
+        let motion = convert(motion, &ConvertOptions { rig, ..ConvertOptions::default() }, source.read.map.as_deref())?;
+        let bytes = format::to_bytes(Path::new(&name), &motion)?;
+        Ok((name, bytes))
+    }
+}

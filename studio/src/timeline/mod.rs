@@ -1,0 +1,173 @@
+//! The timeline: the file `timeline.toml` as a page shows it, and edits that leave all else of it as it is.
+//!
+//! - [`segments`]: its segments as numbers, cut and joined.
+//! - [`file`]: its text, changed in place.
+//! - [`edit`]: what a page may ask for.
+//! - [`view`]: what a page shows.
+
+pub mod edit;
+pub mod file;
+pub mod segments;
+pub mod view;
+
+use crate::library::{Library, Source};
+use crate::project::document::Change;
+use crate::project::{Project, TIMELINE};
+use crate::{Error, Result};
+use edit::Edit;
+use file::TimelineFile;
+use kinelm_generate::request::Timeline;
+use kinelm_generate::timeline::TimelineLayout;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The timeline of a project.
+#[derive(Debug)]
+pub struct Timelines {
+    project: Arc<Project>,
+    library: Arc<Library>,
+    /// The last view, and of what.
+    seen: Mutex<Option<(String, Arc<Value>)>>,
+}
+
+/// A timeline that the library has read and laid out.
+pub struct Laid {
+    /// As its text says.
+    pub timeline: Timeline,
+    /// In frames.
+    pub layout: TimelineLayout,
+}
+
+impl Timelines {
+    /// The timeline of a project.
+    pub fn new(project: Arc<Project>, library: Arc<Library>) -> Timelines {
+        Timelines { project, library, seen: Mutex::default() }
+    }
+
+    /// Where its file is.
+    pub fn path(&self) -> PathBuf {
+        self.project.folder().join(TIMELINE)
+    }
+
+    /// Reads the clips of a text and lays it out.
+    ///
+    /// # Errors
+    /// Those of [`Timeline::parse`].
+    pub fn lay_out(&self, text: &str) -> Result<Laid> {
+        let (timeline, layout) = Timeline::parse(&self.path(), text)?;
+        Ok(Laid { timeline, layout })
+    }
+
+    /// What a page shows, and the changes that another program made to the file.
+    ///
+    /// # Errors
+    /// A file that can't be read.
+    pub fn view(&self) -> Result<(Arc<Value>, Vec<Change>)> {
+        let (text, changes) = self.project.timeline()?;
+        Ok((self.view_of(text.as_deref(), None)?, changes))
+    }
+
+    /// The view of a text, which is laid out already or not.
+    fn view_of(&self, text: Option<&str>, laid: Option<Laid>) -> Result<Arc<Value>> {
+        let sources = self.sources();
+        // what the layout depends on beside the text
+        let key = format!("{}\n{sources:?}", text.unwrap_or_default());
+        let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, view)) = seen.as_ref().filter(|(other, _)| *other == key) {
+            return Ok(view.clone());
+        }
+        let view = Arc::new(view::of(self, text, laid, &sources));
+        *seen = Some((key, view.clone()));
+        Ok(view)
+    }
+
+    /// All that a timeline may name: clips and dances.
+    pub fn sources(&self) -> Vec<Source> {
+        let ids = self.project.read(|document| {
+            let dances = document.dances.iter().filter(|dance| !dance.rejected).map(|dance| dance.id.clone());
+            document.clips.iter().map(|clip| clip.id.clone()).chain(dances).collect::<Vec<_>>()
+        });
+        ids.iter().filter_map(|id| self.library.source(id).ok()).collect()
+    }
+
+    /// Carries out edits as one step. Returns what changed, and the view afterwards.
+    ///
+    /// # Errors
+    /// An edit that can't be carried out, or after which the timeline couldn't be danced though it could before:
+    /// nothing has
+    /// changed then.
+    pub fn edit(&self, edits: &[Edit], name: &str) -> Result<(Vec<Change>, Arc<Value>)> {
+        let (before, mut changes) = self.project.timeline()?;
+        let (after, laid) = self.edited(before.as_deref(), edits)?;
+        if before.as_deref() != Some(&after) {
+            let step = |document: &crate::project::document::Document| match document.timeline == before {
+                true => Ok(vec![Change::Timeline { before: before.clone(), after: Some(after.clone()) }]),
+                false => Err(Error::Conflict("the timeline was changed meanwhile; try again".into())),
+            };
+            changes.extend(self.project.step(name, step)?);
+        }
+        Ok((changes, self.view_of(Some(&after), laid)?))
+    }
+
+    /// The text after edits, laid out where it can be.
+    fn edited(&self, before: Option<&str>, edits: &[Edit]) -> Result<(String, Option<Laid>)> {
+        let path = self.path();
+        let mut file = match TimelineFile::parse(&path, before.unwrap_or_default()) {
+            Ok(file) => Some(file),
+            // a text that replaces it needs none of it
+            Err(_) if matches!(edits.first(), Some(Edit::Text { .. })) => None,
+            Err(e) => return Err(e),
+        };
+        let mut is_written = false;
+        for edit in edits {
+            match (edit, &mut file) {
+                (Edit::Text { text }, _) => {
+                    is_written = true;
+                    // what is written by hand may be wrong for a while, but it is a text of moderate length
+                    let most = kinelm_generate::timeline::MOST_BYTES;
+                    if text.len() > most {
+                        let (needs, limit) = (format!("{} bytes", text.len()), format!("{most} bytes"));
+                        return Err(Error::limit("the timeline", needs, limit, "make it shorter"));
+                    }
+                    match TimelineFile::parse(&path, text) {
+                        Ok(other) => file = Some(other),
+                        Err(_) if edits.len() == 1 => return Ok((text.clone(), None)),
+                        Err(e) => return Err(e),
+                    }
+                }
+                (edit, Some(file)) => edit::apply(self, file, edit)?,
+                (_, None) => return Err(Error::Conflict("the text of the timeline isn't whole".into())),
+            }
+        }
+        let file = file.ok_or_else(|| Error::invalid("`edits`", "none", "at least one"))?;
+        let text = file.text();
+        if file.is_empty() {
+            return Ok((text, None));
+        }
+        match self.lay_out(&text) {
+            Ok(laid) => Ok((text, Some(laid))),
+            // what was wrong before may stay so, and what is written by hand
+            Err(_) if is_written || before.is_some_and(|before| !self.is_fine(before)) => Ok((text, None)),
+            Err(e) => Err(e),
+        }
+    }
+
+    /// Whether a timeline can be danced, or has nothing in it yet.
+    fn is_fine(&self, text: &str) -> bool {
+        TimelineFile::parse(&self.path(), text).is_ok_and(|file| file.is_empty()) || self.lay_out(text).is_ok()
+    }
+
+    /// The library.
+    pub fn library(&self) -> &Library {
+        &self.library
+    }
+
+    /// The project.
+    pub fn project(&self) -> &Project {
+        &self.project
+    }
+}
+
+#[cfg(test)]
+mod tests;

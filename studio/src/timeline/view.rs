@@ -1,0 +1,125 @@
+//! What a page shows of a timeline.
+
+use super::edit::{frames_of, is_same, rate};
+use super::file::TimelineFile;
+use super::{Laid, Timelines};
+use crate::Error;
+use crate::library::Source;
+use kinelm_generate::request::Segment;
+use kinelm_generate::timeline::GivenSpan;
+use kinelm_motion::joints::{self, PARTS};
+use kinelm_motion::moment::Moment;
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// A timeline as a page has it: its layout where it can be laid out, what is wrong where it can't. `laid`: it is laid
+/// out already.
+pub(super) fn of(timelines: &Timelines, text: Option<&str>, laid: Option<Laid>, sources: &[Source]) -> Value {
+    let path = timelines.path();
+    let mut view = json!({
+        "text": text.unwrap_or_default(), "seconds": 0, "fps": null, "rig": null, "transition": 1, "clips": {},
+        "segments": [], "rows": [], "trouble": [], "notes": [],
+    });
+    let Some(text) = text else { return view };
+    let file = match TimelineFile::parse(&path, text) {
+        Ok(file) => file,
+        Err(e) => {
+            view["trouble"] = json!([trouble(&e)]);
+            return view;
+        }
+    };
+    view["rig"] = file.top("rig");
+    view["clips"] = clips(&file, sources, path.parent().unwrap_or(Path::new("")));
+    if file.is_empty() {
+        return view;
+    }
+    match laid.map_or_else(|| timelines.lay_out(text), Ok) {
+        Ok(laid) => {
+            let layout = &laid.layout;
+            view["fps"] = json!(layout.fps);
+            view["seconds"] = json!(layout.frames as f64 / layout.fps);
+            view["transition"] = json!(laid.timeline.transition.0.seconds(layout.fps));
+            let segments = laid.timeline.segments.iter().enumerate();
+            view["segments"] = segments.map(|(index, segment)| placed(&laid, sources, index, segment)).collect();
+            view["rows"] = PARTS.iter().map(|part| row(&laid, part)).collect();
+            view["notes"] = json!(layout.notes);
+        }
+        Err(e) => {
+            view["trouble"] = json!([trouble(&e)]);
+            // as the text has them
+            let raw = |index: usize| {
+                let mut segment = file.segment(index);
+                segment["index"] = json!(index);
+                segment
+            };
+            view["segments"] = (0..file.segments()).map(raw).collect();
+        }
+    }
+    view
+}
+
+/// Where something is wrong, and what.
+fn trouble(e: &Error) -> Value {
+    let file = match e {
+        Error::Library(kinelm_model::Error::Store(kinelm_store::Error::File(fault))) => Some(fault),
+        _ => None,
+    };
+    match file {
+        Some(fault) => {
+            let text = format!("found {}, expected {}", fault.found, fault.expected);
+            json!({ "line": fault.at.line, "column": fault.at.column, "text": text })
+        }
+        None => json!({ "line": 0, "column": 0, "text": e.to_string() }),
+    }
+}
+
+/// The clips by name, each with the id that it has in the library.
+fn clips(file: &TimelineFile, sources: &[Source], folder: &Path) -> Value {
+    let of = |(name, file): (String, std::path::PathBuf)| {
+        let path = folder.join(&file);
+        let found = sources.iter().find(|source| source.path == path || is_same(&source.path, &path));
+        let last = file.file_name().map(|name| name.to_string_lossy().into_owned());
+        (name, json!({ "clip": found.map(|source| &source.id), "file": last }))
+    };
+    Value::Object(file.clips().into_iter().map(of).collect::<Map<_, _>>())
+}
+
+fn placed(laid: &Laid, sources: &[Source], index: usize, segment: &Segment) -> Value {
+    let layout = &laid.layout;
+    let placed = layout.segments.iter().find(|placed| placed.index == index);
+    let frames = frames_of(segment, layout.fps);
+    let clip_fps = segment.clip.as_ref().and_then(|name| rate(&laid.timeline, sources, name));
+    let at = match segment.at.0 {
+        Moment::Seconds(s) => s,
+        moment => moment.seconds(clip_fps.unwrap_or(layout.fps)),
+    };
+    let seconds = |frame: usize| frame as f64 / layout.fps;
+    let mut view = json!({
+        "index": index, "clip": segment.clip, "joints": segment.joints, "from": seconds(frames.start),
+        "to": seconds(frames.end), "at": at, "labels": segment.labels,
+    });
+    if let Some(placed) = placed {
+        // what transitions leave of it, and how it is turned about the vertical and then moved
+        view["given"] = json!([seconds(placed.frames.start), seconds(placed.frames.end)]);
+        view["place"] = json!({
+            "turn_rad": placed.turn, "x": placed.shift.x, "y": placed.shift.y, "z": placed.shift.z,
+        });
+    }
+    view
+}
+
+/// A group of joints and each of its joints.
+fn row(laid: &Laid, part: &str) -> Value {
+    let ids = joints::group(part);
+    let one = |id: &usize| json!({ "name": joints::list_of(&[*id]), "spans": spans(laid, &[*id]) });
+    json!({ "group": part, "joints": ids.iter().map(one).collect::<Vec<_>>(), "spans": spans(laid, ids) })
+}
+
+fn spans(laid: &Laid, ids: &[usize]) -> Vec<Value> {
+    let fps = laid.layout.fps;
+    let of = |span: GivenSpan| {
+        let [from, to] = [span.frames.start, span.frames.end].map(|frame| frame as f64 / fps);
+        json!({ "from": from, "to": to, "state": span.state, "segment": span.segment })
+    };
+    laid.layout.spans(ids).into_iter().map(of).collect()
+}

@@ -72,7 +72,8 @@ function theClip() {
   if (has(choice.clip)) return choice.clip;
   const rig = store.timeline.segments.find(segment => segment.clip),
     own = rig ? clipIdOf(rig) : null;
-  return [ui.mode === 'clip' ? ui.clip : null, own, all[0]?.id].find(has) ?? null;
+  // a dance that was kept just now is the one to go on with
+  return [ui.mode === 'clip' ? ui.clip : ui.focus, own, all[0]?.id].find(has) ?? null;
 }
 
 /** @returns {Make} */

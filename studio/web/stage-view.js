@@ -2,6 +2,7 @@
 
 import { cast, staged } from './cast.js';
 import { find, h } from './dom.js';
+import { loaded } from './figures.js';
 import { clamp } from './figure.js';
 import { NAMES, idsOf } from './groups.js';
 import { Labels } from './labels.js';
@@ -112,7 +113,7 @@ function place(all, moved) {
 // Frames came: dancers are longer now. The room for them is measured anew twice a second, not at each.
 let measured = 0;
 function grown() {
-  if (ui.mode === 'takes' && staged().length !== dancers.length) recast();
+  if (ui.mode === 'takes' && staged().some(({ id }) => loaded(id) && !dancers.some(dancer => dancer.id === id))) recast();
   for (const dancer of dancers) dancer.grow();
   const now = performance.now();
   if (now - measured > 500) {

@@ -117,25 +117,11 @@ function head(job) {
 
 /** @param {Job} job */
 function progress(job) {
-  const waiting = job.state === 'waiting',
-    part = job.of ? job.frames / job.of : 0;
-  const text = waiting ? 'Waits for the one before' : job.frames >= job.of && job.of ? 'Being written' : 'Being made';
-  return h(
+  const box = h(
     'div',
     { class: 'progress' },
-    h(
-      'span',
-      {
-        class: 'bar',
-        role: 'progressbar',
-        'aria-label': text,
-        'aria-valuemin': 0,
-        'aria-valuemax': 100,
-        'aria-valuenow': Math.round(100 * part),
-      },
-      h('i', { style: { width: `${100 * part}%` } }),
-    ),
-    h('small', null, text),
+    h('span', { class: 'bar', role: 'progressbar', 'aria-valuemin': 0, 'aria-valuemax': 100 }, h('i', null)),
+    h('small', null, ''),
     h(
       'button',
       {
@@ -147,6 +133,21 @@ function progress(job) {
       'Cancel',
     ),
   );
+  showProgress(box, job);
+  return box;
+}
+
+// In place: a button that is replaced while it is pressed isn't pressed.
+/** @param {Element} box @param {Job} job */
+function showProgress(box, job) {
+  const waiting = job.state === 'waiting',
+    part = job.of ? job.frames / job.of : 0;
+  const text = waiting ? 'Waits for the one before' : job.frames >= job.of && job.of ? 'Being written' : 'Being made';
+  const bar = /** @type {HTMLElement} */ (box.querySelector('.bar'));
+  bar.setAttribute('aria-label', text);
+  bar.setAttribute('aria-valuenow', String(Math.round(100 * part)));
+  /** @type {HTMLElement} */ (bar.firstElementChild).style.width = `${100 * part}%`;
+  /** @type {HTMLElement} */ (box.querySelector('small')).textContent = text;
 }
 
 // ---- cards ----
@@ -265,17 +266,27 @@ function card(job, { id, n }) {
   return box;
 }
 
+let notesAreOpen = false;
+
+// What there is to say of the chosen dance, else of the first.
 /** @param {Job | undefined} job */
 function note(job) {
-  const dance = job?.dances.map(danceOf).find(dance => dance?.note);
-  return dance
-    ? h(
-        'details',
-        { class: 'notes' },
-        h('summary', null, 'Notes'),
-        ...dance.note.split('\n').map(line => h('p', null, line)),
-      )
-    : null;
+  const own = job?.dances.includes(ui.focus ?? '') ? danceOf(ui.focus) : undefined,
+    dance = own ?? job?.dances.map(danceOf).find(dance => dance?.note);
+  if (!job || !dance?.note) return null;
+  const of = job.dances.length > 1 ? ` on ${job.dances.indexOf(dance.id) + 1}` : '';
+  return h(
+    'details',
+    {
+      class: 'notes',
+      open: notesAreOpen,
+      ontoggle: (/** @type {Event} */ e) => {
+        notesAreOpen = /** @type {HTMLDetailsElement} */ (e.currentTarget).open;
+      },
+    },
+    h('summary', null, `Notes${of}`),
+    ...dance.note.split('\n').map(line => h('p', null, line)),
+  );
 }
 
 /** @type {HTMLElement} */
@@ -290,7 +301,7 @@ function draw() {
     failed = [...store.state.jobs].sort((a, b) => b.started - a.started)[0];
   const running = isBusy(job);
   const key = JSON.stringify([
-    job && { ...job, frames: 0, of: 0 },
+    job && { ...job, frames: 0, of: 0, since: 0 },
     all.map(({ id }) => [danceOf(id), Boolean(loaded(id))]),
     ui.focus,
     ui.solo,
@@ -302,7 +313,7 @@ function draw() {
   if (key === last) {
     // only its progress is new
     const bar = box.querySelector('.progress');
-    if (bar && job && running) bar.replaceWith(progress(job));
+    if (bar && job && running) showProgress(bar, job);
     refresh(job);
     return;
   }

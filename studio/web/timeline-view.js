@@ -63,7 +63,7 @@ export function reveal(time) {
 
 export const frameTime = () => 1 / (store.timeline.fps ?? store.state.model.fps);
 
-// A time on a frame, or on a beat, an edge or the playhead that is near.
+// A time on a frame, or on a beat, an edge, the playhead or a whole second that is near.
 /** @param {number} time @param {number} [but] a segment whose own edges don't count */
 export function snapped(time, but) {
   const frame = frameTime(),
@@ -71,7 +71,7 @@ export function snapped(time, but) {
   if (!ui.snap) return round(time);
   let best = round(time),
     nearest = NEAR / axis.scale;
-  const all = [0, store.timeline.seconds, stage.whole, stage.state.time, ...beats(), ...(ui.range ?? [])];
+  const all = [0, store.timeline.seconds, stage.whole, stage.state.time, ...beats(), ...(ui.range ?? []), Math.round(time)];
   for (const segment of store.timeline.segments) if (segment.index !== but) all.push(segment.from, segment.to);
   for (const one of all) {
     if (Math.abs(one - time) >= nearest) continue;

@@ -53,7 +53,7 @@ export function openTop() {
   });
   on(['connection'], () => {
     line.hidden = store.connected || stopped;
-    line.textContent = 'The studio doesn’t answer. Trying again …';
+    line.textContent = 'The studio doesn’t answer. Trying again … If you have started it anew, open the page that it names.';
   });
 }
 

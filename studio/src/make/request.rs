@@ -251,7 +251,7 @@ impl Make {
                 format!("{of}, another {}", joints.join(" and "))
             }
             Kind::Loop => format!("{of} looped"),
-            Kind::Timeline => "timeline".into(),
+            Kind::Timeline => source.map_or_else(|| "timeline".into(), |source| format!("{} anew", source.name)),
         }
     }
 }

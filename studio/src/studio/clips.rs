@@ -98,13 +98,15 @@ impl Studio {
         Ok(Some(id))
     }
 
-    /// What follows when a clip was read: pages are told, and the first one begins the timeline.
+    /// What follows when a clip was read: pages are told, and the first one begins the timeline, unless it is back by a
+    /// step that others follow.
     pub(super) fn clip_was_read(&self, id: &str) {
         let Ok(record) = self.project.clip(id) else { return };
         self.hub.send("clip", &self.clip_view(&record));
         let _following = self.following.lock().unwrap_or_else(PoisonError::into_inner);
         let (text, is_motion) = (self.project.read(|d| d.timeline.clone()), self.library.source(id).is_ok());
-        if text.is_none() && is_motion {
+        let ((_, redo), _) = self.project.history();
+        if text.is_none() && is_motion && redo == 0 {
             // a rig that no timeline can have begins none
             let name = format!("begin with {}", record.name);
             if let Ok((changes, _)) = self.timelines.edit(&[Edit::UseClip { id: id.into() }], &name) {

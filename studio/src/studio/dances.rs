@@ -39,8 +39,10 @@ impl Studio {
     /// # Errors
     /// Those of [`Timelines::edit`].
     pub fn edit(&self, edits: &[Edit]) -> Result<Value> {
-        let words = edits.first().map_or_else(String::new, Edit::words);
-        let name = if edits.len() > 1 { format!("{words} and more") } else { words };
+        // a new timeline is begun by clearing the one before
+        let is_begun = matches!(edits, [Edit::Text { .. }, Edit::UseClip { .. }]);
+        let words = if is_begun { edits.last() } else { edits.first() }.map_or_else(String::new, Edit::words);
+        let name = if edits.len() > 1 && !is_begun { format!("{words} and more") } else { words };
         for id in edits.iter().filter_map(Edit::names) {
             if self.project.dance(id).is_ok_and(|dance| dance.kept.is_none()) {
                 self.keep(id, None)?;
@@ -140,8 +142,10 @@ impl Studio {
         if before.kept.is_none() {
             let name = name.map_or_else(|| before.name.clone(), plain_name);
             let changes = self.project.step(&format!("keep {name}"), |document| {
-                let kept = Some(file_for(self.project.folder(), document, &name));
-                let after = DanceRecord { name: name.clone(), kept, rejected: false, ..before.clone() };
+                let kept = file_for(self.project.folder(), document, &name);
+                // as its file, so that no two are called alike
+                let name = kept.file_stem().map_or(name.clone(), |stem| stem.to_string_lossy().into_owned());
+                let after = DanceRecord { name, kept: Some(kept), rejected: false, ..before.clone() };
                 Ok(vec![Change::Dance { before: Some(Box::new(before.clone())), after: Some(Box::new(after)) }])
             })?;
             self.publish(&changes);

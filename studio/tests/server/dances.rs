@@ -170,6 +170,34 @@ fn a_job_is_cancelled_at_once() {
 }
 
 #[test]
+fn all_steps_can_be_taken_back_and_done_again() {
+    let (place, clip) = with_a_clip(5.0);
+    let browser = &place.browser;
+    browser.done("/api/timeline", &json!({ "edits": [{ "op": "free", "joints": "arms", "from": 1, "to": 3 }] }));
+    let dances = made(browser, &json!({ "kind": "timeline", "variations": 2 }));
+    assert_eq!(dances[0]["name"], "mine anew 1");
+    browser.done(&format!("/api/dances/{}/keep", dances[0]["id"].as_str().unwrap()), &json!({}));
+    let text = browser.get("/api/timeline").json()["text"].clone();
+    let steps = browser.state()["undo"]["undo"].as_u64().unwrap();
+    for _ in 0..steps {
+        browser.done("/api/undo", &json!({}));
+    }
+    assert_eq!(browser.state()["clips"], json!([]));
+    for n in 0..steps {
+        browser.done("/api/redo", &json!({}));
+        // the clip is read again, and begins no timeline of its own
+        browser.wait("the clip", |state| state["clips"][0]["state"] == "ready");
+        assert_eq!(browser.state()["undo"]["redo"].as_u64(), Some(steps - n - 1));
+    }
+    assert_eq!(browser.get("/api/timeline").json()["text"], text);
+    assert!(browser.state()["dances"].as_array().unwrap().iter().any(|dance| dance["kept"] == true));
+    assert!(place.project().join("dances/mine anew 1.bvh").exists());
+    let again = made(browser, &json!({ "kind": "timeline", "variations": 2 }));
+    let kept = browser.done(&format!("/api/dances/{}/keep", again[0]["id"].as_str().unwrap()), &json!({}));
+    assert_eq!((kept["name"].as_str(), kept["source"].as_str()), (Some("mine anew 1-2"), Some(&*clip)));
+}
+
+#[test]
 fn a_dance_is_kept_taken_back_and_rejected() {
     let (place, clip) = with_a_clip(5.0);
     let browser = &place.browser;

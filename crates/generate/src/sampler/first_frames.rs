@@ -7,6 +7,7 @@
 //! slot, are most likely (docs/results/two-level.md). Sources: Rubin, "The SIR algorithm" (1987), of which the most likely
 //! sample is taken here; Lew et al., "Sequential Monte Carlo Steering of Large Language Models" (2023).
 
+use super::sequence::Sequence;
 use super::{Batch, NextToken, SamplingPlan};
 use crate::Result;
 use crate::sampling::Sampling;
@@ -57,9 +58,10 @@ pub(super) fn best_seeds(
     let music = plan.music[..plan.music_width() * words].to_vec();
     let begun = Arc::new(SamplingPlan { words, music, guesses: 0, ..plan.clone() });
     let mut best: Vec<(f64, u64)> = seeds.iter().map(|&seed| (f64::NEG_INFINITY, seed)).collect();
+    let mut prefix = Vec::new();
     for candidate in 0..plan.first_frames {
         let own: Vec<u64> = seeds.iter().map(|&seed| candidate_seed(seed, candidate)).collect();
-        let scored = scored(model, &begun, &own, &best)?;
+        let scored = scored(model, &begun, &own, &mut prefix)?;
         for ((best, sequence), seed) in best.iter_mut().zip(&scored.sequences).zip(own) {
             if sequence.log_likelihood() > best.0 {
                 *best = (sequence.log_likelihood(), seed);
@@ -69,19 +71,20 @@ pub(super) fn best_seeds(
     Ok(best.into_iter().map(|(_, seed)| seed).collect())
 }
 
-/// Dances of these seeds, sampled until their given characters are scored, or no better than the best so far.
+/// Dances of these seeds, sampled until their given characters are scored. `prefix`: the log-likelihoods of what is given
+/// before the first free slot, where `model` has read it already; else they are put there.
 fn scored(
     model: &mut (impl NextToken + ?Sized),
     plan: &Arc<SamplingPlan>,
     seeds: &[u64],
-    best: &[(f64, u64)],
+    prefix: &mut Vec<f64>,
 ) -> Result<Batch> {
     let mut batch = Batch { scores: true, ..Batch::new(plan, seeds, model.context()) };
+    batch.sequences.iter_mut().zip(&*prefix).for_each(|(sequence, scored)| sequence.skip_prefix(*scored));
     while !batch.is_done() {
         batch.step(model)?;
-        // what is given only becomes less likely
-        for (sequence, (best, _)) in batch.sequences.iter_mut().zip(best) {
-            sequence.give_up_below(*best);
+        if prefix.is_empty() {
+            prefix.extend(batch.sequences.iter().map(Sequence::log_likelihood));
         }
     }
     Ok(batch)
@@ -138,7 +141,7 @@ mod tests {
         for (given, count) in [([f, t, f, t, f], 2), ([t, t, f, f, t], 5), ([t, f, t, t, f], 4), ([f, f, f, t, t], 2)] {
             for context in [12, 40] {
                 let plan = plan(2, &given, &PROMPT, Sampling::temperature(3.0));
-                let batch = scored(&mut Even(model(context, 2)), &Arc::new(plan), &[1, 2], &[]).unwrap();
+                let batch = scored(&mut Even(model(context, 2)), &Arc::new(plan), &[1, 2], &mut Vec::new()).unwrap();
                 for sequence in batch.sequences {
                     // one of 10 is sampled, the space is certain
                     let (expected, found) = (-10f64.ln() * f64::from(count), sequence.log_likelihood());

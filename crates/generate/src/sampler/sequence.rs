@@ -42,7 +42,7 @@ pub(super) struct Sequence {
     taken_back: Option<usize>,
     /// ln p of what is given of the first word and up to the next free slot, as far as it is scored.
     log_likelihood: f64,
-    /// Whether all of that is scored, or as much as needed.
+    /// Whether all of that is scored.
     is_scored: bool,
     goals: Option<GoalConditioning>,
     /// Tokens guessed so far.
@@ -101,14 +101,16 @@ impl Sequence {
         self.log_likelihood
     }
 
-    /// Whether all of that is scored, or as much as needed.
+    /// Whether all of that is scored.
     pub fn is_scored(&self) -> bool {
         self.is_scored
     }
 
-    /// Ends the scoring where the likelihood isn't above this one.
-    pub fn give_up_below(&mut self, log_likelihood: f64) {
-        self.is_scored |= self.log_likelihood <= log_likelihood;
+    /// Begins behind what is given before the first free slot, which the model has read and scored.
+    pub fn skip_prefix(&mut self, log_likelihood: f64) {
+        // the last of it is read again, for its logits
+        self.read = self.window() - 1;
+        self.log_likelihood = log_likelihood;
     }
 
     /// The ids, and the look-ahead tokens.
@@ -280,7 +282,7 @@ impl Sequence {
     fn fill_block(&mut self, guesses: usize) {
         self.block.clear();
         self.guesses = 0;
-        if self.is_done() || self.is_scored {
+        if self.is_done() {
             return;
         }
         let front = self.plan.fronts.get(self.front).map_or(&[][..], |(_, front)| front);
@@ -332,7 +334,7 @@ impl Sequence {
                 self.log_likelihood += sampling::log_probability(row, &allowed, self.block[later]);
             }
         }
-        self.is_scored |= self.words() > 0;
+        self.is_scored = self.words() > 0;
     }
 
     /// Samples what the block's `logits` (rows, V) allow to: the next free slot, and those after guesses that turn out right.

@@ -144,7 +144,10 @@ fn frames_are_streamed_as_they_are_sampled_and_a_page_hears_what_it_missed() {
     // a page that opens while dances are sampled hears their frames from the first
     let since = place.browser.state()["jobs"].as_array().unwrap().last().unwrap()["since"].as_u64().unwrap();
     let mut late = place.browser.events_at(&format!("/api/events?since={since}"), None);
-    assert_eq!((late.next().data["resumed"].clone(), late.named("frames").data["from"].clone()), (json!(true), json!(0)));
+    assert_eq!(
+        (late.next().data["resumed"].clone(), late.named("frames").data["from"].clone()),
+        (json!(true), json!(0))
+    );
     let mut older = place.browser.events_at("/api/events?since=7", None);
     assert_eq!((older.next().data["resumed"].clone(), older.next().id <= hello.id), (json!(true), true));
     // a number of another server: load the state again

@@ -55,8 +55,9 @@ fn refusal(app: &App, method: &Method, headers: &HeaderMap, path: &str) -> Optio
     if let Some(why) = app.hosts.refusal(method, headers, path == "/") {
         return Some(why);
     }
-    let cookies = headers.get_all(header::COOKIE).iter().filter_map(|cookie| cookie.to_str().ok());
-    let is_known = cookies.into_iter().any(|cookie| app.entry.knows(cookie));
+    // other servers of this host may have set cookies of any bytes
+    let mut cookies = headers.get_all(header::COOKIE).iter().map(|cookie| String::from_utf8_lossy(cookie.as_bytes()));
+    let is_known = cookies.any(|cookie| app.entry.knows(&cookie));
     (!is_known).then_some("this browser wasn't let in; open the file again that kinelm named when it began")
 }
 

@@ -10,7 +10,7 @@ use kinelm_corpus::sidecar;
 use kinelm_motion::capsules::standing_height_m;
 use kinelm_motion::format::{self, Format, RateDoubt, ReadOptions, Unit, Up, standing_axis};
 use kinelm_motion::inspect::report;
-use kinelm_motion::rig::{self, map_of};
+use kinelm_motion::rig::{self, SkeletonMap, map_of};
 use kinelm_motion::{FaultKind, Motion, Source};
 use kinelm_store::files;
 use serde::{Deserialize, Serialize};
@@ -116,6 +116,9 @@ pub fn outcome(file: &Path, reading: &Reading, convert: &Path) -> Outcome {
     }
 }
 
+/// Frames times joints of a clip: an hour and a half of 24 joints at 60 frames a second, some 2 GB where it is edited.
+const MOST_POSES: usize = 8_000_000;
+
 /// The extensions of sound files.
 pub const SOUNDS: [&str; 7] = ["mp3", "ogg", "oga", "flac", "wav", "m4a", "mp4"];
 
@@ -138,7 +141,12 @@ fn music(file: &Path) -> Result<Info> {
 /// # Errors
 /// A sidecar that can't be read.
 pub fn options(file: &Path, reading: &Reading) -> Result<ReadOptions> {
-    Ok(reading.options(sidecar::read_options(file)?.as_ref()))
+    let own = sidecar::read_options(file)?.map(|own| {
+        // a file beside a clip is no reason to open others
+        let map = own.map.filter(|map| SkeletonMap::builtin(map).is_some());
+        ReadOptions { map, ..own }
+    });
+    Ok(reading.options(own.as_ref()))
 }
 
 fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
@@ -146,6 +154,11 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
     let motion = format::read(file, &options)?;
     if motion.clip.frames() == 0 {
         return Err(Error::file(file, "no frames", "at least one", "export it again with its animation"));
+    }
+    let poses = motion.clip.frames() * motion.clip.joints();
+    if poses > MOST_POSES {
+        let limit = format!("{MOST_POSES} poses of a joint");
+        return Err(Error::limit("the clip", format!("{poses} poses of a joint"), limit, "cut it into shorter ones"));
     }
     let is_bvh = matches!(motion.source, Source::Bvh(_));
     if !is_bvh {

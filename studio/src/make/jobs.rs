@@ -2,6 +2,7 @@
 //! again.
 
 use super::request::{Kind, Make};
+use crate::project::document::is_id;
 use crate::project::{OWN, Project};
 use crate::{Error, Result};
 use kinelm_store::{files, input};
@@ -105,7 +106,8 @@ impl Jobs {
         if path.exists() {
             let bytes = input::peek_bytes(&path).map_err(Error::io(&path))?;
             for line in bytes.split(|byte| *byte == b'\n') {
-                if let Ok(job) = serde_json::from_slice::<Job>(line) {
+                let job = serde_json::from_slice::<Job>(line).ok();
+                if let Some(job) = job.filter(|job| is_id(&job.id) && job.dances.iter().all(|id| is_id(id))) {
                     jobs.insert(crate::project::document::number(&job.id), (job, Running::new()));
                 }
             }
@@ -247,7 +249,12 @@ impl Inner {
     fn write(&mut self, job: &Job) -> Result<()> {
         let mut line = serde_json::to_vec(job).map_err(Error::failed)?;
         line.push(b'\n');
-        self.file.write_all(&line).and_then(|()| self.file.sync_data()).map_err(Error::io(&self.path))
+        let whole = self.file.metadata().map_err(Error::io(&self.path))?.len();
+        self.file.write_all(&line).and_then(|()| self.file.sync_data()).map_err(|e| {
+            // the next line isn't to follow half of this one
+            let _ = self.file.set_len(whole);
+            Error::io(&self.path)(e)
+        })
     }
 }
 

@@ -52,7 +52,12 @@ impl Maker {
         made: &(dyn Fn(Change) -> Result<()> + Sync),
     ) -> Result<()> {
         running.since.store(self.hub.last(), Ordering::Relaxed);
-        for id in job.make.clip.iter().chain(&job.make.music) {
+        // a timeline may have any of them
+        let all = match job.make.kind {
+            Kind::Timeline => self.library.project().read(|all| all.clips.iter().map(|clip| clip.id.clone()).collect()),
+            _ => Vec::new(),
+        };
+        for id in job.make.clip.iter().chain(&job.make.music).chain(&all) {
             self.library.wait_for(id, &|| !running.cancelled.load(Ordering::Relaxed));
         }
         let Prepared { request, layout, source } = job.make.prepare(&self.model, &self.library, &self.timelines)?;

@@ -40,10 +40,16 @@ pub fn file_for(folder: &Path, document: &Document, name: &str) -> PathBuf {
     all.find(is_free).unwrap_or_default()
 }
 
+/// Bytes of a name: file systems take 255, with a number, an extension and a sidecar's.
+const MOST_NAME: usize = 160;
+
 /// A name as a file may have it: no separators, control or odd characters, not hidden, of moderate length.
 pub fn plain_name(name: &str) -> String {
     let is_odd = |c: char| c.is_control() || "/\\:*?\"<>|".contains(c);
-    let name: String = name.chars().map(|c| if is_odd(c) { '_' } else { c }).take(80).collect();
+    let mut name: String = name.chars().map(|c| if is_odd(c) { '_' } else { c }).take(80).collect();
+    while name.len() > MOST_NAME {
+        name.pop();
+    }
     let name = name.trim().trim_start_matches('.').trim_end_matches(['.', ' ']).to_owned();
     // names of devices on Windows
     let stem = name.split('.').next().unwrap_or_default().to_ascii_lowercase();

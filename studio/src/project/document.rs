@@ -1,11 +1,12 @@
 //! What a project holds: clips, dances, the timeline's text, the music; and the changes that lead from one state to
 //! the next.
 
+use super::{DANCES, MADE};
 use kinelm_generate::best::Best;
 use kinelm_generate::output::FreeSpan;
 use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Component, Path, PathBuf};
 
 /// The state of a project.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -265,6 +266,48 @@ impl Document {
 /// The number in an id such as `c12`.
 pub fn number(id: &str) -> u64 {
     id.get(1..).and_then(|digits| digits.parse().ok()).unwrap_or(0)
+}
+
+/// Whether it is an id: a letter and digits.
+pub fn is_id(id: &str) -> bool {
+    let digits = id.strip_prefix(['c', 'd', 'j']).unwrap_or_default();
+    !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit())
+}
+
+impl ClipRecord {
+    fn is_sound(&self) -> bool {
+        // a file of the call is where it is; one of the project is nowhere else
+        is_id(&self.id) && !self.file.components().any(|part| part == Component::ParentDir)
+    }
+}
+
+impl DanceRecord {
+    fn is_sound(&self) -> bool {
+        let made = Path::new(MADE).join(format!("{}.bvh", self.id));
+        let is_kept = |file: &PathBuf| {
+            let is_bvh = file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bvh"));
+            file.parent() == Some(Path::new(DANCES)) && file.file_name().is_some() && (is_bvh || self.made.is_none())
+        };
+        is_id(&self.id) && self.made.as_ref().is_none_or(|file| *file == made) && self.kept.as_ref().is_none_or(is_kept)
+    }
+}
+
+impl Document {
+    /// Whether its ids and files are such as a studio writes.
+    pub fn is_sound(&self) -> bool {
+        self.clips.iter().all(ClipRecord::is_sound) && self.dances.iter().all(DanceRecord::is_sound)
+    }
+}
+
+impl Change {
+    /// Whether its ids and files are such as a studio writes.
+    pub fn is_sound(&self) -> bool {
+        match self {
+            Change::Clip { before, after } => [before, after].into_iter().flatten().all(|clip| clip.is_sound()),
+            Change::Dance { before, after } => [before, after].into_iter().flatten().all(|dance| dance.is_sound()),
+            Change::Timeline { .. } | Change::Music { .. } => true,
+        }
+    }
 }
 
 /// Puts `after` where the record of its id is, or where its number belongs; removes the record of `before` without one.

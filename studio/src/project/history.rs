@@ -58,6 +58,11 @@ impl History {
         Some(changes)
     }
 
+    /// All steps.
+    pub fn steps(&self) -> impl Iterator<Item = &Step> {
+        self.done.iter().chain(&self.undone)
+    }
+
     /// Steps that can be taken back, and carried out again.
     pub fn counts(&self) -> (usize, usize) {
         (self.done.len(), self.undone.len())

@@ -1,8 +1,7 @@
 //! The journal: every change of a project as a line of JSON, synced before anybody is told of it.
 //!
 //! A process may end at any moment. A line that isn't whole was told nobody and is dropped; a line that is whole
-//! counts. When
-//! the journal has grown it is written anew, as one line with the state and the steps that can be taken back.
+//! counts. When the journal has grown it is written anew, as one line with the state and the steps that can be taken back.
 
 use super::document::{Change, Document};
 use super::history::{History, Step};
@@ -41,6 +40,21 @@ pub enum Line {
     Undo,
     /// And carried out again.
     Redo,
+}
+
+impl Line {
+    /// Whether its ids and files are such as a studio writes, so that a project of somebody else leads to no other file.
+    fn is_sound(&self) -> bool {
+        let all = |changes: &[Change]| changes.iter().all(Change::is_sound);
+        match self {
+            Line::Begin { document, history, .. } => {
+                document.is_sound() && history.steps().all(|step| all(&step.changes))
+            }
+            Line::Step(step) => all(&step.changes),
+            Line::Plain(changes) => all(changes),
+            Line::Undo | Line::Redo => true,
+        }
+    }
 }
 
 /// The state that a journal leads to.
@@ -159,7 +173,6 @@ impl Journal {
 fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<u64> {
     let mut whole = 0;
     for (n, text) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
-        let is_last = whole + text.len() == bytes.len();
         let line = text.strip_suffix(b"\n").map(serde_json::from_slice::<Line>);
         let help = "put back the file of a copy, or move it away: clips, dances and the timeline are files beside it";
         match line {
@@ -167,13 +180,16 @@ fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<u64> {
                 let (found, expected) = (format!("schema {schema}"), format!("schema {SCHEMA}"));
                 return Err(Error::file(path, found, expected, help));
             }
+            Some(Ok(line)) if !line.is_sound() => {
+                let found = format!("line {}: an id or a file that a studio wouldn't write", n + 1);
+                return Err(Error::file(path, found, "files below the project's folder", help));
+            }
             Some(Ok(line)) if state.apply(&line) => {}
-            // the process ended, or the power, while it was written: nobody was told of it
-            _ if is_last => break,
             Some(Ok(_)) => {
                 return Err(Error::file(path, format!("line {}: an undo of nothing", n + 1), "a step before it", help));
             }
             Some(Err(e)) => return Err(Error::file(path, format!("line {}: {e}", n + 1), "a change", help)),
+            // the process ended, or the power, while it was written: nobody was told of it
             None => break,
         }
         whole += text.len();
@@ -230,6 +246,10 @@ mod tests {
         std::fs::write(&path, text.replacen("step", "stop", 1)).unwrap();
         let said = Journal::open(&path).unwrap_err().to_string();
         assert!(said.contains("line 1: unknown variant `stop`") && said.contains("move it away"), "{said}");
+        // a whole line that can't be read isn't what a process left behind that ended
+        std::fs::write(&path, format!("{text}{{\"later\": 1}}\n")).unwrap();
+        assert!(Journal::open(&path).unwrap_err().to_string().contains("line 3: unknown variant `later`"));
+        assert!(std::fs::read_to_string(&path).unwrap().contains("later"), "nothing of it is lost");
         std::fs::write(&path, format!("\"undo\"\n{text}")).unwrap();
         assert!(Journal::open(&path).unwrap_err().to_string().contains("line 1: an undo of nothing"));
     }

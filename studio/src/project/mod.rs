@@ -26,7 +26,7 @@ use document::{Change, ClipRecord, DanceRecord, Document};
 use history::Step;
 use journal::{Journal, Line, Replayed};
 use kinelm_store::{files, input};
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -70,9 +70,14 @@ impl Project {
     /// # Errors
     /// A folder that another studio has open; a damaged journal; I/O errors.
     pub fn open(folder: &Path) -> Result<Project> {
-        for part in [CLIPS, DANCES, MADE, CACHE] {
+        for part in [CLIPS, DANCES, OWN, MADE, CACHE] {
             let part = folder.join(part);
+            refuse_link(&part)?;
             fs::create_dir_all(&part).map_err(Error::io(&part))?;
+        }
+        refuse_link(&folder.join(CONVERTED))?;
+        for file in fs::read_dir(folder.join(OWN)).map_err(Error::io(folder))? {
+            refuse_link(&file.map_err(Error::io(folder))?.path())?;
         }
         let folder = folder.canonicalize().map_err(Error::io(folder))?;
         let lock = lock(&folder)?;
@@ -288,10 +293,20 @@ impl Project {
     }
 }
 
+/// What is written to is no link, which in a project of somebody else may lead anywhere.
+fn refuse_link(path: &Path) -> Result<()> {
+    match path.is_symlink() {
+        true => {
+            Err(Error::file(path, "a link", "a file or folder of the project itself", "replace it by what it leads to"))
+        }
+        false => Ok(()),
+    }
+}
+
 /// Keeps other studios from a project.
 fn lock(folder: &Path) -> Result<File> {
     let path = folder.join(OWN).join("lock");
-    let file = File::create(&path).map_err(Error::io(&path))?;
+    let file = OpenOptions::new().create(true).append(true).open(&path).map_err(Error::io(&path))?;
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => {
             Err(Error::taken(folder, "is open in another studio; close that one, or name another project"))

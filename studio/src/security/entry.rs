@@ -79,12 +79,14 @@ impl Entry {
         }
         let cookie = Secret::new()?;
         let header = format!("{}={}; HttpOnly; SameSite=Strict; Path=/", self.name, cookie.text());
-        if state.cookies.len() == MOST_COOKIES {
+        // the file has the next token before this one is used up
+        let next = Secret::new()?;
+        self.write(&next)?;
+        state.cookies.push(cookie);
+        state.token = next;
+        if state.cookies.len() > MOST_COOKIES {
             state.cookies.remove(0);
         }
-        state.cookies.push(cookie);
-        state.token = Secret::new()?;
-        self.write(&state.token)?;
         Ok(header)
     }
 

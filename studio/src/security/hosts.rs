@@ -1,8 +1,7 @@
 //! The names under which the server answers, and whether a request comes from its own page.
 //!
 //! A page of another site reaches a local server by its address, or by a name that it points at it (DNS rebinding).
-//! Names
-//! that aren't ours are refused, and so is every request that a browser doesn't call the page's own.
+//! Names that aren't ours are refused, and so is every request that a browser doesn't call the page's own.
 
 use axum::http::{HeaderMap, Method, header};
 use std::net::IpAddr;
@@ -11,24 +10,33 @@ use std::net::IpAddr;
 #[derive(Debug, Clone)]
 pub struct Hosts {
     names: Vec<String>,
+    /// How many of them are loopback's; the others are of `--bind`.
+    loopback: usize,
 }
 
 impl Hosts {
     /// Loopback, and the names that `--bind` added, at a port.
     pub fn new(port: u16, bound: &[String]) -> Hosts {
-        let loopback = ["127.0.0.1".to_owned(), "localhost".to_owned(), "[::1]".to_owned()];
+        let local = ["127.0.0.1".to_owned(), "localhost".to_owned(), "[::1]".to_owned()];
         let with_port = |host: &String| {
             let is_v6 = host.parse::<IpAddr>().is_ok_and(|ip| ip.is_ipv6());
             let host = if is_v6 { format!("[{host}]") } else { host.to_ascii_lowercase() };
             // a browser leaves out the port of plain HTTP
             [Some(format!("{host}:{port}")), (port == 80).then_some(host)]
         };
-        Hosts { names: loopback.iter().chain(bound).flat_map(with_port).flatten().collect() }
+        let loopback = local.iter().flat_map(with_port).flatten().count();
+        Hosts { names: local.iter().chain(bound).flat_map(with_port).flatten().collect(), loopback }
     }
 
     /// Whether a `Host` header is one of ours.
     pub fn has(&self, host: &str) -> bool {
         self.names.iter().any(|name| name.eq_ignore_ascii_case(host))
+    }
+
+    /// Whether it is a name of `--bind`: to plain HTTP elsewhere than on loopback, browsers don't say where a request comes
+    /// from.
+    fn is_bound(&self, host: &str) -> bool {
+        self.names[self.loopback..].iter().any(|name| name.eq_ignore_ascii_case(host))
     }
 
     /// Whether an `Origin` header is one of ours.
@@ -37,8 +45,7 @@ impl Hosts {
     }
 
     /// Why a request is refused for where it comes from; `None` if it may pass. `is_page`: it asks for the page
-    /// itself, which
-    /// a user may open by typing its address.
+    /// itself, which a user may open by typing its address.
     pub fn refusal(&self, method: &Method, headers: &HeaderMap, is_page: bool) -> Option<&'static str> {
         let mut hosts = headers.get_all(header::HOST).iter();
         let host = hosts.next().and_then(|host| host.to_str().ok());
@@ -53,7 +60,9 @@ impl Hosts {
         }
         let is_own = match site {
             Some(site) => site == "same-origin",
-            None => origin.is_some(),
+            // there a page of another site has no cookie of ours, and one of the same host can't read what it is answered;
+            // what changes anything is a POST, which has an origin
+            None => origin.is_some() || (*method == Method::GET && host.is_some_and(|host| self.is_bound(host))),
         };
         let is_navigation = is_page && *method == Method::GET && text("sec-fetch-mode") == Some("navigate");
         let is_typed = is_navigation && matches!(site, Some("none" | "same-origin"));
@@ -95,6 +104,13 @@ mod tests {
         assert!(!origin("http://127.0.0.1:8123") && !origin("http://localhost:8123"));
         assert!(origin("null") && origin("http://127.0.0.1:9") && origin("https://127.0.0.1:8123") && origin(""));
         assert!(refused(false, &[host, own, ("origin", "http://evil.example")]));
+        // browsers say nothing where it is neither loopback nor encrypted
+        let bound = ("host", "box.local:8123");
+        assert!(!refused(false, &[bound]) && !refused(true, &[bound]) && refused(false, &[bound, ("origin", "null")]));
+        let mut headers = HeaderMap::new();
+        headers.insert("host", HeaderValue::from_static("box.local:8123"));
+        let hosts = Hosts::new(8123, &["box.local".into()]);
+        assert!(hosts.refusal(&Method::POST, &headers, false).is_some(), "what changes something has an origin");
     }
 
     #[test]

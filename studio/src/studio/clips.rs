@@ -150,18 +150,19 @@ impl Studio {
     /// An unknown id.
     pub fn rename(&self, id: &str, name: &str) -> Result<()> {
         let name = plain_name(name);
-        let change = match self.project.dance(id) {
-            Ok(before) => {
-                let after = DanceRecord { name: name.clone(), ..before.clone() };
-                Change::Dance { before: Some(Box::new(before)), after: Some(Box::new(after)) }
-            }
-            Err(_) => {
-                let before = self.project.clip(id)?;
+        let changes = self.project.step(&format!("rename to {name}"), |document| {
+            let clip = document.clip(id).map(|before| {
                 let after = ClipRecord { name: name.clone(), ..before.clone() };
-                Change::Clip { before: Some(Box::new(before)), after: Some(Box::new(after)) }
-            }
-        };
-        self.step(&format!("rename to {name}"), vec![change])
+                Change::Clip { before: Some(Box::new(before.clone())), after: Some(Box::new(after)) }
+            });
+            let dance = document.dance(id).map(|before| {
+                let after = DanceRecord { name: name.clone(), ..before.clone() };
+                Change::Dance { before: Some(Box::new(before.clone())), after: Some(Box::new(after)) }
+            });
+            Ok(vec![clip.or(dance).ok_or_else(|| Error::unknown("clip", id))?])
+        })?;
+        self.publish(&changes);
+        Ok(())
     }
 
     /// Takes a clip out of the library; its file stays. A dance is turned down.

@@ -138,10 +138,12 @@ impl Studio {
     /// # Errors
     /// An unknown dance; I/O errors.
     pub fn keep(&self, id: &str, name: Option<&str>) -> Result<Value> {
-        let before = self.project.dance(id)?;
-        if before.kept.is_none() {
-            let name = name.map_or_else(|| before.name.clone(), plain_name);
+        let known = self.project.dance(id)?;
+        if known.kept.is_none() {
+            let name = name.map_or_else(|| known.name.clone(), plain_name);
             let changes = self.project.step(&format!("keep {name}"), |document| {
+                let before = document.dance(id).filter(|dance| dance.kept.is_none());
+                let Some(before) = before else { return Ok(Vec::new()) };
                 let kept = file_for(self.project.folder(), document, &name);
                 // as its file, so that no two are called alike
                 let name = kept.file_stem().map_or(name.clone(), |stem| stem.to_string_lossy().into_owned());
@@ -158,16 +160,18 @@ impl Studio {
     /// # Errors
     /// An unknown dance, one that is kept.
     pub fn reject(&self, id: &str, back: bool) -> Result<()> {
-        let before = self.project.dance(id)?;
-        if before.kept.is_some() {
-            return Err(Error::Conflict("the dance is kept; take that step back first".into()));
-        }
-        if before.rejected != back {
-            return Ok(());
-        }
-        let name = format!("{} {}", if back { "take back" } else { "reject" }, before.name);
-        let after = DanceRecord { rejected: !back, ..before.clone() };
-        self.step(&name, vec![Change::Dance { before: Some(Box::new(before)), after: Some(Box::new(after)) }])
+        let name = format!("{} {}", if back { "take back" } else { "reject" }, self.project.dance(id)?.name);
+        let changes = self.project.step(&name, |document| {
+            let before = document.dance(id).ok_or_else(|| Error::unknown("dance", id))?;
+            if before.kept.is_some() {
+                return Err(Error::Conflict("the dance is kept; take that step back first".into()));
+            }
+            let after = DanceRecord { rejected: !back, ..before.clone() };
+            let change = Change::Dance { before: Some(Box::new(before.clone())), after: Some(Box::new(after)) };
+            Ok(if before.rejected == back { vec![change] } else { Vec::new() })
+        })?;
+        self.publish(&changes);
+        Ok(())
     }
 
     /// A dance as a file of some format, with its name.

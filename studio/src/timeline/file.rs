@@ -60,10 +60,20 @@ impl TimelineFile {
 
     /// The clips by name, with their files.
     pub fn clips(&self) -> Vec<(String, PathBuf)> {
+        self.of_clips("file").into_iter().map(|(name, file)| (name, file.into())).collect()
+    }
+
+    /// The skeleton maps that it states of clips, by the name of the clip.
+    pub fn maps(&self) -> Vec<(String, String)> {
+        self.of_clips("map")
+    }
+
+    /// A key of the clips that have it, by the name of the clip.
+    fn of_clips(&self, key: &str) -> Vec<(String, String)> {
         let clips = self.document.get("clips").and_then(Item::as_table_like);
-        let file = |item: &Item| item.as_table_like()?.get("file")?.as_str().map(PathBuf::from);
+        let text = |item: &Item| item.as_table_like()?.get(key)?.as_str().map(str::to_owned);
         let clips = clips.into_iter().flat_map(|clips| clips.iter());
-        clips.filter_map(|(name, item)| Some((name.to_owned(), file(item)?))).collect()
+        clips.filter_map(|(name, item)| Some((name.to_owned(), text(item)?))).collect()
     }
 
     /// A key at the top, as JSON.

@@ -18,9 +18,13 @@ use edit::Edit;
 use file::TimelineFile;
 use kinelm_generate::request::Timeline;
 use kinelm_generate::timeline::TimelineLayout;
+use kinelm_motion::rig::SkeletonMap;
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// Segments of a timeline, which is laid out at every step.
+const MOST_SEGMENTS: usize = 1000;
 
 /// The timeline of a project.
 #[derive(Debug)]
@@ -53,10 +57,39 @@ impl Timelines {
     /// Reads the clips of a text and lays it out.
     ///
     /// # Errors
+    /// A clip that isn't in the library, or a map that isn't built in: a page writes the text, and names no other files.
     /// Those of [`Timeline::parse`].
     pub fn lay_out(&self, text: &str) -> Result<Laid> {
+        // what is no timeline is refused where it is read
+        if let Ok(file) = TimelineFile::parse(&self.path(), text) {
+            self.check(&file)?;
+        }
         let (timeline, layout) = Timeline::parse(&self.path(), text)?;
         Ok(Laid { timeline, layout })
+    }
+
+    /// Refuses what a page may not name, and more than can be laid out at every step.
+    fn check(&self, file: &TimelineFile) -> Result<()> {
+        if file.segments() > MOST_SEGMENTS {
+            let (needs, limit) = (format!("{} segments", file.segments()), format!("{MOST_SEGMENTS} segments"));
+            return Err(Error::limit("the timeline", needs, limit, "make it of fewer"));
+        }
+        let last = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let known: Vec<PathBuf> = self.sources().iter().filter_map(|one| one.path.canonicalize().ok()).collect();
+        for (name, path) in file.clips() {
+            let found = self.project.folder().join(&path).canonicalize();
+            if !found.is_ok_and(|found| known.contains(&found)) {
+                let expected = "a clip of the library; drop it in first";
+                return Err(Error::invalid(format!("`clips.{name}.file`"), last(&path), expected));
+            }
+        }
+        match file.maps().into_iter().find(|(_, map)| SkeletonMap::builtin(map).is_none()) {
+            Some((name, map)) => {
+                let expected = "a skeleton map that is built in";
+                Err(Error::invalid(format!("`clips.{name}.map`"), last(Path::new(&map)), expected))
+            }
+            None => Ok(()),
+        }
     }
 
     /// What a page shows, and the changes that another program made to the file.
@@ -95,8 +128,7 @@ impl Timelines {
     ///
     /// # Errors
     /// An edit that can't be carried out, or after which the timeline couldn't be danced though it could before:
-    /// nothing has
-    /// changed then.
+    /// nothing has changed then.
     pub fn edit(&self, edits: &[Edit], name: &str) -> Result<(Vec<Change>, Arc<Value>)> {
         let (before, mut changes) = self.project.timeline()?;
         let (after, laid) = self.edited(before.as_deref(), edits)?;

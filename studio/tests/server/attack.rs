@@ -254,6 +254,82 @@ fn names_lead_to_no_other_file() {
 }
 
 #[test]
+fn a_timelines_text_reads_no_other_file() {
+    let place = Place::new();
+    let outside = place.dir.path().join("outside.bvh");
+    std::fs::write(&outside, super::place::bytes("a.bvh", &super::place::dance(1, 3.0, 60.0))).unwrap();
+    std::fs::copy(&outside, place.project().join("clips/beside.bvh")).unwrap();
+    for file in [outside.to_str().unwrap(), "../outside.bvh", "clips/beside.bvh", "/etc/passwd", "/etc/none"] {
+        let text = format!("rig = \"a\"\n[clips.a]\nfile = \"{file}\"\n[[segment]]\nclip = \"a\"\nfrom = 0\nto = 1\n");
+        let view = place.browser.done("/api/timeline", &json!({ "edits": [{ "op": "text", "text": text }] }));
+        let trouble = view["trouble"][0]["text"].as_str().unwrap();
+        assert!(trouble.contains("a clip of the library") && !trouble.contains("root:"), "{file}: {trouble}");
+    }
+    let id = place.browser.upload("mine.bvh", &std::fs::read(&outside).unwrap());
+    place.browser.wait_clip(&id);
+    let text = "rig = \"a\"\n[clips.a]\nfile = \"clips/mine.bvh\"\nmap = \"MAP\"\n[[segment]]\nclip = \"a\"\nfrom = 0\nto = 1\n";
+    let with = |map: &str| {
+        let edits = json!({ "edits": [{ "op": "text", "text": text.replace("MAP", map) }] });
+        place.browser.done("/api/timeline", &edits)["trouble"].to_string()
+    };
+    assert!(with("/etc/passwd").contains("that is built in"), "{}", with("/etc/passwd"));
+    assert!(!with("smpl").contains("that is built in"));
+}
+
+#[test]
+fn a_project_of_somebody_else_leads_to_no_other_file() {
+    let place = Place::new();
+    let (project, outside) = (place.project(), place.dir.path().join("outside"));
+    std::fs::write(&outside, "mine").unwrap();
+    let journal = project.join(".studio/journal.jsonl");
+    let dir = place.stop();
+    let opens = || kinelm_studio::Server::open(&super::place::options(&project), &kinelm_studio::Listen::default());
+    let refused = |what: &str| {
+        let said = opens().err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(said.contains(what), "{said}");
+        assert_eq!(std::fs::read_to_string(&outside).unwrap(), "mine");
+    };
+    let good = std::fs::read_to_string(&journal).unwrap();
+    for (id, made, kept) in [
+        ("../../d1", "null", "null"),
+        ("d1", "\"../../outside\"", "null"),
+        ("d1", "\".studio/made/d1.bvh\"", "\"../../outside\""),
+        ("d1", "\".studio/made/d1.bvh\"", "\"dances/evil.desktop\""),
+    ] {
+        let dance = format!(
+            "{{\"plain\":[{{\"dance\":{{\"before\":null,\"after\":{{\"id\":\"{id}\",\"name\":\"a\",\"made\":{made},\"kept\":{kept},\
+             \"variation\":1,\"seed\":1,\"frames\":1,\"fps\":20}}}}}}]}}\n"
+        );
+        std::fs::write(&journal, format!("{good}{dance}")).unwrap();
+        refused("an id or a file that a studio wouldn't write");
+    }
+    std::fs::write(&journal, &good).unwrap();
+    #[cfg(unix)]
+    for name in [".studio/lock", ".studio/journal.jsonl", ".studio/jobs.jsonl", ".studio/made", "dances"] {
+        let (path, kept) = (project.join(name), project.join("kept"));
+        let was = path.exists();
+        if was {
+            std::fs::rename(&path, &kept).unwrap();
+        }
+        std::os::unix::fs::symlink(&outside, &path).unwrap();
+        refused("a link");
+        std::fs::remove_file(&path).unwrap();
+        if was {
+            std::fs::rename(&kept, &path).unwrap();
+        }
+    }
+    assert!(opens().is_ok());
+    drop(dir);
+}
+
+#[test]
+fn cookies_of_other_servers_lock_nobody_out() {
+    let place = Place::new();
+    let head = place.browser.head("GET", "/api/state").replace("Cookie: ", "Cookie: lang=D\u{e4}nish; ");
+    assert_eq!(super::client::send(place.browser.port, format!("{head}\r\n").as_bytes()).unwrap().status, 200);
+}
+
+#[test]
 fn errors_name_no_folders() {
     let place = Place::new();
     let folder = place.project().display().to_string();

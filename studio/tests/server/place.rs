@@ -131,6 +131,12 @@ impl Place {
         }
     }
 
+    /// Ends the server: its folder.
+    pub fn stop(mut self) -> tempfile::TempDir {
+        self.end();
+        std::mem::replace(&mut self.dir, tempfile::tempdir().unwrap())
+    }
+
     /// Ends the server and begins another on the same project.
     pub fn again(mut self) -> Place {
         self.end();

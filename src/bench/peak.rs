@@ -12,10 +12,10 @@ pub fn gflops(products: Products) -> f64 {
     (0..12).map(|_| once(products)).fold(0.0, f64::max)
 }
 
-/// Rows, depth and columns whose matrices stay in a core's own cache; for tiles so many columns that rounding the left
+/// Rows, depth and columns whose matrices stay in a core's own cache; in bf16 so many columns that rounding the left
 /// factor, once for all of them, weighs little.
 fn shape(products: Products) -> (usize, usize, usize) {
-    if products == Products::Tiles { (160, 512, 1536) } else { (192, 192, 192) }
+    if products == Products::Bf16 { (160, 512, 1536) } else { (192, 192, 192) }
 }
 
 fn once(products: Products) -> f64 {

@@ -42,8 +42,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let parameters: usize = weights.values().map(|w| w.elem_count()).sum();
     let (tokens, length) = (batch.inputs.len(), batch.length());
     say.line(format_args!("{parameters} parameters, {} x {length} tokens a step", batch.clips.len()));
-    let chosen = args.precision.resolve(None, compute)?;
-    chosen.notes.iter().for_each(|note| say.line(note));
+    let (precision, note) = args.precision.decide(compute, bench.file.model.width)?;
+    let chosen = precision.resolve(None, compute)?;
+    chosen.notes.iter().chain(&note).for_each(|note| say.line(note));
     let mut learner =
         learner(&bench.file.model, &bench.tokens, &bench.file.train, weights, (compute, chosen.products))?;
     let mut losses = Vec::new();

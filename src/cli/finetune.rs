@@ -34,7 +34,7 @@ pub struct Args {
     /// Label fields that the model is conditioned on besides those of --from, such as genre,dancer; overrides the file
     #[arg(long, value_name = "FIELDS", value_delimiter = ',')]
     conditions: Option<Vec<String>>,
-    /// Number format of matrix products: f32, bf16 (on AMX tiles where the CPU has them), or auto; overrides the file
+    /// Number format of matrix products: f32, bf16, or auto, the quicker one here; overrides the file
     #[arg(long, value_name = "f32|bf16|auto")]
     precision: Option<Precision>,
     #[command(flatten)]

@@ -33,7 +33,7 @@ pub struct Args {
     /// Start from the weights of this run or exported folder, with a new optimizer
     #[arg(long, value_name = "RUN|DIR")]
     from: Option<PathBuf>,
-    /// Number format of matrix products: f32, bf16 (on AMX tiles where the CPU has them), or auto; overrides the file
+    /// Number format of matrix products: f32, bf16, or auto, the quicker one here; overrides the file
     #[arg(long, value_name = "f32|bf16|auto")]
     precision: Option<Precision>,
     #[command(flatten)]

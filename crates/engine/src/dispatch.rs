@@ -2,7 +2,7 @@
 //!
 //! A kernel is a struct of its operands that implements [`pulp::WithSimd`]: `with_simd` holds the loop, generic over the
 //! width of a vector, and [`run`] calls the instance for AVX-512, AVX2, NEON or plain floats. The environment variable
-//! `KINELM_KERNELS=portable`, `=avx2`, `=avx512` or `=amx` limits the choice, to compare or to find an error; instructions that
+//! `KINELM_KERNELS=portable`, `=avx2`, `=avx512`, `=bf16` or `=amx` limits the choice, to compare or to find an error; instructions that
 //! the CPU lacks are never used.
 
 use pulp::{Arch, WithSimd};
@@ -16,8 +16,8 @@ pub fn run<Op: WithSimd>(op: Op) -> Op::Output {
 
 /// The environment variable that limits the kernels.
 pub const VARIABLE: &str = "KINELM_KERNELS";
-/// The values of [`VARIABLE`]; `auto` is no limit.
-pub const NAMES: [&str; 5] = ["auto", "amx", "avx512", "avx2", "portable"];
+/// The values of [`VARIABLE`]; `auto` is no limit, `bf16` is AVX-512 with AVX512-BF16.
+pub const NAMES: [&str; 6] = ["auto", "amx", "bf16", "avx512", "avx2", "portable"];
 
 /// The name of the instructions in use: `avx512`, `avx2`, `neon` or `portable`.
 ///
@@ -39,6 +39,11 @@ pub fn name() -> &'static str {
 /// Whether the tiles of AMX may be used where there are some.
 pub(crate) fn may_use_tiles() -> bool {
     matches!(std::env::var(VARIABLE).as_deref(), Err(_) | Ok("auto" | "amx"))
+}
+
+/// Whether AVX512-BF16 may be used where it is.
+pub(crate) fn may_use_dots() -> bool {
+    may_use_tiles() || std::env::var(VARIABLE).as_deref() == Ok("bf16")
 }
 
 fn arch() -> Arch {

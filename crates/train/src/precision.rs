@@ -3,7 +3,16 @@
 use crate::{Error, Result};
 use kinelm_engine::linear::Products;
 use kinelm_model::Compute;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// How many times as fast bf16 has to be: products aren't all of a step, and its rounding costs some bits.
+const PAYS: f64 = 1.3;
+/// Rows of the product that is timed, the pieces that threads take of it, and how often it is.
+const TIMED_ROWS: usize = 512;
+const TIMED_PIECES: usize = 8;
+const TIMED: usize = 9;
 
 /// The numbers that the products of training are computed in. Weights, optimizer, sums, softmax, norms and measurements are
 /// always f32.
@@ -15,7 +24,7 @@ pub enum Precision {
     F32,
     /// Factors are rounded to bf16; sums are f32.
     Bf16,
-    /// bf16 on processors with bf16 tiles (AMX), else f32. A resumed run keeps its numbers.
+    /// bf16 where its products are clearly faster on this machine ([`Precision::decide`]), else f32.
     Auto,
 }
 
@@ -42,41 +51,53 @@ pub struct Resolved {
 }
 
 impl Precision {
+    /// The precision of a new run of a model of this width: [`Precision::Auto`] becomes that of the quicker products, which
+    /// are timed for it. With what the user should know.
+    ///
+    /// # Errors
+    /// bf16 for a form or a device that computes only in f32.
+    pub fn decide(self, compute: Compute, width: usize) -> Result<(Precision, Option<String>)> {
+        if !compute.is_fast() && self == Precision::Bf16 {
+            let expected = "f32, which this form computes in, or the CPU's fast form";
+            return Err(Error::invalid("train.precision", "bf16", expected));
+        }
+        if self != Precision::Auto {
+            return Ok((self, None));
+        }
+        let best = Products::bf16();
+        if !compute.is_fast() || best != Products::Bf16 {
+            return Ok((Precision::F32, Some("train.precision = auto: f32".into())));
+        }
+        let ratio = seconds(Products::F32, width) / seconds(best, width);
+        let chosen = if ratio > PAYS { Precision::Bf16 } else { Precision::F32 };
+        let name = if chosen == Precision::Bf16 { "bf16" } else { "f32" };
+        let note = format!("train.precision = auto: {name}; bf16 by {} is {ratio:.1} times as fast here", best.name());
+        Ok((chosen, Some(note)))
+    }
+
     /// The kernels of this machine, for a run whose checkpoint was computed by the kernels named `ran`, if there is one.
+    /// [`Precision::Auto`] that nobody decided is f32.
     ///
     /// # Errors
     /// bf16 for a form or a device that computes only in f32.
     pub fn resolve(self, ran: Option<&str>, compute: Compute) -> Result<Resolved> {
-        if !compute.is_fast() {
-            return match self {
-                Precision::Bf16 => Err(Error::invalid(
-                    "train.precision",
-                    "bf16",
-                    "f32, which this form computes in, or the CPU's fast form",
-                )),
-                _ => Ok(Resolved { products: Products::F32, notes: Vec::new() }),
-            };
-        }
-        let products = match (self, ran) {
-            (Precision::F32, _) => Products::F32,
-            (Precision::Auto, Some("f32")) => Products::F32,
-            (Precision::Auto, None) if Products::bf16() != Products::Tiles => Products::F32,
-            _ => Products::bf16(),
+        let products = match self {
+            Precision::Bf16 => {
+                self.decide(compute, 1)?;
+                Products::bf16()
+            }
+            _ => Products::F32,
         };
         let mut notes = Vec::new();
         if products == Products::Rounded {
             notes
-                .push("this machine has no bf16 tiles (AMX): products are rounded alike but slower than in f32".into());
+                .push("this processor doesn't multiply bf16: products are rounded alike but slower than in f32".into());
         }
-        match ran.filter(|ran| *ran != products.name()) {
-            Some(ran) => notes.push(format!(
+        if let Some(ran) = ran.filter(|ran| *ran != products.name()) {
+            notes.push(format!(
                 "products were computed by {ran} so far, now by {}: from here on the run is no longer bit-equal",
                 products.name()
-            )),
-            None if self == Precision::Auto && ran.is_none() => {
-                notes.push(format!("train.precision = auto: products by {}", products.name()));
-            }
-            None => (),
+            ));
         }
         Ok(Resolved { products, notes })
     }
@@ -87,39 +108,65 @@ impl Precision {
     }
 }
 
+/// Seconds of the product of a layer of this width and of the layout of its weight, the least of several.
+fn seconds(products: Products, width: usize) -> f64 {
+    let (rows, k, n) = (TIMED_ROWS, width, 4 * width);
+    let (a, weight) = (vec![0.5; rows * k], vec![0.5; k * n]);
+    let mut panels = vec![0.0; products.panels_len(k, n)];
+    let mut out = vec![0.0; rows * n];
+    let mut once = || {
+        let begun = Instant::now();
+        products.pack_parallel(&mut panels, &weight, k, n);
+        out.par_chunks_mut(n * rows / TIMED_PIECES).zip(a.par_chunks(k * rows / TIMED_PIECES)).for_each(|(out, a)| {
+            products.times(out, a, k, &panels, n);
+        });
+        begun.elapsed().as_secs_f64()
+    };
+    (0..TIMED).map(|_| once()).fold(f64::INFINITY, f64::min)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use kinelm_model::Form;
 
     #[test]
-    fn a_checkpoints_kernels_decide_auto() {
+    fn auto_is_decided_once() {
+        let cpu = Compute::default();
+        let (chosen, note) = Precision::Auto.decide(cpu, 128).unwrap();
+        assert!(chosen != Precision::Auto && note.unwrap().contains("train.precision = auto: "));
+        if Products::bf16() == Products::Rounded {
+            assert_eq!(chosen, Precision::F32);
+        }
+        for own in [Precision::F32, Precision::Bf16] {
+            assert_eq!(own.decide(cpu, 128).unwrap(), (own, None));
+        }
+    }
+
+    #[test]
+    fn another_machines_kernels_are_said() {
         let cpu = Compute::default();
         let best = Products::bf16();
-        let auto = if best == Products::Tiles { Products::Tiles } else { Products::F32 };
         let chosen = |requested: Precision, ran| requested.resolve(ran, cpu).unwrap();
         assert_eq!(chosen(Precision::F32, None), Resolved { products: Products::F32, notes: Vec::new() });
         assert_eq!(chosen(Precision::Bf16, None).products, best);
-        let first = chosen(Precision::Auto, None);
-        assert_eq!((first.products, first.notes.len()), (auto, 1));
-        // auto keeps its kernels, and notes nothing on the same ones
-        assert_eq!(chosen(Precision::Auto, Some("f32")), Resolved { products: Products::F32, notes: Vec::new() });
-        assert_eq!(chosen(Precision::Auto, Some(best.name())).products, best);
-        let other = if best == Products::Tiles { "emulated" } else { "amx" };
+        let same = chosen(Precision::Bf16, Some(best.name()));
+        assert!(same.products == best && !same.notes.join("").contains("so far"));
+        let other = if best.name() == "amx" { "emulated" } else { "amx" };
         let said = chosen(Precision::Bf16, Some(other)).notes.join("\n");
         assert!(
             said.contains(&format!("computed by {other} so far")) && said.contains("no longer bit-equal"),
             "{said}"
         );
         assert_eq!(Precision::F32.recorded(Products::F32), None);
-        assert_eq!(Precision::Auto.recorded(Products::F32).as_deref(), Some("f32"));
     }
 
     #[test]
     fn the_plain_form_has_no_bf16() {
         let plain = Compute { form: Form::Plain, ..Default::default() };
-        let said = Precision::Bf16.resolve(None, plain).unwrap_err().to_string();
-        assert!(said.contains("train.precision is bf16; expected f32"), "{said}");
-        assert_eq!(Precision::Auto.resolve(None, plain).unwrap().products, Products::F32);
+        for said in [Precision::Bf16.resolve(None, plain).unwrap_err(), Precision::Bf16.decide(plain, 8).unwrap_err()] {
+            assert!(said.to_string().contains("train.precision is bf16; expected f32"), "{said}");
+        }
+        assert_eq!(Precision::Auto.decide(plain, 128).unwrap().0, Precision::F32);
     }
 }

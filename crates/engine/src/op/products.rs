@@ -1,6 +1,6 @@
 //! In which numbers products are computed: a right factor in panels, and what is multiplied with it.
 
-use super::bf16;
+use super::bf16::{self, Instructions};
 use super::matmul::{self, Left, Panels, Store};
 use std::cell::RefCell;
 
@@ -10,9 +10,9 @@ pub enum Products {
     /// The factors as they are.
     #[default]
     F32,
-    /// Factors rounded to bf16, on the tiles of AMX ([`bf16::has_tiles`]).
-    Tiles,
-    /// Factors rounded to bf16 and multiplied as f32: what [`Products::Tiles`] computes, up to the order of its sums, on
+    /// Factors rounded to bf16, by the instructions that this processor has for it ([`Instructions::here`]).
+    Bf16,
+    /// Factors rounded to bf16 and multiplied as f32: what [`Products::Bf16`] computes, up to the order of its sums, on
     /// any machine, and slower than [`Products::F32`].
     Rounded,
 }
@@ -36,14 +36,15 @@ pub struct Right<'a> {
 impl Products {
     /// bf16 as this machine does it best.
     pub fn bf16() -> Products {
-        if bf16::has_tiles() { Products::Tiles } else { Products::Rounded }
+        if Instructions::here().is_some() { Products::Bf16 } else { Products::Rounded }
     }
 
-    /// Its name: `f32`, `amx` or `emulated`.
+    /// Its name: `f32`, `amx`, `avx512bf16` or `emulated`.
     pub fn name(self) -> &'static str {
         match self {
             Products::F32 => "f32",
-            Products::Tiles => "amx",
+            Products::Bf16 if Instructions::here() == Some(Instructions::Tiles) => "amx",
+            Products::Bf16 => "avx512bf16",
             Products::Rounded => "emulated",
         }
     }
@@ -52,7 +53,7 @@ impl Products {
     pub fn panels_len(self, k: usize, n: usize) -> usize {
         match self {
             Products::F32 | Products::Rounded => matmul::panels_len(k, n),
-            Products::Tiles => bf16::panels_len(k, n),
+            Products::Bf16 => bf16::panels_len(k, n),
         }
     }
 
@@ -63,7 +64,7 @@ impl Products {
     pub fn pack(self, panels: &mut [f32], b: &[f32], ldb: usize, k: usize, n: usize) {
         match self {
             Products::F32 => matmul::pack(panels, b, ldb, k, n),
-            Products::Tiles => bf16::pack(panels, b, ldb, k, n),
+            Products::Bf16 => bf16::pack(panels, b, ldb, k, n),
             Products::Rounded => {
                 matmul::pack(panels, b, ldb, k, n);
                 bf16::round_all(&mut panels[..matmul::panels_len(k, n)]);
@@ -75,7 +76,7 @@ impl Products {
     pub fn pack_transposed(self, panels: &mut [f32], bt: &[f32], ldb: usize, k: usize, n: usize) {
         match self {
             Products::F32 => matmul::pack_transposed(panels, bt, ldb, k, n),
-            Products::Tiles => bf16::pack_transposed(panels, bt, ldb, k, n),
+            Products::Bf16 => bf16::pack_transposed(panels, bt, ldb, k, n),
             Products::Rounded => {
                 matmul::pack_transposed(panels, bt, ldb, k, n);
                 bf16::round_all(&mut panels[..matmul::panels_len(k, n)]);
@@ -86,7 +87,7 @@ impl Products {
     /// `c` (m, n), rows `ldc` apart, becomes (or grows by) `a` (m, k) times k rows of `b`.
     pub fn product(self, c: &mut [f32], ldc: usize, (m, k, n): (usize, usize, usize), a: Left, b: Right, store: Store) {
         let Right { panels, block, first } = b;
-        if self == Products::Tiles {
+        if self == Products::Bf16 {
             return bf16::product(c, ldc, (m, k, n), a, (&panels[bf16::row(first)..], block), store);
         }
         let panels = Panels { numbers: &panels[first * matmul::panel()..], block };

@@ -135,7 +135,6 @@ fn new(
     train.steps = options.steps.unwrap_or(train.steps);
     train.seed = options.seed.unwrap_or(train.seed);
     train.precision = options.precision.unwrap_or(train.precision);
-    train.precision.resolve(None, options.compute)?;
     let model = match source.as_ref().filter(|_| is_finetuning) {
         Some((_, source)) => {
             train.conditions = finetune::conditions(source, &train.conditions);
@@ -143,6 +142,9 @@ fn new(
         }
         None => file.model.clone(),
     };
+    let (precision, note) = train.precision.decide(options.compute, model.width)?;
+    train.precision = precision;
+    note.iter().for_each(|note| progress.note(note));
     let tokenizer = source.as_ref().map(|(_, source)| source.load_tokenizer()).transpose()?;
     let data = Data::open(&corpora, tokenizer.as_ref(), &train.conditions, options.opening)
         .map_err(|e| if options.conditions.is_some() { e } else { file.located(e) })?;
@@ -191,7 +193,9 @@ fn resumed(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)
     if let Some(given) = &options.file {
         let mut train = given.train.clone();
         (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));
-        train.precision = options.precision.map_or(train.precision, |_| file.train.precision);
+        if options.precision.is_some() || train.precision == Precision::Auto {
+            train.precision = file.train.precision;
+        }
         let (given_model, own) = (given.model.resolved(&file.tokens), file.model.resolved(&file.tokens));
         if given_model != own || train != file.train || given.augment != file.augment {
             let why = format!("{} was begun with another configuration; leave it out", run.path().display());
@@ -207,8 +211,7 @@ fn resumed(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)
         file.write(run.path())?;
     }
     if let Some(precision) = options.precision.filter(|p| *p != file.train.precision) {
-        precision.resolve(None, options.compute)?;
-        file.train.precision = precision;
+        file.train.precision = precision.decide(options.compute, file.model.width)?.0;
         file.write(run.path())?;
     }
     Ok((file, data))

@@ -1,7 +1,8 @@
 //! Products of matrices whose numbers are rounded to bf16 and whose sums are f32.
 //!
-//! The same call as [`matmul::product`](super::matmul::product), with other panels. Letters as there.
+//! On the tiles of AMX, or in the vectors of AVX512-BF16. The same call as [`matmul::product`](super::matmul::product), with other panels. Letters as there.
 
+mod dots;
 mod pack;
 mod tiles;
 
@@ -11,6 +12,7 @@ use crate::dispatch;
 use pack::{How, Pack, pairs};
 use pulp::{Simd, WithSimd};
 use std::cell::RefCell;
+use std::sync::OnceLock;
 use tiles::{Right, SIDE, SQUARE};
 
 pub use pack::round;
@@ -45,9 +47,47 @@ pub fn round_all(numbers: &mut [f32]) {
     dispatch::run(Round(numbers));
 }
 
-/// Whether there are tiles to use.
-pub fn has_tiles() -> bool {
-    tiles::are_there()
+/// Instructions that multiply bf16.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Instructions {
+    /// The tiles of AMX.
+    Tiles,
+    /// `vdpbf16ps` of AVX512-BF16.
+    Dots,
+}
+
+impl Instructions {
+    /// Those to use on this machine, if it has any.
+    pub fn here() -> Option<Instructions> {
+        static HERE: OnceLock<Option<Instructions>> = OnceLock::new();
+        *HERE.get_or_init(|| {
+            let tiles = (dispatch::may_use_tiles() && tiles::are_there()).then_some(Instructions::Tiles);
+            tiles.or((dispatch::may_use_dots() && dots::are_there()).then_some(Instructions::Dots))
+        })
+    }
+
+    /// Rows of a product that are computed at once.
+    fn rows(self) -> usize {
+        match self {
+            Instructions::Tiles => SQUARE,
+            Instructions::Dots => dots::ROWS,
+        }
+    }
+
+    /// Rows that are computed where `rows` are wanted.
+    fn whole(self, rows: usize) -> usize {
+        match self {
+            Instructions::Tiles => rows.next_multiple_of(SIDE),
+            Instructions::Dots => rows,
+        }
+    }
+
+    fn multiply(self, c: &mut [f32], ldc: usize, rows: usize, a: &[u32], right: Right, add: bool) {
+        match self {
+            Instructions::Tiles => tiles::multiply(c, ldc, rows, (a, LDA), right, add),
+            Instructions::Dots => dots::multiply(c, ldc, rows, a, right, add),
+        }
+    }
 }
 
 /// Numbers that a (k, n) matrix takes in panels.
@@ -83,7 +123,7 @@ pub fn pack_transposed(panels: &mut [f32], bt: &[f32], ldb: usize, k: usize, n: 
 /// If all was packed in one block, a product may take fewer rows than it has.
 ///
 /// # Panics
-/// Slices that are too short for (m, k, n); where there are no tiles.
+/// Slices that are too short for (m, k, n); where this machine has none of [`Instructions`].
 pub fn product(
     c: &mut [f32],
     ldc: usize,
@@ -167,21 +207,22 @@ impl Part {
         store: Store,
     ) {
         let steps = pairs(self.high) / SIDE;
+        let by = Instructions::here().expect("a processor that multiplies bf16");
         for (panel, column) in (0..n).step_by(SQUARE).enumerate() {
             let words = &words[self.begin + panel * self.panel..];
             let right = Right { words, steps, blocks: self.blocks, apart: self.apart };
             let columns = SQUARE.min(n - column);
-            for row in (0..rows).step_by(SQUARE) {
-                let high = SQUARE.min(rows - row);
-                let tiles = high.next_multiple_of(SIDE);
-                let a = (&left[row * LDA..], LDA);
+            for row in (0..rows).step_by(by.rows()) {
+                let high = by.rows().min(rows - row);
+                let whole = by.whole(high);
+                let a = &left[row * LDA..];
                 let c = &mut c[row * ldc + column..];
-                if high == tiles && columns == SQUARE {
-                    tiles::multiply(c, ldc, tiles, a, right, store == Store::Add);
+                if high == whole && columns == SQUARE {
+                    by.multiply(c, ldc, whole, a, right, store == Store::Add);
                     continue;
                 }
                 let mut edge = [0.0; SQUARE * SQUARE];
-                tiles::multiply(&mut edge, SQUARE, tiles, a, right, false);
+                by.multiply(&mut edge, SQUARE, whole, a, right, false);
                 for (c, sums) in c.chunks_mut(ldc).zip(edge.chunks(SQUARE)).take(high) {
                     for (c, sum) in c[..columns].iter_mut().zip(sums) {
                         *c = if store == Store::Add { *c + sum } else { *sum };

@@ -1,4 +1,4 @@
-//! The tiles of AMX: the engine's only unsafe code.
+//! The tiles of AMX.
 //!
 //! A tile register holds 16 rows of 64 bytes. One instruction adds the product of a tile of 16 x 32 bf16 and one of
 //! 32 x 16, given as pairs of rows, to 16 x 16 sums in f32. Source: Intel, "Architecture Instruction Set Extensions
@@ -16,7 +16,7 @@ pub(super) const SQUARE: usize = 2 * SIDE;
 /// Whether this processor multiplies bf16 tiles and the system lets this process use them. Asked once.
 pub(super) fn are_there() -> bool {
     static THERE: OnceLock<bool> = OnceLock::new();
-    *THERE.get_or_init(|| crate::dispatch::may_use_tiles() && amx::is_on_the_cpu() && amx::is_permitted())
+    *THERE.get_or_init(|| amx::is_on_the_cpu() && amx::is_permitted())
 }
 
 /// Right factors: `blocks` blocks of panels, each with the same `steps` for the panel that is meant.

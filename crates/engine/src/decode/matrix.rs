@@ -1,5 +1,6 @@
 //! Weights as they are streamed: packed once, in f32 or in bytes.
 
+use super::bytes::{self, Rows};
 use super::kernel::{self, Left};
 use crate::arena::Floats;
 use crate::dispatch;
@@ -13,7 +14,8 @@ pub enum WeightKind {
     /// As they are.
     #[default]
     F32,
-    /// As signed bytes with a scale a column: a quarter of the memory to read for every token.
+    /// As signed bytes with a scale a column: a quarter of the memory to read for every token. Where the processor
+    /// multiplies bytes (AVX512-VNNI), rows are rounded to bytes too, with a scale a row.
     Int8,
 }
 
@@ -23,7 +25,7 @@ pub(super) const PIECE: usize = 64;
 /// A (k, n) matrix with its bias, packed for streaming.
 pub struct Matrix {
     kind: WeightKind,
-    /// Panels, [n / panel][k][panel], of f32 or of bytes.
+    /// Panels, [n / panel][k][panel], of f32 or of bytes; of bytes that meet bytes, four of k side by side.
     numbers: Floats,
     k: usize,
     /// n, whole panels.
@@ -32,6 +34,8 @@ pub struct Matrix {
     piece: usize,
     /// (columns), or nothing.
     scale: Vec<f32>,
+    /// (columns), or nothing: of bytes that meet bytes, [`bytes::excess`].
+    excess: Vec<i32>,
     /// (columns), or nothing.
     bias: Vec<f32>,
 }
@@ -48,7 +52,9 @@ impl Matrix {
         let panel = panel();
         let columns = n.next_multiple_of(panel);
         let whole = |f: &dyn Fn(usize) -> f32| (0..columns).map(|j| if j < n { f(j) } else { 0.0 }).collect();
-        let bytes = columns * k * if kind == WeightKind::Int8 { 1 } else { 4 };
+        let meets_bytes = kind == WeightKind::Int8 && bytes::are_there();
+        let high = if meets_bytes { bytes::words(k) * bytes::WORD } else { k };
+        let bytes = columns * high * if kind == WeightKind::Int8 { 1 } else { 4 };
         let mut matrix = Matrix {
             kind,
             numbers: Floats::new(bytes.div_ceil(4)),
@@ -56,9 +62,12 @@ impl Matrix {
             columns,
             piece: piece.next_multiple_of(panel),
             scale: Vec::new(),
+            excess: vec![0; if meets_bytes { columns } else { 0 }],
             bias: whole(&bias),
         };
-        let place = |i: usize, j: usize| (j / panel * k + i) * panel + j % panel;
+        let group = if meets_bytes { bytes::WORD } else { 1 };
+        let place =
+            |i: usize, j: usize| ((j / panel * (high / group) + i / group) * panel + j % panel) * group + i % group;
         match kind {
             WeightKind::F32 => (0..n).for_each(|j| (0..k).for_each(|i| matrix.numbers[place(i, j)] = at(i, j))),
             WeightKind::Int8 => {
@@ -68,6 +77,9 @@ impl Matrix {
                 for j in (0..n).filter(|&j| matrix.scale[j] > 0.0) {
                     let scale = matrix.scale[j];
                     (0..k).for_each(|i| bytes[place(i, j)] = (at(i, j) / scale).round() as i8);
+                    if meets_bytes {
+                        matrix.excess[j] = bytes::excess((0..k).map(|i| bytes[place(i, j)]));
+                    }
                 }
             }
         }
@@ -89,9 +101,19 @@ impl Matrix {
         self.piece
     }
 
-    /// Multiply-adds of a row with one piece.
+    /// Multiply-adds of a row with one piece, in the time that those of f32 take.
     pub(super) fn work(&self) -> usize {
-        self.k * self.piece
+        self.k * self.piece / if self.meets_bytes() { bytes::WORD } else { 1 }
+    }
+
+    /// Whether rows are to be rounded to bytes for it.
+    pub(super) fn meets_bytes(&self) -> bool {
+        !self.excess.is_empty()
+    }
+
+    /// k.
+    pub(super) fn rows(&self) -> usize {
+        self.k
     }
 
     /// Bytes that are read for a product.
@@ -99,9 +121,27 @@ impl Matrix {
         self.numbers.len() * 4 + (self.scale.len() + self.bias.len()) * 4
     }
 
-    /// Writes a piece of the product of `left` (m, k), bias added, to `c` (m, piece).
-    pub(super) fn product(&self, c: &mut [f32], piece: usize, left: Left) {
+    /// Writes a piece of the product of `left` (m, k), bias added, to `c` (m, piece). `rounded`: the rows of `left` as bytes,
+    /// where the matrix meets bytes.
+    pub(super) fn product(&self, c: &mut [f32], piece: usize, left: Left, rounded: &Rows) {
         match self.kind {
+            WeightKind::Int8 if self.meets_bytes() => {
+                let (first, high) = (piece * self.piece, bytes::words(self.k) * bytes::WORD);
+                let columns = first..self.columns.min(first + self.piece);
+                let panels: &[i8] = bytemuck::cast_slice(&self.numbers);
+                let product = bytes::Product {
+                    c,
+                    ldc: self.piece,
+                    rows: rounded,
+                    m: left.rows,
+                    k: self.k,
+                    panels: &panels[first * high..],
+                    scale: &self.scale[columns.clone()],
+                    excess: &self.excess[columns.clone()],
+                    bias: &self.bias[columns],
+                };
+                product.run();
+            }
             WeightKind::F32 => self.typed::<f32>(c, piece, left, &self.numbers),
             WeightKind::Int8 => self.typed::<i8>(c, piece, left, bytemuck::cast_slice(&self.numbers)),
         }

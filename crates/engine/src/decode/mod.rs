@@ -42,6 +42,7 @@
 //! ```
 
 mod attention;
+mod bytes;
 mod cache;
 pub(crate) mod kernel;
 mod matrix;

@@ -1,6 +1,7 @@
 //! A stack of blocks with its keys and values: rows in, rows out.
 
 use super::attention::{self, Queries, SCORE_ROWS};
+use super::bytes;
 use super::cache::{KvCache, KvKind, Stored, Unit};
 use super::kernel::Left;
 use super::matrix::{Matrix, PIECE, Product};
@@ -68,15 +69,16 @@ pub struct StackDecoder {
 
 /// Scratch for the rows of a pass.
 struct Scratch {
-    x: Floats,           // (m, D)
-    normed: Floats,      // (m, D)
-    stats: Floats,       // (m, 2)
-    positions: Vec<u32>, // (m), rotary positions
-    qkv: Floats,         // (H, m, 3 d)
-    heads: Floats,       // (H, m, d), d whole panels
-    scores: Floats,      // (H, SCORE_ROWS, T)
-    pieces: Floats,      // (n / PIECE, m, PIECE) for the widest n
-    hidden: Floats,      // (4 D / PIECE, m, PIECE)
+    x: Floats,            // (m, D)
+    normed: Floats,       // (m, D)
+    stats: Floats,        // (m, 2)
+    positions: Vec<u32>,  // (m), rotary positions
+    qkv: Floats,          // (H, m, 3 d)
+    heads: Floats,        // (H, m, d), d whole panels
+    scores: Floats,       // (H, SCORE_ROWS, T)
+    pieces: Floats,       // (n / PIECE, m, PIECE) for the widest n
+    hidden: Floats,       // (4 D / PIECE, m, PIECE)
+    rounded: bytes::Rows, // what is multiplied, as bytes, where a matrix meets bytes
 }
 
 impl StackDecoder {
@@ -103,6 +105,7 @@ impl StackDecoder {
             scores: Floats::new(heads * SCORE_ROWS * unit.tokens),
             pieces: Floats::new(rows * hidden.max(widest.next_multiple_of(PIECE))),
             hidden: Floats::new(rows * hidden),
+            rounded: bytes::Rows::default(),
         };
         let cache = KvCache::new(kv, layers, heads, streams, unit);
         StackDecoder { cache, width, runs: Vec::with_capacity(rows), rows: 0, capacity: rows, scratch }
@@ -149,7 +152,8 @@ impl StackDecoder {
     /// Adds the product of `left` (m, k) with `matrix` (k, D) to the rows.
     pub fn add_product(&mut self, matrix: &Matrix, left: &[f32]) {
         let k = left.len() / self.rows;
-        products(matrix, 0..matrix.pieces(), &mut self.scratch.pieces, Left::whole(left, self.rows, k, k));
+        let Scratch { pieces, rounded, .. } = &mut self.scratch;
+        products(matrix, 0..matrix.pieces(), pieces, Left::whole(left, self.rows, k, k), rounded);
         self.scratch.add(self.rows, self.width);
     }
 
@@ -188,14 +192,14 @@ impl StackDecoder {
         rows: impl Iterator<Item = usize>,
         columns: Range<usize>,
     ) -> Product<'_> {
-        let Scratch { x, normed, pieces, .. } = &mut self.scratch;
+        let Scratch { x, normed, pieces, rounded, .. } = &mut self.scratch;
         let (width, mut n) = (self.width, 0);
         for row in rows {
             x[n * width..][..width].copy_from_slice(&normed[row * width..][..width]);
             n += 1;
         }
         let wanted = columns.start / PIECE..columns.end.div_ceil(PIECE);
-        products(matrix, wanted.clone(), pieces, Left::whole(x, n, width, width));
+        products(matrix, wanted.clone(), pieces, Left::whole(x, n, width, width), rounded);
         Product { pieces, rows: n, first: wanted.start }
     }
 }
@@ -213,6 +217,8 @@ impl Scratch {
         self.norm(&block.norm1, rows);
         let width = block.norm1.weight.len();
         let left = Left::whole(&self.normed, rows, width, width);
+        round(&mut self.rounded, &block.heads[0], left);
+        let rounded = &self.rounded;
         let stride = block.heads[0].piece();
         let per_head = cache.len() / block.heads.len();
         let seen = runs.iter().map(|run| run.place + run.rows).max().unwrap_or(0);
@@ -226,7 +232,7 @@ impl Scratch {
             .zip(&block.heads)
             .with_min_len(worth(work))
             .for_each(|((((qkv, out), scores), cache), weights)| {
-                weights.product(qkv, 0, left);
+                weights.product(qkv, 0, left, rounded);
                 let mut first = 0;
                 for run in runs {
                     let qkv = &mut qkv[first * stride..][..run.rows * stride];
@@ -238,7 +244,7 @@ impl Scratch {
                 }
             });
         let left = Left { data: &self.heads, rows, width: unit.d, stride: unit.padded };
-        products(&block.out, 0..block.out.pieces(), &mut self.pieces, left);
+        products(&block.out, 0..block.out.pieces(), &mut self.pieces, left, &mut self.rounded);
         self.add(rows, width);
     }
 
@@ -247,6 +253,8 @@ impl Scratch {
         self.norm(&block.norm2, rows);
         let width = block.norm2.weight.len();
         let left = Left::whole(&self.normed, rows, width, width);
+        round(&mut self.rounded, &block.up, left);
+        let rounded = &self.rounded;
         self.pieces
             .par_chunks_mut(rows * PIECE)
             .zip(self.hidden.par_chunks_mut(rows * PIECE))
@@ -254,11 +262,11 @@ impl Scratch {
             .enumerate()
             .with_min_len(worth(rows * block.up.work()))
             .for_each(|(piece, (up, hidden))| {
-                block.up.product(up, piece, left);
+                block.up.product(up, piece, left, rounded);
                 gelu::forward(hidden, up);
             });
         let left = Left { data: &self.hidden, rows, width: PIECE, stride: PIECE };
-        products(&block.down, 0..block.down.pieces(), &mut self.pieces, left);
+        products(&block.down, 0..block.down.pieces(), &mut self.pieces, left, &mut self.rounded);
         self.add(rows, width);
     }
 
@@ -289,13 +297,22 @@ impl Scratch {
 }
 
 /// Some pieces of the product of `left` with `matrix`, one behind the other.
-fn products(matrix: &Matrix, wanted: Range<usize>, pieces: &mut [f32], left: Left) {
+fn products(matrix: &Matrix, wanted: Range<usize>, pieces: &mut [f32], left: Left, rounded: &mut bytes::Rows) {
+    round(rounded, matrix, left);
+    let rounded = &*rounded;
     pieces
         .par_chunks_mut(left.rows * PIECE)
         .take(wanted.len())
         .enumerate()
         .with_min_len(worth(left.rows * matrix.work()))
-        .for_each(|(i, c)| matrix.product(c, wanted.start + i, left));
+        .for_each(|(i, c)| matrix.product(c, wanted.start + i, left, rounded));
+}
+
+/// Rounds the rows of `left` where a matrix meets bytes.
+fn round(rounded: &mut bytes::Rows, matrix: &Matrix, left: Left) {
+    if matrix.meets_bytes() {
+        rounded.round(left, matrix.rows());
+    }
 }
 
 /// Pieces of `work` multiply-adds that one thread takes at least.

@@ -74,6 +74,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let mut bench = Bench { args: &args, model, reading, reader, tokens };
     bench.decode()?;
     bench.prefill()?;
+    if !bench.model.file.model.architecture.is_flat() {
+        bench.generate(|_| false)?;
+    }
     bench.prompted()
 }
 
@@ -151,12 +154,17 @@ impl Bench<'_> {
         self.row("prefill", Unit::Tokens, Rates::of(self.tokens.len() as f64, &timed), json!({}))
     }
 
-    /// Dances of which an arm is given, of a two-level model the root too; by default until the window has moved twice.
+    /// Dances of which an arm is given, of a two-level model the root too.
     fn prompted(&mut self) -> Result<()> {
+        let root = if self.model.file.model.architecture.is_flat() { 0..0 } else { ROOT };
+        self.generate(|place| GIVEN.contains(&place) || root.contains(&place))
+    }
+
+    /// Dances of which some places of a word are given; by default until the window has moved twice.
+    fn generate(&mut self, is_given: impl Fn(usize) -> bool) -> Result<()> {
         let tokens = &self.model.tokens;
         let (word, window) = (tokens.word, tokens.room(self.tokens.len()) / tokens.word);
-        let root = if self.model.file.model.architecture.is_flat() { 0..0 } else { ROOT };
-        let given: Vec<bool> = (0..word - 1).map(|place| GIVEN.contains(&place) || root.contains(&place)).collect();
+        let given: Vec<bool> = (0..word - 1).map(is_given).collect();
         let frames = self.args.frames.unwrap_or(2 * window);
         let ids = self.tokens.iter().copied().cycle().take(frames.max(window) * word).enumerate();
         let prompt: Vec<u32> = ids.map(|(i, id)| if i % word + 1 == word { tokens.space } else { id }).collect();

@@ -11,8 +11,9 @@ use std::path::Path;
 /// The id of the first bin.
 const FIRST: u32 = 6;
 
-/// Tokens of a word.
+/// Tokens of a word: of 13 joints, and of two levels of the 18 that the default has.
 const WORD: usize = 43;
+const WIDE_WORD: usize = 58;
 
 #[derive(Debug, clap::Args)]
 pub struct ModelArgs {
@@ -44,17 +45,23 @@ impl ModelArgs {
     pub fn get(&self) -> Result<BenchModel> {
         let path = Path::new(&self.config);
         let mut file = TrainFile::find(path)?;
-        match file.model.architecture {
-            Architecture::Flat => file.model.context = self.context.unwrap_or(file.model.context),
-            Architecture::TwoLevel => file.model.window = self.context.map(|t| t / WORD).or(file.model.window),
-        }
+        let word = match file.model.architecture {
+            Architecture::Flat => {
+                file.model.context = self.context.unwrap_or(file.model.context);
+                WORD
+            }
+            Architecture::TwoLevel => {
+                file.model.window = self.context.map(|t| t / WIDE_WORD).or(file.model.window);
+                WIDE_WORD
+            }
+        };
         file.model.dropout = self.dropout;
-        // a word and the special ids as 13 joints have them: a place in space, then angles, of the same bins
+        // a word and the special ids as joints have them: a place in space, then angles, of the same bins
         let kind = |circular| SlotIds { first: FIRST, count: self.vocabulary - FIRST, circular };
-        let places = [(3, false), (39, true)].map(|(number, circular)| SlotRun { number, kind: kind(circular) });
+        let places = [(3, false), (word - 4, true)].map(|(number, circular)| SlotRun { number, kind: kind(circular) });
         let tokens = TokenLayout {
             vocabulary: self.vocabulary as usize,
-            word: WORD,
+            word,
             varying: false,
             front: 1,
             pad: 0,

@@ -39,22 +39,30 @@ pub(super) fn words(k: usize) -> usize {
 /// Rows rounded to bytes.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
-    /// (m, words): four bytes a word, each [`ZERO`] higher than what it stands for.
+    /// [tile][word][row of the tile]: four bytes a word, each [`ZERO`] higher than what it stands for.
     numbers: Vec<u32>,
     /// (m): what a byte is to be multiplied with.
     scales: Vec<f32>,
+    /// The bytes of a row.
+    line: Vec<u8>,
 }
 
 impl Rows {
     /// Rounds the rows of `left`, k numbers each.
     pub fn round(&mut self, left: Left, k: usize) {
-        let words = words(k);
-        self.numbers.resize(self.numbers.len().max(left.rows * words), 0);
-        self.scales.resize(self.scales.len().max(left.rows), 0.0);
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut self.numbers[..left.rows * words]);
-        for (row, to) in bytes.chunks_exact_mut(words.max(1) * WORD).enumerate() {
-            self.scales[row] = dispatch::run(Round { left, row, to: &mut to[..k] });
-            to[k..].fill(ZERO as u8);
+        let Rows { numbers, scales, line } = self;
+        let (words, tiles) = (words(k), left.rows.div_ceil(TILE));
+        numbers.resize(numbers.len().max(tiles * words * TILE), 0);
+        scales.resize(scales.len().max(left.rows), 0.0);
+        line.resize(line.len().max(words * WORD), 0);
+        let line = &mut line[..words * WORD];
+        line[k..].fill(ZERO as u8);
+        for (row, scale) in scales.iter_mut().take(left.rows).enumerate() {
+            *scale = dispatch::run(Round { left, row, to: &mut line[..k] });
+            let tile = &mut numbers[row / TILE * words * TILE..][..words * TILE];
+            for (to, four) in tile.chunks_exact_mut(TILE).zip(line.as_chunks::<WORD>().0) {
+                to[row % TILE] = u32::from_le_bytes(*four);
+            }
         }
     }
 }
@@ -137,7 +145,11 @@ impl Product<'_> {
         let (words, columns) = (words(self.k), self.scale.len());
         let Product { m, ldc, .. } = self;
         assert!(are_there() && columns.is_multiple_of(PANEL), "{columns} columns in panels");
-        assert!(self.rows.numbers.len() >= m * words && self.rows.scales.len() >= m, "{m} rows of {words} words");
+        let tiles = m.div_ceil(TILE);
+        assert!(
+            self.rows.numbers.len() >= tiles * words * TILE && self.rows.scales.len() >= m,
+            "{m} rows of {words} words"
+        );
         assert!(self.panels.len() >= columns * words * WORD, "{columns} columns of {words} words");
         assert!(self.excess.len() == columns && self.bias.len() == columns && ldc >= columns, "{columns} columns");
         assert!(m == 0 || self.c.len() >= (m - 1) * ldc + columns, "{m} rows of {columns} sums");
@@ -162,7 +174,7 @@ impl Product<'_> {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{PANEL, Product};
+    use super::{PANEL, Product, TILE};
     use std::arch::x86_64::{
         __m512i, _mm512_add_epi32, _mm512_add_ps, _mm512_cvtepi32_ps, _mm512_dpbusd_epi32, _mm512_loadu_ps,
         _mm512_loadu_si512, _mm512_mul_ps, _mm512_set1_epi32, _mm512_set1_ps, _mm512_setzero_si512, _mm512_storeu_ps,
@@ -171,7 +183,7 @@ mod x86 {
 
     const LANES: usize = PANEL / 2;
 
-    /// Rows `first..first + M` of all panels.
+    /// Rows `first..first + M`, which one tile has, of all panels.
     ///
     /// # Safety
     /// A processor with AVX512-VNNI; slices as [`Product::run`] asserts.
@@ -209,7 +221,7 @@ mod x86 {
         let mut sums = [[_mm512_setzero_si512(); 2]; M];
         for word in 0..words {
             // SAFETY: the caller's promise.
-            unsafe { step::<M>(&mut sums, rows.add(word), right.add(2 * word), words) };
+            unsafe { step::<M>(&mut sums, rows.add(word * TILE), right.add(2 * word)) };
         }
         sums
     }
@@ -224,7 +236,7 @@ mod x86 {
         let mut sums = [[[_mm512_setzero_si512(); 2]; M]; 4];
         for word in 0..words {
             // SAFETY: the caller's promise.
-            unsafe { step::<M>(&mut sums[word % 4], rows.add(word), right.add(2 * word), words) };
+            unsafe { step::<M>(&mut sums[word % 4], rows.add(word * TILE), right.add(2 * word)) };
         }
         let [mut all, rest @ ..] = sums;
         for sums in rest {
@@ -241,17 +253,12 @@ mod x86 {
     /// That of [`tile`].
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
-    unsafe fn step<const M: usize>(
-        sums: &mut [[__m512i; 2]; M],
-        rows: *const u32,
-        right: *const __m512i,
-        words: usize,
-    ) {
+    unsafe fn step<const M: usize>(sums: &mut [[__m512i; 2]; M], rows: *const u32, right: *const __m512i) {
         // SAFETY: the caller's promise.
         unsafe {
             let halves = [_mm512_loadu_si512(right), _mm512_loadu_si512(right.add(1))];
             for i in 0..M {
-                let four = _mm512_set1_epi32(*rows.add(i * words) as i32);
+                let four = _mm512_set1_epi32(*rows.add(i) as i32);
                 sums[i][0] = _mm512_dpbusd_epi32(sums[i][0], four, halves[0]);
                 sums[i][1] = _mm512_dpbusd_epi32(sums[i][1], four, halves[1]);
             }

@@ -41,7 +41,7 @@ pub(crate) fn may_use_tiles() -> bool {
     matches!(std::env::var(VARIABLE).as_deref(), Err(_) | Ok("auto" | "amx"))
 }
 
-fn arch() -> Arch {
+pub(crate) fn arch() -> Arch {
     static ARCH: OnceLock<Arch> = OnceLock::new();
     *ARCH.get_or_init(|| chosen(std::env::var(VARIABLE).ok().as_deref()))
 }

@@ -74,19 +74,21 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let what = index.options().transform.name();
     if json {
         let line = json!({
-            "schema": 1, "query": answer.query, "windows": answer.windows, "transform": what,
+            "schema": 1, "query": answer.query, "windows": answer.windows, "measured": answer.measured,
+            "transform": what,
             "distance": distance.name(), "exclude": exclude.name(), "matches": answer.matches,
         });
         return print(&format!("{line}\n"));
     }
     let (query, ms) = (&answer.query, 1e3 * answer.seconds);
     say.line(format_args!(
-        "{} from {:.2} to {:.2} s among {} windows by {what}, exclude {}; searched in {ms:.1} ms",
+        "{} from {:.2} to {:.2} s among {} windows by {what}, exclude {}; searched in {ms:.1} ms, {} measured",
         query.clip,
         query.start_s,
         query.end_s,
         answer.windows,
-        exclude.name()
+        exclude.name(),
+        answer.measured
     ));
     print(&answer.table(distance))
 }

@@ -35,8 +35,8 @@ impl Query {
     pub fn new(numbers: &[f64]) -> Query {
         let padded = numbers.len().next_multiple_of(PAD);
         assert!(padded <= 1 << 23, "{padded} numbers");
-        // no sum leaves 32 bits, whatever the bytes
-        let most = (i32::MAX as usize / (128 * padded.max(1))).min(i16::MAX as usize) as f64;
+        // no sum of a lane, which takes two products of sixteen at most, leaves 32 bits, whatever the bytes
+        let most = (i32::MAX as usize / (128 * padded.max(1) / 8)).min(i16::MAX as usize) as f64;
         let largest = numbers.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
         let step = if largest / most >= f64::MIN_POSITIVE { largest / most } else { 0.0 };
         let mut whole = vec![0; padded];
@@ -69,7 +69,7 @@ impl Query {
     ///
     /// # Panics
     /// When there are not as many rows as numbers of `out`.
-    pub fn dots(&self, out: &mut [i32], bytes: &[i8]) {
+    pub fn dots(&self, out: &mut [i64], bytes: &[i8]) {
         let count = rows("dots", bytes.len(), self.padded());
         assert_eq!(count, out.len(), "a number a row");
         match dispatch::arch() {
@@ -95,11 +95,11 @@ trait Lanes: Copy {
     fn numbers(self, query: &[i16]) -> Self::Numbers;
     /// The sums, and [`Lanes::WIDTH`] products.
     fn add(self, sums: Self::Sums, row: &[i8], query: Self::Numbers) -> Self::Sums;
-    fn total(self, sums: Self::Sums) -> i32;
+    fn total(self, sums: Self::Sums) -> i64;
 }
 
 struct Dots<'a, L> {
-    out: &'a mut [i32],
+    out: &'a mut [i64],
     rows: &'a [i8],
     query: &'a [i16],
     lanes: L,
@@ -146,8 +146,8 @@ impl Lanes for Plain {
     }
 
     #[inline(always)]
-    fn total(self, sums: [i32; 16]) -> i32 {
-        sums.iter().sum()
+    fn total(self, sums: [i32; 16]) -> i64 {
+        sums.iter().map(|&x| i64::from(x)).sum()
     }
 }
 
@@ -189,8 +189,8 @@ mod x86 {
         }
 
         #[inline(always)]
-        fn total(self, sums: __m256i) -> i32 {
-            bytemuck::cast::<__m256i, [i32; 8]>(sums).iter().sum()
+        fn total(self, sums: __m256i) -> i64 {
+            bytemuck::cast::<__m256i, [i32; 8]>(sums).iter().map(|&x| i64::from(x)).sum()
         }
     }
 
@@ -216,8 +216,8 @@ mod x86 {
         }
 
         #[inline(always)]
-        fn total(self, sums: __m512i) -> i32 {
-            self.avx512f._mm512_reduce_add_epi32(sums)
+        fn total(self, sums: __m512i) -> i64 {
+            bytemuck::cast::<__m512i, [i32; 16]>(sums).iter().map(|&x| i64::from(x)).sum()
         }
     }
 }
@@ -233,7 +233,7 @@ mod tests {
     }
 
     /// Calls `check` with the answers of all instructions that this CPU has.
-    fn on_all(bytes: &[i8], query: &Query, check: impl Fn(&str, &[i32])) {
+    fn on_all(bytes: &[i8], query: &Query, check: impl Fn(&str, &[i64])) {
         let count = bytes.len() / query.padded();
         let mut out = vec![7; count];
         query.dots(&mut out, bytes);
@@ -263,7 +263,7 @@ mod tests {
             let bytes: Vec<i8> = (0..count).flat_map(|i| rounded(i, query.padded(), 127.0)).collect();
             let expected = scalar::dots::dots(&bytes, &query.numbers);
             on_all(&bytes, &query, |what, found| {
-                assert!(found.iter().map(|&x| i64::from(x)).eq(expected.iter().copied()), "{what}, {count} of {k}");
+                assert!(found == expected, "{what}, {count} of {k}");
             });
         }
         Query::new(&[1.0]).dots(&mut [], &[]);
@@ -276,7 +276,7 @@ mod tests {
                 let query = Query::new(&vec![sign * 1e-3; k]);
                 let bytes = vec![byte; k];
                 let expected = scalar::dots::dots(&bytes, &query.numbers)[0];
-                on_all(&bytes, &query, |what, found| assert_eq!(i64::from(found[0]), expected, "{what}, {k}"));
+                on_all(&bytes, &query, |what, found| assert_eq!(found[0], expected, "{what}, {k}"));
                 let value = expected as f64 * query.step();
                 assert!((value / (sign * 1e-3 * k as f64 * f64::from(byte)) - 1.0).abs() < 1e-9);
             }
@@ -293,7 +293,7 @@ mod tests {
             query.dots(&mut out, &bytes);
             let product: f64 = exact.iter().zip(&bytes).map(|(x, &y)| x * f64::from(y)).sum();
             let length = bytes[..k].iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt();
-            let off = (f64::from(out[0]) * query.step() - product).abs();
+            let off = (out[0] as f64 * query.step() - product).abs();
             assert!(off <= query.error() * length * (1.0 + 1e-9), "{k} {size:e}: {off:e} > {:e}", query.error());
             let whole = exact.iter().map(|x| x * x).sum::<f64>().sqrt();
             assert!(query.error() <= 1e-3 * whole + VANISHING, "{k} {size:e}: {:e}", query.error());

@@ -25,7 +25,7 @@ impl<'a> Candidates<'a> {
     /// None so far.
     pub fn new(database: &'a Database, wanted: SearchOptions) -> Candidates<'a> {
         let least = if wanted.k == 0 { f64::INFINITY } else { f64::NEG_INFINITY };
-        Candidates { database, wanted, kept: Vec::new(), least, room: MANY.max(4 * wanted.k) }
+        Candidates { database, wanted, kept: Vec::new(), least, room: room(wanted.k) }
     }
 
     /// Whether a window of at most this rank may still be among the nearest.
@@ -40,7 +40,7 @@ impl<'a> Candidates<'a> {
             self.kept.push((window, limits));
             if self.kept.len() >= self.room {
                 self.prune();
-                self.room = MANY.max(4 * self.wanted.k).max(2 * self.kept.len());
+                self.room = room(self.wanted.k).max(2 * self.kept.len());
             }
         }
     }
@@ -76,4 +76,8 @@ impl<'a> Candidates<'a> {
         let least = self.least;
         self.kept.retain(|(_, [_, high])| *high >= least);
     }
+}
+
+fn room(k: usize) -> usize {
+    k.saturating_mul(4).max(MANY)
 }

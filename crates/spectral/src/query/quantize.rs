@@ -137,11 +137,11 @@ pub struct Query {
 }
 
 impl Query {
-    /// `out` becomes the products with rows of bytes, for [`Query::limits`].
+    /// `out` becomes the products with rows of bytes, for [`Query::least`] and [`Query::greatest`].
     ///
     /// # Panics
     /// When there are not as many rows as numbers of `out`.
-    pub fn dots(&self, out: &mut [i32], bytes: &[i8]) {
+    pub fn dots(&self, out: &mut [i64], bytes: &[i8]) {
         self.dots.dots(out, bytes);
     }
 
@@ -151,21 +151,21 @@ impl Query {
     }
 
     /// The distance of v from what a row's bytes stand for, squared, least and greatest, from the row's product.
-    fn squares(&self, product: i32, size: &Size) -> [f64; 2] {
+    fn squares(&self, product: i64, size: &Size) -> [f64; 2] {
         let squares = self.square + size.square;
-        let middle = squares - 2.0 * self.dots.step() * f64::from(product);
+        let middle = squares - 2.0 * self.dots.step() * product as f64;
         let off = 2.0 * self.dots.error() * size.length + 4.0 * self.slack * squares;
         [(middle - off).max(0.0), (middle + off).max(0.0)]
     }
 
     /// The least that the cosine of v and a row's feature may be.
-    pub fn least(&self, product: i32, size: &Size) -> f64 {
+    pub fn least(&self, product: i64, size: &Size) -> f64 {
         let distance = self.squares(product, size)[1].sqrt() + size.error;
         1.0 - distance * distance / 2.0
     }
 
     /// The greatest that the cosine of v and a row's feature may be.
-    pub fn greatest(&self, product: i32, size: &Size) -> f64 {
+    pub fn greatest(&self, product: i64, size: &Size) -> f64 {
         let distance = (self.squares(product, size)[0].sqrt() - size.error).max(0.0);
         1.0 - distance * distance / 2.0
     }

@@ -7,6 +7,7 @@
 use kinelm_engine::bins::Bins;
 use kinelm_engine::decode::{BlockParts, KvKind, Matrix, Norm, Run, Stack, StackDecoder, StackWeights, WeightKind};
 use kinelm_engine::dispatch;
+use kinelm_engine::op::dots;
 use kinelm_engine::op::dropout::Mask;
 use kinelm_engine::op::matmul::{Left, Panels, Store};
 use kinelm_engine::op::products::Products;
@@ -25,7 +26,7 @@ const V: usize = 400;
 type Make = fn() -> Case;
 
 /// Kernels by their names, each with what makes its operands.
-const CASES: [(&str, Make); 22] = [
+const CASES: [(&str, Make); 23] = [
     ("product", || product(false)),
     ("product_turned", || product(true)),
     ("pack", || packing(false)),
@@ -45,6 +46,7 @@ const CASES: [(&str, Make); 22] = [
     ("embedding_backward", embedding_backward),
     ("adamw", adamw),
     ("norm_squared", norm_squared),
+    ("dots", byte_dots),
     ("token_f32", || token(WeightKind::F32, KvKind::F32, false)),
     ("token_f32_rotary", || token(WeightKind::F32, KvKind::F32, true)),
     ("token_int8_f16", || token(WeightKind::Int8, KvKind::F16, false)),
@@ -203,6 +205,13 @@ fn adamw() -> Case {
     let (mut first, mut second) = (zeros(N * D), zeros(N * D));
     let step = adamw::Step::new(10, 1e-3, [0.9, 0.95], 1e-8, 0.1, 1.0);
     case("GB/s", 28 * N * D, move || adamw::update(black_box(&mut x), &mut first, &mut second, &gradients, &step))
+}
+
+fn byte_dots() -> Case {
+    let query = dots::Query::new(&numbers(D).iter().map(|&x| x.into()).collect::<Vec<f64>>());
+    let bytes: Vec<i8> = numbers(N * D).iter().map(|x| (x * 127.0) as i8).collect();
+    let mut out = vec![0; N];
+    case("GB/s", N * D, move || query.dots(black_box(&mut out), &bytes))
 }
 
 fn norm_squared() -> Case {

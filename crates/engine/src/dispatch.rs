@@ -46,7 +46,7 @@ pub(crate) fn may_use_dots() -> bool {
     may_use_tiles() || std::env::var(VARIABLE).as_deref() == Ok("bf16")
 }
 
-fn arch() -> Arch {
+pub(crate) fn arch() -> Arch {
     static ARCH: OnceLock<Arch> = OnceLock::new();
     *ARCH.get_or_init(|| chosen(std::env::var(VARIABLE).ok().as_deref()))
 }

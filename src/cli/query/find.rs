@@ -9,6 +9,7 @@ use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
 use serde_json::json;
 use std::path::PathBuf;
+use std::time::Instant;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -50,7 +51,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     args.page.as_deref().map_or(Ok(()), crate::cli::page)?;
     let outputs = args.force.outputs([args.clip.clone(), args.index.clone()].into_iter().chain(args.read.files()));
     outputs.check(args.page.as_deref())?;
+    let begun = Instant::now();
     let index = Index::open(&args.index)?;
+    let opened = begun.elapsed().as_secs_f64();
     let read = args.read.of_file(&args.clip, RestFrame::Drop, say);
     let as_indexed = read == ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
     let Args { clip, at, k, distance, exclude, one_per_clip, page, json, .. } = args;
@@ -74,19 +77,22 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let what = index.options().transform.name();
     if json {
         let line = json!({
-            "schema": 1, "query": answer.query, "windows": answer.windows, "transform": what,
+            "schema": 1, "query": answer.query, "windows": answer.windows, "measured": answer.measured,
+            "transform": what,
             "distance": distance.name(), "exclude": exclude.name(), "matches": answer.matches,
         });
         return print(&format!("{line}\n"));
     }
     let (query, ms) = (&answer.query, 1e3 * answer.seconds);
     say.line(format_args!(
-        "{} from {:.2} to {:.2} s among {} windows by {what}, exclude {}; searched in {ms:.1} ms",
+        "{} from {:.2} to {:.2} s among {} windows by {what}, exclude {}; index read in {opened:.1} s, \
+         searched in {ms:.1} ms, {} measured",
         query.clip,
         query.start_s,
         query.end_s,
         answer.windows,
-        exclude.name()
+        exclude.name(),
+        answer.measured
     ));
     print(&answer.table(distance))
 }

@@ -1,10 +1,7 @@
-//! Dot products, number by number, summed in f64.
+//! Dot products, number by number.
 
-use half::f16;
-
-/// Of each row of half floats with `query`, whose length is a row's.
-pub fn dots(rows: &[u16], query: &[f32]) -> Vec<f64> {
-    let number = |bits: u16| f16::from_bits(bits).to_f64();
-    let dot = |row: &[u16]| row.iter().zip(query).map(|(&x, &y)| number(x) * f64::from(y)).sum();
+/// Of each row of bytes with `query`, whose length is a row's.
+pub fn dots(rows: &[i8], query: &[i16]) -> Vec<i64> {
+    let dot = |row: &[i8]| row.iter().zip(query).map(|(&x, &y)| i64::from(x) * i64::from(y)).sum();
     rows.chunks_exact(query.len()).map(dot).collect()
 }

@@ -109,5 +109,5 @@ fn mean_angle_deg(a: &Clip, b: &Clip, shift: f64) -> f64 {
 /// The windows of all clips, at every frame.
 fn database(held: &[LoadedClip], options: &IndexOptions) -> Result<Database> {
     let entry = |one: &LoadedClip| ClipEntry::in_memory(&one.name, one.clip.frames(), &options.windows);
-    Database::of_clips(options, held.iter().map(|one| (&one.clip, entry(one))).collect())?.with_halves()
+    Database::of_clips(options, held.iter().map(|one| (&one.clip, entry(one))).collect())?.with_bytes()
 }

@@ -3,8 +3,8 @@
 use super::extract::{Extracted, FeatureExtractor, fit_of};
 use super::index::{BASIS, Index, MANIFEST};
 use super::options::{FeatureKind, IndexOptions};
-use super::part::PartWriter;
 use super::record::{ClipEntry, Manifest, PartRecord, VERSION};
+use super::writer::PartWriter;
 use crate::pca::PcaFit;
 use crate::{Error, PcaBasis, Result, WindowSpec};
 pub use kinelm_corpus::build::{BuildEvent, BuildOptions, BuildProgress, Summary, for_each_clip};

@@ -1,6 +1,7 @@
 //! Windows that can be searched.
 
-use super::part::{Part, Size};
+use super::part::Part;
+use super::quantize::Size;
 use super::record::ClipEntry;
 use crate::Result;
 use std::borrow::Cow;
@@ -46,13 +47,13 @@ impl Database {
         all
     }
 
-    /// The same with half floats, which [`Database::nearest`] scans; an index on disk has them.
+    /// The same with bytes, which [`Database::nearest`] scans; an index on disk has them.
     ///
     /// # Errors
     /// An index whose files were cut while it was in use.
-    pub fn with_halves(mut self) -> Result<Database> {
+    pub fn with_bytes(mut self) -> Result<Database> {
         let numbers = self.numbers;
-        self.parts = self.parts.into_iter().map(|part| part.with_halves(numbers)).collect::<Result<_>>()?;
+        self.parts = self.parts.into_iter().map(|part| part.with_bytes(numbers)).collect::<Result<_>>()?;
         Ok(self)
     }
 
@@ -94,6 +95,11 @@ impl Database {
     pub(super) fn size(&self, number: usize) -> Size {
         let (part, inside) = self.place(number);
         part.sizes[inside]
+    }
+
+    /// The number of the first window of each part.
+    pub(super) fn firsts(&self) -> &[usize] {
+        &self.firsts
     }
 
     pub(super) fn parts(&self) -> &[Part] {

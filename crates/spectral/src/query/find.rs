@@ -82,6 +82,8 @@ pub struct SearchResult {
     pub matches: Vec<Match>,
     /// Windows of the index.
     pub windows: usize,
+    /// Windows that were measured from their f32 features, after the scan of the bytes.
+    pub measured: usize,
     /// Seconds that the search took, without opening the index and reading the clip.
     pub seconds: f64,
     /// What the user should know.
@@ -114,7 +116,8 @@ impl Index {
         let begun = Instant::now();
         let exclusion = Exclusion::new(database, query.exclude, origin, spec.frames);
         let options = SearchOptions { k: query.k, distance: query.distance, one_per_clip: query.one_per_clip };
-        let hits = database.nearest(&feature, options, &|window| exclusion.allows(window))?;
+        let candidates = database.scan(&feature, options, &|window| exclusion.allows(window))?;
+        let hits = database.measure(&feature, &candidates, options)?;
         let seconds = begun.elapsed().as_secs_f64();
         let matches = hits.iter().enumerate().map(|(i, hit)| {
             let window = database.window(hit.window);
@@ -133,8 +136,8 @@ impl Index {
             notes.push(format!("only {} of {} requested windows were found", hits.len(), query.k));
         }
         let (frames, fps) = (spec.frames, spec.fps);
-        let (windows, matches) = (database.windows(), matches.collect());
-        Ok(SearchResult { query: own, matches, windows, seconds, notes, frames, fps })
+        let (windows, measured, matches) = (database.windows(), candidates.len(), matches.collect());
+        Ok(SearchResult { query: own, matches, windows, measured, seconds, notes, frames, fps })
     }
 }
 

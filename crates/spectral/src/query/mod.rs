@@ -7,6 +7,7 @@
 //! **Letters**: N windows, D numbers of a feature, Q queries, k neighbours.
 
 pub mod build;
+pub mod candidates;
 pub mod database;
 pub mod embedding;
 pub mod evaluate;
@@ -16,6 +17,7 @@ pub mod find;
 pub mod index;
 pub mod options;
 pub mod part;
+pub mod quantize;
 pub mod record;
 pub mod search;
 pub mod synthetic;
@@ -23,6 +25,7 @@ pub mod tables;
 #[cfg(test)]
 mod tests;
 mod vote;
+pub mod writer;
 
 pub use build::{BuildReport, IndexRequest};
 pub use database::Database;

@@ -13,7 +13,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The version of the folder's layout that this program writes and reads.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 pub(super) const DAMAGED: &str = "the file was cut or changed after it was written: build the index again";
 
@@ -45,9 +45,12 @@ pub struct PartRecord {
     pub windows: usize,
     /// (N, D) f32.
     pub features: FileChecksum,
-    /// (N, D rounded up to 32) half floats of the features over their lengths, times 32,768.
-    pub halves: FileChecksum,
-    /// (N, 2) f64: length, and how far the half floats are off.
+    /// (N, D rounded up to 64) signed bytes of the features over their lengths, on the part's scales.
+    pub bytes: FileChecksum,
+    /// (D, 2) f32: centre and step of each coefficient.
+    pub scales: FileChecksum,
+    /// (N, 4) f64: length, how far the bytes are off, the square of the length of what they stand for from the centre, and
+    /// their own length.
     pub sizes: FileChecksum,
     /// A clip a line.
     pub clips: FileRecord,

@@ -1,13 +1,14 @@
 //! The nearest windows, exactly.
 //!
-//! Cosines with all windows come first from half floats (one query: reading memory is all it waits for) or from a product
+//! Cosines with all windows come first from signed bytes (one query: reading memory is all it waits for) or from a product
 //! of matrices (many queries), each with a bound on how far it is off. Whatever may then be among the k nearest is measured
 //! again from the features themselves, in f64. The answer is that of measuring everything, whatever the number of threads.
 
+use super::candidates::Candidates;
 use super::database::Database;
-use super::part::{SCALE, Size, dot, squared_distance};
+use super::part::{dot, squared_distance};
+use super::quantize::Size;
 use crate::{Error, Result};
-use kinelm_engine::op::dots::Query;
 use kinelm_engine::op::matmul::{self, Left, Panels, Store};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -49,19 +50,29 @@ impl Distance {
         }
     }
 
-    /// Least and greatest that a rank (the cosine, or minus the squared distance) may be, of a cosine that may be off by
-    /// `error`.
-    fn limits(self, cosine: f64, error: f64, a: f64, b: f64) -> [f64; 2] {
-        let (rank, off) = match self {
+    /// The least or greatest that a rank (the cosine, or minus the squared distance) may be of features of lengths `a` and
+    /// `b`, by the least or greatest that their cosine may be.
+    fn rank(self, cosine: f64, side: Side, a: f64, b: f64) -> f64 {
+        let (rank, size) = match self {
             Distance::Cosine if a * b == 0.0 => (0.0, 0.0),
-            Distance::Cosine => (cosine, error + SLACK),
+            Distance::Cosine => (cosine, 1.0),
             Distance::Euclid => {
                 let squares = a * a + b * b;
-                (2.0 * a * b * cosine - squares, 2.0 * a * b * error + SLACK * squares)
+                (2.0 * a * b * cosine - squares, squares)
             }
         };
-        [rank - off, rank + off]
+        match side {
+            Side::Least => rank - SLACK * size,
+            Side::Greatest => rank + SLACK * size,
+        }
     }
+}
+
+/// Which bound.
+#[derive(Debug, Clone, Copy)]
+enum Side {
+    Least,
+    Greatest,
 }
 
 /// What is looked for.
@@ -100,39 +111,53 @@ impl Database {
     /// An index whose files were cut while it was in use.
     ///
     /// # Panics
-    /// When the feature has another length, or the database was made without half floats.
+    /// When the feature has another length, or the database was made without bytes.
     pub fn nearest(
         &self,
         feature: &[f32],
         wanted: SearchOptions,
         allowed: &(dyn Fn(usize) -> bool + Sync),
     ) -> Result<Vec<Hit>> {
-        assert_eq!(feature.len(), self.numbers(), "a feature of another length");
-        let (near, error) = self.scan(feature)?;
-        self.select(feature, Cosines { near: &near, error }, wanted, allowed)
+        self.measure(feature, &self.scan(feature, wanted, allowed)?, wanted)
     }
 
-    /// Cosines from half floats.
-    fn scan(&self, feature: &[f32]) -> Result<(Vec<f32>, f64)> {
+    /// The windows that may be among the k nearest by the bounds of their bytes, in order: what [`Database::nearest`]
+    /// measures.
+    ///
+    /// # Errors
+    /// As [`Database::nearest`].
+    ///
+    /// # Panics
+    /// As [`Database::nearest`].
+    pub fn scan(
+        &self,
+        feature: &[f32],
+        wanted: SearchOptions,
+        allowed: &(dyn Fn(usize) -> bool + Sync),
+    ) -> Result<Vec<usize>> {
+        assert_eq!(feature.len(), self.numbers(), "a feature of another length");
         let norm = Size::of(feature).norm;
-        let over = if norm > 0.0 { 1.0 / norm } else { 0.0 };
-        let unit: Vec<f32> = feature.iter().map(|&x| (f64::from(x) * over) as f32).collect();
-        let query = Query::new(&unit);
-        let mut near = vec![0.0; self.windows()];
-        let mut rest: &mut [f32] = &mut near;
-        for part in self.parts() {
-            let (here, behind) = rest.split_at_mut(part.sizes.len());
-            rest = behind;
-            let padded = query.padded();
-            here.par_chunks_mut(ROWS).enumerate().try_for_each(|(block, out)| {
-                let first = block * ROWS;
-                query.dots(out, &part.halves(first * padded..(first + out.len()) * padded)?);
-                out.iter_mut().for_each(|x| *x /= SCALE);
-                Ok::<_, Error>(())
-            })?;
-        }
-        // rounding the unit vector, and the division, which is by a power of two
-        Ok((near, query.error() + 0.5f64.powi(23)))
+        let parts: Vec<_> = self.parts().iter().map(|part| (part, part.scales.query(feature, norm))).collect();
+        let blocks = parts.iter().zip(self.firsts()).flat_map(|((part, query), &first)| {
+            let rows = part.sizes.len();
+            (0..rows).step_by(ROWS).map(move |row| (part, query, first, row..(row + ROWS).min(rows)))
+        });
+        let blocks: Vec<_> = blocks.collect();
+        let none = || Candidates::new(self, wanted);
+        let found = blocks.par_iter().try_fold(none, |mut found, (part, query, first, rows)| {
+            let mut products = [0; ROWS];
+            let (products, padded) = (&mut products[..rows.len()], query.padded());
+            query.dots(products, &part.bytes(rows.start * padded..rows.end * padded)?);
+            for ((row, &product), size) in rows.clone().zip(&*products).zip(&part.sizes[rows.clone()]) {
+                let rank = |cosine, side| wanted.distance.rank(cosine, side, norm, size.norm);
+                let greatest = rank(query.greatest(product, size), Side::Greatest);
+                if found.may(greatest) && allowed(first + row) {
+                    found.offer(first + row, [rank(query.least(product, size), Side::Least), greatest]);
+                }
+            }
+            Ok::<_, Error>(found)
+        });
+        Ok(found.try_reduce(none, |a, b| Ok(a.merge(b)))?.finish())
     }
 
     /// Cosines (Q, N) of windows of the database with all its windows, by a product of matrices, and how far they may be
@@ -187,17 +212,26 @@ impl Database {
         allowed: &(dyn Fn(usize) -> bool + Sync),
     ) -> Result<Vec<Hit>> {
         let norm = Size::of(feature).norm;
-        let limits = |window: usize| {
-            let size = self.size(window);
-            let error = size.error + cosines.error * (1.0 + size.error);
-            wanted.distance.limits(cosines.near[window].into(), error, norm, size.norm)
-        };
-        let all: Vec<(usize, [f64; 2])> = (0..self.windows()).filter(|&w| allowed(w)).map(|w| (w, limits(w))).collect();
-        let least = self.least(&all, wanted);
-        let may = |&&(_, [_, high]): &&(usize, [f64; 2])| high >= least;
-        let candidates: Vec<usize> = all.iter().filter(may).map(|&(w, _)| w).collect();
+        let none = || Candidates::new(self, wanted);
+        let found = (0..self.windows()).into_par_iter().with_min_len(ROWS).fold(none, |mut found, window| {
+            let cosine = f64::from(cosines.near[window]);
+            let rank = |cosine, side| wanted.distance.rank(cosine, side, norm, self.size(window).norm);
+            let greatest = rank(cosine + cosines.error, Side::Greatest);
+            if found.may(greatest) && allowed(window) {
+                found.offer(window, [rank(cosine - cosines.error, Side::Least), greatest]);
+            }
+            found
+        });
+        self.measure(feature, &found.reduce(none, Candidates::merge).finish(), wanted)
+    }
+
+    /// The k nearest of some windows, by their features.
+    ///
+    /// # Errors
+    /// As [`Database::nearest`].
+    pub fn measure(&self, feature: &[f32], windows: &[usize], wanted: SearchOptions) -> Result<Vec<Hit>> {
         let exact = |&window: &usize| Ok(Hit { window, score: wanted.distance.score(feature, &self.feature(window)?) });
-        let mut hits: Vec<Hit> = candidates.par_iter().with_min_len(32).map(exact).collect::<Result<_>>()?;
+        let mut hits: Vec<Hit> = windows.par_iter().with_min_len(32).map(exact).collect::<Result<_>>()?;
         hits.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
         if wanted.one_per_clip {
             let mut seen = vec![false; self.clips().len()];
@@ -205,26 +239,6 @@ impl Database {
         }
         hits.truncate(wanted.k);
         Ok(hits)
-    }
-
-    /// A lower bound of the k-th nearest's similarity; with one window per clip, of each clip's best.
-    fn least(&self, all: &[(usize, [f64; 2])], wanted: SearchOptions) -> f64 {
-        let mut lows: Vec<f64> = match wanted.one_per_clip {
-            false => all.iter().map(|(_, [low, _])| *low).collect(),
-            true => {
-                let mut best = vec![f64::NEG_INFINITY; self.clips().len()];
-                for (window, [low, _]) in all {
-                    let best = &mut best[self.window(*window).clip];
-                    *best = best.max(*low);
-                }
-                best
-            }
-        };
-        match wanted.k.checked_sub(1) {
-            Some(last) if last < lows.len() => *lows.select_nth_unstable_by(last, |a, b| b.total_cmp(a)).1,
-            Some(_) => f64::NEG_INFINITY,
-            None => f64::INFINITY,
-        }
     }
 }
 

@@ -41,5 +41,5 @@ pub fn synthetic(kind: &FeatureKind, windows: usize) -> Result<Database> {
         }
     });
     let entry = ClipEntry::in_memory("made-up", (windows + 1) * options.windows.hop, &options.windows);
-    Database::new(numbers, vec![(Part::held(features, numbers), vec![entry])]).with_halves()
+    Database::new(numbers, vec![(Part::held(features, numbers), vec![entry])]).with_bytes()
 }

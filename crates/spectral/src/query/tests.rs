@@ -1,4 +1,6 @@
-//! Indices on disk, searches against measuring everything, evaluations.
+//! Indices on disk, exclusions, evaluations.
+
+mod exact;
 
 use super::evaluate::{EvaluateOptions, evaluate};
 use super::exclude::{Exclude, Exclusion, Origin};
@@ -6,7 +8,6 @@ use super::part::Part;
 use super::record::ClipEntry;
 use super::*;
 use crate::WindowSpec;
-use crate::feature::tests::noise;
 use kinelm_corpus::build::{BuildEvent, BuildOptions};
 use kinelm_corpus::{Dataset, samples};
 use kinelm_motion::format::ReadOptions;
@@ -30,80 +31,6 @@ fn entry(name: &str, take: &str, starts: Vec<usize>) -> ClipEntry {
         labels: BTreeMap::new(),
         frames: 1000,
         starts,
-    }
-}
-
-/// Windows of noise around a common middle, some the same; four a clip.
-fn noisy(windows: usize, numbers: usize) -> (Vec<f32>, Vec<ClipEntry>) {
-    let mut features: Vec<f32> = noise(7, windows * numbers)
-        .iter()
-        .enumerate()
-        .map(|(i, &x)| (0.3 * x + (i % numbers % 3) as f64) as f32)
-        .collect();
-    features.copy_within(numbers..3 * numbers, 8 * numbers);
-    features[5 * numbers..6 * numbers].fill(0.0);
-    let clips =
-        (0..windows / 4).map(|i| entry(&format!("c{i}"), &format!("t{}", i / 2), vec![0, 64, 128, 192])).collect();
-    (features, clips)
-}
-
-/// The nearest by measuring every window.
-fn by_hand(database: &Database, feature: &[f32], wanted: SearchOptions, allowed: &dyn Fn(usize) -> bool) -> Vec<Hit> {
-    let score = |window| Hit { window, score: wanted.distance.score(feature, &database.feature(window).unwrap()) };
-    let mut all: Vec<Hit> = (0..database.windows()).filter(|&w| allowed(w)).map(score).collect();
-    all.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
-    let mut seen = Vec::new();
-    all.retain(|h| {
-        let clip = database.window(h.window).clip;
-        let new = !seen.contains(&clip);
-        seen.push(clip);
-        new || !wanted.one_per_clip
-    });
-    all.truncate(wanted.k);
-    all
-}
-
-/// The database as a build writes it, in two parts.
-fn on_disk(dir: &Path, features: &[f32], clips: &[ClipEntry], numbers: usize) -> Database {
-    let half = clips.len() / 2;
-    let mut parts = Vec::new();
-    let mut rest = features;
-    for (i, clips) in [&clips[..half], &clips[half..]].into_iter().enumerate() {
-        let place = dir.join(format!("part{i}"));
-        let mut writer = part::PartWriter::create(&place, numbers).unwrap();
-        for clip in clips {
-            let (here, behind) = rest.split_at(clip.starts.len() * numbers);
-            rest = behind;
-            writer.push(clip, here).unwrap();
-        }
-        let record = writer.finish().unwrap();
-        parts.push(Part::open(&place, &record, numbers).unwrap());
-    }
-    Database::new(numbers, parts)
-}
-
-#[test]
-fn found_is_what_measuring_everything_finds() {
-    let dir = tempfile::tempdir().unwrap();
-    let (windows, numbers) = (700, 45);
-    let (features, clips) = noisy(windows, numbers);
-    let written = on_disk(dir.path(), &features, &clips, numbers);
-    let held = Database::new(numbers, vec![(Part::held(features, numbers), clips)]);
-    let queries = [0, 1, 5, 8, 333, 699];
-    let (near, error) = held.cosines(&queries).unwrap();
-    for (i, &query) in queries.iter().enumerate() {
-        for distance in [Distance::Cosine, Distance::Euclid] {
-            for (k, one_per_clip) in [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)] {
-                let wanted = SearchOptions { k, distance, one_per_clip };
-                let allowed = |w: usize| w.abs_diff(query) > 2 || w.is_multiple_of(5);
-                let expected = by_hand(&held, &held.feature(query).unwrap(), wanted, &allowed);
-                let found = written.nearest(&held.feature(query).unwrap(), wanted, &allowed).unwrap();
-                assert_eq!(found, expected, "{query} {wanted:?} by half floats");
-                let cosines = search::Cosines { near: &near[i * windows..(i + 1) * windows], error };
-                let found = held.select(&held.feature(query).unwrap(), cosines, wanted, &allowed).unwrap();
-                assert_eq!(found, expected, "{query} {wanted:?} by a product");
-            }
-        }
     }
 }
 
@@ -218,7 +145,7 @@ fn built_in_two_goes_as_in_one() {
     }
     for clip in [0, 3] {
         let mut answers = [&one, &two].map(|index| index.find(&question(&data, clip)).unwrap());
-        answers.iter_mut().for_each(|a| a.seconds = 0.0);
+        answers.iter_mut().for_each(|a| (a.seconds, a.measured) = (0.0, 0));
         assert_eq!(answers[0], answers[1]);
         assert_eq!(answers[0].matches.len(), 4);
         let take = format!("t{}", clip / 2);
@@ -305,11 +232,11 @@ fn other_versions_and_damage_are_refused() {
     let error = || Index::open(&data.at("index")).err().unwrap().to_string();
     let path = data.at("index/index.json");
     let text = fs::read_to_string(&path).unwrap();
-    fs::write(&path, text.replace("\"version\": 2", "\"version\": 1")).unwrap();
+    fs::write(&path, text.replace("\"version\": 3", "\"version\": 2")).unwrap();
     let e = error();
-    assert!(e.contains("found version 1, written by kinelm") && e.contains("expected version 2; build"), "{e}");
+    assert!(e.contains("found version 2, written by kinelm") && e.contains("expected version 3; build"), "{e}");
     fs::write(&path, &text).unwrap();
-    for name in ["features.f32", "halves.f16", "sizes.f64", "clips.jsonl"] {
+    for name in ["features.f32", "bytes.i8", "scales.f32", "sizes.f64", "clips.jsonl"] {
         let path = data.at("index/part-0001").join(name);
         let whole = fs::read(&path).unwrap();
         let mut bent = whole.clone();

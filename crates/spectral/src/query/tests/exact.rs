@@ -1,0 +1,158 @@
+//! Searches against measuring everything.
+
+use super::*;
+use crate::feature::tests::noise;
+
+/// Windows of noise around a common middle, some the same; four a clip.
+fn noisy(windows: usize, numbers: usize) -> (Vec<f32>, Vec<ClipEntry>) {
+    let mut features: Vec<f32> = noise(7, windows * numbers)
+        .iter()
+        .enumerate()
+        .map(|(i, &x)| (0.3 * x + (i % numbers % 3) as f64) as f32)
+        .collect();
+    features.copy_within(numbers..3 * numbers, 8 * numbers);
+    features[5 * numbers..6 * numbers].fill(0.0);
+    let clips =
+        (0..windows / 4).map(|i| entry(&format!("c{i}"), &format!("t{}", i / 2), vec![0, 64, 128, 192])).collect();
+    (features, clips)
+}
+
+/// The nearest by measuring every window.
+fn by_hand(database: &Database, feature: &[f32], wanted: SearchOptions, allowed: &dyn Fn(usize) -> bool) -> Vec<Hit> {
+    let score = |window| Hit { window, score: wanted.distance.score(feature, &database.feature(window).unwrap()) };
+    let mut all: Vec<Hit> = (0..database.windows()).filter(|&w| allowed(w)).map(score).collect();
+    all.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
+    let mut seen = Vec::new();
+    all.retain(|h| {
+        let clip = database.window(h.window).clip;
+        let new = !seen.contains(&clip);
+        seen.push(clip);
+        new || !wanted.one_per_clip
+    });
+    all.truncate(wanted.k);
+    all
+}
+
+/// The database as a build writes it, in two parts.
+fn on_disk(dir: &Path, features: &[f32], clips: &[ClipEntry], numbers: usize) -> Database {
+    let half = clips.len() / 2;
+    let mut parts = Vec::new();
+    let mut rest = features;
+    for (i, clips) in [&clips[..half], &clips[half..]].into_iter().enumerate() {
+        let place = dir.join(format!("part{i}"));
+        let mut writer = writer::PartWriter::create(&place, numbers).unwrap();
+        for clip in clips {
+            let (here, behind) = rest.split_at(clip.starts.len() * numbers);
+            rest = behind;
+            writer.push(clip, here).unwrap();
+        }
+        let record = writer.finish().unwrap();
+        parts.push(Part::open(&place, &record, numbers).unwrap());
+    }
+    Database::new(numbers, parts)
+}
+
+#[test]
+fn found_is_what_measuring_everything_finds() {
+    let dir = tempfile::tempdir().unwrap();
+    let (windows, numbers) = (700, 45);
+    let (features, clips) = noisy(windows, numbers);
+    let written = on_disk(dir.path(), &features, &clips, numbers);
+    let held = Database::new(numbers, vec![(Part::held(features, numbers), clips)]);
+    let queries = [0, 1, 5, 8, 333, 699];
+    let (near, error) = held.cosines(&queries).unwrap();
+    for (i, &query) in queries.iter().enumerate() {
+        for distance in [Distance::Cosine, Distance::Euclid] {
+            for (k, one_per_clip) in [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)] {
+                let wanted = SearchOptions { k, distance, one_per_clip };
+                let allowed = |w: usize| w.abs_diff(query) > 2 || w.is_multiple_of(5);
+                let expected = by_hand(&held, &held.feature(query).unwrap(), wanted, &allowed);
+                let found = written.nearest(&held.feature(query).unwrap(), wanted, &allowed).unwrap();
+                assert_eq!(found, expected, "{query} {wanted:?} by bytes");
+                let cosines = search::Cosines { near: &near[i * windows..(i + 1) * windows], error };
+                let found = held.select(&held.feature(query).unwrap(), cosines, wanted, &allowed).unwrap();
+                assert_eq!(found, expected, "{query} {wanted:?} by a product");
+            }
+        }
+    }
+}
+
+/// Sets of features (N, D) that a bound might miss: equal ones, zeros, tiny and huge ones, ones with a single number, ones
+/// of two kinds a million times apart, ones that differ in the last bit.
+fn adversarial(windows: usize, numbers: usize) -> Vec<(&'static str, Vec<f32>)> {
+    let noise = noise(11, windows * numbers);
+    let of = |f: &dyn Fn(usize, usize, f64) -> f64| -> Vec<f32> {
+        noise.iter().enumerate().map(|(i, &x)| f(i / numbers, i % numbers, x) as f32).collect()
+    };
+    vec![
+        ("all equal", of(&|_, i, _| 1.0 + i as f64)),
+        ("all zero", of(&|_, _, _| 0.0)),
+        ("few kinds", of(&|w, i, _| ((w % 3) * i) as f64 - 1.0)),
+        ("signs", of(&|w, i, _| if (w + i).is_multiple_of(2) { 1.0 } else { -1.0 })),
+        ("noise", of(&|_, _, x| x)),
+        ("tiny", of(&|_, _, x| x * 1e-42)),
+        ("huge", of(&|_, _, x| x * 1e38)),
+        ("of all sizes", of(&|w, _, x| x * 10f64.powi((w % 70) as i32 - 35))),
+        ("one number each", of(&|w, i, x| if w % numbers == i { x } else { 0.0 })),
+        ("an outlier", of(&|w, i, x| if w == 7 && i == 3 { 1e6 } else { 1.0 + 1e-3 * x })),
+        ("last bits", of(&|w, i, _| 1.0 + i as f64 + f64::from(f32::EPSILON) * (w * (i % 5)) as f64)),
+        ("zeros between", of(&|w, _, x| if w.is_multiple_of(3) { 0.0 } else { x })),
+    ]
+}
+
+#[test]
+fn no_features_are_too_bad_for_the_bounds() {
+    let (windows, numbers) = (640, 33);
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for (what, features) in adversarial(windows, numbers) {
+        let dir = tempfile::tempdir().unwrap();
+        let (_, clips) = noisy(windows, 1);
+        let written = on_disk(dir.path(), &features, &clips, numbers);
+        let whole = Database::new(numbers, vec![(Part::held(features, numbers), clips)]).with_bytes().unwrap();
+        for query in [0, 1, 7, 300, 639] {
+            let feature = whole.feature(query).unwrap().into_owned();
+            for distance in [Distance::Cosine, Distance::Euclid] {
+                for (k, one_per_clip) in [(1, false), (10, false), (10, true), (700, false), (159, true)] {
+                    let wanted = SearchOptions { k, distance, one_per_clip };
+                    let allowed = |w: usize| w.abs_diff(query) > 1;
+                    let expected = by_hand(&whole, &feature, wanted, &allowed);
+                    for database in [&whole, &written] {
+                        let found = database.nearest(&feature, wanted, &allowed).unwrap();
+                        assert_eq!(found, expected, "{what}: {query} {wanted:?}");
+                        let alone = one_thread.install(|| database.scan(&feature, wanted, &allowed).unwrap());
+                        assert_eq!(database.scan(&feature, wanted, &allowed).unwrap(), alone, "{what}: {query}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn features_that_are_not_finite_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut writer = writer::PartWriter::create(&dir.path().join("part"), 3).unwrap();
+        let e = writer.push(&entry("a", "t", vec![0, 64]), &[1.0, 2.0, 3.0, 4.0, bad, 6.0]).unwrap_err().to_string();
+        assert!(e.contains("a window's feature is not finite"), "{e}");
+    }
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+}
+
+/// The bytes of a part, written in blocks, are those that one in memory has.
+#[test]
+fn written_in_blocks_as_in_memory() {
+    let dir = tempfile::tempdir().unwrap();
+    let (windows, numbers) = (2400, 1000);
+    let (features, clips) = noisy(windows, numbers);
+    let mut writer = writer::PartWriter::create(&dir.path().join("part"), numbers).unwrap();
+    for (clip, features) in clips.iter().zip(features.chunks_exact(4 * numbers)) {
+        writer.push(clip, features).unwrap();
+    }
+    let record = writer.finish().unwrap();
+    assert_eq!(record.bytes.bytes, 2400 * 1024);
+    let (written, _) = Part::open(&dir.path().join("part"), &record, numbers).unwrap();
+    let held = Part::held(features, numbers).with_bytes(numbers).unwrap();
+    assert!(written.bytes(0..2400 * 1024).unwrap() == held.bytes(0..2400 * 1024).unwrap());
+    assert!(written.sizes == held.sizes && written.scales.0 == held.scales.0);
+}

@@ -19,7 +19,7 @@ const ROWS: usize = 192;
 const WORTH: usize = 1 << 17;
 
 /// Reads of fewer multiply-adds stay on the thread they are called on, if it is none of a pool's.
-const ALONE: usize = 1 << 20;
+const ALONE: usize = 1 << 21;
 
 /// How large a stack of blocks is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

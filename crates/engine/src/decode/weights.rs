@@ -1,5 +1,6 @@
 //! The weights of a stack of blocks, packed for decoding.
 
+use super::bytes;
 use super::matrix::{Matrix, PIECE, WeightKind};
 use super::stack::Stack;
 use crate::op::rope::Angles;
@@ -62,6 +63,12 @@ impl StackWeights {
     /// The size of the stack.
     pub fn stack(&self) -> Stack {
         self.stack
+    }
+
+    /// Multiply-adds of a row, in the time that those of f32 take, about.
+    pub fn work(&self) -> usize {
+        let meets_bytes = self.blocks.first().is_some_and(|block| block.up.meets_bytes());
+        self.stack.multiply_adds() / if meets_bytes { bytes::WORD } else { 1 }
     }
 
     /// Bytes that are read for a row.

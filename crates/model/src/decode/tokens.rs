@@ -126,7 +126,7 @@ impl TokenDecoder {
     /// the streams and of their tokens. A token's logits depend on the tokens before it alone.
     pub fn read(&mut self, blocks: &[&[u32]], logits: Logits) -> &[f32] {
         self.logits.clear();
-        let per_token = self.weights.stack().multiply_adds() + self.vocabulary * self.width;
+        let per_token = self.weights.work() + self.vocabulary * self.width;
         let work = per_token * blocks.iter().map(|b| b.len()).sum::<usize>();
         in_pool(work, || self.read_all(blocks, logits));
         &self.logits

@@ -137,8 +137,8 @@ impl Weights {
     /// Multiply-adds of so many rows of the trunk and of the frame decoder, about.
     fn work(&self, frames: usize, tokens: usize) -> usize {
         let [wide, d] = self.widths();
-        let frame = self.trunk.stack().multiply_adds() + (self.input_width() + d) * wide;
-        frames * frame + tokens * (self.decoder.stack().multiply_adds() + self.vocabulary * d)
+        let frame = self.trunk.work() + (self.input_width() + d) * wide;
+        frames * frame + tokens * (self.decoder.work() + self.vocabulary * d)
     }
 
     /// Writes the trunk's input (2 C e) for `frame` of the sequence `ids`.

@@ -257,10 +257,10 @@ mod x86 {
         // SAFETY: the caller's promise.
         unsafe {
             let halves = [_mm512_loadu_si512(right), _mm512_loadu_si512(right.add(1))];
-            for i in 0..M {
+            for (i, sums) in sums.iter_mut().enumerate() {
                 let four = _mm512_set1_epi32(*rows.add(i) as i32);
-                sums[i][0] = _mm512_dpbusd_epi32(sums[i][0], four, halves[0]);
-                sums[i][1] = _mm512_dpbusd_epi32(sums[i][1], four, halves[1]);
+                sums[0] = _mm512_dpbusd_epi32(sums[0], four, halves[0]);
+                sums[1] = _mm512_dpbusd_epi32(sums[1], four, halves[1]);
             }
         }
     }

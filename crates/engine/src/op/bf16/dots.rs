@@ -77,23 +77,23 @@ mod x86 {
                 unsafe {
                     let halves: [__m512bh; 2] =
                         [pairs(_mm512_loadu_si512(b.cast())), pairs(_mm512_loadu_si512(b.add(SQUARE / 2).cast()))];
-                    for i in 0..M {
+                    for (i, sums) in sums.iter_mut().enumerate() {
                         let x = pairs(_mm512_set1_epi32(*a.add(i * LDA + at) as i32));
-                        sums[i][0] = _mm512_dpbf16_ps(sums[i][0], x, halves[0]);
-                        sums[i][1] = _mm512_dpbf16_ps(sums[i][1], x, halves[1]);
+                        sums[0] = _mm512_dpbf16_ps(sums[0], x, halves[0]);
+                        sums[1] = _mm512_dpbf16_ps(sums[1], x, halves[1]);
                     }
                     b = b.add(SQUARE);
                 }
                 at += 1;
             }
         }
-        for i in 0..M {
-            for half in 0..2 {
+        for (i, sums) in sums.iter().enumerate() {
+            for (half, sum) in sums.iter().enumerate() {
                 // SAFETY: the caller's promise.
                 unsafe {
                     let to = c.add(i * ldc + half * SQUARE / 2);
                     let there = if add { _mm512_loadu_ps(to) } else { _mm512_setzero_ps() };
-                    _mm512_storeu_ps(to, _mm512_add_ps(there, sums[i][half]));
+                    _mm512_storeu_ps(to, _mm512_add_ps(there, *sum));
                 }
             }
         }

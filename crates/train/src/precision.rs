@@ -57,10 +57,7 @@ impl Precision {
     /// # Errors
     /// bf16 for a form or a device that computes only in f32.
     pub fn decide(self, compute: Compute, width: usize) -> Result<(Precision, Option<String>)> {
-        if !compute.is_fast() && self == Precision::Bf16 {
-            let expected = "f32, which this form computes in, or the CPU's fast form";
-            return Err(Error::invalid("train.precision", "bf16", expected));
-        }
+        self.check(compute)?;
         if self != Precision::Auto {
             return Ok((self, None));
         }
@@ -75,17 +72,24 @@ impl Precision {
         Ok((chosen, Some(note)))
     }
 
+    /// Refuses bf16 where a form or a device computes only in f32.
+    fn check(self, compute: Compute) -> Result<()> {
+        if !compute.is_fast() && self == Precision::Bf16 {
+            let expected = "f32, which this form computes in, or the CPU's fast form";
+            return Err(Error::invalid("train.precision", "bf16", expected));
+        }
+        Ok(())
+    }
+
     /// The kernels of this machine, for a run whose checkpoint was computed by the kernels named `ran`, if there is one.
     /// [`Precision::Auto`] that nobody decided is f32.
     ///
     /// # Errors
     /// bf16 for a form or a device that computes only in f32.
     pub fn resolve(self, ran: Option<&str>, compute: Compute) -> Result<Resolved> {
+        self.check(compute)?;
         let products = match self {
-            Precision::Bf16 => {
-                self.decide(compute, 1)?;
-                Products::bf16()
-            }
+            Precision::Bf16 => Products::bf16(),
             _ => Products::F32,
         };
         let mut notes = Vec::new();

@@ -194,7 +194,7 @@ mod x86 {
             // SAFETY: the caller's promise.
             unsafe {
                 let right = product.panels.as_ptr().cast::<__m512i>().add(2 * panel * words);
-                // of one row, two sums of every column: each waits for its last product
+                // of one row, four sums of every column: each waits for its last product
                 let sums = if M == 1 { by_turns::<M>(rows, right, words) } else { one_by_one::<M>(rows, right, words) };
                 for (i, sums) in sums.iter().enumerate() {
                     let scale = _mm512_set1_ps(product.rows.scales[first + i]);
@@ -226,7 +226,7 @@ mod x86 {
         sums
     }
 
-    /// As [`one_by_one`], the odd words in sums of their own.
+    /// As [`one_by_one`], by turns in four sums of each column.
     ///
     /// # Safety
     /// That of [`tile`].

@@ -25,12 +25,7 @@ pub(super) fn are_there() -> bool {
 /// Slices that are too short; where [`are_there`] says no.
 pub(super) fn multiply(c: &mut [f32], ldc: usize, rows: usize, a: &[u32], right: Right, add: bool) {
     assert!(are_there() && (1..=ROWS).contains(&rows), "{rows} rows of sums");
-    let depth = right.blocks * right.steps * SIDE;
-    assert!(right.blocks > 0 && right.steps > 0, "pairs of no steps");
-    assert!(ldc >= SQUARE && c.len() >= (rows - 1) * ldc + SQUARE, "sums of {rows} rows in {} numbers", c.len());
-    assert!(a.len() >= (rows - 1) * LDA + depth, "{rows} rows of {depth} pairs in {} words", a.len());
-    let last = (right.blocks - 1) * right.apart + right.steps * SIDE * SQUARE;
-    assert!(right.words.len() >= last, "{last} words of panels in {}", right.words.len());
+    right.check((c, ldc), rows, (a, LDA));
     #[cfg(target_arch = "x86_64")]
     {
         let (c, a) = (c.as_mut_ptr(), a.as_ptr());

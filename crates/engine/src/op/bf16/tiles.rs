@@ -32,6 +32,21 @@ pub(super) struct Right<'a> {
     pub apart: usize,
 }
 
+impl Right<'_> {
+    /// Makes sure that all that a product of `rows` rows, 1 or more, reads and writes lies inside its slices.
+    ///
+    /// # Panics
+    /// Slices that are too short; no steps.
+    pub fn check(&self, (c, ldc): (&[f32], usize), rows: usize, (a, lda): (&[u32], usize)) {
+        let depth = self.blocks * self.steps * SIDE;
+        assert!(self.blocks > 0 && self.steps > 0, "a product of no steps");
+        assert!(ldc >= SQUARE && c.len() >= (rows - 1) * ldc + SQUARE, "sums of {rows} rows in {} numbers", c.len());
+        assert!(a.len() >= (rows - 1) * lda + depth, "{rows} rows of {depth} pairs in {} words", a.len());
+        let last = (self.blocks - 1) * self.apart + self.steps * SIDE * SQUARE;
+        assert!(self.words.len() >= last, "{last} words of panels in {}", self.words.len());
+    }
+}
+
 /// `c`, [`SQUARE`] columns and 16 or 32 rows, `ldc` apart, becomes (or, with `add`, grows by) the product of `a`, as many rows
 /// of bf16 pairs, `lda` words apart, and `right`.
 ///
@@ -39,12 +54,7 @@ pub(super) struct Right<'a> {
 /// Slices that are too short; where [`are_there`] says no.
 pub(super) fn multiply(c: &mut [f32], ldc: usize, rows: usize, (a, lda): (&[u32], usize), right: Right, add: bool) {
     assert!(are_there() && (rows == SIDE || rows == SQUARE), "{rows} rows of tiles");
-    let depth = right.blocks * right.steps * SIDE;
-    assert!(right.blocks > 0 && right.steps > 0, "tiles of no steps");
-    assert!(ldc >= SQUARE && c.len() >= (rows - 1) * ldc + SQUARE, "sums of {rows} rows in {} numbers", c.len());
-    assert!(a.len() >= (rows - 1) * lda + depth, "{rows} rows of {depth} pairs in {} words", a.len());
-    let last = (right.blocks - 1) * right.apart + right.steps * SIDE * SQUARE;
-    assert!(right.words.len() >= last, "{last} words of panels in {}", right.words.len());
+    right.check((c, ldc), rows, (a, lda));
     amx::CONFIGURED.with(|_| {
         // SAFETY: the tiles are there and permitted (asserted), this thread has configured them as 16 rows of 64 bytes
         // (`CONFIGURED` is alive), and every row that is read or written lies inside its slice (asserted above).

@@ -112,6 +112,10 @@ impl Maker {
             if running.cancelled.load(Ordering::Relaxed) {
                 return Err(kinelm_store::Error::stopped("stopped before all dances were written").into());
             }
+            // a job that is begun again: the user may have kept or rejected what it had made
+            if self.library.project().dance(id).is_ok() {
+                continue;
+            }
             let work = Work { job, open: &open, source: source.as_ref(), notes: &notes, name: &name, floor_m };
             made(work.write(self.library.project().folder(), (id, &words[dance]), (dance, best))?)?;
         }

@@ -1,7 +1,7 @@
 //! A server that is killed again and again in the middle of jobs and edits: what was answered is there.
 
 use super::client::Browser;
-use super::place::{bytes, dance, process};
+use super::place::{Place, bytes, dance, process};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs;
@@ -91,6 +91,31 @@ fn killed_fifty_times_in_the_middle_of_jobs_and_edits_nothing_is_lost() {
     let often = |job: &&&Value| !job["text"].as_str().unwrap_or_default().contains("again and again");
     assert!(failed.iter().filter(often).count() == 0, "{failed:?}");
     assert!(promised.kept.len() > 3, "dances were kept in between: {}", promised.kept.len());
+}
+
+#[test]
+fn a_job_that_is_begun_again_leaves_what_was_kept_and_rejected_of_it() {
+    let place = Place::new();
+    let make = json!({ "kind": "free", "seconds": 1, "variations": 3, "seed": 1 });
+    place.browser.done("/api/make", &make);
+    let all = place.browser.wait("three dances", |state| state["dances"].as_array().unwrap().len() == 3);
+    let id = |n: usize| all["dances"][n]["id"].as_str().unwrap().to_owned();
+    place.browser.wait("the job's end", |state| state["jobs"][0]["state"] == "done");
+    let kept = place.browser.done(&format!("/api/dances/{}/keep", id(0)), &json!({ "name": "mine" }));
+    place.browser.done(&format!("/api/dances/{}/reject", id(1)), &json!({}));
+    let dir = place.stop();
+    // as if the process had ended before the third was written
+    let project = dir.path().join("project");
+    let jobs = project.join(".studio/jobs.jsonl");
+    let text = fs::read_to_string(&jobs).unwrap();
+    fs::write(&jobs, text.replace("\"done\"", "\"running\"")).unwrap();
+    fs::remove_file(project.join(format!(".studio/made/{}.bvh", id(2)))).unwrap();
+    let server = process(&project);
+    let state = server.1.wait("the job's end", |state| state["jobs"][0]["state"] == "done");
+    let dances = state["dances"].as_array().unwrap();
+    assert_eq!(dances.iter().map(|dance| dance["id"].as_str().unwrap()).collect::<Vec<_>>(), [id(0), id(1), id(2)]);
+    assert_eq!((&dances[0]["kept_name"], &dances[0]["name"]), (&kept["kept_name"], &json!("mine")));
+    assert_eq!((&dances[1]["rejected"], &dances[2]["rejected"]), (&json!(true), &json!(false)));
 }
 
 /// An edit and a dance that is kept, remembered where they were answered.

@@ -170,6 +170,7 @@ impl Bench<'_> {
         let prompt: Vec<u32> = ids.map(|(i, id)| if i % word + 1 == word { tokens.space } else { id }).collect();
         let vocabulary = Vocabulary::new(tokens.vocabulary as u32 - FIRST_ID);
         let grammar = Grammar::new(&vocabulary, WordLength::Fixed(word - 1));
+        // untruncated: among ids that are all as likely, as random weights have them, truncating costs most
         let plan = SamplingPlan::free(grammar, frames, Sampling::default(), 1);
         let plan = SamplingPlan { given: given.clone(), prompt: prompt.clone(), ..plan };
         let behind =

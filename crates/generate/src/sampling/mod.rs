@@ -19,6 +19,7 @@ mod top_p;
 use crate::{Error, Result};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
 use std::ops::Range;
 
 /// How a token is sampled from the model's logits. By default by its probability.
@@ -182,10 +183,14 @@ pub fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -> f64 {
 /// The allowed ids of probability above 0, ascending.
 fn candidates(logits: &[f32], allowed: &[Range<u32>]) -> Option<Vec<Candidate>> {
     let mut found = Vec::with_capacity(allowed.iter().map(ExactSizeIterator::len).sum());
-    for id in allowed.iter().cloned().flatten() {
-        let logit = *logits.get(id as usize).filter(|l| !l.is_nan() && **l < f32::INFINITY)?;
-        if logit.is_finite() {
-            found.push(Candidate { id, logit: logit.into() });
+    for ids in allowed {
+        for (id, &logit) in ids.clone().zip(logits.get(ids.start as usize..ids.end as usize)?) {
+            if logit.is_nan() || logit == f32::INFINITY {
+                return None;
+            }
+            if logit != f32::NEG_INFINITY {
+                found.push(Candidate { id, logit: logit.into() });
+            }
         }
     }
     (!found.is_empty()).then_some(found)
@@ -197,14 +202,14 @@ fn centre(left: &mut [Candidate]) {
     left.iter_mut().for_each(|c| c.logit -= top);
 }
 
-/// Keeps the `n` most likely, of equals the first, in the order of the ids.
-fn keep_most_likely(left: &mut Vec<Candidate>, n: usize) {
-    if n >= left.len() {
-        return;
-    }
-    left.sort_by(|a, b| b.logit.total_cmp(&a.logit).then(a.id.cmp(&b.id)));
-    left.truncate(n);
-    left.sort_by_key(|c| c.id);
+/// The most likely first, of equals the one with the smaller id.
+fn by_likelihood(a: &Candidate, b: &Candidate) -> Ordering {
+    b.logit.total_cmp(&a.logit).then(a.id.cmp(&b.id))
+}
+
+/// Keeps those up to the `last` one by likelihood.
+fn keep_up_to(left: &mut Vec<Candidate>, last: Candidate) {
+    left.retain(|c| by_likelihood(c, &last).is_le());
 }
 
 #[cfg(test)]

@@ -9,6 +9,9 @@ use super::Candidate;
 
 /// Divides the probabilities of the `recent` ids by `penalty`, above 0.
 pub fn apply(left: &mut [Candidate], recent: &[u32], penalty: f64) {
+    if recent.is_empty() {
+        return;
+    }
     let less = penalty.ln();
     for c in left.iter_mut().filter(|c| recent.contains(&c.id)) {
         c.logit -= less;

@@ -1,10 +1,13 @@
 //! Top-k: the k most likely ids. Source: Fan, Lewis, Dauphin, "Hierarchical Neural Story Generation" (2018).
 
-use super::{Candidate, keep_most_likely};
+use super::{Candidate, by_likelihood, keep_up_to};
 
 /// Keeps the `k` most likely, at least one; of equals the first.
 pub fn apply(left: &mut Vec<Candidate>, k: usize) {
-    keep_most_likely(left, k.max(1));
+    if k < left.len() {
+        let last = *left.clone().select_nth_unstable_by(k.max(1) - 1, by_likelihood).1;
+        keep_up_to(left, last);
+    }
 }
 
 #[cfg(test)]

@@ -167,7 +167,8 @@ def main():
         )
         studio.end()
     for config in ("two-level",):
-        bench = [program, "bench", "decode", "--config", config, "--streams", "4", "--repeats", str(args.repeats), "--json"]
+        bench = [program, "bench", "decode", "--config", config, "--streams", "4", "--weights", "int8"]
+        bench += ["--repeats", str(args.repeats), "--json"]
         done = subprocess.run(bench, capture_output=True, text=True)
         for line in done.stdout.splitlines():
             if '"generate"' in line or "generate" in line:

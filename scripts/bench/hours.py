@@ -6,7 +6,10 @@ them, turned about the vertical and with a slow wave on every joint, so that no 
 tokenizes, opens the corpus, trains 20 steps, measures, builds an index of movements and searches it. Prints a table in
 Markdown: seconds, peak MB and MB on the disk of each, and by what power of the hours the seconds grow.
 
-Needs Python 3.9 or newer and numpy, and 40 MB an hour in the folder for temporary files.
+`--linked N` goes on with N times the last hours, the same files under N names each: tokens and index alone, of as many
+clips, without the disk for their files.
+
+Needs Python 3.9 or newer and numpy, and 100 MB an hour in the folder for temporary files, 30 a linked one.
 """
 
 import argparse
@@ -85,11 +88,31 @@ def make(clips, folder, hours, seed):
     return folder
 
 
+def link(data, folder, times):
+    """The files of `data` under as many names each."""
+    folder.mkdir()
+    for n in range(times):
+        for file in data.iterdir():
+            (folder / f"{n}-{file.name}").hardlink_to(file)
+    return folder
+
+
+def carry_out(program, steps, place, hours):
+    """Seconds, peak MB and MB on the disk of each step."""
+    figures = {}
+    for name, call, out in steps:
+        seconds, peak = run([program, *call, "--quiet"], place)
+        figures[name] = (seconds, peak, megabytes(place / out) if out else None)
+        print(f"{hours:g} h, {name}: {seconds:.1f} s, {peak:.0f} MB", file=sys.stderr, flush=True)
+    return figures
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("program")
     parser.add_argument("data", help="motion files, or a folder of them")
     parser.add_argument("--hours", default="1,10,100")
+    parser.add_argument("--linked", type=int, default=0, help="how many times the last hours tokens and index are made of, too")
     parser.add_argument("--config", default="tiny", help="what is trained")
     parser.add_argument("--out", help="a JSON file for programs")
     args = parser.parse_args()
@@ -108,7 +131,7 @@ def main():
             place = top / f"h{hours:g}"
             place.mkdir()
             data = make(clips, place / "data", hours, int(hours))
-            steps = [
+            whole = [
                 ("fit", ["tokenizer", "fit", data, "--out", "tokenizer.json"], "tokenizer.json"),
                 ("tokenize", ["tokenize", data, "--tokenizer", "tokenizer.json", "--out", "corpus"], "corpus"),
                 ("open and count", ["corpus", "stats", "corpus", "--json"], None),
@@ -117,25 +140,31 @@ def main():
                 ("build an index", ["query", "build", data, "--out", "index"], "index"),
                 ("find", ["query", "find", data / "00000.npz", "--index", "index", "--at", "3", "--json"], None),
             ]
-            figures = {"motion files": (None, None, megabytes(data))}
-            for name, call, out in steps:
-                seconds, peak = run([program, *call, "--quiet"], place)
-                figures[name] = (seconds, peak, megabytes(place / out) if out else None)
-                print(f"{hours:g} h, {name}: {seconds:.1f} s, {peak:.0f} MB", file=sys.stderr, flush=True)
-            found[hours] = figures
+            found[hours] = carry_out(program, whole, place, hours)
+            found[hours]["motion files"] = (None, None, megabytes(data))
+            if hours == all_hours[-1] and args.linked:
+                names = link(data, place / "linked", args.linked)
+                alone = [
+                    ("tokenize", ["tokenize", names, "--tokenizer", "tokenizer.json", "--out", "corpus-linked"], "corpus-linked"),
+                    ("open and count", ["corpus", "stats", "corpus-linked", "--json"], None),
+                    ("build an index", ["query", "build", names, "--out", "index-linked"], "index-linked"),
+                    ("find", ["query", "find", data / "00000.npz", "--index", "index-linked", "--at", "3", "--json"], None),
+                ]
+                found[hours * args.linked] = carry_out(program, alone, place, hours * args.linked)
             subprocess.run(["rm", "-r", str(place)], check=True)
     if args.out:
         pathlib.Path(args.out).write_text(json.dumps(found, indent=1))
     show = lambda x, digits: "" if x is None else f"{x:,.{digits}f}"
-    print("| | " + " | ".join(f"{hours:g} h: s, peak MB, MB on disk" for hours in all_hours) + " | seconds grow as hours to the |")
-    print("|---|" + "--:|" * (len(all_hours) + 1))
-    for name in found[all_hours[0]]:
+    print("| | " + " | ".join(f"{hours:g} h: s, peak MB, MB on disk" for hours in found) + " | seconds grow as hours to the |")
+    print("|---|" + "--:|" * (len(found) + 1))
+    for name in ["motion files"] + [name for name in found[all_hours[0]] if name != "motion files"]:
         cells = []
-        for hours in all_hours:
-            seconds, peak, disk = found[hours][name]
+        for figures in found.values():
+            seconds, peak, disk = figures.get(name, (None, None, None))
             cells.append(", ".join(part or "-" for part in (show(seconds, 1), show(peak, 0), show(disk, 1 if disk and disk < 10 else 0))))
-        first, last = found[all_hours[0]][name][0], found[all_hours[-1]][name][0]
-        power = "" if first is None or len(all_hours) < 2 else f"{math.log(last / first) / math.log(all_hours[-1] / all_hours[0]):.2f}"
+        timed = [(hours, figures[name][0]) for hours, figures in found.items() if name in figures and figures[name][0] is not None]
+        (least, first), (most, last) = (timed[0], timed[-1]) if timed else ((1, 1), (1, 1))
+        power = "" if least == most else f"{math.log(last / first) / math.log(most / least):.2f}"
         print(f"| {name} | " + " | ".join(cells) + f" | {power} |")
 
 

@@ -8,11 +8,11 @@ use crate::project::document::Reading;
 use crate::{Error, Result};
 use kinelm_corpus::sidecar;
 use kinelm_motion::capsules::standing_height_m;
-use kinelm_motion::format::{self, Format, RateDoubt, ReadOptions, Unit, Up, standing_axis};
+use kinelm_motion::format::{self, Format, RateDoubt, ReadOptions, RestFrame, Unit, Up, smeared_frames, standing_axis};
 use kinelm_motion::inspect::report;
 use kinelm_motion::rig::{self, SkeletonMap, map_of};
 use kinelm_motion::{FaultKind, Motion, Source};
-use kinelm_store::files;
+use kinelm_store::{counted, files};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -170,6 +170,7 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
     let (mut floor_m, mut doubts) = (options.floor.unwrap_or(0.0), Vec::new());
     doubts.extend(of_rate(&motion));
     doubts.extend(of_up(&motion, options.map.as_deref()));
+    doubts.extend(of_rest(&motion, &options));
     match &map {
         Ok(map) if options.floor.is_none() => {
             let floor = rig::floor(&motion.clip, map)?;
@@ -216,6 +217,20 @@ fn of_rate(motion: &Motion) -> Option<Doubt> {
     Some(Doubt::new("rate_doubted", text).fixed(format!("Play it at {likely} fps"), body))
 }
 
+fn of_rest(motion: &Motion, options: &ReadOptions) -> Option<Doubt> {
+    motion.warnings.iter().find(|warning| warning.kind == "rest_frame")?;
+    let is_left_out = options.rest == RestFrame::Drop;
+    let smeared = smeared_frames(&motion.clip, usize::from(!is_left_out));
+    let done = if is_left_out { "That frame is left out" } else { "That frame is kept" };
+    if smeared == 0 {
+        return Some(Doubt::new("rest_frame", format!("It begins with a rest pose. {done}.")));
+    }
+    let text =
+        format!("It begins with a rest pose. {done}; the next {} still come out of it.", counted(smeared, "frames"));
+    let body = Reading { skip: Some(smeared + 1), ..Reading::default() };
+    Some(Doubt::new("rest_frame", text).fixed("Begin behind it", body))
+}
+
 fn of_up(motion: &Motion, map: Option<&str>) -> Option<Doubt> {
     let warned = |kind: &str| motion.warnings.iter().any(|warning| warning.kind == kind);
     let up = |up| Reading { up: Some(up), ..Reading::default() };
@@ -258,7 +273,7 @@ fn of_floor(floor: &rig::Floor) -> Option<Doubt> {
 
 /// Doubts of the report that have no words of their own here.
 fn others(report: &serde_json::Value) -> Vec<Doubt> {
-    let own = ["rate_doubted", "up_unsure", "up_axis", "rig_recognised"];
+    let own = ["rate_doubted", "up_unsure", "up_axis", "rest_frame", "rig_recognised"];
     let all = report["doubts"].as_array().into_iter().flatten();
     let text = |doubt: &serde_json::Value, key: &str| doubt[key].as_str().unwrap_or_default().to_owned();
     let named = all.map(|doubt| (text(doubt, "kind"), text(doubt, "what")));
@@ -367,6 +382,25 @@ mod tests {
         assert!(text.contains("unit") && doubts.len() == 2, "{text} {doubts:?}");
         let fixed = read(&path, &doubts[0].fix.clone().unwrap().body);
         assert_eq!(fixed.frames, 240);
+    }
+
+    #[test]
+    fn a_clip_begins_behind_a_rest_pose_that_was_smeared() {
+        let dir = tempfile::tempdir().unwrap();
+        let dance = dance();
+        let mut rotations = dance.rotations().to_vec();
+        let (smeared, danced) = rotations.split_at_mut(4 * dance.joints());
+        for (k, pose) in smeared.chunks_mut(dance.joints()).enumerate() {
+            for (q, to) in pose.iter_mut().zip(danced.iter()) {
+                *q = kinelm_motion::Quat::IDENTITY.slerp(*to, k as f64 / 4.0);
+            }
+        }
+        let clip = Clip::new(dance.skeleton().clone(), 60.0, dance.root().to_vec(), rotations).unwrap();
+        let path = saved(dir.path(), "rest.bvh", clip);
+        let info = read(&path, &Reading::default());
+        let text = &info.doubts[0].text;
+        assert!(info.frames == 239 && text.ends_with("left out; the next 3 frames still come out of it."), "{info:?}");
+        assert_eq!(pressed(&path, "rest_frame").frames, 236);
     }
 
     #[test]

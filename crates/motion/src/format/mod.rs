@@ -39,7 +39,7 @@ pub use floor::{floor_height, resolve_floor};
 pub use importer::Importer;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
 pub use rate::{RateDoubt, RateDoubts};
-pub use rest::has_rest_frame;
+pub use rest::{has_rest_frame, smeared_frames};
 pub use sniff::sniff;
 pub use source::{Motion, Source};
 pub use up::{Axes, Up, UpSource, standing_axis};

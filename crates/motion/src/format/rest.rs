@@ -2,11 +2,16 @@
 
 use super::{ReadOptions, RestFrame};
 use crate::rotation::angle_between;
-use crate::{Motion, Quat, Source, Warning};
+use crate::{Clip, Motion, Quat, Source, Warning};
 
 /// A root rotation below this counts as none, radians: files with z up rotate the root there and back, some in single
 /// precision.
 const UNTURNED: f64 = 1e-6;
+
+/// Steps after the rest frame up to this many times the median are the motion's own.
+const OWN: f64 = 3.0;
+/// The longest time in which a smoothed jump from the rest pose is over, seconds.
+const SMOOTHED_S: f64 = 0.2;
 
 /// Reports the rest-pose frame of a motion read with `options`, and keeps or drops it.
 pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Motion {
@@ -17,12 +22,26 @@ pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Mo
         RestFrame::Keep => "kept",
         RestFrame::Drop => "left out",
     };
+    let mut what = format!("frame 0 looks like a rest pose before the motion: {done}");
+    let last = smeared_frames(&motion.clip, 1);
+    if last > 0 {
+        let frames = if last == 1 { "frame 1 still comes".into() } else { format!("frames 1 to {last} still come") };
+        what += &format!("; {frames} out of it: `skip` {} leaves them out too", last + 1);
+    }
     if options.rest == RestFrame::Drop {
         motion = motion.slice(1..motion.clip.frames());
     }
-    let what = format!("frame 0 looks like a rest pose before the motion: {done}");
     motion.warnings.push(Warning { kind: "rest_frame", what });
     motion
+}
+
+/// Frames behind a rest frame, from `first` on, over which a filter has smeared the jump into the motion, as in the
+/// conversions of cmu-dance; 0 if the motion begins there, or too fast to tell.
+pub fn smeared_frames(clip: &Clip, first: usize) -> usize {
+    let steps = steps(clip);
+    let own = OWN * median(steps.clone()).unwrap_or(f64::INFINITY);
+    let smeared = steps.iter().skip(first).take_while(|step| **step > own).count();
+    if smeared as f64 <= SMOOTHED_S * clip.fps() { smeared } else { 0 }
 }
 
 /// Whether a rest-pose frame is looked for and dropped.
@@ -45,15 +64,23 @@ pub fn has_rest_frame(motion: &Motion) -> bool {
     if !unturned {
         return false;
     }
+    let steps = steps(clip);
+    let first = steps[0];
+    median(steps).is_some_and(|median| first > 10.0 * median)
+}
+
+/// The largest rotation of a joint from each frame to the next.
+fn steps(clip: &Clip) -> Vec<f64> {
     let step = |f: usize| {
         let turned = clip.pose(f).iter().zip(clip.pose(f + 1)).map(|(a, b)| angle_between(*a, *b));
         turned.fold(0.0, f64::max)
     };
-    let first = step(0);
-    let mut steps: Vec<f64> = (0..clip.frames() - 1).map(step).collect();
+    (1..clip.frames()).map(|f| step(f - 1)).collect()
+}
+
+fn median(mut steps: Vec<f64>) -> Option<f64> {
     let middle = steps.len() / 2;
-    let (_, median, _) = steps.select_nth_unstable_by(middle, f64::total_cmp);
-    first > 10.0 * *median
+    (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 #[cfg(test)]
@@ -94,5 +121,22 @@ mod tests {
         let Source::Bvh(source) = &dropped.source else { panic!("a BVH") };
         assert!(source.is_untouched(&dropped.clip));
         assert!(with(RestFrame::Drop, 1).warnings.is_empty(), "with frames skipped none is looked for");
+    }
+
+    #[test]
+    fn a_jump_that_a_filter_has_smeared_is_said_with_what_leaves_it_out() {
+        let options = ReadOptions { rest: RestFrame::Drop, ..Default::default() };
+        let said = |motion: Motion| handle_rest_frame(motion, &options).warnings[0].what.clone();
+        assert!(said(file([0.0, 40.0], 30)).ends_with("left out"));
+        let mut smeared = file([0.0, 90.0], 30);
+        let mut rotations = smeared.clip.rotations().to_vec();
+        for (f, degrees) in [(1, 60.0_f64), (2, 25.0)] {
+            rotations[2 * f + 1] = Quat::from_rotation_z(degrees.to_radians());
+        }
+        let clip = &smeared.clip;
+        smeared.clip = Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations).unwrap();
+        assert_eq!((smeared_frames(&smeared.clip, 1), smeared_frames(&smeared.clip, 3)), (2, 0));
+        let said = said(smeared);
+        assert!(said.ends_with("left out; frames 1 to 2 still come out of it: `skip` 3 leaves them out too"), "{said}");
     }
 }

@@ -3,7 +3,7 @@
 use super::model::{BenchModel, ModelArgs};
 use super::{How, Rates, Row, Unit, rounded, seconds};
 use crate::generate::sampling::Sampling;
-use crate::generate::{SamplingPlan, sample};
+use crate::generate::{NextToken, SamplingPlan, sample_side_by_side};
 use crate::model::{Gpt, ModelConfig, Reader, ReaderOptions};
 use crate::shell::{ReadingArgs, Say};
 use anyhow::Result;
@@ -58,6 +58,7 @@ struct Bench<'a> {
     args: &'a Args,
     model: BenchModel,
     reading: ReaderOptions,
+    gpt: Gpt,
     reader: Reader,
     /// (T) tokens to read.
     tokens: Vec<u32>,
@@ -66,12 +67,13 @@ struct Bench<'a> {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let model = args.model.get()?;
     let reading = args.reading.get(args.streams.into());
-    let reader = Reader::new(&Gpt::new(&model.file.model, &model.tokens, 1)?, reading)?;
+    let gpt = Gpt::new(&model.file.model, &model.tokens, 1)?;
+    let reader = Reader::new(&gpt, reading)?;
     let mut rng = random::stream(1, "bench", 0, 0);
     let ordinary = model.tokens.vocabulary as u32 - FIRST_ID;
     let tokens = (0..model.file.model.context).map(|_| FIRST_ID + rng.next_u32() % ordinary).collect();
     say.line(format_args!("{} MB of weights a token", reader.weight_bytes() / 1_000_000));
-    let mut bench = Bench { args: &args, model, reading, reader, tokens };
+    let mut bench = Bench { args: &args, model, reading, gpt, reader, tokens };
     bench.decode()?;
     bench.prefill()?;
     if !bench.model.file.model.architecture.is_flat() {
@@ -176,9 +178,10 @@ impl Bench<'_> {
         let behind =
             SamplingPlan { beginnings: vec![prompt[..(window - 1) * word].to_vec()], words: window, ..plan.clone() };
         let repeats = self.args.how.repeats.unwrap_or(3);
-        let runs = (0..repeats).map(|_| times(&mut self.reader, &plan)).collect::<Result<Vec<_>>>()?;
-        let later =
-            (0..repeats).map(|_| Ok(times(&mut self.reader, &behind)?[window - 1])).collect::<Result<Vec<_>>>()?;
+        let readers = Reader::side_by_side(&self.gpt, self.reading, 1)?;
+        let mut readers: Vec<Box<dyn NextToken>> = readers.into_iter().map(|reader| Box::new(reader) as _).collect();
+        let runs = (0..repeats).map(|_| times(&mut readers, &plan)).collect::<Result<Vec<_>>>()?;
+        let later = (0..repeats).map(|_| Ok(times(&mut readers, &behind)?[window - 1])).collect::<Result<Vec<_>>>()?;
         let whole: Vec<f64> = runs.iter().filter_map(|run| run.last().copied()).collect();
         let first: Vec<f64> = runs.iter().filter_map(|run| run.first().copied()).collect();
         let milliseconds = |seconds: &[f64]| rounded(1e3 / Rates::of(1.0, seconds).median, 1);
@@ -198,9 +201,9 @@ impl Bench<'_> {
 }
 
 /// Seconds from the call until each frame of `plan` was there.
-fn times(reader: &mut Reader, plan: &SamplingPlan) -> Result<Vec<f64>> {
+fn times(readers: &mut [Box<dyn NextToken>], plan: &SamplingPlan) -> Result<Vec<f64>> {
     let (started, mut at) = (Instant::now(), Vec::with_capacity(plan.words));
-    sample(reader, plan, &mut |words, _| {
+    sample_side_by_side(readers, plan, &mut |words, _| {
         at.resize(words, started.elapsed().as_secs_f64());
         ControlFlow::Continue(())
     })?;

@@ -42,6 +42,6 @@ pub use kinelm_model::{Error, Result};
 pub use open::OpenRequest;
 pub use request::{Length, MusicRequest, PromptRequest, Request, Resolved, Rig};
 pub use sampler::{
-    MOST_FRAMES, NextToken, Sampler, SamplingPlan, SamplingProgress, check_frames, reader, sample, sample_one,
-    unwatched, variation_seed,
+    MOST_FRAMES, NextToken, Sampler, SamplingPlan, SamplingProgress, check_frames, reader, readers, sample, sample_one,
+    sample_side_by_side, unwatched, variation_seed,
 };

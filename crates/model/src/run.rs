@@ -106,6 +106,14 @@ impl LoadedRun {
         Reader::new(&self.plain(&Device::Cpu)?, reading)
     }
 
+    /// The same for sequences of which every `each` belong together, as [`Reader::side_by_side`] groups them.
+    ///
+    /// # Errors
+    /// As [`LoadedRun::reader`].
+    pub fn readers(&self, reading: ReaderOptions, each: usize) -> Result<Vec<Reader>> {
+        Reader::side_by_side(&self.plain(&Device::Cpu)?, reading, each)
+    }
+
     /// The likelihood of a split's clips under their labels, each token scored once; `None` where they have no frame.
     ///
     /// # Errors

@@ -3,7 +3,8 @@
 use super::OpenRequest;
 use crate::Result;
 use crate::sampler::{
-    Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, SamplingProgress, reader, sample, variation_seed,
+    Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, SamplingProgress, readers, sample_side_by_side,
+    variation_seed,
 };
 use kinelm_corpus::music::clip_music::ClipMusic;
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
@@ -16,11 +17,11 @@ impl OpenRequest {
     /// a request with `tries` it samples one try of each; [`OpenRequest::sample`] chooses among them.
     ///
     /// # Errors
-    /// Those of [`reader`] and [`Sampler::new`].
+    /// Those of [`readers`] and [`Sampler::new`].
     pub fn sampler(&self, variations: usize) -> Result<Sampler<Box<dyn NextToken>>> {
         let plan = self.plan(variations)?;
-        let model = self.reader(variations, &plan)?;
-        Sampler::new(model, plan)
+        let models = self.readers(variations, &plan)?;
+        Sampler::side_by_side(models, plan)
     }
 
     /// Samples `variations` dances. `guesses` as [`SamplingPlan::guesses`]; `progress` gets the dances that are sampled side by
@@ -30,7 +31,7 @@ impl OpenRequest {
     /// side, the variations one after the other.
     ///
     /// # Errors
-    /// Those of [`reader`] and [`sample`].
+    /// Those of [`readers`] and [`sample_side_by_side`].
     pub fn sample(
         &self,
         variations: usize,
@@ -40,15 +41,15 @@ impl OpenRequest {
         let mut plan = self.plan(variations)?;
         plan.guesses = guesses.unwrap_or(plan.guesses);
         let tries = self.tries();
-        let mut model = self.reader(if tries > 1 { tries } else { variations }, &plan)?;
+        let mut models = self.readers(if tries > 1 { tries } else { variations }, &plan)?;
         if tries == 1 {
-            return sample(&mut *model, &plan, progress);
+            return sample_side_by_side(&mut models, &plan, progress);
         }
         let (beginnings, mut all) = (plan.beginnings.clone(), SampledTokens::default());
         for variation in 0..variations {
             plan.seed = variation_seed(self.resolved.seed, variation);
             plan.beginnings = beginnings.get(variation).or(beginnings.first()).cloned().into_iter().collect();
-            let mut sampled = sample(&mut *model, &plan, progress)?;
+            let mut sampled = sample_side_by_side(&mut models, &plan, progress)?;
             let best = self.best_try(&sampled)?;
             all.ids.push(sampled.ids.swap_remove(best));
             all.lookahead.push(sampled.lookahead.swap_remove(best));
@@ -111,9 +112,9 @@ impl OpenRequest {
     }
 
     /// The model, to read so many dances side by side.
-    fn reader(&self, dances: usize, plan: &SamplingPlan) -> Result<Box<dyn NextToken>> {
-        let computing = &self.resolved.computing;
-        reader(&self.run, computing.compute()?, computing.reading(dances * plan.streams()))
+    fn readers(&self, dances: usize, plan: &SamplingPlan) -> Result<Vec<Box<dyn NextToken>>> {
+        let (computing, each) = (&self.resolved.computing, plan.streams());
+        readers(&self.run, computing.compute()?, computing.reading(dances * each), each)
     }
 
     /// The goals of an edited clip, by the ids of its words and (P, C) which of their characters are given.

@@ -79,7 +79,7 @@ fn scored(
     seeds: &[u64],
     prefix: &mut Vec<f64>,
 ) -> Result<Batch> {
-    let mut batch = Batch { scores: true, ..Batch::new(plan, seeds, model.context()) };
+    let mut batch = Batch { scores: true, ..Batch::new(plan, (0, seeds), model.context()) };
     batch.sequences.iter_mut().zip(&*prefix).for_each(|(sequence, scored)| sequence.skip_prefix(*scored));
     while !batch.is_done() {
         batch.step(model)?;

@@ -16,13 +16,14 @@ mod sequence;
 
 pub use first_frames::{FIRST_FRAMES, has_given_after_free};
 pub use guidance::Guidance;
-pub use model::{NextToken, reader};
+pub use model::{NextToken, reader, readers};
 pub use plan::{GUESSES, MOST_FRAMES, SamplingPlan, check_frames, variation_seed};
 
 use crate::{Error, Result};
 use kinelm_model::Logits;
+use rayon::prelude::*;
 use sequence::Sequence;
-use std::ops::{ControlFlow, DerefMut};
+use std::ops::{ControlFlow, DerefMut, Range};
 use std::sync::Arc;
 
 /// The tokens of sampled dances.
@@ -70,54 +71,103 @@ impl SampledTokens {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Sampler<M> {
-    model: M,
-    batch: Batch,
+    parts: Vec<Part<M>>,
+    words: usize,
     yielded: usize,
     has_failed: bool,
 }
 
-impl<M: DerefMut<Target: NextToken>> Sampler<M> {
+/// A model, and the dances that it is read for.
+struct Part<M> {
+    model: M,
+    batch: Batch,
+}
+
+impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
     /// As many dances as `model` has sequences for, see [`SamplingPlan::streams`]. The first has the plan's seed, the others
     /// seeds derived from it.
     ///
     /// # Errors
     /// A context that holds fewer than two words of the one length that all have, or two tokens; sequences that are no whole
     /// number of dances; fronts, goals or music of other lengths; what choosing a first frame reads from the model.
-    pub fn new(mut model: M, plan: impl Into<Arc<SamplingPlan>>) -> Result<Sampler<M>> {
+    pub fn new(model: M, plan: impl Into<Arc<SamplingPlan>>) -> Result<Sampler<M>> {
+        Sampler::side_by_side(vec![model], plan)
+    }
+
+    /// As many dances as all `models` have sequences for, those of different models at the same time: the same dances as of one
+    /// model.
+    ///
+    /// # Errors
+    /// Those of [`Sampler::new`].
+    pub fn side_by_side(models: Vec<M>, plan: impl Into<Arc<SamplingPlan>>) -> Result<Sampler<M>> {
         let plan: Arc<SamplingPlan> = plan.into();
-        plan.check(&*model)?;
-        let dances = 0..model.streams() / plan.streams();
-        let seeds = dances.map(|i| plan::seed_with_inputs(variation_seed(plan.seed, i), plan.inputs_hash)).collect();
-        let seeds = first_frames::best_seeds(&mut *model, &plan, seeds)?;
-        let batch = Batch::new(&plan, &seeds, model.context());
-        Ok(Sampler { model, batch, yielded: 0, has_failed: false })
+        let mut begun = Vec::with_capacity(models.len());
+        let mut first = 0;
+        for model in models {
+            plan.check(&*model)?;
+            let dances = first..first + model.streams() / plan.streams();
+            first = dances.end;
+            begun.push((model, dances));
+        }
+        let parts = at_once(begun, |(model, dances)| Part::new(model, &plan, dances))?;
+        Ok(Sampler { parts, words: plan.words, yielded: 0, has_failed: false })
     }
 
     /// What has been sampled so far.
     pub fn into_tokens(self) -> SampledTokens {
-        let count = |f: &dyn Fn(&Sequence) -> u64| self.batch.sequences.iter().map(f).sum();
-        let (guessed, right) = (count(&|s| s.guessed), count(&|s| s.right));
-        let (ids, lookahead) = self.batch.sequences.into_iter().map(Sequence::into_tokens).unzip();
-        SampledTokens { ids, lookahead, guessed, right }
+        let mut all = SampledTokens::default();
+        for sequence in self.parts.into_iter().flat_map(|part| part.batch.sequences) {
+            (all.guessed, all.right) = (all.guessed + sequence.guessed, all.right + sequence.right);
+            let (ids, lookahead) = sequence.into_tokens();
+            all.ids.push(ids);
+            all.lookahead.push(lookahead);
+        }
+        all
     }
 }
 
-impl<M: DerefMut<Target: NextToken>> Iterator for Sampler<M> {
+impl<M: DerefMut<Target: NextToken> + Send> Iterator for Sampler<M> {
     type Item = Result<Vec<Vec<u32>>>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.has_failed || self.yielded == self.batch.plan.words {
+        if self.has_failed || self.yielded == self.words {
             return None;
         }
-        while self.batch.words() <= self.yielded {
-            if let Err(e) = self.batch.step(&mut *self.model) {
-                self.has_failed = true;
-                return Some(Err(e));
-            }
+        let word = self.yielded;
+        if let Err(e) = at_once(self.parts.iter_mut().collect(), |part| part.sample(word)) {
+            self.has_failed = true;
+            return Some(Err(e));
         }
         self.yielded += 1;
-        Some(Ok(self.batch.sequences.iter().map(|sequence| sequence.word(self.yielded - 1).to_vec()).collect()))
+        let sequences = self.parts.iter().flat_map(|part| &part.batch.sequences);
+        Some(Ok(sequences.map(|sequence| sequence.word(word).to_vec()).collect()))
     }
+}
+
+impl<M: DerefMut<Target: NextToken>> Part<M> {
+    fn new(mut model: M, plan: &Arc<SamplingPlan>, dances: Range<usize>) -> Result<Part<M>> {
+        let (first, seed) = (dances.start, |i| plan::seed_with_inputs(variation_seed(plan.seed, i), plan.inputs_hash));
+        let seeds = first_frames::best_seeds(&mut *model, plan, dances.map(seed).collect())?;
+        let batch = Batch::new(plan, (first, &seeds), model.context());
+        Ok(Part { model, batch })
+    }
+
+    /// Samples until all dances have this word.
+    fn sample(&mut self, word: usize) -> Result<()> {
+        while self.batch.words() <= word {
+            self.batch.step(&mut *self.model)?;
+        }
+        Ok(())
+    }
+}
+
+/// Each of `all` on a thread of the pool; of several errors the first.
+fn at_once<T: Send, R: Send>(all: Vec<T>, each: impl Fn(T) -> Result<R> + Sync + Send) -> Result<Vec<R>> {
+    if all.len() < 2 {
+        return all.into_iter().map(each).collect();
+    }
+    let done: Vec<Result<R>> = all.into_par_iter().with_max_len(1).map(each).collect();
+    done.into_iter().collect()
 }
 
 /// Watches a sampling: it gets the number of words that every dance has and the ids of the last word of each, spaces
@@ -139,7 +189,23 @@ pub fn sample(
     plan: &SamplingPlan,
     progress: &mut SamplingProgress<'_>,
 ) -> Result<SampledTokens> {
-    let mut sampler = Sampler::new(model, plan.clone())?;
+    all_words(Sampler::new(model, plan.clone())?, progress)
+}
+
+/// The same of all `models`, those of different models at the same time.
+///
+/// # Errors
+/// Those of [`sample`].
+pub fn sample_side_by_side(
+    models: &mut [Box<dyn NextToken>],
+    plan: &SamplingPlan,
+    progress: &mut SamplingProgress<'_>,
+) -> Result<SampledTokens> {
+    let models: Vec<&mut dyn NextToken> = models.iter_mut().map(|model| &mut **model as _).collect();
+    all_words(Sampler::side_by_side(models, plan.clone())?, progress)
+}
+
+fn all_words(mut sampler: Sampler<&mut dyn NextToken>, progress: &mut SamplingProgress<'_>) -> Result<SampledTokens> {
     while let Some(word) = sampler.next() {
         if progress(sampler.yielded, &word?).is_break() {
             return Err(Error::stopped("stopped before the dance was whole"));
@@ -174,10 +240,9 @@ struct Batch {
 }
 
 impl Batch {
-    /// A dance for each seed.
-    fn new(plan: &Arc<SamplingPlan>, seeds: &[u64], context: usize) -> Batch {
-        let sequences =
-            seeds.iter().enumerate().map(|(dance, &seed)| Sequence::new(plan.clone(), (dance, seed), context));
+    /// A dance for each seed, numbered from `first` on.
+    fn new(plan: &Arc<SamplingPlan>, (first, seeds): (usize, &[u64]), context: usize) -> Batch {
+        let sequences = (first..).zip(seeds).map(|(dance, &seed)| Sequence::new(plan.clone(), (dance, seed), context));
         Batch { plan: plan.clone(), sequences: sequences.collect(), logits: Vec::new(), scores: false }
     }
 

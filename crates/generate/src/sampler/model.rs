@@ -105,19 +105,35 @@ impl NextToken for Vec<Cache> {
     }
 }
 
-/// The model of a run in the form that `compute` selects, ready to read.
+/// The model of a run as one reader of all sequences; see [`readers`].
+///
+/// # Errors
+/// Those of [`readers`].
+pub fn reader(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Result<Box<dyn NextToken>> {
+    let mut one = readers(run, compute, reading, reading.streams.max(1))?;
+    Ok(one.swap_remove(0))
+}
+
+/// The model of a run in the form that `compute` selects, ready to read. Of `reading.streams` sequences every `each` belong to
+/// one dance; dances of different models can be sampled at the same time.
 ///
 /// # Errors
 /// A masked model, which needs the tokens on both sides; weights that don't fit the configuration; a device that isn't
 /// there; number formats that the plain form doesn't have.
-pub fn reader(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Result<Box<dyn NextToken>> {
+pub fn readers(
+    run: &LoadedRun,
+    compute: Compute,
+    reading: ReaderOptions,
+    each: usize,
+) -> Result<Vec<Box<dyn NextToken>>> {
     if run.config.kind == ModelKind::Masked {
         let why = "a masked model predicts a token from those on both sides, and a new dance has none after it; train one \
                    with model.kind = \"causal\"";
         return Err(Error::unsupported(format!("{}: generation", run.checkpoint.display()), why));
     }
     if compute.is_fast() {
-        return Ok(Box::new(run.reader(reading)?));
+        let readers = run.readers(reading, each)?;
+        return Ok(readers.into_iter().map(|reader| Box::new(reader) as Box<dyn NextToken>).collect());
     }
     if (reading.weights, reading.kv) != (WeightKind::F32, KvKind::F32) {
         return Err(Error::unsupported(
@@ -127,5 +143,5 @@ pub fn reader(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Resu
     }
     let model = run.plain(&compute.device.open()?)?;
     let caches = (0..reading.streams).map(|_| model.cache()).collect::<Result<Vec<Cache>>>()?;
-    Ok(Box::new(caches))
+    Ok(vec![Box::new(caches)])
 }

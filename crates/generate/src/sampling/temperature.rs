@@ -11,10 +11,10 @@ pub fn apply(left: &mut [Candidate], temperature: f64) {
 
 /// One of the ids, by their probabilities; the largest logit is 0.
 pub fn sample(left: &[Candidate], rng: &mut ChaCha8Rng) -> Option<u32> {
-    let total: f64 = left.iter().map(|c| c.logit.exp()).sum();
-    let mut rest = random::unit(rng) * total;
-    for c in left {
-        rest -= c.logit.exp();
+    let weights: Vec<f64> = left.iter().map(|c| c.logit.exp()).collect();
+    let mut rest = random::unit(rng) * weights.iter().sum::<f64>();
+    for (c, weight) in left.iter().zip(weights) {
+        rest -= weight;
         if rest < 0.0 {
             return Some(c.id);
         }

@@ -252,6 +252,28 @@ fn cuts_streams_and_threads_change_no_bit() {
 }
 
 #[test]
+fn readers_side_by_side_are_one_a_thread_and_change_no_bit() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+    for (gpt, options, name) in models() {
+        let ids = [gpt.tokens().bos];
+        let alone = alone(&gpt, options, &ids);
+        for (streams, each, expected) in
+            [(1, 1, vec![1]), (4, 1, vec![2, 1, 1]), (8, 2, vec![4, 2, 2]), (4, 4, vec![4]), (2, 1, vec![1, 1])]
+        {
+            let options = ReaderOptions { streams, ..options };
+            let mut readers = pool.install(|| Reader::side_by_side(&gpt, options, each)).unwrap();
+            assert_eq!(readers.iter().map(Reader::streams).collect::<Vec<_>>(), expected, "{name}");
+            for reader in &mut readers {
+                let blocks = vec![&ids[..]; reader.streams()];
+                let logits = reader.read(&blocks, Logits::All).unwrap();
+                assert!(logits.chunks(alone.len()).all(|logits| logits == alone), "{name}");
+            }
+        }
+        assert!(Reader::side_by_side(&gpt, ReaderOptions { streams: 0, ..options }, 1).is_err());
+    }
+}
+
+#[test]
 fn what_was_forgotten_leaves_no_trace() {
     for (gpt, options, name) in models() {
         let (v, most) = (gpt.tokens().vocabulary, gpt.config().context);

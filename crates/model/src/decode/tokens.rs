@@ -2,7 +2,7 @@
 
 use super::head::Head;
 use super::numbers::Numbers;
-use super::{LogitRow, Logits, ReaderOptions, add_row};
+use super::{KvKind, LogitRow, Logits, ReaderOptions, add_row};
 use crate::config::Positions;
 use crate::position::{Counter, WordPosition};
 use crate::words::Words;
@@ -10,21 +10,11 @@ use crate::{Gpt, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::decode::{Norm, Run, Stack, StackDecoder, StackWeights, in_pool};
 use kinelm_engine::op::rope::Angles;
+use std::sync::Arc;
 
 /// Sequences that are read side by side, sharing every read of a weight.
 pub(super) struct TokenDecoder {
-    /// T, V, D, K.
-    context: usize,
-    vocabulary: usize,
-    width: usize,
-    front: usize,
-    /// (V, D).
-    token: Floats,
-    positions: PositionTables,
-    previous: Option<PreviousTables>,
-    weights: StackWeights,
-    norm: Norm,
-    head: Head,
+    weights: Arc<Weights>,
     stack: StackDecoder,
     /// Tokens read, per stream.
     lengths: Vec<usize>,
@@ -34,6 +24,21 @@ pub(super) struct TokenDecoder {
     at: Vec<WordPosition>,
     wanted: Vec<LogitRow>,
     logits: Vec<f32>,
+}
+
+struct Weights {
+    /// T, V, D, K.
+    context: usize,
+    vocabulary: usize,
+    width: usize,
+    front: usize,
+    /// (V, D).
+    token: Floats,
+    positions: PositionTables,
+    previous: Option<PreviousTables>,
+    stack: StackWeights,
+    norm: Norm,
+    head: Head,
 }
 
 enum PositionTables {
@@ -54,10 +59,8 @@ struct PreviousTables {
     step: Floats,
 }
 
-impl TokenDecoder {
-    /// # Errors
-    /// If the weights can't be brought to the CPU.
-    pub fn new(gpt: &Gpt, ReaderOptions { streams, weights: kind, kv }: ReaderOptions) -> Result<TokenDecoder> {
+impl Weights {
+    fn new(gpt: &Gpt, ReaderOptions { weights: kind, .. }: ReaderOptions) -> Result<Weights> {
         let (config, tokens, numbers) = (gpt.config(), gpt.tokens(), Numbers::of(gpt)?);
         let (context, width) = (config.context, config.width);
         let is_rotary = config.positions == Positions::Rope;
@@ -79,11 +82,7 @@ impl TokenDecoder {
         // every token behind the front may be a word
         let angles = is_rotary.then(|| Angles::new(context + 1, width / config.heads));
         let stack = Stack { layers: config.layers, heads: config.heads, width };
-        let weights = numbers.stack("", stack, kind, angles);
-        let head = Head::new(&numbers, (config, tokens), tokens.front, width, kind);
-        let stack = StackDecoder::new(&weights, kv, (streams, context), streams * context, head.widest());
-        let counted = if matches!(positions, PositionTables::Words { .. }) { context + 1 } else { 0 };
-        Ok(TokenDecoder {
+        Ok(Weights {
             context,
             vocabulary: tokens.vocabulary,
             width,
@@ -92,15 +91,47 @@ impl TokenDecoder {
             positions,
             previous,
             norm: numbers.norm("norm", width),
+            stack: numbers.stack("", stack, kind, angles),
+            head: Head::new(&numbers, (config, tokens), tokens.front, width, kind),
+        })
+    }
+
+    /// Bytes that are read for a token, the mean over the slots of a word.
+    fn bytes(&self) -> usize {
+        self.stack.bytes() + self.head.bytes()
+    }
+}
+
+impl TokenDecoder {
+    /// Decoders of the same weights, as many streams each as `split` makes of the bytes that a token reads.
+    ///
+    /// # Errors
+    /// If the weights can't be brought to the CPU.
+    pub fn several(
+        gpt: &Gpt,
+        options: ReaderOptions,
+        split: impl FnOnce(usize) -> Vec<usize>,
+    ) -> Result<Vec<TokenDecoder>> {
+        let weights = Arc::new(Weights::new(gpt, options)?);
+        Ok(split(weights.bytes())
+            .into_iter()
+            .map(|streams| TokenDecoder::new(weights.clone(), options.kv, streams))
+            .collect())
+    }
+
+    fn new(weights: Arc<Weights>, kv: KvKind, streams: usize) -> TokenDecoder {
+        let context = weights.context;
+        let stack = StackDecoder::new(&weights.stack, kv, (streams, context), streams * context, weights.head.widest());
+        let counted = if matches!(weights.positions, PositionTables::Words { .. }) { context + 1 } else { 0 };
+        TokenDecoder {
             lengths: vec![0; streams],
             tokens: vec![0; streams * context],
             at: vec![WordPosition::default(); streams * counted],
             wanted: Vec::with_capacity(stack.free()),
-            logits: Vec::with_capacity(streams * tokens.vocabulary),
+            logits: Vec::with_capacity(streams * weights.vocabulary),
             weights,
-            head,
             stack,
-        })
+        }
     }
 
     pub fn streams(&self) -> usize {
@@ -114,7 +145,7 @@ impl TokenDecoder {
 
     /// Bytes of weights that are read for a token, the mean over the slots of a word.
     pub fn bytes(&self) -> usize {
-        self.weights.bytes() + self.head.bytes()
+        self.weights.bytes()
     }
 
     /// A stream forgets all but its first `length` tokens.
@@ -126,7 +157,7 @@ impl TokenDecoder {
     /// the streams and of their tokens. A token's logits depend on the tokens before it alone.
     pub fn read(&mut self, blocks: &[&[u32]], logits: Logits) -> &[f32] {
         self.logits.clear();
-        let per_token = self.weights.work() + self.vocabulary * self.width;
+        let per_token = self.weights.stack.work() + self.weights.vocabulary * self.weights.width;
         let work = per_token * blocks.iter().map(|b| b.len()).sum::<usize>();
         in_pool(work, || self.read_all(blocks, logits));
         &self.logits
@@ -159,21 +190,22 @@ impl TokenDecoder {
 
     /// Writes the vectors of the next `tokens` of a stream into the rows from `row` on.
     fn embed(&mut self, row: usize, tokens: &[u32], stream: usize) {
-        let (context, width, first) = (self.context, self.width, self.lengths[stream]);
+        let weights = &self.weights;
+        let (context, width, first) = (weights.context, weights.width, self.lengths[stream]);
         let all = &mut self.tokens[stream * context..][..first + tokens.len()];
         all[first..].copy_from_slice(tokens);
         let x = self.stack.rows_mut(row);
         for (x, &id) in x.chunks_exact_mut(width).zip(tokens) {
-            x.copy_from_slice(&self.token[id as usize * width..][..width]);
+            x.copy_from_slice(&weights.token[id as usize * width..][..width]);
         }
-        match &self.positions {
+        match &weights.positions {
             PositionTables::Absolute(table) => {
                 x.iter_mut().zip(&table[first * width..]).for_each(|(x, position)| *x += position);
             }
             PositionTables::Words { counter, front, word, slot } => {
                 let at = &mut self.at[stream * (context + 1)..][..context + 1];
                 for (x, (place, &id)) in x.chunks_exact_mut(width).zip((first..).zip(tokens)) {
-                    if place < self.front {
+                    if place < weights.front {
                         add_row(x, front, place);
                         at[place + 1] = WordPosition::default();
                         continue;
@@ -192,12 +224,12 @@ impl TokenDecoder {
                 if word.is_none() {
                     // the front stands in no word: it isn't rotated
                     for (position, place) in self.stack.positions_mut(row).iter_mut().zip(first..) {
-                        *position = if place < self.front { 0 } else { 1 + at[place].word as u32 };
+                        *position = if place < weights.front { 0 } else { 1 + at[place].word as u32 };
                     }
                 }
             }
         }
-        let Some(PreviousTables { words, character, missing, step }) = &self.previous else { return };
+        let Some(PreviousTables { words, character, missing, step }) = &weights.previous else { return };
         for (x, i) in self.stack.rows_mut(row).chunks_exact_mut(width).zip(first..) {
             let (previous, by) = words.previous(all, i);
             let character = &character[previous.map_or(*missing, |id| id as usize) * width..];
@@ -208,12 +240,13 @@ impl TokenDecoder {
 
     /// Takes the rows through the stack and appends the logits that are wanted.
     fn pass(&mut self) {
-        self.stack.forward(&self.weights);
+        let weights = &self.weights;
+        self.stack.forward(&weights.stack);
         if !self.wanted.is_empty() {
-            self.stack.norm(&self.norm, self.wanted.iter().map(|wanted| wanted.row));
-            let (tokens, context) = (&self.tokens, self.context);
+            self.stack.norm(&weights.norm, self.wanted.iter().map(|wanted| wanted.row));
+            let (tokens, context) = (&self.tokens, weights.context);
             let ids = |row: &LogitRow| (&tokens[row.stream * context..][..=row.place], row.place);
-            self.head.logits(&mut self.logits, &mut self.stack, self.wanted.iter().map(ids));
+            weights.head.logits(&mut self.logits, &mut self.stack, self.wanted.iter().map(ids));
         }
         self.wanted.clear();
         self.stack.clear();

@@ -12,15 +12,16 @@
 use super::conditioning::{Conditioning, FrameConditioning};
 use super::head::Head;
 use super::numbers::Numbers;
-use super::{LogitRow, Logits, ReaderOptions, add_row};
+use super::{KvKind, LogitRow, Logits, ReaderOptions, add_row};
 use crate::frames::{BACK, Frames, SPELT};
 use crate::{Gpt, Result, layout};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::decode::{Matrix, Norm, Run, Stack, StackDecoder, StackWeights, in_pool};
+use std::sync::Arc;
 
 /// Sequences of frames that are read side by side, sharing every read of a weight.
 pub(super) struct TwoLevelDecoder {
-    weights: Weights,
+    weights: Arc<Weights>,
     trunk: StackDecoder,
     /// Every frame begins at place 0 of its stream: the keys of the frame before are overwritten.
     decoder: StackDecoder,
@@ -119,6 +120,12 @@ impl Weights {
         }
     }
 
+    /// Bytes that are read for a token, the mean over the slots of a frame.
+    fn bytes(&self) -> usize {
+        let Weights { trunk, join, output, decoder, head, frames, .. } = self;
+        decoder.bytes() + head.bytes() + (trunk.bytes() + join.bytes() + output.bytes()) / frames.word()
+    }
+
     /// T = K - 1 + F W.
     fn context(&self) -> usize {
         self.skipped + self.window * self.frames.word()
@@ -156,29 +163,40 @@ impl Weights {
 }
 
 impl TwoLevelDecoder {
+    /// Decoders of the same weights, as many streams each as `split` makes of the bytes that a token reads.
+    ///
     /// # Errors
     /// If the weights can't be brought to the CPU.
-    pub fn new(gpt: &Gpt, options: ReaderOptions) -> Result<TwoLevelDecoder> {
-        let (numbers, ReaderOptions { streams, kv, .. }) = (Numbers::of(gpt)?, options);
-        let weights = Weights::new(gpt, &numbers, options);
+    pub fn several(
+        gpt: &Gpt,
+        options: ReaderOptions,
+        split: impl FnOnce(usize) -> Vec<usize>,
+    ) -> Result<Vec<TwoLevelDecoder>> {
+        let numbers = Numbers::of(gpt)?;
+        let weights = Arc::new(Weights::new(gpt, &numbers, options));
+        let new = |streams| TwoLevelDecoder::new(weights.clone(), (gpt, &numbers), options.kv, streams);
+        Ok(split(weights.bytes()).into_iter().map(new).collect())
+    }
+
+    fn new(weights: Arc<Weights>, (gpt, numbers): (&Gpt, &Numbers), kv: KvKind, streams: usize) -> TwoLevelDecoder {
         let (window, word, [_, d]) = (weights.window, weights.frames.word(), weights.widths());
         // a stream of the decoder can have rows of many frames in a pass, but keeps the keys of one
         let rows = window * streams * word;
         let decoder = StackDecoder::new(&weights.decoder, kv, (streams, word), rows, weights.head.widest());
         let trunk = StackDecoder::new(&weights.trunk, kv, (streams, window), window * streams, d);
-        Ok(TwoLevelDecoder {
+        TwoLevelDecoder {
             progress: vec![Progress::default(); streams],
             tokens: vec![0; streams * weights.context()],
             contexts: Floats::new(streams * window * d),
             trunk_rows: Vec::with_capacity(trunk.free()),
             inputs: Floats::new(trunk.free() * weights.input_width()),
-            conditioning: Conditioning::new(&numbers, gpt.config(), (streams, window, word)),
+            conditioning: Conditioning::new(numbers, gpt.config(), (streams, window, word)),
             wanted: Vec::with_capacity(decoder.free()),
             logits: Vec::with_capacity(streams * weights.vocabulary),
             trunk,
             decoder,
             weights,
-        })
+        }
     }
 
     pub fn streams(&self) -> usize {
@@ -192,8 +210,7 @@ impl TwoLevelDecoder {
 
     /// Bytes of weights that are read for a token, the mean over the slots of a frame.
     pub fn bytes(&self) -> usize {
-        let Weights { trunk, join, output, decoder, head, frames, .. } = &self.weights;
-        decoder.bytes() + head.bytes() + (trunk.bytes() + join.bytes() + output.bytes()) / frames.word()
+        self.weights.bytes()
     }
 
     #[cfg(test)]
@@ -301,7 +318,7 @@ impl TwoLevelDecoder {
 
     /// Decoder rows of the frames whose logits are wanted, up to the last token read.
     fn read_tokens(&mut self, blocks: &[&[u32]], logits: Logits) {
-        let Weights { skipped, vocabulary, .. } = self.weights;
+        let Weights { skipped, vocabulary, .. } = *self.weights;
         let word = self.weights.frames.word();
         for (stream, block) in blocks.iter().enumerate().filter(|(_, block)| !block.is_empty()) {
             let Progress { length, .. } = self.progress[stream];

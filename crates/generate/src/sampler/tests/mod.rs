@@ -89,6 +89,42 @@ pub(super) fn run(context: usize, plan: &SamplingPlan) -> Result<(Vec<u32>, usiz
 }
 
 #[test]
+fn dances_of_several_models_are_those_of_one() {
+    let (prompt, given) = ([6, 7, 8, 5, 9, 10, 11, 5], [false, true, false]);
+    let hot = Sampling::temperature(3.0);
+    let beginnings = (6..11).map(|id| vec![id, id, id, 5]).collect();
+    let plans = [
+        plan(9, &given, &prompt, hot),
+        // a first word is chosen, and goes with its own dance
+        SamplingPlan { first_frames: 9, ..plan(9, &[false, true, true], &prompt, hot) },
+        SamplingPlan { beginnings, lead_in: 1, ..plan(9, &given, &prompt, hot) },
+    ];
+    for plan in plans {
+        let one = sample(&mut model(20, 5), &plan, &mut unwatched).unwrap();
+        let mut several: Vec<Box<dyn NextToken>> =
+            [2, 1, 2].map(|streams| Box::new(model(20, streams)) as Box<dyn NextToken>).into();
+        let mut words = Vec::new();
+        let found = sample_side_by_side(&mut several, &plan, &mut |n, last| {
+            words.push((n, last.to_vec()));
+            ControlFlow::Continue(())
+        });
+        assert_eq!(found.unwrap(), one);
+        assert!(words.iter().enumerate().all(|(i, (n, last))| *n == i + 1 && last.len() == 5));
+        let last: Vec<Vec<u32>> = one.ids.iter().map(|ids| ids[ids.len() - 4..].to_vec()).collect();
+        assert_eq!(words.last().unwrap().1, last);
+        // it is stopped on all, and what one fails with is told
+        let stop = sample_side_by_side(&mut several, &plan, &mut |n, _| match n {
+            3 => ControlFlow::Break(()),
+            _ => ControlFlow::Continue(()),
+        });
+        assert!(stop.unwrap_err().to_string().contains("stopped"));
+        several.push(Box::new(model(4, 1)));
+        let said = sample_side_by_side(&mut several, &plan, &mut unwatched).unwrap_err().to_string();
+        assert!(said.contains("expected at least 2"), "{said}");
+    }
+}
+
+#[test]
 fn given_characters_come_out_as_they_went_in() {
     let prompt = [6, 7, 8, 5, 9, 10, 11, 5];
     let given = [false, true, false];

@@ -163,7 +163,7 @@ pub fn write_page(path: &Path, figures: &[Figure]) -> Result<usize> {
 /// The modules of the page's player, each after those it imports, and its look. The page has them in one script and one
 /// style sheet, the studio loads them.
 /// An `import` or `export` stands at the beginning of its line, an `import` on one line alone, and no two modules have
-/// names in common, so that [`script`] needs no parser.
+/// names in common, so that `script` needs no parser.
 pub const MODULES: &[(&str, &str)] = &[
     ("scene.js", include_str!("player/scene.js")),
     ("figure.js", include_str!("player/figure.js")),

@@ -120,7 +120,7 @@ impl Studio {
     /// Reads a clip otherwise. A timeline that has it states the same.
     ///
     /// # Errors
-    /// Those of [`Library::restated`].
+    /// Those of [`crate::library::Library::restated`].
     pub fn restate(&self, id: &str, reading: &Reading) -> Result<()> {
         let _following = self.following.lock().unwrap_or_else(PoisonError::into_inner);
         let mut changes = self.library.restated(id, reading.clone())?;

@@ -18,7 +18,7 @@ impl Studio {
     /// The timeline as a page has it.
     ///
     /// # Errors
-    /// Those of [`Timelines::view`].
+    /// Those of [`crate::timeline::Timelines::view`].
     pub fn timeline(&self) -> Result<Value> {
         let (view, changes) = self.timelines.view()?;
         self.publish(&changes);
@@ -37,7 +37,7 @@ impl Studio {
     /// Edits the timeline as one step. A dance that it begins to use is kept first.
     ///
     /// # Errors
-    /// Those of [`Timelines::edit`].
+    /// Those of [`crate::timeline::Timelines::edit`].
     pub fn edit(&self, edits: &[Edit]) -> Result<Value> {
         // a new timeline is begun by clearing the one before
         let is_begun = matches!(edits, [Edit::Text { .. }, Edit::UseClip { .. }]);
@@ -126,7 +126,7 @@ impl Studio {
     /// Stops a job at once.
     ///
     /// # Errors
-    /// Those of [`Jobs::cancel`].
+    /// Those of [`crate::make::jobs::Jobs::cancel`].
     pub fn cancel(&self, id: &str) -> Result<()> {
         self.jobs.cancel(id)?;
         self.publish_job(id);

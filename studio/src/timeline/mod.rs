@@ -1,7 +1,7 @@
 //! The timeline: the file `timeline.toml` as a page shows it, and edits that leave all else of it as it is.
 //!
 //! - [`segments`]: its segments as numbers, cut and joined.
-//! - [`file`]: its text, changed in place.
+//! - [`mod@file`]: its text, changed in place.
 //! - [`edit`]: what a page may ask for.
 //! - [`view`]: what a page shows.
 

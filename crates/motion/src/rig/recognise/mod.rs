@@ -1,8 +1,8 @@
 //! Recognising a humanoid rig by what it is: hierarchy, proportions and symmetry, how it stands and moves, and its names.
 //!
-//! [`names`] reads each name by itself, [`limbs`] finds the pairs of chains that could be legs and arms, [`body`] and
-//! [`trunk`] put them together and score each body, [`stand`] makes the reference pose. Here the scores become a [`SkeletonMap`] with a confidence for each joint. Nothing
-//! depends on the unit, the up axis or the floor.
+//! `names` reads each name by itself, `limbs` finds the pairs of chains that could be legs and arms, `body` and `trunk` put
+//! them together and score each body, `stand` makes the reference pose. Here the scores become a [`SkeletonMap`] with a
+//! confidence for each joint. Nothing depends on the unit, the up axis or the floor.
 
 mod body;
 mod limbs;

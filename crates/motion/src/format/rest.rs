@@ -8,10 +8,10 @@ use crate::{Clip, Motion, Quat, Source, Warning};
 /// precision.
 const UNTURNED: f64 = 1e-6;
 
-/// Steps after the rest frame up to this many times the median are the motion's own.
+/// Steps after the rest frame up to this many times the median of those behind them are the motion's own.
 const OWN: f64 = 3.0;
-/// The longest time in which a smoothed jump from the rest pose is over, seconds.
-const SMOOTHED_S: f64 = 0.2;
+/// The longest time in which a smeared jump from the rest pose is over, seconds: 8 frames of cmu-dance's 120 a second.
+const SMEARED_S: f64 = 0.1;
 
 /// Reports the rest-pose frame of a motion read with `options`, and keeps or drops it.
 pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Motion {
@@ -35,13 +35,17 @@ pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Mo
     motion
 }
 
-/// Frames behind a rest frame, from `first` on, over which a filter has smeared the jump into the motion, as in the
-/// conversions of cmu-dance; 0 if the motion begins there, or too fast to tell.
+/// Frames behind a rest frame, from `first` on, over which a filter has smeared the jump into the motion, its ringing
+/// included, as in the conversions of cmu-dance; 0 if the motion begins there.
 pub fn smeared_frames(clip: &Clip, first: usize) -> usize {
-    let steps = steps(clip);
-    let own = OWN * median(steps.clone()).unwrap_or(f64::INFINITY);
-    let smeared = steps.iter().skip(first).take_while(|step| **step > own).count();
-    if smeared as f64 <= SMOOTHED_S * clip.fps() { smeared } else { 0 }
+    let (steps, window) = (steps(clip), ((SMEARED_S * clip.fps()) as usize).max(3));
+    let is_smeared = |f: usize| {
+        let behind = steps[(f + 1).min(steps.len())..].iter().take(window);
+        median(behind.copied().collect()).is_some_and(|median| steps[f] > OWN * median)
+    };
+    let mut all = (first..steps.len().min(first + window)).filter(|f| is_smeared(*f));
+    // it begins at once, and falls as it goes
+    all.next().filter(|f| *f == first).map_or(0, |f| all.next_back().unwrap_or(f) + 1 - first)
 }
 
 /// Whether a rest-pose frame is looked for and dropped.

@@ -38,7 +38,8 @@ pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Mo
 /// Frames behind a rest frame, from `first` on, over which a filter has smeared the jump into the motion, its ringing
 /// included, as in the conversions of cmu-dance; 0 if the motion begins there.
 pub fn smeared_frames(clip: &Clip, first: usize) -> usize {
-    let (steps, window) = (steps(clip), ((SMEARED_S * clip.fps()) as usize).max(3));
+    let window = ((SMEARED_S * clip.fps()) as usize).min(clip.frames()).max(3);
+    let steps = steps(clip, first + 2 * window);
     let is_smeared = |f: usize| {
         let behind = steps[(f + 1).min(steps.len())..].iter().take(window);
         median(behind.copied().collect()).is_some_and(|median| steps[f] > OWN * median)
@@ -68,18 +69,18 @@ pub fn has_rest_frame(motion: &Motion) -> bool {
     if !unturned {
         return false;
     }
-    let steps = steps(clip);
+    let steps = steps(clip, clip.frames());
     let first = steps[0];
     median(steps).is_some_and(|median| first > 10.0 * median)
 }
 
-/// The largest rotation of a joint from each frame to the next.
-fn steps(clip: &Clip) -> Vec<f64> {
+/// The largest rotation of a joint from each frame to the next, `most` of them.
+fn steps(clip: &Clip, most: usize) -> Vec<f64> {
     let step = |f: usize| {
         let turned = clip.pose(f).iter().zip(clip.pose(f + 1)).map(|(a, b)| angle_between(*a, *b));
         turned.fold(0.0, f64::max)
     };
-    (1..clip.frames()).map(|f| step(f - 1)).collect()
+    (1..clip.frames()).take(most).map(|f| step(f - 1)).collect()
 }
 
 fn median(mut steps: Vec<f64>) -> Option<f64> {

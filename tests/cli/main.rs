@@ -23,6 +23,7 @@ mod ready;
 mod studio;
 mod study;
 mod support;
+mod tokens;
 mod training;
 mod two_level;
 mod words;

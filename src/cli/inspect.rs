@@ -50,7 +50,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 fn read(file: &Path, options: &ReadOptions) -> kinelm_motion::Result<Motion> {
     match format::read(file, options) {
         Err(e) if e.fault() == Some(FaultKind::UnitUnknown) => {
-            let mut motion = format::read(file, &ReadOptions { unit: Unit::Metre, ..options.clone() })?;
+            let mut motion = format::read(file, &ReadOptions { unit: Unit::METRE, ..options.clone() })?;
             let what = "the legs don't tell the unit, lengths are shown as if in metres; give --unit".into();
             motion.warnings.push(Warning { kind: "unit_unknown", what });
             Ok(motion)

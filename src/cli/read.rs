@@ -15,8 +15,9 @@ pub struct ReadArgs {
     /// The files' true frame rate, where they state a wrong one
     #[arg(long, value_name = "FPS", value_parser = super::values::rate)]
     pub fps_source: Option<f64>,
-    /// The unit of a BVH, which states none; auto estimates it from the length of the legs [default: auto]
-    #[arg(long, value_enum)]
+    /// The unit of the file's lengths, where it states none or a wrong one: m, dm, cm, mm, in, ft, cmu or metres as
+    /// "0.0725 m"; auto takes what the file states, and for a BVH what the length of the legs tells [default: auto]
+    #[arg(long, value_name = "UNIT")]
     pub unit: Option<Unit>,
     /// The axis that points up in a BVH or JSON; auto estimates it for a BVH from its rest pose and motion, and takes y
     /// for a JSON [default: auto]
@@ -28,9 +29,12 @@ pub struct ReadArgs {
     /// Whether position channels of a joint replace its OFFSET or are added to it [default: replace]
     #[arg(long, value_enum)]
     pub bvh_position: Option<BvhPosition>,
-    /// The ROOT to read, where a file has several
+    /// What to read of a file: one of several figures, by its root or armature, or a joint to be the root
     #[arg(long, value_name = "NAME")]
     pub root: Option<String>,
+    /// The animation to read of a GLB or FBX with several [default: the longest that moves the figure]
+    #[arg(long, value_name = "NAME")]
+    pub take: Option<String>,
     /// Read the whole rows of a file that ends early
     #[arg(long)]
     pub lenient: bool,
@@ -88,6 +92,7 @@ impl ReadArgs {
             map: self.map.clone().or(read.map.clone()),
             bvh_position: self.bvh_position.unwrap_or(read.bvh_position),
             root: self.root.clone().or(read.root.clone()),
+            take: self.take.clone().or(read.take.clone()),
             lenient: self.lenient || read.lenient,
             rest: match (self.keep_rest, self.drop_rest) {
                 (true, _) => RestFrame::Keep,

@@ -69,7 +69,7 @@ fn filtered_clips_keep_their_rig_and_shake_less() {
         .assert()
         .success()
         .stderr(contains("calm.bvh: 90 frames"));
-    let options = format::ReadOptions { unit: format::Unit::Metre, ..Default::default() };
+    let options = format::ReadOptions { unit: format::Unit::METRE, ..Default::default() };
     let [before, after] = [&rig, &out].map(|p| format::read(p, &options).unwrap().clip);
     assert_eq!((after.skeleton().names(), after.fps(), after.frames()), (before.skeleton().names(), before.fps(), 90));
     assert!(jitter(&after).unwrap() < 0.5 * jitter(&before).unwrap());

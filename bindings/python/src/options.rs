@@ -18,16 +18,20 @@ pub struct Reading {
     pub up: Option<String>,
     pub unit: Option<String>,
     pub map: Option<String>,
+    pub root: Option<String>,
+    pub take: Option<String>,
 }
 
 impl Reading {
     /// The library's options.
     pub fn options(self) -> PyResult<ReadOptions> {
         let up = self.up.as_deref().map(|up| named(up, "up", &["x", "y", "z", "-x", "-y", "-z"])).transpose()?;
-        let unit = self.unit.as_deref().map(|unit| named(unit, "unit", &["m", "cm", "mm", "in"])).transpose()?;
-        let (up, unit) = (up.unwrap_or(Up::Auto), unit.unwrap_or(Unit::Auto));
-        let Reading { fps_source, skip, map, .. } = self;
-        Ok(ReadOptions { fps_source, skip, up, unit, map, ..ReadOptions::default() })
+        let unit = self.unit.as_deref().map(|unit| {
+            unit.parse::<Unit>().map_err(|expected| wrong(format!("unit is {unit:?}; {expected}")))
+        });
+        let (up, unit) = (up.unwrap_or(Up::Auto), unit.transpose()?.unwrap_or(Unit::Auto));
+        let Reading { fps_source, skip, map, root, take, .. } = self;
+        Ok(ReadOptions { fps_source, skip, up, unit, map, root, take, ..ReadOptions::default() })
     }
 
     /// The options of a call that has no other keyword arguments.

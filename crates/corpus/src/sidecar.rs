@@ -69,13 +69,16 @@ pub fn describe(sidecar: &ReadOptions, read: &ReadOptions) -> Option<String> {
     let mut words = Vec::new();
     let mut add = |is_taken: bool, what: String| words.extend(is_taken.then_some(what));
     add(sidecar.skip > 0 && sidecar.skip == read.skip, format!("skip {}", sidecar.skip));
-    if let Some(metres) = sidecar.unit.metres().filter(|_| sidecar.unit != Unit::Auto && sidecar.unit == read.unit) {
-        add(true, format!("unit {metres} m"));
-    }
+    add(sidecar.unit != Unit::Auto && sidecar.unit == read.unit, format!("unit {} m", sidecar.unit.metres().unwrap_or(1.0)));
     add(!matches!(sidecar.up, Up::Auto | Up::Y) && sidecar.up == read.up, format!("up {}", sidecar.up));
     let is_added = sidecar.bvh_position == BvhPosition::Add && sidecar.bvh_position == read.bvh_position;
     add(is_added, "positions added".into());
-    for (what, sidecar, read) in [("map", &sidecar.map, &read.map), ("root", &sidecar.root, &read.root)] {
+    let named = [
+        ("map", &sidecar.map, &read.map),
+        ("root", &sidecar.root, &read.root),
+        ("take", &sidecar.take, &read.take),
+    ];
+    for (what, sidecar, read) in named {
         if let Some(name) = sidecar.as_ref().filter(|_| sidecar == read) {
             let name = if name.contains('\n') { "of its own" } else { name };
             add(true, format!("{what} {name}"));
@@ -106,7 +109,7 @@ mod tests {
         let dance = dir.path().join("a.bvh");
         std::fs::write(&dance, "dance").unwrap();
         assert_eq!(read_options(&dance).unwrap(), None);
-        let read = ReadOptions { skip: 3, unit: Unit::Inch, up: Up::Z, floor: Some(0.1), ..ReadOptions::default() };
+        let read = ReadOptions { skip: 3, unit: Unit::INCH, up: Up::Z, floor: Some(0.1), ..ReadOptions::default() };
         let output = FileHash { file: "a.bvh".into(), sha256: hash::of(b"dance") };
         let text = serde_json::json!({ "schema": 3, "output": output, "read": read, "recipe": {} }).to_string();
         std::fs::write(path_of(&dance), &text).unwrap();

@@ -120,6 +120,19 @@ impl Clip {
         self
     }
 
+    /// The same motion with all lengths multiplied by `factor`.
+    ///
+    /// # Errors
+    /// [`Invalid`](kinelm_store::Error::Invalid) when a position is not finite then.
+    pub fn scaled(mut self, factor: f64) -> Result<Self> {
+        self.skeleton = Arc::new(self.skeleton.scaled(factor));
+        self.root.iter_mut().for_each(|p| *p *= factor);
+        match self.root.iter().chain(self.skeleton.offsets()).find(|p| !p.is_finite()) {
+            None => Ok(self),
+            Some(far) => Err(Error::invalid("a position of the scaled clip", far, "finite numbers")),
+        }
+    }
+
     /// The same frames at another rate: the motion runs faster or slower, nothing is resampled.
     ///
     /// # Errors

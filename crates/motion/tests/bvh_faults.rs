@@ -30,7 +30,7 @@ Frame Time: 0.033333
 ";
 
 fn options() -> ReadOptions {
-    ReadOptions { unit: Unit::Centimetre, ..Default::default() }
+    ReadOptions { unit: Unit::CENTIMETRE, ..Default::default() }
 }
 
 fn read(bytes: &[u8], options: &ReadOptions) -> Result<Motion> {

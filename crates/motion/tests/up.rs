@@ -225,7 +225,7 @@ fn who_lies_crawls_or_stands_on_his_head_is_left_so() {
 fn joints_that_no_map_knows_are_left_as_they_are() {
     let text = "HIERARCHY\nROOT a { OFFSET 0 0 0 CHANNELS 1 Xrotation JOINT b\n{ OFFSET 0 0 1 CHANNELS 1 Xrotation \
                 End Site { OFFSET 0 0 1 } } }\nMOTION\nFrames: 1\nFrame Time: 0.05\n0 0\n";
-    let with = |up| ReadOptions { unit: Unit::Metre, up, ..Default::default() };
+    let with = |up| ReadOptions { unit: Unit::METRE, up, ..Default::default() };
     let m = read(text.as_bytes(), &with(Up::Auto));
     assert_eq!((source(&m).rig.axes.by, kinds(&m).len()), (UpSource::Unknown, 0));
     let m = read(text.as_bytes(), &with(Up::Z));

@@ -6,7 +6,6 @@ mod together;
 use super::{ForceArgs, Odd, Say, WrongCall, extension, read::ReadArgs};
 use crate::corpus::in_out::{self, Pair};
 use anyhow::{Context, Result};
-use clap::ValueEnum;
 use clip::{converted, cut, wanted_rig};
 use kinelm_motion::Motion;
 use kinelm_motion::format::positions::Positions;
@@ -66,7 +65,7 @@ pub struct Args {
 }
 
 /// A program that imports the output.
-#[derive(Debug, Clone, Copy, ValueEnum)]
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum Program {
     Blender,
     Three,
@@ -85,8 +84,8 @@ impl From<Program> for Importer {
 
 /// Metres of a unit.
 fn metres(text: &str) -> Result<f64, String> {
-    let unit = Unit::from_str(text, false).ok().filter(|unit| *unit != Unit::Cmu);
-    unit.and_then(Unit::metres).ok_or("expected m, cm, mm or in".into())
+    let unit: Unit = text.parse()?;
+    unit.metres().ok_or("expected a unit such as m, cm, mm or in".into())
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {

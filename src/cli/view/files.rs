@@ -62,10 +62,11 @@ fn set(options: &mut ReadOptions, key: &str, value: &str) -> Result<()> {
     match key {
         "fps" => options.fps_source = Some(positive(value).map_err(|_| wrong("a positive number"))?),
         "skip" => options.skip = value.parse().map_err(|_| wrong("a number of frames"))?,
-        "unit" => options.unit = Unit::from_str(value, false).map_err(|_| wrong("auto, m, cm, mm, in or cmu"))?,
+        "unit" => options.unit = value.parse().map_err(|_| wrong(Unit::EXPECTED))?,
         "up" => options.up = Up::from_str(value, false).map_err(|_| wrong("auto, x, -x, y, -y, z or -z"))?,
         "map" => options.map = Some(value.into()),
         "root" => options.root = Some(value.into()),
+        "take" => options.take = Some(value.into()),
         "rest" => {
             options.rest = match value {
                 "keep" => RestFrame::Keep,
@@ -76,7 +77,7 @@ fn set(options: &mut ReadOptions, key: &str, value: &str) -> Result<()> {
         "position" => {
             options.bvh_position = BvhPosition::from_str(value, false).map_err(|_| wrong("replace or add"))?;
         }
-        _ => return Err(wrong("one of fps, skip, up, unit, map, root, rest and position").into()),
+        _ => return Err(wrong("one of fps, skip, up, unit, map, root, take, rest and position").into()),
     }
     Ok(())
 }

@@ -283,8 +283,8 @@ fn others(report: &serde_json::Value) -> Vec<Doubt> {
 
 /// The two units in which the body is nearest to a person's height, as buttons.
 fn units(file: &Path, reading: &Reading) -> Vec<Doubt> {
-    let named = [("metres", Unit::Metre), ("centimetres", Unit::Centimetre), ("millimetres", Unit::Millimetre)];
-    let named = named.into_iter().chain([("inches", Unit::Inch), ("units of the CMU database", Unit::Cmu)]);
+    let named = [("metres", Unit::METRE), ("centimetres", Unit::CENTIMETRE), ("millimetres", Unit::MILLIMETRE)];
+    let named = named.into_iter().chain([("inches", Unit::INCH), ("units of the CMU database", Unit::CMU)]);
     let height = |unit: Unit| {
         let stated = Reading { unit: Some(unit), ..reading.clone() };
         let motion = format::read(file, &options(file, &stated).ok()?).ok()?;

@@ -267,7 +267,7 @@ impl Library {
             // what was stated of the file is in its numbers now, but for what a BVH can't say
             true => {
                 let Reading { map, floor, .. } = record.reading;
-                let (up, unit) = (Some(Up::Y), Some(Unit::Centimetre));
+                let (up, unit) = (Some(Up::Y), Some(Unit::CENTIMETRE));
                 let stated = Reading { up, unit, map, floor, ..Reading::default() };
                 let read = stated.options(Some(&ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() }));
                 (self.converted(id), stated, read)

@@ -49,7 +49,8 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let vectors = Vectors::new(&poses, &[72])?;
     let positions = translations(&trans, vectors.frames)?;
     let body = body_model::body(options, &[])?;
-    let root = positions.iter().map(|&t| body.rest_pelvis + t / scale).collect();
+    let metres = options.unit.metres().unwrap_or(1.0);
+    let root = positions.iter().map(|&t| body.rest_pelvis + t / scale * metres).collect();
     let mut rotations = Vec::with_capacity(vectors.frames * 24);
     for f in 0..vectors.frames {
         for j in 0..24 {

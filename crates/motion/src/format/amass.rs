@@ -56,7 +56,8 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     };
     let betas = betas(&npz)?;
     let body = body_model::body(options, &betas)?;
-    let root = positions.iter().map(|&t| ours(body.rest_pelvis + t)).collect();
+    let metres = options.unit.metres().unwrap_or(1.0);
+    let root = positions.iter().map(|&t| ours(body.rest_pelvis + t * metres)).collect();
     let clip = Clip::new(body.skeleton, fps, root, rotations)?;
     let (rest_pelvis, body_model) = (body.rest_pelvis, body.from_model);
     let source = Source::Amass { model, gender, betas: betas.len(), rest_pelvis, body_model };

@@ -4,8 +4,9 @@
 //! pose (or, without one, of the saved pose) is removed from each joint. Lengths are in metres and y is up; the file states
 //! its unit and axes.
 
+use super::figure::{Chosen, Nodes, choose_take};
 use super::options::{ReadOptions, is_rate};
-use super::posed::{Figure, Placed, placed, unique};
+use super::posed::{Figure, MOST_PLACED, Placed, placed, unique};
 use crate::error::{FaultKind, FileError};
 use crate::{Motion, Result, Source, Vec3, Warning};
 use kinelm_store::SourcePos;
@@ -14,16 +15,12 @@ use ufbx::{EvaluateOpts, LoadOpts, Matrix, Node, Scene};
 
 /// Most frames: more than a day at 120 per second.
 const MOST_FRAMES: f64 = 1e7;
-/// Most frames times bones: 8 GiB.
-const MOST_ROTATIONS: f64 = (1u64 << 28) as f64;
 /// Most bones.
 const MOST_JOINTS: usize = 4096;
 /// Deepest nesting of bones.
 const DEEPEST: u32 = 512;
-/// A change of a bone's length above this is reported, metres.
-const STILL_M: f64 = 0.01;
 
-/// Reads the figure with the most bones, or the one whose root bone is `root`.
+/// Reads the figure with the most bones, or what `root` of the options names, in the longest take that moves it.
 ///
 /// # Errors
 /// [`FaultKind::NotThisFormat`] for a file that ufbx refuses, without bones, or without the requested root;
@@ -42,20 +39,12 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let scene = ufbx::load_memory(bytes, how)
         .map_err(|e| fault(FaultKind::NotThisFormat, e.description.to_string(), "an FBX of version 6 or 7"))?;
     let mut warnings = Vec::new();
-    let figure = figure(&scene, options.root.as_deref(), &mut warnings)
-        .map_err(|(found, expected)| fault(FaultKind::NotThisFormat, found, &expected))?;
-    if figure.len() > MOST_JOINTS {
-        return Err(fault(FaultKind::TooLarge, format!("{} bones", figure.len()), "4,096 at most").into());
+    let not_this = |(found, expected): (String, String)| fault(FaultKind::NotThisFormat, found, &expected);
+    let Chosen { nodes, root } = figure(&scene, options.root.as_deref(), &mut warnings).map_err(not_this)?;
+    if nodes.len() > MOST_JOINTS {
+        return Err(fault(FaultKind::TooLarge, format!("{} bones", nodes.len()), "4,096 at most").into());
     }
-    // the longest of several takes
-    let length = |stack: &ufbx::AnimStack| stack.time_end - stack.time_begin;
-    let stack = scene.anim_stacks.iter().max_by(|a, b| length(a).total_cmp(&length(b)));
-    if scene.anim_stacks.len() > 1
-        && let Some(stack) = stack
-    {
-        let what = format!("{} takes; {} is read, the longest", scene.anim_stacks.len(), stack.element.name);
-        warnings.push(Warning { kind: "several_takes", what });
-    }
+    let stack = take(&scene, &nodes, options.take.as_deref(), &mut warnings).map_err(not_this)?;
     let anim = stack.map_or(&scene.anim, |stack| &stack.anim);
     let (begin, end) = stack.map_or((0.0, 0.0), |stack| (stack.time_begin, stack.time_end));
     let own = scene.settings.frames_per_second;
@@ -66,78 +55,83 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     if !(1.0..=MOST_FRAMES).contains(&count) {
         return Err(fault(FaultKind::TooLarge, format!("{count} frames"), "1 to 10,000,000").into());
     }
-    if count * figure.len() as f64 > MOST_ROTATIONS {
-        let found = format!("{count} frames of {} bones", figure.len());
-        return Err(fault(FaultKind::TooLarge, found, "268,435,456 rotations at most").into());
+    if count * nodes.len() as f64 > MOST_PLACED {
+        let found = format!("{count} frames of {} bones", nodes.len());
+        return Err(fault(FaultKind::TooLarge, found, "134,217,728 rotations at most").into());
+    }
+    let joint = |node: usize| nodes.iter().position(|&n| n == node);
+    let mut names: Vec<String> = Vec::with_capacity(nodes.len());
+    for &n in &nodes {
+        names.push(unique(&scene.nodes[n].element.name, &names));
     }
     let whole = Figure {
-        names: figure.iter().map(|joint| joint.name.clone()).collect(),
-        parents: figure.iter().map(|joint| joint.parent).collect(),
-        rest: figure.iter().map(|joint| split(&bind(joint.node))).collect(),
+        names,
+        parents: nodes.iter().map(|&n| parent(&scene.nodes[n]).and_then(joint)).collect(),
+        rest: nodes.iter().map(|&n| split(&bind(&scene.nodes[n]))).collect(),
     };
     let frames = (0..count as usize).map(|frame| {
         let time = (begin + frame as f64 / own).min(end);
         let now = ufbx::evaluate_scene(&scene, anim, time, EvaluateOpts::default()).map_err(|e| {
             fault(FaultKind::NotThisFormat, format!("frame {frame}: {}", e.description), "one that can be posed")
         })?;
-        let at = |joint: &Joint| split(&now.nodes[joint.node.element.typed_id as usize].node_to_world);
-        Ok(figure.iter().map(at).collect())
+        Ok(nodes.iter().map(|&n| split(&now.nodes[n].node_to_world)).collect())
     });
-    let (clip, stretch) = whole.clip(options.fps_source.unwrap_or(own), frames)?;
-    if figure.iter().all(|joint| posed(joint.node).is_none()) {
+    let stated_m = Some(scene.settings.original_unit_meters).filter(|m| *m > 0.0 && m.is_finite()).unwrap_or(1.0);
+    let rate = (options.fps_source.unwrap_or(own), options);
+    let (clip, more) = whole.clip(root.and_then(joint), rate, stated_m, frames)?;
+    if nodes.iter().all(|&n| posed(&scene.nodes[n]).is_none()) {
         let what = "no bind pose: rotations are 0 as the figure stood when it was saved; was that no rest pose, export it \
                     with its mesh";
         warnings.push(Warning { kind: "no_bind_pose", what: what.into() });
     }
-    if stretch > STILL_M {
-        let what = format!("bones get longer or shorter by {:.1} cm at most: left as at rest", 100.0 * stretch);
-        warnings.push(Warning { kind: "stretch_dropped", what });
-    }
+    warnings.extend(more);
     Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
 }
 
-/// A bone of a figure, and the index of its parent.
-struct Joint<'a> {
-    node: &'a Node,
-    parent: Option<usize>,
-    name: String,
+/// The node above a node, but for the root of the scene.
+fn parent(node: &Node) -> Option<usize> {
+    node.parent.as_ref().filter(|parent| !parent.is_root).map(|parent| parent.element.typed_id as usize)
 }
 
-/// The bones below a root, parents before children; `Err((found, expected))` without any.
-fn figure<'a>(
-    scene: &'a Scene,
+/// The figure to read, by the places of its nodes in the scene.
+fn figure(
+    scene: &Scene,
     root: Option<&str>,
     warnings: &mut Vec<Warning>,
-) -> std::result::Result<Vec<Joint<'a>>, (String, String)> {
-    let is_bone = |node: &Node| node.bone.is_some();
-    let is_root = |node: &&Node| is_bone(node) && !node.parent.as_ref().is_some_and(|parent| is_bone(parent));
-    let mut figures = Vec::new();
-    for top in scene.nodes.iter().map(|node| &**node).filter(is_root) {
-        let mut joints: Vec<Joint> = Vec::new();
-        let mut next = vec![(top, None)];
-        while let Some((node, parent)) = next.pop() {
-            let taken: Vec<String> = joints.iter().map(|joint| joint.name.clone()).collect();
-            joints.push(Joint { node, parent, name: unique(&node.element.name, &taken) });
-            let here = joints.len() - 1;
-            next.extend(node.children.iter().rev().filter(|c| is_bone(c)).map(|child| (&**child, Some(here))));
-        }
-        figures.push(joints);
-    }
-    let roots: Vec<String> = figures.iter().map(|joints| joints[0].name.clone()).collect();
-    let chosen = match root {
-        Some(root) => figures.into_iter().find(|joints| joints[0].name == root),
-        None => figures.into_iter().rev().max_by_key(Vec::len),
+) -> std::result::Result<Chosen, (String, String)> {
+    let nodes = Nodes {
+        names: scene.nodes.iter().map(|node| node.element.name.to_string()).collect(),
+        parents: scene.nodes.iter().map(|node| parent(node)).collect(),
+        joints: scene.nodes.iter().map(|node| node.bone.is_some()).collect(),
     };
-    let found = chosen.ok_or_else(|| match root.filter(|_| !roots.is_empty()) {
-        Some(root) => (format!("no figure {root}"), format!("one of {}", roots.join(", "))),
-        None => ("no bones".to_owned(), "a figure; export the armature with its animation".to_owned()),
-    })?;
-    if root.is_none() && roots.len() > 1 {
-        let what =
-            format!("{} figures, {}; {} is read, `root` takes another", roots.len(), roots.join(", "), found[0].name);
-        warnings.push(Warning { kind: "several_roots", what });
+    if !nodes.joints.contains(&true) {
+        return Err(("no bones".into(), "a figure; export the armature with its animation".into()));
     }
-    Ok(found)
+    nodes.choose(root, warnings)
+}
+
+/// The take to read, if there is one.
+fn take<'a>(
+    scene: &'a Scene,
+    figure: &[usize],
+    name: Option<&str>,
+    warnings: &mut Vec<Warning>,
+) -> std::result::Result<Option<&'a ufbx::AnimStack>, (String, String)> {
+    let mut moving = std::collections::BTreeSet::new();
+    for &node in figure {
+        let upwards = std::iter::successors(Some(node), |&n| parent(&scene.nodes[n]));
+        moving.extend(upwards.map(|n| scene.nodes[n].element.element_id));
+    }
+    let moves = |stack: &ufbx::AnimStack| {
+        let props = stack.layers.iter().flat_map(|layer| layer.anim_props.iter());
+        props
+            .filter(|prop| moving.contains(&prop.element.element_id))
+            .any(|prop| prop.anim_value.curves.iter().flatten().any(|curve| curve.max_value > curve.min_value))
+    };
+    let stacks = &scene.anim_stacks;
+    let names: Vec<String> = stacks.iter().map(|stack| stack.element.name.to_string()).collect();
+    let of = |n: usize| (moves(&stacks[n]), stacks[n].time_end - stacks[n].time_begin);
+    Ok(choose_take(&names, name, of, warnings)?.map(|n| &stacks[n]))
 }
 
 /// The rest transform of a bone: in its bind pose, or as the file was saved.

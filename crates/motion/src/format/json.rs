@@ -68,6 +68,10 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let rotations = rotations.into_iter().flatten().map(|[w, x, y, z]| Quat::from_xyzw(x, y, z, w)).collect();
     let clip = Skeleton::new(names, parents, offsets, ends)
         .and_then(|s| Clip::new(Arc::new(s), options.fps_source.unwrap_or(fps), root, rotations))
+        .and_then(|clip| match options.unit.metres() {
+            Some(metres) => clip.scaled(metres),
+            None => Ok(clip),
+        })
         .map_err(|e| bad(e.to_string(), "a clip"))?;
     if matches!(options.up, Up::Auto | Up::Y) {
         return Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: vec![] });

@@ -14,10 +14,12 @@ pub mod body_model;
 pub mod bvh;
 #[cfg(feature = "fbx")]
 pub mod fbx;
+mod figure;
 mod floor;
 pub mod glb;
 mod importer;
 pub mod json;
+mod motion_root;
 #[cfg(feature = "amass")]
 pub mod npy;
 #[cfg(feature = "amass")]
@@ -29,6 +31,7 @@ mod posed;
 pub mod positions;
 pub mod rate;
 mod rest;
+mod size;
 #[cfg(feature = "amass")]
 mod smpl_arrays;
 mod sniff;
@@ -46,8 +49,8 @@ pub use up::{Axes, Up, UpSource, standing_axis};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
-use crate::rig::{SkeletonMap, made_to_stand, recognise};
-use crate::{Error, FaultKind, FileError, Result, Warning};
+use crate::rig::{SkeletonMap, made_to_stand, map_if_any, recognise};
+use crate::{Clip, Error, FaultKind, FileError, Result, Warning};
 use kinelm_store::{SourcePos, files, input};
 use options::{check_skip, is_rate};
 use positions::Positions;
@@ -132,7 +135,7 @@ impl Format {
 /// let path = folder.path().join("two.bvh");
 /// std::fs::write(&path, "HIERARCHY\nROOT hips { OFFSET 0 0 0 CHANNELS 1 Xrotation End Site { OFFSET 0 1 0 } }\n\
 ///                        MOTION\nFrames: 2\nFrame Time: 0.05\n0\n90\n")?;
-/// let options = ReadOptions { unit: format::Unit::Metre, ..ReadOptions::default() };
+/// let options = ReadOptions { unit: format::Unit::METRE, ..ReadOptions::default() };
 /// let motion = format::read(&path, &options)?;
 /// assert_eq!((motion.clip.frames(), motion.clip.fps()), (2, 20.0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -152,7 +155,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     let format = Format::of(path)?;
     check_rate(options)?;
     check_up(path, format, options)?;
-    let motion = match format {
+    let mut motion = match format {
         Format::Amc => skipped(amc::read(path, bytes, options)?, options)?,
         Format::Bvh => bvh::read(path, bytes, options)?,
         #[cfg(feature = "amass")]
@@ -177,6 +180,9 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         },
         Format::Glb => skipped(glb::read(path, bytes, options)?, options)?,
     };
+    if matches!(format, Format::Amc | Format::Json | Format::Npz | Format::Pickle) {
+        motion.clip = rooted(motion.clip, path, options)?;
+    }
     let fps = motion.clip.fps();
     if !is_rate(fps) {
         let (found, expected) =
@@ -195,10 +201,40 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
             None => recognise(rig, Some(&motion.clip)).and_then(|found| found.warning()),
         });
     }
-    if options.fps_source.is_none() {
+    let unit_m = match &motion.source {
+        Source::Bvh(bvh) => Some(bvh.rig.unit_m),
+        // their readers know what the file states
+        _ if matches!(format, Format::Glb | Format::Fbx) => None,
+        _ => Some(options.unit.metres().unwrap_or(1.0)),
+    };
+    if let Some(unit_m) = unit_m {
+        let map = map_if_any(motion.clip.skeleton(), Some(&motion.clip), options.map.as_deref())?;
+        motion.warnings.extend(size::doubt(&motion.clip, map.as_ref(), unit_m));
+    }
+    // a body of a wrong size falls at a wrong rate too
+    let is_doubted = motion.warnings.iter().any(|w| w.kind == "size_doubted");
+    if options.fps_source.is_none() && !is_doubted {
         motion.warnings.extend(RateDoubt::of(&motion.clip).map(|doubt| doubt.warning()));
     }
     Ok(motion)
+}
+
+/// A clip whose joints are in the file as they are, from the joint that `root` of the options names, else from its motion
+/// root.
+fn rooted(clip: Clip, path: &Path, options: &ReadOptions) -> Result<Clip> {
+    let rig = clip.skeleton();
+    let joint = match &options.root {
+        Some(name) => rig.find(name).ok_or_else(|| {
+            let found = format!("no joint {name:?}");
+            FileError::new(SourcePos::file(path), FaultKind::RootUnknown, found, "a joint of the file")
+                .help(format!("there are {}", rig.names().join(", ")))
+        })?,
+        None => {
+            let map = map_if_any(rig, Some(&clip), options.map.as_deref())?;
+            map.and_then(|map| motion_root::of_map(rig, &map)).unwrap_or(0)
+        }
+    };
+    if joint == 0 { Ok(clip) } else { motion_root::from_joint(&clip, joint, motion_root::path_of(&clip, joint)) }
 }
 
 /// The error of a format that this build doesn't include.
@@ -325,7 +361,7 @@ mod tests {
             std::fs::write(&path, bytes).unwrap();
             path
         };
-        let options = ReadOptions { unit: Unit::Metre, ..Default::default() };
+        let options = ReadOptions { unit: Unit::METRE, ..Default::default() };
         let message = |path: &Path| read(path, &options).unwrap_err().to_string();
         assert_eq!(read(&file("a.BvH", BVH.as_bytes()), &options).unwrap().clip.frames(), 2);
         let e = message(&file("a.txt", BVH.as_bytes()));
@@ -356,7 +392,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.bvh");
         std::fs::write(&path, BVH).unwrap();
-        let with = |fps, skip| ReadOptions { unit: Unit::Metre, fps_source: fps, skip, ..Default::default() };
+        let with = |fps, skip| ReadOptions { unit: Unit::METRE, fps_source: fps, skip, ..Default::default() };
         let m = read(&path, &with(Some(60.0), 1)).unwrap();
         assert_eq!((m.clip.fps(), m.clip.frames()), (60.0, 1));
         for fps in [0.0, -1.0, f64::NAN, f64::INFINITY] {

@@ -1,7 +1,17 @@
 //! Clips of figures whose joints are placed in the world frame by frame, and are turned at rest: FBX and glTF.
 
-use crate::{Clip, Quat, Result, Skeleton, Vec3};
+use super::options::ReadOptions;
+use super::{motion_root, size};
+use crate::rig::map_if_any;
+use crate::{Clip, Quat, Result, Skeleton, Vec3, Warning};
 use std::sync::Arc;
+
+/// A change of a bone's length above this is reported, metres.
+const STRETCH_M: f64 = 0.01;
+/// Positions in the frame of the joint above that stay within this of where they are at rest don't move, metres.
+const STILL_M: f64 = 0.0005;
+/// Most frames times joints: 8 GiB.
+pub(super) const MOST_PLACED: f64 = (1u64 << 27) as f64;
 
 /// Rotation and place of a joint in the world, metres.
 pub(super) type Placed = (Quat, Vec3);
@@ -14,32 +24,72 @@ pub(super) struct Figure {
 }
 
 impl Figure {
-    /// The clip of the placements (F, J) that `frames` gives, and by how much the longest change of a bone's length is,
-    /// metres. In the clip, as in a BVH, all rotations are 0 at rest: what a joint is turned by at rest is removed.
+    /// The clip of the placements (F, J) that `frames` gives in metres, by the unit of `stated_m` that the file states, with what
+    /// is said of it; another unit in the options is what its numbers really are. In the clip, as in a BVH, all
+    /// rotations are 0 at rest: what a joint is turned by at rest is removed. It begins at `root`, else at the motion root:
+    /// everything above is composed into it.
     ///
     /// # Errors
-    /// Those of [`Skeleton::new`], [`Clip::new`] and of `frames`.
-    pub fn clip(&self, fps: f64, frames: impl Iterator<Item = Result<Vec<Placed>>>) -> Result<(Clip, f64)> {
+    /// Those of [`Skeleton::new`], [`Clip::new`], of a skeleton map and of `frames`.
+    pub fn clip(
+        &self,
+        root: Option<usize>,
+        (fps, options): (f64, &ReadOptions),
+        stated_m: f64,
+        frames: impl Iterator<Item = Result<Vec<Placed>>>,
+    ) -> Result<(Clip, Vec<Warning>)> {
         let offset = |(j, parent): (usize, &Option<usize>)| match parent {
             Some(p) => self.rest[j].1 - self.rest[*p].1,
             None => Vec3::ZERO,
         };
         let offsets: Vec<Vec3> = self.parents.iter().enumerate().map(offset).collect();
         let skeleton = Skeleton::new(self.names.clone(), self.parents.clone(), offsets.clone(), Vec::new())?;
-        let (mut root, mut rotations, mut stretch) = (Vec::new(), Vec::new(), 0.0f64);
+        let (mut places, mut rotations) = (Vec::new(), Vec::new());
+        // by joint: how far it moves from its place at the joint above, and by how much its bone changes its length
+        let (mut moved, mut stretched) = (vec![0.0f64; offsets.len()], vec![0.0f64; offsets.len()]);
         for here in frames {
             let here = here?;
             let turned: Vec<Quat> = here.iter().zip(&self.rest).map(|(now, rest)| now.0 * rest.0.inverse()).collect();
-            root.push(here[0].1);
+            places.extend(here.iter().map(|placed| placed.1));
             for (j, parent) in self.parents.iter().enumerate() {
                 rotations.push(parent.map_or(turned[j], |p| turned[p].inverse() * turned[j]).normalize());
                 if let Some(p) = *parent {
-                    stretch = stretch.max(((here[j].1 - here[p].1).length() - offsets[j].length()).abs());
+                    let bone = here[j].1 - here[p].1;
+                    moved[j] = moved[j].max((turned[p].inverse() * bone).distance(offsets[j]));
+                    stretched[j] = stretched[j].max((bone.length() - offsets[j].length()).abs());
                 }
             }
         }
-        Ok((Clip::new(Arc::new(skeleton), fps, root, rotations)?, stretch))
+        let metres = options.unit.metres().map_or(1.0, |metres| metres / stated_m);
+        let joints = self.names.len();
+        let path = |joint: usize| places.iter().skip(joint).step_by(joints).copied().collect();
+        moved[0] = spread(&path(0));
+        let whole = Clip::new(Arc::new(skeleton), fps, path(0), rotations)?;
+        let map = map_if_any(whole.skeleton(), Some(&whole), options.map.as_deref())?;
+        let mapped = || motion_root::of_map(whole.skeleton(), map.as_ref()?);
+        let root = root
+            .or_else(mapped)
+            .unwrap_or_else(|| motion_root::topmost_mover(whole.skeleton(), |j| moved[j] * metres > STILL_M));
+        let clip = if root == 0 { whole } else { motion_root::from_joint(&whole, root, path(root))? };
+        let of = |name: &String| self.names.iter().position(|n| n == name);
+        let kept = clip.skeleton().names()[1..].iter().filter_map(of);
+        let large: Vec<usize> = kept.filter(|&j| stretched[j] * metres > STRETCH_M).collect();
+        let warning = large.iter().copied().max_by(|a, b| stretched[*a].total_cmp(&stretched[*b])).map(|most| {
+            let (count, by, name) = (large.len(), stretched[most] * metres, &self.names[most]);
+            let what = format!(
+                "bones of {count} joints change their length; they are left as at rest, which leaves out up to {by:.3} m, at {name}"
+            );
+            Warning { kind: "stretch_dropped", what }
+        });
+        let clip = if metres == 1.0 { clip } else { clip.scaled(metres)? };
+        let size = size::doubt(&clip, map.as_ref(), options.unit.metres().unwrap_or(stated_m));
+        Ok((clip, warning.into_iter().chain(size).collect()))
     }
+}
+
+/// The longest way between the first place and any other.
+fn spread(path: &Vec<Vec3>) -> f64 {
+    path.iter().map(|p| p.distance(path[0])).fold(0.0, f64::max)
 }
 
 /// A name that none of the others has: the name itself, else with a number.

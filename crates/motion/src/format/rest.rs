@@ -102,7 +102,7 @@ mod tests {
              MOTION\nFrames: {frames}\nFrame Time: 0.05\n{} {}\n{rows}",
             first[0], first[1]
         );
-        let options = ReadOptions { unit: Unit::Metre, ..Default::default() };
+        let options = ReadOptions { unit: Unit::METRE, ..Default::default() };
         bvh::read(Path::new("x.bvh"), text.as_bytes(), &options).unwrap()
     }
 

@@ -178,7 +178,7 @@ fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
     let in_file = bvh.head.nodes.iter().filter(|n| n.kind != NodeKind::End).count();
     let in_clip = rig.skeleton.joints();
     if in_file != in_clip {
-        let why = "a root that only carries its child is folded into it, other roots are left out";
+        let why = "what is above the body is composed into its root, what is beside it is left out";
         lines.push(format!("{in_file} joints in the file, {in_clip} in the clip: {why}"));
     }
     let roots: Vec<&str> =

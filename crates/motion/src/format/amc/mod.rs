@@ -7,7 +7,7 @@ mod asf;
 mod rows;
 mod words;
 
-use super::bvh::unit_of_leg;
+use super::size;
 use super::{Axes, ReadOptions};
 use crate::rig::{map_if_any, recognise};
 use crate::{Clip, EndSite, Error, FaultKind, FileError, Motion, Quat, Result, Skeleton, Source, Vec3, Warning};
@@ -97,16 +97,12 @@ fn unit_m(asf: &Asf, beside: &Path, options: &ReadOptions) -> Result<f64> {
         return Ok(0.0254 / asf.length);
     }
     let rig = skeleton(asf, 1.0)?;
-    let leg = recognise(&rig, None).and_then(|found| {
-        let [hip, ankle] = [1, 7].map(|id| found.joints[id]);
-        let ankle = ankle?;
-        let up = std::iter::successors(Some(ankle), |&j| rig.parents()[j]).take_while(|j| Some(*j) != hip);
-        Some(up.map(|j| rig.offsets()[j].length()).sum::<f64>())
-    });
-    leg.and_then(unit_of_leg).ok_or_else(|| {
+    let legs = recognise(&rig, None).and_then(|found| size::leg(&rig, &found.map));
+    let leg = legs.map(|legs| legs.iter().map(|&j| rig.offsets()[j].length()).sum::<f64>());
+    leg.and_then(size::unit_of_leg).ok_or_else(|| {
         let found = leg.map_or("no legs".into(), |l| format!("a length unit of 1 and a leg of {l:.4}"));
         let fault = FileError::new(SourcePos::file(beside), FaultKind::UnitUnknown, found, "a leg of a person");
-        fault.help("give `unit`: m, cm, mm, in or cmu").into()
+        fault.help(size::GIVE_UNIT).into()
     })
 }
 

@@ -1,10 +1,12 @@
 //! A clip as channel values of a BVH rig.
 
 use crate::format::BvhPosition;
-use crate::format::source::bvh::{BvhSource, Channel, Node, NodeKind};
+use crate::format::source::bvh::{BvhRig, BvhSource, Channel, Node, NodeKind};
 use crate::rotation::euler::unwrap_near;
-use crate::rotation::{Axis, EulerOrder, angle_between};
+use crate::rotation::{Axis, EulerOrder, Mat3, angle_between};
 use crate::{Clip, Quat, Result, Vec3};
+
+const AXES: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
 /// Offsets that differ by more than this belong to another body, metres.
 const SAME_M: f64 = 1e-9;
@@ -57,7 +59,7 @@ impl BvhSource {
                 lack.offsets.push((node, want / rig.unit_m));
             }
         }
-        let ends = (rig.joints[0]..nodes.len()).filter(|&n| nodes[n].kind == NodeKind::End);
+        let ends = self.body().filter(|&n| nodes[n].kind == NodeKind::End);
         let (own, its) = (own.ends(), skeleton.ends());
         if own.len() == its.len() && own.iter().zip(its).all(|(a, b)| a.parent == b.parent) {
             let differ = ends.zip(own.iter().zip(its)).filter(|(_, (a, b))| (a.offset - b.offset).length() > SAME_M);
@@ -73,7 +75,9 @@ impl BvhSource {
         }
         for (j, &node) in rig.joints.iter().enumerate() {
             let axes = turns(&nodes[node]);
-            if axes.len() < 3 && (0..clip.frames()).any(|f| !expressible(&axes, clip.pose(f)[j])) {
+            // what is above the clip's root may turn it about any axis
+            let composed = j == 0 && rig.chain.len() > 1;
+            if axes.len() < 3 && (composed || (0..clip.frames()).any(|f| !expressible(&axes, clip.pose(f)[j]))) {
                 let missing = order(&axes).0.into_iter().skip(axes.len());
                 lack.channels.extend(missing.map(|a| (node, Channel::Rotation(a))));
             }
@@ -97,64 +101,115 @@ impl BvhSource {
         Vec3::from_array(p)
     }
 
-    /// The channels (F, C) of a clip in the file's axes. Nodes of other roots get the rows of `old` nearest in time.
+    /// The channels (F, C) of a clip in the file's axes. Nodes of other roots and beside the body get the rows of `old`
+    /// nearest in time; so does what is above the clip's root, but for the channels that carry the path.
     pub(super) fn rows(&self, clip: &Clip, old: &BvhSource) -> Vec<f64> {
-        self.rows_with(clip, old, |_, _| {})
+        self.rows_with(clip, (old, None), |_, _| {})
     }
 
-    /// Like [`BvhSource::rows`]; `change` may modify each row before the next one is made.
+    /// Like [`BvhSource::rows`]; `change` may modify each row before the next one is made. With the number of frames that an
+    /// edit leaves out at its start, frame by frame what is above keeps the file's row.
     pub(super) fn rows_with(
         &self,
         clip: &Clip,
-        old: &BvhSource,
+        (old, before): (&BvhSource, Option<usize>),
         mut change: impl FnMut(usize, &mut [f64]),
     ) -> Vec<f64> {
         let width = self.head.width;
         let mut numbers = vec![0.0; clip.frames() * width];
-        let root = self.rig.chain[0];
-        let own = |mut n: usize| {
-            while let Some(parent) = self.head.nodes[n].parent {
-                n = parent;
-            }
-            n == root
-        };
-        let others: Vec<usize> = (0..self.head.nodes.len()).filter(|&n| !own(n)).collect();
-        let (still, metres) = (self.still_root(), self.rig.unit_m);
+        let own = self.head.below(self.rig.chain[0]);
+        let others = (0..self.head.nodes.len()).filter(|n| !own.contains(n));
+        let others: Vec<usize> = others.chain(self.beside()).collect();
+        let above = self.kept_above(before.is_some());
+        let metres = self.rig.unit_m;
         for f in 0..clip.frames() {
-            let (before, rest) = numbers.split_at_mut(f * width);
+            let (earlier, rest) = numbers.split_at_mut(f * width);
             let row = &mut rest[..width];
-            let previous = before.len().checked_sub(width).map(|at| &before[at..]);
-            self.place_others(&others, old, nearest_row(f, clip, old), row);
-            self.place_root(clip.root()[f] / metres - still, row);
+            let previous = earlier.len().checked_sub(width).map(|at| &earlier[at..]);
+            let nearest = match before {
+                Some(before) => old.frames.checked_sub(1).map(|last| (before + f).min(last)),
+                None => nearest_row(f, clip, old),
+            };
+            self.copy(&others, old, nearest, row);
+            match above.is_empty() {
+                true => self.rest_below_path(row),
+                false => self.copy(&above, old, nearest, row),
+            }
+            self.place_root(clip.root()[f] / metres, row);
             for (j, &node) in self.rig.joints.iter().enumerate() {
+                let turn = clip.pose(f)[j];
                 if j > 0 {
                     self.place_bone(node, clip.skeleton().offsets()[j] / metres, row);
+                    self.turn(node, turn, previous, row);
+                } else {
+                    self.turn(node, self.above(row).1.conjugate() * turn, previous, row);
                 }
-                self.turn(node, clip.pose(f)[j], previous, row);
             }
             change(f, row);
         }
         numbers
     }
 
-    fn place_others(&self, others: &[usize], old: &BvhSource, frame: Option<usize>, row: &mut [f64]) {
+    /// The nodes of the chain that keep the file's rows: all in an edit, and where other nodes hang from them. Otherwise what
+    /// is above the path is 0, and so is all of the chain in a motion that was put on this rig.
+    fn kept_above(&self, is_edit: bool) -> Vec<usize> {
+        let chain = &self.rig.chain;
+        if chain.len() == 1 || (self.floor_m.is_some() && !is_edit) {
+            return Vec::new();
+        }
+        let first = chain.iter().position(|n| self.rig.path.contains(n)).unwrap_or(0);
+        let all = is_edit || self.beside().next().is_some();
+        chain[if all { 0 } else { first }..].to_vec()
+    }
+
+    /// Puts what is between the path and the clip's root where it is at rest.
+    fn rest_below_path(&self, row: &mut [f64]) {
+        let below = self.rig.chain.iter().skip_while(|n| !self.rig.path.contains(n)).skip(1);
+        below.for_each(|&node| self.place_bone(node, Vec3::from_array(self.head.nodes[node].offset), row));
+    }
+
+    fn copy(&self, nodes: &[usize], old: &BvhSource, frame: Option<usize>, row: &mut [f64]) {
         let Some(frame) = frame else { return };
         let from = old.as_frames();
         let from = from.row(frame);
-        for &n in others {
-            let (new, was) = (&self.head.nodes[n], &old.head.nodes[n]);
-            row[new.column..new.column + new.channels.len()]
-                .copy_from_slice(&from[was.column..was.column + was.channels.len()]);
+        for &n in nodes {
+            let was = &old.head.nodes[n];
+            for (i, channel) in was.channels.iter().enumerate() {
+                self.set(n, *channel, from[was.column + i], row);
+            }
         }
     }
 
-    /// Sets the root position: each component in the innermost node with that channel.
-    fn place_root(&self, from_still: Vec3, row: &mut [f64]) {
-        for axis in [Axis::X, Axis::Y, Axis::Z] {
-            let holds = |n: &&usize| self.head.nodes[**n].channels.contains(&Channel::Position(axis));
-            if let Some(&node) = self.rig.chain.iter().rev().find(holds) {
-                self.set(node, Channel::Position(axis), from_still[axis.index()], row);
-            }
+    /// Position of the clip's root in a row, in the file's unit, and the rotation of what is above it.
+    fn above(&self, row: &[f64]) -> (Vec3, Quat) {
+        let frames = self.as_frames();
+        let (last, above) = self.rig.chain.split_last().unwrap_or((&0, &[]));
+        let mut at = (Vec3::ZERO, Quat::IDENTITY);
+        for &node in above {
+            at = (at.0 + at.1 * frames.place(node, row), at.1 * frames.turn(node, row));
+        }
+        (at.0 + at.1 * frames.place(*last, row), at.1)
+    }
+
+    /// Puts the clip's root at `place`, in the file's unit, by the channels that carry the path.
+    fn place_root(&self, place: Vec3, row: &mut [f64]) {
+        let BvhRig { chain, path, .. } = &self.rig;
+        for (axis, &node) in AXES.into_iter().zip(path) {
+            self.set(node, Channel::Position(axis), 0.0, row);
+        }
+        let mut by = place - self.above(row).0;
+        if chain.len() > 1 {
+            // the ways along which the three channels move the root
+            let frames = self.as_frames();
+            let way = |axis: Axis| {
+                let above = chain.iter().take_while(|n| **n != path[axis.index()]);
+                above.fold(Quat::IDENTITY, |turn, &n| turn * frames.turn(n, row)) * Vec3::AXES[axis.index()]
+            };
+            let ways = Mat3::from_cols(way(Axis::X), way(Axis::Y), way(Axis::Z));
+            by = ways.inverse() * by;
+        }
+        for (axis, &node) in AXES.into_iter().zip(path) {
+            self.set(node, Channel::Position(axis), by[axis.index()], row);
         }
     }
 
@@ -236,7 +291,7 @@ mod tests {
     const XYZ: &str = "Xposition Yposition Zposition";
 
     fn options() -> ReadOptions {
-        ReadOptions { unit: Unit::Metre, ..Default::default() }
+        ReadOptions { unit: Unit::METRE, ..Default::default() }
     }
 
     fn read(bytes: &[u8], options: &ReadOptions) -> Motion {

@@ -24,8 +24,8 @@ impl BvhSource {
     }
 
     /// The bytes of a file with this header and `frames` rows. `from(frame, joint)` gives the piece and its row from which the
-    /// channels of a joint of the clip are copied; the root position comes with joint 0. `None` gives zeros, as do nodes
-    /// that are no joint of the clip.
+    /// channels of a joint of the clip are copied; what is above and beside it comes with joint 0. `None` gives zeros, as do
+    /// nodes of other roots.
     ///
     /// # Panics
     /// If a piece has another number of channels, or too few rows.
@@ -61,7 +61,7 @@ impl BvhSource {
     fn joint_of_columns(&self) -> Vec<Option<usize>> {
         let mut joint_of = vec![None; self.head.width];
         let own = self.rig.joints.iter().enumerate().map(|(joint, &node)| (node, joint));
-        for (node, joint) in own.chain(self.rig.chain.iter().map(|&node| (node, 0))) {
+        for (node, joint) in own.chain(self.rig.chain.iter().copied().chain(self.beside()).map(|node| (node, 0))) {
             let node = &self.head.nodes[node];
             joint_of[node.column..node.column + node.channels.len()].fill(Some(joint));
         }
@@ -81,7 +81,7 @@ mod tests {
                         End Site\n    {\n      OFFSET 0 1 0\n    }\n  }\n}\nMOTION\n";
 
     fn read(text: &str) -> BvhSource {
-        let options = ReadOptions { unit: Unit::Metre, ..Default::default() };
+        let options = ReadOptions { unit: Unit::METRE, ..Default::default() };
         match bvh::read(Path::new("x.bvh"), text.as_bytes(), &options).unwrap().source {
             Source::Bvh(source) => *source,
             _ => panic!("a BVH"),

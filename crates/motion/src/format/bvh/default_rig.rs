@@ -35,6 +35,7 @@ impl BvhSource {
         };
         let rig = BvhRig {
             chain: vec![0],
+            path: [0; 3],
             joints,
             skeleton: skeleton.clone(),
             unit_m: METRES,
@@ -168,7 +169,7 @@ mod tests {
         let s = Arc::new(Skeleton::new(names, parents, offsets, ends).unwrap());
         let clip = Clip::new(s, 29.97, vec![Vec3::ONE], vec![Quat::IDENTITY; 4]).unwrap();
         let bytes = bvh::to_bytes(&plain(clip.clone())).unwrap();
-        let options = ReadOptions { unit: Unit::Centimetre, ..Default::default() };
+        let options = ReadOptions { unit: Unit::CENTIMETRE, ..Default::default() };
         let back = bvh::read(Path::new("x.bvh"), &bytes, &options).unwrap();
         assert_eq!(back.clip.skeleton().names(), ["a_b", "joint1", "e f", "c_d"]);
         assert!((back.clip.fps() - 29.97).abs() < 1e-12);

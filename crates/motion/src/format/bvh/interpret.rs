@@ -3,7 +3,9 @@
 use super::text::Text;
 use super::unit;
 use crate::format::source::bvh::{BvhRig, Channel, Header, Node, NodeKind};
-use crate::format::{Axes, BvhPosition, ReadOptions};
+use crate::format::{Axes, BvhPosition, ReadOptions, motion_root};
+use crate::rig::{SkeletonMap, map_if_any};
+use crate::rotation::Axis;
 use crate::{Clip, EndSite, FaultKind, Quat, Result, Skeleton, Vec3, Warning};
 use std::ops::Range;
 use std::path::Path;
@@ -70,26 +72,57 @@ impl Frames<'_> {
     }
 }
 
-/// The requested root and all nodes below it.
-pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> Result<Range<usize>> {
-    let is_root = |i: &usize| head.nodes[*i].kind == NodeKind::Root;
-    let roots: Vec<usize> = (0..head.nodes.len()).filter(is_root).collect();
-    let at = match &options.root {
-        None => 0,
-        Some(name) => {
-            let unique = roots.iter().position(|&r| &head.nodes[r].unique == name);
-            let found = unique.or_else(|| roots.iter().position(|&r| &head.nodes[r].name == name));
-            found.ok_or_else(|| {
-                let all: Vec<_> = roots.iter().map(|&r| format!("{:?}", head.nodes[r].unique)).collect();
-                let text = Text::new(path, &head.pieces[0]);
-                let at = roots.first().map_or(0, |&r| head.nodes[r].at);
-                let fault = text.fault(at, FaultKind::RootUnknown, format!("no ROOT {name:?}"), "a ROOT of the file");
-                fault.help(format!("there are {}", all.join(", ")))
-            })?
-        }
+/// What is read of a file.
+pub(crate) struct Chosen {
+    /// The nodes of a ROOT and of everything below it.
+    pub range: Range<usize>,
+    /// The node that the caller wants as the clip's root.
+    pub joint: Option<usize>,
+}
+
+/// What `root` of the options names: a ROOT, or a joint of one; without it the first ROOT.
+pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> Result<Chosen> {
+    let nodes = &head.nodes;
+    let roots: Vec<usize> = (0..nodes.len()).filter(|i| nodes[*i].kind == NodeKind::Root).collect();
+    let first = roots.first().copied().unwrap_or(0);
+    let Some(name) = &options.root else { return Ok(Chosen { range: head.below(first), joint: None }) };
+    let unique = roots.iter().find(|&&r| nodes[r].unique == *name);
+    if let Some(&root) = unique.or_else(|| roots.iter().find(|&&r| nodes[r].name == *name)) {
+        return Ok(Chosen { range: head.below(root), joint: None });
+    }
+    let joints: Vec<usize> = (0..nodes.len()).filter(|i| nodes[*i].kind == NodeKind::Joint).collect();
+    let unique: Vec<usize> = joints.iter().copied().filter(|&n| nodes[n].unique == *name).collect();
+    let named: Vec<usize> = joints.iter().copied().filter(|&n| nodes[n].name == *name).collect();
+    let root_of = |n: usize| roots.iter().copied().rfind(|r| *r < n).unwrap_or(first);
+    let fault = |at: usize, found: String, expected: &str, help: String| {
+        let text = Text::new(path, &head.pieces[0]);
+        text.fault(nodes.get(at).map_or(0, |n| n.at), FaultKind::RootUnknown, found, expected).help(help)
     };
-    let end = roots.get(at + 1).copied().unwrap_or(head.nodes.len());
-    Ok(roots.get(at).copied().unwrap_or(0)..end)
+    match (named.as_slice(), unique.as_slice()) {
+        ([joint], _) | ([], [joint]) => Ok(Chosen { range: head.below(root_of(*joint)), joint: Some(*joint) }),
+        ([_, _, ..], _) => {
+            let both: Vec<String> = named
+                .iter()
+                .map(|&n| format!("{:?} below ROOT {:?}", nodes[n].unique, nodes[root_of(n)].unique))
+                .collect();
+            let found = format!("{} joints {name:?}", named.len());
+            let help = format!("there are {}: give the ROOT's name", both.join(" and "));
+            Err(fault(named[0], found, "one joint, or a ROOT", help).into())
+        }
+        _ => {
+            let all: Vec<_> = roots.iter().map(|&r| format!("{:?}", nodes[r].unique)).collect();
+            let help = format!("its ROOTs are {}", all.join(", "));
+            Err(fault(first, format!("no ROOT or joint {name:?}"), "a ROOT or joint of the file", help).into())
+        }
+    }
+}
+
+/// What the nodes of a file mean: the rig, a clip on it in the file's axes, and the map that fits it, if one does.
+pub(crate) struct Decided {
+    pub rig: BvhRig,
+    pub clip: Clip,
+    pub map: Option<SkeletonMap>,
+    pub warnings: Vec<Warning>,
 }
 
 /// Decides what the nodes mean, from the rows. The axes are the file's own; they are decided on the clip.
@@ -97,46 +130,77 @@ pub(crate) fn decide(
     path: &Path,
     head: &Header,
     frames: &Frames,
-    options: &ReadOptions,
-) -> Result<(BvhRig, Vec<Warning>)> {
-    let range = choose_root(path, head, options)?;
+    (fps, options): (f64, &ReadOptions),
+) -> Result<Decided> {
+    let Chosen { range, joint } = choose_root(path, head, options)?;
     let nodes = &head.nodes;
     let means: Vec<(Vec3, f64)> = range.clone().map(|n| frames.mean_place(n)).collect();
     let mean = |n: usize| means[n - range.start];
-    let (unit_m, unit_judged) = match options.unit.metres() {
-        Some(m) => (m, false),
-        None => (unit::judge(path, head, range.clone(), |n| mean(n).0, options)?, true),
+    let rig = |chain: Vec<usize>, unit_m: f64| -> Result<BvhRig> {
+        let root = *chain.last().unwrap_or(&range.start);
+        let body = head.below(root);
+        let joints: Vec<usize> = body.clone().filter(|&n| nodes[n].kind != NodeKind::End).collect();
+        // kinematics ignores the root's offset: the file's own doesn't depend on the frames
+        let offset = |n: usize| if n == root { Vec3::from_array(nodes[n].offset) } else { mean(n).0 };
+        let skeleton = skeleton(nodes, &joints, body, |n| offset(n) * unit_m).map_err(|e| e.in_clip(path))?;
+        let stretch =
+            |(j, &n): (usize, &usize)| (j > 0 && mean(n).1 * unit_m > STILL_M).then(|| (j, mean(n).1 * unit_m));
+        let stretch: Vec<(usize, f64)> = joints.iter().enumerate().filter_map(stretch).collect();
+        let (position, path, skeleton) = (options.bvh_position, path_nodes(frames, &chain), skeleton.into());
+        let (unit_judged, axes) = (options.unit.metres().is_none(), Axes::OWN);
+        Ok(BvhRig { chain, path, joints, skeleton, unit_m, unit_judged, position, stretch, axes })
     };
-    let chain = chain(nodes, range.clone(), |n| mean(n).1 * unit_m > STILL_M);
-    let root = *chain.last().unwrap_or(&range.start);
-    let joints: Vec<usize> = (root..range.end).filter(|&n| nodes[n].kind != NodeKind::End).collect();
-    // kinematics ignores the root's offset: the file's own doesn't depend on the frames
-    let offset = |n: usize| if n == root { Vec3::from_array(nodes[n].offset) } else { mean(n).0 };
-    let skeleton = skeleton(nodes, &joints, root..range.end, |n| offset(n) * unit_m);
-    let skeleton = skeleton.map_err(|e| e.in_clip(path))?;
-    let stretch = |(j, &n): (usize, &usize)| (j > 0 && mean(n).1 * unit_m > STILL_M).then(|| (j, mean(n).1 * unit_m));
-    let stretch: Vec<(usize, f64)> = joints.iter().enumerate().filter_map(stretch).collect();
-    let warnings = stretch_warning(&skeleton, &stretch);
-    let position = options.bvh_position;
-    let rig =
-        BvhRig { chain, joints, skeleton: Arc::new(skeleton), unit_m, unit_judged, position, stretch, axes: Axes::OWN };
-    Ok((rig, warnings))
+    // all joints below the ROOT in the file's unit: how they hang together and turn tells the rig
+    let whole = rig(vec![range.start], 1.0)?;
+    let on = |rig: &BvhRig| clip(rig, rig.skeleton.clone(), frames, fps).map_err(|e| e.in_clip(path));
+    let clip = on(&whole)?;
+    let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
+    let (unit_m, doubt) = match options.unit.metres() {
+        Some(metres) => (metres, None),
+        None => unit::judge(path, head, (&whole, &clip), (map.as_ref(), options))?,
+    };
+    let moves = |j: usize| mean(whole.joints[j]).1 * unit_m > STILL_M;
+    let root = match (joint, &map) {
+        (Some(joint), _) => joint,
+        (None, map) => {
+            let mapped = map.as_ref().and_then(|map| motion_root::of_map(clip.skeleton(), map));
+            whole.joints[mapped.unwrap_or_else(|| motion_root::topmost_mover(clip.skeleton(), moves))]
+        }
+    };
+    let mut chain: Vec<usize> = std::iter::successors(Some(root), |&n| nodes[n].parent).collect();
+    chain.reverse();
+    let rig = rig(chain, unit_m)?;
+    let (clip, map) = if rig.chain.len() == 1 {
+        (clip.scaled(unit_m).map_err(|e| e.in_clip(path))?, map)
+    } else {
+        // its reference pose is that of the rig without what was above
+        let clip = on(&rig)?;
+        let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
+        (clip, map)
+    };
+    let mut warnings: Vec<Warning> = doubt.into_iter().collect();
+    warnings.extend(left_out(&rig, &clip));
+    Ok(Decided { rig, clip, map, warnings })
 }
 
-/// Descends from the ROOT while a node's only child is a joint that moves: that child is the root of the motion.
-fn chain(nodes: &[Node], range: Range<usize>, moves: impl Fn(usize) -> bool) -> Vec<usize> {
-    let mut chain = vec![range.start];
-    let mut at = range.start;
-    loop {
-        let mut children = (at + 1..range.end).filter(|&n| nodes[n].parent == Some(at));
-        match (children.next(), children.next()) {
-            (Some(child), None) if nodes[child].kind == NodeKind::Joint && moves(child) => {
-                chain.push(child);
-                at = child;
-            }
-            _ => return chain,
+/// By axis, the node of a chain whose position channel varies most; of nodes that vary as little the innermost, and the
+/// clip's root where none has that channel.
+fn path_nodes(frames: &Frames, chain: &[usize]) -> [usize; 3] {
+    let last = chain.last().copied().unwrap_or(0);
+    [Axis::X, Axis::Y, Axis::Z].map(|axis| {
+        let channel = Channel::Position(axis);
+        let holds = chain.iter().rev().copied().filter(|&n| frames.nodes[n].channels.contains(&channel));
+        if chain.len() == 1 {
+            return last;
         }
-    }
+        let spread = |n: usize| {
+            let values = (0..frames.frames).map(|f| frames.place(n, frames.row(f))[axis.index()]);
+            let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));
+            high - low
+        };
+        let measured = holds.map(|n| (n, spread(n)));
+        measured.reduce(|best, other| if other.1 > best.1 { other } else { best }).map_or(last, |(n, _)| n)
+    })
 }
 
 fn skeleton(nodes: &[Node], joints: &[usize], range: Range<usize>, offset: impl Fn(usize) -> Vec3) -> Result<Skeleton> {
@@ -148,16 +212,16 @@ fn skeleton(nodes: &[Node], joints: &[usize], range: Range<usize>, offset: impl 
     Skeleton::new(names, parents, joints.iter().map(|&n| offset(n)).collect(), ends.collect())
 }
 
-fn stretch_warning(skeleton: &Skeleton, stretch: &[(usize, f64)]) -> Vec<Warning> {
-    let large: Vec<_> = stretch.iter().filter(|(_, m)| *m > STRETCH_M).collect();
-    let Some((joint, most)) = large.iter().max_by(|a, b| a.1.total_cmp(&b.1)) else { return Vec::new() };
+/// How far positions that the clip has no room for would move its joints.
+fn left_out(rig: &BvhRig, clip: &Clip) -> Option<Warning> {
+    let large: Vec<_> = rig.stretch.iter().filter(|(_, m)| *m > STRETCH_M).collect();
+    let (joint, most) = large.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let what = format!(
-        "bones of {} joints change their length, most {:?} by {:.1} mm; their mean is taken",
+        "bones of {} joints change their length; their mean is taken, which leaves out up to {most:.3} m, at {}",
         large.len(),
-        skeleton.names()[*joint],
-        most * 1000.0
+        clip.skeleton().names()[*joint],
     );
-    vec![Warning { kind: "stretch_dropped", what }]
+    Some(Warning { kind: "stretch_dropped", what })
 }
 
 /// The clip of the rows, in the file's axes.
@@ -187,7 +251,7 @@ mod tests {
     const XYZ: &str = "Xposition Yposition Zposition";
 
     fn metres() -> ReadOptions {
-        ReadOptions { unit: Unit::Metre, ..Default::default() }
+        ReadOptions { unit: Unit::METRE, ..Default::default() }
     }
 
     fn read(text: &str, options: &ReadOptions) -> Result<Motion> {
@@ -282,7 +346,7 @@ mod tests {
 
     #[test]
     fn stretch_is_dropped_and_said() {
-        // with a second child, the first one is not the root of the motion
+        // a joint that carries less than a third of the others is not the root of the motion
         let file = |low: f64| {
             format!(
                 "HIERARCHY\nROOT a {{ OFFSET 0 0 0 CHANNELS 0 JOINT b\n{{ OFFSET 0 9 0 CHANNELS 1 Yposition End Site {{ OFFSET 0 1 0 }} }}\n\

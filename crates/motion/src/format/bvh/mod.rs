@@ -24,11 +24,9 @@ pub use compose::Piece;
 pub use frame_time::USUAL_FPS;
 pub use positions::positions;
 pub use splice::Changed;
-pub(crate) use unit::unit_of_leg;
 pub use write::{to_bytes, to_bytes_in};
 
 use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpSource};
-use crate::rig::map_if_any;
 use crate::{Clip, Motion, Result, Source, Warning};
 use interpret::Frames;
 use std::path::Path;
@@ -113,22 +111,20 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
 }
 
 fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> {
-    let (rig, more) = interpret::decide(path, &parsed.head, &parsed.frames(options.bvh_position), options)?;
     let fps = parsed.fps(options);
+    let decided = interpret::decide(path, &parsed.head, &parsed.frames(options.bvh_position), (fps, options))?;
+    let interpret::Decided { mut rig, clip, map, warnings: more } = decided;
     let Parsed { head, numbers, frames, mut warnings } = parsed;
     warnings.extend(more);
-    let mut source = BvhSource { head, numbers, frames, rig, floor_m: None };
-    let clip = source.clip(fps).map_err(|e| e.in_clip(path))?;
-    let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
     let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
     warnings.extend(doubt.map(|what| Warning { kind: "up_unsure", what }));
     if axes.by == UpSource::Inferred && axes.up != Up::Y {
         let what = format!("{} is up, by the rest pose and the motion; if it is not, give `up`", axes.up);
         warnings.push(Warning { kind: "up_axis", what });
     }
-    source.rig.axes = axes;
     let clip = axes.to_y_up(clip)?;
-    source.rig.skeleton = clip.skeleton().clone();
+    (rig.axes, rig.skeleton) = (axes, clip.skeleton().clone());
+    let source = BvhSource { head, numbers, frames, rig, floor_m: None };
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
 }
 
@@ -164,7 +160,7 @@ impl BvhSource {
         let nodes = &self.head.nodes;
         let mut ways = vec![0.0; nodes.len()];
         let mut longest: f64 = 0.0;
-        for n in self.rig.joints[0] + 1..nodes.len() {
+        for n in self.body().skip(1) {
             let Some(parent) = nodes[n].parent else { break };
             ways[n] = ways[parent] + crate::Vec3::from_array(nodes[n].offset).length();
             longest = longest.max(ways[n]);

@@ -25,7 +25,7 @@ pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Pos
     let Source::Bvh(source) = motion.source else { return Ok(Positions::from_clip(&motion.clip)) };
     let frames = source.as_frames();
     let nodes = &source.head.nodes;
-    let range = interpret::choose_root(path, &source.head, options)?;
+    let range = interpret::choose_root(path, &source.head, options)?.range;
     let mut all = Vec::with_capacity(source.frames * range.len());
     let mut turns = vec![Quat::IDENTITY; range.len()];
     let mut world = vec![Vec3::ZERO; range.len()];
@@ -78,7 +78,7 @@ mod tests {
     }
 
     fn centimetres() -> ReadOptions {
-        ReadOptions { unit: Unit::Centimetre, ..Default::default() }
+        ReadOptions { unit: Unit::CENTIMETRE, ..Default::default() }
     }
 
     #[test]

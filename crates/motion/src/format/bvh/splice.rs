@@ -3,6 +3,7 @@
 use super::frame_time;
 use super::print::{not_finite, print_head, push_number};
 use crate::format::source::bvh::{BvhSource, Channel};
+use crate::rotation::Axis;
 use crate::{Clip, Error, Result};
 use std::ops::Range;
 
@@ -36,7 +37,7 @@ impl BvhSource {
         let rig = self.for_clip(&clip)?;
         let (width, own) = (rig.head.width, self.head.width);
         let copied = |frame: usize| self.copied(frame, changed, &rig);
-        let numbers = rig.rows_with(&clip, self, |frame, row| {
+        let numbers = rig.rows_with(&clip, (self, Some(changed.before)), |frame, row| {
             for (number, from) in row.iter_mut().zip(copied(frame)) {
                 *number = from.map_or(*number, |column| self.numbers[(changed.before + frame) * own + column]);
             }
@@ -78,20 +79,21 @@ impl BvhSource {
         copied
     }
 
-    /// Marks the channels that are new in a frame (C).
+    /// Marks the channels that are new in a frame (C): those of changed joints, and of what is above the clip's root the
+    /// channels that carry its path.
     fn flag(&self, flags: &mut [bool], root: bool, joints: &[bool]) {
         flags.fill(false);
-        let mut set = |node: usize, place: bool, turn: bool| {
+        for (j, (&node, &is_new)) in self.rig.joints.iter().zip(joints).enumerate() {
             let node = &self.head.nodes[node];
             for (flag, channel) in flags[node.column..].iter_mut().zip(&node.channels) {
-                *flag = if matches!(channel, Channel::Position(_)) { place } else { turn };
+                *flag = is_new && (j > 0 || matches!(channel, Channel::Rotation(_)));
             }
-        };
-        for (&node, &joint) in self.rig.joints.iter().zip(joints) {
-            set(node, joint, joint);
         }
-        for &node in &self.rig.chain {
-            set(node, root, joints[0]);
+        for (axis, &node) in [Axis::X, Axis::Y, Axis::Z].into_iter().zip(&self.rig.path) {
+            let node = &self.head.nodes[node];
+            if let Some(at) = node.channels.iter().position(|c| *c == Channel::Position(axis)) {
+                flags[node.column + at] = root;
+            }
         }
     }
 }
@@ -125,7 +127,7 @@ pub(super) fn words(text: &[u8], from: usize, count: usize) -> Vec<Range<usize>>
 mod tests {
     use super::*;
     use crate::format::{ReadOptions, Unit, bvh};
-    use crate::rotation::{Axis, angle_between};
+    use crate::rotation::angle_between;
     use crate::{Source, Vec3};
     use std::path::Path;
 
@@ -137,7 +139,7 @@ mod tests {
 
     #[test]
     fn only_what_changed_has_new_numbers() {
-        let options = ReadOptions { unit: Unit::Metre, ..Default::default() };
+        let options = ReadOptions { unit: Unit::METRE, ..Default::default() };
         let motion = bvh::read(Path::new("x.bvh"), TEXT.as_bytes(), &options).unwrap();
         let Source::Bvh(source) = &motion.source else { panic!("a BVH") };
         let clip = &motion.clip;

@@ -1,84 +1,57 @@
-//! Inference of a BVH's unit from the leg length.
+//! Inference of a BVH's unit from the length of the legs, else from the size of the body.
 
 use super::text::Text;
-use crate::format::source::bvh::{Header, NodeKind};
-use crate::format::{BvhPosition, ReadOptions};
-use crate::rig::map_if_any;
-use crate::{FaultKind, Result, Skeleton, Vec3};
-use std::ops::{Range, RangeInclusive};
+use crate::format::source::bvh::{BvhRig, Header, NodeKind};
+use crate::format::{BvhPosition, ReadOptions, size};
+use crate::rig::SkeletonMap;
+use crate::{Clip, FaultKind, Result, Vec3, Warning};
+use std::ops::Range;
 use std::path::Path;
 
-/// Ranges of leg lengths, hip to knee to ankle, and the unit in metres that they indicate.
-const LEGS: [(RangeInclusive<f64>, f64); 5] =
-    [(0.6..=1.1, 1.0), (12.0..=19.0, 0.0564444), (23.0..=45.0, 0.0254), (60.0..=110.0, 0.01), (600.0..=1100.0, 0.001)];
-
-/// The unit in metres that a leg of this length, hip to knee to ankle, indicates.
-pub(crate) fn unit_of_leg(length: f64) -> Option<f64> {
-    LEGS.iter().find(|(lengths, _)| lengths.contains(&length)).map(|(_, metres)| *metres)
-}
-
-/// The unit in metres of a file whose nodes `range` have these rest `offset`s.
+/// The unit in metres of a file, with a doubt if it isn't sure. `whole` is everything below the ROOT, with its clip, in the
+/// file's unit; `map` is the map that fits it.
+///
+/// # Errors
+/// [`FaultKind::UnitUnknown`] when neither the legs nor the size of the body tell it.
 pub(crate) fn judge(
     path: &Path,
     head: &Header,
-    range: Range<usize>,
-    offset: impl Fn(usize) -> Vec3,
-    options: &ReadOptions,
-) -> Result<f64> {
-    let leg = match mapped_leg(head, range.clone(), options)? {
+    (whole, clip): (&BvhRig, &Clip),
+    (map, options): (Option<&SkeletonMap>, &ReadOptions),
+) -> Result<(f64, Option<Warning>)> {
+    let rig = clip.skeleton();
+    let node = |joint: usize| whole.joints[joint];
+    let joint = |node: &usize| whole.joints.binary_search(node).ok();
+    let range = head.below(whole.chain[0]);
+    let leg = match map.and_then(|map| size::leg(rig, map)) {
         Some(leg) => Some(leg),
-        None => leg_by_words(head, range.clone()),
+        None => leg_by_words(head, range).map(|leg| leg.iter().filter_map(joint).collect()),
     };
-    let length = |offset: &dyn Fn(usize) -> Vec3| {
-        leg.as_ref().map(|bones| bones.iter().map(|&n| offset(n).length()).sum::<f64>())
-    };
-    let unit = |length: Option<f64>| length.and_then(unit_of_leg);
-    let by_offset = length(&|n| Vec3::from_array(head.nodes[n].offset));
-    let leg = length(&offset);
-    if let Some(metres) = unit(leg) {
-        return Ok(metres);
+    let length = |leg: &Vec<usize>| leg.iter().map(|&j| rig.offsets()[j].length()).sum::<f64>();
+    let by_offset =
+        |leg: &Vec<usize>| leg.iter().map(|&j| Vec3::from_array(head.nodes[node(j)].offset).length()).sum::<f64>();
+    if let Some(found) = leg.as_ref().and_then(|leg| size::unit(length(leg), || size::height(clip, map))) {
+        return Ok(found);
     }
-    let help = match (options.bvh_position, unit(by_offset)) {
-        (BvhPosition::Replace, Some(_)) => {
-            "the OFFSETs alone would tell; these look like added positions: give `bvh_position` add"
-        }
-        _ => "give `unit`: m, cm, mm, in or cmu",
+    let added = options.bvh_position == BvhPosition::Replace
+        && leg.as_ref().map(by_offset).and_then(size::unit_of_leg).is_some();
+    if leg.is_none()
+        && let Some(found) = size::unit_of_extent(size::extent(clip))
+    {
+        return Ok(found);
+    }
+    let help = match added {
+        true => "the OFFSETs alone would tell; these look like added positions: give `bvh_position` add",
+        false => size::GIVE_UNIT,
     };
-    let found = match leg {
-        Some(l) => format!("a leg of {l:.4} from hip to ankle"),
-        None => "no joints whose names say hip, knee and ankle".into(),
+    let found = match &leg {
+        Some(leg) => format!("a leg of {:.4} from hip to ankle", length(leg)),
+        None => format!("no joints whose names say hip, knee and ankle, and a body of {:.4}", size::extent(clip)),
     };
     let expected = "a leg of 0.6-1.1 (m), 12-19 (CMU units), 23-45 (inches), 60-110 (cm) or 600-1100 (mm)";
-    let at = head.nodes[range.start].at;
+    let at = head.nodes[whole.chain[0]].at;
     let fault = Text::new(path, &head.pieces[0]).fault(at, FaultKind::UnitUnknown, found, expected);
     Err(fault.help(help).into())
-}
-
-/// The nodes from below a hip to its ankle, by the given skeleton map or the built-in one that fits.
-fn mapped_leg(head: &Header, range: Range<usize>, options: &ReadOptions) -> Result<Option<Vec<usize>>> {
-    let joints: Vec<usize> = range.filter(|&n| head.nodes[n].kind != NodeKind::End).collect();
-    let names: Vec<String> = joints.iter().map(|&n| head.nodes[n].unique.clone()).collect();
-    let parent = |n: usize| head.nodes[n].parent.and_then(|p| joints.iter().position(|&j| j == p));
-    let offsets = joints.iter().map(|&n| Vec3::from_array(head.nodes[n].offset)).collect();
-    let parents = joints.iter().map(|&n| parent(n)).collect();
-    let rig = Skeleton::new(names.clone(), parents, offsets, Vec::new())?;
-    let Some(map) = map_if_any(&rig, None, options.map.as_deref())? else { return Ok(None) };
-    let node = |smpl: usize| {
-        let name = map.joint(smpl)?;
-        names.iter().position(|n| n == name).map(|i| joints[i])
-    };
-    let leg = |[hip, knee, ankle]: [usize; 3]| {
-        let (hip, knee, ankle) = (node(hip)?, node(knee)?, node(ankle)?);
-        let mut bones = Vec::new();
-        let mut at = ankle;
-        while at != hip {
-            bones.push(at);
-            at = head.nodes[at].parent?;
-        }
-        bones.contains(&knee).then_some(bones)
-    };
-    // left, else right: hip, knee, ankle by SMPL id
-    Ok(leg([1, 4, 7]).or_else(|| leg([2, 5, 8])))
 }
 
 /// The nodes from below a hip to its ankle, by common joint names; for rigs that no map fits.
@@ -160,7 +133,7 @@ mod tests {
         let names = ["LeftHip", "LeftKnee", "LeftAnkle"];
         for (text, expected) in [
             (file(5.0, names, ""), "a leg of 4.1000"),
-            (file(1.0, ["a", "b", "c"], ""), "no joints whose names"),
+            (file(2.6, ["a", "b", "c"], ""), "no joints whose names"),
             (file(1.0, names, "0 0 0"), "`bvh_position` add"),
         ] {
             let e = read(&text, &ReadOptions::default()).unwrap_err();

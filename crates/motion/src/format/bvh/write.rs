@@ -98,9 +98,9 @@ mod tests {
         let read = |bytes: &[u8], unit: Unit| {
             bvh::read(Path::new("a.bvh"), bytes, &ReadOptions { unit, ..Default::default() }).unwrap()
         };
-        let own = read(&centimetres, Unit::Centimetre);
+        let own = read(&centimetres, Unit::CENTIMETRE);
         assert_eq!(to_bytes_in(&own, 0.01).unwrap(), centimetres);
-        for (unit, metres) in [(Unit::Metre, 1.0), (Unit::Inch, 0.0254), (Unit::Millimetre, 0.001)] {
+        for (unit, metres) in [(Unit::METRE, 1.0), (Unit::INCH, 0.0254), (Unit::MILLIMETRE, 0.001)] {
             let other = read(&to_bytes_in(&own, metres).unwrap(), unit);
             let (a, b) = (own.clip.positions(), other.clip.positions());
             let far = a.iter().zip(&b).map(|(a, b)| (*a - *b).length()).fold(0.0, f64::max);

@@ -37,6 +37,17 @@ impl BvhSource {
         }
     }
 
+    /// The nodes from the clip's root down to the last of its tips; those of its joints and end sites.
+    pub(crate) fn body(&self) -> Range<usize> {
+        self.head.below(self.rig.joints[0])
+    }
+
+    /// The nodes of the ROOT that is read that are no part of the clip and not above it: IK targets, props.
+    pub(crate) fn beside(&self) -> impl Iterator<Item = usize> {
+        let (body, chain) = (self.body(), self.rig.chain.clone());
+        self.head.below(chain[0]).filter(move |n| !body.contains(n) && !chain.contains(n))
+    }
+
     /// Whether all rotation channels from the file's ROOT to the clip's root are exactly 0 in a frame.
     pub(crate) fn root_unturned(&self, frame: usize) -> bool {
         let row = &self.numbers[frame * self.head.width..(frame + 1) * self.head.width];
@@ -51,8 +62,11 @@ impl BvhSource {
 /// How a BVH's nodes and channels are interpreted as a clip, for reading and for writing back.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BvhRig {
-    /// The nodes from the file's ROOT to the clip's root, inclusive. More than one if a root was folded.
+    /// The nodes from the file's ROOT to the clip's root, inclusive. More than one if what is above the body was composed
+    /// into it.
     pub chain: Vec<usize>,
+    /// By axis of the file, the node of the chain whose position channel carries the path: the one that varies most.
+    pub path: [usize; 3],
     /// The node of each joint (J).
     pub joints: Vec<usize>,
     /// The clip's skeleton, metres, y up.
@@ -130,6 +144,14 @@ pub struct Node {
 pub(crate) struct Style {
     pub line_end: String,
     pub indent: String,
+}
+
+impl Header {
+    /// A node and all nodes below it, which follow it in the file.
+    pub(crate) fn below(&self, node: usize) -> Range<usize> {
+        let is_below = |n: &usize| self.nodes[*n].parent.is_some_and(|parent| parent >= node);
+        node..(node + 1..self.nodes.len()).find(|n| !is_below(n)).unwrap_or(self.nodes.len())
+    }
 }
 
 /// Everything before the rows, including the original bytes.

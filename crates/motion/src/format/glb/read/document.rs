@@ -47,6 +47,8 @@ pub(super) struct Node {
     pub rotation: Option<[f64; 4]>,
     pub scale: Option<[f64; 3]>,
     pub matrix: Option<[f64; 16]>,
+    pub mesh: Option<usize>,
+    pub camera: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]

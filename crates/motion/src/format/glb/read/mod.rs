@@ -1,4 +1,4 @@
-//! GLB and VRM (binary glTF 2.0), read: the joints of the largest figure and its longest animation.
+//! GLB and VRM (binary glTF 2.0), read: the joints of the largest figure and the longest animation that moves it.
 //!
 //! Source: Khronos Group, glTF 2.0 Specification (2021), sections 3.5, 3.7.3, 3.11. Metres, y up. A file states no rate: it
 //! is that of its keys, if they are evenly spaced.
@@ -6,7 +6,8 @@
 mod document;
 mod track;
 
-use crate::format::posed::{Figure, Placed, placed, unique};
+use crate::format::figure::{Chosen, Nodes, choose_take};
+use crate::format::posed::{Figure, MOST_PLACED, Placed, placed, unique};
 use crate::format::{ReadOptions, bvh::USUAL_FPS};
 use crate::{FaultKind, FileError, Motion, Quat, Result, Source, Vec3, Warning};
 use document::Document;
@@ -16,17 +17,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use track::{Between, Track, quat};
 
+/// The unit of glTF.
+const UNIT_M: f64 = 1.0;
 /// The rate of animations whose keys have none.
 const FPS: f64 = 30.0;
-/// Most nodes, their deepest nesting, and most frames times joints: 8 GiB.
+/// Most nodes, their deepest nesting, and most joints.
 const MOST_NODES: usize = 65_536;
 const DEEPEST: usize = 512;
 const MOST_JOINTS: usize = 4096;
-const MOST_ROTATIONS: f64 = (1u64 << 28) as f64;
-/// A change of a bone's length above this is reported, metres.
-const STILL_M: f64 = 0.01;
 
-/// Reads the figure with the most joints, or the one with a joint named `root` in the options.
+/// Reads the figure with the most joints, or what `root` of the options names.
 ///
 /// # Errors
 /// [`FaultKind::NotThisFormat`] for a file that is no GLB of version 2, is damaged, is compressed, or has no figure;
@@ -35,24 +35,15 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let document = Document::parse(path, bytes)?;
     let tree = Tree::new(&document)?;
     let mut warnings = Vec::new();
-    let joints = tree.figure(options.root.as_deref(), &mut warnings)?;
+    let Chosen { nodes: joints, root } = tree.figure(options.root.as_deref(), &mut warnings)?;
     let figure = tree.at_rest(&joints)?;
-    let takes = &document.json.animations;
     let of_figure: BTreeSet<usize> = joints.iter().flat_map(|&joint| tree.upwards(joint)).collect();
-    let read = |n: usize| Take::new(&document, n, &of_figure);
-    let all: Vec<Take> = (0..takes.len()).map(read).collect::<Result<_>>()?;
-    let longest = all.into_iter().enumerate().reduce(|a, b| if b.1.length() > a.1.length() { b } else { a });
-    let (fps, count, take) = match &longest {
+    let (fps, count, take) = match take(&document, &of_figure, options.take.as_deref(), &mut warnings)? {
         None => {
             warnings.push(Warning { kind: "no_animation", what: "no animation: its pose is read as one frame".into() });
             (FPS, 1.0, None)
         }
-        Some((n, take)) => {
-            if takes.len() > 1 {
-                let name = takes[*n].name.clone().unwrap_or_else(|| n.to_string());
-                let what = format!("{} takes; {name} is read, the longest", takes.len());
-                warnings.push(Warning { kind: "several_takes", what });
-            }
+        Some(take) => {
             let fps = take.fps().unwrap_or_else(|| {
                 let what = format!("keys at no even rate: read at {FPS}; give `fps_source` if that is wrong");
                 warnings.push(Warning { kind: "rate_assumed", what });
@@ -61,20 +52,35 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
             (fps, (take.length() * fps).round() + 1.0, Some(take))
         }
     };
-    if !(1.0..=MOST_ROTATIONS).contains(&(count * joints.len() as f64)) {
+    if !(1.0..=MOST_PLACED).contains(&(count * joints.len() as f64)) {
         let found = format!("{count} frames of {} joints", joints.len());
-        return Err(FileError::new(SourcePos::file(path), FaultKind::TooLarge, found, "268,435,456 rotations").into());
+        return Err(FileError::new(SourcePos::file(path), FaultKind::TooLarge, found, "134,217,728 rotations").into());
     }
     let frames = (0..count as usize).map(|f| {
-        let world = tree.world(take.map(|take| (take, take.begin + f as f64 / fps)));
+        let world = tree.world(take.as_ref().map(|take| (take, take.begin + f as f64 / fps)));
         Ok(joints.iter().map(|&node| split(&world[node])).collect())
     });
-    let (clip, stretch) = figure.clip(options.fps_source.unwrap_or(fps), frames)?;
-    if stretch > STILL_M {
-        let what = format!("bones get longer or shorter by {:.1} cm at most: left as at rest", 100.0 * stretch);
-        warnings.push(Warning { kind: "stretch_dropped", what });
-    }
+    let root = root.and_then(|node| joints.iter().position(|&j| j == node));
+    let (clip, more) = figure.clip(root, (options.fps_source.unwrap_or(fps), options), UNIT_M, frames)?;
+    warnings.extend(more);
     Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
+}
+
+/// The take of that name, else the longest that moves one of these nodes, else the longest; `None` without any.
+fn take(
+    document: &Document,
+    nodes: &BTreeSet<usize>,
+    name: Option<&str>,
+    warnings: &mut Vec<Warning>,
+) -> Result<Option<Take>> {
+    let animations = &document.json.animations;
+    let read = |n: usize| Take::new(document, n, nodes);
+    let mut takes: Vec<Take> = (0..animations.len()).map(read).collect::<Result<_>>()?;
+    let names: Vec<String> =
+        animations.iter().enumerate().map(|(n, a)| a.name.clone().unwrap_or_else(|| n.to_string())).collect();
+    let chosen = choose_take(&names, name, |n| (takes[n].moves(), takes[n].length()), warnings);
+    let chosen = chosen.map_err(|(found, expected)| document.fault(found, &expected))?;
+    Ok(chosen.map(|n| takes.swap_remove(n)))
 }
 
 fn split(m: &DAffine3) -> Placed {
@@ -129,86 +135,64 @@ impl<'a> Tree<'a> {
         self.document.json.nodes[node].name.clone().filter(|n| !n.is_empty()).unwrap_or_else(|| format!("node{node}"))
     }
 
-    /// The nodes that are the joints of a figure, parents first: those of all skins below one top node, else those that an
-    /// animation turns, with what lies between them.
-    fn figure(&self, root: Option<&str>, warnings: &mut Vec<Warning>) -> Result<Vec<usize>> {
-        let json = &self.document.json;
-        let mut candidates: Vec<usize> = json.skins.iter().flat_map(|s| s.joints.iter().copied()).collect();
-        if candidates.is_empty() {
-            let turned = json.animations.iter().flat_map(|a| &a.channels).filter(|c| c.target.path == "rotation");
-            candidates = turned.filter_map(|c| c.target.node).collect();
-        }
-        let mut figures: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
-        for node in candidates {
-            if node >= json.nodes.len() {
-                return Err(self.document.fault(format!("a joint at node {node}"), "a node of the file"));
-            }
-            let top = self.upwards(node).last().unwrap_or(node);
-            figures.entry(top).or_default().insert(node);
-        }
-        let whole: Vec<Vec<usize>> = figures.values().map(|joints| self.connected(joints)).collect();
-        // figures on the same rig differ by what they hang from
-        let name = |(&top, joints): (&usize, &Vec<usize>)| {
-            let own = self.name(joints[0]);
-            let shared = whole.iter().filter(|other| self.name(other[0]) == own).count() > 1;
-            if shared { self.name(top) } else { own }
+    /// The figure to read: of the joints of all skins, else of what an animation moves.
+    fn figure(&self, root: Option<&str>, warnings: &mut Vec<Warning>) -> Result<Chosen> {
+        let nodes = Nodes {
+            names: (0..self.parents.len()).map(|n| self.name(n)).collect(),
+            parents: self.parents.clone(),
+            joints: self.joints()?,
         };
-        let names: Vec<String> = figures.keys().zip(&whole).map(name).collect();
-        let is = |n: usize, root: &str| names[n] == root || whole[n].iter().any(|&j| self.name(j) == root);
-        let chosen = match root {
-            Some(root) => (0..whole.len()).find(|&n| is(n, root)),
-            None => (0..whole.len()).rev().max_by_key(|&n| whole[n].len()),
-        };
-        let Some(which) = chosen else {
-            return Err(match root.filter(|_| !names.is_empty()) {
-                Some(root) => self.document.fault(format!("no figure {root}"), &format!("one of {}", names.join(", "))),
-                None => self.document.fault("no skin and no turning node".into(), "a figure with a skeleton"),
-            });
-        };
-        let chosen = &whole[which];
-        if chosen.len() > MOST_JOINTS {
-            let found = format!("{} joints", chosen.len());
+        let chosen = nodes.choose(root, warnings);
+        let chosen = chosen.map_err(|(found, expected)| self.document.fault(found, &expected))?;
+        if chosen.nodes.len() > MOST_JOINTS {
+            let found = format!("{} joints", chosen.nodes.len());
             return Err(self.document.fault(found, "4,096 at most"));
         }
-        if root.is_none() && whole.len() > 1 {
-            let what = format!(
-                "{} figures, {}; {} is read, `root` takes another",
-                whole.len(),
-                names.join(", "),
-                names[which]
-            );
-            warnings.push(Warning { kind: "several_roots", what });
-        }
-        Ok(chosen.clone())
+        Ok(chosen)
     }
 
-    /// The joints and what connects them to one tree; parents first.
-    fn connected(&self, joints: &BTreeSet<usize>) -> Vec<usize> {
-        // the lowest node that all descend from
-        let mut shared: Option<Vec<usize>> = None;
-        for &joint in joints {
-            let mut down: Vec<usize> = self.upwards(joint).collect();
-            down.reverse();
-            shared = Some(match shared {
-                None => down,
-                Some(s) => s.iter().zip(&down).take_while(|(a, b)| a == b).map(|(a, _)| *a).collect(),
-            });
+    /// Which nodes are joints: those of the skins; without skins what an animation moves, with everything below what these
+    /// nodes hang from that is no mesh or camera, since a joint may never turn.
+    fn joints(&self) -> Result<Vec<bool>> {
+        let json = &self.document.json;
+        let mut joints = vec![false; json.nodes.len()];
+        let mut mark = |node: usize| match joints.get_mut(node) {
+            Some(joint) => {
+                *joint = true;
+                Ok(())
+            }
+            None => Err(self.document.fault(format!("a joint at node {node}"), "a node of the file")),
+        };
+        if json.skins.iter().any(|skin| !skin.joints.is_empty()) {
+            json.skins.iter().flat_map(|skin| &skin.joints).try_for_each(|&node| mark(node))?;
+            return Ok(joints);
         }
-        let top = shared.and_then(|s| s.last().copied());
-        let mut whole: BTreeSet<usize> = joints.clone();
-        for &joint in joints {
-            for node in self.upwards(joint) {
-                whole.insert(node);
-                if Some(node) == top {
-                    break;
-                }
+        let channels = json.animations.iter().flat_map(|a| &a.channels);
+        let moving = channels.filter(|c| matches!(c.target.path.as_str(), "rotation" | "translation"));
+        moving.filter_map(|c| c.target.node).try_for_each(&mut mark)?;
+        // how many moving nodes are in and below each node, and in its whole tree
+        let mut below: Vec<usize> = joints.iter().map(|&moves| usize::from(moves)).collect();
+        for &n in self.order.iter().rev() {
+            if let Some(p) = self.parents[n] {
+                below[p] += below[n];
             }
         }
-        // the file's own order, where parents come first in it
-        if whole.iter().all(|&n| Some(n) == top || self.parents[n].is_none_or(|p| p < n)) {
-            return whole.into_iter().collect();
+        let mut whole = below.clone();
+        for &n in &self.order {
+            if let Some(p) = self.parents[n] {
+                whole[n] = whole[p];
+            }
         }
-        self.order.iter().copied().filter(|n| whole.contains(n)).collect()
+        // a node stands below what all moving nodes of its tree hang from, or below one that moves
+        let mut under = vec![false; joints.len()];
+        for &n in &self.order {
+            let Some(p) = self.parents[n] else { continue };
+            let shared = below[p] > 0 && below[p] == whole[p] && below[n] < whole[p];
+            under[n] = under[p] || joints[p] || shared;
+            let node = &json.nodes[n];
+            joints[n] |= under[n] && node.mesh.is_none() && node.camera.is_none();
+        }
+        Ok(joints)
     }
 
     /// The figure in its bind pose, if every joint has one, else as its nodes stand.
@@ -328,6 +312,11 @@ impl Take {
             return Err(bad("times that go back", "ascending ones"));
         }
         Ok(Track { times, values, width, between })
+    }
+
+    /// Whether a track changes anything.
+    fn moves(&self) -> bool {
+        self.tracks.values().flatten().flatten().any(|track| !track.is_still())
     }
 
     fn of(&self, node: usize) -> Option<&Tracks> {

@@ -35,6 +35,11 @@ impl Track {
         &self.values[at..at + self.width]
     }
 
+    /// Whether all keys have the same value.
+    pub fn is_still(&self) -> bool {
+        (1..self.times.len()).all(|key| self.value(key) == self.value(0))
+    }
+
     /// The components at `time`, but for linear rotations.
     fn components(&self, time: f64) -> Vec<f64> {
         let (a, b, u) = self.place(time);

@@ -258,7 +258,7 @@ fn a_json_is_turned_on_demand_and_archives_are_not() {
 
 #[test]
 fn options_of_before_have_no_up() {
-    let old: ReadOptions = serde_json::from_str(r#"{"unit": "metre", "skip": 3}"#).unwrap();
+    let old: ReadOptions = serde_json::from_str(r#"{"unit": "m", "skip": 3}"#).unwrap();
     assert_eq!((old.up, old.skip), (Up::Auto, 3));
     for up in [Up::Auto, Up::X, Up::NegX, Up::Y, Up::NegY, Up::Z, Up::NegZ] {
         let text = serde_json::to_string(&options(up)).unwrap();

@@ -2,7 +2,7 @@
 //! joints beside it (IK targets, props) are no part of the clip.
 
 use crate::rig::SkeletonMap;
-use crate::{Clip, EndSite, Quat, Result, Skeleton, Vec3};
+use crate::{Clip, EndSite, Quat, Result, Skeleton, Vec3, Warning};
 use std::sync::Arc;
 
 /// The lowest joint that all joints of a map descend from: the pelvis, or what pelvis and spine hang from. `None` if the map
@@ -68,6 +68,20 @@ pub(crate) fn from_joint(clip: &Clip, joint: usize, root: Vec<Vec3>) -> Result<C
         rotations.extend(kept[1..].iter().map(|&j| pose[j]));
     }
     Clip::new(Arc::new(skeleton), clip.fps(), root, rotations)
+}
+
+/// What is said of the joints that are neither at `joint` or below it nor above: how many there are, and how far one `moved`
+/// (J) at most in the frame of what it hangs from, metres. `None` if there are none.
+pub(crate) fn beside(rig: &Skeleton, joint: usize, moved: impl Fn(usize) -> f64) -> Option<Warning> {
+    let beside: Vec<usize> =
+        (0..rig.joints()).filter(|&j| !rig.descends(j, joint) && !rig.descends(joint, j)).collect();
+    let furthest = beside.iter().map(|&j| moved(j)).fold(0.0, f64::max);
+    let names = beside.iter().take(3).map(|&j| rig.names()[j].as_str()).collect::<Vec<_>>().join(", ");
+    let more = if beside.len() > 3 { format!(" and {} more", beside.len() - 3) } else { String::new() };
+    let what = format!(
+        "{names}{more}: beside the body, and no part of the clip; they move by up to {furthest:.2} m at what they hang from"
+    );
+    (!beside.is_empty()).then_some(Warning { kind: "joints_beside", what })
 }
 
 /// Positions (F) of one joint, metres.

@@ -70,6 +70,7 @@ impl Figure {
         let root = root
             .or_else(mapped)
             .unwrap_or_else(|| motion_root::topmost_mover(whole.skeleton(), |j| moved[j] * metres > STILL_M));
+        let beside = motion_root::beside(whole.skeleton(), root, |j| moved[j] * metres);
         let clip = if root == 0 { whole } else { motion_root::from_joint(&whole, root, path(root))? };
         let of = |name: &String| self.names.iter().position(|n| n == name);
         let kept = clip.skeleton().names()[1..].iter().filter_map(of);
@@ -83,7 +84,7 @@ impl Figure {
         });
         let clip = if metres == 1.0 { clip } else { clip.scaled(metres)? };
         let size = size::doubt(&clip, map.as_ref(), options.unit.metres().unwrap_or(stated_m));
-        Ok((clip, warning.into_iter().chain(size).collect()))
+        Ok((clip, warning.into_iter().chain(beside).chain(size).collect()))
     }
 }
 

@@ -22,8 +22,8 @@ pub struct Report<'a> {
 pub fn report(motion: &Motion, floor_m: Option<f64>) -> Report<'_> {
     let stats = clip_stats(&motion.clip);
     // what was found out is part of the report, not a doubt
-    let mut doubts: Vec<Warning> =
-        motion.warnings.iter().filter(|w| !matches!(w.kind, "up_axis" | "rig_recognised")).cloned().collect();
+    let is_doubt = |w: &&Warning| !matches!(w.kind, "up_axis" | "rig_recognised" | "joints_beside");
+    let mut doubts: Vec<Warning> = motion.warnings.iter().filter(is_doubt).cloned().collect();
     doubts.extend(doubts_of(&stats, motion.clip.skeleton()));
     Report { motion, floor_m, stats, doubts }
 }
@@ -45,6 +45,9 @@ impl Report<'_> {
         let _ = writeln!(t, "  {} joints, {} end sites; rig {rig}", skeleton.joints(), skeleton.ends().len());
         for line in source {
             let _ = writeln!(t, "  {line}");
+        }
+        for beside in self.motion.warnings.iter().filter(|w| w.kind == "joints_beside") {
+            let _ = writeln!(t, "  {}", beside.what);
         }
         let _ = writeln!(t, "  {}", axes_line(&self.motion.source.axes()));
         let [low, high] = f.root_range;

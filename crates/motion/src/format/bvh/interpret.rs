@@ -179,6 +179,8 @@ pub(crate) fn decide(
         (clip, map)
     };
     let mut warnings: Vec<Warning> = doubt.into_iter().collect();
+    let at = whole.joints.binary_search(&root).unwrap_or(0);
+    warnings.extend(motion_root::beside(&whole.skeleton, at, |j| mean(whole.joints[j]).1 * unit_m));
     warnings.extend(left_out(&rig, &clip));
     Ok(Decided { rig, clip, map, warnings })
 }

@@ -30,14 +30,16 @@ pub(crate) fn judge(
     let length = |leg: &Vec<usize>| leg.iter().map(|&j| rig.offsets()[j].length()).sum::<f64>();
     let by_offset =
         |leg: &Vec<usize>| leg.iter().map(|&j| Vec3::from_array(head.nodes[node(j)].offset).length()).sum::<f64>();
-    if let Some(found) = leg.as_ref().and_then(|leg| size::unit(length(leg), || size::height(clip, map))) {
-        return Ok(found);
-    }
+    // legs that the OFFSETs alone would tell are no child's
     let added = options.bvh_position == BvhPosition::Replace
+        && leg.as_ref().is_some_and(|leg| size::unit_of_leg(length(leg)).is_none())
         && leg.as_ref().map(by_offset).and_then(size::unit_of_leg).is_some();
-    if leg.is_none()
-        && let Some(found) = size::unit_of_extent(size::extent(clip))
-    {
+    let found = match &leg {
+        Some(leg) if !added => size::unit(length(leg), || size::height(clip, map)),
+        Some(_) => None,
+        None => size::unit_of_extent(size::extent(clip)),
+    };
+    if let Some(found) = found {
         return Ok(found);
     }
     let help = match added {

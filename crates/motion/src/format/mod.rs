@@ -20,6 +20,7 @@ mod importer;
 pub mod json;
 #[cfg(feature = "amass")]
 pub mod npy;
+mod keys;
 #[cfg(feature = "amass")]
 pub mod npz;
 mod options;

@@ -4,14 +4,16 @@
 //! is that of its keys, if they are evenly spaced.
 
 mod document;
+mod rate;
 mod track;
 
 use crate::format::posed::{Figure, Placed, placed, unique};
-use crate::format::{ReadOptions, bvh::USUAL_FPS};
+use crate::format::{Axes, ReadOptions, Up};
 use crate::{FaultKind, FileError, Motion, Quat, Result, Source, Vec3, Warning};
 use document::Document;
 use glam::DAffine3;
 use kinelm_store::SourcePos;
+use rate::Frames;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use track::{Between, Track, quat};
@@ -42,10 +44,10 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let read = |n: usize| Take::new(&document, n, &of_figure);
     let all: Vec<Take> = (0..takes.len()).map(read).collect::<Result<_>>()?;
     let longest = all.into_iter().enumerate().reduce(|a, b| if b.1.length() > a.1.length() { b } else { a });
-    let (fps, count, take) = match &longest {
+    let (Frames { step_fps, fps, count }, take) = match &longest {
         None => {
             warnings.push(Warning { kind: "no_animation", what: "no animation: its pose is read as one frame".into() });
-            (FPS, 1.0, None)
+            (Frames { step_fps: FPS, fps: options.fps_source.unwrap_or(FPS), count: 1.0 }, None)
         }
         Some((n, take)) => {
             if takes.len() > 1 {
@@ -53,12 +55,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
                 let what = format!("{} takes; {name} is read, the longest", takes.len());
                 warnings.push(Warning { kind: "several_takes", what });
             }
-            let fps = take.fps().unwrap_or_else(|| {
-                let what = format!("keys at no even rate: read at {FPS}; give `fps_source` if that is wrong");
-                warnings.push(Warning { kind: "rate_assumed", what });
-                FPS
-            });
-            (fps, (take.length() * fps).round() + 1.0, Some(take))
+            (Frames::of(take, options, &mut warnings), Some(take))
         }
     };
     if !(1.0..=MOST_ROTATIONS).contains(&(count * joints.len() as f64)) {
@@ -66,10 +63,10 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         return Err(FileError::new(SourcePos::file(path), FaultKind::TooLarge, found, "268,435,456 rotations").into());
     }
     let frames = (0..count as usize).map(|f| {
-        let world = tree.world(take.map(|take| (take, take.begin + f as f64 / fps)));
+        let world = tree.world(take.map(|take| (take, take.begin + f as f64 / step_fps)));
         Ok(joints.iter().map(|&node| split(&world[node])).collect())
     });
-    let (clip, stretch) = figure.clip(options.fps_source.unwrap_or(fps), frames)?;
+    let (clip, stretch) = figure.clip(fps, frames)?;
     if stretch > STILL_M {
         let what = format!("bones get longer or shorter by {:.1} cm at most: left as at rest", 100.0 * stretch);
         warnings.push(Warning { kind: "stretch_dropped", what });
@@ -336,25 +333,6 @@ impl Take {
 
     fn length(&self) -> f64 {
         self.end - self.begin
-    }
-
-    /// The rate of the keys, if nearly all are whole steps of the shortest apart: a usual or whole one within 1 %.
-    fn fps(&self) -> Option<f64> {
-        let mut times: Vec<f64> =
-            self.tracks.values().flatten().flatten().flat_map(|t| t.times.iter().copied()).collect();
-        times.sort_by(f64::total_cmp);
-        let steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 2e-4).collect();
-        let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
-        let even = |d: &&f64| (*d / shortest - (*d / shortest).round()).abs() < 0.1;
-        if steps.is_empty() || (steps.iter().filter(even).count() as f64) < 0.95 * steps.len() as f64 {
-            return None;
-        }
-        // single precision rounds each time: the mean step is exact
-        let frames = steps.iter().map(|d| (d / shortest).round()).sum::<f64>();
-        let exact = frames / steps.iter().sum::<f64>();
-        let near = |n: f64| (n / exact - 1.0).abs() < 0.01;
-        let usual = USUAL_FPS.iter().map(|n| *n as f64).find(|n| near(*n));
-        Some(usual.or(Some(exact.round()).filter(|n| near(*n))).unwrap_or(exact))
     }
 }
 

@@ -4,6 +4,8 @@
 //! pose (or, without one, of the saved pose) is removed from each joint. Lengths are in metres and y is up; the file states
 //! its unit and axes.
 
+mod keys;
+
 use super::options::{ReadOptions, is_rate};
 use super::posed::{Figure, Placed, placed, unique};
 use crate::error::{FaultKind, FileError};
@@ -48,7 +50,10 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         return Err(fault(FaultKind::TooLarge, format!("{} bones", figure.len()), "4,096 at most").into());
     }
     // the longest of several takes
-    let length = |stack: &ufbx::AnimStack| stack.time_end - stack.time_begin;
+    let length = |stack: &ufbx::AnimStack| {
+        let (begin, end) = keys::span(stack, &figure);
+        end - begin
+    };
     let stack = scene.anim_stacks.iter().max_by(|a, b| length(a).total_cmp(&length(b)));
     if scene.anim_stacks.len() > 1
         && let Some(stack) = stack
@@ -57,8 +62,9 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         warnings.push(Warning { kind: "several_takes", what });
     }
     let anim = stack.map_or(&scene.anim, |stack| &stack.anim);
-    let (begin, end) = stack.map_or((0.0, 0.0), |stack| (stack.time_begin, stack.time_end));
-    let own = scene.settings.frames_per_second;
+    let (begin, end) = stack.map_or((0.0, 0.0), |stack| keys::span(stack, &figure));
+    let stated = scene.settings.frames_per_second;
+    let own = stack.map_or(stated, |stack| keys::rate(stack, &figure, stated));
     if !is_rate(own) {
         return Err(fault(FaultKind::FrameTimeBad, format!("{own} frames a second"), "a rate of motion").into());
     }

@@ -12,6 +12,7 @@ pub mod array;
 #[cfg(feature = "amass")]
 pub mod body_model;
 pub mod bvh;
+mod extension;
 #[cfg(feature = "fbx")]
 pub mod fbx;
 mod floor;
@@ -38,6 +39,7 @@ mod up;
 
 pub use floor::{floor_height, resolve_floor};
 pub use importer::Importer;
+pub use extension::Format;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
 pub use rate::{RateDoubt, RateDoubts};
 pub use rest::{has_rest_frame, smeared_frames};
@@ -54,66 +56,6 @@ use options::{check_skip, is_rate};
 use positions::Positions;
 use std::io::Read;
 use std::path::Path;
-
-/// The formats of motion files.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Format {
-    /// `.amc`, with an `.asf` beside it: read, not written.
-    Amc,
-    /// `.bvh`.
-    Bvh,
-    /// `.npz`: AMASS.
-    Npz,
-    /// `.pkl`: AIST++.
-    Pickle,
-    /// `.json`: a clip in this crate's own format.
-    Json,
-    /// `.glb`, and `.vrm`, which is one: a VRM is read only.
-    Glb,
-    /// `.fbx`: read, not written.
-    Fbx,
-}
-
-impl Format {
-    /// The format by the file's extension, in any letter case.
-    pub fn of_name(path: &Path) -> Option<Format> {
-        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-        Some(match extension.as_str() {
-            "amc" => Format::Amc,
-            "bvh" => Format::Bvh,
-            "npz" => Format::Npz,
-            "pkl" => Format::Pickle,
-            "json" => Format::Json,
-            "glb" | "vrm" => Format::Glb,
-            "fbx" => Format::Fbx,
-            _ => return None,
-        })
-    }
-
-    /// The format by the file's extension.
-    ///
-    /// # Errors
-    /// [`FaultKind::NotThisFormat`] with the supported extensions.
-    pub fn of(path: &Path) -> Result<Format> {
-        let found = match path.extension() {
-            Some(e) => format!("the extension .{}", e.to_string_lossy()),
-            None => "no extension".into(),
-        };
-        let expected = ".bvh, .amc, .glb, .npz, .pkl or .json";
-        Format::of_name(path).ok_or_else(|| {
-            let fault = FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected);
-            let is = |extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
-            let help = if is("c3d") {
-                "a C3D holds markers, not joints: let the capture system solve it onto a skeleton, and export BVH"
-            } else if is("asf") {
-                "an ASF is a skeleton without motion: give the .amc files beside it"
-            } else {
-                ""
-            };
-            fault.help(help).into()
-        })
-    }
-}
 
 /// Reads a motion file.
 ///
@@ -300,7 +242,7 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
         }
         Format::Amc | Format::Pickle | Format::Fbx | Format::Glb => {
             let found = format!("the extension .{}", path.extension().unwrap_or_default().to_string_lossy());
-            let expected = "a .bvh, .npz, .json or .glb to write";
+            let expected = format!("a {} to write", extension::listed(Format::WRITTEN));
             Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into())
         }
     }
@@ -332,7 +274,7 @@ mod tests {
         let e = message(&file("a.txt", BVH.as_bytes()));
         assert!(
             e.contains("not_this_format")
-                && e.contains(".bvh, .amc, .glb, .npz, .pkl or .json")
+                && e.contains("found the extension .txt, expected .bvh, .amc, .glb")
                 && e.contains("looks like a BVH"),
             "{e}"
         );
@@ -368,10 +310,6 @@ mod tests {
         write(&out, &m).unwrap();
         let text = std::fs::read_to_string(&out).unwrap();
         assert!(text.ends_with("Frames: 1\nFrame Time: 0.0166666667\n2.000000\n"), "{text}");
-        let markers = folder.path().join("a.C3D");
-        std::fs::write(&markers, [2, 0x50]).unwrap();
-        let message = read(&markers, &ReadOptions::default()).unwrap_err().to_string();
-        assert!(message.contains("a C3D holds markers, not joints"), "{message}");
         assert!(write(&folder.path().join("b.fbx"), &m).is_err());
     }
 }

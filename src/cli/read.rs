@@ -18,8 +18,8 @@ pub struct ReadArgs {
     /// The unit of a BVH, which states none; auto estimates it from the length of the legs [default: auto]
     #[arg(long, value_enum)]
     pub unit: Option<Unit>,
-    /// The axis that points up in a BVH or JSON; auto estimates it for a BVH from its rest pose and motion, and takes y
-    /// for a JSON [default: auto]
+    /// The axis that points up in the file; auto takes the one that its format has, and for BVH and AMC, which have none,
+    /// the one that rest pose, motion and feet show [default: auto]
     #[arg(long, value_enum, allow_hyphen_values = true, value_name = "AXIS")]
     pub up: Option<Up>,
     /// The skeleton map, for rigs whose joint names no built-in map knows: a built-in name or a TOML file

@@ -7,7 +7,7 @@ use super::array::Array;
 use super::npz::list;
 use super::pickle::{Pickle, Value};
 use super::smpl_arrays::{Vectors, translations};
-use super::{ReadOptions, body_model};
+use super::{Axes, ReadOptions, Up, body_model};
 use crate::error::{FaultKind, FileError};
 use crate::{Clip, Error, Motion, Result, Source, Warning};
 use kinelm_store::SourcePos;
@@ -70,7 +70,10 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         }
     }
     let clip = Clip::new(body.skeleton, options.fps_source.unwrap_or(fps), root, rotations)?;
-    let source = Source::Aist { scaling: scale, rest_pelvis: body.rest_pelvis, body_model: body.from_model };
+    let (axes, doubt) = Axes::of_body(&clip, Up::Y, options)?;
+    warnings.extend(doubt);
+    let clip = axes.to_y_up(clip)?;
+    let source = Source::Aist { scaling: scale, rest_pelvis: body.rest_pelvis, body_model: body.from_model, axes };
     Ok(Motion { path: path.to_owned(), clip, source, warnings })
 }
 

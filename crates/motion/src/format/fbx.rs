@@ -8,6 +8,7 @@ mod keys;
 
 use super::options::{ReadOptions, is_rate};
 use super::posed::{Figure, Placed, placed, unique};
+use super::{Axes, Up};
 use crate::error::{FaultKind, FileError};
 use crate::{Motion, Result, Source, Vec3, Warning};
 use kinelm_store::SourcePos;
@@ -99,7 +100,9 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         let what = format!("bones get longer or shorter by {:.1} cm at most: left as at rest", 100.0 * stretch);
         warnings.push(Warning { kind: "stretch_dropped", what });
     }
-    Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
+    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options)?;
+    warnings.extend(doubt);
+    Ok(Motion { path: path.to_owned(), clip: axes.to_y_up(clip)?, source: Source::plain(axes), warnings })
 }
 
 /// A bone of a figure, and the index of its parent.

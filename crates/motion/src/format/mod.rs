@@ -12,6 +12,7 @@ pub mod array;
 #[cfg(feature = "amass")]
 pub mod body_model;
 pub mod bvh;
+mod contact;
 mod extension;
 #[cfg(feature = "fbx")]
 pub mod fbx;
@@ -36,6 +37,7 @@ mod smpl_arrays;
 mod sniff;
 pub mod source;
 mod up;
+mod stand;
 
 pub use floor::{floor_height, resolve_floor};
 pub use importer::Importer;
@@ -45,7 +47,8 @@ pub use rate::{RateDoubt, RateDoubts};
 pub use rest::{has_rest_frame, smeared_frames};
 pub use sniff::sniff;
 pub use source::{Motion, Source};
-pub use up::{Axes, Up, UpSource, standing_axis};
+pub use stand::standing_axis;
+pub use up::{Axes, Up, UpSource};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
@@ -65,8 +68,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`kinelm_store::Error::Io`]; [`Error::File`] with position and kind for a faulty file;
-/// [`Invalid`](kinelm_store::Error::Invalid) for a rate out of range; [`Unsupported`](kinelm_store::Error::Unsupported) for
-/// `up` if the format defines its own axes; [`Error::Clip`] when no frame is left after `skip`.
+/// [`Invalid`](kinelm_store::Error::Invalid) for a rate out of range; [`Error::Clip`] when no frame is left after `skip`.
 ///
 /// ```
 /// use kinelm_motion::format::{self, ReadOptions};
@@ -81,9 +83,8 @@ use std::path::Path;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
-    let format = Format::of(path).map_err(|e| with_content_kind(e, path))?;
+    Format::of(path).map_err(|e| with_content_kind(e, path))?;
     check_rate(options)?;
-    check_up(path, format, options)?;
     parse(path, &input::bytes(path).map_err(Error::io(path))?, options)
 }
 
@@ -94,7 +95,6 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
 pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path)?;
     check_rate(options)?;
-    check_up(path, format, options)?;
     let motion = match format {
         Format::Amc => skipped(amc::read(path, bytes, options)?, options)?,
         Format::Bvh => bvh::read(path, bytes, options)?,
@@ -171,7 +171,6 @@ fn with_content_kind(error: Error, path: &Path) -> Error {
 pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
     check_rate(options)?;
     let format = Format::of(path)?;
-    check_up(path, format, options)?;
     match format {
         Format::Bvh => bvh::positions(path, &input::bytes(path).map_err(Error::io(path))?, options),
         _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
@@ -195,22 +194,6 @@ fn check_rate(options: &ReadOptions) -> Result<()> {
         return Err(Error::invalid("`fps_source`", found, expected));
     }
     Ok(())
-}
-
-/// Refuses `up` for formats that define their own axes.
-fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
-    let own = match format {
-        Format::Amc | Format::Bvh | Format::Json => return Ok(()),
-        Format::Glb => "a GLB has y up",
-        Format::Npz => "an AMASS file has z up",
-        Format::Pickle => "an AIST++ file has y up",
-        Format::Fbx => "an FBX states its up axis",
-    };
-    if options.up == Up::Auto {
-        return Ok(());
-    }
-    let why = format!("{own}, always; `up` is for BVH, AMC and JSON");
-    Err(Error::unsupported(format!("`up` {} of {}", options.up, path.display()), why))
 }
 
 /// Writes a motion file in the format of its extension, atomically.

@@ -143,10 +143,10 @@ fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
         Source::Amass { model, gender, rest_pelvis, body_model, .. } => {
             ("AMASS", vec![format!("model {model}, gender {gender}"), body_line(*rest_pelvis, *body_model)])
         }
-        Source::Aist { scaling, rest_pelvis, body_model } => {
+        Source::Aist { scaling, rest_pelvis, body_model, .. } => {
             ("AIST++", vec![format!("scaling {scaling}"), body_line(*rest_pelvis, *body_model)])
         }
-        Source::Json(_) | Source::Retargeted { .. } | Source::Plain => ("clip", Vec::new()),
+        Source::Json(_) | Source::Turned(_) | Source::Retargeted { .. } | Source::Plain => ("clip", Vec::new()),
     }
 }
 
@@ -155,6 +155,7 @@ fn axes_line(axes: &Axes) -> String {
     let why = match axes.by {
         UpSource::Given => "",
         UpSource::Inferred => ", by the rest pose and the motion",
+        UpSource::Feet => ", by the feet and the motion",
         UpSource::Ambiguous => ", for want of agreement",
         UpSource::Unknown => ", unjudged: no skeleton map knows the joints",
     };

@@ -27,7 +27,7 @@ pub use splice::Changed;
 pub(crate) use unit::unit_of_leg;
 pub use write::{to_bytes, to_bytes_in};
 
-use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpSource};
+use crate::format::{Axes, BvhPosition, ReadOptions};
 use crate::rig::map_if_any;
 use crate::{Clip, Motion, Result, Source, Warning};
 use interpret::Frames;
@@ -121,11 +121,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     let clip = source.clip(fps).map_err(|e| e.in_clip(path))?;
     let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
     let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
-    warnings.extend(doubt.map(|what| Warning { kind: "up_unsure", what }));
-    if axes.by == UpSource::Inferred && axes.up != Up::Y {
-        let what = format!("{} is up, by the rest pose and the motion; if it is not, give `up`", axes.up);
-        warnings.push(Warning { kind: "up_axis", what });
-    }
+    warnings.extend(doubt);
     source.rig.axes = axes;
     let clip = axes.to_y_up(clip)?;
     source.rig.skeleton = clip.skeleton().clone();

@@ -71,7 +71,9 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         let what = format!("bones get longer or shorter by {:.1} cm at most: left as at rest", 100.0 * stretch);
         warnings.push(Warning { kind: "stretch_dropped", what });
     }
-    Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
+    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options)?;
+    warnings.extend(doubt);
+    Ok(Motion { path: path.to_owned(), clip: axes.to_y_up(clip)?, source: Source::plain(axes), warnings })
 }
 
 fn split(m: &DAffine3) -> Placed {

@@ -206,9 +206,6 @@ fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
     for c in below.iter().filter(|c| c.stretch_m > 0.0005) {
         lines.push(format!("stretch left out at {}: {:.1} mm at most", name(c.joint), 1000.0 * c.stretch_m));
     }
-    if 2 * below.iter().filter(|c| c.looks_added).count() > below.len() {
-        lines.push("these look like added positions; try `bvh_position` add".into());
-    }
     lines
 }
 

@@ -3,6 +3,7 @@
 //! [`parse_header`] parses everything before the rows, [`Header::rows`] the numbers, [`read`] makes a [`Motion`] of both.
 //! The [`BvhSource`] stores what a clip doesn't, so that a file can be written back as it was.
 
+mod added;
 mod channels;
 mod compose;
 mod default_rig;
@@ -125,6 +126,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     source.rig.axes = axes;
     let clip = axes.to_y_up(clip)?;
     source.rig.skeleton = clip.skeleton().clone();
+    warnings.extend(added::doubt(&source, &clip));
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
 }
 

@@ -111,7 +111,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let output = &pairs[i].output;
         let count = if pairs.len() > 1 { format!("{} of {}: ", i + 1, pairs.len()) } else { String::new() };
         let motion = format::read(input, &options[i])?;
-        odd.warn(&motion);
+        odd.warn(&motion, &options[i]);
         let (motion, map) = (cut(&args, motion)?, options[i].map.as_deref());
         let written = if args.positions {
             let positions = match args.moves() {

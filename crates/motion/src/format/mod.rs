@@ -20,9 +20,9 @@ mod floor;
 pub mod glb;
 mod importer;
 pub mod json;
+mod keys;
 #[cfg(feature = "amass")]
 pub mod npy;
-mod keys;
 #[cfg(feature = "amass")]
 pub mod npz;
 mod options;
@@ -31,19 +31,21 @@ pub mod pickle;
 mod posed;
 pub mod positions;
 pub mod rate;
+mod rates;
 mod rest;
 #[cfg(feature = "amass")]
 mod smpl_arrays;
 mod sniff;
 pub mod source;
-mod up;
 mod stand;
+mod up;
 
+pub use extension::Format;
 pub use floor::{floor_height, resolve_floor};
 pub use importer::Importer;
-pub use extension::Format;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
-pub use rate::{RateDoubt, RateDoubts};
+pub use rate::RateDoubt;
+pub use rates::{FileRate, RateDoubts, RateGroup};
 pub use rest::{has_rest_frame, smeared_frames};
 pub use sniff::sniff;
 pub use source::{Motion, Source};

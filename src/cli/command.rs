@@ -22,8 +22,7 @@ pub struct Call {
 pub enum Command {
     /// Report what motion files contain and what looks wrong in them
     Inspect(inspect::Args),
-    /// Convert motion files to another format, rate or rig, by their extensions: .bvh .amc .glb .npz .pkl .json in, .bvh .npz
-    /// .json .glb out
+    /// Convert motion files to another format, rate or rig
     Convert(convert::Args),
     /// Write a self-contained page that plays clips side by side
     View(view::Args),

@@ -76,7 +76,7 @@ fn one(
 ) -> Result<()> {
     let mut motion = format::read(path, options)?;
     let floor_m = if args.feet { Some(resolve_floor(&mut motion, options)?) } else { None };
-    odd.warn(&motion);
+    odd.warn(&motion, options);
     let mut done = match how {
         Some(how) => how.apply(&motion.clip)?,
         None => Filtered { clip: motion.clip.clone(), coefficients: None, too_fast: Vec::new() },

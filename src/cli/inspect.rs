@@ -10,8 +10,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Motion files (.bvh .amc .glb .npz .pkl .json), or folders of them
-    #[arg(required = true)]
+    #[arg(required = true, help = super::with_extensions("Motion files (READ), or folders of them"))]
     files: Vec<PathBuf>,
     /// One JSON object a file and line instead of text
     #[arg(long)]

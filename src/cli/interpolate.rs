@@ -97,7 +97,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let options = args.read.of_files(&[&args.a, &args.b], RestFrame::Drop, say);
     let motions = [format::read(&args.a, &options[0])?, format::read(&args.b, &options[1])?];
     let odd = Odd::new(say);
-    motions.iter().for_each(|motion| odd.warn(motion));
+    motions.iter().zip(&options).for_each(|(motion, options)| odd.warn(motion, options));
     drop(odd);
     let [a, b] = motions;
     super::progress::stage("blending the dances");

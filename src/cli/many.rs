@@ -7,8 +7,7 @@ use std::path::PathBuf;
 /// Clips, and where what is made of each of them goes.
 #[derive(Debug, clap::Args)]
 pub struct InOut {
-    /// Motion files (.bvh .amc .glb .npz .pkl .json), or folders of them
-    #[arg(required = true, value_name = "CLIP")]
+    #[arg(required = true, value_name = "CLIP", help = super::with_extensions("Motion files (READ), or folders of them"))]
     clips: Vec<PathBuf>,
     /// The file to write (.bvh .npz .json), or a folder, which is created: files keep their names, those of a folder
     /// their paths below it

@@ -29,7 +29,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     super::each_file(&clips, say, |i, path| {
         let Pair { output, .. } = &pairs[i];
         let motion = format::read(path, &options[i])?;
-        odd.warn(&motion);
+        odd.warn(&motion, &options[i]);
         let (rig, map) = (motion.clip.skeleton(), options[i].map.as_deref());
         let clip = Mirror::new(rig, &map_of(&motion.clip, map)?)?.apply(&motion.clip)?;
         let mirrored = super::written_as(output, Motion { clip, ..motion }, map)?;

@@ -19,8 +19,8 @@ pub struct ReadArgs {
     /// "0.0725 m"; auto takes what the file states, and for a BVH what the length of the legs tells [default: auto]
     #[arg(long, value_name = "UNIT")]
     pub unit: Option<Unit>,
-    /// The axis that points up in a BVH or JSON; auto estimates it for a BVH from its rest pose and motion, and takes y
-    /// for a JSON [default: auto]
+    /// The axis that points up in the file; auto takes the one that its format has, and for BVH and AMC, which have none,
+    /// the one that rest pose, motion and feet show [default: auto]
     #[arg(long, value_enum, allow_hyphen_values = true, value_name = "AXIS")]
     pub up: Option<Up>,
     /// The skeleton map, for rigs whose joint names no built-in map knows: a built-in name or a TOML file

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A motion file (.bvh .amc .glb .npz .pkl .json)
+    #[arg(help = super::with_extensions("A motion file (READ)"))]
     clip: PathBuf,
     /// Where the plot goes (.png .svg): a joint's spectrogram, the body's spectral embedding, the joint's coefficients
     #[arg(long, value_name = "FILE")]

@@ -19,8 +19,8 @@ pub struct Args {
     /// The corpus folder to write
     #[arg(long, value_name = "CORPUS")]
     out: PathBuf,
-    /// The tokenizer
-    #[arg(long, value_name = "FILE")]
+    /// The tokenizer; ready takes that of kinelm's own model
+    #[arg(long, value_name = "FILE|ready", value_parser = super::values::tokenizer_file())]
     tokenizer: PathBuf,
     /// Encode only shard I of N, counted from 0; `corpus merge` puts shards together
     #[arg(long, value_name = "I/N")]

@@ -25,8 +25,8 @@ pub enum Command {
 pub struct TextArgs {
     /// A motion file
     clip: PathBuf,
-    /// The tokenizer
-    #[arg(long, value_name = "FILE")]
+    /// The tokenizer; ready takes that of kinelm's own model
+    #[arg(long, value_name = "FILE|ready", value_parser = super::values::tokenizer_file())]
     tokenizer: PathBuf,
     #[command(flatten)]
     read: ReadArgs,
@@ -38,8 +38,8 @@ pub struct DecodeArgs {
     words: PathBuf,
     /// Where the motion goes (.bvh .npz .json)
     out: PathBuf,
-    /// The tokenizer
-    #[arg(long, value_name = "FILE")]
+    /// The tokenizer; ready takes that of kinelm's own model
+    #[arg(long, value_name = "FILE|ready", value_parser = super::values::tokenizer_file())]
     tokenizer: PathBuf,
     #[command(flatten)]
     force: ForceArgs,

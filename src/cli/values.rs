@@ -1,5 +1,6 @@
 //! The parsers of option values that several commands take: numbers, rates, times, lengths.
 
+use crate::model::run::TOKENIZER;
 use crate::spectral::windows::{MAX_FRAMES, MIN_FRAMES};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use kinelm_motion::moment::{EXPECTED, Moment};
@@ -14,6 +15,17 @@ pub fn run_folder() -> impl TypedValueParser<Value = PathBuf> {
         let path = PathBuf::from(&name);
         if name == kinelm_ready::NAME && !path.exists() {
             return kinelm_ready::run().map_err(|e| e.to_string());
+        }
+        Ok(path)
+    })
+}
+
+/// The parser of a tokenizer's file, or `ready`: that of kinelm's own model, unless a file has that name.
+pub fn tokenizer_file() -> impl TypedValueParser<Value = PathBuf> {
+    OsStringValueParser::new().try_map(|name: OsString| {
+        let path = PathBuf::from(&name);
+        if name == kinelm_ready::NAME && !path.exists() {
+            return kinelm_ready::run().map(|run| run.join(TOKENIZER)).map_err(|e| e.to_string());
         }
         Ok(path)
     })

@@ -4,14 +4,20 @@ use super::{Say, WrongCall, chain, print};
 use crate::view::plot;
 use anyhow::Result;
 use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
+use kinelm_motion::format::Format;
 use kinelm_motion::{Motion, smpl};
 use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};
 
+/// A text of help with the extensions that are read in the place of `READ`.
+pub fn with_extensions(text: &str) -> String {
+    text.replace("READ", &Format::read_list())
+}
+
 /// The extension of a motion file to write; refuses, before any work, what no motion is written as.
 pub fn writable(path: &Path) -> Result<String> {
     let extension = extension(path);
-    if !["bvh", "npz", "json", "glb"].contains(&extension.as_str()) {
+    if !Format::WRITTEN.contains(&extension.as_str()) {
         let what = format!("{}: expected a name ending in .bvh, .npz, .json or .glb", path.display());
         return Err(WrongCall(what).into());
     }

@@ -10,7 +10,9 @@ pub mod say;
 pub mod training;
 
 pub use args::{ComputeArgs, ForceArgs, ReadingArgs, TrustArgs};
-pub use files::{draw_charts, each_file, extension, motion_files, page, picture, reported, writable, written_as};
+pub use files::{
+    draw_charts, each_file, extension, motion_files, page, picture, reported, with_extensions, writable, written_as,
+};
 pub(crate) use outcome::wrong_call;
 pub use outcome::{WrongCall, chain};
 pub use say::{Odd, Say, print, tell, warn};

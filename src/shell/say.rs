@@ -4,7 +4,7 @@ use super::outcome::by_flags;
 use super::progress;
 use anyhow::Result;
 use kinelm_motion::Motion;
-use kinelm_motion::format::{RateDoubt, RateDoubts};
+use kinelm_motion::format::{FileRate, RateDoubt, RateDoubts, ReadOptions};
 use std::borrow::Cow;
 use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
@@ -85,7 +85,7 @@ pub fn plain(text: &str) -> Cow<'_, str> {
 
 /// Says what was odd in a file that was read all the same.
 pub fn warn(motion: &Motion, say: Say) {
-    Odd::new(say).warn(motion);
+    Odd::new(say).warn(motion, &ReadOptions::default());
 }
 
 /// What was odd in the files of a call: said file by file, but the doubts of their rates in one line at the end.
@@ -100,18 +100,18 @@ impl Odd {
         Odd { say, doubts: RefCell::default() }
     }
 
-    /// Says what was odd in a file as it was read.
-    pub fn warn(&self, motion: &Motion) {
+    /// Says what was odd in a file as it was read with these options.
+    pub fn warn(&self, motion: &Motion, options: &ReadOptions) {
         let path = motion.path.display();
         for warning in motion.warnings.iter().filter(|warning| !RateDoubt::is_warning(warning)) {
             self.say.line(format_args!("{path}: {warning}"));
         }
-        self.doubt(&path.to_string(), RateDoubt::in_reading(motion));
+        self.rate(&path.to_string(), FileRate::of(motion, options));
     }
 
-    /// A file and the doubt of its rate.
-    pub fn doubt(&self, name: &str, doubt: Option<RateDoubt>) {
-        self.doubts.borrow_mut().add(name, doubt);
+    /// A file and what it says of its rate.
+    pub fn rate(&self, name: &str, rate: FileRate) {
+        self.doubts.borrow_mut().add(name, rate);
     }
 }
 

@@ -6,7 +6,7 @@ use crate::{Error, Result};
 use kinelm_classify::LabelFilter;
 use kinelm_corpus::Split;
 use kinelm_corpus::{Dataset, Item};
-use kinelm_motion::format::{RateDoubt, RateDoubts, ReadOptions};
+use kinelm_motion::format::{FileRate, RateDoubts, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, Motion, format};
 use kinelm_store::{FileRecord, input};
@@ -100,7 +100,7 @@ impl Recordings {
         for item in &items {
             let options = item.read_options(&sources.read);
             let (motion, sha256) = read(&item.path, &options)?;
-            doubts.add(&item.file_name(), RateDoubt::in_reading(&motion));
+            doubts.add(&item.file_name(), FileRate::of(&motion, &options));
             let known = loaded.as_ref().map(|loaded| &loaded.rig).or(rig);
             if let Some(rig) = known {
                 rig.check(&item.path, motion.clip.skeleton())?;

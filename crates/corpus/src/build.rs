@@ -303,7 +303,7 @@ pub fn for_each_clip<T: Send>(
             e @ Error::Tokenizer(_) => Error::in_clip(item.path.display())(e),
             other => other,
         })?;
-        Ok(Some((result, loaded.sha256, loaded.warnings, loaded.doubt)))
+        Ok(Some((result, loaded.sha256, loaded.warnings, loaded.rate)))
     };
     let mut summary = Summary::default();
     let (mut done, mut warned, mut read) = (0, BTreeSet::new(), HashSet::new());
@@ -315,9 +315,9 @@ pub fn for_each_clip<T: Send>(
             let mut flow = ControlFlow::Continue(());
             match result {
                 Ok(None) => {}
-                Ok(Some((result, sha256, warnings, doubt))) => {
+                Ok(Some((result, sha256, warnings, rate))) => {
                     if read.insert(&item.path) {
-                        summary.doubts.add(&item.file_name(), doubt);
+                        summary.doubts.add(&item.file_name(), rate);
                     }
                     for warning in warnings.into_iter().filter(|warning| !RateDoubt::is_warning(warning)) {
                         let first = || (0, format!("{}: {}", item.name, warning.what));
@@ -373,7 +373,7 @@ impl SegmentedFiles {
 mod tests {
     use super::*;
     use crate::{Corpus, merge, samples};
-    use kinelm_motion::{Clip, Motion, Quat, Source, format};
+    use kinelm_motion::{Clip, Motion, Quat, Source, Vec3, format};
     use std::fs;
     use std::path::PathBuf;
 
@@ -394,6 +394,30 @@ mod tests {
         let labels = tmp.path().join("labels.csv");
         fs::write(&labels, csv).unwrap();
         (tmp, dir, labels.display().to_string())
+    }
+
+    #[test]
+    fn the_rates_of_a_folder_are_doubted_together() {
+        let tmp = tempfile::tempdir().unwrap();
+        let dir = tmp.path().join("data");
+        fs::create_dir(&dir).unwrap();
+        for (name, falls) in [("falls", true), ("walks", false), ("stated", false)] {
+            let path = dir.join(format!("{name}.bvh"));
+            let walk = samples::walk(240);
+            let y = |f: usize| if falls { 30.0 - 4.9 * (f as f64 / 60.0).powi(2) } else { 0.97 };
+            let root = walk.root().iter().enumerate().map(|(f, p)| Vec3::new(p.x, y(f), p.z)).collect();
+            let clip = Clip::new(walk.skeleton().clone(), 120.0, root, walk.rotations().to_vec()).unwrap();
+            format::write(&path, &Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] })
+                .unwrap();
+        }
+        let csv = tmp.path().join("labels.csv");
+        fs::write(&csv, "clip,split,fps\nfalls,train,\nwalks,train,\nstated,train,120\n").unwrap();
+        let dataset = Dataset::find(&[dir], &[csv.display().to_string()]).unwrap();
+        let config = TokenizerConfig::uniform(&[0, 1, 2], 20.0, 90);
+        let (_, summary) = fit(&dataset, config, &BuildOptions::default(), &mut go).unwrap();
+        let line = summary.doubts.line().unwrap();
+        assert!(line.starts_with("2 of 3 files doubt their rates: 1 by how they fall, falls"), "{line}");
+        assert!(line.ends_with("`--fps-source 60` is for all"), "{line}");
     }
 
     #[test]

@@ -3,13 +3,13 @@
 use super::artifacts;
 use super::exclude::TimeRange;
 use super::labels::{ClipInfo, Labels, Rule};
-use super::pattern::{EXTENSIONS, without_extension};
+use super::pattern::without_extension;
 use super::record::Split;
 use super::segments::{Segment, TimedLabels};
 use super::sidecar;
 use super::splits::{self, abbreviated};
 use crate::{Error, Result};
-use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_store::input;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs;
@@ -137,7 +137,7 @@ impl Dataset {
     /// them. `labels` has a source of labels ([`Labels::parse`]) for each of `data`, or one for all, or none: then the names
     /// of known data sets are tried.
     ///
-    /// Files are taken by their extensions ([`EXTENSIONS`]); hidden files and folders are skipped. An `ignore_list.txt`, as
+    /// Files are taken by their extensions ([`Format::EXTENSIONS`]); hidden files and folders are skipped. An `ignore_list.txt`, as
     /// AIST++ has one, leaves out the names that it lists from its folder and all folders below; one beside a folder of
     /// `data` counts too.
     ///
@@ -169,7 +169,7 @@ impl Dataset {
         }
         if found.is_empty() {
             let what = format!("motion in {}", dataset.sources.join(", "));
-            return Err(Error::missing(what, format!("looked for files ending in {}", EXTENSIONS.join(", "))));
+            return Err(Error::missing(what, format!("looked for files ending in {}", Format::read_list())));
         }
         for (count, what) in [
             (dataset.no_motion, "files hold no motion (body shapes, other JSON) and are left out"),
@@ -373,10 +373,7 @@ impl Walk<'_> {
             return Ok(true);
         }
         let name = place.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        if without_extension(&name) == name {
-            let expected = format!("a file ending in {}, or a folder", EXTENSIONS.join(", "));
-            return Err(Error::file(place, "a file of another kind", expected, ""));
-        }
+        Format::of(place)?;
         self.files.push((place.to_owned(), name));
         Ok(false)
     }

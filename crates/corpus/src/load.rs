@@ -3,7 +3,7 @@
 use super::dataset::Item;
 use super::segments::{past_end_warning, segment_of};
 use crate::{Error, Result};
-use kinelm_motion::format::{self, RateDoubt, ReadOptions, resolve_floor};
+use kinelm_motion::format::{self, FileRate, ReadOptions, resolve_floor};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::is_on_neutral;
 use kinelm_motion::{Clip, Motion, Warning, retarget};
@@ -118,8 +118,8 @@ pub struct ItemClip {
     pub sha256: String,
     /// Oddities of the file.
     pub warnings: Vec<Warning>,
-    /// Doubt about the file's rate.
-    pub doubt: Option<RateDoubt>,
+    /// What the file says of its rate.
+    pub rate: FileRate,
 }
 
 impl ItemClip {
@@ -141,33 +141,35 @@ impl ItemClip {
 
     /// Loads the whole file of an item, whatever segment of it the item is.
     pub(super) fn load_file(item: &Item, options: &ReadOptions, spec: ClipSpec) -> Result<ItemClip> {
-        let loaded = ModelClip::load(&item.path, &item.read_options(options), spec)?;
-        let (clip, doubt) = (loaded.lowered(), RateDoubt::in_reading(&loaded.motion));
-        Ok(ItemClip { clip, floor_m: loaded.floor_m, sha256: loaded.sha256, warnings: loaded.motion.warnings, doubt })
+        let options = item.read_options(options);
+        let loaded = ModelClip::load(&item.path, &options, spec)?;
+        let (clip, rate) = (loaded.lowered(), FileRate::of(&loaded.motion, &options));
+        Ok(ItemClip { clip, floor_m: loaded.floor_m, sha256: loaded.sha256, warnings: loaded.motion.warnings, rate })
     }
 
     /// The segment of this whole file that an item is.
     pub(super) fn segment(&self, item: &Item) -> Result<ItemClip> {
         let mut warnings = self.warnings.clone();
         warnings.extend(past_end_warning(item, &self.clip));
-        Ok(ItemClip { clip: segment_of(item, &self.clip)?, warnings, sha256: self.sha256.clone(), ..*self })
+        let (sha256, rate) = (self.sha256.clone(), self.rate.clone());
+        Ok(ItemClip { clip: segment_of(item, &self.clip)?, warnings, sha256, rate, ..*self })
     }
 }
 
 /// The clip of a dataset's file on the model's body at the file's own rate, lowered onto its floor if `spec` says so,
-/// with the doubt about its rate.
+/// with what it says of its rate.
 ///
 /// # Errors
 /// The errors of reading and retargeting.
-pub fn load_at_own_rate(item: &Item, options: &ReadOptions, spec: ClipSpec) -> Result<(Clip, Option<RateDoubt>)> {
+pub fn load_at_own_rate(item: &Item, options: &ReadOptions, spec: ClipSpec) -> Result<(Clip, FileRate)> {
     let options = item.read_options(options);
     let mut motion = format::read(&item.path, &options)?;
-    let doubt = RateDoubt::in_reading(&motion);
+    let rate = FileRate::of(&motion, &options);
     if spec.above_floor {
         let floor = resolve_floor(&mut motion, &options)?;
         motion.clip = motion.clip.raised(-floor);
     }
-    Ok((retarget::to_smpl(&motion, options.map.as_deref())?, doubt))
+    Ok((retarget::to_smpl(&motion, options.map.as_deref())?, rate))
 }
 
 #[cfg(test)]

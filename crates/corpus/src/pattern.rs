@@ -1,17 +1,17 @@
 //! Labels from file and folder names: patterns such as `{genre}/{take}.bvh`, and the names of AIST++.
 
 use crate::{Error, Result};
+use kinelm_motion::format::Format;
 use regex::Regex;
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-/// Extensions of motion files.
-pub const EXTENSIONS: &[&str] = &["bvh", "npz", "pkl", "json", "amc", "glb", "vrm", "fbx"];
-
 /// A path without the extension of a motion file.
 pub fn without_extension(path: &str) -> &str {
     match path.rsplit_once('.') {
-        Some((stem, e)) if !stem.is_empty() && EXTENSIONS.iter().any(|x| e.eq_ignore_ascii_case(x)) => stem,
+        Some((stem, e)) if !stem.is_empty() && Format::EXTENSIONS.iter().any(|(x, _)| e.eq_ignore_ascii_case(x)) => {
+            stem
+        }
         _ => path,
     }
 }

@@ -41,14 +41,17 @@ pub fn read_options(dance: &Path) -> Result<Option<ReadOptions>> {
 /// options that it was read with, or on SMPL's.
 pub fn output_read_options(dance: &Path, clip: Option<(&Path, &ReadOptions)>) -> ReadOptions {
     let format = Format::of_name(dance);
-    // files are written with y up, except on a clip's rig in the clip's format, whose axes stay
-    let up = if matches!(format, Some(Format::Bvh | Format::Json)) { Up::Y } else { Up::Auto };
+    // BVH and JSON are written with y up, except on a clip's rig in the clip's format, whose axes stay; the other formats
+    // have one axis, whatever a clip was read with
+    let keeps_axes = matches!(format, Some(Format::Bvh | Format::Json));
+    let up = if keeps_axes { Up::Y } else { Up::Auto };
     let Some((path, read)) = clip else { return ReadOptions { up, ..ReadOptions::default() } };
     let own = ReadOptions { up, map: read.map.clone(), floor: read.floor, ..ReadOptions::default() };
     if Format::of_name(path) != format {
         return own;
     }
-    ReadOptions { up: read.up, unit: read.unit, bvh_position: read.bvh_position, root: read.root.clone(), ..own }
+    let up = if keeps_axes { read.up } else { up };
+    ReadOptions { up, unit: read.unit, bvh_position: read.bvh_position, root: read.root.clone(), ..own }
 }
 
 /// The options for a dance with a sidecar among several files: the sidecar's, except those that don't depend on the file's
@@ -126,6 +129,17 @@ mod tests {
         assert_eq!(read_options(&dance).unwrap(), None);
         std::fs::write(path_of(&dance), text.replace("\"read\"", "\"reads\"")).unwrap();
         assert!(read_options(&dance).unwrap_err().to_string().contains("missing field `read`"));
+    }
+
+    #[test]
+    fn dances_are_read_with_the_axis_that_they_are_written_with() {
+        let read = ReadOptions { up: Up::Z, ..ReadOptions::default() };
+        let up = |dance: &str, clip: &str| output_read_options(Path::new(dance), Some((Path::new(clip), &read))).up;
+        for format in ["npz", "glb"] {
+            let [dance, clip] = ["a", "b"].map(|name| format!("{name}.{format}"));
+            assert_eq!((up(&dance, &clip), up(&dance, "b.bvh")), (Up::Auto, Up::Auto), "{format}");
+        }
+        assert_eq!((up("a.bvh", "b.bvh"), up("a.json", "b.json"), up("a.bvh", "b.glb")), (Up::Z, Up::Z, Up::Y));
     }
 
     #[test]

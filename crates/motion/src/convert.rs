@@ -161,7 +161,7 @@ pub fn on_rig(motion: Motion, rig: &TargetRig, map: Option<&str>) -> Result<Moti
             let mut source = like.source.clone();
             match &mut source {
                 Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),
-                Source::Plain => source = Source::Retargeted { floor_m },
+                Source::Plain | Source::Turned(_) => source = Source::Retargeted { floor_m },
                 _ => {}
             }
             Ok(Motion { clip: back.to_rig(&clip)?, source, ..motion })

@@ -166,6 +166,8 @@ kinds! {
     RowWidth = "row_width",
     /// Fewer rows than declared.
     FramesShort = "frames_short",
+    /// `Frames: 0` before rows.
+    FramesZero = "frames_zero",
     /// Nesting above the limit.
     TooDeep = "too_deep",
     /// More joints or numbers than the limit.

@@ -111,6 +111,11 @@ fn every_fault_has_its_kind_its_place_and_what_was_found() {
         (with("1 2 3 -4", "2 3 -4"), "x.bvh:20:1: row_width", "found 8 numbers in row 1, expected 9"),
         (with("1 2 3 -4", "0 1 2 3 -4"), "x.bvh:20:1: row_width", "found 10 numbers in row 1, expected 9"),
         (with("Frames: 3", "Frames: 4"), "x.bvh:22:1: frames_short", "found 3 rows, expected 4 rows"),
+        (
+            with("Frames: 3", "Frames: 0"),
+            "x.bvh:17:9: frames_zero",
+            "found Frames: 0 before 3 rows, expected Frames: 3",
+        ),
         (with("7 8 +9\n", "7"), "x.bvh:21:20: frames_short", "found 2 rows and 7 of the 9 numbers of another"),
         (with("7 8 +9\n", "7 8 +"), "x.bvh:21:24: frames_short", "found 2 rows and 8 of the 9 numbers of another"),
         (with("Frames: 3", "Frames: 1000000000"), "x.bvh:17:9: too_large", "1000000000 frames of 9 channels"),
@@ -215,6 +220,7 @@ fn a_cut_file_gives_its_whole_rows_when_asked() {
     for (text, rows) in [
         (with("7 8 +9\n", "7 8 +"), 2),
         (with("Frames: 3", "Frames: 5"), 3),
+        (with("Frames: 3", "Frames: 0"), 3),
         (with("Frames: 3", "Frames: 1000000000"), 3),
         (with("+9\n", "+9\njunk\n"), 3),
         (GOOD[..GOOD.find("\n0 1 2").unwrap() + 4].into(), 0),

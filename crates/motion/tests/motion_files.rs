@@ -2,7 +2,7 @@
 //! (`scripts/reference/motion_files.py`).
 
 use kinelm_motion::format::{
-    self, ReadOptions, aist, amass, body_model::BodyModel, json, npz::Npz, positions::Positions,
+    self, Axes, ReadOptions, Up, UpSource, aist, amass, body_model::BodyModel, json, npz::Npz, positions::Positions,
 };
 use kinelm_motion::rotation::{angle_between, exp_map};
 use kinelm_motion::{Clip, Motion, Quat, Result, Source, Vec3, smpl};
@@ -70,6 +70,7 @@ fn amass_files_of_all_kinds() {
             betas: about["betas"].as_u64().unwrap() as usize,
             rest_pelvis: smpl::REST_PELVIS,
             body_model: false,
+            axes: Axes { up: Up::Z, rest_too: false, by: UpSource::Given },
         };
         assert_eq!(motion.source, source, "{name}");
     }
@@ -114,7 +115,8 @@ fn aist_files_of_all_protocols() {
     for (name, values) in files {
         let motion = read_aist(name, &ReadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
         check_clip(name, &motion.clip, &all["expected"][values.as_str().unwrap()]);
-        let source = Source::Aist { scaling: 93.5, rest_pelvis: smpl::REST_PELVIS, body_model: false };
+        let axes = Axes { up: Up::Y, rest_too: false, by: UpSource::Given };
+        let source = Source::Aist { scaling: 93.5, rest_pelvis: smpl::REST_PELVIS, body_model: false, axes };
         assert_eq!(motion.source, source, "{name}");
     }
 }

@@ -29,7 +29,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let (options, odd) = (args.read.of_files_known(&args.files, RestFrame::Drop, corpus, say), Odd::new(say));
     crate::cli::each_file(&args.files, say, |i, file| {
         let (motion, found) = classifier.predict(file, &options[i])?;
-        odd.warn(&motion);
+        odd.warn(&motion, &options[i]);
         match args.json {
             true => print(&(serde_json::to_string(&found)? + "\n")),
             false => print(&found.to_string()),

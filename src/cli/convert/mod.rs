@@ -15,15 +15,16 @@ use kinelm_store::counted;
 use std::path::{Path, PathBuf};
 use together::{together, write_together};
 
+const PATHS: &str = "Motion files (READ) or folders of them, then the file to write (.bvh .npz .json .glb), or for several a \
+    folder, where paths below a folder are kept. An .npz is AMASS SMPL+H; a .glb has a body and can hold several clips, which \
+    play together";
+
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Motion files (.bvh .amc .glb .npz .pkl .json) or folders of them, then the file to write (.bvh .npz .json .glb), or for
-    /// several a folder, where paths below a folder are kept. An .npz is AMASS SMPL+H; a .glb has a body and can hold
-    /// several clips, which play together
-    #[arg(required = true, value_names = ["IN", "OUT"])]
+    #[arg(required = true, value_names = ["IN", "OUT"], help = super::with_extensions(PATHS))]
     paths: Vec<PathBuf>,
-    /// The format of files in a folder [default: each file's own; .npz for .pkl, .bvh for .fbx]
-    #[arg(long, value_parser = ["bvh", "npz", "json", "glb"])]
+    /// The format of files in a folder [default: each file's own; .npz for .pkl, .bvh for .amc, .fbx and .vrm]
+    #[arg(long, value_parser = Format::WRITTEN)]
     format: Option<String>,
     /// Frames per second to resample to
     #[arg(long, value_parser = super::values::rate)]
@@ -109,7 +110,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let output = &pairs[i].output;
         let count = if pairs.len() > 1 { format!("{} of {}: ", i + 1, pairs.len()) } else { String::new() };
         let motion = format::read(input, &options[i])?;
-        odd.warn(&motion);
+        odd.warn(&motion, &options[i]);
         let (motion, map) = (cut(&args, motion)?, options[i].map.as_deref());
         let written = if args.positions {
             let positions = match args.moves() {

@@ -26,7 +26,7 @@ pub fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> 
     let mut clips = Vec::with_capacity(inputs.len());
     for (input, options) in inputs.iter().zip(options) {
         let motion = format::read(input, &options)?;
-        odd.warn(&motion);
+        odd.warn(&motion, &options);
         let motion = cut(args, motion)?;
         let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let clip = converted(args, rig.as_ref(), (motion, options.map.as_deref()), out)?.clip;

@@ -73,7 +73,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let odd = Odd::new(say);
     let read = each_file(&files, say, |i, path| {
         let dance = Dance::load(&corpus, path, provenances[i].as_ref(), &options[i])?;
-        odd.doubt(&dance.name, dance.doubt);
+        odd.rate(&dance.name, dance.rate);
         Ok(dance)
     })?;
     let (numbers, dances): (Vec<usize>, Vec<Dance>) = read.into_iter().unzip();

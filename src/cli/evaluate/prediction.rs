@@ -130,14 +130,14 @@ fn measured(args: &Args, dataset: &Dataset, model: Option<ClipSpec>, say: Say) -
     let wanted = model.unwrap_or(ClipSpec::in_world(args.fps));
     let (mut own, mut protocol, odd) = (Vec::new(), Vec::new(), Odd::new(say));
     for item in dataset.items.iter().filter(|item| item.split == args.split) {
-        let (clip, doubt) = match load_at_own_rate(item, &options, wanted) {
+        let (clip, rate) = match load_at_own_rate(item, &options, wanted) {
             Err(e) if !args.data.strict => {
                 say.left_out(e);
                 continue;
             }
             other => other?,
         };
-        odd.doubt(&item.file_name(), doubt);
+        odd.rate(&item.file_name(), rate);
         let [at_model, at_fps] = windows_at(&clip, model.map(|model| model.fps), args.fps)?;
         own.extend(at_model);
         protocol.extend(at_fps);

@@ -105,7 +105,7 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     say_times(&motions, say);
     let (mut figures, odd) = (Vec::new(), Odd::new(say));
     for (i, motion) in motions.iter().enumerate() {
-        odd.warn(motion);
+        odd.warn(motion, &files[i].options);
         let list = args.forced.get(numbers[i]).or(args.forced.first().filter(|_| args.forced.len() == 1));
         let figure = figure(motion).in_world(files[i].world).regenerated(&files[i].generated_s);
         figures.push(match list.filter(|list| !list.is_empty()) {

@@ -8,7 +8,9 @@ use crate::project::document::Reading;
 use crate::{Error, Result};
 use kinelm_corpus::sidecar;
 use kinelm_motion::capsules::standing_height_m;
-use kinelm_motion::format::{self, Format, RateDoubt, ReadOptions, RestFrame, Unit, Up, smeared_frames, standing_axis};
+use kinelm_motion::format::{
+    self, FileRate, Format, RateDoubt, ReadOptions, RestFrame, Unit, Up, smeared_frames, standing_axis,
+};
 use kinelm_motion::inspect::report;
 use kinelm_motion::rig::{self, SkeletonMap, map_of};
 use kinelm_motion::{FaultKind, Motion, Source};
@@ -54,6 +56,8 @@ pub struct Info {
     pub converted: bool,
     /// Beats of music, seconds.
     pub beats_s: Vec<f64>,
+    /// What the file says of its rate; nothing of music.
+    pub rate: FileRate,
     /// What looks wrong.
     pub doubts: Vec<Doubt>,
 }
@@ -204,6 +208,7 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
         rig: report["rig"].as_str().map(str::to_owned),
         floor_m,
         converted: !is_bvh,
+        rate: FileRate::of(&motion, &options),
         doubts,
         ..Info::default()
     })
@@ -213,8 +218,19 @@ fn of_rate(motion: &Motion) -> Option<Doubt> {
     let doubt = RateDoubt::in_reading(motion)?;
     let (fps, likely, g) = (short(doubt.fps), short(doubt.likely_fps()), doubt.fall_g);
     let text = format!("At {fps} frames per second the body falls {g:.1} times as fast as gravity lets it.");
-    let body = Reading { fps_source: Some(doubt.likely_fps()), ..Reading::default() };
-    Some(Doubt::new("rate_doubted", text).fixed(format!("Play it at {likely} fps"), body))
+    Some(rate_doubt(text, likely))
+}
+
+/// The doubt of the rate of a file that doesn't fall too fast itself, beside others of its folder and rig that do.
+pub fn of_folder_rate(info: &Info, likely_fps: f64) -> Doubt {
+    let (fps, likely) = (short(info.fps), short(likely_fps));
+    let text = format!("Others of its folder say {fps} frames per second too, and fall faster than gravity lets them.");
+    rate_doubt(text, likely)
+}
+
+fn rate_doubt(text: String, likely_fps: f64) -> Doubt {
+    let body = Reading { fps_source: Some(likely_fps), ..Reading::default() };
+    Doubt::new("rate_doubted", text).fixed(format!("Play it at {likely_fps} fps"), body)
 }
 
 fn of_rest(motion: &Motion, options: &ReadOptions) -> Option<Doubt> {
@@ -243,7 +259,7 @@ fn of_up(motion: &Motion, map: Option<&str>) -> Option<Doubt> {
         return None;
     }
     let text = "It isn't clear which way is up: the body may lie on its side or its back.";
-    let axis = map_of(&motion.clip, map).ok().and_then(|map| standing_axis(&motion.clip, &map));
+    let axis = map_of(&motion.clip, map).ok().and_then(|map| standing_axis(motion, &map));
     let doubt = Doubt::new("up_unsure", text);
     Some(match axis.filter(|axis| *axis != Up::Y) {
         Some(axis) => doubt.fixed(format!("Stand it up: {axis} is up"), up(axis)),
@@ -407,14 +423,17 @@ mod tests {
     fn a_body_that_lies_is_stood_up() {
         let dir = tempfile::tempdir().unwrap();
         let dance = dance();
-        // lies on its back, as if z were up, over a rest pose that stands along y
+        // lies on its back, as if z were up
         let turn = kinelm_motion::Quat::from_rotation_x(std::f64::consts::FRAC_PI_2);
         let root = dance.root().iter().map(|p| turn * *p).collect();
         let mut rotations = dance.rotations().to_vec();
         rotations.iter_mut().step_by(dance.joints()).for_each(|q| *q = turn * *q);
         let lies = Clip::new(dance.skeleton().clone(), 60.0, root, rotations).unwrap();
-        let info = pressed(&saved(dir.path(), "lies.bvh", lies), "up_unsure");
+        // the feet tell which way is up, but the format has y up
+        let info = pressed(&saved(dir.path(), "lies.json", lies.clone()), "up_unsure");
         assert!(info.floor_m.abs() < 0.05, "{info:?}");
+        let info = read(&saved(dir.path(), "lies.bvh", lies), &Reading::default());
+        assert!(info.floor_m.abs() < 0.05 && info.doubts.iter().any(|doubt| doubt.kind == "up_axis"), "{info:?}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! - [`doubts`]: what reading a file found.
 //! - [`child`], [`reader`]: the process that reads a file, and its parent's side.
 //! - [`upload`]: a file that comes in pieces.
+//! - `rates`: rates of a folder, judged together.
 //! - [`figure`]: what the stage shows of a clip.
 //! - [`search`]: what else moves like this.
 //!
@@ -11,6 +12,7 @@
 pub mod child;
 pub mod doubts;
 pub mod figure;
+mod rates;
 pub mod reader;
 pub mod search;
 pub mod upload;
@@ -51,6 +53,8 @@ struct Inner {
     /// By the id of the clip.
     known: BTreeMap<String, Known>,
     waiting: VecDeque<String>,
+    /// Likely rates of clips that are doubted because of others in their folder, frames per second, by id.
+    doubted_rates: BTreeMap<String, f64>,
     /// How dances are read, each of a length and a time of change.
     dances: BTreeMap<PathBuf, DanceRead>,
 }
@@ -295,10 +299,12 @@ impl Library {
         match known.as_ref() {
             Some(Known::Read(outcome)) => match &**outcome {
                 Outcome::Ready(info) => {
+                    let doubts: Vec<_> =
+                        info.doubts.iter().cloned().chain(self.folder_rate(&record.id, info)).collect();
                     let (seconds, fps, frames, rig) = (info.seconds, info.fps, info.frames, &info.rig);
                     let more = json!({
                         "state": "ready", "seconds": seconds, "fps": fps, "frames": frames, "rig": rig,
-                        "format": info.format, "joints": info.joints, "doubts": info.doubts, "music": info.music,
+                        "format": info.format, "joints": info.joints, "doubts": doubts, "music": info.music,
                         "floor": info.floor_m,
                     });
                     extend(&mut view, more);

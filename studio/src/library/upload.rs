@@ -1,10 +1,12 @@
 //! A file that comes in pieces: into a temporary one first, whole and synced before it has its name.
 
+use super::doubts::SOUNDS;
 use super::is_taken;
 use crate::project::dances::plain_name;
 use crate::project::document::{Change, ClipRecord, Reading};
 use crate::project::{CLIPS, Project};
 use crate::{Error, Result};
+use kinelm_motion::format::Format;
 use kinelm_store::files;
 use std::fs::{self, File};
 use std::io::Write;
@@ -41,9 +43,8 @@ pub fn name_of(called: &str) -> Result<String> {
     let path = Path::new(last);
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     if !is_taken(path) || extension.is_empty() {
-        let expected =
-            "motion (.bvh .fbx .glb .vrm .npz .pkl .json .amc with its .asf) or music (.mp3 .ogg .flac .wav .m4a)";
-        return Err(Error::file(plain_name(last), "a file of another kind", expected, ""));
+        let expected = format!("motion ({}) or music (.{})", Format::read_list(), SOUNDS.join(", ."));
+        return Err(Error::file(plain_name(last), "a file of another kind", expected, Format::way_out(path)));
     }
     let stem = plain_name(path.file_stem().and_then(|s| s.to_str()).unwrap_or_default());
     Ok(format!("{stem}.{}", extension.to_ascii_lowercase()))
@@ -143,6 +144,19 @@ mod tests {
         for called in ["", "a", "evil.exe", "index.html", ".bvh", "a.bvh/", "a.toml"] {
             assert!(name_of(called).unwrap_err().to_string().contains("motion (.bvh"), "{called}");
         }
+        assert!(name_of("a.gltf").unwrap_err().to_string().contains("export it as glTF Binary"));
+    }
+
+    #[test]
+    fn the_page_looks_for_the_same_kinds_in_folders() {
+        let page = include_str!("../../web/drop.js");
+        let list = page.split("const READ = /\\.(").nth(1).unwrap().split(')').next().unwrap();
+        let mut known: Vec<&str> =
+            Format::EXTENSIONS.iter().map(|(name, _)| *name).chain(SOUNDS).chain(["asf"]).collect();
+        let mut found: Vec<&str> = list.split('|').collect();
+        known.sort_unstable();
+        found.sort_unstable();
+        assert_eq!(found, known);
     }
 
     #[test]

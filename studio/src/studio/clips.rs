@@ -102,6 +102,10 @@ impl Studio {
     /// step that others follow.
     pub(super) fn clip_was_read(&self, id: &str) {
         let Ok(record) = self.project.clip(id) else { return };
+        let others = self.library.judge_rates();
+        for record in others.iter().filter(|other| *other != id).filter_map(|other| self.project.clip(other).ok()) {
+            self.hub.send("clip", &self.clip_view(&record));
+        }
         self.hub.send("clip", &self.clip_view(&record));
         let _following = self.following.lock().unwrap_or_else(PoisonError::into_inner);
         let (text, is_motion) = (self.project.read(|d| d.timeline.clone()), self.library.source(id).is_ok());

@@ -9,7 +9,8 @@ use crate::project::document::{Change, DanceRecord};
 use crate::timeline::edit::Edit;
 use crate::{Error, Result};
 use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
-use kinelm_motion::{format, smpl};
+use kinelm_motion::format::{self, Format};
+use kinelm_motion::smpl;
 use kinelm_store::{Kind as ErrorKind, input};
 use serde_json::Value;
 use std::path::Path;
@@ -179,7 +180,7 @@ impl Studio {
     /// # Errors
     /// An unknown dance or format; what the format can't hold.
     pub fn export(&self, id: &str, format: &str) -> Result<(String, Vec<u8>)> {
-        if !["bvh", "glb", "npz", "json"].contains(&format) {
+        if !Format::WRITTEN.contains(&format) {
             return Err(Error::invalid("`format`", plain_name(format), "bvh, glb, npz or json"));
         }
         let source = self.library.source(id)?;

@@ -4,7 +4,7 @@ use crate::{Error, Result};
 use kinelm_corpus::load::ModelClip;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_motion::Clip;
-use kinelm_motion::format::{Format, RateDoubt, ReadOptions};
+use kinelm_motion::format::{FileRate, Format, ReadOptions};
 use kinelm_tokenizer::{SPACE, Tokenizer, UncodedPose, Words};
 use std::path::Path;
 
@@ -17,8 +17,8 @@ pub struct Dance {
     pub clip: Clip,
     /// Its words.
     pub words: Words,
-    /// The doubt of its file's rate.
-    pub doubt: Option<RateDoubt>,
+    /// What its file says of its rate.
+    pub rate: FileRate,
     /// Frames a second of the file that it was coded from, if that was read.
     pub file_fps: Option<f64>,
     pub(super) ids: Vec<u32>,
@@ -51,19 +51,19 @@ impl Dance {
     pub fn of_bytes(path: &Path, bytes: &[u8], options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Dance> {
         let placed = ModelClip::parse(path, bytes, options, tokenizer.config().into())?;
         let (clip, file_fps) = (placed.lowered(), Some(placed.motion.clip.fps()));
-        let doubt = RateDoubt::in_reading(&placed.motion);
+        let rate = FileRate::of(&placed.motion, options);
         if clip.frames() == 0 {
             return Err(Error::file(path, "no frames", "at least one", ""));
         }
         let words = tokenizer.encode(&clip)?.words;
-        Ok(Dance { file_fps, doubt, ..Dance::new(path.display().to_string(), words, clip.frames(), tokenizer)? })
+        Ok(Dance { file_fps, rate, ..Dance::new(path.display().to_string(), words, clip.frames(), tokenizer)? })
     }
 
     pub(super) fn new(name: String, words: Words, frames: usize, tokenizer: &Tokenizer) -> Result<Dance> {
         let clip = tokenizer.decode(&words, UncodedPose::Identity)?;
         let clip = clip.slice(0..frames.min(clip.frames()));
         let ids = tokenizer.ids_of_words(&words)?;
-        Ok(Dance { name, clip, words, file_fps: None, doubt: None, ids })
+        Ok(Dance { name, clip, words, file_fps: None, rate: FileRate::default(), ids })
     }
 
     /// Its first frames, at most so many, in whole words.

@@ -19,7 +19,17 @@ use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::fmt;
 
-/// The static models, in the order of their names.
+/// The names of [`MODELS`] in tables.
+const ROWS: [&str; 6] = [
+    "order 0",
+    "difference to the previous frame",
+    "around the previous frame",
+    "around the extrapolated frame",
+    "both mixed",
+    "both and order 0, by last step",
+];
+
+/// The static models, in the order of their names, as JSON has them.
 pub const MODELS: [&str; 6] = ["a_order0", "b_delta", "c_prev", "d_extrap_only", "d_mix", "e_mix_by_activity"];
 
 /// Lower bounds of the sizes of a last step that have weights of their own: 0 | 1 | 2 | 3-4 | 5-8 | 9-16 | 17 and more.
@@ -141,7 +151,7 @@ impl fmt::Display for ChannelFloors {
         fmt_sample(f, [tf, mf], self.of)?;
         write!(f, "{}", row("bits/frame", "all frames", "from the third"))?;
         write!(f, "\n{}", figure_row("uniform", self.uniform(), None))?;
-        for (i, name) in MODELS.iter().enumerate() {
+        for (i, name) in ROWS.iter().enumerate() {
             write!(f, "\n{}", figure_row(name, self.bits_per_frame[i], self.from_third_frame.map(|t| t[i])))?;
         }
         match self.xz {

@@ -19,7 +19,10 @@ use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::fmt;
 
-/// The static models, in the order of their names.
+/// The names of [`MODELS`] in tables.
+const ROWS: [&str; 3] = ["order 0", "order 0 by place", "by the token before"];
+
+/// The static models, in the order of their names, as JSON has them.
 pub const MODELS: [&str; 3] = ["order0", "order0_by_place", "order1"];
 
 /// The floors of a corpus of any words.
@@ -120,7 +123,7 @@ impl fmt::Display for TokenFloors {
         fmt_sample(f, [tf, mf], self.of)?;
         writeln!(f, "{:<32} {:>12}", "bits/frame", "all frames")?;
         write!(f, "{}", figure_row("uniform", self.uniform(), None))?;
-        for (name, bits) in MODELS.iter().zip(self.bits_per_frame) {
+        for (name, bits) in ROWS.iter().zip(self.bits_per_frame) {
             write!(f, "\n{}", figure_row(name, bits, None))?;
         }
         match self.xz {

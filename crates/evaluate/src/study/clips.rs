@@ -4,7 +4,7 @@ use crate::{Error, Result};
 pub use kinelm_corpus::build::{BLOCK_PER_THREAD, BuildOptions};
 use kinelm_corpus::record::Split;
 use kinelm_corpus::{Dataset, Item};
-use kinelm_motion::format::{self, RateDoubt, RateDoubts, ReadOptions, resolve_floor};
+use kinelm_motion::format::{self, FileRate, RateDoubts, ReadOptions, resolve_floor};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Clip, FaultKind, Quat, Vec3, retarget, smpl};
 use kinelm_store::hash::hex;
@@ -92,8 +92,8 @@ impl Clips {
         for block in items.chunks(block()) {
             let known: Vec<_> = block.par_iter().map(|item| know(item, &options.read)).collect();
             for (item, known) in block.iter().zip(known) {
-                if let Ok((_, doubt)) = known {
-                    clips.doubts.add(&item.file_name(), doubt);
+                if let Ok((_, rate)) = &known {
+                    clips.doubts.add(&item.file_name(), rate.clone());
                 }
                 match known.map(|(known, _)| known) {
                     Ok(known) if item.split == Split::Train => clips.train.push(known),
@@ -196,11 +196,11 @@ fn named(known: &StudyClip, error: Error) -> Error {
     }
 }
 
-/// A clip on the neutral skeleton at its own rate, its floor at y = 0, beginning above x = z = 0; and the doubt of that rate.
-fn load(item: &Item, read: &ReadOptions) -> Result<(Clip, Option<RateDoubt>)> {
+/// A clip on the neutral skeleton at its own rate, its floor at y = 0, beginning above x = z = 0; and what the file says of that rate.
+fn load(item: &Item, read: &ReadOptions) -> Result<(Clip, FileRate)> {
     let options = item.read_options(read);
     let mut motion = format::read(&item.path, &options)?;
-    let doubt = RateDoubt::in_reading(&motion);
+    let rate = FileRate::of(&motion, &options);
     let floor = resolve_floor(&mut motion, &options)?;
     motion.clip = motion.clip.raised(-floor);
     let clip = retarget::to_smpl(&motion, options.map.as_deref())?;
@@ -209,11 +209,11 @@ fn load(item: &Item, read: &ReadOptions) -> Result<(Clip, Option<RateDoubt>)> {
     };
     let away = Vec3::new(first.x, 0.0, first.z);
     let root = clip.root().iter().map(|p| *p - away).collect();
-    Ok((Clip::new(smpl::neutral(), clip.fps(), root, clip.rotations().to_vec())?, doubt))
+    Ok((Clip::new(smpl::neutral(), clip.fps(), root, clip.rotations().to_vec())?, rate))
 }
 
-fn know(item: &Item, read: &ReadOptions) -> Result<(StudyClip, Option<RateDoubt>)> {
-    let (clip, doubt) = load(item, read)?;
+fn know(item: &Item, read: &ReadOptions) -> Result<(StudyClip, FileRate)> {
+    let (clip, rate) = load(item, read)?;
     let mut hash = Sha256::new();
     hash.update(clip.fps().to_le_bytes());
     let mut bytes = Vec::with_capacity(clip.joints() * 32);
@@ -224,5 +224,5 @@ fn know(item: &Item, read: &ReadOptions) -> Result<(StudyClip, Option<RateDoubt>
         hash.update(&bytes);
     }
     let (fps, frames) = (clip.fps(), clip.frames());
-    Ok((StudyClip { item: item.clone(), fps, frames, sha256: hex(hash) }, doubt))
+    Ok((StudyClip { item: item.clone(), fps, frames, sha256: hex(hash) }, rate))
 }

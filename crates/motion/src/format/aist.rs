@@ -1,22 +1,27 @@
-//! AIST++: a pickled dict of numpy arrays, 60 frames per second, y up.
+//! AIST++: a pickled dict of numpy arrays, 60 frames per second, y up; and the dicts of dance generators that learned from it.
 //!
-//! `smpl_trans / smpl_scaling` is in metres; the pelvis is at the body's rest pelvis plus that, as in AMASS.
+//! `smpl_trans / smpl_scaling` is in metres; the pelvis is at the body's rest pelvis plus that, as in AMASS. Generators
+//! such as EDGE write `smpl_trans` in metres without `smpl_scaling`, 30 frames per second.
 
+use super::array::Array;
 use super::npz::list;
 use super::pickle::{Pickle, Value};
 use super::smpl_arrays::{Vectors, translations};
-use super::{ReadOptions, body_model};
+use super::{Axes, ReadOptions, Up, body_model};
 use crate::error::{FaultKind, FileError};
-use crate::{Clip, Error, Motion, Result, Source};
+use crate::{Clip, Error, Motion, Result, Source, Warning};
 use kinelm_store::SourcePos;
 use std::path::Path;
 
 /// AIST++'s rate, frames per second.
 pub const FPS: f64 = 60.0;
+/// The rate of dance generators, which their dicts don't state, frames per second.
+pub const GENERATED_FPS: f64 = 30.0;
 
-/// Reads a motion: `smpl_poses` (F, 72) or (F, 24, 3), `smpl_trans` (F, 3), `smpl_scaling` of one element.
+/// Reads a motion: `smpl_poses` (F, 72) or (F, 24, 3), `smpl_trans` (F, 3), `smpl_scaling` of one element. Without
+/// `smpl_scaling` it is a dance generator's, in metres.
 ///
-/// The clip is on SMPL-24, at [`FPS`] or the rate in the options.
+/// The clip is on SMPL-24, at [`FPS`], for a generator's at [`GENERATED_FPS`] with a warning, or at the rate in the options.
 ///
 /// # Errors
 /// [`FaultKind::PickleRefused`] for a pickle that names or calls anything but numpy's arrays; [`FaultKind::PickleBad`] for a
@@ -41,11 +46,19 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         let found = || format!("{key}: {}", value.kind());
         value.array(key).unwrap_or_else(|| Err(fault(FaultKind::Dtype, found())))
     };
-    let (poses, trans, scaling) = (array("smpl_poses")?, array("smpl_trans")?, array("smpl_scaling")?);
-    let scale = scaling.real()?;
-    if !(scale.is_finite() && scale > 0.0) {
-        return Err(scaling.fault(FaultKind::ScaleBad, scale.to_string(), "a number above 0"));
-    }
+    let (poses, trans) = (array("smpl_poses")?, array("smpl_trans")?);
+    let mut warnings = Vec::new();
+    let (scale, fps) = match top.get("smpl_scaling") {
+        Some(_) => (scale(&array("smpl_scaling")?)?, FPS),
+        None => {
+            let what = format!(
+                "no smpl_scaling: a dance generator's, in metres, which states no rate: read at {GENERATED_FPS}; give \
+                 `fps_source` if that is wrong"
+            );
+            warnings.extend(options.fps_source.is_none().then_some(Warning { kind: "rate_assumed", what }));
+            (1.0, GENERATED_FPS)
+        }
+    };
     let vectors = Vectors::new(&poses, &[72])?;
     let positions = translations(&trans, vectors.frames)?;
     let body = body_model::body(options, &[])?;
@@ -57,9 +70,19 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
             rotations.push(vectors.rotation(f, 3 * j, j)?);
         }
     }
-    let clip = Clip::new(body.skeleton, options.fps_source.unwrap_or(FPS), root, rotations)?;
-    let source = Source::Aist { scaling: scale, rest_pelvis: body.rest_pelvis, body_model: body.from_model };
-    Ok(Motion { path: path.to_owned(), clip, source, warnings: vec![] })
+    let clip = Clip::new(body.skeleton, options.fps_source.unwrap_or(fps), root, rotations)?;
+    let (axes, doubt) = Axes::of_body(&clip, Up::Y, options)?;
+    warnings.extend(doubt);
+    let clip = axes.to_y_up(clip)?;
+    let source = Source::Aist { scaling: scale, rest_pelvis: body.rest_pelvis, body_model: body.from_model, axes };
+    Ok(Motion { path: path.to_owned(), clip, source, warnings })
+}
+
+fn scale(scaling: &Array) -> Result<f64> {
+    match scaling.real()? {
+        scale if scale.is_finite() && scale > 0.0 => Ok(scale),
+        scale => Err(scaling.fault(FaultKind::ScaleBad, scale.to_string(), "a number above 0")),
+    }
 }
 
 /// Whether an `ignore_list.txt` in the file's folder or the folder above it lists this file.
@@ -90,6 +113,40 @@ pub fn ignored(path: &Path) -> Result<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_generators_dict_without_scaling() {
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/aist/protocol4.pkl");
+        let bytes = std::fs::read(&golden).unwrap();
+        let key = b"smpl_scaling";
+        let at = bytes.windows(key.len()).position(|w| w == key).unwrap();
+        let mut other = bytes.clone();
+        other[at..at + key.len()].copy_from_slice(b"full_pose_at");
+        let read_at = |fps_source| {
+            let options = ReadOptions { fps_source, ..Default::default() };
+            read(&golden, &other, &options).unwrap()
+        };
+        let (own, given) = (read_at(None), read_at(Some(20.0)));
+        assert_eq!((own.clip.fps(), own.warnings[0].kind, given.clip.fps()), (30.0, "rate_assumed", 20.0));
+        assert!(given.warnings.iter().all(|w| w.kind != "rate_assumed"), "{:?}", given.warnings);
+        assert!(matches!(own.source, Source::Aist { scaling: 1.0, .. }));
+        let scaled = read(&golden, &bytes, &ReadOptions::default()).unwrap();
+        let Source::Aist { scaling, rest_pelvis, .. } = scaled.source else { panic!() };
+        let [a, b] = [&own, &scaled].map(|m| m.clip.root()[1] - rest_pelvis);
+        assert!((a - b * scaling).length() < 1e-9 * a.length(), "{a} {b}");
+    }
+
+    #[test]
+    fn compressed_pickles_are_named_with_a_way_out() {
+        for start in [&b"\x78\x9c\x01"[..], b"\x1f\x8b\x08", b"BZh9", b"\xfd7zXZ\0", b"\x04\x22\x4d\x18"] {
+            let e = read(Path::new("a.pkl"), start, &ReadOptions::default()).unwrap_err();
+            assert_eq!(e.fault(), Some(FaultKind::NotThisFormat));
+            assert!(e.to_string().contains("compressed") && e.to_string().contains("joblib.load"), "{e}");
+        }
+        let wrapped = b"\x80\x02cjoblib.numpy_pickle\nNumpyArrayWrapper\n.";
+        let e = read(Path::new("a.pkl"), wrapped, &ReadOptions::default()).unwrap_err();
+        assert!(e.fault() == Some(FaultKind::PickleRefused) && e.to_string().contains("joblib.load"), "{e}");
+    }
 
     #[test]
     fn lists_beside_the_file_and_beside_its_folder() {

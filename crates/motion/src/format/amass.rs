@@ -1,6 +1,6 @@
 //! AMASS: reads SMPL, SMPL+H and SMPL-X motions in `.npz`; writes SMPL+H.
 //!
-//! AMASS has z up: (x, y, z) becomes (x, z, -y). `trans` is not the pelvis: SMPL rotates the body about its rest pelvis and
+//! AMASS has z up, unless the options give another axis: (x, y, z) becomes (x, z, -y). `trans` is not the pelvis: SMPL rotates the body about its rest pelvis and
 //! then adds `trans`, so the pelvis is at `rest_pelvis + trans`. Without a body model the rest pelvis is
 //! [`smpl::REST_PELVIS`] and the bones are the neutral skeleton's. Fingers, jaw and eyes are dropped.
 
@@ -9,6 +9,7 @@ use super::body_model;
 use super::npz::{Npz, Values, Writer, list};
 use super::options::{ReadOptions, is_rate};
 use super::smpl_arrays::{Vectors, translations};
+use super::{Axes, Up};
 use crate::error::{FaultKind, FileError, compact};
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::rotation::exp_map;
@@ -57,10 +58,13 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let betas = betas(&npz)?;
     let body = body_model::body(options, &betas)?;
     let metres = options.unit.metres().unwrap_or(1.0);
-    let root = positions.iter().map(|&t| ours(body.rest_pelvis + t * metres)).collect();
+    let root = positions.iter().map(|&t| body.rest_pelvis + t * metres).collect();
     let clip = Clip::new(body.skeleton, fps, root, rotations)?;
+    let (axes, doubt) = Axes::of_body(&clip, Up::Z, options)?;
+    warnings.extend(doubt);
+    let clip = axes.to_y_up(clip)?;
     let (rest_pelvis, body_model) = (body.rest_pelvis, body.from_model);
-    let source = Source::Amass { model, gender, betas: betas.len(), rest_pelvis, body_model };
+    let source = Source::Amass { model, gender, betas: betas.len(), rest_pelvis, body_model, axes };
     Ok(Motion { path: path.to_owned(), clip, source, warnings })
 }
 
@@ -91,10 +95,6 @@ pub fn write(clip: &Clip) -> Result<Vec<u8>> {
     npz.finish()
 }
 
-fn ours(p: Vec3) -> Vec3 {
-    Vec3::new(p.x, p.z, -p.y)
-}
-
 fn theirs(p: Vec3) -> Vec3 {
     Vec3::new(p.x, -p.z, p.y)
 }
@@ -123,12 +123,11 @@ fn poses(path: &Path, npz: &Npz) -> Result<(Vec<Quat>, usize, usize)> {
     Err(e.help(if npz.has("positions") { positions } else { stills }).into())
 }
 
-/// Rotations (F, 24) in a clip's axes: the first `joints` from the file, the others identity.
+/// Rotations (F, 24): the first `joints` from the file, the others identity.
 fn rows(frames: usize, joints: usize, rotation: impl Fn(usize, usize) -> Result<Quat>) -> Result<Vec<Quat>> {
     let mut rotations = Vec::with_capacity(frames * 24);
     for f in 0..frames {
-        rotations.push(TURN * rotation(f, 0)?);
-        for j in 1..24 {
+        for j in 0..24 {
             rotations.push(if j < joints { rotation(f, j)? } else { Quat::IDENTITY });
         }
     }

@@ -4,12 +4,16 @@
 //! pose (or, without one, of the saved pose) is removed from each joint. Lengths are in metres and y is up; the file states
 //! its unit and axes.
 
+mod keys;
+
 use super::figure::{Chosen, Nodes, choose_take};
 use super::options::{ReadOptions, is_rate};
 use super::posed::{Figure, MOST_PLACED, Placed, placed, unique};
+use super::{Axes, Up};
 use crate::error::{FaultKind, FileError};
 use crate::{Motion, Result, Source, Vec3, Warning};
 use kinelm_store::SourcePos;
+use std::collections::BTreeSet;
 use std::path::Path;
 use ufbx::{EvaluateOpts, LoadOpts, Matrix, Node, Scene};
 
@@ -44,10 +48,14 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     if nodes.len() > MOST_JOINTS {
         return Err(fault(FaultKind::TooLarge, format!("{} bones", nodes.len()), "4,096 at most").into());
     }
-    let stack = take(&scene, &nodes, options.take.as_deref(), &mut warnings).map_err(not_this)?;
+    // what moves the figure: its bones and what they hang from
+    let upwards = |&n: &usize| std::iter::successors(Some(n), |&n| parent(&scene.nodes[n]));
+    let moving: BTreeSet<u32> = nodes.iter().flat_map(upwards).map(|n| scene.nodes[n].element.element_id).collect();
+    let stack = take(&scene, &moving, options.take.as_deref(), &mut warnings).map_err(not_this)?;
     let anim = stack.map_or(&scene.anim, |stack| &stack.anim);
-    let (begin, end) = stack.map_or((0.0, 0.0), |stack| (stack.time_begin, stack.time_end));
-    let own = scene.settings.frames_per_second;
+    let (begin, end) = stack.map_or((0.0, 0.0), |stack| keys::span(stack, &moving));
+    let stated = scene.settings.frames_per_second;
+    let own = stack.map_or(stated, |stack| keys::rate(stack, &moving, stated));
     if !is_rate(own) {
         return Err(fault(FaultKind::FrameTimeBad, format!("{own} frames a second"), "a rate of motion").into());
     }
@@ -85,7 +93,9 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         warnings.push(Warning { kind: "no_bind_pose", what: what.into() });
     }
     warnings.extend(more);
-    Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
+    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options)?;
+    warnings.extend(doubt);
+    Ok(Motion { path: path.to_owned(), clip: axes.to_y_up(clip)?, source: Source::plain(axes), warnings })
 }
 
 /// The node above a node, but for the root of the scene.
@@ -110,27 +120,19 @@ fn figure(
     nodes.choose(root, warnings)
 }
 
-/// The take to read, if there is one.
+/// The take to read, if there is one; `moving` has the elements that move the figure.
 fn take<'a>(
     scene: &'a Scene,
-    figure: &[usize],
+    moving: &BTreeSet<u32>,
     name: Option<&str>,
     warnings: &mut Vec<Warning>,
 ) -> std::result::Result<Option<&'a ufbx::AnimStack>, (String, String)> {
-    let mut moving = std::collections::BTreeSet::new();
-    for &node in figure {
-        let upwards = std::iter::successors(Some(node), |&n| parent(&scene.nodes[n]));
-        moving.extend(upwards.map(|n| scene.nodes[n].element.element_id));
-    }
-    let moves = |stack: &ufbx::AnimStack| {
-        let props = stack.layers.iter().flat_map(|layer| layer.anim_props.iter());
-        props
-            .filter(|prop| moving.contains(&prop.element.element_id))
-            .any(|prop| prop.anim_value.curves.iter().flatten().any(|curve| curve.max_value > curve.min_value))
-    };
     let stacks = &scene.anim_stacks;
     let names: Vec<String> = stacks.iter().map(|stack| stack.element.name.to_string()).collect();
-    let of = |n: usize| (moves(&stacks[n]), stacks[n].time_end - stacks[n].time_begin);
+    let of = |n: usize| {
+        let (begin, end) = keys::span(&stacks[n], moving);
+        (keys::curves(&stacks[n], moving).any(|curve| curve.max_value > curve.min_value), end - begin)
+    };
     Ok(choose_take(&names, name, of, warnings)?.map(|n| &stacks[n]))
 }
 

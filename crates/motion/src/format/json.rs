@@ -9,7 +9,6 @@
 
 use super::{Axes, ReadOptions, Up};
 use crate::error::{FaultKind, FileError};
-use crate::rig::map_if_any;
 use crate::{Clip, EndSite, Error, Motion, Quat, Result, Skeleton, Source, Vec3};
 use kinelm_store::SourcePos;
 use serde::{Deserialize, Serialize};
@@ -73,13 +72,10 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
             None => Ok(clip),
         })
         .map_err(|e| bad(e.to_string(), "a clip"))?;
-    if matches!(options.up, Up::Auto | Up::Y) {
-        return Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: vec![] });
-    }
-    let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
-    let (axes, _) = Axes::of(&clip, options.up, map.as_ref());
+    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options)?;
     let clip = axes.to_y_up(clip)?;
-    Ok(Motion { path: path.to_owned(), clip, source: Source::Json(axes), warnings: vec![] })
+    let source = if axes.up == Up::Y { Source::Plain } else { Source::Json(axes) };
+    Ok(Motion { path: path.to_owned(), clip, source, warnings: doubt.into_iter().collect() })
 }
 
 /// A clip as JSON, one line per field and per frame.

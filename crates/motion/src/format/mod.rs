@@ -12,6 +12,8 @@ pub mod array;
 #[cfg(feature = "amass")]
 pub mod body_model;
 pub mod bvh;
+mod contact;
+mod extension;
 #[cfg(feature = "fbx")]
 pub mod fbx;
 mod figure;
@@ -19,6 +21,7 @@ mod floor;
 pub mod glb;
 mod importer;
 pub mod json;
+mod keys;
 mod motion_root;
 #[cfg(feature = "amass")]
 pub mod npy;
@@ -30,22 +33,27 @@ pub mod pickle;
 mod posed;
 pub mod positions;
 pub mod rate;
+mod rates;
 mod rest;
 mod size;
 #[cfg(feature = "amass")]
 mod smpl_arrays;
 mod sniff;
 pub mod source;
+mod stand;
 mod up;
 
+pub use extension::Format;
 pub use floor::{floor_height, resolve_floor};
 pub use importer::Importer;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
-pub use rate::{RateDoubt, RateDoubts};
+pub use rate::RateDoubt;
+pub use rates::{FileRate, RateDoubts, RateGroup};
 pub use rest::{has_rest_frame, smeared_frames};
 pub use sniff::sniff;
 pub use source::{Motion, Source};
-pub use up::{Axes, Up, UpSource, standing_axis};
+pub use stand::standing_axis;
+pub use up::{Axes, Up, UpSource};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
@@ -57,66 +65,6 @@ use positions::Positions;
 use std::io::Read;
 use std::path::Path;
 
-/// The formats of motion files.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Format {
-    /// `.amc`, with an `.asf` beside it: read, not written.
-    Amc,
-    /// `.bvh`.
-    Bvh,
-    /// `.npz`: AMASS.
-    Npz,
-    /// `.pkl`: AIST++.
-    Pickle,
-    /// `.json`: a clip in this crate's own format.
-    Json,
-    /// `.glb`, and `.vrm`, which is one: a VRM is read only.
-    Glb,
-    /// `.fbx`: read, not written.
-    Fbx,
-}
-
-impl Format {
-    /// The format by the file's extension, in any letter case.
-    pub fn of_name(path: &Path) -> Option<Format> {
-        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-        Some(match extension.as_str() {
-            "amc" => Format::Amc,
-            "bvh" => Format::Bvh,
-            "npz" => Format::Npz,
-            "pkl" => Format::Pickle,
-            "json" => Format::Json,
-            "glb" | "vrm" => Format::Glb,
-            "fbx" => Format::Fbx,
-            _ => return None,
-        })
-    }
-
-    /// The format by the file's extension.
-    ///
-    /// # Errors
-    /// [`FaultKind::NotThisFormat`] with the supported extensions.
-    pub fn of(path: &Path) -> Result<Format> {
-        let found = match path.extension() {
-            Some(e) => format!("the extension .{}", e.to_string_lossy()),
-            None => "no extension".into(),
-        };
-        let expected = ".bvh, .amc, .glb, .npz, .pkl or .json";
-        Format::of_name(path).ok_or_else(|| {
-            let fault = FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected);
-            let is = |extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
-            let help = if is("c3d") {
-                "a C3D holds markers, not joints: let the capture system solve it onto a skeleton, and export BVH"
-            } else if is("asf") {
-                "an ASF is a skeleton without motion: give the .amc files beside it"
-            } else {
-                ""
-            };
-            fault.help(help).into()
-        })
-    }
-}
-
 /// Reads a motion file.
 ///
 /// The extension decides the format, and the first bytes must agree. Then `fps_source` replaces the rate, `skip` drops
@@ -125,8 +73,7 @@ impl Format {
 ///
 /// # Errors
 /// [`kinelm_store::Error::Io`]; [`Error::File`] with position and kind for a faulty file;
-/// [`Invalid`](kinelm_store::Error::Invalid) for a rate out of range; [`Unsupported`](kinelm_store::Error::Unsupported) for
-/// `up` if the format defines its own axes; [`Error::Clip`] when no frame is left after `skip`.
+/// [`Invalid`](kinelm_store::Error::Invalid) for a rate out of range; [`Error::Clip`] when no frame is left after `skip`.
 ///
 /// ```
 /// use kinelm_motion::format::{self, ReadOptions};
@@ -141,9 +88,8 @@ impl Format {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
-    let format = Format::of(path).map_err(|e| with_content_kind(e, path))?;
+    Format::of(path).map_err(|e| with_content_kind(e, path))?;
     check_rate(options)?;
-    check_up(path, format, options)?;
     parse(path, &input::bytes(path).map_err(Error::io(path))?, options)
 }
 
@@ -154,7 +100,6 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
 pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path)?;
     check_rate(options)?;
-    check_up(path, format, options)?;
     let mut motion = match format {
         Format::Amc => skipped(amc::read(path, bytes, options)?, options)?,
         Format::Bvh => bvh::read(path, bytes, options)?,
@@ -264,7 +209,6 @@ fn with_content_kind(error: Error, path: &Path) -> Error {
 pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
     check_rate(options)?;
     let format = Format::of(path)?;
-    check_up(path, format, options)?;
     match format {
         Format::Bvh => bvh::positions(path, &input::bytes(path).map_err(Error::io(path))?, options),
         _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
@@ -288,22 +232,6 @@ fn check_rate(options: &ReadOptions) -> Result<()> {
         return Err(Error::invalid("`fps_source`", found, expected));
     }
     Ok(())
-}
-
-/// Refuses `up` for formats that define their own axes.
-fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
-    let own = match format {
-        Format::Amc | Format::Bvh | Format::Json => return Ok(()),
-        Format::Glb => "a GLB has y up",
-        Format::Npz => "an AMASS file has z up",
-        Format::Pickle => "an AIST++ file has y up",
-        Format::Fbx => "an FBX states its up axis",
-    };
-    if options.up == Up::Auto {
-        return Ok(());
-    }
-    let why = format!("{own}, always; `up` is for BVH, AMC and JSON");
-    Err(Error::unsupported(format!("`up` {} of {}", options.up, path.display()), why))
 }
 
 /// Writes a motion file in the format of its extension, atomically.
@@ -335,7 +263,7 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
         }
         Format::Amc | Format::Pickle | Format::Fbx | Format::Glb => {
             let found = format!("the extension .{}", path.extension().unwrap_or_default().to_string_lossy());
-            let expected = "a .bvh, .npz, .json or .glb to write";
+            let expected = format!("a {} to write", extension::listed(Format::WRITTEN));
             Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into())
         }
     }
@@ -367,7 +295,7 @@ mod tests {
         let e = message(&file("a.txt", BVH.as_bytes()));
         assert!(
             e.contains("not_this_format")
-                && e.contains(".bvh, .amc, .glb, .npz, .pkl or .json")
+                && e.contains("found the extension .txt, expected .bvh, .amc, .glb")
                 && e.contains("looks like a BVH"),
             "{e}"
         );
@@ -403,10 +331,6 @@ mod tests {
         write(&out, &m).unwrap();
         let text = std::fs::read_to_string(&out).unwrap();
         assert!(text.ends_with("Frames: 1\nFrame Time: 0.0166666667\n2.000000\n"), "{text}");
-        let markers = folder.path().join("a.C3D");
-        std::fs::write(&markers, [2, 0x50]).unwrap();
-        let message = read(&markers, &ReadOptions::default()).unwrap_err().to_string();
-        assert!(message.contains("a C3D holds markers, not joints"), "{message}");
         assert!(write(&folder.path().join("b.fbx"), &m).is_err());
     }
 }

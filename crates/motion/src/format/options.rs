@@ -16,7 +16,7 @@ pub struct ReadOptions {
     pub fps_source: Option<f64>,
     /// The unit of the file's lengths, where it states none or a wrong one.
     pub unit: Unit,
-    /// The up axis of a BVH or JSON file.
+    /// The up axis of the file.
     pub up: Up,
     /// A skeleton map by its built-in name or its path, or its TOML, for rigs that no built-in map fits.
     pub map: Option<String>,

@@ -5,7 +5,7 @@ use super::bvh::USUAL_FPS;
 use crate::series::nearest_quantile as quantile;
 use crate::series::root_jumps;
 use crate::{Clip, Warning};
-use std::collections::BTreeMap;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// The rate is doubted if the pelvis falls with more than this, in g.
@@ -16,7 +16,7 @@ const KIND: &str = "rate_doubted";
 const GRAVITY: f64 = 9.81;
 
 /// A doubted frame rate.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RateDoubt {
     /// The acceleration of the body's fall at that rate, in g.
     pub fall_g: f64,
@@ -81,47 +81,6 @@ fn in_short(fps: f64) -> f64 {
     (fps * 1e3).round() / 1e3
 }
 
-/// Rate doubts of several files, summarised in one line.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct RateDoubts {
-    files: usize,
-    /// Likely rates, with the number of files.
-    likely: BTreeMap<u64, usize>,
-    /// The file that falls fastest.
-    worst: Option<(String, RateDoubt)>,
-}
-
-impl RateDoubts {
-    /// Adds a file with its doubt, if there is one.
-    pub fn add(&mut self, name: &str, doubt: Option<RateDoubt>) {
-        self.files += 1;
-        let Some(doubt) = doubt else { return };
-        *self.likely.entry(doubt.likely_fps() as u64).or_default() += 1;
-        if self.worst.as_ref().is_none_or(|(_, worst)| doubt.fall_g > worst.fall_g) {
-            self.worst = Some((name.to_owned(), doubt));
-        }
-    }
-
-    /// The summary; `None` if no rate is doubted.
-    pub fn line(&self) -> Option<String> {
-        let (name, worst) = self.worst.as_ref()?;
-        let (files, g) = (self.files, worst.fall_g);
-        // the rate of most files; of several the highest
-        let (likely, _) = self.likely.iter().max_by_key(|(_, files)| **files)?;
-        Some(match self.likely.values().sum::<usize>() {
-            _ if files == 1 => format!("{name}: {}", worst.warning()),
-            1 => format!(
-                "1 of {files} files doubts its rate: {name} falls at {g:.1} g; if all were exported alike, `--fps-source \
-                 {likely}` is for all"
-            ),
-            n => format!(
-                "{n} of {files} files doubt their rates, {name} most: it falls at {g:.1} g; if all were exported alike, \
-                 `--fps-source {likely}` is for all"
-            ),
-        })
-    }
-}
-
 /// The fastest fall of the root, in g, without the frames around `jumps` ([`root_jumps`]).
 ///
 /// It is the second difference of the root's height over steps of 0.05 s; noise of 1 mm then adds 0.1 g.
@@ -181,27 +140,5 @@ pub(crate) mod tests {
         for stated in [60.0, 120.0] {
             assert_eq!(RateDoubt::in_reading(&read(Some(stated))), None, "who says it is not doubted");
         }
-    }
-
-    #[test]
-    fn doubts_are_told_in_one_line() {
-        let (mut doubts, doubt) = (RateDoubts::default(), |fall_g| Some(RateDoubt { fall_g, fps: 120.0 }));
-        doubts.add("a.bvh", None);
-        assert_eq!(doubts.line(), None);
-        doubts.add("b.bvh", doubt(3.2));
-        let line = "1 of 2 files doubts its rate: b.bvh falls at 3.2 g; if all were exported alike, `--fps-source 60` is for all";
-        assert_eq!(doubts.line().as_deref(), Some(line));
-        doubts.add("c.bvh", doubt(2.0));
-        assert!(doubts.line().unwrap().starts_with("2 of 3 files doubt their rates, b.bvh most: it falls at 3.2 g;"));
-        // an outlier doesn't change the summary's rate
-        doubts.add("d.bvh", doubt(9.5));
-        let line = doubts.line().unwrap();
-        assert!(
-            line.starts_with("3 of 4 files doubt their rates, d.bvh most") && line.contains("`--fps-source 60`"),
-            "{line}"
-        );
-        let mut one = RateDoubts::default();
-        one.add("b.bvh", doubt(3.2));
-        assert!(one.line().unwrap().starts_with("b.bvh: rate_doubted: the body falls at 3.2 g"));
     }
 }

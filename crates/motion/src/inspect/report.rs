@@ -146,10 +146,10 @@ fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
         Source::Amass { model, gender, rest_pelvis, body_model, .. } => {
             ("AMASS", vec![format!("model {model}, gender {gender}"), body_line(*rest_pelvis, *body_model)])
         }
-        Source::Aist { scaling, rest_pelvis, body_model } => {
+        Source::Aist { scaling, rest_pelvis, body_model, .. } => {
             ("AIST++", vec![format!("scaling {scaling}"), body_line(*rest_pelvis, *body_model)])
         }
-        Source::Json(_) | Source::Retargeted { .. } | Source::Plain => ("clip", Vec::new()),
+        Source::Json(_) | Source::Turned(_) | Source::Retargeted { .. } | Source::Plain => ("clip", Vec::new()),
     }
 }
 
@@ -158,6 +158,7 @@ fn axes_line(axes: &Axes) -> String {
     let why = match axes.by {
         UpSource::Given => "",
         UpSource::Inferred => ", by the rest pose and the motion",
+        UpSource::Feet => ", by the feet and the motion",
         UpSource::Ambiguous => ", for want of agreement",
         UpSource::Unknown => ", unjudged: no skeleton map knows the joints",
     };
@@ -207,9 +208,6 @@ fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
     ));
     for c in below.iter().filter(|c| c.stretch_m > 0.0005) {
         lines.push(format!("stretch left out at {}: {:.1} mm at most", name(c.joint), 1000.0 * c.stretch_m));
-    }
-    if 2 * below.iter().filter(|c| c.looks_added).count() > below.len() {
-        lines.push("these look like added positions; try `bvh_position` add".into());
     }
     lines
 }

@@ -1,6 +1,7 @@
 //! Rigs with any axes, lengths and extra joints, made from the SMPL body, so that the right answer is known.
 
 use super::*;
+use crate::format::Axes;
 use crate::rotation::tests::any_quat;
 use crate::rotation::{EulerOrder, angle_between, exp_map};
 use proptest::prelude::*;
@@ -281,7 +282,7 @@ fn smpl_files_keep_their_rotations() {
     let motion = Motion {
         path: "a.pkl".into(),
         clip: x.clone().with_skeleton(Arc::new(body.unwrap())).unwrap(),
-        source: Source::Aist { scaling: 90.0, rest_pelvis: Vec3::ZERO, body_model: true },
+        source: Source::Aist { scaling: 90.0, rest_pelvis: Vec3::ZERO, body_model: true, axes: Axes::OWN },
         warnings: vec![],
     };
     let y = to_smpl(&motion, None).unwrap();

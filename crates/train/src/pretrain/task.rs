@@ -100,8 +100,7 @@ impl<'a> Pretraining<'a> {
     /// Writes a dance into `samples/`, where one is due; notes if it can't be made.
     fn sample(&mut self, step: u64) {
         let train = &self.file.train;
-        let due = train.sample_every.saturating_mul(train.eval_every);
-        if due == 0 || !step.is_multiple_of(due) || self.file.model.kind == ModelKind::Masked {
+        if !is_sampled(step, train.eval_every, train.sample_every) || self.file.model.kind == ModelKind::Masked {
             return;
         }
         let weights = self.fit.learner.averages().and_then(|all| all.map_or_else(|| self.fit.learner.weights(), Ok));
@@ -110,6 +109,12 @@ impl<'a> Pretraining<'a> {
             Err(e) => self.progress.note(&format!("no dance after step {step}: {e}")),
         }
     }
+}
+
+/// Whether a dance is due with the measurement after `step`: with every `sample_every`-th one. The last step is measured
+/// too, though it may be no multiple of `eval_every`.
+fn is_sampled(step: u64, eval_every: u64, sample_every: u64) -> bool {
+    sample_every > 0 && eval_every > 0 && step.div_ceil(eval_every).is_multiple_of(sample_every)
 }
 
 impl Task for Pretraining<'_> {
@@ -170,5 +175,21 @@ impl Task for Pretraining<'_> {
         let files = saved::files(&*self.fit.learner)?;
         self.metrics.sync()?;
         Ok(files)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_sampled;
+
+    #[test]
+    fn the_last_measurement_counts_as_one() {
+        let steps = |eval_every, sample_every| -> Vec<u64> {
+            // measured every `eval_every` steps and after the last
+            let measured = (1..=250).filter(|step| *step == 250 || step % eval_every == 0);
+            measured.filter(|step| is_sampled(*step, eval_every, sample_every)).collect()
+        };
+        assert_eq!((steps(100, 1), steps(100, 2), steps(1000, 1)), (vec![100, 200, 250], vec![200], vec![250]));
+        assert!(steps(100, 0).is_empty() && !is_sampled(250, 0, 1));
     }
 }

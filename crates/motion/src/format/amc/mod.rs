@@ -58,9 +58,9 @@ pub fn parse((path, amc): (&Path, &[u8]), (beside, asf): (&Path, &[u8]), options
     let clip = Clip::new(skeleton, fps, root, rotations).map_err(|e| e.in_clip(path))?;
     let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
     let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
-    warnings.extend(doubt.map(|what| Warning { kind: "up_unsure", what }));
+    warnings.extend(doubt);
     let clip = axes.to_y_up(clip)?;
-    Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
+    Ok(Motion { path: path.to_owned(), clip, source: Source::plain(axes), warnings })
 }
 
 /// The ASF that belongs to an AMC.

@@ -53,7 +53,7 @@ impl<'a> Parser<'a> {
         if style.line_end.is_empty() {
             style.line_end = if line_end.is_empty() { "\n".into() } else { line_end.into() };
         }
-        let warnings = self.warnings(declared);
+        let warnings = self.warnings();
         Ok(Header {
             nodes: self.nodes,
             width: self.width,
@@ -104,7 +104,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    fn warnings(&self, declared: u64) -> Vec<Warning> {
+    fn warnings(&self) -> Vec<Warning> {
         let mut all = Vec::new();
         // only the first few get a line number, because finding it scans the file
         let place =
@@ -125,9 +125,6 @@ impl<'a> Parser<'a> {
             self.nodes.iter().filter(|n| n.kind == NodeKind::Root).map(|n| format!("{:?}", n.unique)).collect();
         if roots.len() > 1 {
             add("several_roots", &roots, "more than one ROOT:", "one is read; `root` takes another");
-        }
-        if declared == 0 {
-            all.push(Warning { kind: "no_frames", what: "the file declares 0 frames".into() });
         }
         all
     }

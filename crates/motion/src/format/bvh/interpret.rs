@@ -56,7 +56,7 @@ impl Frames<'_> {
         turns.fold(first, |q, t| q * t)
     }
 
-    fn moves(&self, node: usize) -> bool {
+    pub fn moves(&self, node: usize) -> bool {
         self.nodes[node].channels.iter().any(|c| matches!(c, Channel::Position(_)))
     }
 

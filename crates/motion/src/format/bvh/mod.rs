@@ -3,6 +3,7 @@
 //! [`parse_header`] parses everything before the rows, [`Header::rows`] the numbers, [`read`] makes a [`Motion`] of both.
 //! The [`BvhSource`] stores what a clip doesn't, so that a file can be written back as it was.
 
+mod added;
 mod channels;
 mod compose;
 mod default_rig;
@@ -26,7 +27,7 @@ pub use positions::positions;
 pub use splice::Changed;
 pub use write::{to_bytes, to_bytes_in};
 
-use crate::format::{Axes, BvhPosition, ReadOptions, Up, UpSource};
+use crate::format::{Axes, BvhPosition, ReadOptions};
 use crate::{Clip, Motion, Result, Source, Warning};
 use interpret::Frames;
 use std::path::Path;
@@ -117,14 +118,11 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     let Parsed { head, numbers, frames, mut warnings } = parsed;
     warnings.extend(more);
     let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
-    warnings.extend(doubt.map(|what| Warning { kind: "up_unsure", what }));
-    if axes.by == UpSource::Inferred && axes.up != Up::Y {
-        let what = format!("{} is up, by the rest pose and the motion; if it is not, give `up`", axes.up);
-        warnings.push(Warning { kind: "up_axis", what });
-    }
+    warnings.extend(doubt);
     let clip = axes.to_y_up(clip)?;
     (rig.axes, rig.skeleton) = (axes, clip.skeleton().clone());
     let source = BvhSource { head, numbers, frames, rig, floor_m: None };
+    warnings.extend(added::doubt(&source, &clip));
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
 }
 

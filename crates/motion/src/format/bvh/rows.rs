@@ -4,6 +4,7 @@ use super::numbers::row;
 use super::text::{BadNumber, Text, number, word_at};
 use crate::format::source::bvh::Header;
 use crate::{FaultKind, FileError, Warning};
+use kinelm_store::counted;
 
 /// The rows of a file.
 pub(crate) struct Rows {
@@ -41,8 +42,30 @@ pub(crate) fn parse(text: &Text, head: &Header, lenient: bool) -> Result<Rows, F
     if width == 0 && declared > 0 {
         return Slow { text, head, declared, lenient }.rest(numbers, 0, at);
     }
-    let warnings = extra(text, head, at, lenient)?;
+    if width > 0 && declared == 0 && begins_with_number(bytes, at) {
+        return undeclared(text, head, at, lenient);
+    }
+    let mut warnings = extra(text, head, at, lenient)?;
+    if declared == 0 {
+        warnings.push(Warning { kind: "no_frames", what: "the file declares 0 frames".into() });
+    }
     Ok(Rows { numbers, frames, warnings })
+}
+
+fn begins_with_number(bytes: &[u8], at: usize) -> bool {
+    number(word_at(bytes, next_line(bytes, at))) != Err(BadNumber::Junk)
+}
+
+/// Reads the rows behind `Frames: 0`, or counts them in a fault.
+fn undeclared(text: &Text, head: &Header, at: usize, lenient: bool) -> Result<Rows, FileError> {
+    let rows = Slow { text, head, declared: usize::MAX, lenient: true }.rest(Vec::new(), 0, at)?;
+    if lenient {
+        return Ok(rows);
+    }
+    let found = format!("Frames: 0 before {}", counted(rows.frames, "rows"));
+    let expected = format!("Frames: {}", rows.frames);
+    let fault = text.fault(head.pieces[0].len(), FaultKind::FramesZero, found, expected);
+    Err(fault.help("correct the number, or read all rows with `lenient`"))
 }
 
 /// Skips blanks and line ends.

@@ -84,8 +84,14 @@ impl<'a> Pickle<'a> {
     ///
     /// # Errors
     /// [`FaultKind::PickleRefused`] for a name outside [`ALLOWED`] or an opcode that makes or calls anything else;
-    /// [`FaultKind::PickleBad`] for a damaged pickle, with the byte offset; [`FaultKind::TooLarge`] above a limit.
+    /// [`FaultKind::PickleBad`] for a damaged pickle, with the byte offset; [`FaultKind::TooLarge`] above a limit;
+    /// [`FaultKind::NotThisFormat`] for one that joblib compressed.
     pub fn parse(path: &Path, bytes: &'a [u8]) -> Result<Self> {
+        if let Some(method) = compression(bytes) {
+            let found = format!("data compressed by {method}, as joblib writes pickles");
+            let e = FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, "a plain pickle");
+            return Err(e.help(FROM_JOBLIB).into());
+        }
         let (values, top) = machine::run(bytes).map_err(|stop| stop.at(path))?;
         Ok(Pickle { path: path.to_owned(), values, top })
     }
@@ -94,6 +100,27 @@ impl<'a> Pickle<'a> {
     pub fn top(&self) -> Value<'_, 'a> {
         Value { pickle: self, id: self.top }
     }
+}
+
+/// How a plain pickle is made of one by joblib.
+const FROM_JOBLIB: &str =
+    "save it again in Python: import joblib, pickle; pickle.dump(joblib.load(\"in.pkl\"), open(\"out.pkl\", \"wb\"))";
+
+/// The method by which joblib compressed a file.
+fn compression(bytes: &[u8]) -> Option<&'static str> {
+    let methods: [(&[u8], &str); 10] = [
+        (b"\x78\x01", "zlib"),
+        (b"\x78\x5e", "zlib"),
+        (b"\x78\x9c", "zlib"),
+        (b"\x78\xda", "zlib"),
+        (b"\x1f\x8b", "gzip"),
+        (b"BZh", "bz2"),
+        (b"\xfd7zXZ\0", "xz"),
+        (b"\x5d\0\0", "lzma"),
+        (b"\x04\x22\x4d\x18", "lz4"),
+        (b"ZF0x", "zlib"),
+    ];
+    methods.into_iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, method)| method)
 }
 
 /// Why execution stopped.
@@ -109,6 +136,7 @@ impl Stop {
         let found = format!("{} at byte {}", self.found, self.at);
         let e = FileError::new(SourcePos::file(path), self.kind, found, self.expected);
         match self.kind {
+            FaultKind::PickleRefused if e.found.contains("joblib.") => e.help(FROM_JOBLIB).into(),
             FaultKind::PickleRefused => e.help("pickles are read, never run").into(),
             _ => e.into(),
         }

@@ -54,6 +54,8 @@ pub enum Source {
         rest_pelvis: Vec3,
         /// Whether rest pelvis and offsets come from a body model; otherwise they are the neutral skeleton's.
         body_model: bool,
+        /// How the file's axes are rotated to the clip's.
+        axes: Axes,
     },
     /// An AIST++ file.
     Aist {
@@ -63,9 +65,13 @@ pub enum Source {
         rest_pelvis: Vec3,
         /// Whether rest pelvis and offsets come from a body model; otherwise they are the neutral skeleton's.
         body_model: bool,
+        /// How the file's axes are rotated to the clip's.
+        axes: Axes,
     },
     /// A JSON clip whose up axis is not y.
     Json(Axes),
+    /// A clip of another format without a source of its own, whose up axis is not y.
+    Turned(Axes),
     /// A motion that was put on another body.
     Retargeted {
         /// The floor found before that, metres; retargeting doesn't move it.
@@ -80,9 +86,14 @@ impl Source {
     pub fn axes(&self) -> Axes {
         match self {
             Source::Bvh(bvh) => bvh.rig.axes,
-            Source::Json(axes) => *axes,
-            Source::Amass { .. } => Axes { up: Up::Z, ..Axes::OWN },
-            Source::Aist { .. } | Source::Retargeted { .. } | Source::Plain => Axes::OWN,
+            Source::Json(axes) | Source::Turned(axes) => *axes,
+            Source::Amass { axes, .. } | Source::Aist { axes, .. } => *axes,
+            Source::Retargeted { .. } | Source::Plain => Axes::OWN,
         }
+    }
+
+    /// The source of a format that has none of its own, with these axes.
+    pub(crate) fn plain(axes: Axes) -> Source {
+        if axes.up == Up::Y { Source::Plain } else { Source::Turned(axes) }
     }
 }

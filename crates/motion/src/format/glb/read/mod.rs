@@ -4,15 +4,17 @@
 //! is that of its keys, if they are evenly spaced.
 
 mod document;
+mod rate;
 mod track;
 
 use crate::format::figure::{Chosen, Nodes, choose_take};
 use crate::format::posed::{Figure, MOST_PLACED, Placed, placed, unique};
-use crate::format::{ReadOptions, bvh::USUAL_FPS};
+use crate::format::{Axes, ReadOptions, Up};
 use crate::{FaultKind, FileError, Motion, Quat, Result, Source, Vec3, Warning};
 use document::Document;
 use glam::DAffine3;
 use kinelm_store::SourcePos;
+use rate::Frames;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use track::{Between, Track, quat};
@@ -38,32 +40,28 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let Chosen { nodes: joints, root } = tree.figure(options.root.as_deref(), &mut warnings)?;
     let figure = tree.at_rest(&joints)?;
     let of_figure: BTreeSet<usize> = joints.iter().flat_map(|&joint| tree.upwards(joint)).collect();
-    let (fps, count, take) = match take(&document, &of_figure, options.take.as_deref(), &mut warnings)? {
+    let take = take(&document, &of_figure, options.take.as_deref(), &mut warnings)?;
+    let Frames { step_fps, fps, count } = match &take {
         None => {
             warnings.push(Warning { kind: "no_animation", what: "no animation: its pose is read as one frame".into() });
-            (FPS, 1.0, None)
+            Frames { step_fps: FPS, fps: options.fps_source.unwrap_or(FPS), count: 1.0 }
         }
-        Some(take) => {
-            let fps = take.fps().unwrap_or_else(|| {
-                let what = format!("keys at no even rate: read at {FPS}; give `fps_source` if that is wrong");
-                warnings.push(Warning { kind: "rate_assumed", what });
-                FPS
-            });
-            (fps, (take.length() * fps).round() + 1.0, Some(take))
-        }
+        Some(take) => Frames::of(take, options, &mut warnings),
     };
     if !(1.0..=MOST_PLACED).contains(&(count * joints.len() as f64)) {
         let found = format!("{count} frames of {} joints", joints.len());
         return Err(FileError::new(SourcePos::file(path), FaultKind::TooLarge, found, "134,217,728 rotations").into());
     }
     let frames = (0..count as usize).map(|f| {
-        let world = tree.world(take.as_ref().map(|take| (take, take.begin + f as f64 / fps)));
+        let world = tree.world(take.as_ref().map(|take| (take, take.begin + f as f64 / step_fps)));
         Ok(joints.iter().map(|&node| split(&world[node])).collect())
     });
     let root = root.and_then(|node| joints.iter().position(|&j| j == node));
-    let (clip, more) = figure.clip(root, (options.fps_source.unwrap_or(fps), options), UNIT_M, frames)?;
+    let (clip, more) = figure.clip(root, (fps, options), UNIT_M, frames)?;
     warnings.extend(more);
-    Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings })
+    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options)?;
+    warnings.extend(doubt);
+    Ok(Motion { path: path.to_owned(), clip: axes.to_y_up(clip)?, source: Source::plain(axes), warnings })
 }
 
 /// The take of that name, else the longest that moves one of these nodes, else the longest; `None` without any.
@@ -325,25 +323,6 @@ impl Take {
 
     fn length(&self) -> f64 {
         self.end - self.begin
-    }
-
-    /// The rate of the keys, if nearly all are whole steps of the shortest apart: a usual or whole one within 1 %.
-    fn fps(&self) -> Option<f64> {
-        let mut times: Vec<f64> =
-            self.tracks.values().flatten().flatten().flat_map(|t| t.times.iter().copied()).collect();
-        times.sort_by(f64::total_cmp);
-        let steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 2e-4).collect();
-        let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
-        let even = |d: &&f64| (*d / shortest - (*d / shortest).round()).abs() < 0.1;
-        if steps.is_empty() || (steps.iter().filter(even).count() as f64) < 0.95 * steps.len() as f64 {
-            return None;
-        }
-        // single precision rounds each time: the mean step is exact
-        let frames = steps.iter().map(|d| (d / shortest).round()).sum::<f64>();
-        let exact = frames / steps.iter().sum::<f64>();
-        let near = |n: f64| (n / exact - 1.0).abs() < 0.01;
-        let usual = USUAL_FPS.iter().map(|n| *n as f64).find(|n| near(*n));
-        Some(usual.or(Some(exact.round()).filter(|n| near(*n))).unwrap_or(exact))
     }
 }
 

@@ -80,6 +80,37 @@ fn left_out_keys_and_scaled_armatures() {
 }
 
 #[test]
+fn what_we_write_keeps_its_rate() {
+    for fps in [23.976, 29.97, 59.94, 119.88, 30.0, 239.0] {
+        let clip = dance().with_fps(fps).unwrap();
+        let again = read_back(&crate::format::glb::to_bytes(&[("dance", &clip)]).unwrap());
+        assert_eq!((again.clip.frames(), again.warnings), (clip.frames(), vec![]), "{fps}");
+        assert!((again.clip.fps() / fps - 1.0).abs() < 2e-6, "{fps}: {}", again.clip.fps());
+    }
+}
+
+#[test]
+fn uneven_keys_are_sampled_in_their_seconds() {
+    let (json, mut binary) = reduced();
+    for (bytes, time) in binary.chunks_mut(4).zip([0.0f32, 0.31, 0.5, 1.37, 2.0]) {
+        bytes.copy_from_slice(&time.to_le_bytes());
+    }
+    let at = |fps_source| {
+        let options = ReadOptions { fps_source, ..Default::default() };
+        read(Path::new("a.glb"), &glb(&json, &binary), &options).unwrap()
+    };
+    let (own, given) = (at(None), at(Some(60.0)));
+    assert_eq!((own.clip.frames(), own.clip.fps(), own.warnings[0].kind), (61, 30.0, "rate_assumed"));
+    assert_eq!((given.clip.frames(), given.clip.fps(), given.warnings), (121, 60.0, vec![]));
+    assert_eq!(own.clip.pose(30), given.clip.pose(60));
+    // even keys are frames, whose rate may be a wrong one
+    let (json, binary) = reduced();
+    let options = ReadOptions { fps_source: Some(12.0), ..Default::default() };
+    let slow = read(Path::new("a.glb"), &glb(&json, &binary), &options).unwrap().clip;
+    assert_eq!((slow.frames(), slow.fps()), (13, 12.0));
+}
+
+#[test]
 fn faults_say_what_is_wrong() {
     let said = |change: &dyn Fn(&mut serde_json::Value)| {
         let (mut json, binary) = reduced();

@@ -27,6 +27,10 @@ const EVEN: f64 = -6.0;
 /// How far from it the odds are as one to e, and the most that names make up for.
 const SPREAD: f64 = 0.6;
 const NAMED: f64 = 2.0;
+/// The share of what proportions count against a body that its names take away, if they say what each required joint is.
+const BUILD_BY_NAME: f64 = 0.6;
+/// But not from a posture below this: what goes on all fours has thighs and forearms too.
+const UPRIGHT: f64 = -2.0;
 /// Two bodies whose scores differ by this have odds of one to e.
 const SOFTNESS: f64 = 1.2;
 /// Spine, neck, head, collars and balls of the feet: where one ends and the next begins, lengths say little.
@@ -106,8 +110,10 @@ pub fn recognise(rig: &Skeleton, clip: Option<&Clip>) -> Option<Recognised> {
     let evidence = Evidence { tree: Tree::new(rig), hints: names::hints(rig.names()), poses, turns };
     let bodies = evidence.bodies();
     let best = bodies.first()?;
-    let humanoid = logistic((best.shape + (0.5 * best.names).min(NAMED) - EVEN) / SPREAD);
-    if humanoid < NONE {
+    let named = evidence.named(best);
+    let shape = best.shape() - BUILD_BY_NAME * named * best.build;
+    let humanoid = logistic((shape + (0.5 * best.names).min(NAMED) - EVEN) / SPREAD);
+    if humanoid < NONE && named < 1.0 {
         return None;
     }
     let weight = |b: &Body| ((b.score() - best.score()) / SOFTNESS).exp();
@@ -117,7 +123,7 @@ pub fn recognise(rig: &Skeleton, clip: Option<&Clip>) -> Option<Recognised> {
         if best.joints[id].is_some() {
             let share = bodies.iter().filter(|b| b.joints[id] == best.joints[id]).map(weight).sum::<f64>() / all;
             *c = humanoid * share * if side_of(id).1.is_some() { best.sides } else { 1.0 };
-            let named = best.joints[id].is_some_and(|j| evidence.hints[j].agreement(id) > 0.0);
+            let named = best.joints[id].is_some_and(|j| evidence.is_named(j, id));
             // what turns above the joint that legs and trunk part at may be the pelvis too
             let below = |j: usize| evidence.tree.upwards(j).skip(1).any(|above| evidence.turns[above]);
             let vague = VAGUE.contains(&id) || (id == 0 && best.joints[0].is_some_and(below));
@@ -133,6 +139,24 @@ pub fn recognise(rig: &Skeleton, clip: Option<&Clip>) -> Option<Recognised> {
     let reference = stand::reference(rig, &best.joints, clip);
     let map = SkeletonMap::of_joints(rig, &best.joints, &reference);
     Some(Recognised { map, joints: best.joints, confidence, second })
+}
+
+impl Evidence<'_> {
+    /// The share of the required joints whose names say what they are; 0 for a body that isn't upright.
+    fn named(&self, body: &Body) -> f64 {
+        let agrees = |id: &usize| body.joints[*id].is_some_and(|j| self.hints[j].agreement(*id) > 0.0);
+        let named = REQUIRED.iter().filter(|id| agrees(id)).count() as f64 / REQUIRED.len() as f64;
+        if body.posture < UPRIGHT { 0.0 } else { named }
+    }
+
+    /// Whether a joint's name says that it is the SMPL joint `id`. Of two joints of a collar or foot that follow each other,
+    /// with names that say the same, neither says it.
+    fn is_named(&self, joint: usize, id: usize) -> bool {
+        let own = self.hints[joint].agreement(id);
+        let near = self.tree.upwards(joint).skip(1).take(1).chain(self.tree.children[joint].iter().copied());
+        let paired = side_of(id).1.is_some();
+        own > 0.0 && !(paired && near.into_iter().any(|j| self.hints[j].agreement(id) == own))
+    }
 }
 
 fn logistic(x: f64) -> f64 {

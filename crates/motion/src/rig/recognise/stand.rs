@@ -2,7 +2,7 @@
 //! joints stand to each other in the mean of a clip.
 
 use crate::rotation::{Mat3, nearest_sign, swing};
-use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3};
+use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, smpl};
 
 /// Frames of a clip that are looked at, evenly spaced.
 const FRAMES: usize = 300;
@@ -101,11 +101,7 @@ impl Mean<'_> {
         // the second axis is up and the first as far left as it can be
         let upright = frame(Vec3::Y, Vec3::X) * frame(up, left).inverse();
         global[pelvis] = Some(upright);
-        for id in [3, 6, 9, 12, 15, 13, 14] {
-            if let Some(joint) = self.joints[id] {
-                global[joint] = Some(upright * self.rotation(pelvis, joint));
-            }
-        }
+        self.trunk(upright, pelvis, &mut global);
         for (ids, right) in LIMBS {
             self.limb(ids, right, upright, pelvis, &mut global);
         }
@@ -123,6 +119,23 @@ impl Mean<'_> {
             local.push(parent.map_or(q, |p| whole[p].inverse() * q).normalize());
         }
         local
+    }
+
+    /// Trunk and neck, as straight as SMPL's at rest, so that who bows in the mean bows on SMPL too; the head, which looks
+    /// ahead in the mean, as it is then.
+    fn trunk(&self, upright: Quat, pelvis: usize, global: &mut [Option<Quat>]) {
+        let body = smpl::neutral();
+        let chain: Vec<(usize, usize)> =
+            [3, 6, 9, 12, 15].into_iter().filter_map(|id| Some((id, self.joints[id]?))).collect();
+        for (i, &(id, joint)) in chain.iter().enumerate() {
+            let mean = upright * self.rotation(pelvis, joint);
+            let straight = chain.get(i + 1).map(|&(next, _)| {
+                let still = [6, 9, 12, 15].into_iter().filter(|n| (id + 1..=next).contains(n));
+                let bone = self.vector(joint, |at| at(next) - at(id));
+                swing(mean * bone, still.map(|n| body.offsets()[n]).sum())
+            });
+            global[joint] = Some(straight.unwrap_or_default() * mean);
+        }
     }
 
     /// A limb, straight down or out, bending about the axis that it bends about in the poses.

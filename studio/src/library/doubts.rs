@@ -183,7 +183,8 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
             "kinelm doesn't know this rig by its joints' names or build: it can be watched, but nothing can be generated to it.",
         )),
     }
-    let report: serde_json::Value = serde_json::from_str(&report(&motion, Some(floor_m)).json()).unwrap_or_default();
+    let report: serde_json::Value =
+        serde_json::from_str(&report(&motion, Some(floor_m), options.map.as_deref()).json()).unwrap_or_default();
     doubts.extend(others(&report));
     let format = match Format::of_name(file) {
         Some(Format::Amc) => "AMC",

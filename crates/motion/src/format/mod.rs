@@ -46,8 +46,8 @@ pub use up::{Axes, Up, UpSource, standing_axis};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
-use crate::rig::{SkeletonMap, made_to_stand, recognise};
-use crate::{Error, FaultKind, FileError, Result, Warning};
+use crate::rig;
+use crate::{Error, FaultKind, FileError, Result};
 use kinelm_store::{SourcePos, files, input};
 use options::{check_skip, is_rate};
 use positions::Positions;
@@ -185,16 +185,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         return Err(fault.help("give the true rate as `fps_source`").into());
     }
     let mut motion = rest::handle_rest_frame(motion, options);
-    if options.map.is_none() {
-        let rig = motion.clip.skeleton();
-        motion.warnings.extend(match SkeletonMap::detect(rig.names()) {
-            Some(map) => made_to_stand(map, &motion.clip).map(|map| Warning {
-                kind: "rest_pose",
-                what: format!("no body stands in the rig's rest pose, as the map {} needs it: its reference pose is made from the clip", map.name),
-            }),
-            None => recognise(rig, Some(&motion.clip)).and_then(|found| found.warning()),
-        });
-    }
+    motion.warnings.extend(rig::warnings(&motion.clip, options.map.as_deref()));
     if options.fps_source.is_none() {
         motion.warnings.extend(RateDoubt::of(&motion.clip).map(|doubt| doubt.warning()));
     }

@@ -8,12 +8,12 @@ mod body;
 mod limbs;
 mod names;
 pub(super) mod stand;
-mod trunk;
+pub(super) mod trunk;
 
 use super::SkeletonMap;
 use super::map::REQUIRED;
 use crate::rotation::angle_between;
-use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, Warning, smpl};
+use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, smpl};
 use body::{Body, Evidence};
 use limbs::Tree;
 use names::side_of;
@@ -64,15 +64,6 @@ impl Recognised {
     /// Whether the map may be used without asking.
     pub fn is_sure(&self) -> bool {
         self.confidence() >= SURE
-    }
-
-    /// What is said of a rig that is recognised for sure.
-    pub(crate) fn warning(&self) -> Option<Warning> {
-        let found = self.joints.iter().flatten().count();
-        let what = format!(
-            "{found} of SMPL's 24 joints, by shape and names; `kinelm inspect FILE --map-out my.toml` writes them"
-        );
-        self.is_sure().then_some(Warning { kind: "rig_recognised", what })
     }
 
     /// What is doubtful, for messages.
@@ -164,7 +155,7 @@ fn logistic(x: f64) -> f64 {
 }
 
 /// Whether each joint (J) turns in the clip by more than a degree; all, if none does or there is no clip.
-fn turns(rig: &Skeleton, clip: Option<&Clip>) -> Vec<bool> {
+pub(super) fn turns(rig: &Skeleton, clip: Option<&Clip>) -> Vec<bool> {
     let all = vec![true; rig.joints()];
     let Some(clip) = clip.filter(|c| c.frames() > 1) else { return all };
     let step = clip.frames().div_ceil(FRAMES).max(1);

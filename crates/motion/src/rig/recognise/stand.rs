@@ -1,6 +1,7 @@
 //! The reference pose of a recognised rig: its rest pose where a body stands in it, else one that is made from how the
 //! joints stand to each other in the mean of a clip.
 
+use crate::rig::SkeletonMap;
 use crate::rotation::{Mat3, nearest_sign, swing};
 use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, smpl};
 
@@ -26,6 +27,11 @@ pub(super) fn reference(rig: &Skeleton, joints: &[Option<usize>; 24], clip: Opti
         return Vec::new();
     }
     made(rig, joints, clip)
+}
+
+/// Whether a body stands upright with straight legs in the reference pose of a map, with these joints by SMPL id.
+pub(in crate::rig) fn is_straight(rig: &Skeleton, map: &SkeletonMap, joints: &[Option<usize>; 24]) -> bool {
+    stands(&GlobalPose::new(rig, Vec3::ZERO, &map.local_reference(rig)), joints, STRAIGHT)
 }
 
 /// As [`reference`], for a rig whose rest pose is replaced only if no body stands in it.

@@ -23,6 +23,8 @@ class Reading(TypedDict, total=False):
     unit: Literal["m", "cm", "mm", "in"]
     map: str
     """A skeleton map: its name, file, or text."""
+    mirror_axis: Literal["x", "y", "z"]
+    """The axis of its world along which it is mirrored."""
 
 class Dance(Reading, total=False):
     """What a dance is asked for."""

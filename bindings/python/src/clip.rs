@@ -53,7 +53,8 @@ impl Clip {
 
     /// Reads a motion file: .bvh .amc .fbx .glb .vrm .npz .pkl .json. `fps_source` is its true rate where the file's is wrong,
     /// `skip` the frames left out at its beginning; `up` ("y", "z", ..), `unit` ("m", "cm", "mm", "in") and `map` (a skeleton
-    /// map's name, file or text) are found out if not given.
+    /// map's name, file or text) are found out if not given; `mirror_axis` ("x", "y", "z") undoes the mirror of a left-handed
+    /// file.
     #[staticmethod]
     #[pyo3(signature = (path, **reading))]
     fn read(py: Python<'_>, path: PathBuf, reading: Option<&Bound<'_, PyDict>>) -> PyResult<Clip> {
@@ -82,7 +83,8 @@ impl Clip {
                 let name: PathBuf = rig.extract()?;
                 TargetRig::load(&name.to_string_lossy(), &ReadOptions::default()).map_err(motion)?
             }
-        };
+        }
+        .map_err(motion)?;
         let options = ConvertOptions { rig: Some(rig), ..ConvertOptions::default() };
         py.detach(|| convert(self.0.clone(), &options, map.as_deref())).map(Clip).map_err(motion)
     }

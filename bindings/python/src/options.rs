@@ -18,6 +18,7 @@ pub struct Reading {
     pub up: Option<String>,
     pub unit: Option<String>,
     pub map: Option<String>,
+    pub mirror_axis: Option<String>,
 }
 
 impl Reading {
@@ -26,8 +27,10 @@ impl Reading {
         let up = self.up.as_deref().map(|up| named(up, "up", &["x", "y", "z", "-x", "-y", "-z"])).transpose()?;
         let unit = self.unit.as_deref().map(|unit| named(unit, "unit", &["m", "cm", "mm", "in"])).transpose()?;
         let (up, unit) = (up.unwrap_or(Up::Auto), unit.unwrap_or(Unit::Auto));
+        let mirror = self.mirror_axis.as_deref();
+        let mirror_axis = mirror.map(|axis| named(axis, "mirror_axis", &["x", "y", "z"])).transpose()?;
         let Reading { fps_source, skip, map, .. } = self;
-        Ok(ReadOptions { fps_source, skip, up, unit, map, ..ReadOptions::default() })
+        Ok(ReadOptions { fps_source, skip, up, unit, map, mirror_axis, ..ReadOptions::default() })
     }
 
     /// The options of a call that has no other keyword arguments.

@@ -48,7 +48,9 @@ pub fn output_read_options(dance: &Path, clip: Option<(&Path, &ReadOptions)>) ->
     if Format::of_name(path) != format {
         return own;
     }
-    ReadOptions { up: read.up, unit: read.unit, bvh_position: read.bvh_position, root: read.root.clone(), ..own }
+    let mirror_axis = read.mirror_axis.filter(|_| matches!(format, Some(Format::Bvh | Format::Json)));
+    let ReadOptions { up, unit, bvh_position, .. } = *read;
+    ReadOptions { up, unit, bvh_position, root: read.root.clone(), mirror_axis, ..own }
 }
 
 /// The options for a dance with a sidecar among several files: the sidecar's, except those that don't depend on the file's
@@ -73,6 +75,9 @@ pub fn describe(sidecar: &ReadOptions, read: &ReadOptions) -> Option<String> {
         add(true, format!("unit {metres} m"));
     }
     add(!matches!(sidecar.up, Up::Auto | Up::Y) && sidecar.up == read.up, format!("up {}", sidecar.up));
+    if let Some(axis) = sidecar.mirror_axis.filter(|_| sidecar.mirror_axis == read.mirror_axis) {
+        add(true, format!("mirrored along {axis}"));
+    }
     let is_added = sidecar.bvh_position == BvhPosition::Add && sidecar.bvh_position == read.bvh_position;
     add(is_added, "positions added".into());
     for (what, sidecar, read) in [("map", &sidecar.map, &read.map), ("root", &sidecar.root, &read.root)] {

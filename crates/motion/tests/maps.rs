@@ -4,7 +4,7 @@
 mod rigs;
 
 use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
-use kinelm_motion::format::{self, ReadOptions, Unit};
+use kinelm_motion::format::{self, MirrorAxis, ReadOptions, Unit};
 use kinelm_motion::rig::{FoundBy, ReferencePose, SkeletonMap, find_map, fit, map_for, map_of};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, GlobalPose, Motion, Quat, Skeleton, Source, Vec3, smpl};
@@ -176,6 +176,18 @@ fn written(folder: &Path, name: &str, clip: &Clip) -> PathBuf {
     path
 }
 
+/// The greatest distance between joints of the same names in two clips, metres; files order joints their own way.
+fn off(a: &Clip, b: &Clip) -> f64 {
+    let names = a.skeleton().names().iter().enumerate();
+    let pairs: Vec<_> = names.map(|(j, name)| (j, b.skeleton().find(name).unwrap())).collect();
+    let of = |f: usize| {
+        let (a, b) = (a.global_pose(f).positions, b.global_pose(f).positions);
+        pairs.iter().map(|&(i, j)| a[i].distance(b[j])).fold(0.0, f64::max)
+    };
+    assert_eq!((a.frames(), a.joints()), (b.frames(), b.joints()));
+    (0..a.frames()).map(of).fold(0.0, f64::max)
+}
+
 /// The greatest angle between the rotations of limbs and trunk of two clips on SMPL's body, radians.
 fn apart(a: &Clip, b: &Clip) -> f64 {
     let ids = [0, 1, 2, 3, 4, 5, 9, 16, 17, 18, 19];
@@ -241,6 +253,66 @@ fn an_own_map_without_a_reference_pose_gets_one_from_the_clip() {
     assert!(apart(&on_smpl(&moved, Some(&text)), &on_smpl(&moved, Some(&found.map.to_toml()))) < 1e-9);
     // a rest pose in which the body stands is one
     assert!(!find_map(&clip, Some(&text)).unwrap().made);
+}
+
+/// The clip in a mirror at the plane across an axis.
+fn in_mirror(clip: &Clip, axis: usize) -> Clip {
+    let flip = |v: Vec3| {
+        let mut v = v.to_array();
+        v[axis] = -v[axis];
+        Vec3::from_array(v)
+    };
+    let rig = clip.skeleton();
+    let offsets = rig.offsets().iter().map(|o| flip(*o)).collect();
+    let rig = Skeleton::new(rig.names().to_vec(), rig.parents().to_vec(), offsets, Vec::new()).unwrap();
+    let turned = |q: &Quat| {
+        let v = -flip(q.xyz());
+        Quat::from_xyzw(v.x, v.y, v.z, q.w)
+    };
+    let root = clip.root().iter().map(|p| flip(*p)).collect();
+    Clip::new(Arc::new(rig), clip.fps(), root, clip.rotations().iter().map(turned).collect()).unwrap()
+}
+
+#[test]
+fn a_body_in_a_mirror_is_doubted_and_taken_out_of_it() {
+    let trunk = ["Spine", "Chest"];
+    let clip = bowing(&MOTION_BUILDER, &trunk, body(&MOTION_BUILDER, &trunk, [1.0; 2]));
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let is_doubted = |motion: &Motion| motion.warnings.iter().any(|w| w.kind == "mirrored");
+    assert!(!is_doubted(&format::read(&written(folder.path(), "right.bvh", &clip), &metres()).unwrap()));
+    for (i, axis) in [MirrorAxis::X, MirrorAxis::Y, MirrorAxis::Z].into_iter().enumerate() {
+        let bvh = written(folder.path(), "left.bvh", &in_mirror(&clip, i));
+        let json = path("left.json");
+        format::write(&json, &plain(&in_mirror(&clip, i))).unwrap();
+        let glb = path("left.glb");
+        format::write(&glb, &plain(&in_mirror(&clip, i))).unwrap();
+        for file in [bvh, json, glb] {
+            let read = |mirror_axis| format::read(&file, &ReadOptions { mirror_axis, ..metres() }).unwrap();
+            // upside down, a BVH is stood up again: it is mirrored all the same
+            assert!(is_doubted(&read(None)), "{}", file.display());
+            let motion = read(Some(axis));
+            assert!(!is_doubted(&motion), "{}: {:?}", file.display(), motion.warnings);
+            assert!(off(&motion.clip, &clip) < 1e-5, "{}", file.display());
+            if file.extension().is_some_and(|e| e == "glb") {
+                continue;
+            }
+            // an unchanged clip is the file again, a changed one is mirrored again
+            assert_eq!(format::to_bytes(&file, &motion).unwrap(), std::fs::read(&file).unwrap());
+            let raised = Motion { clip: motion.clip.clone().raised(0.1), ..motion.clone() };
+            let out = path(&format!("out.{}", file.extension().unwrap().to_str().unwrap()));
+            format::write(&out, &raised).unwrap();
+            let again = format::read(&out, &ReadOptions { mirror_axis: Some(axis), ..metres() }).unwrap().clip;
+            assert!(off(&again, &raised.clip) < 1e-5, "{}", out.display());
+            assert!(is_doubted(&format::read(&out, &metres()).unwrap()));
+        }
+    }
+    #[cfg(feature = "amass")]
+    {
+        let options = ReadOptions { mirror_axis: Some(MirrorAxis::X), ..ReadOptions::default() };
+        let e = format::read(&path("a.npz"), &options).unwrap_err().to_string();
+        assert!(e.contains("`mirror_axis` of") && e.contains("SMPL's"), "{e}");
+    }
 }
 
 #[test]

@@ -8,7 +8,9 @@ use crate::project::document::Reading;
 use crate::{Error, Result};
 use kinelm_corpus::sidecar;
 use kinelm_motion::capsules::standing_height_m;
-use kinelm_motion::format::{self, Format, RateDoubt, ReadOptions, RestFrame, Unit, Up, smeared_frames, standing_axis};
+use kinelm_motion::format::{
+    self, Format, MirrorAxis, RateDoubt, ReadOptions, RestFrame, Unit, Up, smeared_frames, standing_axis,
+};
 use kinelm_motion::inspect::report;
 use kinelm_motion::rig::{self, SkeletonMap, map_of};
 use kinelm_motion::{FaultKind, Motion, Source};
@@ -171,6 +173,7 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
     doubts.extend(of_rate(&motion));
     doubts.extend(of_up(&motion, options.map.as_deref()));
     doubts.extend(of_rest(&motion, &options));
+    doubts.extend(of_mirror(&motion));
     match &map {
         Ok(map) if options.floor.is_none() => {
             let floor = rig::floor(&motion.clip, map)?;
@@ -252,6 +255,13 @@ fn of_up(motion: &Motion, map: Option<&str>) -> Option<Doubt> {
     })
 }
 
+fn of_mirror(motion: &Motion) -> Option<Doubt> {
+    motion.warnings.iter().find(|warning| warning.kind == "mirrored")?;
+    let text = "Its toes point backwards: the body is mirrored, or left and right are exchanged in its joints' names.";
+    let body = Reading { mirror_axis: Some(MirrorAxis::X), ..Reading::default() };
+    Some(Doubt::new("mirrored", text).fixed("Mirror it back", body))
+}
+
 fn of_floor(floor: &rig::Floor) -> Option<Doubt> {
     let why = match floor.doubts.first()?.kind {
         "floor_below" => "joints go deep below where its feet stand",
@@ -274,7 +284,7 @@ fn of_floor(floor: &rig::Floor) -> Option<Doubt> {
 
 /// Doubts of the report that have no words of their own here.
 fn others(report: &serde_json::Value) -> Vec<Doubt> {
-    let own = ["rate_doubted", "up_unsure", "up_axis", "rest_frame", "rig_recognised"];
+    let own = ["rate_doubted", "up_unsure", "up_axis", "rest_frame", "rig_recognised", "mirrored"];
     let all = report["doubts"].as_array().into_iter().flatten();
     let text = |doubt: &serde_json::Value, key: &str| doubt[key].as_str().unwrap_or_default().to_owned();
     let named = all.map(|doubt| (text(doubt, "kind"), text(doubt, "what")));

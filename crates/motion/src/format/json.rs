@@ -69,13 +69,16 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let clip = Skeleton::new(names, parents, offsets, ends)
         .and_then(|s| Clip::new(Arc::new(s), options.fps_source.unwrap_or(fps), root, rotations))
         .map_err(|e| bad(e.to_string(), "a clip"))?;
-    if matches!(options.up, Up::Auto | Up::Y) {
+    let mirror = options.mirror_axis;
+    if matches!(options.up, Up::Auto | Up::Y) && mirror.is_none() {
         return Ok(Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: vec![] });
     }
+    let clip = Axes::OWN.mirrored(mirror).to_y_up(clip)?;
     let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
-    let (axes, _) = Axes::of(&clip, options.up, map.as_ref());
+    let up = if options.up == Up::Auto { Up::Y } else { options.up };
+    let (axes, _) = Axes::of(&clip, up, map.as_ref());
     let clip = axes.to_y_up(clip)?;
-    Ok(Motion { path: path.to_owned(), clip, source: Source::Json(axes), warnings: vec![] })
+    Ok(Motion { path: path.to_owned(), clip, source: Source::Json(axes.mirrored(mirror)), warnings: vec![] })
 }
 
 /// A clip as JSON, one line per field and per frame.

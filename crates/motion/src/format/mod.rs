@@ -28,6 +28,7 @@ pub mod pickle;
 mod posed;
 pub mod positions;
 pub mod rate;
+mod reflect;
 mod rest;
 #[cfg(feature = "amass")]
 mod smpl_arrays;
@@ -39,6 +40,7 @@ pub use floor::{floor_height, resolve_floor};
 pub use importer::Importer;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
 pub use rate::{RateDoubt, RateDoubts};
+pub use reflect::MirrorAxis;
 pub use rest::{has_rest_frame, smeared_frames};
 pub use sniff::sniff;
 pub use source::{Motion, Source};
@@ -141,6 +143,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path).map_err(|e| with_content_kind(e, path))?;
     check_rate(options)?;
     check_up(path, format, options)?;
+    check_mirror(path, format, options)?;
     parse(path, &input::bytes(path).map_err(Error::io(path))?, options)
 }
 
@@ -152,7 +155,8 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     let format = Format::of(path)?;
     check_rate(options)?;
     check_up(path, format, options)?;
-    let motion = match format {
+    check_mirror(path, format, options)?;
+    let mut motion = match format {
         Format::Amc => skipped(amc::read(path, bytes, options)?, options)?,
         Format::Bvh => bvh::read(path, bytes, options)?,
         #[cfg(feature = "amass")]
@@ -177,6 +181,9 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         },
         Format::Glb => skipped(glb::read(path, bytes, options)?, options)?,
     };
+    if matches!(format, Format::Amc | Format::Glb | Format::Fbx) {
+        motion.clip = Axes::OWN.mirrored(options.mirror_axis).to_y_up(motion.clip)?;
+    }
     let fps = motion.clip.fps();
     if !is_rate(fps) {
         let (found, expected) =
@@ -220,6 +227,7 @@ pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
     check_rate(options)?;
     let format = Format::of(path)?;
     check_up(path, format, options)?;
+    check_mirror(path, format, options)?;
     match format {
         Format::Bvh => bvh::positions(path, &input::bytes(path).map_err(Error::io(path))?, options),
         _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
@@ -259,6 +267,15 @@ fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
     }
     let why = format!("{own}, always; `up` is for BVH, AMC and JSON");
     Err(Error::unsupported(format!("`up` {} of {}", options.up, path.display()), why))
+}
+
+/// Refuses `mirror_axis` for formats whose bones are SMPL's own, which no program mirrors.
+fn check_mirror(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
+    if options.mirror_axis.is_none() || !matches!(format, Format::Npz | Format::Pickle) {
+        return Ok(());
+    }
+    let why = "its bones are SMPL's, whose left is left; `mirror_axis` is for files with bones of their own";
+    Err(Error::unsupported(format!("`mirror_axis` of {}", path.display()), why))
 }
 
 /// Writes a motion file in the format of its extension, atomically.

@@ -1,5 +1,6 @@
 //! The up axis of a file: given by the caller, or inferred from how the body stands.
 
+use super::MirrorAxis;
 use crate::rig::SkeletonMap;
 use crate::rotation::Mat3;
 use crate::{Clip, EndSite, GlobalPose, Quat, Result, Skeleton, Vec3};
@@ -94,6 +95,8 @@ pub struct Axes {
     pub rest_too: bool,
     /// Where the up axis is known from.
     pub by: UpSource,
+    /// The axis along which the file's world is mirrored, if the caller says so.
+    pub mirror: Option<MirrorAxis>,
 }
 
 /// How an up axis was determined.
@@ -111,7 +114,12 @@ pub enum UpSource {
 
 impl Axes {
     /// y up, as in a clip.
-    pub const OWN: Axes = Axes { up: Up::Y, rest_too: true, by: UpSource::Given };
+    pub const OWN: Axes = Axes { up: Up::Y, rest_too: true, by: UpSource::Given, mirror: None };
+
+    /// The same axes in a world that is mirrored, if it is.
+    pub(crate) fn mirrored(self, mirror: Option<MirrorAxis>) -> Axes {
+        Axes { mirror, ..self }
+    }
 
     /// The axes of a clip in its file's own axes, given the requested `up`; with a doubt if they are ambiguous.
     pub(crate) fn of(clip: &Clip, up: Up, map: Option<&SkeletonMap>) -> (Axes, Option<String>) {
@@ -119,14 +127,14 @@ impl Axes {
         if up != Up::Auto {
             // a program that rotates a file rotates its rest pose too, unless that still stands along y
             let rest_too = !rest.is_some_and(|rest| rest.up == Up::Y && rest.cosine >= STANDS);
-            return (Axes { up, rest_too, by: UpSource::Given }, None);
+            return (Axes { up, rest_too, ..Axes::OWN }, None);
         }
         let motion = map.and_then(|map| motion(clip, map));
         let (Some(rest), Some(motion)) = (rest, motion) else {
             return (Axes { by: UpSource::Unknown, ..Axes::OWN }, None);
         };
         if motion.cosine >= STANDS && motion.up == rest.up {
-            return (Axes { up: motion.up, rest_too: true, by: UpSource::Inferred }, None);
+            return (Axes { up: motion.up, by: UpSource::Inferred, ..Axes::OWN }, None);
         }
         // a rest pose that doesn't stand doesn't contradict a motion along y
         if motion.cosine >= STANDS && motion.up == Up::Y && rest.cosine < STANDS {
@@ -141,11 +149,15 @@ impl Axes {
         (Axes { by: UpSource::Ambiguous, ..Axes::OWN }, Some(doubt))
     }
 
-    /// Rotates a clip from the file's axes to y up.
+    /// Rotates a clip from the file's axes to y up, out of the mirror first.
     ///
     /// # Errors
     /// None for a finite clip.
     pub(crate) fn to_y_up(self, clip: Clip) -> Result<Clip> {
+        let clip = match self.mirror {
+            Some(axis) => axis.clip(&clip)?,
+            None => clip,
+        };
         if self.up == Up::Y { Ok(clip) } else { self.turned(&clip, self.up.turn()) }
     }
 
@@ -154,10 +166,14 @@ impl Axes {
     /// # Errors
     /// None for a finite clip.
     pub(crate) fn restored<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
-        if self.up == Up::Y {
-            return Ok(Cow::Borrowed(clip));
+        let turned = match self.up {
+            Up::Y => Cow::Borrowed(clip),
+            up => Cow::Owned(self.turned(clip, up.turn().transpose())?),
+        };
+        match self.mirror {
+            Some(axis) => axis.clip(&turned).map(Cow::Owned),
+            None => Ok(turned),
         }
-        self.turned(clip, self.up.turn().transpose()).map(Cow::Owned)
     }
 
     /// Rotates a clip's skeleton to the file's axes.
@@ -165,15 +181,19 @@ impl Axes {
     /// # Errors
     /// None for a finite skeleton.
     pub(crate) fn skeleton_from_y_up(&self, own: &Arc<Skeleton>) -> Result<Arc<Skeleton>> {
-        if self.up == Up::Y || !self.rest_too {
-            return Ok(own.clone());
+        let turned = match self.up == Up::Y || !self.rest_too {
+            true => own.clone(),
+            false => Arc::new(skeleton(own, self.up.turn().transpose())?),
+        };
+        match self.mirror {
+            Some(axis) => axis.skeleton(&turned).map(Arc::new),
+            None => Ok(turned),
         }
-        Ok(Arc::new(skeleton(own, self.up.turn().transpose())?))
     }
 
     /// Rotates a position of the file's world to y up.
     pub(crate) fn position_to_y_up(&self, place: Vec3) -> Vec3 {
-        self.up.turn() * place
+        self.up.turn() * self.mirror.map_or(place, |axis| axis.place(place))
     }
 
     fn turned(&self, clip: &Clip, turn: Mat3) -> Result<Clip> {

@@ -199,7 +199,8 @@ fn axes_line(axes: &Axes) -> String {
         UpSource::Unknown => ", unjudged: no skeleton map knows the joints",
     };
     let turned = if axes.up == Up::Y { "" } else { " in the file; turned to y up here" };
-    format!("up {}{turned}{why}", axes.up)
+    let mirrored = axes.mirror.map(|axis| format!("; mirrored along {axis} in the file, not here")).unwrap_or_default();
+    format!("up {}{turned}{why}{mirrored}", axes.up)
 }
 
 /// The origin of the bones and of the rest pelvis.

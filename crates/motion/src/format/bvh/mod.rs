@@ -119,6 +119,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     warnings.extend(more);
     let mut source = BvhSource { head, numbers, frames, rig, floor_m: None };
     let clip = source.clip(fps).map_err(|e| e.in_clip(path))?;
+    let clip = Axes::OWN.mirrored(options.mirror_axis).to_y_up(clip)?;
     let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
     let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
     warnings.extend(doubt.map(|what| Warning { kind: "up_unsure", what }));
@@ -126,7 +127,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
         let what = format!("{} is up, by the rest pose and the motion; if it is not, give `up`", axes.up);
         warnings.push(Warning { kind: "up_axis", what });
     }
-    source.rig.axes = axes;
+    source.rig.axes = axes.mirrored(options.mirror_axis);
     let clip = axes.to_y_up(clip)?;
     source.rig.skeleton = clip.skeleton().clone();
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })

@@ -64,7 +64,7 @@ pub enum Source {
         /// Whether rest pelvis and offsets come from a body model; otherwise they are the neutral skeleton's.
         body_model: bool,
     },
-    /// A JSON clip whose up axis is not y.
+    /// A JSON clip whose up axis is not y, or that is mirrored.
     Json(Axes),
     /// A motion that was put on another body.
     Retargeted {

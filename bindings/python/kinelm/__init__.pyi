@@ -87,7 +87,7 @@ class Clip:
         """Reads .bvh .amc .fbx .glb .vrm .npz .pkl .json."""
     def write(self, path: Path, *, force: bool = False) -> None:
         """Writes .bvh .glb .npz .json."""
-    def retarget(self, rig: Path | Clip, *, map: str | None = None) -> Clip:
+    def retarget(self, rig: Path | Clip, *, map: str | None = None, rig_map: str | None = None) -> Clip:
         """On another rig: "smpl", that of a file, or that of another clip."""
     def resample(self, fps: float) -> Clip: ...
     def slice(self, start: int, stop: int) -> Clip: ...

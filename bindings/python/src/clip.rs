@@ -2,8 +2,8 @@
 
 use crate::error::{library, motion, wrong};
 use crate::options::Reading;
-use kinelm::motion::convert::{ConvertOptions, TargetRig, convert};
-use kinelm::motion::format::{self, ReadOptions};
+use kinelm::motion::convert::{ConvertOptions, RigOptions, TargetRig, convert};
+use kinelm::motion::format;
 use kinelm::motion::{Motion, Quat, Skeleton, Source, Vec3};
 use kinelm::store::files::write_whole;
 use kinelm::view::{Figure, page};
@@ -74,14 +74,21 @@ impl Clip {
         })
     }
 
-    /// The clip on another rig: "smpl", or that of another clip.
-    #[pyo3(signature = (rig, *, map=None))]
-    fn retarget(&self, py: Python<'_>, rig: &Bound<'_, PyAny>, map: Option<String>) -> PyResult<Clip> {
+    /// The clip on another rig: "smpl", that of another clip, or that of a motion file. `map` is the clip's skeleton map,
+    /// `rig_map` the other rig's.
+    #[pyo3(signature = (rig, *, map=None, rig_map=None))]
+    fn retarget(
+        &self,
+        py: Python<'_>,
+        rig: &Bound<'_, PyAny>,
+        map: Option<String>,
+        rig_map: Option<String>,
+    ) -> PyResult<Clip> {
         let rig = match rig.extract::<Clip>() {
-            Ok(clip) => TargetRig::OfFile(Box::new(clip.0)),
+            Ok(clip) => TargetRig::of_motion(clip.0, rig_map.as_deref()),
             Err(_) => {
                 let name: PathBuf = rig.extract()?;
-                TargetRig::load(&name.to_string_lossy(), &ReadOptions::default()).map_err(motion)?
+                TargetRig::load(&name.to_string_lossy(), &RigOptions { map: rig_map, ..RigOptions::default() })
             }
         }
         .map_err(motion)?;

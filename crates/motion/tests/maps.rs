@@ -3,7 +3,7 @@
 #[allow(dead_code, reason = "other tests use the rest")]
 mod rigs;
 
-use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
+use kinelm_motion::convert::{ConvertOptions, RigOptions, TargetRig, convert};
 use kinelm_motion::format::{self, MirrorAxis, ReadOptions, Unit};
 use kinelm_motion::rig::{FoundBy, ReferencePose, SkeletonMap, find_map, fit, map_for, map_of};
 use kinelm_motion::rotation::angle_between;
@@ -326,6 +326,38 @@ fn exchanged_sides_are_right_with_a_map_that_exchanges_them() {
     let toml = map.to_toml().replace("left_", "new_").replace("right_", "left_").replace("new_", "right_");
     assert!(fit(&clip, &map_of(&clip, Some(&toml)).unwrap()).toes_ahead.unwrap() > 0.9);
     assert!(apart(&on_smpl(&clip, Some(&toml)), &on_smpl(&right, None)) < 1e-9);
+}
+
+#[test]
+fn a_target_rig_is_read_by_its_own_options() {
+    let folder = tempfile::tempdir().unwrap();
+    let trunk = ["Spine", "Chest"];
+    let clip = bowing(&MOTION_BUILDER, &trunk, body(&MOTION_BUILDER, &trunk, [1.0; 2]));
+    let numbered: Vec<String> = (0..clip.joints()).map(|j| format!("q{j}")).collect();
+    let own = clip.skeleton();
+    let rig = Skeleton::new(numbered.clone(), own.parents().to_vec(), own.offsets().to_vec(), Vec::new()).unwrap();
+    let still = Clip::new(Arc::new(rig), 30.0, clip.root()[..1].to_vec(), clip.pose(0).to_vec()).unwrap();
+    let file = written(folder.path(), "rig.bvh", &still);
+    let name = file.to_str().unwrap();
+    let mut map = map_of(&clip, None).unwrap().to_toml();
+    for (old, new) in own.names().iter().zip(&numbered) {
+        map = map.replace(&format!("\"{old}\""), &format!("\"{new}\""));
+    }
+    let options = RigOptions { unit: Unit::Metre, ..RigOptions::default() };
+    // one frame of numbered bones tells too little, and the message is about that file
+    if let Err(e) = TargetRig::load(name, &options) {
+        assert!(e.to_string().starts_with(name), "{e}");
+    }
+    let rig = TargetRig::load(name, &RigOptions { map: Some(map), ..options }).unwrap();
+    let options = ConvertOptions { rig: Some(rig), ..ConvertOptions::default() };
+    // the clip's map is not the rig's
+    let clips_map = map_of(&clip, None).unwrap().to_toml();
+    let on = convert(plain(&clip), &options, Some(&clips_map)).unwrap().clip;
+    assert_eq!((on.skeleton().names()[0].as_str(), on.frames()), ("q0", 60));
+    let named = Skeleton::new(numbered, own.parents().to_vec(), own.offsets().to_vec(), Vec::new()).unwrap();
+    assert!(off(&on, &clip.clone().with_skeleton(Arc::new(named)).unwrap()) < 1e-5);
+    let e = TargetRig::load(name, &RigOptions { map: Some("cmu".into()), unit: Unit::Metre, root: None }).unwrap_err();
+    assert!(e.to_string().starts_with(name) && e.to_string().contains("finds no pelvis"), "{e}");
 }
 
 #[test]

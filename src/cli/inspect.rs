@@ -39,7 +39,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             outputs.write(out, map.to_toml().as_bytes())?;
             say.line(format_args!("{}: skeleton map written", out.display()));
         }
-        let report = report(&motion, floor);
+        let report = report(&motion, floor, options[i].map.as_deref());
         print(&if args.json { report.json() + "\n" } else { report.text() })
     })?;
     Ok(())

@@ -3,7 +3,7 @@
 use super::Say;
 use crate::corpus::sidecar;
 use crate::corpus::store::read_options_in;
-use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
+use kinelm_motion::format::{BvhPosition, MirrorAxis, ReadOptions, RestFrame, Unit, Up};
 use kinelm_store::hash;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -54,6 +54,10 @@ pub struct ReadArgs {
     /// [default: auto]
     #[arg(long, value_name = "auto|METRES", value_parser = floor, allow_negative_numbers = true)]
     pub floor: Option<FloorArg>,
+    /// Undo a mirror along this axis of the file's world, as of an export from a left-handed program; the file's own axes
+    /// are written back
+    #[arg(long, value_enum, value_name = "AXIS")]
+    pub mirror_axis: Option<MirrorAxis>,
 }
 
 /// `--floor`: by the feet, or a height.
@@ -102,6 +106,7 @@ impl ReadArgs {
             skip: self.skip.unwrap_or(read.skip),
             body_model: self.body_model.clone().or(read.body_model.clone()),
             floor: self.floor.map_or(read.floor, |floor| floor.0),
+            mirror_axis: self.mirror_axis.or(read.mirror_axis),
         }
     }
 

@@ -23,6 +23,8 @@ class Reading(TypedDict, total=False):
     unit: Literal["m", "cm", "mm", "in"]
     map: str
     """A skeleton map: its name, file, or text."""
+    mirror_axis: Literal["x", "y", "z"]
+    """The axis of its world along which it is mirrored."""
 
 class Dance(Reading, total=False):
     """What a dance is asked for."""
@@ -85,7 +87,7 @@ class Clip:
         """Reads .bvh .amc .fbx .glb .vrm .npz .pkl .json."""
     def write(self, path: Path, *, force: bool = False) -> None:
         """Writes .bvh .glb .npz .json."""
-    def retarget(self, rig: Path | Clip, *, map: str | None = None) -> Clip:
+    def retarget(self, rig: Path | Clip, *, map: str | None = None, rig_map: str | None = None) -> Clip:
         """On another rig: "smpl", that of a file, or that of another clip."""
     def resample(self, fps: float) -> Clip: ...
     def slice(self, start: int, stop: int) -> Clip: ...

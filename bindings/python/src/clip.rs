@@ -2,8 +2,8 @@
 
 use crate::error::{library, motion, wrong};
 use crate::options::Reading;
-use kinelm::motion::convert::{ConvertOptions, TargetRig, convert};
-use kinelm::motion::format::{self, ReadOptions};
+use kinelm::motion::convert::{ConvertOptions, RigOptions, TargetRig, convert};
+use kinelm::motion::format;
 use kinelm::motion::{Motion, Quat, Skeleton, Source, Vec3};
 use kinelm::store::files::write_whole;
 use kinelm::view::{Figure, page};
@@ -54,7 +54,7 @@ impl Clip {
     /// Reads a motion file: .bvh .amc .fbx .glb .vrm .npz .pkl .json. `fps_source` is its true rate where the file's is wrong,
     /// `skip` the frames left out at its beginning; `up` ("y", "z", ..), `unit` ("m", "cm", "mm", "in",
     /// "0.0725 m", ..) and `map` (a skeleton map's name, file or text) are found out if not given; `root` takes a figure or
-    /// joint, `take` an animation.
+    /// joint, `take` an animation; `mirror_axis` ("x", "y", "z") undoes the mirror of a left-handed file.
     #[staticmethod]
     #[pyo3(signature = (path, **reading))]
     fn read(py: Python<'_>, path: PathBuf, reading: Option<&Bound<'_, PyDict>>) -> PyResult<Clip> {
@@ -74,16 +74,24 @@ impl Clip {
         })
     }
 
-    /// The clip on another rig: "smpl", or that of another clip.
-    #[pyo3(signature = (rig, *, map=None))]
-    fn retarget(&self, py: Python<'_>, rig: &Bound<'_, PyAny>, map: Option<String>) -> PyResult<Clip> {
+    /// The clip on another rig: "smpl", that of another clip, or that of a motion file. `map` is the clip's skeleton map,
+    /// `rig_map` the other rig's.
+    #[pyo3(signature = (rig, *, map=None, rig_map=None))]
+    fn retarget(
+        &self,
+        py: Python<'_>,
+        rig: &Bound<'_, PyAny>,
+        map: Option<String>,
+        rig_map: Option<String>,
+    ) -> PyResult<Clip> {
         let rig = match rig.extract::<Clip>() {
-            Ok(clip) => TargetRig::OfFile(Box::new(clip.0)),
+            Ok(clip) => TargetRig::of_motion(clip.0, rig_map.as_deref()),
             Err(_) => {
                 let name: PathBuf = rig.extract()?;
-                TargetRig::load(&name.to_string_lossy(), &ReadOptions::default()).map_err(motion)?
+                TargetRig::load(&name.to_string_lossy(), &RigOptions { map: rig_map, ..RigOptions::default() })
             }
-        };
+        }
+        .map_err(motion)?;
         let options = ConvertOptions { rig: Some(rig), ..ConvertOptions::default() };
         py.detach(|| convert(self.0.clone(), &options, map.as_deref())).map(Clip).map_err(motion)
     }

@@ -53,6 +53,7 @@ struct Asked {
     map: Option<String>,
     root: Option<String>,
     take: Option<String>,
+    mirror_axis: Option<String>,
 }
 
 impl Model {
@@ -64,8 +65,8 @@ impl Model {
     /// The request of a call.
     fn request(&self, prompt: Option<PathBuf>, kwargs: Option<&Bound<'_, PyDict>>) -> PyResult<Request> {
         let asked: Asked = parsed(kwargs)?;
-        let Asked { fps_source, skip, up, unit, map, root, take, .. } = asked;
-        let read = Reading { fps_source, skip, up, unit, map, root, take }.options()?;
+        let Asked { fps_source, skip, up, unit, map, root, take, mirror_axis, .. } = asked;
+        let read = Reading { fps_source, skip, up, unit, map, root, take, mirror_axis }.options()?;
         let free = asked.free.iter().map(|span| span.parse::<Span>()).collect::<Result<Vec<_>, _>>();
         let free = free.map_err(|e| wrong(e.to_string()))?;
         let looping = asked.r#loop.then_some(Loop { kind: LoopKind::Back, over_s: 2.0 });
@@ -122,7 +123,7 @@ impl Model {
     /// A dance. Of `prompt`, a motion file, `joints` are given throughout, all joints before `from_frame`, or all but `free`
     /// (a list such as ["left_arm@4s:8s"]); `loop` makes its end lead to its beginning. `seconds` or `frames` say how long it
     /// is; `labels`, `guidance`, `music`, `seed`, `temperature`, `top_p`, `rig` ("model" or "prompt") and `lock_feet` as the
-    /// program's flags; `fps_source`, `skip`, `up`, `unit`, `map`, `root` and `take` as in `Clip.read`.
+    /// program's flags; `fps_source`, `skip`, `up`, `unit`, `map`, `root`, `take` and `mirror_axis` as in `Clip.read`.
     #[pyo3(signature = (prompt=None, **options))]
     fn generate(&self, py: Python<'_>, prompt: Option<PathBuf>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Clip> {
         Ok(self.variations(py, 1, prompt, options)?.remove(0))

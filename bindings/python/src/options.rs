@@ -20,18 +20,22 @@ pub struct Reading {
     pub map: Option<String>,
     pub root: Option<String>,
     pub take: Option<String>,
+    pub mirror_axis: Option<String>,
 }
 
 impl Reading {
     /// The library's options.
     pub fn options(self) -> PyResult<ReadOptions> {
         let up = self.up.as_deref().map(|up| named(up, "up", &["x", "y", "z", "-x", "-y", "-z"])).transpose()?;
-        let unit = self.unit.as_deref().map(|unit| {
-            unit.parse::<Unit>().map_err(|expected| wrong(format!("unit is {unit:?}; {expected}")))
-        });
+        let unit = self
+            .unit
+            .as_deref()
+            .map(|unit| unit.parse::<Unit>().map_err(|expected| wrong(format!("unit is {unit:?}; {expected}"))));
         let (up, unit) = (up.unwrap_or(Up::Auto), unit.transpose()?.unwrap_or(Unit::Auto));
+        let mirror = self.mirror_axis.as_deref();
+        let mirror_axis = mirror.map(|axis| named(axis, "mirror_axis", &["x", "y", "z"])).transpose()?;
         let Reading { fps_source, skip, map, root, take, .. } = self;
-        Ok(ReadOptions { fps_source, skip, up, unit, map, root, take, ..ReadOptions::default() })
+        Ok(ReadOptions { fps_source, skip, up, unit, map, root, take, mirror_axis, ..ReadOptions::default() })
     }
 
     /// The options of a call that has no other keyword arguments.

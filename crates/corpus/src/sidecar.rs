@@ -51,7 +51,9 @@ pub fn output_read_options(dance: &Path, clip: Option<(&Path, &ReadOptions)>) ->
         return own;
     }
     let up = if keeps_axes { read.up } else { up };
-    ReadOptions { up, unit: read.unit, bvh_position: read.bvh_position, root: read.root.clone(), ..own }
+    let mirror_axis = read.mirror_axis.filter(|_| matches!(format, Some(Format::Bvh | Format::Json)));
+    let ReadOptions { unit, bvh_position, .. } = *read;
+    ReadOptions { up, unit, bvh_position, root: read.root.clone(), mirror_axis, ..own }
 }
 
 /// The options for a dance with a sidecar among several files: the sidecar's, except those that don't depend on the file's
@@ -72,15 +74,18 @@ pub fn describe(sidecar: &ReadOptions, read: &ReadOptions) -> Option<String> {
     let mut words = Vec::new();
     let mut add = |is_taken: bool, what: String| words.extend(is_taken.then_some(what));
     add(sidecar.skip > 0 && sidecar.skip == read.skip, format!("skip {}", sidecar.skip));
-    add(sidecar.unit != Unit::Auto && sidecar.unit == read.unit, format!("unit {} m", sidecar.unit.metres().unwrap_or(1.0)));
+    add(
+        sidecar.unit != Unit::Auto && sidecar.unit == read.unit,
+        format!("unit {} m", sidecar.unit.metres().unwrap_or(1.0)),
+    );
     add(!matches!(sidecar.up, Up::Auto | Up::Y) && sidecar.up == read.up, format!("up {}", sidecar.up));
+    if let Some(axis) = sidecar.mirror_axis.filter(|_| sidecar.mirror_axis == read.mirror_axis) {
+        add(true, format!("mirrored along {axis}"));
+    }
     let is_added = sidecar.bvh_position == BvhPosition::Add && sidecar.bvh_position == read.bvh_position;
     add(is_added, "positions added".into());
-    let named = [
-        ("map", &sidecar.map, &read.map),
-        ("root", &sidecar.root, &read.root),
-        ("take", &sidecar.take, &read.take),
-    ];
+    let named =
+        [("map", &sidecar.map, &read.map), ("root", &sidecar.root, &read.root), ("take", &sidecar.take, &read.take)];
     for (what, sidecar, read) in named {
         if let Some(name) = sidecar.as_ref().filter(|_| sidecar == read) {
             let name = if name.contains('\n') { "of its own" } else { name };

@@ -2,11 +2,11 @@
 
 #[cfg(feature = "amass")]
 use crate::format::body_model::BodyModel;
-use crate::format::{self, ReadOptions, Up};
+use crate::format::{self, ReadOptions, Unit};
 use crate::joints::Selection;
 use crate::resample::{Method, resample};
 use crate::retarget::{self, Retarget};
-use crate::rig::{SkeletonMap, map_for, map_of};
+use crate::rig::{ReferencePose, SkeletonMap, map_for, map_of};
 use crate::{Clip, Error, Motion, Quat, Result, Skeleton, Source, Vec3, smpl};
 use std::path::Path;
 use std::sync::Arc;
@@ -16,16 +16,28 @@ use std::sync::Arc;
 pub enum TargetRig {
     /// SMPL's 24 joints with these offsets.
     Smpl(Arc<Skeleton>),
-    /// The rig of a motion file.
-    OfFile(Box<Motion>),
+    /// The rig of a motion file, with its skeleton map; see [`TargetRig::of_motion`].
+    OfFile(Box<Motion>, Box<SkeletonMap>),
+}
+
+/// How the file of a [`TargetRig`] is read.
+#[derive(Debug, Clone, Default)]
+pub struct RigOptions {
+    /// Its skeleton map by name or path, or its TOML; `None` finds it.
+    pub map: Option<String>,
+    /// The unit of its lengths.
+    pub unit: Unit,
+    /// The root to read, if it has several.
+    pub root: Option<String>,
 }
 
 impl TargetRig {
     /// Resolves the name `smpl` (the neutral body), or reads a body model (`SMPL_*.npz`) or the rig of a motion file.
     ///
     /// # Errors
-    /// [`Unsupported`](kinelm_store::Error::Unsupported) when it is none of these; errors of reading the file.
-    pub fn load(name_or_path: &str, options: &ReadOptions) -> Result<TargetRig> {
+    /// [`Unsupported`](kinelm_store::Error::Unsupported) when it is none of these; errors of reading the file, and those of
+    /// [`TargetRig::of_motion`].
+    pub fn load(name_or_path: &str, options: &RigOptions) -> Result<TargetRig> {
         if name_or_path == "smpl" {
             return Ok(TargetRig::Smpl(smpl::neutral()));
         }
@@ -43,9 +55,22 @@ impl TargetRig {
         if let Ok(body) = BodyModel::parse(path, &bytes).and_then(|model| model.body(&[])) {
             return Ok(TargetRig::Smpl(body.skeleton));
         }
-        // the up axis that was requested is that of the motion, not of the rig's file
-        let options = ReadOptions { up: Up::Auto, ..options.clone() };
-        Ok(TargetRig::OfFile(Box::new(format::parse(path, &bytes, &options)?)))
+        let RigOptions { map, unit, root } = options.clone();
+        let read = ReadOptions { map, unit, root, ..ReadOptions::default() };
+        TargetRig::of_motion(format::parse(path, &bytes, &read)?, options.map.as_deref())
+    }
+
+    /// The rig of a motion, with the given map, else the one that is found for it.
+    ///
+    /// # Errors
+    /// [`Error::Clip`] with the motion's name for a rig that no map fits or that stands in no reference pose.
+    pub fn of_motion(motion: Motion, map: Option<&str>) -> Result<TargetRig> {
+        let found = map_of(&motion.clip, map).and_then(|map| {
+            ReferencePose::new(motion.clip.skeleton(), &map)?;
+            Ok(map)
+        });
+        let map = found.map_err(|e| e.in_clip(&motion.path))?;
+        Ok(TargetRig::OfFile(Box::new(motion), Box::new(map)))
     }
 }
 
@@ -88,7 +113,7 @@ impl Place {
     }
 }
 
-/// Converts a motion. Without any option set it is returned unchanged.
+/// Converts a motion, `map` being its skeleton map by name or path. Without any option set it is returned unchanged.
 ///
 /// Joints are selected on the SMPL body, so `joints` without a rig puts the motion on the neutral SMPL body.
 ///
@@ -136,10 +161,10 @@ fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
     Clip::new(clip.skeleton().clone(), fps, root, [rest.rotations(), moving.rotations()].concat())
 }
 
-/// Puts a motion on another rig, by way of SMPL-24.
+/// Puts a motion on another rig, by way of SMPL-24; `map` is the motion's skeleton map by name or path.
 ///
 /// # Errors
-/// Errors of retargeting: no skeleton map fits one of the rigs.
+/// Errors of retargeting: no skeleton map fits the motion's rig.
 pub fn on_rig(motion: Motion, rig: &TargetRig, map: Option<&str>) -> Result<Motion> {
     let floor_m = format::floor_height(&motion, map)?;
     match rig {
@@ -154,10 +179,10 @@ pub fn on_rig(motion: Motion, rig: &TargetRig, map: Option<&str>) -> Result<Moti
             };
             Ok(Motion { clip, source: Source::Retargeted { floor_m }, ..motion })
         }
-        TargetRig::OfFile(like) => {
+        TargetRig::OfFile(like, to_map) => {
             let clip = retarget::to_smpl(&motion, map)?;
             let to = like.clip.skeleton();
-            let back = Retarget::new(to, &map_of(&like.clip, map)?, clip.skeleton().clone())?.with_floor(floor_m);
+            let back = Retarget::new(to, to_map, clip.skeleton().clone())?.with_floor(floor_m);
             let mut source = like.source.clone();
             match &mut source {
                 Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),

@@ -267,7 +267,7 @@ fn feet_stay_on_the_ground_from_and_to_every_rig() {
     let sets = [("cmu-dance", 9), ("bandai-1", 45), ("bandai-2", 300)];
     let paths: Vec<_> = sets.into_iter().flat_map(|(set, nth)| clips(set, test, nth)).collect();
     let first = |set: &str| {
-        paths.iter().find(|p| p.to_string_lossy().contains(set)).map(|p| TargetRig::OfFile(Box::new(read(p))))
+        paths.iter().find(|p| p.to_string_lossy().contains(set)).map(|p| TargetRig::of_motion(read(p), None).unwrap())
     };
     let mut rigs: Vec<TargetRig> = sets.iter().filter_map(|(set, _)| first(set)).collect();
     rigs.push(TargetRig::Smpl(smpl::neutral()));
@@ -294,7 +294,7 @@ fn feet_stay_on_the_ground_from_and_to_every_rig() {
             worst = worst.max(moved);
             // and back: the floor is known from before
             assert_eq!(format::floor_height(&on, None).unwrap(), floor_m);
-            let back = convert::on_rig(on, &TargetRig::OfFile(Box::new(motion.clone())), None).unwrap();
+            let back = convert::on_rig(on, &TargetRig::of_motion(motion.clone(), None).unwrap(), None).unwrap();
             let pelvis = retarget(&motion).joint(0).unwrap();
             let joints = motion.clip.joints();
             for (a, b) in motion.clip.positions().chunks(joints).zip(back.clip.positions().chunks(joints)) {

@@ -366,7 +366,7 @@ fn a_dance_through_blender_and_back_is_the_same() {
         let message = if source(&m).rig.axes.up == Up::Y { vec![] } else { vec!["up_axis"] };
         let floor = format::resolve_floor(&mut m, &options(Up::Auto)).unwrap();
         assert_eq!(m.warnings.iter().map(|w| w.kind).collect::<Vec<_>>(), message, "{:?}", m.warnings);
-        let report = inspect::report(&m, None).text();
+        let report = inspect::report(&m, None, None).text();
         assert!(report.contains("no doubts"), "{report}");
         floor
     });

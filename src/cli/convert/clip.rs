@@ -4,16 +4,9 @@ use super::Args;
 use crate::cli::{WrongCall, extension};
 use anyhow::Result;
 use kinelm_motion::convert::{ConvertOptions, Place, TargetRig, convert};
-use kinelm_motion::format::RestFrame;
 use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::{Motion, joints, smpl};
 use std::path::Path;
-
-/// The target rig; a motion file whose rig is used is read with the options of the call.
-pub fn wanted_rig(args: &Args) -> Result<Option<TargetRig>> {
-    let options = args.read.options(RestFrame::Keep);
-    Ok(args.skeleton.as_deref().map(|name| TargetRig::load(name, &options)).transpose()?)
-}
 
 /// A motion at the rate and on the rig of the output.
 pub fn converted(

@@ -1,17 +1,19 @@
 //! `kinelm convert`.
 
 mod clip;
+mod rig;
 mod together;
 
 use super::{ForceArgs, Odd, Say, WrongCall, extension, read::ReadArgs};
 use crate::corpus::in_out::{self, Pair};
 use anyhow::{Context, Result};
-use clip::{converted, cut, wanted_rig};
+use clip::{converted, cut};
 use kinelm_motion::Motion;
 use kinelm_motion::format::positions::Positions;
 use kinelm_motion::format::{self, Format, Importer, RestFrame, Unit};
 use kinelm_motion::moment::Moment;
 use kinelm_store::counted;
+use rig::RigArgs;
 use std::path::{Path, PathBuf};
 use together::{together, write_together};
 
@@ -29,9 +31,8 @@ pub struct Args {
     /// Frames per second to resample to
     #[arg(long, value_parser = super::values::rate)]
     fps: Option<f64>,
-    /// The rig to retarget to: smpl, a body model (SMPL_*.npz), or a motion file with the rig
-    #[arg(long, value_name = "NAME|FILE")]
-    skeleton: Option<String>,
+    #[command(flatten)]
+    rig: RigArgs,
     /// Joints that keep moving, on the SMPL body: 13, 18, 24, or a list of groups, names (SMPL's or the file's) and
     /// ids; the others hold the rest pose
     #[arg(long, value_name = "LIST")]
@@ -101,9 +102,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let pairs = pairs(&args)?;
     check(&args, &pairs)?;
     let inputs = pairs.iter().map(|p| p.input.clone()).chain(args.read.files());
-    let outputs = args.force.outputs(inputs.chain(args.skeleton.iter().map(PathBuf::from)));
+    let outputs = args.force.outputs(inputs.chain(args.rig.files()));
     outputs.check(pairs.iter().map(|p| &*p.output))?;
-    let rig = wanted_rig(&args)?;
+    let rig = args.rig.load()?;
     let inputs: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let (options, odd) = (args.read.of_files(&inputs, RestFrame::Keep, say), Odd::new(say));
     super::each_file(&inputs, say, |i, input| {
@@ -164,9 +165,8 @@ fn pairs(args: &Args) -> Result<Vec<Pair>> {
 
 /// Refuses what is wrong whatever the files contain.
 fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
-    let other_rig = args.skeleton.as_deref().is_some_and(|s| s != "smpl");
     for Pair { output, .. } in pairs {
-        if super::writable(output)? == "npz" && other_rig && !args.positions {
+        if super::writable(output)? == "npz" && args.rig.is_other() && !args.positions {
             let what = "--skeleton with an .npz: AMASS files are on SMPL's joints; write .bvh or .json";
             return Err(WrongCall(what.into()).into());
         }
@@ -192,7 +192,7 @@ impl Args {
     fn moves(&self) -> bool {
         let moment = self.from.is_some() || self.to.is_some();
         let placed = self.in_place || self.at_origin;
-        moment || placed || self.fps.is_some() || self.skeleton.is_some() || self.joints.is_some()
+        moment || placed || self.fps.is_some() || self.rig.skeleton.is_some() || self.joints.is_some()
     }
 }
 

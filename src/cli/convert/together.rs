@@ -1,7 +1,7 @@
 //! Several clips into one GLB, where they play together.
 
 use super::Args;
-use super::clip::{converted, cut, wanted_rig};
+use super::clip::{converted, cut};
 use crate::cli::{Odd, Say, WrongCall, extension};
 use anyhow::Result;
 use kinelm_motion::format::{self, Importer, RestFrame};
@@ -19,9 +19,9 @@ pub fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> 
         return Err(WrongCall(what).into());
     }
     let read = inputs.iter().cloned().chain(args.read.files());
-    let outputs = args.force.outputs(read.chain(args.skeleton.iter().map(PathBuf::from)));
+    let outputs = args.force.outputs(read.chain(args.rig.files()));
     outputs.check([out])?;
-    let rig = wanted_rig(args)?;
+    let rig = args.rig.load()?;
     let (options, odd) = (args.read.of_files(inputs, RestFrame::Keep, say), Odd::new(say));
     let mut clips = Vec::with_capacity(inputs.len());
     for (input, options) in inputs.iter().zip(options) {

@@ -6,7 +6,7 @@ use crate::cli::{Say, WrongCall};
 use crate::generate::related::{ViewedFile, related};
 use anyhow::Result;
 use clap::ValueEnum;
-use kinelm_motion::format::{BvhPosition, ReadOptions, RestFrame, Unit, Up};
+use kinelm_motion::format::{BvhPosition, MirrorAxis, ReadOptions, RestFrame, Unit, Up};
 use std::path::{Path, PathBuf};
 
 /// A file or a folder of the call, and the `key=value` that stand behind it.
@@ -77,7 +77,8 @@ fn set(options: &mut ReadOptions, key: &str, value: &str) -> Result<()> {
         "position" => {
             options.bvh_position = BvhPosition::from_str(value, false).map_err(|_| wrong("replace or add"))?;
         }
-        _ => return Err(wrong("one of fps, skip, up, unit, map, root, take, rest and position").into()),
+        "mirror" => options.mirror_axis = Some(MirrorAxis::from_str(value, false).map_err(|_| wrong("x, y or z"))?),
+        _ => return Err(wrong("one of fps, skip, up, mirror, unit, map, root, take, rest and position").into()),
     }
     Ok(())
 }
@@ -100,13 +101,20 @@ mod tests {
     #[test]
     fn what_a_file_is_told_is_checked() {
         let mut options = ReadOptions::default();
-        for (key, value) in [("fps", "60"), ("skip", "10"), ("unit", "cm"), ("rest", "drop"), ("map", "cmu")] {
+        for (key, value) in [("fps", "60"), ("skip", "10"), ("unit", "cm"), ("rest", "drop"), ("mirror", "z")] {
             set(&mut options, key, value).unwrap();
         }
         assert_eq!((options.fps_source, options.skip, options.rest), (Some(60.0), 10, RestFrame::Drop));
-        for (key, value) in
-            [("fps", "0"), ("fps", "x"), ("skip", "-1"), ("unit", "mile"), ("rest", "no"), ("what", "1")]
-        {
+        assert_eq!(options.mirror_axis, Some(MirrorAxis::Z));
+        for (key, value) in [
+            ("fps", "0"),
+            ("fps", "x"),
+            ("skip", "-1"),
+            ("unit", "mile"),
+            ("rest", "no"),
+            ("mirror", "w"),
+            ("what", "1"),
+        ] {
             assert!(set(&mut options, key, value).unwrap_err().to_string().contains("expected"), "{key}={value}");
         }
     }

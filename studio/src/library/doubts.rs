@@ -9,7 +9,7 @@ use crate::{Error, Result};
 use kinelm_corpus::sidecar;
 use kinelm_motion::capsules::standing_height_m;
 use kinelm_motion::format::{
-    self, FileRate, Format, RateDoubt, ReadOptions, RestFrame, Unit, Up, smeared_frames, standing_axis,
+    self, FileRate, Format, MirrorAxis, RateDoubt, ReadOptions, RestFrame, Unit, Up, smeared_frames, standing_axis,
 };
 use kinelm_motion::inspect::report;
 use kinelm_motion::rig::{self, SkeletonMap, map_of};
@@ -175,6 +175,7 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
     doubts.extend(of_rate(&motion));
     doubts.extend(of_up(&motion, options.map.as_deref()));
     doubts.extend(of_rest(&motion, &options));
+    doubts.extend(of_mirror(&motion));
     match &map {
         Ok(map) if options.floor.is_none() => {
             let floor = rig::floor(&motion.clip, map)?;
@@ -187,7 +188,8 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
             "kinelm doesn't know this rig by its joints' names or build: it can be watched, but nothing can be generated to it.",
         )),
     }
-    let report: serde_json::Value = serde_json::from_str(&report(&motion, Some(floor_m)).json()).unwrap_or_default();
+    let report: serde_json::Value =
+        serde_json::from_str(&report(&motion, Some(floor_m), options.map.as_deref()).json()).unwrap_or_default();
     doubts.extend(others(&report));
     let format = match Format::of_name(file) {
         Some(Format::Amc) => "AMC",
@@ -267,6 +269,13 @@ fn of_up(motion: &Motion, map: Option<&str>) -> Option<Doubt> {
     })
 }
 
+fn of_mirror(motion: &Motion) -> Option<Doubt> {
+    motion.warnings.iter().find(|warning| warning.kind == "mirrored")?;
+    let text = "Its toes point backwards: the body is mirrored, or left and right are exchanged in its joints' names.";
+    let body = Reading { mirror_axis: Some(MirrorAxis::X), ..Reading::default() };
+    Some(Doubt::new("mirrored", text).fixed("Mirror it back", body))
+}
+
 fn of_floor(floor: &rig::Floor) -> Option<Doubt> {
     let why = match floor.doubts.first()?.kind {
         "floor_below" => "joints go deep below where its feet stand",
@@ -289,7 +298,7 @@ fn of_floor(floor: &rig::Floor) -> Option<Doubt> {
 
 /// Doubts of the report that have no words of their own here.
 fn others(report: &serde_json::Value) -> Vec<Doubt> {
-    let own = ["rate_doubted", "up_unsure", "up_axis", "rest_frame", "rig_recognised"];
+    let own = ["rate_doubted", "up_unsure", "up_axis", "rest_frame", "rig_recognised", "mirrored"];
     let all = report["doubts"].as_array().into_iter().flatten();
     let text = |doubt: &serde_json::Value, key: &str| doubt[key].as_str().unwrap_or_default().to_owned();
     let named = all.map(|doubt| (text(doubt, "kind"), text(doubt, "what")));

@@ -4,7 +4,7 @@
 use super::{DANCES, MADE};
 use kinelm_generate::best::Best;
 use kinelm_generate::output::FreeSpan;
-use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
+use kinelm_motion::format::{MirrorAxis, ReadOptions, RestFrame, Unit, Up};
 use serde::{Deserialize, Serialize};
 use std::path::{Component, Path, PathBuf};
 
@@ -59,6 +59,9 @@ pub struct Reading {
     /// The height of the floor, metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub floor: Option<f64>,
+    /// The axis along which the file is mirrored.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mirror_axis: Option<MirrorAxis>,
 }
 
 impl Reading {
@@ -73,6 +76,7 @@ impl Reading {
             skip: self.skip.unwrap_or(own.skip),
             map: self.map.clone().or(own.map),
             floor: self.floor.or(own.floor),
+            mirror_axis: self.mirror_axis.or(own.mirror_axis),
             ..own
         }
     }
@@ -86,6 +90,7 @@ impl Reading {
             skip: other.skip.or(self.skip),
             map: other.map.or(self.map),
             floor: other.floor.or(self.floor),
+            mirror_axis: other.mirror_axis.or(self.mirror_axis),
         }
     }
 }

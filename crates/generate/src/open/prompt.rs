@@ -8,7 +8,7 @@ use crate::{Error, Result};
 use kinelm_motion::Source;
 use kinelm_motion::format::Format;
 use kinelm_motion::joints::{self, Selection};
-use kinelm_motion::rig::recognised_map;
+use kinelm_motion::rig::{FoundMap, find_map};
 use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use std::sync::Arc;
@@ -45,14 +45,13 @@ impl PreparedPrompt {
         let text = bytes(request, layout)?;
         let mut clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
         // map, floor and up axis are settled here, so that they aren't estimated again, least of all from the dance
-        if request.read.map.is_none() {
-            request.read.map = recognised_map(&clip.motion.clip).map(|map| map.to_toml());
-            if request.read.map.is_some() {
-                // what the sidecar says gives the same bits again
-                let motion = clip.motion;
-                clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
-                clip.motion = motion;
-            }
+        let found = find_map(&clip.motion.clip, request.read.map.as_deref()).ok();
+        if let Some(found) = found.filter(FoundMap::is_of_clip) {
+            request.read.map = Some(found.map.to_toml());
+            // what the sidecar says gives the same bits again
+            let motion = clip.motion;
+            clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
+            clip.motion = motion;
         }
         request.read.floor = clip.floor_m.or(request.read.floor);
         if let Source::Bvh(_) | Source::Json(_) = clip.motion.source {

@@ -72,9 +72,12 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
             None => Ok(clip),
         })
         .map_err(|e| bad(e.to_string(), "a clip"))?;
+    let mirror = options.mirror_axis;
+    let clip = Axes::OWN.mirrored(mirror).to_y_up(clip)?;
     let (axes, doubt) = Axes::of_format(&clip, Up::Y, options)?;
     let clip = axes.to_y_up(clip)?;
-    let source = if axes.up == Up::Y { Source::Plain } else { Source::Json(axes) };
+    let is_plain = axes.up == Up::Y && mirror.is_none();
+    let source = if is_plain { Source::Plain } else { Source::Json(axes.mirrored(mirror)) };
     Ok(Motion { path: path.to_owned(), clip, source, warnings: doubt.into_iter().collect() })
 }
 

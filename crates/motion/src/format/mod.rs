@@ -34,6 +34,7 @@ mod posed;
 pub mod positions;
 pub mod rate;
 mod rates;
+mod reflect;
 mod rest;
 mod size;
 #[cfg(feature = "amass")]
@@ -49,6 +50,7 @@ pub use importer::Importer;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
 pub use rate::RateDoubt;
 pub use rates::{FileRate, RateDoubts, RateGroup};
+pub use reflect::MirrorAxis;
 pub use rest::{has_rest_frame, smeared_frames};
 pub use sniff::sniff;
 pub use source::{Motion, Source};
@@ -57,8 +59,8 @@ pub use up::{Axes, Up, UpSource};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
-use crate::rig::{SkeletonMap, made_to_stand, map_if_any, recognise};
-use crate::{Clip, Error, FaultKind, FileError, Result, Warning};
+use crate::rig::{self, map_if_any};
+use crate::{Clip, Error, FaultKind, FileError, Result};
 use kinelm_store::{SourcePos, files, input};
 use options::{check_skip, is_rate};
 use positions::Positions;
@@ -88,8 +90,9 @@ use std::path::Path;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
-    Format::of(path).map_err(|e| with_content_kind(e, path))?;
+    let format = Format::of(path).map_err(|e| with_content_kind(e, path))?;
     check_rate(options)?;
+    check_mirror(path, format, options)?;
     parse(path, &input::bytes(path).map_err(Error::io(path))?, options)
 }
 
@@ -100,6 +103,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
 pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path)?;
     check_rate(options)?;
+    check_mirror(path, format, options)?;
     let mut motion = match format {
         Format::Amc => skipped(amc::read(path, bytes, options)?, options)?,
         Format::Bvh => bvh::read(path, bytes, options)?,
@@ -125,6 +129,9 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         },
         Format::Glb => skipped(glb::read(path, bytes, options)?, options)?,
     };
+    if matches!(format, Format::Amc | Format::Glb | Format::Fbx) {
+        motion.clip = Axes::OWN.mirrored(options.mirror_axis).to_y_up(motion.clip)?;
+    }
     if matches!(format, Format::Amc | Format::Json | Format::Npz | Format::Pickle) {
         motion.clip = rooted(motion.clip, path, options)?;
     }
@@ -136,16 +143,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         return Err(fault.help("give the true rate as `fps_source`").into());
     }
     let mut motion = rest::handle_rest_frame(motion, options);
-    if options.map.is_none() {
-        let rig = motion.clip.skeleton();
-        motion.warnings.extend(match SkeletonMap::detect(rig.names()) {
-            Some(map) => made_to_stand(map, &motion.clip).map(|map| Warning {
-                kind: "rest_pose",
-                what: format!("no body stands in the rig's rest pose, as the map {} needs it: its reference pose is made from the clip", map.name),
-            }),
-            None => recognise(rig, Some(&motion.clip)).and_then(|found| found.warning()),
-        });
-    }
+    motion.warnings.extend(rig::warnings(&motion.clip, options.map.as_deref()));
     let unit_m = match &motion.source {
         Source::Bvh(bvh) => Some(bvh.rig.unit_m),
         // their readers know what the file states
@@ -209,6 +207,7 @@ fn with_content_kind(error: Error, path: &Path) -> Error {
 pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
     check_rate(options)?;
     let format = Format::of(path)?;
+    check_mirror(path, format, options)?;
     match format {
         Format::Bvh => bvh::positions(path, &input::bytes(path).map_err(Error::io(path))?, options),
         _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
@@ -232,6 +231,15 @@ fn check_rate(options: &ReadOptions) -> Result<()> {
         return Err(Error::invalid("`fps_source`", found, expected));
     }
     Ok(())
+}
+
+/// Refuses `mirror_axis` for formats whose bones are SMPL's own, which no program mirrors.
+fn check_mirror(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
+    if options.mirror_axis.is_none() || !matches!(format, Format::Npz | Format::Pickle) {
+        return Ok(());
+    }
+    let why = "its bones are SMPL's, whose left is left; `mirror_axis` is for files with bones of their own";
+    Err(Error::unsupported(format!("`mirror_axis` of {}", path.display()), why))
 }
 
 /// Writes a motion file in the format of its extension, atomically.

@@ -1,6 +1,6 @@
 //! Options of reading motion files.
 
-use super::Up;
+use super::{MirrorAxis, Up};
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -38,6 +38,9 @@ pub struct ReadOptions {
     /// The height of the floor, metres, world; `None` detects it from the feet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub floor: Option<f64>,
+    /// The axis of the file's world along which its bodies are mirrored; writing the file back mirrors them again.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mirror_axis: Option<MirrorAxis>,
 }
 
 /// The unit of a file's lengths.

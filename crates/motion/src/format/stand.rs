@@ -15,7 +15,7 @@ impl Axes {
     pub(crate) fn of(clip: &Clip, up: Up, map: Option<&SkeletonMap>) -> (Axes, Option<Warning>) {
         let rest = map.and_then(|map| rest(clip.skeleton(), map));
         if up != Up::Auto {
-            return (Axes { up, rest_too: turns_rest(rest), by: UpSource::Given }, None);
+            return (Axes { up, rest_too: turns_rest(rest), ..Axes::OWN }, None);
         }
         let motion = map.and_then(|map| motion(clip, map));
         let (Some(rest), Some(motion), Some(map)) = (rest, motion, map) else {
@@ -26,7 +26,7 @@ impl Axes {
             (axes, (axes.up != Up::Y).then_some(Warning { kind: "up_axis", what }))
         };
         if motion.cosine >= STANDS && motion.up == rest.up {
-            let axes = Axes { up: motion.up, rest_too: true, by: UpSource::Inferred };
+            let axes = Axes { up: motion.up, by: UpSource::Inferred, ..Axes::OWN };
             return found(axes, "by the rest pose and the motion");
         }
         // a rest pose that doesn't stand doesn't contradict a motion along y
@@ -34,7 +34,7 @@ impl Axes {
             return (Axes { by: UpSource::Inferred, ..Axes::OWN }, None);
         }
         if motion.cosine >= STANDS && feet_stand(clip, map, motion.up, rest.up) {
-            let axes = Axes { up: motion.up, rest_too: turns_rest(Some(rest)), by: UpSource::Feet };
+            let axes = Axes { up: motion.up, rest_too: turns_rest(Some(rest)), by: UpSource::Feet, mirror: None };
             return found(axes, &format!("by the feet and the motion, though the rest pose stands along {}", rest.up));
         }
         let doubt = if motion.cosine < STANDS {

@@ -1,5 +1,6 @@
 //! The up axis of a file, and the rotation of its clip to y up.
 
+use super::MirrorAxis;
 use crate::rotation::Mat3;
 use crate::{Clip, EndSite, Quat, Result, Skeleton, Vec3};
 use serde::{Deserialize, Serialize};
@@ -94,6 +95,8 @@ pub struct Axes {
     pub rest_too: bool,
     /// Where the up axis is known from.
     pub by: UpSource,
+    /// The axis along which the file's world is mirrored, if the caller says so.
+    pub mirror: Option<MirrorAxis>,
 }
 
 /// How an up axis was determined.
@@ -113,13 +116,22 @@ pub enum UpSource {
 
 impl Axes {
     /// y up, as in a clip.
-    pub const OWN: Axes = Axes { up: Up::Y, rest_too: true, by: UpSource::Given };
+    pub const OWN: Axes = Axes { up: Up::Y, rest_too: true, by: UpSource::Given, mirror: None };
 
-    /// Rotates a clip from the file's axes to y up.
+    /// The same axes in a world that is mirrored, if it is.
+    pub(crate) fn mirrored(self, mirror: Option<MirrorAxis>) -> Axes {
+        Axes { mirror, ..self }
+    }
+
+    /// Rotates a clip from the file's axes to y up, out of the mirror first.
     ///
     /// # Errors
     /// None for a finite clip.
     pub(crate) fn to_y_up(self, clip: Clip) -> Result<Clip> {
+        let clip = match self.mirror {
+            Some(axis) => axis.clip(&clip)?,
+            None => clip,
+        };
         if self.up == Up::Y { Ok(clip) } else { self.turned(&clip, self.up.turn()) }
     }
 
@@ -128,10 +140,14 @@ impl Axes {
     /// # Errors
     /// None for a finite clip.
     pub(crate) fn restored<'a>(&self, clip: &'a Clip) -> Result<Cow<'a, Clip>> {
-        if self.up == Up::Y {
-            return Ok(Cow::Borrowed(clip));
+        let turned = match self.up {
+            Up::Y => Cow::Borrowed(clip),
+            up => Cow::Owned(self.turned(clip, up.turn().transpose())?),
+        };
+        match self.mirror {
+            Some(axis) => axis.clip(&turned).map(Cow::Owned),
+            None => Ok(turned),
         }
-        self.turned(clip, self.up.turn().transpose()).map(Cow::Owned)
     }
 
     /// Rotates a clip's skeleton to the file's axes.
@@ -139,15 +155,19 @@ impl Axes {
     /// # Errors
     /// None for a finite skeleton.
     pub(crate) fn skeleton_from_y_up(&self, own: &Arc<Skeleton>) -> Result<Arc<Skeleton>> {
-        if self.up == Up::Y || !self.rest_too {
-            return Ok(own.clone());
+        let turned = match self.up == Up::Y || !self.rest_too {
+            true => own.clone(),
+            false => Arc::new(skeleton(own, self.up.turn().transpose())?),
+        };
+        match self.mirror {
+            Some(axis) => axis.skeleton(&turned).map(Arc::new),
+            None => Ok(turned),
         }
-        Ok(Arc::new(skeleton(own, self.up.turn().transpose())?))
     }
 
     /// Rotates a position of the file's world to y up.
     pub(crate) fn position_to_y_up(&self, place: Vec3) -> Vec3 {
-        self.up.turn() * place
+        self.up.turn() * self.mirror.map_or(place, |axis| axis.place(place))
     }
 
     fn turned(&self, clip: &Clip, turn: Mat3) -> Result<Clip> {

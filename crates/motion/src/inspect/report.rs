@@ -3,9 +3,11 @@
 use super::stats::{ClipStats, clip_stats};
 use crate::format::bvh::{BvhSource, NodeKind};
 use crate::format::{Axes, BvhPosition, Up, UpSource};
-use crate::rig::map_of;
-use crate::{Motion, Skeleton, Source, Vec3, Warning};
+use crate::rig::map::REQUIRED;
+use crate::rig::{MapFit, SkeletonMap, fit, map_of};
+use crate::{Motion, Skeleton, Source, Vec3, Warning, smpl};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// The report that `kinelm inspect` prints of one file.
@@ -16,16 +18,20 @@ pub struct Report<'a> {
     floor_m: Option<f64>,
     stats: ClipStats,
     doubts: Vec<Warning>,
+    /// The skeleton map, and how well it fits; `None` on a rig that no map fits.
+    map: Option<(SkeletonMap, MapFit)>,
 }
 
-/// Makes the report of a motion as it was read, with the given or detected floor, metres.
-pub fn report(motion: &Motion, floor_m: Option<f64>) -> Report<'_> {
+/// Makes the report of a motion as it was read, with the given or detected floor, metres, and the skeleton map that it was
+/// read with, if one was given.
+pub fn report<'a>(motion: &'a Motion, floor_m: Option<f64>, map: Option<&str>) -> Report<'a> {
     let stats = clip_stats(&motion.clip);
     // what was found out is part of the report, not a doubt
     let is_doubt = |w: &&Warning| !matches!(w.kind, "up_axis" | "rig_recognised" | "joints_beside");
     let mut doubts: Vec<Warning> = motion.warnings.iter().filter(is_doubt).cloned().collect();
     doubts.extend(doubts_of(&stats, motion.clip.skeleton()));
-    Report { motion, floor_m, stats, doubts }
+    let map = map_of(&motion.clip, map).ok().map(|map| (map.clone(), fit(&motion.clip, &map)));
+    Report { motion, floor_m, stats, doubts, map }
 }
 
 impl Report<'_> {
@@ -37,12 +43,15 @@ impl Report<'_> {
         let recognised = self.motion.warnings.iter().find(|w| w.kind == "rig_recognised");
         let rig = match (recognised, self.rig()) {
             (Some(found), _) => format!("recognised: {}", found.what),
-            (None, Some(name)) => name,
+            (None, Some(name)) => name.to_owned(),
             (None, None) => "unknown (give `map` to retarget it)".into(),
         };
         let _ = writeln!(t, "{}: {format}", self.motion.path.display());
         let _ = writeln!(t, "  {} frames at {} fps, {:.2} s", clip.frames(), round(clip.fps(), 6), clip.duration_s());
         let _ = writeln!(t, "  {} joints, {} end sites; rig {rig}", skeleton.joints(), skeleton.ends().len());
+        if let Some((map, fit)) = &self.map {
+            let _ = writeln!(t, "  map {}: {}", map.name, fit_line(fit));
+        }
         for line in source {
             let _ = writeln!(t, "  {line}");
         }
@@ -93,7 +102,7 @@ impl Report<'_> {
             "fps": clip.fps(), "frames": clip.frames(), "duration_s": clip.duration_s(),
             "joints": skeleton.joints(), "end_sites": skeleton.ends().len(), "names": skeleton.names(),
             "parents": skeleton.parents(), "offsets_m": offsets, "unit_m": unit_m, "up": self.motion.source.axes().up,
-            "rig": self.rig(), "tree": tree(skeleton), "height_m": f.height_m, "floor_m": self.floor_m,
+            "rig": self.rig(), "map": self.map.as_ref().map(|(_, fit)| fit_json(fit, skeleton)), "tree": tree(skeleton), "height_m": f.height_m, "floor_m": self.floor_m,
             "root_min_m": f.root_range[0].to_array(), "root_max_m": f.root_range[1].to_array(),
             "speed_m_s": f.speed_m_s, "fall_g": f.fall_g, "fps_for_free_fall": f.fps_for_free_fall,
             "root_jumps": f.root_jumps.len(), "joint_jumps": f.joint_jumps.len(),
@@ -103,14 +112,45 @@ impl Report<'_> {
     }
 
     /// The name of the map that fits.
-    fn rig(&self) -> Option<String> {
-        map_of(&self.motion.clip, None).ok().map(|map| map.name)
+    fn rig(&self) -> Option<&str> {
+        self.map.as_ref().map(|(map, _)| map.name.as_str())
     }
 
     /// The names of the joints that never rotate.
     fn still(&self) -> Vec<&str> {
         self.stats.still_joints.iter().map(|&j| self.motion.clip.skeleton().names()[j].as_str()).collect()
     }
+}
+
+/// What a map makes of the file.
+fn fit_line(fit: &MapFit) -> String {
+    let names = |ids: &[usize]| ids.iter().map(|&id| smpl::NAMES[id]).collect::<Vec<_>>().join(", ");
+    let missing: Vec<usize> = (0..24).filter(|&id| fit.joints[id].is_none()).collect();
+    let (required, others): (Vec<_>, Vec<_>) = missing.iter().partition(|id| REQUIRED.contains(id));
+    let mut line = format!("{} of SMPL's 24 joints", 24 - missing.len());
+    if !others.is_empty() {
+        line += &format!(", without {}", names(&others));
+    }
+    line += &match (&fit.stands, required.is_empty()) {
+        (_, false) => format!("; missing {}, which a map must have", names(&required)),
+        (Ok(()), true) => "; a body stands in its reference pose".into(),
+        (Err(e), true) => format!("; no body stands in its reference pose: {e}"),
+    };
+    if let Some(degrees) = fit.trunk_error_deg {
+        line += &format!("; on SMPL's body pelvis to neck is {degrees:.1} degrees off in the mean");
+    }
+    line
+}
+
+fn fit_json(fit: &MapFit, skeleton: &Skeleton) -> Value {
+    let joints = (0..24).filter_map(|id| Some((smpl::NAMES[id], &skeleton.names()[fit.joints[id]?])));
+    let missing: Vec<&str> =
+        REQUIRED.iter().filter(|&&id| fit.joints[id].is_none()).map(|&id| smpl::NAMES[id]).collect();
+    json!({
+        "joints": joints.collect::<BTreeMap<_, _>>(), "missing": missing,
+        "stands": fit.stands.is_ok(), "why_not": fit.stands.as_ref().err(),
+        "trunk_error_deg": fit.trunk_error_deg, "toes_ahead": fit.toes_ahead,
+    })
 }
 
 fn round(x: f64, digits: i32) -> f64 {
@@ -163,7 +203,8 @@ fn axes_line(axes: &Axes) -> String {
         UpSource::Unknown => ", unjudged: no skeleton map knows the joints",
     };
     let turned = if axes.up == Up::Y { "" } else { " in the file; turned to y up here" };
-    format!("up {}{turned}{why}", axes.up)
+    let mirrored = axes.mirror.map(|axis| format!("; mirrored along {axis} in the file, not here")).unwrap_or_default();
+    format!("up {}{turned}{why}{mirrored}", axes.up)
 }
 
 /// The origin of the bones and of the rest pelvis.

@@ -145,11 +145,10 @@ impl SkeletonMap {
         map.with_reference(rig, reference)
     }
 
-    /// The map with these local rotations (J) of a reference pose; none of them: as it is.
+    /// The map with these local rotations (J) as its reference pose; none of them: the rest pose is one.
     pub(super) fn with_reference(self, rig: &Skeleton, reference: &[Quat]) -> Self {
         let turned = reference.iter().enumerate().filter(|(_, q)| **q != Quat::IDENTITY);
-        let reference: Vec<_> = turned.map(|(j, q)| (rig.names()[j].clone(), *q)).collect();
-        if reference.is_empty() { self } else { SkeletonMap { reference, ..self } }
+        SkeletonMap { reference: turned.map(|(j, q)| (rig.names()[j].clone(), *q)).collect(), ..self }
     }
 
     /// Whether it has a reference pose of its own.
@@ -157,19 +156,35 @@ impl SkeletonMap {
         !self.reference.is_empty()
     }
 
-    /// The built-in map that fits a rig with these joint names best: it finds all required joints and most of the others.
-    /// [`SkeletonMap::joint`] of the result gives the rig's own names. `None` if no map fits.
-    pub fn detect(names: &[String]) -> Option<Self> {
-        let mut best: Option<(SkeletonMap, (usize, usize))> = None;
-        for map in SkeletonMap::names().filter_map(SkeletonMap::builtin) {
-            let Some(bound) = map.bind(names) else { continue };
+    /// The built-in maps that fit a rig with these joint names, each with all required joints: those that find more joints
+    /// first. [`SkeletonMap::joint`] of them gives the rig's own names.
+    pub fn fitting(names: &[String]) -> Vec<Self> {
+        let bound = |map: SkeletonMap| {
+            let bound = map.bind(names)?;
             let exact = (0..24).filter(|&id| bound.joints[id].iter().any(|n| map.joints[id].contains(n))).count();
-            let score = (bound.joints.iter().filter(|j| !j.is_empty()).count(), exact);
-            if best.as_ref().is_none_or(|(_, b)| score > *b) {
-                best = Some((bound, score));
+            Some(((bound.joints.iter().filter(|j| !j.is_empty()).count(), exact), bound))
+        };
+        let mut found: Vec<_> = SkeletonMap::names().filter_map(SkeletonMap::builtin).filter_map(bound).collect();
+        found.sort_by(|(a, _), (b, _)| b.cmp(a));
+        found.into_iter().map(|(_, map)| map).collect()
+    }
+
+    /// The rig's joints by SMPL id.
+    pub(crate) fn joints_of(&self, rig: &Skeleton) -> [Option<usize>; 24] {
+        let bound = self.bind_any(rig.names());
+        std::array::from_fn(|id| bound.joint(id).and_then(|name| rig.find(name)))
+    }
+
+    /// Local rotations (J) of the rig in the reference pose. A map serves rigs with and without fingers or toes, so joints
+    /// that the rig hasn't are left out.
+    pub(super) fn local_reference(&self, rig: &Skeleton) -> Vec<Quat> {
+        let mut local = vec![Quat::IDENTITY; rig.joints()];
+        for (name, rotation) in self.reference() {
+            if let Some(j) = rig.find(name) {
+                local[j] = rotation;
             }
         }
-        best.map(|(map, _)| map)
+        local
     }
 
     /// The rig's name of an SMPL joint; `None` without a counterpart or for ids above 23. A map that is not bound to a rig
@@ -385,7 +400,7 @@ mod tests {
     }
 
     fn detected(list: &str) -> Option<String> {
-        SkeletonMap::detect(&names(list)).map(|m| m.name)
+        SkeletonMap::fitting(&names(list)).into_iter().next().map(|m| m.name)
     }
 
     const MIXAMO: &str = "Hips Spine Spine1 Spine2 Neck Head LeftShoulder LeftArm LeftForeArm LeftHand RightShoulder \
@@ -437,16 +452,16 @@ mod tests {
     fn prefixes_and_case_are_seen_through() {
         for prefix in ["mixamorig:", "mixamorig1:", "MixamoRig_", "Bob:mixamorig:", "bob "] {
             let rig: Vec<_> = names(MIXAMO).iter().map(|n| format!("{prefix}{n}")).collect();
-            let map = SkeletonMap::detect(&rig).unwrap();
+            let map = SkeletonMap::fitting(&rig).remove(0);
             assert_eq!(map.name, "mixamo", "{prefix}");
             assert_eq!(map.joint(0).unwrap(), format!("{prefix}Hips"));
             assert_eq!(map.joint(20).unwrap(), format!("{prefix}LeftHand"));
             assert_eq!(map.joint(22), None);
         }
-        let loud = SkeletonMap::detect(&names(&CMU.to_uppercase())).unwrap();
+        let loud = SkeletonMap::fitting(&names(&CMU.to_uppercase())).remove(0);
         assert_eq!((loud.name.as_str(), loud.joint(4)), ("cmu", Some("LEFTLEG")));
         // the letter case decides if both spellings exist
-        let two = SkeletonMap::detect(&names(&format!("HIPS {MIXAMO}"))).unwrap();
+        let two = SkeletonMap::fitting(&names(&format!("HIPS {MIXAMO}"))).remove(0);
         assert_eq!(two.joint(0), Some("Hips"));
     }
 

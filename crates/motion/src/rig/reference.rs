@@ -28,13 +28,7 @@ impl ReferencePose {
     /// shoulders not above them, left and right exchanged.
     pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
         let joints = bind(rig, map)?;
-        let mut local = vec![Quat::IDENTITY; rig.joints()];
-        for (name, rotation) in map.reference() {
-            // a map serves rigs with and without fingers or toes, so missing joints are fine
-            if let Some(j) = rig.find(name) {
-                local[j] = rotation;
-            }
-        }
+        let mut local = map.local_reference(rig);
         let mut global = GlobalPose::new(rig, rig.offsets()[0], &local);
         let turn = upright(&global, &joints).ok_or_else(|| no_stand(map, "it has no up or no left"))?;
         if turn != Quat::IDENTITY {
@@ -103,8 +97,7 @@ fn bind(rig: &Skeleton, map: &SkeletonMap) -> Result<[Option<usize>; 24]> {
     if !missing.is_empty() {
         return Err(unknown_rig(rig.names(), Some(map), None));
     }
-    let bound = map.bind_any(rig.names());
-    let joints = std::array::from_fn(|id| bound.joint(id).and_then(|name| rig.find(name)));
+    let joints = map.joints_of(rig);
     for (upper, lower) in LIMBS {
         let (Some(u), Some(l)) = (joints[upper], joints[lower]) else { continue };
         if !rig.descends(l, u) {

@@ -152,7 +152,10 @@ pub(crate) fn decide(
     };
     // all joints below the ROOT in the file's unit: how they hang together and turn tells the rig
     let whole = rig(vec![range.start], 1.0)?;
-    let on = |rig: &BvhRig| clip(rig, rig.skeleton.clone(), frames, fps).map_err(|e| e.in_clip(path));
+    // a body in a mirrored world is looked at out of it
+    let unmirrored = |clip: Clip| Axes::OWN.mirrored(options.mirror_axis).to_y_up(clip);
+    let on =
+        |rig: &BvhRig| clip(rig, rig.skeleton.clone(), frames, fps).and_then(unmirrored).map_err(|e| e.in_clip(path));
     let clip = on(&whole)?;
     let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
     let (unit_m, doubt) = match options.unit.metres() {

@@ -120,7 +120,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
     warnings.extend(doubt);
     let clip = axes.to_y_up(clip)?;
-    (rig.axes, rig.skeleton) = (axes, clip.skeleton().clone());
+    (rig.axes, rig.skeleton) = (axes.mirrored(options.mirror_axis), clip.skeleton().clone());
     let source = BvhSource { head, numbers, frames, rig, floor_m: None };
     warnings.extend(added::doubt(&source, &clip));
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })

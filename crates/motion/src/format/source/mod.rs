@@ -68,7 +68,7 @@ pub enum Source {
         /// How the file's axes are rotated to the clip's.
         axes: Axes,
     },
-    /// A JSON clip whose up axis is not y.
+    /// A JSON clip whose up axis is not y, or that is mirrored.
     Json(Axes),
     /// A clip of another format without a source of its own, whose up axis is not y.
     Turned(Axes),

@@ -22,8 +22,10 @@ const FOREARM: (f64, f64) = (-0.05, 0.18);
 pub(super) struct Body {
     /// The rig's joint by SMPL id.
     pub joints: [Option<usize>; 24],
-    /// The score of hierarchy, proportions and poses alone.
-    pub shape: f64,
+    /// The score of hierarchy and proportions.
+    pub build: f64,
+    /// The score of how the body holds itself in the poses.
+    pub posture: f64,
     /// And of names.
     pub names: f64,
     /// How sure left and right are, 0.5 to 1.
@@ -31,8 +33,13 @@ pub(super) struct Body {
 }
 
 impl Body {
+    /// The score without names.
+    pub fn shape(&self) -> f64 {
+        self.build + self.posture
+    }
+
     pub fn score(&self) -> f64 {
-        self.shape + self.names
+        self.shape() + self.names
     }
 }
 
@@ -133,18 +140,17 @@ impl Evidence<'_> {
         let trunk_root = tree.common(leg.parent, arm.parent);
         let scale = leg.length();
         let to_shoulders = tree.way(trunk_root, arm.parent) + 0.5 * tree.way(arm.parent, arm.joints(0)[0]);
-        let mut shape = self.limb(leg, SHIN)
+        let mut build = self.limb(leg, SHIN)
             + self.limb(arm, FOREARM)
             + normal((arm.length() / scale).ln(), ARM)
             + normal((to_shoulders / scale).ln(), TRUNK);
         // a foot goes on for a quarter of the leg at most, and is there
         let beyond = |pair: &LimbPair| (0..2).map(|s| tree.reach[pair.joints(s)[2]]).sum::<f64>() / (2.0 * scale);
-        shape += if (0.02..0.6).contains(&beyond(leg)) { 0.0 } else { -1.5 };
-        shape += if beyond(arm) < 0.5 { 0.0 } else { -2.0 };
+        build += if (0.02..0.6).contains(&beyond(leg)) { 0.0 } else { -1.5 };
+        build += if beyond(arm) < 0.5 { 0.0 } else { -2.0 };
         // what lies between trunk and limb is short
         let before = |pair: &LimbPair| tree.way(pair.parent, pair.joints(0)[0]) / scale;
-        shape += normal(before(leg).max(0.2) - 0.2, (0.0, 0.1)) + normal(before(arm).max(0.35) - 0.35, (0.0, 0.1));
-        shape += self.posture(leg, arm);
+        build += normal(before(leg).max(0.2) - 0.2, (0.0, 0.1)) + normal(before(arm).max(0.35) - 0.35, (0.0, 0.1));
 
         let (left, sides) = self.left(leg, arm);
         let mut joints = [None; 24];
@@ -162,9 +168,9 @@ impl Evidence<'_> {
             joints[10 + right] = self.toe(leg, side, 10 + right);
             joints[22 + right] = self.hand(arm, side, 22 + right);
         }
-        shape += if joints[12].is_some() { 0.0 } else { -3.0 };
+        build += if joints[12].is_some() { 0.0 } else { -3.0 };
         let named = joints.iter().enumerate().filter_map(|(id, j)| Some(self.agreement((*j)?, id))).sum::<f64>();
-        Some(Body { joints, shape, names: named, sides })
+        Some(Body { joints, build, posture: self.posture(leg, arm), names: named, sides })
     }
 
     /// How well legs and trunk go opposite ways, in the median of the poses.

@@ -4,6 +4,8 @@ use crate::Skeleton;
 
 /// Bones of both sides may differ by this share before it counts.
 const UNEVEN: f64 = 0.05;
+/// The lower bone of a limb over its upper one. CMU's forearms end at two thirds, where a joint is called wrist.
+const RATIO: std::ops::Range<f64> = 0.3..2.5;
 /// A limb has at most so many joints on its way, a joint so many children that could be limbs, a rig so many pairs that
 /// are looked at: what no body needs, and a hostile file could fill.
 const LONGEST: usize = 12;
@@ -112,7 +114,7 @@ impl LimbPair {
     }
 }
 
-/// All pairs of limbs of a rig whose bones differ by less than a third from each other.
+/// All pairs of limbs of a rig, the ratio of whose bones a body may have.
 pub(super) fn pairs(tree: &Tree) -> Vec<LimbPair> {
     let mut found = Vec::new();
     for parent in 0..tree.rig.joints() {
@@ -149,7 +151,7 @@ fn of_ways(tree: &Tree, parent: usize, a: &[usize], b: &[usize], found: &mut Vec
             for k in j + 1..n {
                 let bones = [[i, j], [j, k]].map(|[from, to]| [length(0, from, to), length(1, from, to)]);
                 let mean = bones.map(|[a, b]| 0.5 * (a + b));
-                if mean[0].min(mean[1]) < 1e-6 || !(0.5..2.0).contains(&(mean[1] / mean[0])) {
+                if mean[0].min(mean[1]) < 1e-6 || !RATIO.contains(&(mean[1] / mean[0])) {
                     continue;
                 }
                 let apart = |[a, b]: [f64; 2]| ((2.0 * (a - b).abs() / (a + b) - UNEVEN).max(0.0) / UNEVEN).powi(2);

@@ -8,12 +8,12 @@ mod body;
 mod limbs;
 mod names;
 pub(super) mod stand;
-mod trunk;
+pub(super) mod trunk;
 
 use super::SkeletonMap;
 use super::map::REQUIRED;
 use crate::rotation::angle_between;
-use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, Warning, smpl};
+use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, smpl};
 use body::{Body, Evidence};
 use limbs::Tree;
 use names::side_of;
@@ -27,6 +27,10 @@ const EVEN: f64 = -6.0;
 /// How far from it the odds are as one to e, and the most that names make up for.
 const SPREAD: f64 = 0.6;
 const NAMED: f64 = 2.0;
+/// The share of what proportions count against a body that its names take away, if they say what each required joint is.
+const BUILD_BY_NAME: f64 = 0.6;
+/// But not from a posture below this: what goes on all fours has thighs and forearms too.
+const UPRIGHT: f64 = -2.0;
 /// Two bodies whose scores differ by this have odds of one to e.
 const SOFTNESS: f64 = 1.2;
 /// Spine, neck, head, collars and balls of the feet: where one ends and the next begins, lengths say little.
@@ -60,15 +64,6 @@ impl Recognised {
     /// Whether the map may be used without asking.
     pub fn is_sure(&self) -> bool {
         self.confidence() >= SURE
-    }
-
-    /// What is said of a rig that is recognised for sure.
-    pub(crate) fn warning(&self) -> Option<Warning> {
-        let found = self.joints.iter().flatten().count();
-        let what = format!(
-            "{found} of SMPL's 24 joints, by shape and names; `kinelm inspect FILE --map-out my.toml` writes them"
-        );
-        self.is_sure().then_some(Warning { kind: "rig_recognised", what })
     }
 
     /// What is doubtful, for messages.
@@ -106,8 +101,10 @@ pub fn recognise(rig: &Skeleton, clip: Option<&Clip>) -> Option<Recognised> {
     let evidence = Evidence { tree: Tree::new(rig), hints: names::hints(rig.names()), poses, turns };
     let bodies = evidence.bodies();
     let best = bodies.first()?;
-    let humanoid = logistic((best.shape + (0.5 * best.names).min(NAMED) - EVEN) / SPREAD);
-    if humanoid < NONE {
+    let named = evidence.named(best);
+    let shape = best.shape() - BUILD_BY_NAME * named * best.build;
+    let humanoid = logistic((shape + (0.5 * best.names).min(NAMED) - EVEN) / SPREAD);
+    if humanoid < NONE && named < 1.0 {
         return None;
     }
     let weight = |b: &Body| ((b.score() - best.score()) / SOFTNESS).exp();
@@ -117,7 +114,7 @@ pub fn recognise(rig: &Skeleton, clip: Option<&Clip>) -> Option<Recognised> {
         if best.joints[id].is_some() {
             let share = bodies.iter().filter(|b| b.joints[id] == best.joints[id]).map(weight).sum::<f64>() / all;
             *c = humanoid * share * if side_of(id).1.is_some() { best.sides } else { 1.0 };
-            let named = best.joints[id].is_some_and(|j| evidence.hints[j].agreement(id) > 0.0);
+            let named = best.joints[id].is_some_and(|j| evidence.is_named(j, id));
             // what turns above the joint that legs and trunk part at may be the pelvis too
             let below = |j: usize| evidence.tree.upwards(j).skip(1).any(|above| evidence.turns[above]);
             let vague = VAGUE.contains(&id) || (id == 0 && best.joints[0].is_some_and(below));
@@ -135,12 +132,30 @@ pub fn recognise(rig: &Skeleton, clip: Option<&Clip>) -> Option<Recognised> {
     Some(Recognised { map, joints: best.joints, confidence, second })
 }
 
+impl Evidence<'_> {
+    /// The share of the required joints whose names say what they are; 0 for a body that isn't upright.
+    fn named(&self, body: &Body) -> f64 {
+        let agrees = |id: &usize| body.joints[*id].is_some_and(|j| self.hints[j].agreement(*id) > 0.0);
+        let named = REQUIRED.iter().filter(|id| agrees(id)).count() as f64 / REQUIRED.len() as f64;
+        if body.posture < UPRIGHT { 0.0 } else { named }
+    }
+
+    /// Whether a joint's name says that it is the SMPL joint `id`. Of two joints of a collar or foot that follow each other,
+    /// with names that say the same, neither says it.
+    fn is_named(&self, joint: usize, id: usize) -> bool {
+        let own = self.hints[joint].agreement(id);
+        let near = self.tree.upwards(joint).skip(1).take(1).chain(self.tree.children[joint].iter().copied());
+        let paired = side_of(id).1.is_some();
+        own > 0.0 && !(paired && near.into_iter().any(|j| self.hints[j].agreement(id) == own))
+    }
+}
+
 fn logistic(x: f64) -> f64 {
     1.0 / (1.0 + (-x).exp())
 }
 
 /// Whether each joint (J) turns in the clip by more than a degree; all, if none does or there is no clip.
-fn turns(rig: &Skeleton, clip: Option<&Clip>) -> Vec<bool> {
+pub(super) fn turns(rig: &Skeleton, clip: Option<&Clip>) -> Vec<bool> {
     let all = vec![true; rig.joints()];
     let Some(clip) = clip.filter(|c| c.frames() > 1) else { return all };
     let step = clip.frames().div_ceil(FRAMES).max(1);

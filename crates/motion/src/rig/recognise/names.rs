@@ -247,8 +247,8 @@ const PARTS: &[(&[&str], Weights)] = &[
     (&["elbow"], &[(18, 1.0)]),
     (&["radius"], &[(18, 0.9)]),
     (&["ulna"], &[(18, 0.9)]),
-    (&["hand"], &[(20, 0.7), (22, 0.5)]),
-    (&["wrist"], &[(20, 1.0)]),
+    (&["hand"], HAND),
+    (&["wrist"], WRIST),
     // what motion capture says of vertebrae, and MikuMikuDance of bodies
     (&["l", "5"], &[(3, 0.7)]),
     (&["l", "3"], &[(3, 0.5), (6, 0.5)]),
@@ -272,6 +272,11 @@ const PARTS: &[(&[&str], Weights)] = &[
     (&["root"], &[(0, 0.2)]),
 ];
 
+/// What the words wrist and hand speak for, and the latter on an arm that has both.
+const WRIST: Weights = &[(20, 1.0)];
+const HAND: Weights = &[(20, 0.7), (22, 0.5)];
+const HAND_BEYOND: Weights = &[(22, 0.8)];
+
 /// Words that say which side.
 const SIDES: &[(&str, Side)] = &[
     ("l", Side::Left),
@@ -290,7 +295,15 @@ const SIDES: &[(&str, Side)] = &[
 pub fn hints(names: &[String]) -> Vec<Hint> {
     let words: Vec<Vec<String>> = names.iter().map(|name| words(name)).collect();
     let shared = shared_start(&words);
-    words.iter().map(|words| hint(&words[shared.min(words.len().saturating_sub(1))..])).collect()
+    let mut hints: Vec<Hint> =
+        words.iter().map(|words| hint(&words[shared.min(words.len().saturating_sub(1))..])).collect();
+    for side in [Some(Side::Left), Some(Side::Right), None] {
+        let says = |hint: &Hint, part: Weights| hint.side == side && hint.kind == Kind::Body && hint.parts == part;
+        if hints.iter().any(|hint| says(hint, WRIST) && hint.plain) {
+            hints.iter_mut().filter(|hint| says(hint, HAND)).for_each(|hint| hint.parts = HAND_BEYOND);
+        }
+    }
+    hints
 }
 
 /// How many first words all names with more than one word share (`CC Base`, `Valve Biped Bip 01`).

@@ -1,8 +1,9 @@
 //! The reference pose of a recognised rig: its rest pose where a body stands in it, else one that is made from how the
 //! joints stand to each other in the mean of a clip.
 
+use crate::rig::SkeletonMap;
 use crate::rotation::{Mat3, nearest_sign, swing};
-use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3};
+use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, smpl};
 
 /// Frames of a clip that are looked at, evenly spaced.
 const FRAMES: usize = 300;
@@ -26,6 +27,11 @@ pub(super) fn reference(rig: &Skeleton, joints: &[Option<usize>; 24], clip: Opti
         return Vec::new();
     }
     made(rig, joints, clip)
+}
+
+/// Whether a body stands upright with straight legs in the reference pose of a map, with these joints by SMPL id.
+pub(in crate::rig) fn is_straight(rig: &Skeleton, map: &SkeletonMap, joints: &[Option<usize>; 24]) -> bool {
+    stands(&GlobalPose::new(rig, Vec3::ZERO, &map.local_reference(rig)), joints, STRAIGHT)
 }
 
 /// As [`reference`], for a rig whose rest pose is replaced only if no body stands in it.
@@ -101,11 +107,7 @@ impl Mean<'_> {
         // the second axis is up and the first as far left as it can be
         let upright = frame(Vec3::Y, Vec3::X) * frame(up, left).inverse();
         global[pelvis] = Some(upright);
-        for id in [3, 6, 9, 12, 15, 13, 14] {
-            if let Some(joint) = self.joints[id] {
-                global[joint] = Some(upright * self.rotation(pelvis, joint));
-            }
-        }
+        self.trunk(upright, pelvis, &mut global);
         for (ids, right) in LIMBS {
             self.limb(ids, right, upright, pelvis, &mut global);
         }
@@ -123,6 +125,23 @@ impl Mean<'_> {
             local.push(parent.map_or(q, |p| whole[p].inverse() * q).normalize());
         }
         local
+    }
+
+    /// Trunk and neck, as straight as SMPL's at rest, so that who bows in the mean bows on SMPL too; the head, which looks
+    /// ahead in the mean, as it is then.
+    fn trunk(&self, upright: Quat, pelvis: usize, global: &mut [Option<Quat>]) {
+        let body = smpl::neutral();
+        let chain: Vec<(usize, usize)> =
+            [3, 6, 9, 12, 15].into_iter().filter_map(|id| Some((id, self.joints[id]?))).collect();
+        for (i, &(id, joint)) in chain.iter().enumerate() {
+            let mean = upright * self.rotation(pelvis, joint);
+            let straight = chain.get(i + 1).map(|&(next, _)| {
+                let still = [6, 9, 12, 15].into_iter().filter(|n| (id + 1..=next).contains(n));
+                let bone = self.vector(joint, |at| at(next) - at(id));
+                swing(mean * bone, still.map(|n| body.offsets()[n]).sum())
+            });
+            global[joint] = Some(straight.unwrap_or_default() * mean);
+        }
     }
 
     /// A limb, straight down or out, bending about the axis that it bends about in the poses.

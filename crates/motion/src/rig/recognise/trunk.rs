@@ -2,7 +2,7 @@
 
 use super::body::{Evidence, NAME, median, normal};
 use super::limbs::LimbPair;
-use crate::smpl;
+use crate::{Skeleton, smpl};
 
 /// Neck to head over the leg: mean of the logarithm and deviation.
 const NECK: (f64, f64) = (-2.0, 0.5);
@@ -28,7 +28,9 @@ impl Evidence<'_> {
         let pelvis = joints[0].unwrap_or(trunk_root);
         let mut spine: Vec<usize> = tree.upwards(arm.parent).take_while(|&j| j != pelvis).collect();
         spine.reverse();
-        self.keep_moving(&mut spine);
+        if spine.iter().any(|&j| self.turns[j]) {
+            spine.retain(|&j| self.turns[j]);
+        }
         let arms = [arm.paths[0][0], arm.paths[1][0]];
         let upwards = tree.children[arm.parent].iter().copied().filter(|c| !arms.contains(c));
         let score = |c: usize| {
@@ -37,7 +39,11 @@ impl Evidence<'_> {
         };
         let first = best(upwards, score);
         let mut above = first.map(|c| self.upper_path(c)).unwrap_or_default();
-        self.keep_moving(&mut above);
+        // necks and heads may be still in a whole clip
+        let named = |j: usize| self.hints[j].agreement(12).max(self.hints[j].agreement(15)) > 0.5;
+        if above.iter().any(|&j| self.turns[j]) {
+            above.retain(|&j| self.turns[j] || named(j));
+        }
         // Biped's collars hang from the neck
         let neck_below = above.first().is_some_and(|&c| self.hints[c].agreement(15) > 0.5)
             && self.hints[arm.parent].agreement(12) > 0.5
@@ -57,25 +63,13 @@ impl Evidence<'_> {
                 joints[15] = self.head(&above[n..], scale);
             }
         }
-        let ids: &[usize] = match spine.len() {
-            0 => &[],
-            1 => &[9],
-            2 => &[3, 9],
-            _ => &[3, 6, 9],
-        };
-        for &id in ids {
-            joints[id] = match id {
-                3 => spine.first().copied(),
-                9 => spine.last().copied(),
-                _ => self.middle(&spine),
-            };
-        }
-    }
-
-    /// Leaves out the joints that never turn, if there are others.
-    fn keep_moving(&self, chain: &mut Vec<usize>) {
-        if chain.iter().any(|&j| self.turns[j]) {
-            chain.retain(|&j| self.turns[j]);
+        match spine[..] {
+            [] => {}
+            [only] => joints[id_of_one(tree.rig, pelvis, only, joints[12].unwrap_or(arm.parent))] = Some(only),
+            [first, .., last] => {
+                (joints[3], joints[9]) = (Some(first), Some(last));
+                joints[6] = self.middle(&spine);
+            }
         }
     }
 
@@ -158,6 +152,19 @@ impl Evidence<'_> {
             children.iter().copied().find(|&c| self.hints[c].parts.iter().any(|(part, w)| *part == 22 && *w >= 0.5));
         named.filter(|&c| self.hints[c].agreement(id) > 0.0)
     }
+}
+
+/// The SMPL joint of the only joint of a trunk: spine1 (3), or spine3 (9) where it is nearer to that one's share of the way
+/// from pelvis to neck.
+pub(in crate::rig) fn id_of_one(rig: &Skeleton, pelvis: usize, joint: usize, neck: usize) -> usize {
+    let body = smpl::neutral();
+    let length = |ids: &[usize]| ids.iter().map(|&id| body.offsets()[id].length()).sum::<f64>();
+    let way = |to: usize| {
+        let up = std::iter::successors(Some(to), |&j| rig.parents()[j]).take_while(|&j| j != pelvis);
+        up.map(|j| rig.offsets()[j].length()).sum::<f64>()
+    };
+    let middle = 0.5 * (length(&[3]) + length(&[3, 6, 9])) / length(&[3, 6, 9, 12]);
+    if way(joint) < middle * way(neck) { 3 } else { 9 }
 }
 
 /// The item with the highest score, the first of equals.

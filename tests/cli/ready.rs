@@ -42,6 +42,19 @@ fn it_dances_to_a_clip_without_a_run() {
 }
 
 #[test]
+fn its_tokenizer_is_taken_by_name() {
+    let dir = with_a_dance();
+    let words = call(dir.path(), "tokenizer text mine.bvh --tokenizer ready").assert().success();
+    fs::write(dir.path().join("words.txt"), &words.get_output().stdout).unwrap();
+    call(dir.path(), "tokenizer decode words.txt back.bvh --tokenizer ready").assert().success();
+    assert!(read(&dir.path().join("back.bvh")).frames() >= 80);
+    call(dir.path(), "tokenize mine.bvh --tokenizer ready --out corpus").assert().success();
+    // a file of that name is a tokenizer as any other
+    fs::write(dir.path().join("ready"), "{}").unwrap();
+    call(dir.path(), "tokenizer text mine.bvh --tokenizer ready").assert().failure();
+}
+
+#[test]
 fn without_a_folder_for_it_the_call_says_what_to_do() {
     let dir = with_a_dance();
     fs::write(dir.path().join("cache"), "a file").unwrap();

@@ -46,7 +46,8 @@ mod tests {
         // falls in free fall at 60 frames a second, and says 240, as the others of its folder do
         let root = (0..240).map(|f| Vec3::Y * (30.0 - 4.9 * (f as f64 / 60.0).powi(2))).collect();
         let falls = Clip::new(dance.skeleton().clone(), 240.0, root, dance.rotations().to_vec()).unwrap();
-        let beside = dance.clone().with_fps(240.0).unwrap();
+        let still = vec![Vec3::Y; 240];
+        let beside = Clip::new(dance.skeleton().clone(), 240.0, still, dance.rotations().to_vec()).unwrap();
         let clips = [("falls.bvh", falls), ("beside.bvh", beside), ("other.bvh", dance)];
         let dir = tempfile::tempdir().unwrap();
         let (project, library) = fixture::library(dir.path(), &clips);

@@ -24,7 +24,7 @@ pub struct Args {
     /// With --baselines: also LDA on this run's embeddings
     #[arg(long, value_name = "RUN|DIR", requires = "baselines")]
     run: Option<PathBuf>,
-    /// Also plot the confusion matrix of the clips
+    /// Also plot the confusion of the clips: a matrix for class tokens and one for class tokens and LDA
     #[arg(long, value_name = "FILE.png|FILE.svg")]
     plot: Option<PathBuf>,
     #[command(flatten)]

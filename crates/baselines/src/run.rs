@@ -58,7 +58,7 @@ pub trait Settings: DeserializeOwned {
 ///
 /// # Errors
 /// [`kinelm_store::Error::Invalid`] if it isn't.
-pub(crate) fn within<T: PartialOrd + Display>(key: &str, found: T, limits: RangeInclusive<T>) -> Result<()> {
+pub(crate) fn within<T: PartialOrd + Display>(key: &'static str, found: T, limits: RangeInclusive<T>) -> Result<()> {
     match limits.contains(&found) {
         true => Ok(()),
         false => Err(Error::invalid(key, found, format!("{} to {}", limits.start(), limits.end()))),
@@ -69,7 +69,7 @@ pub(crate) fn within<T: PartialOrd + Display>(key: &str, found: T, limits: Range
 ///
 /// # Errors
 /// [`kinelm_store::Error::Invalid`] if it isn't.
-pub(crate) fn positive(key: &str, found: f64) -> Result<()> {
+pub(crate) fn positive(key: &'static str, found: f64) -> Result<()> {
     match found > 0.0 && found.is_finite() {
         true => Ok(()),
         false => Err(Error::invalid(key, found, "a number above 0")),

@@ -3,7 +3,7 @@
 //! A built-in name takes precedence; `./NAME` is a file of that name.
 
 use crate::suggest::did_you_mean;
-use crate::{Error, Result, input};
+use crate::{Error, Result, Subject, input};
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
@@ -48,7 +48,7 @@ pub fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Resul
     let name = name_or_path.display().to_string();
     let meant = did_you_mean(&name, presets.iter().map(|(name, _)| *name));
     Err(Error::unsupported(
-        format!("`config` {name:?}"),
+        Subject::of_parameter("config").with(format!("{name:?}")),
         format!("no {what}: neither a file nor one of {}{meant}", listed(presets)),
     ))
 }

@@ -260,10 +260,9 @@ impl TrainFile {
 /// An error of a key, with the file that it stands in.
 pub fn in_file(path: &Path, error: Error) -> Error {
     use kinelm_store::Error as Store;
-    let at = |what: String| format!("{}: {what}", path.display());
     match error {
-        Error::Store(Store::Invalid { name, found, expected }) => Error::invalid(at(name), found, expected),
-        Error::Store(Store::Unsupported { what, why }) => Error::unsupported(at(what), why),
+        Error::Store(Store::Invalid { name, found, expected }) => Error::invalid(name.in_file(path), found, expected),
+        Error::Store(Store::Unsupported { what, why }) => Error::unsupported(what.in_file(path), why),
         error => error,
     }
 }

@@ -48,6 +48,7 @@ use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::rig::{SkeletonMap, made_to_stand, recognise};
 use crate::{Error, FaultKind, FileError, Result, Warning};
+use kinelm_store::Subject;
 use kinelm_store::{SourcePos, files, input};
 use options::{check_skip, is_rate};
 use positions::Positions;
@@ -267,7 +268,8 @@ fn check_up(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
         return Ok(());
     }
     let why = format!("{own}, always; `up` is for BVH, AMC and JSON");
-    Err(Error::unsupported(format!("`up` {} of {}", options.up, path.display()), why))
+    let what = Subject::of_parameter("up").with(format!("{} of {}", options.up, path.display()));
+    Err(Error::unsupported(what, why))
 }
 
 /// Writes a motion file in the format of its extension, atomically.

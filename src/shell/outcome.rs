@@ -29,14 +29,18 @@ type Flags = BTreeMap<String, String>;
 /// The process has one command.
 static FLAGS: OnceLock<Flags> = OnceLock::new();
 
-/// Parses a call and remembers its command's flags for [`chain`].
+/// Parses a call, which `check` may refuse, and remembers its command's flags for [`chain`].
 ///
 /// # Errors
-/// The parser's, without control characters out of the call's own words.
-pub fn parse<Call: CommandFactory + FromArgMatches>(args: &[OsString]) -> Result<Call, clap::Error> {
+/// The parser's and those of `check`, without control characters out of the call's own words.
+pub fn parse<Call: CommandFactory + FromArgMatches>(
+    args: &[OsString],
+    check: impl Fn(&Command, &ArgMatches) -> Result<(), clap::Error>,
+) -> Result<Call, clap::Error> {
     let parsed = |args: &[OsString]| {
         let mut command = Call::command();
         let matches = command.try_get_matches_from_mut(args)?;
+        check(&command, &matches)?;
         let call = Call::from_arg_matches(&matches).map_err(|e| e.format(&mut command))?;
         let _ = FLAGS.set(flags(&command, &matches));
         Ok(call)

@@ -42,7 +42,7 @@ pub fn open_for(path: &Path, open: &OpenRequest, options: CorpusOptions) -> Resu
         return Err(Error::unsupported(Subject::of_parameter("real").with(path.display()), why));
     }
     let corpus = Corpus::open_with(path, CorpusOptions { streamed: true, ..options })?;
-    let (found, expected) = (corpus.tokenizer().hash(), open.tokenizer.hash());
+    let (found, expected) = (corpus.tokenizer().base_hash(), open.tokenizer.base_hash());
     if found != expected {
         let why = format!(
             "a corpus of another tokenizer ({found:.8}) than the model's ({expected:.8}); expected one that kinelm tokenize \

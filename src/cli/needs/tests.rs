@@ -10,11 +10,11 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("aclstm generate again", "out run force seed-clip", &[]),
     ("aclstm generate", "run seed-clip seed-frames seed-from frames with-seed out feet force", &[READING]),
     ("aclstm plot", "out force", &[]),
-    ("aclstm resume", "steps", &[]),
+    ("aclstm resume", "steps set", &[]),
     (
         "aclstm train",
         "run labels only config representation condition groundtruth width layers wiring batch rate steps \
-         seed",
+         seed set",
         &[READING],
     ),
     ("bench decode", "config context vocabulary dropout streams frames weights kv repeats json", &[]),
@@ -54,8 +54,8 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("evaluate prediction", "run fps labels strict split windows json", &[READING]),
     ("export", "run format out", &[]),
     ("filter", "out level cutoff keep feet json force", &[READING]),
-    ("finetune resume", "corpus steps precision device form trust", &[]),
-    ("finetune", "from config corpus run steps seed conditions precision device form trust", &[]),
+    ("finetune resume", "corpus steps precision device form trust set", &[]),
+    ("finetune", "from config corpus run steps seed conditions precision device form trust set", &[]),
     ("generate again", "out run prompt timeline music guesses force", &[]),
     (
         "generate timeline",
@@ -85,10 +85,14 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("music-lstm evaluate", "run split frames cutoff json", &[]),
     ("music-lstm generate again", "out run force music", &[]),
     ("music-lstm generate", "run music music-from frames out force", &[]),
-    ("music-lstm resume", "steps", &[]),
-    ("music-lstm train", "music run labels only config audio pose effort teacher batch rate steps seed", &[READING]),
-    ("pretrain resume", "corpus steps precision device form trust", &[]),
-    ("pretrain", "config corpus run steps seed conditions from precision device form trust", &[]),
+    ("music-lstm resume", "steps set", &[]),
+    (
+        "music-lstm train",
+        "music run labels only config audio pose effort teacher batch rate steps seed set",
+        &[READING],
+    ),
+    ("pretrain resume", "corpus steps precision device form trust set", &[]),
+    ("pretrain", "config corpus run steps seed conditions from precision device form trust set", &[]),
     ("query build", "labels strict out transform run no-dc keep joints window hop fps raw", &[READING]),
     (
         "query evaluate",

@@ -327,7 +327,10 @@ fn dances_are_held_to_real_ones() {
     assert!(found["prompted"][0][1]["coordination"]["effect"].is_number() && found["copied"]["copy_rate"].is_number());
     // a corpus of other words says so, and compares no characters
     let mut c = kinelm();
-    c.args(["tokenizer", "fit", "--joints", "13", "--bins", "60"]).arg(way.at("data")).arg("--labels").arg(way.at("labels.csv"));
+    c.args(["tokenizer", "fit", "--joints", "13", "--bins", "60"])
+        .arg(way.at("data"))
+        .arg("--labels")
+        .arg(way.at("labels.csv"));
     c.arg("--out").arg(way.at("coarse.json")).assert().success();
     let mut c = kinelm();
     c.arg("tokenize").arg(way.at("data")).arg("--labels").arg(way.at("labels.csv"));

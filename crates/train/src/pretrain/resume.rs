@@ -89,28 +89,16 @@ fn changed(own: &TrainConfig, options: &PretrainOptions) -> Result<TrainConfig> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::StepMetrics;
-    use crate::{CorpusPart, NoProgress, Progress, fixture, pretrain};
+    use crate::pretrain::tests::StopAt;
+    use crate::{CorpusPart, NoProgress, fixture, pretrain};
     use kinelm_corpus::Split;
-    use kinelm_model::likelihood::Likelihood;
     use kinelm_model::run::WEIGHTS;
     use kinelm_store::Kind;
     use std::path::Path;
-    use std::sync::atomic::{AtomicBool, Ordering};
-    use std::time::Duration;
+    use std::sync::atomic::AtomicBool;
 
     const CONFIG: &str = "[model]\nlayers = 1\nheads = 2\nwidth = 16\ncontext = 24\n[train]\nbatch = 3\nsteps = 8\n\
                           warmup = 2\nlearning_rate = 1e-2\neval_every = 4\nkeep = 9\n";
-
-    struct StopAt<'a>(u64, &'a AtomicBool);
-
-    impl Progress for StopAt<'_> {
-        fn step(&mut self, f: &StepMetrics, _: u64, _: Duration) {
-            self.1.store(f.step == self.0, Ordering::Relaxed);
-        }
-        fn valid(&mut self, _: u64, _: &Likelihood, _: bool) {}
-        fn note(&mut self, _: &str) {}
-    }
 
     fn begun(dir: &Path, name: &str) -> PretrainOptions {
         let options = PretrainOptions {
@@ -121,7 +109,7 @@ mod tests {
             ..Default::default()
         };
         let stop = AtomicBool::new(false);
-        assert_eq!(pretrain(&options, &stop, &mut StopAt(3, &stop)).unwrap().step, 3);
+        assert_eq!(pretrain(&options, &stop, &mut StopAt(3, &stop, Vec::new())).unwrap().step, 3);
         PretrainOptions { run: options.run, resume: true, ..Default::default() }
     }
 
@@ -134,7 +122,7 @@ mod tests {
         let changes = |options: &PretrainOptions| PretrainOptions { set: set.clone(), ..options.clone() };
         let whole = pretrain(&changes(&whole), &AtomicBool::new(false), &mut NoProgress).unwrap();
         let stop = AtomicBool::new(false);
-        assert_eq!(pretrain(&changes(&parts), &stop, &mut StopAt(5, &stop)).unwrap().step, 5);
+        assert_eq!(pretrain(&changes(&parts), &stop, &mut StopAt(5, &stop, Vec::new())).unwrap().step, 5);
         let run = parts.run.clone().unwrap();
         let file = RunFile::read(&run).unwrap();
         let train = &file.train;

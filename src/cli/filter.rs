@@ -29,7 +29,7 @@ pub struct Args {
     #[arg(long, value_name = "K", conflicts_with = "cutoff", value_parser = super::values::count)]
     keep: Option<usize>,
     /// Use a zero-phase Butterworth filter of this order instead, as scipy's butter and filtfilt
-    #[arg(long, value_name = "ORDER", requires = "cutoff", conflicts_with = "keep",
+    #[arg(long, value_name = "ORDER", conflicts_with = "keep",
         value_parser = super::values::within(1..=butterworth::MAX_ORDER))]
     butterworth: Option<usize>,
     /// Lock feet that are in contact with the floor, and keep the body on it; without --level, --cutoff or --keep

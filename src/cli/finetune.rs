@@ -37,6 +37,10 @@ pub struct Args {
     /// Number format of matrix products: f32, bf16, or auto, the quicker one here; overrides the file
     #[arg(long, value_name = "f32|bf16|auto")]
     precision: Option<Precision>,
+    /// Any other key, as in the file: train.batch=4, model.dropout=0, augment.mirror=0.5; may be repeated. The other options
+    /// win over it
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
     #[command(flatten)]
     compute: ComputeArgs,
     #[command(flatten)]
@@ -50,6 +54,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let options = PretrainOptions {
         from: args.from,
         file: args.config.as_deref().map(TrainFile::find).transpose()?,
+        set: args.set,
         corpora: args.corpus,
         run: args.run,
         steps: args.steps,

@@ -84,7 +84,7 @@ impl SettingsArgs {
         self.translation.iter().for_each(|t| settings.set_in_scheme("translation", t.as_str()));
         self.height.iter().for_each(|t| settings.set_in_scheme("height", t.as_str()));
         for pair in &self.set {
-            settings.set_pair(pair).map_err(|e| WrongCall(format!("--set {pair}: {e}")))?;
+            settings.set_pair(pair)?;
         }
         let Some(path) = &self.config else { return settings.config().map_err(|e| WrongCall(e.to_string()).into()) };
         if own.is_err() {

@@ -26,6 +26,7 @@ mod many;
 mod mirror;
 mod music;
 mod music_lstm;
+mod needs;
 mod pretrain;
 mod query;
 mod read;
@@ -69,7 +70,7 @@ pub fn parser() -> clap::Command {
 /// It sets up the threads of the whole process: a process calls it once.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
     let args: Vec<OsString> = args.into_iter().collect();
-    let call = match parse::<Call>(&args) {
+    let call = match parse::<Call>(&args, needs::check) {
         Ok(call) => call,
         Err(e) => return refused(e),
     };

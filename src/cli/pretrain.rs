@@ -3,7 +3,7 @@
 use super::{ComputeArgs, Say, TrustArgs};
 use crate::store::{self, presets};
 use crate::train::config::TRAIN;
-use crate::train::{CorpusPart, Precision, PretrainOptions, Summary, TrainFile};
+use crate::train::{CorpusPart, Precision, PretrainOptions, RESUMABLE, Summary, TrainFile};
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -36,6 +36,10 @@ pub struct Args {
     /// Number format of matrix products: f32, bf16, or auto, the quicker one here; overrides the file
     #[arg(long, value_name = "f32|bf16|auto")]
     precision: Option<Precision>,
+    /// Any other key, as in the file: train.batch=4, model.dropout=0, augment.mirror=0.5; may be repeated. The other options
+    /// win over it
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
     #[command(flatten)]
     compute: ComputeArgs,
     #[command(flatten)]
@@ -61,6 +65,8 @@ pub struct ResumeArgs {
     /// Number format of matrix products, instead of the run's
     #[arg(long, value_name = "f32|bf16|auto")]
     precision: Option<Precision>,
+    #[arg(long = "set", value_name = "KEY=VALUE", help = resumable_help())]
+    set: Vec<String>,
     #[command(flatten)]
     compute: ComputeArgs,
     #[command(flatten)]
@@ -72,12 +78,17 @@ fn config_help() -> String {
     format!("Training settings: {names}, or a TOML file, whose paths are relative to it")
 }
 
+fn resumable_help() -> String {
+    format!("A key of the run's settings that changes from here on: {}; may be repeated", RESUMABLE.join(", "))
+}
+
 pub fn run(args: Args, say: Say) -> Result<()> {
     if let Some(Resume::Resume(args)) = args.resume {
         return resume(args, "pretrain", say);
     }
     let options = PretrainOptions {
         file: args.config.as_deref().map(TrainFile::find).transpose()?,
+        set: args.set,
         corpora: args.corpus,
         run: args.run,
         steps: args.steps,
@@ -95,6 +106,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 /// Resumes a run that `command` started.
 pub fn resume(args: ResumeArgs, command: &str, say: Say) -> Result<()> {
     let options = PretrainOptions {
+        set: args.set,
         corpora: args.corpus,
         run: Some(args.run),
         steps: args.steps,

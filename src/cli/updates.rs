@@ -1,6 +1,7 @@
 //! What the commands of the baselines have in common: training that can be resumed, dances that can be made again.
 
 use super::{ForceArgs, Say, generate, progress, training, wrong_call};
+use crate::baselines::Changes;
 use crate::baselines::data::Sources;
 use crate::baselines::sidecar::{Request, Sidecar};
 use crate::baselines::train::{Event, Summary};
@@ -20,6 +21,17 @@ pub struct ResumeArgs {
     /// Total updates, instead of the run's
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,
+    /// A key of the run's settings that changes from here on: learning_rate, steps, checkpoint_every, keep, of a music LSTM
+    /// also clip; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+impl ResumeArgs {
+    /// What the call changes.
+    pub fn changes(&self) -> Changes {
+        Changes { set: self.set.clone(), steps: self.steps }
+    }
 }
 
 #[derive(Debug, clap::Args)]

@@ -29,14 +29,18 @@ type Flags = BTreeMap<String, String>;
 /// The process has one command.
 static FLAGS: OnceLock<Flags> = OnceLock::new();
 
-/// Parses a call and remembers its command's flags for [`chain`].
+/// Parses a call, which `check` may refuse, and remembers its command's flags for [`chain`].
 ///
 /// # Errors
-/// The parser's, without control characters out of the call's own words.
-pub fn parse<Call: CommandFactory + FromArgMatches>(args: &[OsString]) -> Result<Call, clap::Error> {
+/// The parser's and those of `check`, without control characters out of the call's own words.
+pub fn parse<Call: CommandFactory + FromArgMatches>(
+    args: &[OsString],
+    check: impl Fn(&Command, &ArgMatches) -> Result<(), clap::Error>,
+) -> Result<Call, clap::Error> {
     let parsed = |args: &[OsString]| {
         let mut command = Call::command();
         let matches = command.try_get_matches_from_mut(args)?;
+        check(&command, &matches)?;
         let call = Call::from_arg_matches(&matches).map_err(|e| e.format(&mut command))?;
         let _ = FLAGS.set(flags(&command, &matches));
         Ok(call)
@@ -64,20 +68,24 @@ fn flags(mut command: &Command, mut matches: &ArgMatches) -> Flags {
 }
 
 /// A message in which a parameter's name in backquotes is its flag, where there is one: `` `top_p` `` becomes `--top-p`. A
-/// value that was found stays as it is.
+/// value that was found stays as it is, and so do all other backquotes: names of files have them too.
 fn with_flags(text: &str, flags: &Flags) -> String {
-    let parts: Vec<&str> = text.split('`').collect();
-    let mut out = String::new();
-    for (i, part) in parts.iter().enumerate() {
-        let is_quoted = i % 2 == 1 && i + 1 < parts.len();
-        match flags.get(&part.replace('-', "_")).filter(|_| is_quoted && !parts[i - 1].ends_with("found ")) {
-            Some(flag) => out += &format!("--{flag}"),
-            None if is_quoted => out += &format!("`{part}`"),
-            None if i % 2 == 1 => out += &format!("`{part}"),
-            None => out += part,
+    let (mut out, mut rest) = (String::new(), text);
+    while let Some((before, after)) = rest.split_once('`') {
+        out += before;
+        let quoted = after.split_once('`').filter(|_| !before.ends_with("found "));
+        match quoted.and_then(|(name, after)| Some((flags.get(&name.replace('-', "_"))?, after))) {
+            Some((flag, after)) => {
+                out += &format!("--{flag}");
+                rest = after;
+            }
+            None => {
+                out.push('`');
+                rest = after;
+            }
         }
     }
-    out
+    out + rest
 }
 
 /// Prints what the parser has to say, help included. Returns the exit code: 0 after help that was requested and printed, 2
@@ -167,6 +175,7 @@ mod tests {
         assert_eq!(said("`top_p` is 3; expected 0 to 1"), "--top-p is 3; expected 0 to 1");
         assert_eq!(said("a: `labels`: none, `top_k` and `top_p"), "a: --label: none, `top_k` and `top_p");
         assert_eq!(said("l.csv:1:2: found `top_p`, expected `top-p`"), "l.csv:1:2: found `top_p`, expected --top-p");
+        assert_eq!(said("a`b.bvh: `top_p` is 3, not `x`"), "a`b.bvh: --top-p is 3, not `x`");
         assert_eq!(with_flags("`top_p` is 3", &of("kinelm other")), "`top_p` is 3");
     }
 

@@ -71,7 +71,10 @@ fn a_run_goes_on_and_says_how_it_was_asked() {
     let wrong = [
         (format!("{TRAIN} --only genre=waltz --run x"), "no clip with genre=waltz"),
         (format!("{TRAIN} --wiring old --run x"), "possible values: fixed, compat"),
-        (format!("{TRAIN} --root-order ZZX --run x"), "the order of a joint's angles is \"ZZX\""),
+        (
+            format!("{TRAIN} --representation euler --root-order ZZX --run x"),
+            "the order of a joint's angles is \"ZZX\"",
+        ),
         (format!("{TRAIN} --fps-source 50 --run x"), "found 50 frames a second, expected a multiple of 30"),
     ];
     for (words, message) in wrong {

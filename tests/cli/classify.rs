@@ -64,12 +64,13 @@ fn a_classifier_its_figures_and_a_name() {
         contains("2 test clips; learned from 4 train clips")
             .and(contains("majority class"))
             .and(contains("LDA of the model's vectors"))
-            .and(contains("class tokens by clip, a row per true class, a column per predicted one")),
+            .and(contains("class tokens by clip, a row per true class, a column per predicted one"))
+            .and(contains("class tokens and LDA by clip, a row per true class, a column per predicted one")),
     );
     assert!(fs::read(data.at("confusion.png")).unwrap().starts_with(b"\x89PNG"));
     data.run(&format!("{eval} --plot confusion.svg")).success();
     let svg = fs::read_to_string(data.at("confusion.svg")).unwrap();
-    assert!(svg.contains("genre: ") && svg.matches("waltz").count() == 2, "{svg}");
+    assert!(svg.contains("genre by class tokens: ") && svg.contains("genre by class tokens and LDA: "), "{svg}");
     let figures = json(data.call(eval).arg("--json"));
     assert_eq!((&figures["schema"], &figures["clips"]), (&1.into(), &serde_json::json!([4, 2])));
     let rows = figures["rows"].as_array().unwrap();

@@ -134,6 +134,22 @@ fn numbers_outside_their_range_are_wrong_calls() {
     assert!(data.said("inspect a.gltf", 1).contains("export it as glTF Binary, one .glb"));
 }
 
+/// A fault of a file is failed work and a wrong option a wrong call, whatever the file is called.
+#[test]
+fn quotes_in_a_name_change_no_exit_code() {
+    let data = data();
+    for name in ["plain", "q`x`", "`no`", "a`b", "it's\"one\""] {
+        let [toml, bvh] = ["toml", "bvh"].map(|extension| format!("{name}.{extension}"));
+        data.write(&toml, "[train]\nbatch = 0\n");
+        let said = data.said(&format!("pretrain --config {toml} --corpus corpus --run never"), 1);
+        assert!(said.contains(&format!("{toml}: train.batch is 0; expected 1 to 65536")), "{said}");
+        data.write(&bvh, "HIERARCHY\nROOT");
+        assert!(data.said(&format!("inspect {bvh}"), 1).contains(&bvh));
+        let said = data.said(&format!("generate --run run --music {bvh} --frames 5 --out m.bvh"), 2);
+        assert!(said.contains(&format!("--music {bvh}: this model is not conditioned on music")), "{said}");
+    }
+}
+
 #[test]
 fn heights_above_the_floor_are_told_as_heights() {
     let data = data();

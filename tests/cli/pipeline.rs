@@ -325,6 +325,27 @@ fn dances_are_held_to_real_ones() {
     assert!(names[..3] == ["train", "valid", "dances"] && names[3].ends_with("held.json"), "{names:?}");
     assert_eq!(found["prompted"][0][1]["mismatch"], 0.0, "given characters come out as they went in");
     assert!(found["prompted"][0][1]["coordination"]["effect"].is_number() && found["copied"]["copy_rate"].is_number());
+    // a corpus of other words says so, and compares no characters
+    let mut c = kinelm();
+    c.args(["tokenizer", "fit", "--joints", "13", "--bins", "60"])
+        .arg(way.at("data"))
+        .arg("--labels")
+        .arg(way.at("labels.csv"));
+    c.arg("--out").arg(way.at("coarse.json")).assert().success();
+    let mut c = kinelm();
+    c.arg("tokenize").arg(way.at("data")).arg("--labels").arg(way.at("labels.csv"));
+    c.arg("--tokenizer").arg(way.at("coarse.json")).arg("--out").arg(way.at("coarse")).assert().success();
+    let evaluate = |more: &[&str]| {
+        let mut c = kinelm();
+        c.args(["evaluate", "dance", "--real"]).arg(way.at("coarse")).arg(way.at("held.json")).args(more);
+        String::from_utf8(c.assert().success().get_output().stdout.clone()).unwrap()
+    };
+    let other = "the corpus has another tokenizer (";
+    let text = evaluate(&[]);
+    assert!(text.contains(&format!("its characters are not compared: {other}")) && !text.contains("differ"), "{text}");
+    let found: serde_json::Value = serde_json::from_str(&evaluate(&["--json"])).unwrap();
+    let prompted = &found["prompted"][0][1];
+    assert!(prompted["mismatch"].is_null() && prompted["not_compared"].as_str().unwrap().starts_with(other), "{found}");
     let mut c = kinelm();
     c.args(["evaluate", "dance", "--real"]).arg(way.at("data")).arg(way.at("held.json"));
     c.assert().code(2).stderr(contains("no corpus.json"));

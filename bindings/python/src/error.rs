@@ -55,7 +55,7 @@ impl Data {
             }
             StoreError::File(fault) => Data::at(&fault.at, &fault.found, &fault.expected),
             StoreError::Invalid { name, found, expected } => {
-                let name = Some(name.trim_matches('`').to_owned());
+                let name = Some(name.parameter().map_or_else(|| name.to_string(), str::to_owned));
                 Data { name, found: Some(found.clone()), expected: Some(expected.clone()), ..none }
             }
             _ => none,

@@ -16,7 +16,7 @@ pub mod train;
 
 pub use kinelm_model::{Error, Result};
 pub use mean::Mean;
-pub use run::{RunConfig, Settings};
+pub use run::{Changes, RunConfig, Settings};
 
 /// Frames a second of training and generation.
 pub const FPS: f64 = 30.0;

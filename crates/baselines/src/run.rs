@@ -8,7 +8,7 @@ use kinelm_model::run::{CONFIG, WEIGHTS};
 use kinelm_model::weights;
 use kinelm_store::presets::{self, Presets};
 use kinelm_store::{FileRecord, files, input};
-use kinelm_train::config::in_file;
+use kinelm_train::config::{in_file, in_set};
 use kinelm_train::optimizer::floats;
 use kinelm_train::trainer::check_steps;
 use serde::de::DeserializeOwned;
@@ -31,11 +31,13 @@ pub struct Kind {
 }
 
 /// Settings of a network, in a file or built in.
-pub trait Settings: DeserializeOwned {
+pub trait Settings: Serialize + DeserializeOwned + Clone + PartialEq {
     /// The built-in settings.
     const PRESETS: &'static Presets;
     /// Their folder in configs/, and what they are.
     const FOLDER: (&'static str, &'static str);
+    /// The keys that a run may change when it is resumed.
+    const RESUMABLE: &'static [&'static str];
 
     /// Checks every key.
     ///
@@ -52,13 +54,23 @@ pub trait Settings: DeserializeOwned {
         settings.validate().map_err(|e| in_file(name_or_path, e))?;
         Ok(settings)
     }
+
+    /// The settings with keys set over their own, each written as `KEY=VALUE`.
+    ///
+    /// # Errors
+    /// Keys that are unknown, values of another type or outside their limits.
+    fn with_keys(&self, set: &[String]) -> Result<Self> {
+        let settings = presets::with_keys(self, set, "checkpoint_every=500")?;
+        Self::validate(&settings).map_err(in_set)?;
+        Ok(settings)
+    }
 }
 
 /// Checks that a key is within its limits.
 ///
 /// # Errors
 /// [`kinelm_store::Error::Invalid`] if it isn't.
-pub(crate) fn within<T: PartialOrd + Display>(key: &str, found: T, limits: RangeInclusive<T>) -> Result<()> {
+pub(crate) fn within<T: PartialOrd + Display>(key: &'static str, found: T, limits: RangeInclusive<T>) -> Result<()> {
     match limits.contains(&found) {
         true => Ok(()),
         false => Err(Error::invalid(key, found, format!("{} to {}", limits.start(), limits.end()))),
@@ -69,29 +81,41 @@ pub(crate) fn within<T: PartialOrd + Display>(key: &str, found: T, limits: Range
 ///
 /// # Errors
 /// [`kinelm_store::Error::Invalid`] if it isn't.
-pub(crate) fn positive(key: &str, found: f64) -> Result<()> {
+pub(crate) fn positive(key: &'static str, found: f64) -> Result<()> {
     match found > 0.0 && found.is_finite() {
         true => Ok(()),
         false => Err(Error::invalid(key, found, "a number above 0")),
     }
 }
 
+/// What changes when a run is resumed.
+#[derive(Debug, Clone, Default)]
+pub struct Changes {
+    /// Keys of its settings, each as `learning_rate=1e-4`; those of [`Settings::RESUMABLE`].
+    pub set: Vec<String>,
+    /// Updates in all, over those of `set`.
+    pub steps: Option<u64>,
+}
+
+/// Why other settings stay.
+const WHY: &str = "weights, optimizer and sequences depend on it, so a resumed run keeps it; begin a new run";
+
 /// `config.toml` of a run.
 pub trait RunConfig: Serialize + DeserializeOwned + Clone {
+    /// Its settings.
+    type Config: Settings;
+
     /// The kind of run.
     const KIND: Kind;
 
     /// The same with other paths.
     fn with_paths(&self, path: &dyn Fn(&Path) -> PathBuf) -> Self;
 
-    /// Updates in all.
-    fn steps(&mut self) -> &mut u64;
+    /// The settings.
+    fn config(&mut self) -> &mut Self::Config;
 
-    /// Checks the settings.
-    ///
-    /// # Errors
-    /// [`kinelm_store::Error::Invalid`] for the first key outside its limits.
-    fn validate(&self) -> Result<()>;
+    /// Updates in all.
+    fn steps(config: &mut Self::Config) -> &mut u64;
 
     /// Writes it; paths are relative to the run.
     ///
@@ -130,21 +154,29 @@ pub trait RunConfig: Serialize + DeserializeOwned + Clone {
             let (found, expected) = (format!("version {}", head.version), format!("version {}", kind.version));
             return Err(Error::file(&path, found, expected, "take the kinelm that wrote it"));
         }
-        let file: Self = toml::from_str(&text).map_err(wrong)?;
-        file.validate().map_err(|e| in_file(&path, e))?;
+        let mut file: Self = toml::from_str(&text).map_err(wrong)?;
+        file.config().validate().map_err(|e| in_file(&path, e))?;
         Ok(file.with_paths(&|path| files::path_in(run, path)))
     }
 
-    /// Sets and writes another number of updates, if one is given.
+    /// Changes the settings, and writes them where they differ.
     ///
     /// # Errors
-    /// Fewer than are done; what the system refuses.
-    fn set_steps(&mut self, run: &Path, steps: Option<u64>) -> Result<()> {
-        let Some(steps) = steps.filter(|steps| steps != self.steps()) else { return Ok(()) };
-        check_steps(run, steps)?;
-        *self.steps() = steps;
-        self.validate()?;
-        self.write(run)
+    /// A key that stays, a value outside its limits, fewer updates than are done; what the system refuses.
+    fn change(&mut self, run: &Path, changes: &Changes) -> Result<()> {
+        presets::check_keys(&changes.set, Self::Config::RESUMABLE, WHY)?;
+        let mut config = self.config().with_keys(&changes.set)?;
+        let steps = Self::steps(&mut config);
+        *steps = changes.steps.unwrap_or(*steps);
+        if *steps != *Self::steps(self.config()) {
+            check_steps(run, *steps)?;
+        }
+        config.validate()?;
+        if config != *self.config() {
+            *self.config() = config;
+            self.write(run)?;
+        }
+        Ok(())
     }
 }
 

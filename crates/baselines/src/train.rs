@@ -1,6 +1,7 @@
 //! Training of LSTMs: Adam at one rate, on batches that are functions of their number.
 
 use crate::Result;
+use crate::run::Changes;
 use kinelm_engine::arena::Floats;
 use kinelm_model::checkpoint::{Checkpoints, State};
 use kinelm_model::fast::named;
@@ -26,8 +27,8 @@ use std::time::Instant;
 pub enum Start<C, S> {
     /// A new run of these settings on these sources.
     New(C, S),
-    /// A run that exists, to this number of steps if given.
-    Resume(Option<u64>),
+    /// A run that exists, with these changes.
+    Resume(Changes),
 }
 
 /// A network with its data.

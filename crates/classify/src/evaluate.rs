@@ -11,6 +11,9 @@ use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_model::LoadedRun;
 use serde::Serialize;
 
+/// The rows of the measured classifier, without and with linear discriminants beside the class tokens.
+pub(super) const CLASSIFIER: [&str; 2] = ["class tokens", "class tokens and LDA"];
+
 /// A classifier's metrics on one field.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
@@ -78,7 +81,7 @@ impl Classifier {
                 }
             }
             let of_field = |s: &ClassScores| ClassScores { log_p: vec![s.log_p[table].clone()], ..s.clone() };
-            for (name, scores, by_window) in [("class tokens", &tokens, true), ("class tokens and LDA", &both, false)] {
+            for (name, (scores, by_window)) in CLASSIFIER.into_iter().zip([(&tokens, true), (&both, false)]) {
                 rows.push(row(name, &scores.iter().map(of_field).collect::<Vec<_>>(), by_window)?);
             }
         }

@@ -1,6 +1,6 @@
 //! A comparison as text and as charts.
 
-use super::evaluate::{Comparison, Row};
+use super::evaluate::{CLASSIFIER, Comparison, Row};
 use super::fields::Field;
 use super::metrics::Metrics;
 use kinelm_view::plot::{Chart, Matrix};
@@ -8,24 +8,28 @@ use std::fmt;
 use std::fmt::Write;
 
 impl Comparison {
-    /// The confusion of the class tokens by clip, a chart per field.
+    /// The confusion by clip of the class tokens, and of these with LDA: a chart per field and row, whose title has both.
     pub fn charts(&self) -> Vec<Chart> {
-        let chart = |field: &Field| {
-            let row = self.rows.iter().rfind(|r| r.field == field.name)?;
+        let chart = |field: &Field, row: &Row| {
             let (count, right) = (row.clips.count, 100.0 * row.clips.accuracy);
-            Some(Chart {
-                title: format!("{}: {right:.1} % of {count} {} clips", field.name, self.split),
+            Chart {
+                title: format!("{} by {}: {right:.1} % of {count} {} clips", field.name, row.name, self.split),
                 x: "predicted".into(),
                 y: "true".into(),
                 matrix: Some(Matrix { names: field.classes.clone(), counts: row.clips.confusion.clone() }),
                 ..Chart::default()
-            })
+            }
         };
-        self.fields.0.iter().filter_map(chart).collect()
+        self.fields.0.iter().flat_map(|field| self.own_rows(field).map(move |row| chart(field, row))).collect()
+    }
+
+    /// The rows of a field that are the classifier's own.
+    fn own_rows<'a>(&'a self, field: &'a Field) -> impl Iterator<Item = &'a Row> {
+        self.rows.iter().filter(|row| row.field == field.name && CLASSIFIER.contains(&&*row.name))
     }
 }
 
-/// Tables of all fields, and the confusion of the class tokens by clip.
+/// Tables of all fields, and the confusion by clip of the class tokens, and of these with LDA.
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [train, clips] = self.clips;
@@ -42,11 +46,8 @@ impl fmt::Display for Comparison {
                 "{:<27} {:>9} {:>15} {:>9} {:>9} {:>6} {:>7}   {:>9} {:>15}",
                 "by clip", "right %", "95 %", "balanced", "macro F1", "ECE", "nats", "windows %", "95 %"
             )?;
-            let mut rows = self.rows.iter().filter(|r| r.field == *name);
-            rows.clone().try_for_each(|row| f.write_str(&line(row)))?;
-            if let Some(row) = rows.next_back() {
-                f.write_str(&confusion(field, &row.clips))?;
-            }
+            self.rows.iter().filter(|r| r.field == *name).try_for_each(|row| f.write_str(&line(row)))?;
+            self.own_rows(field).try_for_each(|row| f.write_str(&confusion(field, row)))?;
         }
         Ok(())
     }
@@ -73,15 +74,15 @@ fn line(row: &Row) -> String {
 }
 
 /// A row per true class, a column per predicted one.
-fn confusion(field: &Field, figures: &Metrics) -> String {
+fn confusion(field: &Field, of: &Row) -> String {
     let wide = field.classes.iter().map(|c| c.chars().count()).max().unwrap_or(0).max(5);
-    let mut text = format!("class tokens by clip, a row per true class, a column per predicted one\n{:>wide$}", "");
+    let mut text = format!("{} by clip, a row per true class, a column per predicted one\n{:>wide$}", of.name, "");
     for class in &field.classes {
         let short: String = class.chars().take(9).collect();
         let _ = write!(text, " {short:>9}");
     }
     text.push('\n');
-    for (class, row) in field.classes.iter().zip(&figures.confusion) {
+    for (class, row) in field.classes.iter().zip(&of.clips.confusion) {
         let _ = write!(text, "{class:>wide$}");
         for count in row {
             let _ = match count {
@@ -92,4 +93,53 @@ fn confusion(field: &Field, figures: &Metrics) -> String {
         text.push('\n');
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Fields, Outcome};
+    use kinelm_corpus::Split;
+
+    /// A row whose clips are predicted as these classes; the first two are of class 0, the last two of class 1.
+    fn row(name: &str, predicted: [usize; 4]) -> Row {
+        let outcome = |clip: usize| {
+            let log_p = [0, 1].map(|class| if class == predicted[clip] { 0.9f64.ln() } else { 0.1f64.ln() });
+            Outcome { clip, class: clip / 2, log_p: log_p.to_vec() }
+        };
+        let clips = Metrics::of(&[0, 1, 2, 3].map(outcome), 2, 1).unwrap();
+        Row { name: name.into(), field: "genre".into(), windows: None, clips }
+    }
+
+    #[test]
+    fn each_matrix_is_that_of_the_classifier_above_it() {
+        let classes = ["salsa".to_string(), "waltz".to_string()];
+        let field = Field { name: "genre".into(), classes: classes.to_vec(), clips: vec![2, 2] };
+        let predicted = [[1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 1, 1]];
+        let [plain, tokens, fused] = predicted;
+        let found = Comparison {
+            schema: 1,
+            fields: Fields(vec![field]),
+            split: Split::Test,
+            clips: [4, 4],
+            left_out: vec![0],
+            rows: vec![row("LDA", plain), row(CLASSIFIER[0], tokens), row(CLASSIFIER[1], fused)],
+        };
+        let text = found.to_string();
+        let matrix = |name: &str| {
+            let head = format!("\n{name} by clip, a row per true class, a column per predicted one\n");
+            let (_, below) = text.split_once(&head).unwrap_or_else(|| panic!("{name}: {text}"));
+            below.lines().skip(1).take(2).map(|line| line.split_whitespace().skip(1).collect()).collect::<Vec<Vec<_>>>()
+        };
+        assert_eq!(matrix("class tokens"), [["1", "1"], ["1", "1"]]);
+        assert_eq!(matrix("class tokens and LDA"), [["2", "."], [".", "2"]]);
+        assert_eq!(text.matches("a row per true class").count(), 2, "{text}");
+        let charts = found.charts();
+        let drawn: Vec<_> = charts.iter().map(|c| (&*c.title, c.matrix.as_ref().unwrap().counts.clone())).collect();
+        let expected = [
+            ("genre by class tokens: 50.0 % of 4 test clips", vec![vec![1, 1], vec![1, 1]]),
+            ("genre by class tokens and LDA: 100.0 % of 4 test clips", vec![vec![2, 0], vec![0, 2]]),
+        ];
+        assert_eq!(drawn, expected);
+    }
 }

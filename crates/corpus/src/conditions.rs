@@ -5,6 +5,7 @@
 
 use super::record::ClipRecord;
 use crate::{Error, Result};
+use kinelm_store::Subject;
 use kinelm_store::suggest::did_you_mean;
 use kinelm_tokenizer::{Special, Tokenizer, Vocabulary};
 use std::collections::{BTreeMap, BTreeSet};
@@ -91,16 +92,17 @@ impl Conditions {
                     false => format!("this model knows {}", self.fields.join(", ")),
                 };
                 let meant = did_you_mean(field, self.fields.iter().map(String::as_str));
-                return Err(Error::unsupported(format!("`labels` with {field}={value}"), format!("{known}{meant}")));
+                return Err(Error::unsupported(labels_with(field, value), format!("{known}{meant}")));
             };
             if !self.values[at].contains_key(value) {
                 let (known, meant) = (self.values(field), did_you_mean(value, self.values(field)));
                 let known = known.join(", ");
                 let why = format!("this model knows the {field} {known}{meant}");
-                return Err(Error::unsupported(format!("`labels` with {field}={value}"), why));
+                return Err(Error::unsupported(labels_with(field, value), why));
             }
             if labels.insert(field.clone(), value.clone()).is_some() {
-                return Err(Error::unsupported(format!("`labels` with {field} twice"), "give each field once"));
+                let twice = Subject::of_parameter("labels").with(format!("with {field} twice"));
+                return Err(Error::unsupported(twice, "give each field once"));
             }
         }
         Ok(self.front(&labels))
@@ -146,6 +148,11 @@ pub fn with_labels<'a>(
         }
     }
     Ok(grown)
+}
+
+/// A requested label, for messages.
+fn labels_with(field: &str, value: &str) -> Subject {
+    Subject::of_parameter("labels").with(format!("with {field}={value}"))
 }
 
 #[cfg(test)]

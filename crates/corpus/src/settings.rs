@@ -91,19 +91,7 @@ impl Settings {
     /// # Errors
     /// No `=`, an empty key, and a key below one that is no table.
     pub fn set_pair(&mut self, pair: &str) -> Result<()> {
-        let wrong = || Error::invalid("`settings`", pair, "KEY=VALUE, such as tile=60 or joint_transform.type=pca");
-        let (key, value) = pair.split_once('=').ok_or_else(wrong)?;
-        let value = format!("v = {value}").parse::<Table>().ok().and_then(|mut t| t.remove("v"));
-        let value = value.unwrap_or_else(|| pair[key.len() + 1..].into());
-        let mut steps: Vec<&str> = key.trim().split('.').collect();
-        let last = steps.pop().filter(|k| !k.is_empty()).ok_or_else(wrong)?;
-        let mut table = self.scheme();
-        for step in steps {
-            let below = table.entry(step).or_insert_with(|| Value::Table(Table::new()));
-            table = below.as_table_mut().ok_or_else(wrong)?;
-        }
-        table.insert(last.into(), value);
-        Ok(())
+        Ok(presets::set_key(self.scheme(), pair, "tile=60 or joint_transform.type=pca")?)
     }
 
     /// The scheme's keys; uniform bins if nothing is said.

@@ -138,7 +138,7 @@ impl CorpusWriter {
 
     fn check(&self, NewClip { record: clip, music }: &NewClip, ids: &[u32]) -> Result<()> {
         let wrong = |what: &str, found: String, expected: String| {
-            Err(Error::in_clip(&clip.name)(Error::invalid(what, found, expected)))
+            Err(Error::in_clip(&clip.name)(Error::invalid(what.to_string(), found, expected)))
         };
         let v = self.manifest.vocabulary;
         let expected = self.manifest.words_of(clip.frames);

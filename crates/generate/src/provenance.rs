@@ -11,6 +11,7 @@ use crate::sampler::{SamplingProgress, unwatched, variation_seed};
 use crate::{Error, Result};
 use kinelm_model::CheckpointChoice;
 use kinelm_motion::format::ReadOptions;
+use kinelm_store::Subject;
 use kinelm_store::output::{Ours, Outputs};
 use kinelm_store::sidecar::{self, FileHash, name_of, path_of};
 use kinelm_store::{FileRecord, files, hash, input};
@@ -215,7 +216,7 @@ impl Provenance {
         if let Some(run) = &moved.run {
             request.run.clone_from(run);
         }
-        let none = |name: &str, why: &str| Err(Error::unsupported(format!("`{name}`"), why));
+        let none = |name: &str, why: &str| Err(Error::unsupported(Subject::of_parameter(name), why));
         match (&moved.prompt, &moved.timeline, request.prompt.as_mut()) {
             (None, None, _) => {}
             (Some(path), None, Some(prompt)) if prompt.timeline.is_none() => prompt.path.clone_from(path),
@@ -310,5 +311,5 @@ fn check_hash(what: &str, expected: &str, found: &str) -> Result<()> {
         return Ok(());
     }
     let expected = format!("{expected}: it has changed since the dance was made");
-    Err(Error::invalid(what, format!("SHA-256 {found}"), expected))
+    Err(Error::invalid(what.to_string(), format!("SHA-256 {found}"), expected))
 }

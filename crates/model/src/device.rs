@@ -2,6 +2,7 @@
 
 use crate::{Error, Result};
 use candle_core::Device;
+use kinelm_store::Subject;
 use std::fmt;
 use std::str::FromStr;
 
@@ -50,14 +51,14 @@ impl DeviceName {
         match self {
             DeviceName::Cpu => Ok(Device::Cpu),
             DeviceName::Cuda(_) if !cfg!(feature = "cuda") => Err(Error::unsupported(
-                format!("`device` {self}"),
+                Subject::of_parameter("device").with(self),
                 "this kinelm was built without CUDA; build one with scripts/cuda/build.sh, or use cpu",
             )),
             DeviceName::Cuda(n) => Device::new_cuda(n).map_err(|e| {
                 let said = e.to_string(); // a backtrace may follow the first line
                 let first = said.lines().next().unwrap_or_default();
                 let help = "expected an Nvidia card of that number and its driver (see nvidia-smi), or cpu";
-                Error::unsupported(format!("`device` {self}"), format!("{first}; {help}"))
+                Error::unsupported(Subject::of_parameter("device").with(self), format!("{first}; {help}"))
             }),
         }
     }

@@ -86,7 +86,7 @@ pub(crate) fn check_rig(what: &str, skeleton: &Skeleton) -> Result<()> {
         return Ok(());
     }
     let found = format!("one of {} joints from {}", skeleton.joints(), skeleton.names()[0]);
-    Err(Error::invalid(what, found, "SMPL's 24 joints; retarget it first"))
+    Err(Error::invalid(what.to_string(), found, "SMPL's 24 joints; retarget it first"))
 }
 
 /// The neutral skeleton: 24 joints, no end sites.

@@ -48,8 +48,8 @@ pub enum Error {
     /// A parameter, a key of a file or an input has an invalid value.
     #[error("{name} is {found}; expected {expected}")]
     Invalid {
-        /// What has the value. A parameter has its library name in backquotes: `` `top_p` ``.
-        name: String,
+        /// What has the value.
+        name: Subject,
         /// Its value.
         found: String,
         /// The allowed values.
@@ -66,11 +66,70 @@ pub enum Error {
     /// What was requested can't be done with this model, format or input.
     #[error("{what}: {why}")]
     Unsupported {
-        /// The parameter, in backquotes, or the work that was requested.
-        what: String,
+        /// The parameter, or the work that was requested.
+        what: Subject,
         /// Why it can't be done, and what to do.
         why: String,
     },
+}
+
+/// What has an invalid value or can't be done: a parameter of the call, or what a file or an input holds.
+///
+/// Text of the code itself names a parameter by its library name in backquotes, and becomes one. Text that is put together
+/// at run time never does, since names of files and joints may have backquotes too.
+///
+/// ```
+/// # use kinelm_store::Subject;
+/// assert_eq!(Subject::from("the number of `labels`").parameter(), Some("labels"));
+/// assert_eq!(Subject::from(format!("clip {}", "a`b`.bvh")).parameter(), None);
+/// let joints = Subject::of_parameter("joints").with("tail");
+/// assert_eq!((joints.parameter(), joints.to_string().as_str()), (Some("joints"), "`joints` tail"));
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Subject {
+    text: String,
+    parameter: Option<String>,
+}
+
+impl Subject {
+    /// The parameter with this library name.
+    pub fn of_parameter(name: impl Into<String>) -> Subject {
+        let name = name.into();
+        Subject { text: format!("`{name}`"), parameter: Some(name) }
+    }
+
+    /// With the value or the part that it is about, after a blank.
+    pub fn with(self, detail: impl fmt::Display) -> Subject {
+        Subject { text: format!("{} {detail}", self.text), ..self }
+    }
+
+    /// The same in a file, which is at fault then, not the call.
+    pub fn in_file(self, path: &Path) -> Subject {
+        Subject { text: format!("{}: {}", path.display(), self.text), parameter: None }
+    }
+
+    /// The library name of the parameter, if it is one.
+    pub fn parameter(&self) -> Option<&str> {
+        self.parameter.as_deref()
+    }
+}
+
+impl From<&'static str> for Subject {
+    fn from(text: &'static str) -> Subject {
+        Subject { text: text.into(), parameter: text.split('`').nth(1).map(Into::into) }
+    }
+}
+
+impl From<String> for Subject {
+    fn from(text: String) -> Subject {
+        Subject { text, parameter: None }
+    }
+}
+
+impl fmt::Display for Subject {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
 }
 
 /// The kinds of errors of all crates.
@@ -113,7 +172,7 @@ impl Error {
     }
 
     /// A parameter, key or input with an invalid value: "`name` is `found`; expected `expected`".
-    pub fn invalid(name: impl Into<String>, found: impl fmt::Display, expected: impl Into<String>) -> Error {
+    pub fn invalid(name: impl Into<Subject>, found: impl fmt::Display, expected: impl Into<String>) -> Error {
         Error::Invalid { name: name.into(), found: found.to_string(), expected: expected.into() }
     }
 
@@ -123,7 +182,7 @@ impl Error {
     }
 
     /// A request that this model, format or input doesn't allow: "`what`: `why`".
-    pub fn unsupported(what: impl Into<String>, why: impl Into<String>) -> Error {
+    pub fn unsupported(what: impl Into<Subject>, why: impl Into<String>) -> Error {
         Error::Unsupported { what: what.into(), why: why.into() }
     }
 
@@ -143,10 +202,13 @@ impl Error {
             Error::Io { .. } => Kind::Io,
             Error::File(_) | Error::Missing { .. } => Kind::File,
             // a parameter is the caller's; everything else is what a file holds
-            Error::Invalid { name: what, .. } | Error::Unsupported { what, .. } if !what.contains('`') => Kind::File,
+            Error::Invalid { name: what, .. } | Error::Unsupported { what, .. } => match what.parameter {
+                Some(_) => Kind::Call,
+                None => Kind::File,
+            },
             Error::Stopped(_) => Kind::Stopped,
             Error::Limit { .. } => Kind::Limit,
-            Error::Taken { .. } | Error::Invalid { .. } | Error::Unsupported { .. } => Kind::Call,
+            Error::Taken { .. } => Kind::Call,
         }
     }
 
@@ -201,7 +263,7 @@ macro_rules! constructors {
 
             /// A parameter, key or input with an invalid value: "`name` is `found`; expected `expected`".
             pub fn invalid(
-                name: impl Into<String>,
+                name: impl Into<$crate::Subject>,
                 found: impl ::std::fmt::Display,
                 expected: impl Into<String>,
             ) -> $error {
@@ -214,7 +276,7 @@ macro_rules! constructors {
             }
 
             /// A request that this model, format or input doesn't allow: "`what`: `why`".
-            pub fn unsupported(what: impl Into<String>, why: impl Into<String>) -> $error {
+            pub fn unsupported(what: impl Into<$crate::Subject>, why: impl Into<String>) -> $error {
                 $crate::Error::unsupported(what, why).into()
             }
 
@@ -313,6 +375,24 @@ fn position(path: &Path, text: &str, byte: usize) -> SourcePos {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_a_parameter_makes_a_wrong_call_whatever_files_are_called() {
+        for name in ["a.bvh", "a`b.bvh", "`fps`.bvh", "a\"b'.bvh"] {
+            let of_file = Error::invalid(format!("{name}: a joint"), 0, "more");
+            assert_eq!(
+                (of_file.kind(), of_file.to_string()),
+                (Kind::File, format!("{name}: a joint is 0; expected more"))
+            );
+            assert_eq!(Error::unsupported(name.to_string(), "no").kind(), Kind::File);
+            let of_call = Error::unsupported(Subject::of_parameter("music").with(name), "no");
+            assert_eq!((of_call.kind(), of_call.to_string()), (Kind::Call, format!("`music` {name}: no")));
+            let key = Subject::from("`pose`").in_file(Path::new(name));
+            assert_eq!(Error::invalid(key, 1, "none").kind(), Kind::File);
+        }
+        assert_eq!(Error::invalid("`fps`", 0, "more").kind(), Kind::Call);
+        assert_eq!(Error::invalid("the rate of a clip", 0, "more").kind(), Kind::File);
+    }
 
     #[test]
     fn a_fault_says_where_what_and_what_to_do() {

@@ -3,9 +3,11 @@
 //! A built-in name takes precedence; `./NAME` is a file of that name.
 
 use crate::suggest::did_you_mean;
-use crate::{Error, Result, input};
+use crate::{Error, Result, Subject, input};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::Path;
+use toml::{Table, Value};
 
 /// Names and texts of settings.
 pub type Presets = [(&'static str, &'static str)];
@@ -48,7 +50,67 @@ pub fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Resul
     let name = name_or_path.display().to_string();
     let meant = did_you_mean(&name, presets.iter().map(|(name, _)| *name));
     Err(Error::unsupported(
-        format!("`config` {name:?}"),
+        Subject::of_parameter("config").with(format!("{name:?}")),
         format!("no {what}: neither a file nor one of {}{meant}", listed(presets)),
     ))
+}
+
+/// Sets a key of a table, written as `KEY=VALUE`; dots go into tables, which are made, and a value that is no TOML is text.
+///
+/// # Errors
+/// [`Error::Invalid`] for no `=`, an empty key, and a key below one that is no table; `example` says how it is written.
+pub fn set_key(table: &mut Table, pair: &str, example: &str) -> Result<()> {
+    let wrong = || Error::invalid("`set`", pair, format!("KEY=VALUE, such as {example}"));
+    let (key, text) = pair.split_once('=').ok_or_else(wrong)?;
+    let value = format!("v = {text}").parse::<Table>().ok().filter(|table| table.len() == 1);
+    let value = value.and_then(|mut table| table.remove("v")).unwrap_or_else(|| text.into());
+    let mut steps: Vec<&str> = key.trim().split('.').collect();
+    let last = steps.pop().filter(|key| !key.is_empty()).ok_or_else(wrong)?;
+    let mut table = table;
+    for step in steps {
+        let below = table.entry(step).or_insert_with(|| Value::Table(Table::new()));
+        table = below.as_table_mut().ok_or_else(wrong)?;
+    }
+    table.insert(last.into(), value);
+    Ok(())
+}
+
+/// Settings with keys set over their own, each written as [`set_key`] takes it.
+///
+/// # Errors
+/// Those of [`set_key`]; [`Error::Unsupported`] for an unknown key or a value of another type.
+///
+/// ```
+/// # #[derive(serde::Serialize, serde::Deserialize)]
+/// # #[serde(deny_unknown_fields)]
+/// # struct Settings { steps: u64 }
+/// use kinelm_store::presets::with_keys;
+///
+/// let settings = with_keys(&Settings { steps: 10 }, &["steps=20".into()], "steps=20")?;
+/// assert_eq!(settings.steps, 20);
+/// assert!(with_keys(&settings, &["stepz=30".into()], "steps=20").is_err());
+/// # kinelm_store::Result::Ok(())
+/// ```
+pub fn with_keys<T: Serialize + DeserializeOwned>(settings: &T, set: &[String], example: &str) -> Result<T> {
+    // names in backquotes would be taken for parameters
+    let wrong =
+        |what: &str| Error::unsupported(Subject::of_parameter("set").with(set.join(" ")), what.replace('`', ""));
+    let mut table = Table::try_from(settings).map_err(|e| wrong(&e.to_string()))?;
+    set.iter().try_for_each(|pair| set_key(&mut table, pair, example))?;
+    table.try_into().map_err(|e: toml::de::Error| wrong(e.message()))
+}
+
+/// Refuses to set any keys but `allowed`; `why` says why others stay.
+///
+/// # Errors
+/// [`Error::Unsupported`] for the first other one.
+pub fn check_keys(set: &[String], allowed: &[&str], why: &str) -> Result<()> {
+    let key = |pair: &String| pair.split('=').next().unwrap_or_default().trim().to_owned();
+    match set.iter().map(key).find(|key| !allowed.contains(&&**key)) {
+        Some(key) => {
+            let why = format!("{why}; what may change: {}", allowed.join(", "));
+            Err(Error::unsupported(Subject::of_parameter("set").with(key), why))
+        }
+        None => Ok(()),
+    }
 }

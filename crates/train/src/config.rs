@@ -9,7 +9,7 @@ use super::trainer::Cadence;
 use crate::{Error, Result};
 use kinelm_corpus::conditions::in_order;
 use kinelm_model::{ModelConfig, TokenLayout};
-use kinelm_store::{input, presets};
+use kinelm_store::{Subject, input, presets};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -27,6 +27,9 @@ pub const TRAIN: &kinelm_store::presets::Presets = &[
     ("demo", include_str!("../configs/demo.toml")),
     ("demo-music", include_str!("../configs/demo-music.toml")),
 ];
+
+/// A key as a call sets it.
+const EXAMPLE: &str = "train.batch=4";
 
 /// A training TOML.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -225,6 +228,50 @@ impl TrainFile {
         }
     }
 
+    /// The file with keys set over its own, each written as `TABLE.KEY=VALUE`: `train.batch=4`, `model.layers=6`.
+    ///
+    /// # Errors
+    /// Another table than `model`, `train` and `augment`; an unknown key; a value of another type or outside its limits.
+    ///
+    /// ```
+    /// # use kinelm_train::TrainFile;
+    /// let file = TrainFile::find("tiny".as_ref())?.with_keys(&["train.batch=4".into(), "model.dropout=0".into()])?;
+    /// assert_eq!((file.train.batch, file.model.dropout), (4, 0.0));
+    /// # kinelm_train::Result::Ok(())
+    /// ```
+    pub fn with_keys(&self, set: &[String]) -> Result<TrainFile> {
+        if set.is_empty() {
+            return Ok(self.clone());
+        }
+        let mut given = self.given.clone();
+        for pair in set {
+            let (table, key) = pair.split(['=']).next().unwrap_or_default().split_once('.').unwrap_or_default();
+            if !["model", "train", "augment"].contains(&table.trim()) {
+                let expected = format!("a key of [model], [train] or [augment], such as {EXAMPLE}");
+                return Err(Error::invalid("`set`", pair, expected));
+            }
+            if table.trim() == "model" {
+                given.insert(key.split('.').next().unwrap_or_default().trim().into(), true.into());
+            }
+        }
+        let file: TrainFile = presets::with_keys(self, set, EXAMPLE)?;
+        file.validate().map_err(in_set)?;
+        let model = toml::Table::try_from(&file.model).unwrap_or_default();
+        given
+            .iter_mut()
+            .filter_map(|(key, value)| Some((value, model.get(key)?)))
+            .for_each(|(value, own)| *value = own.clone());
+        Ok(TrainFile { path: self.path.clone(), given, ..file })
+    }
+
+    /// Checks every key.
+    fn validate(&self) -> Result<()> {
+        self.model.validate()?;
+        self.train.validate()?;
+        self.augment.validate()?;
+        self.corpora()?.iter().try_for_each(CorpusPart::validate)
+    }
+
     /// Parses the text of a training file; `path` is for messages. Paths stay as they are.
     ///
     /// # Errors
@@ -245,25 +292,27 @@ impl TrainFile {
         let mut file: TrainFile = toml::from_str(text).map_err(wrong)?;
         let table: toml::Table = toml::from_str(text).map_err(wrong)?;
         file.given = table.get("model").and_then(toml::Value::as_table).cloned().unwrap_or_default();
-        let corpora = || file.corpora()?.iter().try_for_each(CorpusPart::validate);
-        let checked = file
-            .model
-            .validate()
-            .and_then(|()| file.train.validate())
-            .and_then(|()| file.augment.validate())
-            .and_then(|()| corpora());
-        checked.map_err(|e| in_file(path, e))?;
+        file.validate().map_err(|e| in_file(path, e))?;
         Ok(file)
     }
 }
 
 /// An error of a key, with the file that it stands in.
 pub fn in_file(path: &Path, error: Error) -> Error {
+    about(error, |key| key.in_file(path))
+}
+
+/// An error of a key that a call sets, which is at fault then.
+pub fn in_set(error: Error) -> Error {
+    about(error, |key| Subject::of_parameter("set").with(key))
+}
+
+/// An error about something else.
+fn about(error: Error, subject: impl FnOnce(Subject) -> Subject) -> Error {
     use kinelm_store::Error as Store;
-    let at = |what: String| format!("{}: {what}", path.display());
     match error {
-        Error::Store(Store::Invalid { name, found, expected }) => Error::invalid(at(name), found, expected),
-        Error::Store(Store::Unsupported { what, why }) => Error::unsupported(at(what), why),
+        Error::Store(Store::Invalid { name, found, expected }) => Error::invalid(subject(name), found, expected),
+        Error::Store(Store::Unsupported { what, why }) => Error::unsupported(subject(what), why),
         error => error,
     }
 }
@@ -413,6 +462,30 @@ mod tests {
         assert!(said("[augment]\nspeed = nan").contains("augment.speed is NaN; expected 0 to 0.5"));
         assert!(said("corpus = \"a\"\n[[corpora]]\npath = \"b\"").contains("corpus and [[corpora]]"));
         assert!(said("[[corpora]]\npath = \"b\"\nweight = 0").contains("the weight of b is 0; expected 0.001 to 1000"));
+    }
+
+    #[test]
+    fn keys_are_set_over_those_of_a_file() {
+        let file = TrainFile::parse("[model]\nlayers = 2\n[train]\nbatch = 8\nsteps = 9", Path::new("a.toml")).unwrap();
+        let set = |pairs: &[&str]| file.with_keys(&pairs.iter().map(|pair| pair.to_string()).collect::<Vec<_>>());
+        let found = set(&["train.batch=4", "train.schedule=constant", "model.width=64", "augment.mirror=0.5"]).unwrap();
+        assert_eq!((found.train.batch, found.train.steps, found.train.schedule), (4, 9, Schedule::Constant));
+        assert_eq!((found.model.layers, found.model.width, found.augment.mirror), (2, 64, 0.5));
+        // what finetune holds to the weights' shape
+        let given: Vec<_> = found.given.iter().map(|(key, value)| (&**key, value.as_integer().unwrap())).collect();
+        assert_eq!(given, [("layers", 2), ("width", 64)]);
+        assert_eq!(set(&[]).unwrap(), file);
+        for (pair, says) in [
+            ("train.batch=0", "`set` train.batch is 0; expected 1 to 65536"),
+            ("train.batch=many", "`set` train.batch=many: invalid type: string"),
+            ("train.stepz=5", "`set` train.stepz=5: unknown field stepz, expected one of batch"),
+            ("train.batch", "`set` is train.batch; expected KEY=VALUE, such as train.batch=4"),
+            ("batch=4", "`set` is batch=4; expected a key of [model], [train] or [augment]"),
+            ("run=x", "`set` is run=x; expected a key of"),
+        ] {
+            let e = set(&[pair]).unwrap_err();
+            assert!(e.to_string().starts_with(says) && e.kind() == kinelm_store::Kind::Call, "{e}");
+        }
     }
 
     #[test]

@@ -49,7 +49,7 @@ pub use data::{CorpusPart, Data};
 pub use kinelm_model::{Error, Result};
 pub use learner::{BatchLoss, Learner, learner};
 pub use precision::Precision;
-pub use pretrain::{PretrainOptions, Summary, finetune, pretrain};
+pub use pretrain::{PretrainOptions, RESUMABLE, Summary, finetune, pretrain};
 pub use progress::{NoProgress, Progress};
 pub use schedule::Schedule;
 pub use trainer::{Task, Trainer};

@@ -63,6 +63,9 @@ pub struct Args {
     /// Seed of the first weights and of the sequences
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Any other setting, as in the file: length=60, turn=false; may be repeated. The other options win over it
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
     #[command(flatten)]
     read: ReadArgs,
 }
@@ -74,7 +77,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 }
 
 pub fn resume(args: &ResumeArgs, say: Say) -> Result<()> {
-    follow(&args.run, &Start::Resume(args.steps), say)
+    follow(&args.run, &Start::Resume(args.changes()), say)
 }
 
 fn follow(run: &Path, request: &Start, say: Say) -> Result<()> {
@@ -82,7 +85,7 @@ fn follow(run: &Path, request: &Start, say: Say) -> Result<()> {
 }
 
 fn config(args: &Args) -> Result<Config> {
-    let mut config = args.config.as_deref().map(Config::find).transpose()?.unwrap_or_default();
+    let mut config = args.config.as_deref().map(Config::find).transpose()?.unwrap_or_default().with_keys(&args.set)?;
     config.root_order = args.root_order.clone().or(config.root_order);
     set(&mut config.form, args.representation);
     set(&mut config.condition, args.condition);

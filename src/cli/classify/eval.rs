@@ -22,9 +22,9 @@ pub struct Args {
     #[arg(long)]
     baselines: bool,
     /// With --baselines: also LDA on this run's embeddings
-    #[arg(long, value_name = "RUN|DIR", requires = "baselines")]
+    #[arg(long, value_name = "RUN|DIR")]
     run: Option<PathBuf>,
-    /// Also plot the confusion matrix of the clips
+    /// Also plot the confusion of the clips: a matrix for class tokens and one for class tokens and LDA
     #[arg(long, value_name = "FILE.png|FILE.svg")]
     plot: Option<PathBuf>,
     #[command(flatten)]

@@ -77,7 +77,6 @@ fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&O
     let prompt = provenance.as_ref().and_then(|provenance| provenance.request.prompt.as_ref());
     let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
     let (take, in_training) = take_of(corpus, &sha256).unwrap_or_else(itself);
-    let prompted =
-        provenance.and_then(|provenance| prompt_metrics(&dance, path, &provenance.request, corpus.tokenizer(), say));
+    let prompted = provenance.and_then(|provenance| prompt_metrics(&dance, path, &provenance, corpus.tokenizer(), say));
     Ok(MeasuredDance { dance, take, in_training, prompted })
 }

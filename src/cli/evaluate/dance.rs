@@ -9,7 +9,6 @@ use crate::evaluate::dance::prompt::PromptMetrics;
 use crate::evaluate::dance::{Dance, Reference, requested_label};
 use crate::generate::prompt::given_characters;
 use crate::generate::provenance::{self, Provenance};
-use crate::generate::request::Resolved;
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::joints;
@@ -100,14 +99,14 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
             Some(field) => requested_label(&corpus, field, path, provenance.as_ref())?,
             None => None,
         });
-        let request = provenance.map(|provenance| provenance.request);
-        let given_joints = request.as_ref().and_then(|r| joints::parse(r.prompt.as_ref()?.joints.as_ref()?).ok());
+        let request = provenance.as_ref().map(|provenance| &provenance.request);
+        let given_joints = request.and_then(|r| joints::parse(r.prompt.as_ref()?.joints.as_ref()?).ok());
         joints_given.extend(given_joints.iter().flat_map(|given_joints| given_joints.joints.iter().copied()));
         let places = given_joints.and_then(|given_joints| given_characters(tokenizer, &given_joints).ok());
         // what was given to one dance only may be a copy in the others
         let places = places.unwrap_or_default();
         given = Some(given.map_or(places.clone(), |given| if given == places { given } else { Vec::new() }));
-        let found = request.and_then(|request| prompt_metrics(dance, path, &request, tokenizer, say));
+        let found = provenance.and_then(|provenance| prompt_metrics(dance, path, &provenance, tokenizer, say));
         report.prompted.extend(found.map(|found| (dance.name.clone(), found)));
     }
     for (of, dances) in best {
@@ -146,11 +145,11 @@ pub fn provenance_of(path: &Path, say: Say) -> Option<Provenance> {
 pub fn prompt_metrics(
     dance: &Dance,
     path: &Path,
-    request: &Resolved,
+    provenance: &Provenance,
     tokenizer: &Tokenizer,
     say: Say,
 ) -> Option<PromptMetrics> {
-    PromptMetrics::measure(dance, path, request, tokenizer).unwrap_or_else(|e| {
+    PromptMetrics::measure(dance, path, provenance, tokenizer).unwrap_or_else(|e| {
         say.line(format_args!("{}: its prompt is not compared: {e}", path.display()));
         None
     })

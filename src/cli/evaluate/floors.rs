@@ -1,6 +1,6 @@
 //! The static models that a model is measured beside.
 
-use crate::cli::{TrustArgs, WrongCall};
+use crate::cli::{TrustArgs, WrongCall, wrong_call};
 use crate::corpus::{Corpus, Split};
 use crate::evaluate::floors::codes::frames;
 use crate::evaluate::{Extent, Floors};
@@ -51,6 +51,12 @@ impl FloorsArgs {
 
     /// What they are fitted on, opened; a corpus of another tokenizer than that of `corpus` is a wrong call.
     pub fn fitted(&self, corpus: &Corpus, trust: TrustArgs) -> Result<Fitted> {
+        if let (None, Some(other)) = (self.extent(), &self.floors_from) {
+            wrong_call!(
+                "--floors-from {} with --floors none: nothing is fitted; leave one of them out",
+                other.display()
+            );
+        }
         let Some(extent) = self.extent() else { return Ok(Fitted::Nothing("--floors none".into())) };
         let Some(other) = &self.floors_from else {
             let what =

@@ -29,10 +29,6 @@ pub struct MusicArgs {
 /// The beats of --beats or --music in seconds from the first frame: one list for all dances, or one for each. Every piece is
 /// analysed once.
 pub fn beats(args: &MusicArgs, dances: usize, pieces: &mut BTreeMap<PathBuf, Beats>) -> Result<Option<Vec<Vec<f64>>>> {
-    if args.music_from.is_some() && args.beats.is_none() && args.music.is_empty() {
-        let what = "--music-from without --music or --beats: the sidecar of a dance says where its music starts";
-        return Err(WrongCall(what.into()).into());
-    }
     let from_s = args.music_from.unwrap_or(0.0);
     if let Some(path) = &args.beats {
         let text = input::text(path).map_err(crate::Error::io(path))?;

@@ -18,10 +18,10 @@ pub struct BestArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=16), conflicts_with = "greedy")]
     pub best: Option<u8>,
     /// The corpus of real dances to compare with [default: the run's corpus of the largest weight]
-    #[arg(long, value_name = "CORPUS", requires = "best")]
+    #[arg(long, value_name = "CORPUS")]
     real: Option<PathBuf>,
     /// Write all N, the best first
-    #[arg(long, requires = "best", conflicts_with = "variations")]
+    #[arg(long, conflicts_with = "variations")]
     keep_all: bool,
 }
 

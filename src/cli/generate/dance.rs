@@ -31,7 +31,7 @@ pub struct DanceArgs {
     #[arg(long, value_name = "FILE")]
     music: Option<PathBuf>,
     /// The time in the music at which the dance starts: 12.5s, 12.5 or 250f (frames of the model) [default: 0s]
-    #[arg(long, value_name = "SECONDS", value_parser = time, requires = "music")]
+    #[arg(long, value_name = "SECONDS", value_parser = time)]
     music_from: Option<Moment>,
     /// Guidance towards labels and music: 1 as trained, 2 to 3 stronger, at twice the time [default: 3 where the model is
     /// conditioned on beats, 2 on sound, else 1]
@@ -66,10 +66,10 @@ pub struct DanceArgs {
     lead_in: Option<LeadInKind>,
     /// The rig that the dance is written on: the model's (SMPL-24) or the prompt's [default: prompt with --given or --free,
     /// else model]
-    #[arg(long, value_enum, requires_if("prompt", "prompt"))]
+    #[arg(long, value_enum)]
     rig: Option<Rig>,
     /// The motion of joints that the model doesn't code [default: follow with a prompt, else training]
-    #[arg(long, value_enum, requires_ifs([("follow", "prompt"), ("prompt", "prompt"), ("mean", "prompt")]))]
+    #[arg(long, value_enum)]
     uncoded_joints: Option<UncodedJoints>,
     /// Lock the feet while they are in contact with the floor, and keep the body on it, or leave all as decoded [default: lock
     /// where no leg is given]

@@ -12,19 +12,19 @@ use std::path::Path;
 pub struct EditArgs {
     /// Joints to keep as they are in the prompt, throughout or for a time (2s, 40f of the file, 12m of the model, -1s from the
     /// end); all else is generated. May be repeated
-    #[arg(long, value_name = "JOINTS[@FROM:TO]", requires = "prompt", conflicts_with_all = ["joints", "from_frame"])]
+    #[arg(long, value_name = "JOINTS[@FROM:TO]", conflicts_with_all = ["joints", "from_frame"])]
     given: Vec<Span>,
     /// Joints to generate, throughout or for a time, even where --given names them; without --given all else is kept. The
     /// file's other numbers stay as they are. May be repeated
-    #[arg(long, value_name = "JOINTS[@FROM:TO]", requires = "prompt", conflicts_with_all = ["joints", "from_frame"])]
+    #[arg(long, value_name = "JOINTS[@FROM:TO]", conflicts_with_all = ["joints", "from_frame"])]
     free: Vec<Span>,
     /// Generate the end of the prompt so that it leads into its beginning, to be played in a loop. With `pose` only the pose
     /// returns, while position and heading go on
     #[arg(long = "loop", value_name = "back|pose", num_args = 0..=1, require_equals = true, default_missing_value = "back",
-        requires = "prompt", conflicts_with_all = ["joints", "from_frame", "given", "free", "frames", "seconds"])]
+        conflicts_with_all = ["joints", "from_frame", "given", "free", "frames", "seconds"])]
     round: Option<LoopKind>,
     /// Seconds at the end that --loop generates: 2s, 2 or 120f (frames of the file); 0.1 to 60
-    #[arg(long, value_name = "S", default_value = "2s", requires = "round", value_parser = crate::cli::values::time)]
+    #[arg(long, value_name = "S", default_value = "2s", value_parser = crate::cli::values::time)]
     loop_over: Moment,
 }
 

@@ -31,11 +31,11 @@ pub struct Args {
     prompt: Option<PathBuf>,
     /// Joints that are taken from the prompt: groups (root, right_arm, hands, feet, spine, ...), names (SMPL's or the prompt
     /// rig's) and ids, separated by commas. root includes the translation
-    #[arg(long, value_name = "LIST", requires = "prompt")]
+    #[arg(long, value_name = "LIST")]
     joints: Option<String>,
     /// Continue the prompt from this frame at the model's rate, or from a time such as 3s: earlier frames are taken from it,
     /// as far as they fill whole words
-    #[arg(long, value_name = "N", requires = "prompt", value_parser = length_in_frames)]
+    #[arg(long, value_name = "N", value_parser = length_in_frames)]
     from_frame: Option<Moment>,
     #[command(flatten)]
     edit: EditArgs,

@@ -24,10 +24,10 @@ pub struct Args {
     #[command(flatten)]
     tempo: TempoArgs,
     /// Where the plotted part starts, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = crate::cli::values::seconds, requires = "out")]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = crate::cli::values::seconds)]
     at: f64,
     /// How long it is
-    #[arg(long, default_value_t = 10.0, value_parser = crate::cli::values::seconds_above_0, requires = "out")]
+    #[arg(long, default_value_t = 10.0, value_parser = crate::cli::values::seconds_above_0)]
     seconds: f64,
     #[command(flatten)]
     force: ForceArgs,

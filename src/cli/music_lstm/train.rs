@@ -61,6 +61,9 @@ pub struct Args {
     /// Seed of the first weights and of the sequences
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Any other setting, as in the file: length=60, width=64; may be repeated. The other options win over it
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
     #[command(flatten)]
     read: ReadArgs,
 }
@@ -73,7 +76,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 }
 
 pub fn resume(args: &ResumeArgs, say: Say) -> Result<()> {
-    follow(&args.run, &Start::Resume(args.steps), say)
+    follow(&args.run, &Start::Resume(args.changes()), say)
 }
 
 fn follow(run: &Path, request: &Start, say: Say) -> Result<()> {
@@ -81,7 +84,7 @@ fn follow(run: &Path, request: &Start, say: Say) -> Result<()> {
 }
 
 fn config(args: &Args) -> Result<Config> {
-    let mut config = args.config.as_deref().map(Config::find).transpose()?.unwrap_or_default();
+    let mut config = args.config.as_deref().map(Config::find).transpose()?.unwrap_or_default().with_keys(&args.set)?;
     set(&mut config.audio, args.audio);
     set(&mut config.pose, args.pose);
     set(&mut config.effort, args.effort);

@@ -4,7 +4,7 @@ use super::{TransformArg, joints_of};
 use crate::cli::data::DataArgs;
 use crate::cli::read::ReadArgs;
 use crate::cli::values::{count, rate, window};
-use crate::cli::{ForceArgs, Say, print, progress};
+use crate::cli::{ForceArgs, Say, print, progress, wrong_call};
 use crate::spectral::WindowSpec;
 use crate::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, tables};
 use anyhow::Result;
@@ -74,6 +74,13 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if transforms.is_empty() {
         transforms = vec![TransformArg::Stft, TransformArg::Dct, TransformArg::Pca];
         transforms.extend(args.run.is_some().then_some(TransformArg::Model));
+    }
+    let measured = |transform| transforms.contains(&transform);
+    if args.no_dc && !measured(TransformArg::Stft) {
+        wrong_call!("--no-dc: only an STFT has a bin at 0 Hz; add stft to --transform");
+    }
+    if args.run.is_some() && !measured(TransformArg::Model) {
+        wrong_call!("--run: only the transform model reads a run; add model to --transform");
     }
     let kind = |t: &TransformArg| t.kind(args.no_dc && *t == TransformArg::Stft, None, args.run.as_deref());
     let options = EvaluateOptions {

@@ -42,7 +42,7 @@ pub struct Args {
     /// The time in the music at which the dance starts: 12.5s, 12.5 or 40f (frames of the first clip); negative if the
     /// music starts later
     #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = super::values::any_time)]
-    #[arg(allow_hyphen_values = true, requires = "music")]
+    #[arg(allow_hyphen_values = true)]
     music_from: Moment,
     /// A beat counts as hit where knees and ankles come to rest this fraction of a beat after it, to 50 ms, as evaluate
     /// dance measures it on real dances [default: where all joints move slowest, on the beat]

@@ -5,6 +5,7 @@ use crate::library::Source;
 use crate::project::document::Reading;
 use crate::{Error, Result};
 use kinelm_motion::joints;
+use kinelm_store::Subject;
 use kinelm_store::files::path_from;
 use serde_json::Value as Json;
 use std::path::{Path, PathBuf};
@@ -145,7 +146,8 @@ impl TimelineFile {
             self.document.remove(key);
             return Ok(());
         }
-        let value = toml(value).ok_or_else(|| Error::invalid(format!("`{key}`"), value, "a number or a text"))?;
+        let value =
+            toml(value).ok_or_else(|| Error::invalid(Subject::of_parameter(key), value, "a number or a text"))?;
         put(self.document.as_table_mut(), key, value);
         Ok(())
     }
@@ -167,7 +169,8 @@ impl TimelineFile {
             table.remove(key);
             return Ok(());
         }
-        let value = toml(value).ok_or_else(|| Error::invalid(format!("`{key}`"), value, "a number or a text"))?;
+        let value =
+            toml(value).ok_or_else(|| Error::invalid(Subject::of_parameter(key), value, "a number or a text"))?;
         put(table, key, value);
         Ok(())
     }

@@ -19,6 +19,7 @@ use file::TimelineFile;
 use kinelm_generate::request::Timeline;
 use kinelm_generate::timeline::TimelineLayout;
 use kinelm_motion::rig::SkeletonMap;
+use kinelm_store::Subject;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -80,13 +81,13 @@ impl Timelines {
             let found = self.project.folder().join(&path).canonicalize();
             if !found.is_ok_and(|found| known.contains(&found)) {
                 let expected = "a clip of the library; drop it in first";
-                return Err(Error::invalid(format!("`clips.{name}.file`"), last(&path), expected));
+                return Err(Error::invalid(Subject::of_parameter(format!("clips.{name}.file")), last(&path), expected));
             }
         }
         match file.maps().into_iter().find(|(_, map)| SkeletonMap::builtin(map).is_none()) {
             Some((name, map)) => {
                 let expected = "a skeleton map that is built in";
-                Err(Error::invalid(format!("`clips.{name}.map`"), last(Path::new(&map)), expected))
+                Err(Error::invalid(Subject::of_parameter(format!("clips.{name}.map")), last(Path::new(&map)), expected))
             }
             None => Ok(()),
         }

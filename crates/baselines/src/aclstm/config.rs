@@ -88,6 +88,7 @@ impl Default for Config {
 impl Settings for Config {
     const PRESETS: &'static Presets = ACLSTM;
     const FOLDER: (&'static str, &'static str) = ("aclstm", "settings of an auto-conditioned LSTM");
+    const RESUMABLE: &'static [&'static str] = &["steps", "learning_rate", "checkpoint_every", "keep"];
 
     fn validate(&self) -> Result<()> {
         within("width", self.width, 1..=8192)?;

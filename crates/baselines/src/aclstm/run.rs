@@ -5,7 +5,7 @@ use crate::Result;
 use crate::data::{Hashes, Recordings, Sources, check_files};
 use crate::form::Coder;
 use crate::rig::Rig;
-use crate::run::{self, Checkpoint, Kind, RunConfig, Settings};
+use crate::run::{self, Checkpoint, Kind, RunConfig};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::Shape;
 use kinelm_model::checkpoint::CheckpointChoice;
@@ -70,6 +70,8 @@ impl RunFile {
 }
 
 impl RunConfig for RunFile {
+    type Config = Config;
+
     const KIND: Kind =
         Kind { name: "aclstm", one_of: "one of an auto-conditioned LSTM", command: "kinelm aclstm train", version: 3 };
 
@@ -77,12 +79,12 @@ impl RunConfig for RunFile {
         RunFile { sources: self.sources.with_paths(path), ..self.clone() }
     }
 
-    fn steps(&mut self) -> &mut u64 {
-        &mut self.config.steps
+    fn config(&mut self) -> &mut Config {
+        &mut self.config
     }
 
-    fn validate(&self) -> Result<()> {
-        self.config.validate()
+    fn steps(config: &mut Config) -> &mut u64 {
+        &mut config.steps
     }
 }
 

@@ -134,6 +134,7 @@ impl Default for Config {
 impl Settings for Config {
     const PRESETS: &'static Presets = MUSIC_LSTM;
     const FOLDER: (&'static str, &'static str) = ("music_lstm", "settings of a music LSTM");
+    const RESUMABLE: &'static [&'static str] = &["steps", "learning_rate", "clip", "checkpoint_every", "keep"];
 
     fn validate(&self) -> Result<()> {
         within("encoder's layers", self.encoder.len(), 1..=8)?;

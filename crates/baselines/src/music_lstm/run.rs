@@ -7,7 +7,7 @@ use super::network::{Dropout, Network, list, standardise};
 use crate::data::{Hashes, Recording, Recordings, check_files};
 use crate::form::{Coder, Form, check_finite};
 use crate::rig::Rig;
-use crate::run::{self, Checkpoint, Kind, RunConfig, Settings};
+use crate::run::{self, Checkpoint, Kind, RunConfig};
 use crate::{Error, FPS, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::TeacherForcing;
@@ -117,6 +117,8 @@ impl RunFile {
 }
 
 impl RunConfig for RunFile {
+    type Config = Config;
+
     const KIND: Kind =
         Kind { name: "music-lstm", one_of: "one of a music LSTM", command: "kinelm music-lstm train", version: 3 };
 
@@ -124,12 +126,12 @@ impl RunConfig for RunFile {
         RunFile { sources: self.sources.with_paths(path), ..self.clone() }
     }
 
-    fn steps(&mut self) -> &mut u64 {
-        &mut self.config.steps
+    fn config(&mut self) -> &mut Config {
+        &mut self.config
     }
 
-    fn validate(&self) -> Result<()> {
-        self.config.validate()
+    fn steps(config: &mut Config) -> &mut u64 {
+        &mut config.steps
     }
 }
 

@@ -77,11 +77,11 @@ impl fmt::Display for Report {
         }
         for (name, p) in &self.prompted {
             let (name, joints) = (shortened(name), &p.joints);
-            let (mismatch, cm) = (100.0 * p.mismatch, p.given_mpjpe_cm);
-            write!(
-                f,
-                "\n{name:<32} follows {joints}: {mismatch:.4} % of its characters differ, places {cm:.2} cm apart"
-            )?;
+            write!(f, "\n{name:<32} follows {joints}: ")?;
+            if let Some(mismatch) = p.mismatch {
+                write!(f, "{:.4} % of its characters differ, ", 100.0 * mismatch)?;
+            }
+            write!(f, "places {:.2} cm apart", p.given_mpjpe_cm)?;
             if let Some(x) = p.free_jitter {
                 write!(f, "; free joints: jitter {:.2} of the prompt's", x)?;
             }
@@ -90,6 +90,9 @@ impl fmt::Display for Report {
             }
             if let Some(c) = p.coordination {
                 write!(f, "; coordination {:.3}, shifted {:.3}, effect {:.3}", c.correlation, c.shifted, c.effect)?;
+            }
+            if let Some(why) = &p.not_compared {
+                write!(f, "; its characters are not compared: {why}")?;
             }
         }
         if let Some(BeatMetrics { lag, .. }) = self.beats.first() {

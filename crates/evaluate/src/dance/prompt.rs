@@ -5,7 +5,8 @@ use super::coordination::{Coordination, coordination};
 use super::report::feet;
 use crate::Result;
 use kinelm_generate::prompt::{PromptClip, given_characters, read_back, share_changed};
-use kinelm_generate::request::Resolved;
+use kinelm_generate::provenance::Provenance;
+use kinelm_model::run::TOKENIZER;
 use kinelm_motion::metric::{Skate, jitter_of};
 use kinelm_motion::{Clip, joints};
 use kinelm_tokenizer::{Tokenizer, UncodedPose};
@@ -17,8 +18,12 @@ use std::path::Path;
 pub struct PromptMetrics {
     /// The joints, as requested.
     pub joints: String,
-    /// Share of the given characters that came out different; 0, unless the dance was written on another rig.
-    pub mismatch: f64,
+    /// Share of the given characters that came out different; 0, unless the dance was written on another rig. `None` where
+    /// they can't be compared.
+    pub mismatch: Option<f64>,
+    /// Why not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub not_compared: Option<String>,
     /// Mean distance of the given joints' places from the prompt's, both pelvises moved to 0, cm: free joints above them
     /// move them.
     pub given_mpjpe_cm: f64,
@@ -31,27 +36,34 @@ pub struct PromptMetrics {
 }
 
 impl PromptMetrics {
-    /// Holds a dance, which stands in `file`, to the prompt that its recipe names; `None` where no joints were followed.
+    /// Compares a dance, which is in `file`, with the prompt that its provenance names; `None` where no joints were given.
+    /// Characters are compared only if `tokenizer` is that of the dance's model, whatever labels either has.
     ///
     /// # Errors
     /// A prompt that can't be read, joints that the tokenizer doesn't code.
     pub fn measure(
         dance: &Dance,
         file: &Path,
-        recipe: &Resolved,
+        provenance: &Provenance,
         tokenizer: &Tokenizer,
     ) -> Result<Option<PromptMetrics>> {
-        let Some(followed) = &recipe.prompt else { return Ok(None) };
+        let Some(followed) = &provenance.request.prompt else { return Ok(None) };
         let Some(list) = &followed.joints else { return Ok(None) };
         let selection = joints::parse(list)?;
         let places = given_characters(tokenizer, &selection)?;
         let prompt = PromptClip::load(&followed.path, &followed.read, tokenizer)?;
         let seen = tokenizer.decode(&prompt.words, UncodedPose::Identity)?;
         let frames = dance.clip.frames().min(prompt.frames());
-        // on the prompt's rig the floor is the one of the way there, not what the dance's own feet say
-        let back = read_back(file, recipe, &prompt, tokenizer)?.map(|(_, words)| words);
-        let codes = back.as_ref().unwrap_or(&dance.words).codes();
-        let mismatch = share_changed(prompt.words.codes(), codes, &places, frames).unwrap_or(0.0);
+        let not_compared = other_words(provenance, tokenizer);
+        let mismatch = match not_compared.is_none() {
+            true => {
+                // on the prompt's rig the floor is the one of the way there, not what the dance's own feet say
+                let back = read_back(file, &provenance.request, &prompt, tokenizer)?.map(|(_, words)| words);
+                let codes = back.as_ref().unwrap_or(&dance.words).codes();
+                Some(share_changed(prompt.words.codes(), codes, &places, frames).unwrap_or(0.0))
+            }
+            false => None,
+        };
         let joints = tokenizer.channels().joints().iter().copied();
         let (given, free): (Vec<usize>, Vec<usize>) = joints.partition(|j| selection.joints.contains(j));
         let (seen, made) = (seen.slice(0..frames), dance.clip.slice(0..frames));
@@ -67,10 +79,33 @@ impl PromptMetrics {
         Ok(Some(PromptMetrics {
             joints: list.clone(),
             mismatch,
+            not_compared,
             given_mpjpe_cm: 100.0 * apart.iter().sum::<f64>() / apart.len().max(1) as f64,
             free_jitter: quotient(jitter_of(&made, &free), jitter_of(&seen, &free)),
             free_skate: quotient(skate(&made), skate(&seen)),
             coordination: coordination(&made, &given, &free),
         }))
+    }
+}
+
+/// Why the characters of a dance aren't those of `tokenizer`; `None` where its model has the same words.
+fn other_words(provenance: &Provenance, tokenizer: &Tokenizer) -> Option<String> {
+    let (own, found) = (&provenance.tokenizer_sha256, tokenizer.hash());
+    if *own == found {
+        return None;
+    }
+    // tokenizers that differ in labels alone have the same words
+    let run = &provenance.request.run;
+    match Tokenizer::load(run.join(TOKENIZER)).ok().filter(|model| model.hash() == *own) {
+        Some(model) if model.base_hash() == tokenizer.base_hash() => None,
+        Some(_) => Some(format!(
+            "the corpus has another tokenizer ({found:.8}) than the dance's model ({own:.8}); take one that kinelm tokenize \
+             made with the model's"
+        )),
+        None => Some(format!(
+            "the corpus has tokenizer {found:.8}, the dance's model had {own:.8}, and {} doesn't say whether they differ by \
+             labels alone",
+            run.display()
+        )),
     }
 }

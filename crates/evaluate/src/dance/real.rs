@@ -5,6 +5,7 @@ use crate::{Error, Result};
 use kinelm_corpus::{Corpus, CorpusOptions};
 use kinelm_generate::open::OpenRequest;
 use kinelm_model::run::MADE;
+use kinelm_store::Subject;
 use kinelm_train::run::RunFile;
 use std::path::{Path, PathBuf};
 
@@ -38,16 +39,16 @@ pub fn corpus_of(run: &Path) -> Result<PathBuf> {
 pub fn open_for(path: &Path, open: &OpenRequest, options: CorpusOptions) -> Result<Corpus> {
     if !path.join("corpus.json").exists() {
         let why = "no corpus.json; expected a corpus, as kinelm tokenize makes it";
-        return Err(Error::unsupported(format!("`real` {}", path.display()), why));
+        return Err(Error::unsupported(Subject::of_parameter("real").with(path.display()), why));
     }
     let corpus = Corpus::open_with(path, CorpusOptions { streamed: true, ..options })?;
-    let (found, expected) = (corpus.tokenizer().hash(), open.tokenizer.hash());
+    let (found, expected) = (corpus.tokenizer().base_hash(), open.tokenizer.base_hash());
     if found != expected {
         let why = format!(
             "a corpus of another tokenizer ({found:.8}) than the model's ({expected:.8}); expected one that kinelm tokenize \
              made with it"
         );
-        return Err(Error::unsupported(format!("`real` {}", path.display()), why));
+        return Err(Error::unsupported(Subject::of_parameter("real").with(path.display()), why));
     }
     Reference::check(&corpus)?;
     Ok(corpus)

@@ -5,6 +5,7 @@ use crate::{Error, Result};
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::{Skeleton, smpl};
+use kinelm_store::Subject;
 use kinelm_tokenizer::Tokenizer;
 use std::ops::Range;
 
@@ -57,8 +58,8 @@ impl Mask {
         (rig, map): (&Skeleton, Option<&str>),
     ) -> Result<ResolvedSpans> {
         let coded = bits(tokenizer.channels().joints());
-        let resolve = |name: &str, span: &Span| -> Result<ResolvedSpan> {
-            let wrong = |why: String| Error::unsupported(format!("{name} {span}"), why);
+        let resolve = |name: &'static str, span: &Span| -> Result<ResolvedSpan> {
+            let wrong = |why: String| Error::unsupported(Subject::from(name).with(span), why);
             let list = joints::to_smpl_names(&span.joints, rig, map).map_err(|e| wrong(e.to_string()))?;
             let Selection { joints, .. } = joints::parse(&list).map_err(|e| wrong(e.to_string()))?;
             let all = list.split(',').any(|part| part.trim() == "all");

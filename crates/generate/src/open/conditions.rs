@@ -6,6 +6,7 @@ use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_corpus::music::tempo;
 use kinelm_model::LoadedRun;
+use kinelm_store::Subject;
 
 /// Refuses goal guidance that the model can't take.
 ///
@@ -17,7 +18,7 @@ pub fn check_goal_guidance(scale: f64, run: &LoadedRun) -> Result<()> {
     }
     if scale != 0.0 && !run.config.goal {
         let why = "this model isn't goal-conditioned; expected 0, or a model trained with model.goal";
-        return Err(Error::unsupported(format!("`goal_guidance` {scale}"), why));
+        return Err(Error::unsupported(Subject::of_parameter("goal_guidance").with(scale), why));
     }
     Ok(())
 }
@@ -60,7 +61,7 @@ pub(super) fn unconditioned(request: &Resolved, run: &LoadedRun, conditions: &Co
     if !scale.is_finite() {
         return Err(Error::invalid("`guidance`", scale, "a finite number"));
     }
-    let unsupported = |why: &str| Err(Error::unsupported(format!("`guidance` {scale}"), why));
+    let unsupported = |why: &str| Err(Error::unsupported(Subject::of_parameter("guidance").with(scale), why));
     if request.music.is_none() && conditions.fields().is_empty() && run.config.music.is_none() {
         return unsupported(
             "this model knows no labels, so there is nothing to follow; train one with train.conditions",

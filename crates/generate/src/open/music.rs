@@ -8,6 +8,7 @@ use kinelm_corpus::music::library::beats_in_dance;
 use kinelm_corpus::music::tempo;
 use kinelm_corpus::music::track::Track;
 use kinelm_model::LoadedRun;
+use kinelm_store::Subject;
 use kinelm_store::hash;
 
 /// The guidance scale of a model conditioned on beats, where a request has none: at 1 the music is followed little
@@ -43,7 +44,7 @@ impl OpenMusic {
         if run.config.music.is_none() && !run.conditions.iter().any(|field| field == tempo::FIELD) {
             let why = "this model is not conditioned on music (model.music) or on its tempo (train.conditions); train one on \
                        a corpus with music, or add it with kinelm finetune";
-            return Err(Error::unsupported(format!("`music` {}", request.path.display()), why));
+            return Err(Error::unsupported(Subject::of_parameter("music").with(request.path.display()), why));
         }
         let sha256 = hash::of_file(&request.path)?;
         let piece = match run.config.music.has_features() {

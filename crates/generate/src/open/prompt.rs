@@ -9,6 +9,7 @@ use kinelm_motion::Source;
 use kinelm_motion::format::Format;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::rig::{FoundMap, find_map};
+use kinelm_store::Subject;
 use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use std::sync::Arc;
@@ -58,8 +59,9 @@ impl PreparedPrompt {
             request.read.up = clip.motion.source.axes().up;
         }
         let (rig, map) = (clip.motion.clip.skeleton(), request.read.map.as_deref());
-        let wrong =
-            |list: &str, e: &dyn std::fmt::Display| Error::unsupported(format!("`joints` {list}"), e.to_string());
+        let wrong = |list: &str, e: &dyn std::fmt::Display| {
+            Error::unsupported(Subject::of_parameter("joints").with(list), e.to_string())
+        };
         let to_smpl_names = |list: &String| joints::to_smpl_names(list, rig, map).map_err(|e| wrong(list, &e));
         request.joints = request.joints.as_ref().map(to_smpl_names).transpose()?;
         let selection = request.joints.as_deref().map(joints::parse).transpose()?;

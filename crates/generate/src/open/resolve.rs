@@ -8,6 +8,7 @@ use crate::timeline::TimelineLayout;
 use crate::{Error, Result};
 use kinelm_model::CheckpointChoice;
 use kinelm_motion::joints::LEGS;
+use kinelm_store::Subject;
 use serde::Serialize;
 
 /// Scale of guidance towards goals, where a request has none.
@@ -140,7 +141,7 @@ impl OpenRequest {
             Some(n) if n > 1 && !self.begins_in_part() => {
                 let why = "there is nothing to choose a first frame by; expected joints that are given in it after free ones \
                            (right_arm, not root), no frames to continue from, and no greedy sampling";
-                Err(Error::unsupported(format!("`first_frames` {n}"), why))
+                Err(Error::unsupported(Subject::of_parameter("first_frames").with(n), why))
             }
             Some(_) => Ok(()),
         }

@@ -3,6 +3,7 @@
 use crate::{Error, Result};
 use kinelm_model::{Cache, Compute, LoadedRun, ModelKind, Reader, ReaderOptions};
 use kinelm_model::{FrameConditioning, KvKind, Logits, WeightKind};
+use kinelm_store::Subject;
 
 /// An autoregressive model that reads several sequences side by side.
 pub trait NextToken: Send {
@@ -137,7 +138,7 @@ pub fn readers(
     }
     if (reading.weights, reading.kv) != (WeightKind::F32, KvKind::F32) {
         return Err(Error::unsupported(
-            format!("`weights` as {:?}, `kv` as {:?}", reading.weights, reading.kv),
+            Subject::of_parameter("weights").with(format!("as {:?}, `kv` as {:?}", reading.weights, reading.kv)),
             "the plain form of the model has F32 alone; leave them out, or use the form auto on the cpu",
         ));
     }

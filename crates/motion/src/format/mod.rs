@@ -61,6 +61,7 @@ use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS};
 use crate::rig::{self, map_if_any};
 use crate::{Clip, Error, FaultKind, FileError, Result};
+use kinelm_store::Subject;
 use kinelm_store::{SourcePos, files, input};
 use options::{check_skip, is_rate};
 use positions::Positions;
@@ -239,7 +240,7 @@ fn check_mirror(path: &Path, format: Format, options: &ReadOptions) -> Result<()
         return Ok(());
     }
     let why = "its bones are SMPL's, whose left is left; `mirror_axis` is for files with bones of their own";
-    Err(Error::unsupported(format!("`mirror_axis` of {}", path.display()), why))
+    Err(Error::unsupported(Subject::of_parameter("mirror_axis").with(format!("of {}", path.display())), why))
 }
 
 /// Writes a motion file in the format of its extension, atomically.

@@ -18,6 +18,7 @@ mod voice;
 pub use style::Style;
 
 use crate::{Error, Result};
+use kinelm_store::Subject;
 use style::Hit;
 use voice::{Noise, add};
 
@@ -79,7 +80,7 @@ fn check(score: &Score, rate: u32) -> Result<()> {
     match outside.or(falls) {
         Some(i) => {
             let expected = format!("seconds that rise from 0 to {}", score.seconds);
-            Err(Error::invalid(format!("`beats_s[{i}]`"), score.beats_s[i], expected))
+            Err(Error::invalid(Subject::of_parameter(format!("beats_s[{i}]")), score.beats_s[i], expected))
         }
         None => Ok(()),
     }

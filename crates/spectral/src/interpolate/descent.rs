@@ -126,7 +126,7 @@ pub fn descend(transform: &Transform, channels: usize, a: &[f64], b: &[f64], met
     }
 }
 
-fn check_share(name: &str, amount: f64) -> Result<()> {
+fn check_share(name: &'static str, amount: f64) -> Result<()> {
     if (0.0..=1.0).contains(&amount) {
         return Ok(());
     }

@@ -70,33 +70,20 @@ pub(super) fn new_inputs(old: &TokenLayout, new: &TokenLayout) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::StepMetrics;
+    use crate::pretrain::tests::StopAt;
     use crate::run::RunFile;
     use crate::{CorpusPart, NoProgress, fixture, pretrain};
     use kinelm_corpus::{Corpus, Split};
     use kinelm_model::CheckpointChoice;
-    use kinelm_model::likelihood::Likelihood;
     use kinelm_model::run::{WEIGHTS, load_run};
     use std::fs;
     use std::path::Path;
-    use std::sync::atomic::Ordering;
-    use std::time::Duration;
 
     const SOURCE: &str = "[model]\nlayers = 2\nheads = 2\nwidth = 16\ncontext = 24\n[train]\nbatch = 3\nsteps = 6\n\
                           warmup = 2\nlearning_rate = 1e-2\neval_every = 3\nconditions = [\"genre\"]\n";
     const CONFIG: &str = "[model]\nwidth = 16\ndropout = 0.1\n[train]\nbatch = 3\nsteps = 8\nwarmup = 2\n\
                           learning_rate = 1e-3\neval_every = 4\nkeep = 9\nconditions = [\"dancer\"]\nlabel_dropout = 0.3\n\
                           [augment]\nmirror = 0.5\nspeed = 0.1\n";
-
-    struct StopAt<'a>(u64, &'a AtomicBool);
-
-    impl Progress for StopAt<'_> {
-        fn step(&mut self, f: &StepMetrics, _: u64, _: Duration) {
-            self.1.store(f.step == self.0, Ordering::Relaxed);
-        }
-        fn valid(&mut self, _: u64, _: &Likelihood, _: bool) {}
-        fn note(&mut self, _: &str) {}
-    }
 
     /// A run `source`, and the file of a run that goes on from it.
     fn setup(dir: &Path) -> (Corpus, PretrainOptions) {
@@ -127,7 +114,7 @@ mod tests {
         let whole = finetune(&options, &AtomicBool::new(false), &mut NoProgress).unwrap();
         let stop = AtomicBool::new(false);
         let halves = PretrainOptions { run: Some(dir.path().join("halves")), ..options.clone() };
-        let first = finetune(&halves, &stop, &mut StopAt(3, &stop)).unwrap();
+        let first = finetune(&halves, &stop, &mut StopAt(3, &stop, Vec::new())).unwrap();
         assert_eq!((first.step, first.stopped), (3, true));
         let resume = PretrainOptions { run: halves.run, resume: true, ..Default::default() };
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
@@ -180,7 +167,7 @@ mod tests {
         let whole = finetune(&options, &AtomicBool::new(false), &mut NoProgress).unwrap();
         let stop = AtomicBool::new(false);
         let halves = PretrainOptions { run: Some(dir.path().join("halves")), ..options.clone() };
-        finetune(&halves, &stop, &mut StopAt(3, &stop)).unwrap();
+        finetune(&halves, &stop, &mut StopAt(3, &stop, Vec::new())).unwrap();
         let resume = PretrainOptions { run: halves.run, resume: true, ..Default::default() };
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let second = one.install(|| pretrain(&resume, &AtomicBool::new(false), &mut NoProgress)).unwrap();

@@ -1,6 +1,7 @@
 //! Training of a GPT: a new run, from random weights or another model's, or a run that is resumed.
 
 mod finetune;
+mod resume;
 mod saved;
 mod task;
 #[cfg(test)]
@@ -15,7 +16,7 @@ use super::progress::Progress;
 use super::resize::{Inputs, resize};
 use super::run::{RunFile, origin};
 use super::stages::Stages;
-use super::trainer::{Trainer, check_steps};
+use super::trainer::Trainer;
 use super::{lead_ins, memory};
 use crate::{Error, Result};
 use kinelm_corpus::CorpusOptions;
@@ -28,6 +29,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 pub use finetune::finetune;
+pub use resume::RESUMABLE;
 pub use task::Pretraining;
 
 /// What to train, on what, and where to write it.
@@ -35,6 +37,8 @@ pub use task::Pretraining;
 pub struct PretrainOptions {
     /// The training file. A resumed run has its own; a file given then must agree with it.
     pub file: Option<TrainFile>,
+    /// Keys over those of the file, or of a resumed run ([`RESUMABLE`]), each as `train.batch=4`. The fields below win.
+    pub set: Vec<String>,
     /// The corpora, in place of those in the file (or the run's).
     pub corpora: Vec<CorpusPart>,
     /// The run folder, in place of the file's.
@@ -110,7 +114,7 @@ pub(super) fn run_of(
     options.compute.device.open()?;
     let (folder, file, data) = if options.resume {
         let folder = RunFolder::open(&run)?;
-        let (file, data) = resumed(options, &folder)?;
+        let (file, data) = resume::resumed(options, &folder)?;
         (folder, file, data)
     } else {
         let (file, data, weights) = new(options, is_finetuning, progress)?;
@@ -127,6 +131,7 @@ fn new(
 ) -> Result<(RunFile, Data, Option<Tensors>)> {
     let file = options.file.as_ref();
     let file = file.ok_or_else(|| Error::missing("training file", "give `config`"))?;
+    let file = &file.with_keys(&options.set)?;
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
     let source = options.from.as_deref().map(|from| Ok::<_, Error>((from, exchange::load(from)?))).transpose()?;
     source.iter().flat_map(|(_, source)| &source.notes).for_each(|note| progress.note(note));
@@ -177,44 +182,6 @@ fn check_same_model(from: &Path, model: &ModelConfig, source: &LoadedRun) -> Res
         }
         None => Ok(()),
     }
-}
-
-/// The configuration and the data of a run that exists.
-fn resumed(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> {
-    let mut file = RunFile::read(run.path())?;
-    let corpora = match (&options.file, options.corpora.is_empty()) {
-        (Some(given), true) => given.corpora()?,
-        _ => options.corpora.clone(),
-    };
-    let data = file.data(run.path(), &corpora, options.opening)?;
-    if file.found_at(&data)? {
-        file.write(run.path())?;
-    }
-    if let Some(given) = &options.file {
-        let mut train = given.train.clone();
-        (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));
-        if options.precision.is_some() || train.precision == Precision::Auto {
-            train.precision = file.train.precision;
-        }
-        let (given_model, own) = (given.model.resolved(&file.tokens), file.model.resolved(&file.tokens));
-        if given_model != own || train != file.train || given.augment != file.augment {
-            let why = format!("{} was begun with another configuration; leave it out", run.path().display());
-            return Err(Error::unsupported("`config`", why));
-        }
-    }
-    if let Some(seed) = options.seed.filter(|s| *s != file.train.seed) {
-        return Err(Error::invalid("`seed`", seed, format!("{}, which the run was begun with", file.train.seed)));
-    }
-    if let Some(steps) = options.steps.filter(|s| *s != file.train.steps) {
-        check_steps(run.path(), steps)?;
-        file.train.steps = steps;
-        file.write(run.path())?;
-    }
-    if let Some(precision) = options.precision.filter(|p| *p != file.train.precision) {
-        file.train.precision = precision.decide(options.compute, file.model.width)?.0;
-        file.write(run.path())?;
-    }
-    Ok((file, data))
 }
 
 /// Makes the folder of a new run. Without `weights` it begins with random ones of its seed. With `weights`, these are its

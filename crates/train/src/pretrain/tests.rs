@@ -12,8 +12,8 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// Sets a flag after some step.
-struct StopAt<'a>(u64, &'a AtomicBool, Vec<String>);
+/// Sets a flag after some step, and stores the notes.
+pub(super) struct StopAt<'a>(pub u64, pub &'a AtomicBool, pub Vec<String>);
 
 impl Progress for StopAt<'_> {
     fn step(&mut self, f: &StepMetrics, _: u64, _: Duration) {

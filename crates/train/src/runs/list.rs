@@ -1,13 +1,15 @@
 //! Lists of runs below some folders, with their progress.
 
-use super::log::{Log, METRICS};
+use super::log::{LastStep, METRICS};
+use crate::config::TrainConfig;
 use crate::folder::is_written;
 use crate::run::RunFile;
 use crate::{Error, Result};
 use kinelm_model::checkpoint::{Best, Checkpoints};
 use kinelm_model::layout;
 use kinelm_model::run::CONFIG;
-use serde::Serialize;
+use kinelm_store::input;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
@@ -48,18 +50,65 @@ pub struct Listed {
     pub step: u64,
     /// Updates in all.
     pub steps: u64,
-    /// The last step's loss, nats a token.
+    /// The last step's loss, in the network's own measure; of a GPT nats a token.
     pub loss: Option<f64>,
     /// The best measurement on the validation clips.
     pub best: Option<Best>,
-    /// Tokens trained on so far.
-    pub tokens: u64,
+    /// Tokens trained on so far; `None` for an LSTM, which has none.
+    pub tokens: Option<u64>,
     /// When it last wrote, seconds since 1970.
     pub written: Option<u64>,
-    /// Its model: kind, positions, layers x width.
+    /// Its model: kind, positions of a GPT, layers x width.
     pub model: String,
-    /// Parameters of the model.
-    pub parameters: usize,
+    /// Parameters of a GPT.
+    pub parameters: Option<usize>,
+}
+
+/// What a list shows of `config.toml`.
+struct Shown {
+    steps: u64,
+    model: String,
+    parameters: Option<usize>,
+    /// How the training of a GPT ends early.
+    train: Option<TrainConfig>,
+}
+
+impl Shown {
+    /// Of a run of any kind.
+    fn read(run: &Path) -> Result<Shown> {
+        if let Some(LstmRun { kind, config }) = LstmRun::read(run) {
+            let model = format!("{kind} {}x{}", config.layers, config.width);
+            return Ok(Shown { steps: config.steps, model, parameters: None, train: None });
+        }
+        let RunFile { model: m, tokens, train, .. } = RunFile::read(run)?;
+        Ok(Shown {
+            steps: train.steps,
+            model: format!("{} {} {}x{}", in_file(&m.kind), in_file(&m.positions), m.layers, m.width),
+            parameters: Some(layout::parameters(&m, &tokens).iter().map(|p| p.len()).sum()),
+            train: Some(train),
+        })
+    }
+}
+
+/// `config.toml` of an LSTM, which is another crate's: what a list shows of it.
+#[derive(Deserialize)]
+struct LstmRun {
+    kind: String,
+    config: LstmConfig,
+}
+
+#[derive(Deserialize)]
+struct LstmConfig {
+    steps: u64,
+    layers: usize,
+    width: usize,
+}
+
+impl LstmRun {
+    /// `None` for a run without a kind, which is a GPT's, and for what can't be read.
+    fn read(run: &Path) -> Option<LstmRun> {
+        toml::from_str(&input::text(&run.join(CONFIG)).ok()?).ok()
+    }
 }
 
 /// The runs among these folders and below them, by path. `note` receives the errors of runs that can't be read.
@@ -110,14 +159,15 @@ fn in_file(value: &impl Serialize) -> String {
 
 /// One run.
 fn listed(run: &Path) -> Result<Listed> {
-    let file = RunFile::read(run)?;
+    let shown = Shown::read(run)?;
     let checkpoints = Checkpoints::of(run);
     let state = |which| checkpoints.named(which).and_then(|step| checkpoints.state(step).ok());
     let (latest, best) = (state("latest"), state("best").and_then(|s| s.best));
-    let log = Log::read_end(run);
-    let (last, saved) = (log.steps.last(), latest.map_or((0, 0), |s| (s.step, s.tokens)));
-    let (step, tokens) = last.map_or(saved, |last| (last.step.max(saved.0), last.tokens.max(saved.1)));
-    let ended = saved.0 >= file.train.steps || file.train.is_patience_out(saved.0, best.map(|b| b.step));
+    let (last, saved) = (LastStep::read(run), latest.map_or((0, 0), |s| (s.step, s.tokens)));
+    let step = last.map_or(saved.0, |last| last.step.max(saved.0));
+    let tokens = shown.train.as_ref().map(|_| last.and_then(|last| last.tokens).unwrap_or(0).max(saved.1));
+    let is_patience_out = |train: &TrainConfig| train.is_patience_out(saved.0, best.map(|b| b.step));
+    let ended = saved.0 >= shown.steps || shown.train.as_ref().is_some_and(is_patience_out);
     let status = match (is_written(run), ended) {
         (true, _) => Status::Running,
         (false, true) => Status::Done,
@@ -125,18 +175,17 @@ fn listed(run: &Path) -> Result<Listed> {
     };
     let modified = |name: &str| run.join(name).metadata().and_then(|m| m.modified()).ok();
     let written = modified(METRICS).or_else(|| modified(CONFIG)).and_then(|t| t.duration_since(UNIX_EPOCH).ok());
-    let m = &file.model;
     Ok(Listed {
         run: run.to_owned(),
         status,
         step,
-        steps: file.train.steps,
+        steps: shown.steps,
         loss: last.map(|l| l.loss),
         best,
         tokens,
         written: written.map(|d| d.as_secs()),
-        model: format!("{} {} {}x{}", in_file(&m.kind), in_file(&m.positions), m.layers, m.width),
-        parameters: layout::parameters(m, &file.tokens).iter().map(|p| p.len()).sum(),
+        model: shown.model,
+        parameters: shown.parameters,
     })
 }
 
@@ -178,12 +227,21 @@ mod tests {
         let [a, b] = &runs[..] else { panic!("{runs:?}") };
         assert!(a.run.ends_with("runs/a") && b.run.ends_with("deep/b"));
         assert_eq!((a.status, a.step, a.steps, a.loss, a.best), (Status::Stopped, 0, 6, None, None));
-        assert_eq!((b.status, b.step, b.tokens, b.best), (Status::Done, 6, done.tokens, done.best));
+        assert_eq!((b.status, b.step, b.tokens, b.best), (Status::Done, 6, Some(done.tokens), done.best));
         assert_eq!((b.loss, b.model.as_str()), (done.loss, "causal frame_joint 1x16"));
-        assert!(b.parameters > 3000 && b.written.is_some_and(|w| w > 1_700_000_000));
+        assert!(b.parameters > Some(3000) && b.written.is_some_and(|w| w > 1_700_000_000));
         let held = RunFolder::open(&a.run).unwrap();
         assert_eq!(list(std::slice::from_ref(&a.run), &mut |_| ()).unwrap()[0].status, Status::Running);
         drop(held);
+        // an LSTM's, of another crate
+        let lstm = dir.path().join("lstm");
+        std::fs::create_dir_all(lstm.join("checkpoints")).unwrap();
+        let config = "kind = \"aclstm\"\nversion = 3\n[config]\nsteps = 9\nlayers = 3\nwidth = 256\nturn = true\n";
+        std::fs::write(lstm.join(CONFIG), config).unwrap();
+        std::fs::write(lstm.join(METRICS), "{\"schema\":1,\"kind\":\"aclstm\",\"step\":4,\"loss\":0.5}\n").unwrap();
+        let found = list(&[lstm], &mut |note| panic!("{note}")).unwrap().remove(0);
+        assert_eq!((found.status, found.step, found.steps, found.loss), (Status::Stopped, 4, 9, Some(0.5)));
+        assert_eq!((&*found.model, found.tokens, found.parameters), ("aclstm 3x256", None, None));
         assert!(list(&[dir.path().join("none")], &mut |_| ()).unwrap_err().to_string().contains("no folder"));
     }
 }

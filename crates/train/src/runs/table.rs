@@ -32,10 +32,10 @@ pub fn table(runs: &[Listed]) -> String {
             format!("{}/{}", run.step, run.steps),
             run.loss.map(|l| format!("{l:.4}")).unwrap_or_default(),
             best.unwrap_or_default(),
-            short(run.tokens as f64),
+            run.tokens.map(|n| short(n as f64)).unwrap_or_default(),
             run.written.map(ago).unwrap_or_default(),
             run.model.clone(),
-            short(run.parameters as f64),
+            run.parameters.map(|n| short(n as f64)).unwrap_or_default(),
         ]);
     }
     for column in [2, 3, 4, 5, 6, 8] {

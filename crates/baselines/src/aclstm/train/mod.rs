@@ -45,11 +45,11 @@ pub fn train(run: &Path, start: &Start, stop: &AtomicBool, progress: Progress) -
             file.write(run)?;
             (folder, file, data)
         }
-        Start::Resume(steps) => {
+        Start::Resume(changes) => {
             let folder = RunFolder::open(run)?;
             let mut file = RunFile::read(run)?;
             let recordings = file.recordings(run)?;
-            file.set_steps(run, *steps)?;
+            file.change(run, changes)?;
             let data = load(&recordings, &file, progress)?;
             (folder, file, data)
         }

@@ -1,6 +1,7 @@
 //! Training on synthetic dances: it learns, it resumes to the same bits, and it refuses what can't be learned from.
 
 use super::*;
+use crate::Changes;
 use crate::form::Form;
 use crate::train::Event;
 use kinelm_model::run::{OPTIMIZER, WEIGHTS};
@@ -63,7 +64,7 @@ fn a_stopped_run_resumes_to_the_same_bits() {
         // another number of threads, and updates after the last checkpoint are repeated
         fs::remove_dir_all(parts.join("checkpoints/step-00000004")).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-        let (second, more) = pool.install(|| go(&parts, &Start::Resume(None), 99)).unwrap();
+        let (second, more) = pool.install(|| go(&parts, &Start::Resume(Changes::default()), 99)).unwrap();
         assert_eq!((found, second.step, &more[..]), (losses[..4].to_vec(), 7, &losses[3..]), "{form:?}");
         for name in [WEIGHTS, OPTIMIZER] {
             let read = |run: &Path| fs::read(run.join("checkpoints/step-00000007").join(name)).unwrap();
@@ -71,7 +72,41 @@ fn a_stopped_run_resumes_to_the_same_bits() {
         }
         let lines = fs::read_to_string(parts.join("metrics.jsonl")).unwrap();
         assert_eq!(lines.lines().count(), 7);
+        let runs = kinelm_train::runs::list(&[dir.path().into()], &mut |note| panic!("{note}")).unwrap();
+        let found: Vec<_> = runs.iter().map(|run| (&*run.model, run.status.name(), run.step, run.loss)).collect();
+        assert_eq!(found, [("aclstm 2x20", "done", 7, losses.last().copied()); 2]);
     }
+}
+
+#[test]
+fn a_resumed_run_changes_what_it_may_and_keeps_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let (config, sources) = place(dir.path(), 60.0);
+    let new = Start::New(config, sources);
+    let resume =
+        |set: &[&str], steps| Start::Resume(Changes { set: set.iter().map(|pair| pair.to_string()).collect(), steps });
+    let slower = resume(&["learning_rate=1e-4", "checkpoint_every=2"], Some(8));
+    let weights = |run: &Path| fs::read(run.join("checkpoints/step-00000008").join(WEIGHTS)).unwrap();
+    let runs = ["whole", "parts"].map(|name| dir.path().join(name));
+    runs.iter().for_each(|run| assert_eq!(go(run, &new, 4).unwrap().0.step, 4));
+    go(&runs[0], &slower, 99).unwrap();
+    // what changed stands in the run, and holds when it is resumed again
+    assert_eq!(go(&runs[1], &slower, 1).unwrap().0.step, 5);
+    let file = RunFile::read(&runs[1]).unwrap();
+    assert_eq!((file.config.learning_rate, file.config.checkpoint_every, file.config.steps), (1e-4, 2, 8));
+    go(&runs[1], &resume(&[], None), 99).unwrap();
+    assert!(weights(&runs[0]) == weights(&runs[1]));
+    for (pair, says) in [
+        ("width=8", "`set` width: weights, optimizer and sequences depend on it, so a resumed run keeps it"),
+        ("seed=2", "what may change: steps, learning_rate, checkpoint_every, keep"),
+        ("learning_rate=fast", "`set` learning_rate=fast: invalid type"),
+        ("learning_rate=0", "`set` learning_rate is 0; expected a number above 0"),
+        ("steps=3", "step"),
+    ] {
+        let e = go(&runs[1], &resume(&[pair], None), 1).unwrap_err();
+        assert!(e.to_string().contains(says), "{e}");
+    }
+    assert_eq!(RunFile::read(&runs[1]).unwrap(), file);
 }
 
 #[test]
@@ -145,6 +180,6 @@ fn what_can_not_be_learned_from_is_refused() {
     fs::remove_file(path).unwrap();
     go(&run, &Start::New(config, sources.clone()), 1).unwrap();
     fs::remove_file(sources.data[0].join("2.json")).unwrap();
-    let message = go(&run, &Start::Resume(None), 1).unwrap_err().to_string();
+    let message = go(&run, &Start::Resume(Changes::default()), 1).unwrap_err().to_string();
     assert!(message.contains("2.json: found no such file among those of the run"), "{message}");
 }

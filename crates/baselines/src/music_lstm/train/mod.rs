@@ -52,11 +52,11 @@ pub fn train(run: &Path, start: &Start, stop: &AtomicBool, progress: Progress) -
             file.write(run)?;
             (folder, file, clips)
         }
-        Start::Resume(steps) => {
+        Start::Resume(changes) => {
             let folder = RunFolder::open(run)?;
             let mut file = RunFile::read(run)?;
             let (recordings, clips) = file.clips(run, is_training)?;
-            file.set_steps(run, *steps)?;
+            file.change(run, changes)?;
             let clips = take(&recordings, clips, &file.config, progress)?;
             (folder, file, clips)
         }

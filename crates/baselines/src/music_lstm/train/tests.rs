@@ -2,6 +2,7 @@
 //! what can't be learned from.
 
 use super::*;
+use crate::Changes;
 use crate::data::Sources;
 use crate::music_lstm::config::{Audio, Effort, Pose};
 use crate::music_lstm::evaluate::{Options, evaluate};
@@ -74,7 +75,7 @@ fn a_stopped_run_resumes_to_the_same_bits() {
     // another number of threads, and updates after the last checkpoint are repeated
     fs::remove_dir_all(parts.join("checkpoints/step-00000004")).unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    let (second, more) = pool.install(|| go(&parts, &Start::Resume(None), 99)).unwrap();
+    let (second, more) = pool.install(|| go(&parts, &Start::Resume(Changes::default()), 99)).unwrap();
     assert_eq!((found, second.step, &more[..]), (losses[..4].to_vec(), 7, &losses[3..]));
     for name in [WEIGHTS, OPTIMIZER] {
         let read = |run: &Path| fs::read(run.join("checkpoints/step-00000007").join(name)).unwrap();
@@ -83,7 +84,7 @@ fn a_stopped_run_resumes_to_the_same_bits() {
     // other music under the same name
     let song = places.music.join("1.wav");
     fs::copy(places.music.join("0.wav"), &song).unwrap();
-    let message = go(&parts, &Start::Resume(None), 1).unwrap_err().to_string();
+    let message = go(&parts, &Start::Resume(Changes::default()), 1).unwrap_err().to_string();
     assert!(message.contains("songs/1.wav: found SHA-256 "), "{message}");
 }
 

@@ -1,6 +1,7 @@
 //! The binary part of a GLB, and the container of both parts.
 
 use crate::{Error, Result};
+use kinelm_store::Subject;
 use serde_json::{Value, json};
 
 /// The use of a buffer view.
@@ -102,6 +103,6 @@ impl Buffer {
 }
 
 /// The error of a number beyond the 32-bit floats of a GLB.
-pub fn beyond(what: &str) -> Error {
+pub fn beyond(what: impl Into<Subject>) -> Error {
     Error::unsupported(what, "beyond what a GLB holds, 3.4e38 m; is the unit right (`unit`)?")
 }

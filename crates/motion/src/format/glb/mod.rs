@@ -52,7 +52,7 @@ pub fn to_bytes(clips: &[Named]) -> Result<Vec<u8>> {
         if clip.frames() == 0 || clip.joints() > usize::from(u16::MAX) {
             let (frames, joints) = (clip.frames(), clip.joints());
             let why = format!("{frames} frames of {joints} joints; a GLB needs a frame and takes 65,535 joints");
-            return Err(Error::unsupported(*name, why));
+            return Err(Error::unsupported(name.to_string(), why));
         }
         scene.add(name, clip, COLOURS[i % COLOURS.len()])?;
     }
@@ -77,10 +77,10 @@ impl Scene {
     fn add(&mut self, name: &str, clip: &Clip, colour: [f64; 3]) -> Result<()> {
         let too_far = |p: &Vec3| !p.as_vec3().is_finite();
         if let Some(frame) = clip.root().iter().position(too_far) {
-            return Err(beyond(&format!("{name}: the root in frame {frame}")));
+            return Err(beyond(format!("{name}: the root in frame {frame}")));
         }
         if let Some(joint) = clip.skeleton().offsets().iter().position(too_far) {
-            return Err(beyond(&format!("{name}: {}", clip.skeleton().names()[joint])));
+            return Err(beyond(format!("{name}: {}", clip.skeleton().names()[joint])));
         }
         // a parent node of the joints, from which programs make one armature per clip
         let around = self.nodes.len();

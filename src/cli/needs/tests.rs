@@ -1,0 +1,266 @@
+//! Every option of every command stands alone or needs another one, and then is refused without it.
+
+use super::*;
+use crate::cli::parser;
+use std::collections::BTreeSet;
+
+/// Options that say something by themselves, of every command that has options: its own, and those it shares.
+const ALONE: &[(&str, &str, &[&[&str]])] = &[
+    ("aclstm evaluate", "run split seeds seed-frames frames write-seeds dances json", &[]),
+    ("aclstm generate again", "out run force seed-clip", &[]),
+    ("aclstm generate", "run seed-clip seed-frames seed-from frames with-seed out feet force", &[READING]),
+    ("aclstm plot", "out force", &[]),
+    ("aclstm resume", "steps set", &[]),
+    (
+        "aclstm train",
+        "run labels only config representation condition groundtruth width layers wiring batch rate steps \
+         seed set",
+        &[READING],
+    ),
+    ("bench decode", "config context vocabulary dropout streams frames weights kv repeats json", &[]),
+    ("bench lstm", "width condition batch repeats json", &[]),
+    ("bench query", "transform windows repeats json", &[]),
+    ("bench read", "repeats json", &[]),
+    ("bench tokenize", "repeats json", &[]),
+    ("bench train", "config context vocabulary dropout batch precision device form repeats json", &[]),
+    ("classify eval", "classifier corpus split baselines plot json trust", &[]),
+    ("classify predict", "classifier json", &[READING]),
+    (
+        "classify train",
+        "run corpus fields out only scratch share compat unbalanced steps batch rate head-rate eval-every \
+         eval-windows patience seed resume trust",
+        &[],
+    ),
+    ("convert", "format fps skeleton joints from to in-place at-origin for write-unit positions force", &[READING]),
+    ("corpus clean", "labels strict out tokenizer force", &[READING]),
+    ("corpus merge", "out force", &[]),
+    ("corpus order", "corpus config steps seed out force trust", &[]),
+    ("corpus stats", "json trust", &[]),
+    ("demo", "out force seed train steps music device form", &[]),
+    ("evaluate baselines", "corpus tokens json floors", &[]),
+    ("evaluate dance", "compare real copying features fidelity beats music plot json trust", &[READING]),
+    (
+        "evaluate gaps",
+        "run corpus split frames gaps samples goal-guidance feet seed weights kv device form json \
+         trust",
+        &[DRAWING],
+    ),
+    (
+        "evaluate likelihood",
+        "run corpus split windows conditions per-joint gaps weights kv device form floors floors-from json \
+         trust",
+        &[],
+    ),
+    ("evaluate prediction", "run fps labels strict split windows json", &[READING]),
+    ("export", "run format out", &[]),
+    ("filter", "out level cutoff keep feet json force", &[READING]),
+    ("finetune resume", "corpus steps precision device form trust set", &[]),
+    ("finetune", "from config corpus run steps seed conditions precision device form trust set", &[]),
+    ("generate again", "out run prompt timeline music guesses force", &[]),
+    (
+        "generate timeline",
+        "run out label music guidance goal-guidance frames seconds fps variations seed first-frames lead-in \
+         rig uncoded-joints feet blend tries guesses best force weights kv device form",
+        &[DRAWING],
+    ),
+    (
+        "generate",
+        "prompt run out label music guidance frames seconds fps variations seed first-frames lead-in feet \
+         guesses best force weights kv device form",
+        &[DRAWING],
+    ),
+    ("import", "run", &[]),
+    ("inspect", "json map-out", &[READING]),
+    (
+        "interpolate",
+        "out page transform keep window whole fps at-a at-b keep-heading strength amount plain rate steps \
+         json force",
+        &[READING],
+    ),
+    ("lr-find", "config corpus out steps from to json force device form trust", &[]),
+    ("mirror", "out force", &[READING]),
+    ("music beats", "out bpm-range", &[]),
+    ("music inspect", "json out bpm-range", &[]),
+    ("music render", "bpm seconds style seed out force", &[]),
+    ("music-lstm evaluate", "run split frames cutoff json", &[]),
+    ("music-lstm generate again", "out run force music", &[]),
+    ("music-lstm generate", "run music music-from frames out force", &[]),
+    ("music-lstm resume", "steps set", &[]),
+    (
+        "music-lstm train",
+        "music run labels only config audio pose effort teacher batch rate steps seed set",
+        &[READING],
+    ),
+    ("pretrain resume", "corpus steps precision device form trust set", &[]),
+    ("pretrain", "config corpus run steps seed conditions from precision device form trust set", &[]),
+    ("query build", "labels strict out transform run no-dc keep joints window hop fps raw", &[READING]),
+    (
+        "query evaluate",
+        "labels strict fields only transform run no-dc distance exclude joints window hop fps raw markdown \
+         json save k",
+        &[READING],
+    ),
+    ("query find", "index at distance exclude one-per-clip page json k", &[READING]),
+    ("runs list", "json", &[]),
+    ("runs plot", "out metric over force", &[]),
+    ("spectrum", "out joint at seconds fps no-dc force", &[READING]),
+    #[cfg(feature = "studio")]
+    ("studio", "run real port bind no-open empty assets", &[]),
+    ("tokenize", "labels strict out tokenizer shard music motion-beats exclude force", &[READING]),
+    ("tokenizer decode", "tokenizer force floor", &[]),
+    (
+        "tokenizer fit",
+        "labels strict out force config joints fps root-rotation merges scheme bins form translation \
+         height set",
+        &[READING],
+    ),
+    ("tokenizer study", "labels strict out schemes joints fps show force", &[READING]),
+    ("tokenizer text", "tokenizer", &[READING]),
+    ("tune", "labels strict run steps seed device form trust", &[READING]),
+    ("view", "out forced together music lag force", &[READING]),
+];
+
+/// The commands that can be called, with their names. Built, so that they have the global options too.
+fn commands() -> Vec<(String, Command)> {
+    fn below(name: &str, command: &Command, all: &mut Vec<(String, Command)>) {
+        for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
+            let name = format!("{name} {}", sub.get_name()).trim().to_string();
+            below(&name, sub, all);
+            all.push((name, sub.clone()));
+        }
+    }
+    let mut all = Vec::new();
+    let mut program = parser();
+    program.build();
+    below("", &program, &mut all);
+    all
+}
+
+/// Options of a command by their names, or letters where they have none.
+fn options(command: &Command) -> Vec<String> {
+    let everywhere = ["help", "version", "threads", "quiet"];
+    let name = |arg: &clap::Arg| arg.get_long().map(String::from).or(arg.get_short().map(String::from));
+    command.get_arguments().filter_map(name).filter(|name| !everywhere.contains(&&**name)).collect()
+}
+
+#[test]
+fn every_option_stands_alone_or_needs_another() {
+    let mut unknown = Vec::new();
+    for (name, command) in commands() {
+        let options = options(&command);
+        let own = ALONE.iter().filter(|(of, ..)| *of == name);
+        let alone: BTreeSet<&str> =
+            own.flat_map(|(_, own, shared)| own.split(' ').chain(shared.iter().copied().flatten().copied())).collect();
+        let needs: BTreeSet<&str> = NEEDS
+            .iter()
+            .filter(|need| need.commands.contains(&&*name))
+            .flat_map(|need| need.options)
+            .copied()
+            .collect();
+        // of one with a value, other values stand alone
+        let needs: BTreeSet<&str> =
+            needs.into_iter().map(|option| option.split('=').next().unwrap_or(option)).collect();
+        let missing: Vec<&str> =
+            options.iter().map(|o| &**o).filter(|o| !alone.contains(o) && !needs.contains(o)).collect();
+        if !missing.is_empty() {
+            unknown.push(format!("{name}: {}", missing.join(" ")));
+        }
+        for option in alone.iter().chain(&needs) {
+            assert!(options.iter().any(|of| of == option), "{name} has no --{option}");
+        }
+        let both: Vec<_> = alone.intersection(&needs).collect();
+        assert!(both.is_empty(), "{name}: {both:?} both stand alone and need another");
+    }
+    let help = "list each in ALONE, or in NEEDS with what it needs";
+    assert!(unknown.is_empty(), "options that are in neither table; {help}:\n{}", unknown.join("\n"));
+    let names: BTreeSet<String> = commands().into_iter().map(|(name, _)| name).collect();
+    let listed =
+        NEEDS.iter().flat_map(|need| need.commands.iter().copied()).chain(ALONE.iter().map(|(name, ..)| *name));
+    listed.for_each(|name| assert!(names.contains(name), "there is no command {name}"));
+}
+
+/// What a command needs besides the option that is tried.
+fn base(command: &str, option: &str) -> &'static str {
+    match (command, option) {
+        ("generate", "joints" | "from-frame" | "given" | "free") => "--out a.bvh --frames 5",
+        // these conflict with what --loop conflicts with
+        ("generate", _) => "--out a.bvh --seconds 5",
+        ("generate timeline", _) => "a.toml --out a.bvh",
+        ("filter" | "view", _) => "a.bvh --out a",
+        ("inspect", _) => "a.bvh",
+        ("classify eval", _) => "--classifier a --corpus a",
+        ("music inspect" | "music beats", _) => "a.wav",
+        ("query find", _) => "a.bvh --index a",
+        ("query evaluate", _) => "a",
+        ("aclstm evaluate", _) => "--run a",
+        ("aclstm train", _) => "a --run a",
+        ("music-lstm train", _) => "a --music a --run a",
+        ("evaluate dance", _) => "a.bvh --real a",
+        ("evaluate baselines", "bins") => "--corpus a",
+        ("evaluate baselines", _) => "--tokens a.npz",
+        ("evaluate prediction", _) => "a",
+        ("evaluate gaps", _) => "--run a --corpus a",
+        _ => panic!("no call of {command}"),
+    }
+}
+
+/// The words of an option with the first of some values that it takes.
+fn words_of(command: &Command, option: &str) -> Vec<String> {
+    let (name, value) = option.split_once('=').map_or((option, None), |(name, value)| (name, Some(value)));
+    let arg = command.get_arguments().find(|arg| arg.get_long() == Some(name)).unwrap_or_else(|| panic!("no --{name}"));
+    let takes_value = arg.get_action().takes_values() && arg.get_num_args().is_none_or(|n| n.min_values() > 0);
+    let own = arg.get_possible_values().first().map(|value| value.get_name().to_string());
+    let fitting = match name {
+        "seconds" | "music-from" => "1s",
+        "split" => "valid",
+        "loop-over" | "blend" => "5s",
+        "given" | "free" => "left_arm",
+        _ => "1",
+    };
+    let value = value.map(String::from).or(own).unwrap_or(fitting.into());
+    let flag = format!("--{name}");
+    if takes_value { vec![flag, value] } else { vec![flag] }
+}
+
+/// What a call is refused for by [`check`]; `None` if it isn't.
+fn refused(words: &[String]) -> Option<String> {
+    let mut program = parser();
+    let matches = program.try_get_matches_from_mut(words).unwrap_or_else(|e| panic!("{words:?}: {e}"));
+    let error = check(&program, &matches).err()?;
+    assert_eq!(error.exit_code(), 2);
+    Some(error.to_string())
+}
+
+#[test]
+fn what_needs_another_option_is_refused_without_it() {
+    let all = commands();
+    for Need { commands, options, any_of } in NEEDS {
+        for (name, option) in commands.iter().flat_map(|name| options.iter().map(move |option| (*name, *option))) {
+            let (_, command) = all.iter().find(|(of, _)| of == name).unwrap();
+            let words = ["kinelm"].into_iter().chain(name.split(' ')).chain(base(name, option).split(' '));
+            let mut words: Vec<String> = words.map(String::from).collect();
+            words.extend(words_of(command, option));
+            let said = refused(&words).unwrap_or_default();
+            let expected = format!("{} needs {}", flag(option), listed(any_of));
+            assert!(said.contains(&expected), "{words:?}: no {expected:?} in {said:?}");
+        }
+    }
+}
+
+#[test]
+fn with_what_it_needs_an_option_is_taken() {
+    for line in [
+        "generate --out a.bvh --prompt b.bvh --loop --loop-over 3s --blend 1s --tries 9 --fps-source 60",
+        "generate --out a.bvh --prompt b.bvh --free left_arm@1s:2s --blend 1s --goal-guidance 2 --rig prompt",
+        "generate --out a.bvh --seconds 5 --rig model --uncoded-joints training",
+        "generate --out a.bvh --frames 5 --best 4 --keep-all --real corpus --music a.wav --music-from 2s",
+        "generate timeline a.toml --out a.bvh --blend 1s --tries 9 --goal-guidance 2",
+        "filter a.bvh --out b.bvh --butterworth 2 --cutoff 5",
+        "evaluate dance a.bvh --real corpus --beats a.txt --music-from 2s --plot a.svg --force",
+        "evaluate baselines --corpus corpus --split valid --trust --floors-from other",
+        "aclstm train a --run run --representation euler --root-order YXZ",
+    ] {
+        let words: Vec<String> = ["kinelm"].into_iter().chain(line.split(' ')).map(String::from).collect();
+        assert_eq!(refused(&words), None, "{line}");
+    }
+}

@@ -66,14 +66,14 @@ fn set() -> &'static Set {
     })
 }
 
-fn source(path: &Path, options: &ReadOptions) -> BvhSource {
+pub fn source(path: &Path, options: &ReadOptions) -> BvhSource {
     let options = ReadOptions { rest: RestFrame::Keep, ..options.clone() };
     let Source::Bvh(source) = format::read(path, &options).unwrap().source else { panic!("a BVH") };
     *source
 }
 
 /// The frames and columns of numbers that differ.
-fn differ(a: &BvhSource, b: &BvhSource) -> (Vec<usize>, Vec<usize>) {
+pub fn differ(a: &BvhSource, b: &BvhSource) -> (Vec<usize>, Vec<usize>) {
     let width = a.head.width;
     let at = (0..a.numbers.len().min(b.numbers.len())).filter(|&i| a.numbers[i] != b.numbers[i]);
     let (mut frames, mut columns): (Vec<usize>, Vec<usize>) = at.map(|i| (i / width, i % width)).unzip();
@@ -83,7 +83,7 @@ fn differ(a: &BvhSource, b: &BvhSource) -> (Vec<usize>, Vec<usize>) {
     (frames, columns)
 }
 
-fn column(source: &BvhSource, joint: &str) -> std::ops::Range<usize> {
+pub fn column(source: &BvhSource, joint: &str) -> std::ops::Range<usize> {
     let node = source.head.nodes.iter().find(|n| n.name == joint).unwrap();
     node.column..node.column + node.channels.len()
 }

@@ -51,7 +51,7 @@ pub use conditions::Conditions;
 pub use dataset::{Dataset, Item};
 pub use error::{Error, Result};
 pub use load::{ClipSpec, ItemClip, ModelClip};
-pub use masking::fill_masked;
+pub use masking::{SpanMasking, fill_masked};
 pub use merge::merge;
 pub use record::{ClipRecord, Count, Manifest, Shard, Split, TokenType};
 pub use settings::Settings;

@@ -1,8 +1,10 @@
 //! Windows of a masked model: some tokens are hidden, and each chosen one is its own target (docs/training.md, "Masked
 //! models").
 
+use crate::{Error, Result};
+use kinelm_motion::joints::Selection;
 use kinelm_store::random;
-use kinelm_tokenizer::Special;
+use kinelm_tokenizer::{Special, Tokenizer};
 use rand_chacha::rand_core::RngCore;
 
 /// Of the tokens that may be chosen, so many are.
@@ -31,13 +33,8 @@ pub fn fill_masked(
     rng: &mut impl RngCore,
     (input, target): (&mut [u32], &mut [u32]),
 ) {
-    assert_eq!(input.len(), target.len(), "input and target of one length");
-    let (k, end) = (front.len(), front.len() + tokens.len());
-    assert!(end <= input.len(), "{end} tokens for {} places", input.len());
-    input[..k].copy_from_slice(front);
-    input[k..end].copy_from_slice(tokens);
-    input[end..].fill(pad);
-    target.fill(pad);
+    fill_inputs((tokens, front), pad, (&mut *input, &mut *target));
+    let k = front.len();
     let drawn: Vec<f64> = tokens.iter().map(|_| random::unit(rng)).collect();
     let mut open: Vec<usize> = (0..tokens.len()).filter(|&i| may(i)).collect();
     let number = chosen(open.len());
@@ -52,10 +49,126 @@ pub fn fill_masked(
     }
 }
 
+/// `front` and the tokens of a window as inputs, `pad` behind them; no target yet.
+fn fill_inputs((tokens, front): (&[u32], &[u32]), pad: u32, (input, target): (&mut [u32], &mut [u32])) {
+    assert_eq!(input.len(), target.len(), "input and target of one length");
+    let (k, end) = (front.len(), front.len() + tokens.len());
+    assert!(end <= input.len(), "{end} tokens for {} places", input.len());
+    input[..k].copy_from_slice(front);
+    input[k..end].copy_from_slice(tokens);
+    input[end..].fill(pad);
+    target.fill(pad);
+}
+
+/// Hides characters as a gap or an occluded joint does: of some joints, over a run of words.
+///
+/// The run is 1 word to all of the window, log-uniform in length. In half of the windows all joints are hidden in it, else 1
+/// to half of them. In half of the windows all their characters there are hidden, else a share that is uniform, as after a
+/// few passes of generation. Spaces are never hidden.
+#[derive(Debug, Clone)]
+pub struct SpanMasking {
+    /// W.
+    word: usize,
+    /// The slots of each coded joint, the root's translation with joint 0.
+    joints: Vec<Vec<usize>>,
+}
+
+impl SpanMasking {
+    /// The spans of a tokenizer's words.
+    ///
+    /// # Errors
+    /// Words that differ in length, or whose characters belong to no one joint.
+    pub fn of(tokenizer: &Tokenizer) -> Result<SpanMasking> {
+        let refused = |why: String| Error::unsupported("masking of spans", why);
+        let Some(word) = tokenizer.tokens_per_word() else {
+            return Err(refused("the words of this tokenizer differ in length".into()));
+        };
+        let slots = |&joint: &usize| {
+            let selection = Selection { joints: vec![joint], translation: joint == 0 };
+            tokenizer.slots_of(&selection).map_err(|e| refused(e.to_string()))
+        };
+        let joints = tokenizer.channels().joints().iter().map(slots).collect::<Result<_>>()?;
+        Ok(SpanMasking { word, joints })
+    }
+
+    /// As [`fill_masked`], with a span in place of 15 % of the tokens; every target is hidden.
+    ///
+    /// # Panics
+    /// As [`fill_masked`].
+    pub fn fill(
+        &self,
+        (tokens, front): (&[u32], &[u32]),
+        pad: u32,
+        may: &dyn Fn(usize) -> bool,
+        rng: &mut impl RngCore,
+        (input, target): (&mut [u32], &mut [u32]),
+    ) {
+        fill_inputs((tokens, front), pad, (&mut *input, &mut *target));
+        let words = tokens.len() / self.word;
+        if words == 0 {
+            return;
+        }
+        let length = (((words + 1) as f64).powf(random::unit(rng)) as usize).clamp(1, words);
+        let first = (random::unit(rng) * (words + 1 - length) as f64) as usize;
+        let slots = self.slots(rng);
+        let of_word = |word: usize| slots.iter().map(move |slot| word * self.word + slot);
+        let mut hidden: Vec<usize> = (first..first + length).flat_map(of_word).filter(|&i| may(i)).collect();
+        if random::unit(rng) < 0.5 {
+            let number = (random::unit(rng) * hidden.len() as f64).ceil() as usize;
+            random::shuffle(&mut hidden, rng);
+            hidden.truncate(number);
+        }
+        for place in hidden.into_iter().map(|i| front.len() + i) {
+            target[place] = input[place];
+            input[place] = Special::Mask.id();
+        }
+    }
+
+    /// The slots of the joints that are hidden.
+    fn slots(&self, rng: &mut impl RngCore) -> Vec<usize> {
+        let mut joints: Vec<usize> = (0..self.joints.len()).collect();
+        if random::unit(rng) < 0.5 {
+            let half = (joints.len() / 2).max(1);
+            let number = 1 + (random::unit(rng) * half as f64) as usize;
+            random::shuffle(&mut joints, rng);
+            joints.truncate(number);
+        }
+        joints.into_iter().flat_map(|joint| self.joints[joint].iter().copied()).collect()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use kinelm_store::random;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn spans_hide_joints_over_words_that_follow_one_another() {
+        let masking = SpanMasking { word: 5, joints: vec![vec![0, 1], vec![2], vec![3]] };
+        // 20 words, and the beginning of one more
+        let tokens: Vec<u32> = (0..103).map(|i| if i % 5 == 4 { 5 } else { 10 + i }).collect();
+        let (mut all_joints, mut whole, mut longest) = (0, 0, 0);
+        for window in 0..400 {
+            let (mut input, mut target) = ([9; 110], [9; 110]);
+            let mut rng = random::stream(1, "mask", 0, window);
+            masking.fill((&tokens, &[1, 7]), 0, &|i| i % 5 != 3, &mut rng, (&mut input, &mut target));
+            assert_eq!((input[..2].to_vec(), &input[105..], &target[105..]), (vec![1, 7], &[0; 5][..], &[0; 5][..]));
+            let hidden: Vec<usize> = (0..103).filter(|&i| target[2 + i] != 0).collect();
+            for i in 0..103 {
+                let expected = if hidden.contains(&i) { (3, tokens[i]) } else { (tokens[i], 0) };
+                assert_eq!((input[2 + i], target[2 + i]), expected);
+                assert!(!hidden.contains(&i) || i < 100 && i % 5 < 3, "{i} may be hidden");
+            }
+            let words: BTreeSet<usize> = hidden.iter().map(|i| i / 5).collect();
+            let slots: BTreeSet<usize> = hidden.iter().map(|i| i % 5).collect();
+            let Some((first, last)) = words.first().zip(words.last()) else { continue };
+            longest = longest.max(last + 1 - first);
+            whole += usize::from(hidden.len() == (last + 1 - first) * slots.len());
+            all_joints += usize::from(slots.len() == 3);
+        }
+        assert!((140..=260).contains(&all_joints) && whole > 190 && longest == 20, "{all_joints} {whole} {longest}");
+    }
 
     #[test]
     fn fifteen_percent_are_chosen_and_about_a_tenth_of_them_stays() {

@@ -1,7 +1,7 @@
 //! How well a model fills a gap: docs/measures.md, "Gaps".
 //!
 //! Gaps of so many frames are spread evenly over the clips of a split. What stands before a gap, up to 64 frames, and the
-//! frame behind it are given, as coded and decoded; the model samples the frames between several times, each is closed as
+//! frame behind it are given, as coded and decoded, to a masked model as many frames behind it as its window holds; the model samples the frames between several times, each is closed as
 //! `generate --given --free` closes it, and the joints at the gap's middle are held to where they were.
 
 use super::bootstrap;
@@ -13,8 +13,10 @@ use kinelm_generate::edit::gap::{ClosingError, aligned, close};
 use kinelm_generate::edit::mask::Mask;
 use kinelm_generate::edit::splice::extended;
 use kinelm_generate::sampling::Sampling;
-use kinelm_generate::{NextToken, SamplingPlan, sample, unwatched, variation_seed};
+use kinelm_generate::{RunModel, SamplingPlan, unwatched, variation_seed};
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
+use kinelm_model::likelihood::room;
+use kinelm_model::{LoadedRun, ModelKind};
 use kinelm_motion::metric::{InBetween, PositionScale, TrueGap};
 use kinelm_motion::rotation::slerp;
 use kinelm_motion::{Clip, Vec3};
@@ -40,10 +42,16 @@ pub struct Gap {
 }
 
 /// `most` gaps of so many `frames`, spread evenly over the places that a split's clips have for them behind `before` frames.
+/// After a gap stand the clip's next frames, `after` at most and three at least.
 ///
 /// # Errors
 /// [`kinelm_store::Error::Missing`] where no clip is long enough; what reading the corpus fails with.
-pub fn gaps(corpus: &Corpus, split: Split, (before, frames): (usize, usize), most: usize) -> Result<Vec<Gap>> {
+pub fn gaps(
+    corpus: &Corpus,
+    split: Split,
+    (before, frames, after): (usize, usize, usize),
+    most: usize,
+) -> Result<Vec<Gap>> {
     let length = before + frames + FRAMES_AFTER;
     let clips: Vec<_> = corpus.split(split).filter(|clip| clip.frames >= length).collect();
     let places: usize = clips.iter().map(|clip| clip.frames + 1 - length).sum();
@@ -62,7 +70,8 @@ pub fn gaps(corpus: &Corpus, split: Split, (before, frames): (usize, usize), mos
         }
         let word = clips[clip].tokens / clips[clip].frames;
         let from = (at - passed) * word;
-        let ids = corpus.ids(clips[clip], from..from + length * word)?;
+        let to = (from + (before + frames + after.max(FRAMES_AFTER)) * word).min(clips[clip].tokens);
+        let ids = corpus.ids(clips[clip], from..to)?;
         found.push(Gap { take: clips[clip].take.clone(), ids, frames: before..before + frames });
     }
     Ok(found)
@@ -74,7 +83,7 @@ pub fn gaps(corpus: &Corpus, split: Split, (before, frames): (usize, usize), mos
 /// Words that can't be decoded.
 pub fn position_scale(corpus: &Corpus, (before, frames): (usize, usize), gaps: &[Gap]) -> Result<PositionScale> {
     let tokenizer = corpus.tokenizer();
-    let train = self::gaps(corpus, Split::Train, (before, frames), 1000).ok();
+    let train = self::gaps(corpus, Split::Train, (before, frames, FRAMES_AFTER), 1000).ok();
     let mut scale = PositionScale::of(tokenizer.channels().joints());
     for gap in train.as_deref().unwrap_or(gaps) {
         scale.add(&decoded(tokenizer, &gap.ids)?, &gap.frames);
@@ -176,8 +185,8 @@ impl GapReport {
 
 /// A model that fills gaps.
 pub struct Filler<'a> {
-    /// Reads as many sequences as there are samples, times those of a dance.
-    pub model: &'a mut dyn NextToken,
+    /// Samples as many dances as there are samples.
+    pub model: &'a mut RunModel,
     /// Its tokenizer.
     pub tokenizer: &'a Tokenizer,
     /// Its conditions; every label is unknown.
@@ -192,25 +201,27 @@ pub struct Filler<'a> {
     pub scale: &'a PositionScale,
     /// Goal conditioning on the frame after the gap, and its guidance; `None`: without.
     pub ahead: Option<(GoalEncoder, f64)>,
+    /// Passes over a window, if the model is masked.
+    pub passes: Option<usize>,
 }
 
-/// Frames before a gap of so many that a model has room for.
+/// Frames before and after a gap of so many that a model has room for. A causal model sees none after it.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Invalid`] where it has none.
-pub fn frames_before(context: usize, front: usize, tokenizer: &Tokenizer, frames: usize) -> Result<usize> {
+/// [`kinelm_store::Error::Invalid`] where it has none before it.
+pub fn frames_around(run: &LoadedRun, tokenizer: &Tokenizer, frames: usize) -> Result<(usize, usize)> {
     let (Some(word), 1) = (tokenizer.tokens_per_word(), tokenizer.frames_per_word()) else {
         let why = "the tokenizer's words are no frames; take one of uniform or quantile bins";
         return Err(Error::unsupported("filling gaps", why));
     };
-    let room = (context + 1).saturating_sub(front) / word;
+    let room = room(&run.config, &run.tokens) / word;
     match room.saturating_sub(frames + 1).min(CONTEXT_FRAMES) {
         0 => Err(Error::invalid(
             "`frames`",
             frames,
             format!("at most {}: the model sees {room}", room.saturating_sub(2)),
         )),
-        before => Ok(before),
+        before => Ok((before, if run.config.kind == ModelKind::Masked { before } else { 0 })),
     }
 }
 
@@ -240,9 +251,12 @@ impl Filler<'_> {
             (0..frames).flat_map(|frame| std::iter::repeat_n(is_so(frame), characters)).collect()
         };
         let given = flags(&|frame| !gap.frames.contains(&frame));
-        let lookahead = flags(&|frame| frame == gap.frames.end);
         let front = self.conditions.requested(&[])?;
-        let words = gap.frames.end + 1;
+        // a causal model goes on into the frame after the gap, a masked one sees it
+        let (words, lookahead) = match self.passes {
+            None => (gap.frames.end + 1, flags(&|frame| frame == gap.frames.end)),
+            Some(_) => (frames, Vec::new()),
+        };
         let seed = variation_seed(self.seed, index);
         let goals = |ahead: &GoalEncoder| GoalTrack::new(ahead.clone(), ahead.codes(&gap.ids), given.clone(), 0);
         let plan = SamplingPlan {
@@ -252,9 +266,10 @@ impl Filler<'_> {
             lookahead,
             prompt: gap.ids.clone(),
             fronts: vec![(0, front)],
+            passes: self.passes.unwrap_or(1),
             ..SamplingPlan::free(self.tokenizer.grammar(), words, self.draw, seed)
         };
-        let sampled = sample(self.model, &plan, &mut unwatched)?;
+        let sampled = self.model.sample(&plan, &mut unwatched)?;
         let mut samples = Vec::with_capacity(sampled.ids.len());
         for i in 0..sampled.ids.len() {
             let dance = extended(&decode(&sampled.with_lookahead(i))?, frames)?;
@@ -470,11 +485,18 @@ mod tests {
         }
         writer.finish().unwrap();
         let corpus = Corpus::open(dir.path().join("c")).unwrap();
-        let all = gaps(&corpus, Split::Train, (2, 1), usize::MAX).unwrap();
+        let all = gaps(&corpus, Split::Train, (2, 1, 0), usize::MAX).unwrap();
         assert_eq!(all.len(), 7 + 4, "the second is too short");
-        let few = gaps(&corpus, Split::Train, (2, 1), 2).unwrap();
+        let few = gaps(&corpus, Split::Train, (2, 1, 0), 2).unwrap();
         assert!(few.len() == 2 && few.iter().all(|gap| all.contains(gap) && gap.frames == (2..3)));
-        let error = gaps(&corpus, Split::Train, (999, 1), 2).unwrap_err().to_string();
+        // the same gaps, with what the clip still has after them
+        let wide = gaps(&corpus, Split::Train, (2, 1, 6), usize::MAX).unwrap();
+        let pairs = || all.iter().zip(&wide);
+        assert!(wide.len() == all.len() && pairs().all(|(a, b)| b.frames == a.frames && b.ids.starts_with(&a.ids)));
+        let word = all[0].ids.len() / 6;
+        let more: Vec<usize> = pairs().map(|(a, b)| (b.ids.len() - a.ids.len()) / word).collect();
+        assert_eq!(more, [3, 3, 3, 3, 2, 1, 0, 3, 2, 1, 0]);
+        let error = gaps(&corpus, Split::Train, (999, 1, 0), 2).unwrap_err().to_string();
         assert!(error.contains("no train clip of 1003 frames"), "{error}");
     }
 }

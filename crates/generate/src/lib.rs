@@ -17,6 +17,8 @@
 //! - [`sampling`]: which of the allowed tokens comes next, one file per rule.
 //! - [`request`]: what decides a dance, as values that files can hold.
 //! - [`sampler`]: words sampled from a model, as an iterator.
+//! - [`masked`]: the same from a masked model, window by window.
+//! - [`run_model`]: the model of a run, of either kind.
 //! - [`prompt`]: a clip as the model sees it, and the way back to its rig.
 //! - [`edit`]: parts of a clip generated, and their ends closed.
 //! - [`timeline`]: several clips arranged into one to be edited.
@@ -28,12 +30,14 @@
 
 pub mod best;
 pub mod edit;
+pub mod masked;
 pub mod open;
 pub mod output;
 pub mod prompt;
 pub mod provenance;
 pub mod related;
 pub mod request;
+pub mod run_model;
 pub mod sampler;
 pub mod sampling;
 pub mod timeline;
@@ -41,6 +45,7 @@ pub mod timeline;
 pub use kinelm_model::{Error, Result};
 pub use open::OpenRequest;
 pub use request::{Length, MusicRequest, PromptRequest, Request, Resolved, Rig};
+pub use run_model::RunModel;
 pub use sampler::{
     MOST_FRAMES, NextToken, Sampler, SamplingPlan, SamplingProgress, check_frames, reader, readers, sample, sample_one,
     sample_side_by_side, unwatched, variation_seed,

@@ -18,7 +18,7 @@ use super::window::{WindowId, WindowSpan};
 use crate::{Error, Result};
 use kinelm_corpus::music::tempo;
 use kinelm_corpus::windows::{fill_sequence, whole_words};
-use kinelm_corpus::{ClipRecord, ClipWords, Corpus, Split, fill_masked};
+use kinelm_corpus::{ClipRecord, ClipWords, Corpus, SpanMasking, Split, fill_masked};
 use kinelm_model::ModelKind;
 use kinelm_model::goal::Conditioning;
 use kinelm_store::random;
@@ -51,6 +51,9 @@ impl Batch {
     }
 }
 
+/// Share of the windows in which a span is hidden, where any are.
+const SPANS: f64 = 0.5;
+
 /// The training windows of a run's corpora, in order.
 pub struct Batches<'a> {
     data: &'a Data,
@@ -64,6 +67,7 @@ pub struct Batches<'a> {
     seed: u64,
     label_dropout: f64,
     masked: bool,
+    spans: Option<SpanMasking>,
     augment: Option<Augment>,
     gaps: Option<Gaps>,
     music: Option<MusicConditioning>,
@@ -141,6 +145,7 @@ impl<'a> Batches<'a> {
             seed,
             label_dropout,
             masked: false,
+            spans: None,
             augment: None,
             gaps: None,
             music: None,
@@ -159,6 +164,7 @@ impl<'a> Batches<'a> {
         let batches = Batches::new(data, context, &run.train)?;
         Ok(Batches {
             masked,
+            spans: run.train.masking.spans(data.tokenizer())?,
             context: run.model.context,
             augment: Augment::new(&run.augment, data.tokenizer(), run.train.seed)?,
             gaps: Gaps::new(run.train.gaps, data.tokenizer(), run.train.seed)?,
@@ -231,7 +237,11 @@ impl<'a> Batches<'a> {
         if self.masked {
             let may = |k: usize| !dropped.contains(&(k % self.word));
             let mut rng = random::stream(self.seed, "mask", window.round, window.number as u64);
-            fill_masked((&ids, &front), pad, &may, &mut rng, (&mut *input, &mut *target));
+            let (window, places) = ((&*ids, &*front), (&mut *input, &mut *target));
+            match self.spans.as_ref().filter(|_| random::unit(&mut rng) < SPANS) {
+                Some(spans) => spans.fill(window, pad, &may, &mut rng, places),
+                None => fill_masked(window, pad, &may, &mut rng, places),
+            }
         } else {
             fill_sequence(&ids, &front, pad, input, target);
         }
@@ -345,6 +355,7 @@ fn hide(places: &[usize], word: usize, inputs: &mut [u32], targets: &mut [u32]) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::Masking;
     use crate::fixture;
     use kinelm_model::ModelConfig;
 
@@ -515,6 +526,26 @@ mod tests {
         }
         let again = Batches::of_run(&run, &data).unwrap().batch(1).unwrap();
         assert_ne!(again.targets, found.targets);
+    }
+
+    #[test]
+    fn spans_are_hidden_in_half_of_the_windows() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::turning(dir.path(), &[(30, Split::Train)])).unwrap();
+        let train = TrainConfig { batch: 400, masking: Masking::Spans, ..Default::default() };
+        let word = data.tokenizer().tokens_per_word().unwrap();
+        let context = 1 + 10 * word;
+        let model = ModelConfig { kind: ModelKind::Masked, context, ..Default::default() };
+        let run = RunFile::new(&model, &train, &data).unwrap();
+        let found = Batches::of_run(&run, &data).unwrap().batch(0).unwrap();
+        let rows = found.inputs.chunks(context).zip(found.targets.chunks(context));
+        // a target in sight, or a space, is one of the 15 %; one of them is in all but a few of those windows
+        let is_random = |(input, target): (&[u32], &[u32])| {
+            (0..context).any(|i| target[i] != 0 && (input[i] != 3 || target[i] == kinelm_tokenizer::SPACE))
+        };
+        let random = rows.filter(|row| is_random(*row)).count();
+        // four standard deviations of a binomial: 40
+        assert!(random.abs_diff(200) < 40, "{random} of 400");
     }
 
     #[test]

@@ -7,9 +7,11 @@ use super::schedule::Schedule;
 use super::stages::{self, Stage};
 use super::trainer::Cadence;
 use crate::{Error, Result};
+use kinelm_corpus::SpanMasking;
 use kinelm_corpus::conditions::in_order;
-use kinelm_model::{ModelConfig, TokenLayout};
+use kinelm_model::{ModelConfig, ModelKind, TokenLayout};
 use kinelm_store::{Subject, input, presets};
+use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -101,8 +103,7 @@ pub struct TrainConfig {
     /// Decay of the moving average of the weights, which is then measured, loaded and exported in their place, 0 up to below
     /// 1; 0 means no average. Default 0.
     pub ema: f64,
-    /// Measurements between dances that are generated into the run's `samples/`; 0 means none. Masked models generate none.
-    /// Default 0.
+    /// Measurements between dances that are generated into the run's `samples/`; 0 means none. Default 0.
     pub sample_every: u64,
     /// Label fields that the model is conditioned on, one token each before a window. Default none.
     pub conditions: Vec<String>,
@@ -119,6 +120,9 @@ pub struct TrainConfig {
     /// Needs `model.goal`. Default 0.
     #[serde(skip_serializing_if = "is_none")]
     pub gaps: f64,
+    /// What is hidden in the windows of a masked model. Default `tokens`.
+    #[serde(skip_serializing_if = "Masking::is_tokens")]
+    pub masking: Masking,
     /// The shorter windows of the first steps. Default none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub stages: Vec<Stage>,
@@ -136,6 +140,30 @@ pub enum Loss {
     CrossEntropy,
     /// Cross-entropy with the target smoothed over neighbouring bins by a Gaussian, which wraps around for angles.
     Ordinal,
+}
+
+/// What is hidden in the windows of a masked model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Masking {
+    /// 15 % of the tokens, at random.
+    Tokens,
+    /// In half of the windows some joints over a run of words, as where a gap is filled; see [`SpanMasking`].
+    Spans,
+}
+
+impl Masking {
+    fn is_tokens(&self) -> bool {
+        *self == Masking::Tokens
+    }
+
+    /// The spans of a tokenizer's words, where any are hidden.
+    ///
+    /// # Errors
+    /// As [`SpanMasking::of`].
+    pub fn spans(self, tokenizer: &Tokenizer) -> Result<Option<SpanMasking>> {
+        (self == Masking::Spans).then(|| Ok(SpanMasking::of(tokenizer)?)).transpose()
+    }
 }
 
 impl Default for TrainConfig {
@@ -167,6 +195,7 @@ impl Default for TrainConfig {
             ordinal_width: 0.75,
             precision: Precision::F32,
             gaps: 0.0,
+            masking: Masking::Tokens,
             stages: Vec::new(),
         }
     }
@@ -353,6 +382,10 @@ impl TrainConfig {
         stages::validate_for(&self.stages, model, tokens)?;
         if self.gaps > 0.0 && !model.goal {
             return Err(Error::invalid("train.gaps", self.gaps, "0, or a goal-conditioned model (model.goal = true)"));
+        }
+        if self.masking == Masking::Spans && model.kind != ModelKind::Masked {
+            let expected = "tokens, or a masked model (model.kind = \"masked\")";
+            return Err(Error::invalid("train.masking", "spans", expected));
         }
         if self.loss == Loss::Ordinal && tokens.places.is_empty() {
             let why =

@@ -5,10 +5,12 @@ use crate::{Error, Result};
 use candle_core::Tensor;
 use kinelm_generate as generate;
 use kinelm_generate::SamplingPlan;
+use kinelm_generate::masked::{PASSES, fill};
 use kinelm_generate::prompt::on_model_rig;
 use kinelm_generate::sampling::{Sampling, TOP_P};
+use kinelm_model::fast::Fast;
 use kinelm_model::run::{TOKENIZER, load_tokenizer};
-use kinelm_model::{Gpt, Reader, ReaderOptions};
+use kinelm_model::{Gpt, ModelKind, Reader, ReaderOptions};
 use kinelm_motion::format;
 use kinelm_tokenizer::{Special, UncodedPose};
 use kinelm_view::{Figure, write_page};
@@ -34,7 +36,6 @@ pub fn sample(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, T
 fn write(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
     let tokenizer = load_tokenizer(&run.join(TOKENIZER), &file.tokenizer_sha256)?;
     let gpt = Gpt::from_tensors(&file.model, &file.tokens, weights)?;
-    let mut reader = Reader::new(&gpt, ReaderOptions::default())?;
     let frames = (SECONDS * tokenizer.fps()).round() as usize;
     let words = frames.div_ceil(tokenizer.frames_per_word());
     // without labels
@@ -46,8 +47,12 @@ fn write(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor
         Sampling { top_p: Some(TOP_P), ..Sampling::default() },
         file.train.seed,
     );
-    plan.fronts = vec![(0, front)];
-    let ids = generate::sample_one(&mut reader, &plan, &mut generate::unwatched)?;
+    (plan.fronts, plan.passes) = (vec![(0, front)], PASSES);
+    let watch = &mut generate::unwatched;
+    let ids = match file.model.kind {
+        ModelKind::Causal => generate::sample_one(&mut Reader::new(&gpt, ReaderOptions::default())?, &plan, watch)?,
+        ModelKind::Masked => fill(&mut Fast::of(&gpt)?, &plan, 1, watch)?.ids.remove(0),
+    };
     let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, UncodedPose::Identity)?.slice(0..frames);
     let folder = run.join("samples");
     std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;

@@ -3,12 +3,13 @@
 use crate::cli::draw::DrawArgs;
 use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::Split;
-use crate::evaluate::gaps::{Filler, frames_before, gaps, position_scale};
-use crate::generate::open::{GAP_TOP_P, GOAL_GUIDANCE, check_goal_guidance};
-use crate::generate::reader;
+use crate::evaluate::gaps::{Filler, frames_around, gaps, position_scale};
+use crate::generate::RunModel;
+use crate::generate::masked::PASSES;
+use crate::generate::open::{GAP_TOP_P, GOAL_GUIDANCE, check_goal_guidance, check_passes};
 use crate::generate::sampling::TOP_P;
 use crate::model::goal::GoalEncoder;
-use crate::model::{CheckpointChoice, LoadedRun, load_run};
+use crate::model::{CheckpointChoice, LoadedRun, ModelKind, load_run};
 use anyhow::Result;
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
@@ -37,6 +38,9 @@ pub struct Args {
     /// model (model.goal)]
     #[arg(long, value_name = "G")]
     goal_guidance: Option<f64>,
+    /// Passes of a masked model over the gap, as in generate, 1 to 255 [default: 8]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
+    passes: Option<u8>,
     /// Lock the feet, as `generate --feet lock` does
     #[arg(long)]
     feet: bool,
@@ -72,13 +76,17 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let draw = args.draw.requested()?.truncated_at(if goal.is_some() { GAP_TOP_P } else { TOP_P });
     // guidance reads a second, unconditioned stream per sample
     let streams = if goal.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
-    let mut model = reader(&run, args.compute.get(), args.reading.get(streams * usize::from(args.samples)))?;
-    let before = frames_before(model.context(), conditions.len(), &tokenizer, args.frames.into())?;
-    let gaps = gaps(&corpus, args.split, (before, args.frames.into()), args.gaps.into())?;
+    let passes = args.passes.map(usize::from);
+    check_passes(passes, &run)?;
+    let passes = passes.or((run.config.kind == ModelKind::Masked).then_some(PASSES));
+    let reading = args.reading.get(streams * usize::from(args.samples));
+    let mut model = RunModel::open(&run, args.compute.get(), reading, streams)?;
+    let (before, after) = frames_around(&run, &tokenizer, args.frames.into())?;
+    let gaps = gaps(&corpus, args.split, (before, args.frames.into(), after), args.gaps.into())?;
     let scale = position_scale(&corpus, (before, args.frames.into()), &gaps)?;
     let bar = progress::bar(gaps.len() as u64, "gaps", say);
     let mut filler = Filler {
-        model: &mut *model,
+        model: &mut model,
         tokenizer: &tokenizer,
         conditions: &conditions,
         draw,
@@ -86,6 +94,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         lock_feet: args.feet,
         scale: &scale,
         ahead: goal,
+        passes,
     };
     let found = filler.measure(&gaps, &mut |done| bar.set_position(done as u64))?;
     drop(bar);

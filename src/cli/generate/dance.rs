@@ -61,6 +61,10 @@ pub struct DanceArgs {
     /// these are most likely. No truncation applies to them [default: 64; 1 where --tries chooses among whole dances]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
     first_frames: Option<u8>,
+    /// Passes of a masked model over each window: the most certain characters stay, the others are sampled again; 1 to 255
+    /// [default: 8]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
+    passes: Option<u8>,
     /// The second that an unprompted dance continues from, and that is left out of it [default: train, where the run has some]
     #[arg(long, value_enum)]
     lead_in: Option<LeadInKind>,
@@ -139,6 +143,7 @@ impl DanceArgs {
             fps: self.fps,
             lead_in: self.lead_in,
             first_frames: self.first_frames.map(usize::from),
+            passes: self.passes.map(usize::from),
             seed: self.seed,
             sampling: self.draw.requested()?,
             rig: self.rig,

@@ -18,6 +18,7 @@ pub use resolve::{Decision, GOAL_GUIDANCE};
 pub use truncation::{GAP_TOP_P, GIVEN_TOP_P};
 
 use crate::edit::PreparedEdit;
+use crate::masked::MOST_PASSES;
 use crate::request::{PromptRequest, Resolved, Rig};
 use crate::sampler::check_frames;
 use crate::timeline::TimelineLayout;
@@ -26,7 +27,7 @@ use conditions::{add_tempo, unconditioned};
 use kinelm_corpus::Conditions;
 use kinelm_model::checkpoint::Checkpoints;
 use kinelm_model::lead_in::LeadIns;
-use kinelm_model::{CheckpointChoice, LoadedRun, load_run};
+use kinelm_model::{CheckpointChoice, LoadedRun, ModelKind, load_run};
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::held_frames;
 use kinelm_tokenizer::Tokenizer;
@@ -63,12 +64,16 @@ impl OpenRequest {
     /// Reads what a resolved request names; of the run's checkpoints the one that `which` selects.
     ///
     /// # Errors
-    /// What reading the run, the prompt and the music fails with; options outside their ranges; a model that is not causal;
-    /// labels that the model doesn't know; guidance without labels or music; goal guidance of a model without goals; music
+    /// What reading the run, the prompt and the music fails with; options outside their ranges; passes of a causal model, or
+    /// none of a masked one; labels that the model doesn't know; guidance without labels or music; goal guidance of a model without goals; music
     /// for a model that isn't conditioned on any, or that ends too soon; joints that aren't coded; a prompt of which nothing
     /// is given, or that is too short to continue from; no length; more frames than memory holds; nothing to generate.
     pub fn load(resolved: Resolved, which: CheckpointChoice) -> Result<OpenRequest> {
-        OpenRequest::load_with(resolved, which, None)
+        let open = OpenRequest::load_with(resolved, which, None)?;
+        if open.is_masked() && open.resolved.passes.is_none() {
+            return Err(Error::missing("`passes`", "the model is masked: say how many times it reads a window"));
+        }
+        Ok(open)
     }
 
     /// [`OpenRequest::load`] with the request's timeline laid out already.
@@ -86,6 +91,7 @@ impl OpenRequest {
         let tokenizer = run.load_tokenizer()?;
         let fps = tokenizer.fps();
         check_goal_guidance(resolved.goal_guidance, &run)?;
+        check_passes(resolved.passes, &run)?;
         let music = resolved.music.as_ref().map(|music| OpenMusic::open(music, &run, fps)).transpose()?;
         let conditions = run.load_conditions()?;
         let unconditioned = unconditioned(&resolved, &run, &conditions)?;
@@ -127,6 +133,11 @@ impl OpenRequest {
         Ok(OpenRequest { resolved, run, tokenizer, prompt, music, frames, decisions, fronts, unconditioned, lead_ins })
     }
 
+    /// Whether the model is masked.
+    pub(crate) fn is_masked(&self) -> bool {
+        self.run.config.kind == ModelKind::Masked
+    }
+
     /// The tokens in front of a window that begins at a frame.
     pub(crate) fn front_at(&self, frame: usize) -> &[u32] {
         let last = self.fronts.iter().rev().find(|(from, _)| *from <= frame);
@@ -155,6 +166,22 @@ fn check_names(request: &Resolved) -> Result<()> {
             Err(Error::invalid("a path of the `request`", found, "a name that the sidecar can store"))
         }
         None => Ok(()),
+    }
+}
+
+/// Refuses passes of a causal model, none, and more than [`MOST_PASSES`].
+///
+/// # Errors
+/// [`kinelm_store::Error::Unsupported`] and [`kinelm_store::Error::Invalid`].
+pub fn check_passes(passes: Option<usize>, run: &LoadedRun) -> Result<()> {
+    let Some(passes) = passes else { return Ok(()) };
+    if run.config.kind != ModelKind::Masked {
+        let why = "a causal model reads its tokens once; leave it out, or take a masked model";
+        return Err(Error::unsupported(format!("`passes` {passes}"), why));
+    }
+    match (1..=MOST_PASSES).contains(&passes) {
+        true => Ok(()),
+        false => Err(Error::invalid("`passes`", passes, format!("1 to {MOST_PASSES}"))),
     }
 }
 

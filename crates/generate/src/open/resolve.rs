@@ -2,6 +2,7 @@
 
 use super::truncation::{GAP_TOP_P, GIVEN_TOP_P};
 use super::{MUSIC_GUIDANCE, OpenRequest, music_guidance};
+use crate::masked::PASSES;
 use crate::request::{FootMode, LeadInKind, Length, Placement, Request, Resolved, Rig, UncodedJoints};
 use crate::sampler::FIRST_FRAMES;
 use crate::timeline::TimelineLayout;
@@ -74,6 +75,10 @@ impl OpenRequest {
         open.decide_placement();
         open.decide_lead_in(request.lead_in)?;
         open.decide_first_frames(request.first_frames)?;
+        if open.is_masked() && request.passes.is_none() {
+            open.resolved.passes = Some(PASSES);
+            open.decide("passes", PASSES.to_string(), "the model is masked");
+        }
         if !request.sampling.truncates() {
             let goals = request.goal_guidance != Some(0.0) && open.has_goals();
             open.decide_truncation(goals);
@@ -140,7 +145,7 @@ impl OpenRequest {
             }
             Some(n) if n > 1 && !self.begins_in_part() => {
                 let why = "there is nothing to choose a first frame by; expected joints that are given in it after free ones \
-                           (right_arm, not root), no frames to continue from, and no greedy sampling";
+                           (right_arm, not root), no frames to continue from, a causal model, and no greedy sampling";
                 Err(Error::unsupported(Subject::of_parameter("first_frames").with(n), why))
             }
             Some(_) => Ok(()),
@@ -218,6 +223,7 @@ impl Request {
             lead_in: 0,
             lead_in_from: None,
             first_frames: self.first_frames.unwrap_or(1),
+            passes: self.passes,
             seed: self.seed,
             seeding: self.seeding,
             sampling: self.sampling.truncated(),

@@ -1,11 +1,10 @@
 //! Dances sampled as a request says.
 
 use super::OpenRequest;
-use crate::Result;
 use crate::sampler::{
-    Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, SamplingProgress, readers, sample_side_by_side,
-    variation_seed,
+    Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, SamplingProgress, readers, variation_seed,
 };
+use crate::{Error, Result, RunModel};
 use kinelm_corpus::music::clip_music::ClipMusic;
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
 use kinelm_model::music;
@@ -17,10 +16,15 @@ impl OpenRequest {
     /// a request with `tries` it samples one try of each; [`OpenRequest::sample`] chooses among them.
     ///
     /// # Errors
-    /// Those of [`readers`] and [`Sampler::new`].
+    /// Those of [`readers`] and [`Sampler::new`]; a masked model, which fills windows, not words.
     pub fn sampler(&self, variations: usize) -> Result<Sampler<Box<dyn NextToken>>> {
+        if self.is_masked() {
+            let why = "a masked model fills whole windows; sample the dance as a whole";
+            return Err(Error::unsupported("a dance word by word", why));
+        }
         let plan = self.plan(variations)?;
-        let models = self.readers(variations, &plan)?;
+        let (computing, each) = (&self.resolved.computing, plan.streams());
+        let models = readers(&self.run, computing.compute()?, computing.reading(variations * each), each)?;
         Sampler::side_by_side(models, plan)
     }
 
@@ -31,7 +35,7 @@ impl OpenRequest {
     /// side, the variations one after the other.
     ///
     /// # Errors
-    /// Those of [`readers`] and [`sample_side_by_side`].
+    /// Those of [`RunModel::open`] and [`RunModel::sample`].
     pub fn sample(
         &self,
         variations: usize,
@@ -41,15 +45,18 @@ impl OpenRequest {
         let mut plan = self.plan(variations)?;
         plan.guesses = guesses.unwrap_or(plan.guesses);
         let tries = self.tries();
-        let mut models = self.readers(if tries > 1 { tries } else { variations }, &plan)?;
+        let (computing, each) = (&self.resolved.computing, plan.streams());
+        let dances = if tries > 1 { tries } else { variations };
+        let reading = computing.reading(dances * each);
+        let mut model = RunModel::open(&self.run, computing.compute()?, reading, each)?;
         if tries == 1 {
-            return sample_side_by_side(&mut models, &plan, progress);
+            return model.sample(&plan, progress);
         }
         let (beginnings, mut all) = (plan.beginnings.clone(), SampledTokens::default());
         for variation in 0..variations {
             plan.seed = variation_seed(self.resolved.seed, variation);
             plan.beginnings = beginnings.get(variation).or(beginnings.first()).cloned().into_iter().collect();
-            let mut sampled = sample_side_by_side(&mut models, &plan, progress)?;
+            let mut sampled = model.sample(&plan, progress)?;
             let best = self.best_try(&sampled)?;
             all.ids.push(sampled.ids.swap_remove(best));
             all.lookahead.push(sampled.lookahead.swap_remove(best));
@@ -103,18 +110,13 @@ impl OpenRequest {
         }
         plan.music = self.music_rows(words);
         (plan.lead_in, plan.first_frames) = (lead_in, request.first_frames);
+        plan.passes = request.passes.unwrap_or(1);
         (plan.goal_guidance, plan.inputs_hash) = (request.goal_guidance, self.inputs_hash());
         let from_word = |frame: usize| if frame == 0 { 0 } else { lead_in + frame.div_ceil(length) };
         plan.fronts = self.fronts.iter().map(|(frame, front)| (from_word(*frame), front.clone())).collect();
         let unconditioned = self.unconditioned.clone();
         plan.guidance = unconditioned.map(|unconditioned| Guidance { scale: request.guidance, unconditioned });
         Ok(plan)
-    }
-
-    /// The model, to read so many dances side by side.
-    fn readers(&self, dances: usize, plan: &SamplingPlan) -> Result<Vec<Box<dyn NextToken>>> {
-        let (computing, each) = (&self.resolved.computing, plan.streams());
-        readers(&self.run, computing.compute()?, computing.reading(dances * each), each)
     }
 
     /// The goals of an edited clip, by the ids of its words and (P, C) which of their characters are given.

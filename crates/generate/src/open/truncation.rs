@@ -28,10 +28,10 @@ impl OpenRequest {
         self.frames <= frames && sampled.peek().is_some() && sampled.all(has_given_after_free)
     }
 
-    /// Whether some joints are given in the first frame, after free ones.
+    /// Whether some joints are given in the first frame, after free ones, and a causal model doesn't see them.
     pub(super) fn begins_in_part(&self) -> bool {
         let begins = self.prompt.as_ref().is_some_and(|prompt| prompt.beginning.is_empty());
-        begins && !self.resolved.sampling.greedy && has_given_after_free(&self.first_given())
+        begins && !self.is_masked() && !self.resolved.sampling.greedy && has_given_after_free(&self.first_given())
     }
 
     /// (C) which characters of the prompt's first word are given; empty: none, or there is no prompt.

@@ -12,8 +12,12 @@ impl OpenRequest {
     /// ([`kinelm_model::likelihood`]), with the labels in front and without music and goals.
     ///
     /// # Errors
-    /// What the model fails with; words that are not its tokenizer's.
+    /// A masked model, which has no likelihood; what the model fails with; words that are not its tokenizer's.
     pub fn bits_per_frame(&self, dances: &[&Words]) -> Result<Vec<f64>> {
+        if self.is_masked() {
+            let why = "a masked model sees both sides of a token, and what it makes of it is no likelihood";
+            return Err(Error::unsupported("bits per frame of a dance", why));
+        }
         let mut model = self.run.scores(self.resolved.computing.compute()?)?;
         let (pad, room) = (model.tokens().pad, room(model.config(), model.tokens()));
         let mut bits = Vec::with_capacity(dances.len());

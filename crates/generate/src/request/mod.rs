@@ -60,6 +60,9 @@ pub struct Request {
     /// Candidates for the first frame. `None`: [`crate::sampler::FIRST_FRAMES`] where some joints of it are given after
     /// free ones.
     pub first_frames: Option<usize>,
+    /// Passes of a masked model over a window, at most [`crate::masked::MOST_PASSES`]. `None`:
+    /// [`crate::masked::PASSES`].
+    pub passes: Option<usize>,
     /// Seed of the random streams: the same request with the same seed gives the same dance.
     pub seed: u64,
     /// What the random streams derive from beside the seed.
@@ -100,6 +103,7 @@ impl Request {
             fps: None,
             lead_in: None,
             first_frames: None,
+            passes: None,
             seed: 1,
             seeding: Seeding::Inputs,
             sampling: Sampling::default(),

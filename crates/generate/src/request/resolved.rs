@@ -48,6 +48,9 @@ pub struct Resolved {
     /// Candidates for the first frame, see [`crate::sampler`]; 1: no choice.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub first_frames: usize,
+    /// Passes of a masked model over a window; `None`: the model is causal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub passes: Option<usize>,
     /// Seed of the random streams.
     pub seed: u64,
     /// What the random streams derive from beside the seed.

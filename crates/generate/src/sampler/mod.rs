@@ -9,7 +9,7 @@
 
 mod first_frames;
 mod goals;
-mod guidance;
+pub(crate) mod guidance;
 mod model;
 mod plan;
 mod sequence;
@@ -146,8 +146,8 @@ impl<M: DerefMut<Target: NextToken> + Send> Iterator for Sampler<M> {
 
 impl<M: DerefMut<Target: NextToken>> Part<M> {
     fn new(mut model: M, plan: &Arc<SamplingPlan>, dances: Range<usize>) -> Result<Part<M>> {
-        let (first, seed) = (dances.start, |i| plan::seed_with_inputs(variation_seed(plan.seed, i), plan.inputs_hash));
-        let seeds = first_frames::best_seeds(&mut *model, plan, dances.map(seed).collect())?;
+        let first = dances.start;
+        let seeds = first_frames::best_seeds(&mut *model, plan, dances.map(|dance| plan.seed_of(dance)).collect())?;
         let batch = Batch::new(plan, (first, &seeds), model.context());
         Ok(Part { model, batch })
     }

@@ -119,7 +119,7 @@ pub fn reader(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Resu
 /// one dance; dances of different models can be sampled at the same time.
 ///
 /// # Errors
-/// A masked model, which needs the tokens on both sides; weights that don't fit the configuration; a device that isn't
+/// A masked model, which isn't read token by token (see [`crate::RunModel`]); weights that don't fit the configuration; a device that isn't
 /// there; number formats that the plain form doesn't have.
 pub fn readers(
     run: &LoadedRun,
@@ -128,9 +128,9 @@ pub fn readers(
     each: usize,
 ) -> Result<Vec<Box<dyn NextToken>>> {
     if run.config.kind == ModelKind::Masked {
-        let why = "a masked model predicts a token from those on both sides, and a new dance has none after it; train one \
-                   with model.kind = \"causal\"";
-        return Err(Error::unsupported(format!("{}: generation", run.checkpoint.display()), why));
+        let why = "a masked model fills what is free of whole windows; give a run of a causal model \
+                   (model.kind = \"causal\")";
+        return Err(Error::unsupported(format!("{}: reading token by token", run.checkpoint.display()), why));
     }
     if compute.is_fast() {
         let readers = run.readers(reading, each)?;

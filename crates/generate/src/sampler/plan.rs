@@ -68,6 +68,8 @@ pub struct SamplingPlan {
     pub first_frames: usize,
     /// Free tokens that are guessed ahead and verified in one read. They change the time, no id.
     pub guesses: usize,
+    /// Passes of a masked model over a window; a causal one makes none.
+    pub passes: usize,
 }
 
 impl SamplingPlan {
@@ -91,6 +93,7 @@ impl SamplingPlan {
             inputs_hash: 0,
             first_frames: 1,
             guesses: if sampling.greedy { GUESSES } else { 0 },
+            passes: 1,
         }
     }
 
@@ -104,13 +107,40 @@ impl SamplingPlan {
         self.goals.as_ref().filter(|_| self.goal_guidance != 0.0)
     }
 
+    /// The seed of a dance, counted from 0.
+    pub(crate) fn seed_of(&self, dance: usize) -> u64 {
+        seed_with_inputs(variation_seed(self.seed, dance), self.inputs_hash)
+    }
+
+    /// The prompt's token in a slot of a word, if it is given. Only words of one length have given characters.
+    pub(crate) fn given(&self, word: usize, slot: usize) -> Option<u32> {
+        let length = self.grammar.tokens_per_word()?;
+        let prompted = word.checked_sub(self.lead_in)?;
+        let given = self.is_flagged(&self.given, word, slot);
+        self.prompt.get(prompted * length + slot).copied().filter(|_| given)
+    }
+
+    /// Whether `flags`, (C) for every word or (P, C), are set for a slot of a word.
+    pub(super) fn is_flagged(&self, flags: &[bool], word: usize, slot: usize) -> bool {
+        let characters = self.grammar.tokens_per_word().map_or(0, |word| word - 1);
+        let Some(prompted) = word.checked_sub(self.lead_in) else { return false };
+        let word = if flags.len() > characters { prompted } else { 0 };
+        slot < characters && flags.get(word * characters + slot).copied().unwrap_or(false)
+    }
+
+    /// The tokens in front of a window in which a word is sampled.
+    pub(crate) fn front_of(&self, word: usize) -> &[u32] {
+        let last = self.fronts.iter().rev().find(|(from, _)| *from <= word);
+        last.map_or(&[], |(_, front)| front)
+    }
+
     /// The ids that a dance begins with.
-    pub(super) fn beginning(&self, dance: usize) -> &[u32] {
+    pub(crate) fn beginning(&self, dance: usize) -> &[u32] {
         self.beginnings.get(dance).or(self.beginnings.first()).map_or(&[], Vec::as_slice)
     }
 
     /// Tokens in front of a window.
-    pub(super) fn front_length(&self) -> usize {
+    pub(crate) fn front_length(&self) -> usize {
         self.fronts.first().map_or(0, |(_, front)| front.len())
     }
 
@@ -135,6 +165,12 @@ impl SamplingPlan {
             let expected = format!("a multiple of the {each} sequences of a dance");
             return Err(Error::invalid("the number of sequences", streams, expected));
         }
+        self.check_inputs()
+    }
+
+    /// Refuses inputs that don't go with the words or with one another.
+    pub(crate) fn check_inputs(&self) -> Result<()> {
+        let (word, front) = (self.grammar.tokens_per_word(), self.front_length());
         if let Some(goals) = self.used_goals().filter(|goals| word != Some(goals.characters() + 1)) {
             let found = format!("{} characters per frame", goals.characters());
             return Err(Error::invalid("the goals' length", found, "the length of the dance's words"));
@@ -170,7 +206,7 @@ pub fn variation_seed(seed: u64, variation: usize) -> u64 {
 }
 
 /// The seed of a dance that is given something.
-pub(super) fn seed_with_inputs(seed: u64, inputs_hash: u64) -> u64 {
+fn seed_with_inputs(seed: u64, inputs_hash: u64) -> u64 {
     match inputs_hash {
         0 => seed,
         hash => kinelm_store::random::stream(seed, "given", hash, 0).next_u64(),

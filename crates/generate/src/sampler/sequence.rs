@@ -179,23 +179,13 @@ impl Sequence {
 
     /// The prompt's token in a slot of this word, if it is given.
     fn given(&self, slot: Slot) -> Option<u32> {
-        let word = self.plan.grammar.tokens_per_word()?;
-        let prompted = self.words().checked_sub(self.plan.lead_in)?;
-        let given = self.is_flagged(&self.plan.given, slot);
-        self.plan.prompt.get(prompted * word + slot.tokens).copied().filter(|_| given)
+        self.plan.given(self.words(), slot.tokens)
     }
 
     /// Whether a slot of this word is sampled although it is given.
     fn looks_ahead(&self, slot: Slot) -> bool {
-        self.words() >= self.looked_ahead && self.is_flagged(&self.plan.lookahead, slot)
-    }
-
-    /// Whether `flags`, (C) for every word or (P, C), are set for a slot of this word.
-    fn is_flagged(&self, flags: &[bool], slot: Slot) -> bool {
-        let characters = self.plan.grammar.tokens_per_word().map_or(0, |word| word - 1);
-        let Some(prompted) = self.words().checked_sub(self.plan.lead_in) else { return false };
-        let word = if flags.len() > characters { prompted } else { 0 };
-        slot.tokens < characters && flags.get(word * characters + slot.tokens).copied().unwrap_or(false)
+        let word = self.words();
+        word >= self.looked_ahead && self.plan.is_flagged(&self.plan.lookahead, word, slot.tokens)
     }
 
     /// Adds known tokens up to the next free slot, and makes room for it in the window.

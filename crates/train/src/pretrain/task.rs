@@ -12,9 +12,9 @@ use crate::stages::Stages;
 use crate::trainer::{Files, Task, Trainer};
 use crate::{Result, schedule};
 use kinelm_corpus::Split;
+use kinelm_model::Compute;
 use kinelm_model::checkpoint::{Best, Checkpoints, State};
 use kinelm_model::likelihood::Likelihood;
-use kinelm_model::{Compute, ModelKind};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -53,9 +53,6 @@ impl<'a> Pretraining<'a> {
         let (word, context) = (file.tokens.word, file.model.context);
         if file.tokens.varying && word > context {
             progress.note(&format!("words have up to {word} tokens, a window {context}: longer words are truncated"));
-        }
-        if file.model.kind == ModelKind::Masked && file.train.sample_every > 0 {
-            progress.note("a masked model generates no dances: sample_every is ignored");
         }
         let (learner, state) = saved::load(&file, compute, checkpoints, progress)?;
         checkpoints.sweep()?;
@@ -100,7 +97,7 @@ impl<'a> Pretraining<'a> {
     /// Writes a dance into `samples/`, where one is due; notes if it can't be made.
     fn sample(&mut self, step: u64) {
         let train = &self.file.train;
-        if !is_sampled(step, train.eval_every, train.sample_every) || self.file.model.kind == ModelKind::Masked {
+        if !is_sampled(step, train.eval_every, train.sample_every) {
             return;
         }
         let weights = self.fit.learner.averages().and_then(|all| all.map_or_else(|| self.fit.learner.weights(), Ok));

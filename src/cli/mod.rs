@@ -26,6 +26,7 @@ mod many;
 mod mirror;
 mod music;
 mod music_lstm;
+mod named;
 mod pretrain;
 mod query;
 mod read;

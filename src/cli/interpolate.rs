@@ -1,5 +1,6 @@
 //! `kinelm interpolate`.
 
+use super::named::named;
 use super::view::stem;
 use super::{ForceArgs, Odd, Say, WrongCall, print, read::ReadArgs};
 use crate::spectral::interpolate::{
@@ -10,11 +11,12 @@ use anyhow::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::moment::Moment;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The dance to move: its path, its rig, its small movements
+    /// The dance to move: its path, its rig, its small movements. Reading options of one file follow its name,
+    /// FILE:fps=60,skip=10 (also up, unit, map, root, rest, position)
     #[arg(value_name = "A")]
     a: PathBuf,
     /// The dance to move it towards
@@ -92,23 +94,27 @@ struct HowArgs {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     check(&args)?;
-    let outputs = args.force.outputs([args.a.clone(), args.b.clone()].into_iter().chain(args.read.files()));
+    let files = [named(&args.a)?, named(&args.b)?];
+    let paths = [&files[0].path, &files[1].path];
+    let outputs = args.force.outputs(paths.into_iter().cloned().chain(args.read.files()));
     outputs.check(std::iter::once(&*args.out).chain(args.page.as_deref()))?;
-    let options = args.read.of_files(&[&args.a, &args.b], RestFrame::Drop, say);
-    let motions = [format::read(&args.a, &options[0])?, format::read(&args.b, &options[1])?];
+    let mut options = args.read.of_files(&paths, RestFrame::Drop, say);
+    files.iter().zip(&mut options).try_for_each(|(file, options)| file.set(options))?;
+    let motions = [format::read(paths[0], &options[0])?, format::read(paths[1], &options[1])?];
     let odd = Odd::new(say);
     motions.iter().zip(&options).for_each(|(motion, options)| odd.warn(motion, options));
     drop(odd);
     let [a, b] = motions;
     super::progress::stage("blending the dances");
     let at_s = [args.what.at_a.seconds(a.clip.fps()), args.what.at_b.seconds(b.clip.fps())];
-    let done = interpolate(&a, &b, &args.settings(at_s))?;
+    let [map_a, map_b] = [0, 1].map(|i| options[i].map.clone());
+    let done = interpolate(&a, &b, &args.settings(at_s, [map_a.clone(), map_b]))?;
     done.notes.iter().for_each(|line| say.line(line));
     let between = Motion { path: args.out.clone(), clip: done.clips[2].clone(), ..a };
-    let between = super::written_as(&args.out, between, args.read.map.as_deref())?;
+    let between = super::written_as(&args.out, between, map_a.as_deref())?;
     outputs.write(&args.out, &format::to_bytes(&args.out, &between)?)?;
     if let Some(path) = &args.page {
-        outputs.write(path, page(&figures(&args, at_s, &done))?.as_bytes())?;
+        outputs.write(path, page(&figures(paths, &args.out, at_s, &done))?.as_bytes())?;
     }
     let report = &done.report;
     say.line(format_args!("{}: {} frames at {} fps", args.out.display(), report.frames, report.fps));
@@ -121,7 +127,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     let mut line = serde_json::to_value(report)?;
     line["schema"] = 1.into();
-    for (key, path) in [("a", &args.a), ("b", &args.b), ("out", &args.out)] {
+    for (key, path) in [("a", paths[0]), ("b", paths[1]), ("out", &args.out)] {
         line[key] = path.display().to_string().into();
     }
     line["at_s"] = serde_json::json!(at_s);
@@ -147,17 +153,11 @@ fn check(args: &Args) -> Result<()> {
 }
 
 impl Args {
-    fn settings(&self, at_s: [f64; 2]) -> InterpolateOptions {
+    fn settings(&self, at_s: [f64; 2], maps: [Option<String>; 2]) -> InterpolateOptions {
         let WindowArgs { window, whole, fps, keep_heading, .. } = self.what;
         let HowArgs { strength, amount, plain, rate, steps } = self.how;
         InterpolateOptions {
-            alignment: Alignment {
-                frames: (!whole).then_some(window),
-                fps,
-                at_s,
-                keep_heading,
-                map: self.read.map.clone(),
-            },
+            alignment: Alignment { frames: (!whole).then_some(window), fps, at_s, keep_heading, maps },
             spectrum: self.transform,
             keep: self.keep,
             method: match (amount, plain) {
@@ -170,12 +170,12 @@ impl Args {
 }
 
 /// A, the dance between, B: from left to right.
-fn figures<'a>(args: &Args, at_s: [f64; 2], done: &'a Interpolated) -> [Figure<'a>; 3] {
+fn figures<'a>(files: [&PathBuf; 2], out: &Path, at_s: [f64; 2], done: &'a Interpolated) -> [Figure<'a>; 3] {
     let at = |s: f64| format!("from {s} s on");
     let [a, b, c] = &done.clips;
     [
-        Figure::new(stem(&args.a), a).note(at(at_s[0])),
-        Figure::new(stem(&args.out), c).note(done.report.transform.clone()),
-        Figure::new(stem(&args.b), b).note(at(at_s[1])),
+        Figure::new(stem(files[0]), a).note(at(at_s[0])),
+        Figure::new(stem(out), c).note(done.report.transform.clone()),
+        Figure::new(stem(files[1]), b).note(at(at_s[1])),
     ]
 }

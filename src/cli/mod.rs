@@ -26,6 +26,7 @@ mod many;
 mod mirror;
 mod music;
 mod music_lstm;
+mod named;
 mod needs;
 mod pretrain;
 mod query;

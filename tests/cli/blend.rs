@@ -195,6 +195,35 @@ fn a_dance_between_two() {
 }
 
 #[test]
+fn reading_options_follow_the_name_of_one_file() {
+    let d = Dances::new();
+    let [slow, out] = ["slow.bvh", "c.bvh"].map(|name| d.path(name));
+    // the same frames, stated at half their rate
+    let text = fs::read_to_string(d.path("a.bvh")).unwrap();
+    let time = text.lines().find(|line| line.starts_with("Frame Time")).unwrap();
+    fs::write(&slow, text.replace(time, "Frame Time: 0.0333333")).unwrap();
+    let blend = |b: String| {
+        let mut c = kinelm("interpolate");
+        c.arg(d.path("a.bvh")).arg(b).args(["--amount", "0.5", "--json", "--force", "--out"]).arg(&out);
+        c
+    };
+    let line = |b: String| -> Value { serde_json::from_slice(&blend(b).output().unwrap().stdout).unwrap() };
+    let as_stated = line(slow.display().to_string());
+    assert!(as_stated["notes"].to_string().contains("slow.bvh: from 30 to 60 fps"), "{as_stated}");
+    let read_right = line(format!("{}:fps=60,skip=10", slow.display()));
+    assert_eq!(read_right["b"], slow.display().to_string());
+    assert!(!read_right["notes"].to_string().contains("from 30 to 60 fps"), "{read_right}");
+    // the second dance is the first one ten frames later
+    let later = line(format!("{}:fps=60,skip=10", d.path("a.bvh").display()));
+    assert_eq!((&read_right["stft"], &read_right["jitter"]), (&later["stft"], &later["jitter"]));
+    let before = d.count();
+    for (of, what) in [("pace=2", "pace=2: expected one of fps, skip"), ("fps=60,x", "expected KEY=VALUE")] {
+        blend(format!("{}:{of}", slow.display())).assert().code(2).stderr(contains(what));
+    }
+    assert_eq!(d.count(), before);
+}
+
+#[test]
 fn what_can_not_be_blended_is_said() {
     let d = Dances::new();
     let before = d.count();

@@ -1,19 +1,18 @@
 //! `kinelm view`.
 
-mod files;
 mod music;
 
+use super::named::{Named, named};
 use super::{ForceArgs, Odd, Say, WrongCall, each_file, read::ReadArgs};
 use crate::corpus::in_out;
-use crate::generate::related::ViewedFile;
+use crate::generate::related::{ViewedFile, related};
 use crate::generate::request::Span;
 use crate::view::{Figure, page_with};
 use anyhow::Result;
-use files::{Named, named, viewed};
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::rig::map_for;
-use kinelm_motion::{Motion, Skeleton, format};
+use kinelm_motion::{Motion, Skeleton, format, format::RestFrame};
 use kinelm_store::counted;
 use kinelm_store::output::Outputs;
 use music::{beside, hits, own_music};
@@ -84,6 +83,21 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         one(&args, &[place.of(clip.into())], &pairs[i].output, &outputs, say)
     })?;
     Ok(())
+}
+
+/// How each file is read: as [`ReadArgs::of_files`] has it, as the sidecar of a dance says of its prompt, and by the options
+/// that follow its name. With `together` all files are in one world.
+///
+/// # Errors
+/// A wrong option of a file.
+fn viewed(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Result<Vec<ViewedFile>> {
+    let paths: Vec<&Path> = clips.iter().map(|clip| &*clip.path).collect();
+    let mut all = related(&paths, read.of_files(&paths, RestFrame::Keep, say));
+    for (file, named) in all.iter_mut().zip(clips) {
+        named.set(&mut file.options)?;
+        file.world = if together { Some(0) } else { file.world };
+    }
+    Ok(all)
 }
 
 /// One page.

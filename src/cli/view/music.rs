@@ -1,7 +1,7 @@
 //! The music of a page: what is played, and which of its beats a dance hits.
 
-use super::files::Named;
 use crate::baselines::music_lstm;
+use crate::cli::named::Named;
 use crate::cli::{Say, WrongCall};
 use crate::evaluate::dance::beats::BeatPair;
 use crate::generate::provenance;

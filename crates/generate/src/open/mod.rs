@@ -28,6 +28,7 @@ use kinelm_corpus::Conditions;
 use kinelm_model::checkpoint::Checkpoints;
 use kinelm_model::lead_in::LeadIns;
 use kinelm_model::{CheckpointChoice, LoadedRun, ModelKind, load_run};
+use kinelm_store::Subject;
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::held_frames;
 use kinelm_tokenizer::Tokenizer;
@@ -177,7 +178,7 @@ pub fn check_passes(passes: Option<usize>, run: &LoadedRun) -> Result<()> {
     let Some(passes) = passes else { return Ok(()) };
     if run.config.kind != ModelKind::Masked {
         let why = "a causal model reads its tokens once; leave it out, or take a masked model";
-        return Err(Error::unsupported(format!("`passes` {passes}"), why));
+        return Err(Error::unsupported(Subject::of_parameter("passes").with(passes), why));
     }
     match (1..=MOST_PASSES).contains(&passes) {
         true => Ok(()),

@@ -1,9 +1,7 @@
-//! The files of `view`, and the reading options that follow a name: `FILE:fps=60,skip=10`.
+//! The reading options that follow the name of one file of several: `FILE:fps=60,skip=10`.
 
-use crate::cli::read::ReadArgs;
-use crate::cli::values::positive;
-use crate::cli::{Say, WrongCall};
-use crate::generate::related::{ViewedFile, related};
+use super::WrongCall;
+use super::values::positive;
 use anyhow::Result;
 use clap::ValueEnum;
 use kinelm_motion::format::{BvhPosition, MirrorAxis, ReadOptions, RestFrame, Unit, Up};
@@ -18,25 +16,18 @@ pub struct Named {
     own: Vec<(String, String)>,
 }
 
-/// How each file is read: as [`ReadArgs::of_files`] has it, as the sidecar of a dance says of its prompt, and by the options
-/// that follow its name. With `together` all files are in one world.
-///
-/// # Errors
-/// A wrong option of a file.
-pub fn viewed(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Result<Vec<ViewedFile>> {
-    let paths: Vec<&Path> = clips.iter().map(|clip| &*clip.path).collect();
-    let mut all = related(&paths, read.of_files(&paths, RestFrame::Keep, say));
-    for (file, named) in all.iter_mut().zip(clips) {
-        named.own.iter().try_for_each(|(key, value)| set(&mut file.options, key, value))?;
-        file.world = if together { Some(0) } else { file.world };
-    }
-    Ok(all)
-}
-
 impl Named {
     /// The same options for another file: one in this folder.
     pub fn of(&self, path: PathBuf) -> Named {
         Named { path, own: self.own.clone() }
+    }
+
+    /// Sets the options that follow the name.
+    ///
+    /// # Errors
+    /// A key that there is none of, a value that it doesn't take.
+    pub fn set(&self, options: &mut ReadOptions) -> Result<()> {
+        self.own.iter().try_for_each(|(key, value)| set(options, key, value))
     }
 }
 

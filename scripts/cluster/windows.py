@@ -20,8 +20,8 @@ class Corpus:
     def __init__(self, folder):
         self.folder = Path(folder)
         self.manifest = json.loads((self.folder / "corpus.json").read_text())
-        if self.manifest["version"] != 4:
-            raise SystemExit(f"{folder}/corpus.json: found version {self.manifest['version']}; expected version 4")
+        if self.manifest["version"] != 5:
+            raise SystemExit(f"{folder}/corpus.json: found version {self.manifest['version']}; expected version 5")
         self.clips = [json.loads(line) for line in (self.folder / "clips.jsonl").read_text().splitlines() if line]
         kind = self.manifest["token_type"]
         path = self.folder / f"tokens.{kind}"

@@ -13,7 +13,7 @@ use serde_json::Value;
 use std::path::Path;
 
 /// The layout that this program writes and reads.
-const SCHEMA: u32 = 2;
+const SCHEMA: u32 = 3;
 
 /// A dance to generate. With the bytes of the network and of its input it decides the dance.
 pub trait Request: Clone + Serialize + DeserializeOwned {

@@ -9,7 +9,7 @@ use std::fmt;
 use std::str::FromStr;
 
 /// The version of the folder's format.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 /// What a clip is used for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]

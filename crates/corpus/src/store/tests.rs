@@ -54,12 +54,12 @@ fn damage_is_named() {
         (
             MANIFEST,
             manifest.replace("\"version\": 4", "\"version\": 9").into_bytes(),
-            "found version 9, expected version 4; use a newer kinelm",
+            "found version 9, expected version 5; use a newer kinelm",
         ),
         (
             MANIFEST,
             manifest.replace("\"version\": 4", "\"version\": 1").into_bytes(),
-            "found version 1, expected version 4; make it again",
+            "found version 1, expected version 5; make it again",
         ),
         (MANIFEST, manifest[..40].into(), "corpus.json:"),
         (MANIFEST, manifest.replace("\"fps\"", "\"fpz\"").into_bytes(), "fpz"),

@@ -73,7 +73,7 @@ fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&O
     let provenance = provenance_of(path, say);
     let sha256 = source_hashes(path, provenance.as_ref())?;
     let dance = Dance::load(corpus, path, provenance.as_ref(), options)?;
-    odd.rate(&dance.name, dance.rate);
+    odd.rate(&dance.name, dance.rate.clone());
     let prompt = provenance.as_ref().and_then(|provenance| provenance.request.prompt.as_ref());
     let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
     let (take, in_training) = take_of(corpus, &sha256).unwrap_or_else(itself);

@@ -72,7 +72,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let odd = Odd::new(say);
     let read = each_file(&files, say, |i, path| {
         let dance = Dance::load(&corpus, path, provenances[i].as_ref(), &options[i])?;
-        odd.rate(&dance.name, dance.rate);
+        odd.rate(&dance.name, dance.rate.clone());
         Ok(dance)
     })?;
     let (numbers, dances): (Vec<usize>, Vec<Dance>) = read.into_iter().unzip();

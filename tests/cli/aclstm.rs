@@ -64,6 +64,13 @@ fn a_run_goes_on_and_says_how_it_was_asked() {
     let names = fs::read_dir(place.at("euler")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
     assert!(names.collect::<Vec<_>>().iter().any(|name| name.starts_with("events.out.tfevents.")));
     place.call("aclstm resume euler --steps 1").assert().code(2).stderr(contains("the run has done 4"));
+    place.done("aclstm resume euler --set steps=5 --set learning_rate=1e-5");
+    let config = fs::read_to_string(place.at("euler/config.toml")).unwrap();
+    assert!(config.contains("steps = 5\n") && config.contains("learning_rate = 1e-5\n"), "{config}");
+    let refused = "--set width: weights, optimizer and sequences depend on it";
+    place.call("aclstm resume euler --set width=8").assert().code(2).stderr(contains(refused));
+    let listed = place.call("runs list").assert().success().stderr("");
+    listed.stdout(contains("aclstm ").and(contains("5/5")));
     place.call("aclstm resume none").assert().failure().stderr(contains("no config.toml"));
     for call in ["generate --run euler --frames 9 --out x.bvh", "pretrain resume euler"] {
         place.call(call).assert().failure().stderr(contains("found a run of kind \"aclstm\", expected one of a GPT"));

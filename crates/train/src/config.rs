@@ -274,7 +274,7 @@ impl TrainFile {
         }
         let mut given = self.given.clone();
         for pair in set {
-            let (table, key) = pair.split(['=']).next().unwrap_or_default().split_once('.').unwrap_or_default();
+            let (table, key) = pair.split('=').next().unwrap_or_default().split_once('.').unwrap_or_default();
             if !["model", "train", "augment"].contains(&table.trim()) {
                 let expected = format!("a key of [model], [train] or [augment], such as {EXAMPLE}");
                 return Err(Error::invalid("`set`", pair, expected));

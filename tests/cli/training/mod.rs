@@ -6,6 +6,7 @@ mod watch;
 use crate::support::kinelm;
 use assert_cmd::Command;
 use kinelm_motion::{Motion, Source, format, synth};
+use predicates::str::contains;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -90,6 +91,43 @@ fn folders_that_an_output_lacks_are_made() {
     called(&["runs", "plot", &place.at("new/c/run").display().to_string()], &[("--out", "new/e/curves.svg")]);
     called(&["export"], &[("--run", "new/c/run"), ("--out", "new/f/own")]);
     called(&["generate", "--frames", "4"], &[("--run", "new/c/run"), ("--out", "new/g/dance.bvh")]);
+}
+
+#[test]
+fn keys_are_set_over_those_of_the_file_and_some_when_a_run_is_resumed() {
+    let place = place();
+    let (config, run, fine) = (place.config("set.toml", "steps = 9\n"), place.at("set"), place.at("set-fine"));
+    let settings =
+        |run: &Path| -> toml::Table { fs::read_to_string(run.join("config.toml")).unwrap().parse().unwrap() };
+    let sets =
+        |pairs: &[&str]| pairs.iter().flat_map(|pair| ["--set".to_string(), pair.to_string()]).collect::<Vec<_>>();
+    let set = sets(&["train.steps=2", "model.dropout=0", "augment.mirror=0.5", "train.schedule=constant"]);
+    place.pretrain(&config, &run).args(set).assert().success();
+    let found = settings(&run);
+    assert_eq!(
+        (found["train"]["steps"].as_integer(), found["train"]["schedule"].as_str()),
+        (Some(2), Some("constant"))
+    );
+    assert_eq!((found["model"]["dropout"].as_float(), found["augment"]["mirror"].as_float()), (Some(0.0), Some(0.5)));
+    let set = sets(&["train.steps=3", "train.learning_rate=1e-5", "train.checkpoint_every=1"]);
+    place.resume(&run).args(set).assert().success();
+    let found = settings(&run);
+    let train = &found["train"];
+    assert_eq!((train["steps"].as_integer(), train["learning_rate"].as_float()), (Some(3), Some(1e-5)));
+    let mut finetune = kinelm();
+    finetune.args(["finetune", "--config", "finetune", "--set", "train.steps=1", "--from"]).arg(&run);
+    finetune.arg("--corpus").arg(place.at("corpus")).arg("--run").arg(&fine).assert().success();
+    assert_eq!(settings(&fine)["train"]["steps"].as_integer(), Some(1));
+    for (set, says) in [
+        ("train.batch=0", "--set train.batch is 0; expected 1 to 65536"),
+        ("train.stepz=1", "--set train.stepz=1: unknown field stepz"),
+        ("batch=3", "--set is batch=3; expected a key of [model], [train] or [augment]"),
+    ] {
+        place.pretrain(&config, &place.at("never")).args(sets(&[set])).assert().code(2).stderr(contains(says));
+    }
+    let stays = place.resume(&run).args(sets(&["model.width=32"])).assert().code(2);
+    stays.stderr(contains("--set model.width: weights, optimizer, windows and measurements depend on it"));
+    assert!(!place.at("never").exists());
 }
 
 /// The files of a run's last checkpoint, by name.

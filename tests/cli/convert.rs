@@ -71,6 +71,53 @@ fn options_may_stand_between_and_positions_go_with_a_rate_and_a_rig() {
 }
 
 #[test]
+fn a_clip_and_the_rig_that_it_goes_to_have_options_of_their_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let dance = synth::corpus(1, 1, 2.0, 60.0).unwrap().remove(0).clip;
+    let path = dir.path().join("a.bvh");
+    let motion = Motion { path: path.clone(), clip: dance, source: Source::Plain, warnings: vec![] };
+    format::write(&path, &motion).unwrap();
+    two(dir.path());
+    let call = |words: &str| kinelm().current_dir(dir.path()).args(words.split_whitespace()).assert();
+    let renamed = |from: &str, to: &str| {
+        let text = fs::read_to_string(dir.path().join(from)).unwrap();
+        let words = kinelm_motion::smpl::NAMES.iter().enumerate();
+        // longer names first: hand is in left_hand
+        let mut words: Vec<_> = words.map(|(id, name)| (*name, format!("q{id}"))).collect();
+        words.sort_by_key(|(name, _)| std::cmp::Reverse(name.len()));
+        let text = match to.ends_with(".toml") {
+            true => words.iter().fold(text, |t, (old, new)| t.replace(&format!("\"{old}\""), &format!("\"{new}\""))),
+            false => words.iter().fold(text, |t, (old, new)| t.replace(&format!(" {old}\n"), &format!(" {new}\n"))),
+        };
+        fs::write(dir.path().join(to), text).unwrap();
+    };
+    call("inspect a.bvh --map-out own.toml").success();
+    renamed("own.toml", "q.toml");
+    renamed("a.bvh", "q.bvh");
+    call("convert a.bvh one.bvh --to 1f").success();
+    // what is of the clip doesn't reach the rig, and the other way round
+    call("convert a.bvh b.bvh --skip 10 --fps-source 30 --skeleton one.bvh")
+        .success()
+        .stderr(contains("110 frames at 30"));
+    call("convert q.bvh c.bvh --map q.toml --skeleton one.bvh").success();
+    call("convert a.bvh d.bvh --skeleton q.bvh --skeleton-map q.toml --skeleton-unit cm --skeleton-root q0").success();
+    call("convert q.bvh e.bvh --map q.toml --skeleton q.bvh --skeleton-map own.toml")
+        .code(1)
+        .stderr(contains("q.bvh: ").and(contains("finds no pelvis")));
+    call("convert a.bvh e.bvh --skeleton two.bvh --skeleton-unit m")
+        .code(1)
+        .stderr(contains("two.bvh: a rig of the joints a, b"));
+    call("convert a.bvh e.bvh --skeleton-map q.toml").code(2).stderr(contains("--skeleton"));
+    // what a map makes of a file
+    call("inspect q.bvh --map q.toml").success().stdout(contains(
+        "map smpl: 24 of SMPL's 24 joints; a body stands in its reference pose; on SMPL's body pelvis to neck is 0.0",
+    ));
+    let odd = fs::read_to_string(dir.path().join("q.toml")).unwrap().replace("q4\"", "tail\"");
+    fs::write(dir.path().join("odd.toml"), odd).unwrap();
+    call("inspect q.bvh --map odd.toml").success().stdout(contains("23 of SMPL's 24 joints; missing left_knee, which"));
+}
+
+#[test]
 fn writing_is_stable_and_json_is_the_clip() {
     let dir = tempfile::tempdir().unwrap();
     let [a, b, j, k] = ["a.bvh", "b.bvh", "c.json", "d.json"].map(|n| dir.path().join(n));

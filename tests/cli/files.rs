@@ -124,6 +124,7 @@ const NO_INPUT: &[&str] = &[
     "convert link.bvh a.bvh",
     "convert a.bvh hard.bvh",
     "convert a.bvh rig.json --skeleton rig.json",
+    "convert a.bvh rig.json --skeleton b.bvh --skeleton-map rig.json",
     "convert a.npz a.npz --positions",
     "view a.bvh data/0.bvh --out a.html",
     "view a.bvh data/0.bvh:fps=29.97,skip=1 --out a.html",

@@ -110,6 +110,7 @@ pub fn describe_all(files: &[(String, String)]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use kinelm_motion::format::MirrorAxis;
 
     #[test]
     fn a_changed_dance_is_read_like_any_file() {
@@ -153,5 +154,16 @@ mod tests {
         let options = ReadOptions { skip: 10, fps_source: Some(60.0), floor: Some(0.2), ..ReadOptions::default() };
         let read = combined(sidecar.clone(), &options);
         assert_eq!(read, ReadOptions { floor: Some(0.2), ..sidecar });
+    }
+
+    #[test]
+    fn a_mirror_is_written_back_by_formats_that_keep_the_file_s_axes() {
+        let read = ReadOptions { mirror_axis: Some(MirrorAxis::Z), ..ReadOptions::default() };
+        let written = |dance: &str, clip: &str| output_read_options(Path::new(dance), Some((Path::new(clip), &read)));
+        assert_eq!(written("b.bvh", "a.bvh").mirror_axis, Some(MirrorAxis::Z));
+        assert_eq!(describe(&read, &written("b.bvh", "a.bvh")).unwrap(), "mirrored along z");
+        for (dance, clip) in [("b.glb", "a.glb"), ("b.json", "a.bvh")] {
+            assert_eq!(written(dance, clip).mirror_axis, None, "{dance}");
+        }
     }
 }

@@ -28,7 +28,8 @@ pub enum FoundBy {
 }
 
 impl FoundMap {
-    /// Whether a file says nothing of this map or of its reference pose: a dance on the rig keeps it in its sidecar.
+    /// Whether the map or its reference pose comes from how the clip moves, so that another clip on the rig might give
+    /// another one: what is made of the clip has to keep it.
     pub fn is_of_clip(&self) -> bool {
         self.by == FoundBy::Shape || self.made
     }

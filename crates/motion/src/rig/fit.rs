@@ -12,7 +12,8 @@ const FRAMES: usize = 300;
 const TRUNK_DEG: f64 = 5.0;
 /// A foot tells where it points if it is that long across the body's upright axis, as a share of its shin.
 const FOOT: f64 = 0.15;
-/// The median cosine of the toes with the facing of the hips below which a body is mirrored; people are above -0.2.
+/// The median cosine of the toes with the facing of the hips below which a body is mirrored; recorded
+/// people are above 0.5.
 const MIRRORED: f64 = -0.5;
 
 /// How well a map fits a clip.

@@ -1,7 +1,9 @@
 //! What is known about a rig: corresponding SMPL joints, reference pose, feet, floor.
 //!
-//! A [`SkeletonMap`] names the joints; rigs without one are [recognised](recognise()) by shape and names. A [`ReferencePose`] is the T-pose or A-pose in which bodies are compared, and
-//! [`Feet`] find the [`Floor`] of a clip. [`find_map`] finds the map of a rig, and [`fit()`] says how well it fits. This module knows clips and skeletons, but no files of motion.
+//! A [`SkeletonMap`] names the joints; [`find_map`] finds the one of a rig, which is [recognised](recognise()) by shape and
+//! names where no built-in map fits, and [`fit()`] says how well it fits a clip. A [`ReferencePose`] is the T-pose or A-pose
+//! in which bodies are compared, and [`Feet`] find the [`Floor`] of a clip. This module knows clips and skeletons, but no
+//! files of motion.
 
 pub mod feet;
 mod find;

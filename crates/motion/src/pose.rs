@@ -29,6 +29,8 @@ impl GlobalPose {
     /// If `local` doesn't have one rotation per joint.
     pub fn set(&mut self, skeleton: &Skeleton, root: Vec3, local: &[Quat]) {
         assert_eq!(local.len(), skeleton.joints(), "one local rotation a joint");
+        #[cfg(test)]
+        tests::COMPUTED.with(|n| n.set(n.get() + 1));
         self.positions.clear();
         self.rotations.clear();
         for (j, &l) in local.iter().enumerate() {
@@ -47,6 +49,20 @@ impl GlobalPose {
     /// World positions of the end sites, metres.
     pub fn ends<'a>(&'a self, skeleton: &'a Skeleton) -> impl Iterator<Item = Vec3> + 'a {
         skeleton.ends().iter().map(|e| self.positions[e.parent] + self.rotations[e.parent] * e.offset)
+    }
+
+    /// World position of a point of the skeleton, metres: joint `point`, or, counted on from J, an end site.
+    ///
+    /// # Panics
+    /// If there is no such point.
+    pub fn point(&self, skeleton: &Skeleton, point: usize) -> Vec3 {
+        match point.checked_sub(self.positions.len()) {
+            None => self.positions[point],
+            Some(end) => {
+                let end = &skeleton.ends()[end];
+                self.positions[end.parent] + self.rotations[end.parent] * end.offset
+            }
+        }
     }
 
     /// Local rotations (J): the inverse of [`GlobalPose::new`].
@@ -78,12 +94,17 @@ impl Clip {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::rotation::angle_between;
     use crate::rotation::tests::any_quat;
     use crate::smpl;
     use proptest::prelude::*;
+
+    thread_local! {
+        /// How many poses this thread has computed, for tests of how work grows.
+        pub(crate) static COMPUTED: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
+    }
 
     #[test]
     fn a_child_turns_with_its_parent() {

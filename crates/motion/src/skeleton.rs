@@ -89,6 +89,14 @@ impl Skeleton {
         &self.ends
     }
 
+    /// The joint that moves a [point](crate::GlobalPose::point): itself, or the one that its end site is attached to.
+    ///
+    /// # Panics
+    /// If there is no such point.
+    pub fn joint_of(&self, point: usize) -> usize {
+        point.checked_sub(self.joints()).map_or(point, |end| self.ends[end].parent)
+    }
+
     /// The joint with this name.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|n| n == name)

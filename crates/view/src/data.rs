@@ -6,6 +6,7 @@ use crate::{Error, Result};
 use kinelm_motion::capsules::{Capsule, CapsuleBody, JointSphere, standing_height_m};
 use kinelm_motion::feet::contact::contacts;
 use kinelm_motion::feet::leg::Leg;
+use kinelm_motion::feet::track::FootTrack;
 use kinelm_motion::metric::beat::BeatHits;
 use kinelm_motion::rig::SkeletonMap;
 use kinelm_motion::{Clip, GlobalPose, Vec3, joints};
@@ -179,11 +180,11 @@ fn point_contacts(clip: &Clip, floor_m: f64, map: &SkeletonMap) -> Vec<PointCont
     let mut all: Vec<PointContacts> = Vec::new();
     let Ok(legs) = Leg::of_rig(clip.skeleton(), map) else { return all };
     for (side, leg) in legs.iter().enumerate() {
-        for contact in contacts(clip, leg, side, floor_m) {
+        for contact in contacts(&FootTrack::new(clip, leg), side, floor_m) {
             let span = [contact.from, contact.to].map(|frame| frame as f64 / clip.fps());
-            match all.iter_mut().find(|of| of.point == contact.joint) {
+            match all.iter_mut().find(|of| of.point == contact.point) {
                 Some(of) => of.spans.push(span),
-                None => all.push(PointContacts { point: contact.joint, spans: vec![span] }),
+                None => all.push(PointContacts { point: contact.point, spans: vec![span] }),
             }
         }
     }

@@ -7,6 +7,7 @@ use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::feet::contact::contacts;
 use kinelm_motion::feet::leg::Leg;
+use kinelm_motion::feet::track::FootTrack;
 use kinelm_motion::rig::{SkeletonMap, floor};
 use kinelm_music::beat::{RATE, beats_of};
 use std::f64::consts::TAU;
@@ -33,8 +34,9 @@ fn landings_s(clip: &Clip, floor_m: Option<f64>) -> Result<Vec<f64>> {
     let Some(map) = SkeletonMap::builtin("smpl") else { return Ok(Vec::new()) };
     let floor_m = floor_m.map_or_else(|| floor(clip, &map).map(|floor| floor.height_m), Ok)?;
     let legs = Leg::of_rig(clip.skeleton(), &map)?;
-    let of_leg =
-        |(side, leg): (usize, &Leg)| contacts(clip, leg, side, floor_m).into_iter().map(|contact| contact.from);
+    let of_leg = |(side, leg): (usize, &Leg)| {
+        contacts(&FootTrack::new(clip, leg), side, floor_m).into_iter().map(|contact| contact.from)
+    };
     let mut frames: Vec<usize> = legs.iter().enumerate().flat_map(of_leg).filter(|from| *from > 0).collect();
     frames.sort_unstable();
     Ok(frames.into_iter().map(|frame| frame as f64 / clip.fps()).collect())

@@ -2,7 +2,8 @@
 
 use super::contact::Contact;
 use super::leg::Leg;
-use crate::{Clip, Quat, Vec3};
+use super::track::FootTrack;
+use crate::{Quat, Vec3};
 
 /// Largest lowering of a raised heel, radians: a stance on the balls of the feet stays one.
 const HEEL: f64 = 0.3;
@@ -15,10 +16,9 @@ const SLACK: f64 = 0.05;
 
 /// Pitch correction of the foot in a contact, toes up, radians: most of the negative mean pitch over the contact; 0 for a
 /// rig with ankles only.
-pub fn turn(clip: &Clip, leg: &Leg, contact: &Contact) -> f64 {
-    let Some((ball, flat)) = flat(leg) else { return 0.0 };
-    let (positions, j) = (clip.positions(), clip.joints());
-    let up = |f: usize| pitch(positions[f * j + ball] - positions[f * j + leg.ankle], flat);
+pub fn turn(track: &FootTrack, contact: &Contact) -> f64 {
+    let Some(flat) = flat_drop_m(track.leg) else { return 0.0 };
+    let up = |f: usize| track.sole(f).map_or(0.0, |sole| pitch(sole, flat));
     let mean = contact.frames().map(up).sum::<f64>() / contact.frames().len().max(1) as f64;
     if mean.abs() > STEEP {
         return 0.0;
@@ -27,11 +27,10 @@ pub fn turn(clip: &Clip, leg: &Leg, contact: &Contact) -> f64 {
     (-over).clamp(-TOES, HEEL)
 }
 
-/// The ball of a leg's foot, and how much lower than the ankle it is in a flat foot, metres.
-pub fn flat(leg: &Leg) -> Option<(usize, f64)> {
-    let rest = |ankle: bool| leg.foot.iter().find(|(j, _)| (*j == leg.ankle) == ankle);
-    let (&(ball, of_ball), &(_, of_ankle)) = (rest(false)?, rest(true)?);
-    Some((ball, of_ankle - of_ball))
+/// How much lower than the ankle the ball is in a flat foot, metres; `None` for a foot that is an ankle alone.
+pub fn flat_drop_m(leg: &Leg) -> Option<f64> {
+    let rest = |point: usize| leg.points().find(|(of_foot, _)| *of_foot == point).map(|(_, rest)| rest);
+    Some(rest(leg.ankle)? - rest(leg.ball?)?)
 }
 
 /// Pitch of a foot, toes up, radians; 0 when it is flat. `foot` is the vector from ankle to ball.

@@ -15,6 +15,10 @@ pub struct Leg {
     pub ankle: usize,
     /// Ankle and ball, if the rig has them, with their standing heights, metres.
     pub foot: Vec<(usize, f64)>,
+    /// Ends of toes, [points](GlobalPose::point) as [`Feet::toes`] has them, with their standing heights, metres.
+    pub toes: Vec<(usize, f64)>,
+    /// The point to which the foot's pitch is measured from the ankle: the ball, without one the end of the foremost toe.
+    pub ball: Option<usize>,
 }
 
 /// Shorter vectors have no direction, metres.
@@ -22,13 +26,18 @@ const SMALLEST_M: f64 = 1e-6;
 
 impl Leg {
     /// The left and the right leg; every map has hips, knees and ankles.
-    pub fn both(pose: &ReferencePose, feet: &Feet) -> [Leg; 2] {
+    pub fn both(rig: &Skeleton, pose: &ReferencePose, feet: &Feet) -> [Leg; 2] {
         LEGS.map(|[hip, knee, ankle, ball]| {
-            let joint = |id: usize| pose.joints[id];
-            let foot = [joint(ankle), joint(ball)].into_iter().flatten();
-            let foot = foot.filter_map(|j| feet.joints.iter().copied().find(|(foot, _)| *foot == j)).collect();
-            let of = |id: usize| joint(id).unwrap_or(0);
-            Leg { hip: of(hip), knee: of(knee), ankle: of(ankle), foot }
+            let [hip, knee, ankle] = [hip, knee, ankle].map(|id| pose.joints[id].unwrap_or(0));
+            let ball = pose.joints[ball];
+            let is_foot = |joint: usize| joint == ankle || Some(joint) == ball;
+            let joints = feet.joints.iter().copied().filter(|(joint, _)| is_foot(*joint));
+            let toes = feet.toes.iter().copied().filter(|(point, _)| rig.descends(rig.joint_of(*point), ankle));
+            let at = |point: usize| pose.global.point(rig, point);
+            let reach = |point: usize| (at(point) - at(ankle)).with_y(0.0).length();
+            let longest = toes.clone().max_by(|a, b| reach(a.0).total_cmp(&reach(b.0)));
+            let ball = ball.or(longest.map(|(point, _)| point));
+            Leg { hip, knee, ankle, foot: joints.collect(), toes: toes.collect(), ball }
         })
     }
 
@@ -38,7 +47,12 @@ impl Leg {
     /// Those of [`ReferencePose::new`].
     pub fn of_rig(rig: &Skeleton, map: &SkeletonMap) -> Result<[Leg; 2]> {
         let pose = ReferencePose::new(rig, map)?;
-        Ok(Leg::both(&pose, &Feet::from_pose(rig, &pose)))
+        Ok(Leg::both(rig, &pose, &Feet::from_pose(rig, &pose)))
+    }
+
+    /// The [points](GlobalPose::point) of the foot with their standing heights, metres: ankle, ball, ends of toes.
+    pub fn points(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.foot.iter().chain(&self.toes).copied()
     }
 
     fn lengths(&self, pose: &GlobalPose) -> (f64, f64) {
@@ -83,7 +97,7 @@ impl Leg {
         let inside =
             |far: f64| ((upper * upper + lower * lower - far * far) / (2.0 * upper * lower)).clamp(-1.0, 1.0).acos();
         let axis = (knee - hip).cross(ankle - knee);
-        let axis = if axis.length() > 1e-9 { axis.normalize() } else { self.forward_axis(pose, now) };
+        let axis = if axis.length() > 1e-9 { axis.normalize() } else { self.forward_axis(skeleton, pose, now) };
         // a larger inner angle of the knee is a straighter leg
         let knee_turn = Quat::from_axis_angle(axis, inside(now.length()) - inside(distance));
         let bent = knee - hip + knee_turn * (ankle - knee);
@@ -100,13 +114,14 @@ impl Leg {
         goal.length() - distance
     }
 
+    /// The vector from ankle to ball; `None` for a foot that is an ankle alone.
+    pub fn sole(&self, skeleton: &Skeleton, pose: &GlobalPose) -> Option<Vec3> {
+        self.ball.map(|ball| pose.point(skeleton, ball) - pose.positions[self.ankle])
+    }
+
     /// The axis about which a straight leg bends: perpendicular to the leg and to the foot.
-    fn forward_axis(&self, pose: &GlobalPose, along: Vec3) -> Vec3 {
-        let foot = self
-            .foot
-            .iter()
-            .find(|(j, _)| *j != self.ankle)
-            .map(|(j, _)| pose.positions[*j] - pose.positions[self.ankle]);
+    fn forward_axis(&self, skeleton: &Skeleton, pose: &GlobalPose, along: Vec3) -> Vec3 {
+        let foot = self.sole(skeleton, pose);
         let forward = foot.unwrap_or(pose.rotations[self.ankle] * Vec3::Z);
         // knees point forward: the lower leg rotates backwards about this axis
         let axis = forward.cross(along);

@@ -9,12 +9,14 @@ pub mod contact;
 pub mod flatten;
 pub mod leg;
 pub mod settle;
+pub mod track;
 
 use crate::rig::{Feet, ReferencePose, SkeletonMap};
 use crate::{Clip, GlobalPose, Quat, Result, Vec3};
 use contact::{Contact, Moves, contacts};
 use kinelm_store::counted;
 use leg::Leg;
+use track::FootTrack;
 
 /// The parts of a motion that were given and must not be changed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -84,7 +86,7 @@ const LOWER_M: f64 = 0.05;
 pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> Result<(Clip, FootLock)> {
     let pose = ReferencePose::new(clip.skeleton(), map)?;
     let feet = Feet::from_pose(clip.skeleton(), &pose);
-    let legs = Leg::both(&pose, &feet);
+    let legs = Leg::both(clip.skeleton(), &pose, &feet);
     let mut locked = FootLock::default();
     let mut root = clip.root().to_vec();
     let ups = floating_m(clip, &feet, floor_m, fixed);
@@ -97,25 +99,26 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> 
     let at = |root: Vec<Vec3>| Clip::new(clip.skeleton().clone(), clip.fps(), root, clip.rotations().to_vec());
     let mut settled = at(root)?;
     if !fixed.root && !fixed.path {
-        let offsets = anchor::offsets(&settled, &legs, floor_m, fixed.frames);
+        let offsets = anchor::offsets(&tracks(&settled, &legs), floor_m, fixed.frames);
         settled = at(settled.root().iter().zip(&offsets).map(|(p, by)| *p + *by).collect())?;
         locked.carried_cm = offsets.iter().map(|by| 100.0 * by.length()).fold(0.0, f64::max);
     }
     if fixed.root && fixed.legs == [false; 2] {
         let down = Moves { by: ups.iter().map(|up| Vec3::Y * -up).collect(), turn: vec![0.0; clip.frames()] };
-        settled = bent(&settled, &legs, &[(0, down.clone()), (1, down)])?.0;
+        settled = bent(&settled, legs.each_ref(), &[(0, down.clone()), (1, down)])?.0;
     }
+    let tracks = tracks(&settled, &legs);
     let mut found: [Vec<Contact>; 2] = Default::default();
-    for (side, leg) in legs.iter().enumerate().filter(|(side, _)| !fixed.legs[*side]) {
-        found[side] = contacts(&settled, leg, side, floor_m);
-        found[side].iter_mut().for_each(|contact| contact.begin_at(fixed.frames, &settled));
+    for (side, track) in tracks.iter().enumerate().filter(|(side, _)| !fixed.legs[*side]) {
+        found[side] = contacts(track, side, floor_m);
+        found[side].iter_mut().for_each(|contact| contact.begin_at(fixed.frames, track));
         found[side].retain(|contact| !contact.frames().is_empty());
         let whole = found[side].iter_mut().filter(|contact| contact.from > fixed.frames || fixed.frames == 0);
-        whole.for_each(|contact| contact.turn = flatten::turn(&settled, leg, contact));
+        whole.for_each(|contact| contact.turn = flatten::turn(track, contact));
     }
     // reach is known only after the body was lowered: drop the contacts that are out of reach and repeat
     loop {
-        let (done, far) = hold(&settled, &legs, &found, floor_m, fixed)?;
+        let (done, far) = hold(&settled, &tracks, &found, floor_m, fixed)?;
         if far.is_empty() {
             locked.moved_cm = moved_cm(&settled, &done, &legs, &found);
             locked.locked = found.concat();
@@ -133,6 +136,10 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> 
     }
 }
 
+fn tracks<'a>(clip: &Clip, legs: &'a [Leg; 2]) -> [FootTrack<'a>; 2] {
+    [0, 1].map(|side| FootTrack::new(clip, &legs[side]))
+}
+
 /// How far the body floats above the floor (F), metres.
 fn floating_m(clip: &Clip, feet: &Feet, floor_m: f64, fixed: FixedParts) -> Vec<f64> {
     let (least, others) = (feet.clearance(clip), feet.other_heights(clip));
@@ -144,7 +151,7 @@ fn floating_m(clip: &Clip, feet: &Feet, floor_m: f64, fixed: FixedParts) -> Vec<
 }
 
 /// Bends the legs by these moves. Also returns how far (F) each ankle remains from its target, metres.
-fn bent(clip: &Clip, legs: &[Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip, [Vec<f64>; 2])> {
+fn bent(clip: &Clip, legs: [&Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip, [Vec<f64>; 2])> {
     let frames = clip.frames();
     let mut rotations = clip.rotations().to_vec();
     let mut error: [Vec<f64>; 2] = [vec![0.0; frames], vec![0.0; frames]];
@@ -153,11 +160,10 @@ fn bent(clip: &Clip, legs: &[Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip,
         let local: &mut [Quat] = &mut rotations[f * clip.joints()..][..clip.joints()];
         for (side, Moves { by, turn }) in moves {
             if by[f].length() > 0.0 || turn[f] != 0.0 {
-                let leg = &legs[*side];
+                let leg = legs[*side];
                 pose.set(clip.skeleton(), clip.root()[f], local);
-                let turn = flatten::flat(leg).map_or(Quat::IDENTITY, |(ball, _)| {
-                    flatten::toes_up(pose.positions[ball] - pose.positions[leg.ankle], turn[f])
-                });
+                let sole = leg.sole(clip.skeleton(), &pose);
+                let turn = sole.map_or(Quat::IDENTITY, |sole| flatten::toes_up(sole, turn[f]));
                 error[*side][f] = leg.bend(clip.skeleton(), &pose, (by[f], turn), local);
             }
         }
@@ -186,7 +192,7 @@ impl Begins {
 /// Locks these contacts; also returns those that are out of reach.
 fn hold(
     clip: &Clip,
-    legs: &[Leg; 2],
+    tracks: &[FootTrack; 2],
     found: &[Vec<Contact>; 2],
     floor_m: f64,
     fixed: FixedParts,
@@ -195,14 +201,14 @@ fn hold(
     let begins = Begins { frames: fixed.frames, fps };
     let free = (0..2).filter(|side| !fixed.legs[*side]);
     let mut moves: Vec<(usize, Moves)> =
-        free.map(|side| (side, contact::moves(clip, &legs[side], &found[side], (floor_m, fixed.frames)))).collect();
+        free.map(|side| (side, contact::moves(&tracks[side], &found[side], (floor_m, begins)))).collect();
     let mut lower = vec![0.0f64; frames];
     if !fixed.root {
         let mut pose = GlobalPose::default();
         for (f, lower) in lower.iter_mut().enumerate() {
             pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
             for (side, Moves { by, .. }) in &moves {
-                let needed = legs[*side].lowering(&pose, by[f], STRETCH) * begins.share(f);
+                let needed = tracks[*side].leg.lowering(&pose, by[f], STRETCH) * begins.share(f);
                 *lower = lower.max(needed.min(LOWER_M));
             }
         }
@@ -213,7 +219,7 @@ fn hold(
     let lowered = Clip::new(clip.skeleton().clone(), fps, root, clip.rotations().to_vec())?;
     // the foot's target doesn't move with the lowered body
     moves.iter_mut().for_each(|(_, moves)| moves.by.iter_mut().zip(&lower).for_each(|(by, down)| by.y += down));
-    let (done, error) = bent(&lowered, legs, &moves)?;
+    let (done, error) = bent(&lowered, tracks.each_ref().map(|track| track.leg), &moves)?;
     let far = found.iter().flatten().filter(|c| error[c.side][c.frames()].iter().any(|error| *error > REACH_M));
     Ok((done, far.cloned().collect()))
 }

@@ -2,6 +2,7 @@
 
 use crate::feet::contact::contacts;
 use crate::feet::leg::Leg;
+use crate::feet::track::FootTrack;
 use crate::smpl::MIRROR;
 use crate::{Clip, Vec3};
 
@@ -23,7 +24,7 @@ const LIMBS: [(f64, usize, usize, f64); 6] = [
 const HEAD: (f64, usize) = (6.81, 15);
 /// The trunk's mass, and its centre between the neck and the middle of the hips.
 const TRUNK: (f64, f64) = (43.015, 0.5051);
-/// A joint of a foot in contact bears weight up to this height above its standing height, metres.
+/// A point of a foot in contact bears weight up to this height above its standing height, metres.
 const BEARS_M: f64 = 0.07;
 /// The support reaches so far beyond the joints of the feet, metres: heels, toes and sides have none.
 const AROUND_M: f64 = 0.1;
@@ -45,28 +46,30 @@ pub struct Balance {
 impl Balance {
     /// Measures a clip on SMPL-24, whose `legs` are [`Leg::of_rig`]'s, with its floor at y = 0.
     ///
-    /// The support of a frame is the convex hull, on the floor, of the joints (ankle and ball) of feet in contact, as the
-    /// [foot lock](crate::feet) finds contacts, grown by 10 cm; frames without a contact have none and are left out. Source:
-    /// docs/measures.md, "Floor and feet".
+    /// The support of a frame is the convex hull, on the floor, of the points (ankle, ball, ends of toes) of feet in contact,
+    /// as the [foot lock](crate::feet) finds contacts, grown by 10 cm; frames without a contact have none and are left out.
+    /// Source: docs/measures.md, "Floor and feet".
     ///
     /// # Panics
     /// If the clip is on a rig with fewer joints.
     pub fn of(legs: &[Leg; 2], clip: &Clip) -> Balance {
         let (positions, frames) = (clip.positions(), clip.frames());
+        let tracks = [0, 1].map(|side| FootTrack::new(clip, &legs[side]));
         let mut bears = vec![[false; 2]; frames];
-        for (side, leg) in legs.iter().enumerate() {
-            for contact in contacts(clip, leg, side, 0.0) {
+        for (side, track) in tracks.iter().enumerate() {
+            for contact in contacts(track, side, 0.0) {
                 bears[contact.frames()].iter_mut().for_each(|bears| bears[side] = true);
             }
         }
         let mut balance = Balance { frames, ..Balance::default() };
-        for (places, bears) in positions.chunks_exact(clip.joints()).zip(bears) {
-            let height = |&(joint, rest_m): &(usize, f64)| places[joint].y - rest_m;
-            let lowest = |leg: &Leg| leg.foot.iter().map(height).fold(f64::MAX, f64::min);
-            balance.kicks += usize::from(legs.iter().any(|leg| lowest(leg) > KICK_M));
-            let feet = legs.iter().zip(bears).filter(|(_, bears)| *bears).flat_map(|(leg, _)| &leg.foot);
+        for (f, (places, bears)) in positions.chunks_exact(clip.joints()).zip(bears).enumerate() {
+            let points = |track| FootTrack::heights(track, f).collect::<Vec<(Vec3, f64)>>();
+            let feet = tracks.each_ref().map(points);
+            let is_up = |foot: &Vec<(Vec3, f64)>| foot.iter().all(|(_, height)| *height > KICK_M);
+            balance.kicks += usize::from(feet.iter().any(is_up));
+            let feet = feet.iter().zip(bears).filter(|(_, bears)| *bears).flat_map(|(foot, _)| foot);
             let feet: Vec<[f64; 2]> =
-                feet.filter(|foot| height(foot) < BEARS_M).map(|f| on_floor(places[f.0])).collect();
+                feet.filter(|(_, height)| *height < BEARS_M).map(|(place, _)| on_floor(*place)).collect();
             if !feet.is_empty() {
                 let outside_m = (distance(on_floor(centre_of_mass(places)), &feet) - AROUND_M).max(0.0);
                 balance.supported += 1;
@@ -125,7 +128,7 @@ fn on_floor(place: Vec3) -> [f64; 2] {
 
 /// The distance of a point from the convex hull of others, at least one, in the plane.
 fn distance(point: [f64; 2], of: &[[f64; 2]]) -> f64 {
-    // a hull of four points at most is its triangles and their sides
+    // a hull is the union of all triangles of its points and their sides
     let corners = || (0..of.len()).flat_map(|a| (a..of.len()).map(move |b| (a, b)));
     let triangles = corners().flat_map(|(a, b)| (b..of.len()).map(move |c| [a, b, c]));
     if triangles.into_iter().any(|corners| is_in(point, corners.map(|corner| of[corner]))) {

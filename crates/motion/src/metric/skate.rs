@@ -1,14 +1,14 @@
 //! Foot skating.
 
-use crate::Clip;
 use crate::rig::Feet;
+use crate::{Clip, GlobalPose, Vec3};
 
-/// A foot joint with at most this clearance is on the floor, metres.
+/// A point of a foot with at most this clearance is on the floor, metres.
 const LOW_M: f64 = 0.05;
 /// A faster step slides, metres per second.
 const FAST_M_S: f64 = 0.1;
 
-/// Foot skating: the mean horizontal speed of foot joints near the floor. Real recordings skate too.
+/// Foot skating: the mean horizontal speed of ankles, balls and ends of toes near the floor. Real recordings skate too.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Skate {
     metres_per_s: f64,
@@ -17,17 +17,18 @@ pub struct Skate {
 }
 
 impl Skate {
-    /// Measures a clip with its floor at y = 0: all steps of foot joints with less than 5 cm clearance in both frames. Source:
-    /// docs/measures.md, "Floor and feet".
+    /// Measures a clip with its floor at y = 0: all steps of [points of feet](Feet::points) with less than 5 cm clearance in
+    /// both frames. Source: docs/measures.md, "Floor and feet".
     ///
     /// # Panics
     /// If the clip is not on the rig of these feet.
     pub fn of(feet: &Feet, clip: &Clip) -> Skate {
-        let (positions, j) = (clip.positions(), clip.joints());
+        let (mut pose, mut before) = (GlobalPose::default(), Vec::<Vec3>::new());
         let mut skate = Skate::default();
-        for pair in positions.chunks_exact(j).collect::<Vec<_>>().windows(2) {
-            for &(foot, rest_m) in &feet.joints {
-                let [a, b] = [pair[0][foot], pair[1][foot]];
+        for f in 0..clip.frames() {
+            pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
+            let now: Vec<Vec3> = feet.points().map(|(point, _)| pose.point(clip.skeleton(), point)).collect();
+            for ((a, b), (_, rest_m)) in before.iter().zip(&now).zip(feet.points()) {
                 if a.y - rest_m < LOW_M && b.y - rest_m < LOW_M {
                     let metres_per_s = (b.x - a.x).hypot(b.z - a.z) * clip.fps();
                     skate.metres_per_s += metres_per_s;
@@ -35,6 +36,7 @@ impl Skate {
                     skate.fast += u64::from(metres_per_s > FAST_M_S);
                 }
             }
+            before = now;
         }
         skate
     }
@@ -61,7 +63,7 @@ impl Skate {
 mod tests {
     use super::*;
     use crate::rig::SkeletonMap;
-    use crate::{Quat, Vec3, smpl};
+    use crate::{Quat, smpl};
 
     /// A body at rest with its pelvis at these heights above standing, moving by 3 and 4 cm per frame along x and z.
     fn gliding(heights: &[f64]) -> (Feet, Clip) {

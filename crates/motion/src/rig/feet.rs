@@ -1,6 +1,7 @@
 //! The feet of a rig, and their clearance above the floor.
 //!
-//! A body's *feet* are its ankles and balls (SMPL's 7, 8 and 10, 11), each with its height in a standing pose.
+//! A body's *feet* are its ankles and balls (SMPL's 7, 8 and 10, 11), each with its height in a standing pose, and the ends
+//! of its toes. The toes' ends count where feet are locked and measured, not where the [floor](super::floor) is detected.
 
 use super::{ReferencePose, SkeletonMap};
 use crate::{Clip, EndSite, GlobalPose, Result, Skeleton, Vec3, smpl};
@@ -8,11 +9,17 @@ use crate::{Clip, EndSite, GlobalPose, Result, Skeleton, Vec3, smpl};
 /// Length of the end site that a BVH needs below a leaf, as a fraction of the leaf's bone.
 pub(crate) const MADE_UP_TIP: f64 = 0.3;
 
+/// A tip nearer to an ankle or ball is no end of a toe, metres.
+const SHORTEST_M: f64 = 0.01;
+
 /// The feet of a rig, and the heights of a standing body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Feet {
     /// Ankles and balls with their heights in a standing pose, metres.
     pub joints: Vec<(usize, f64)>,
+    /// Ends of toes with their heights in a standing pose, metres: [points](GlobalPose::point) below ankles and balls (end
+    /// sites and leaf joints) that are no higher than the ankle then. Empty where feet end at their balls.
+    pub toes: Vec<(usize, f64)>,
     /// The pelvis joint.
     pub pelvis: usize,
     /// Height of the pelvis in a standing pose, metres.
@@ -39,22 +46,30 @@ impl Feet {
     pub fn from_pose(rig: &Skeleton, pose: &ReferencePose) -> Self {
         let joints: Vec<usize> = [7, 8, 10, 11].iter().filter_map(|&id: &usize| pose.joints[id]).collect();
         let of_foot: Vec<bool> = (0..rig.joints()).map(|j| joints.iter().any(|&foot| rig.descends(j, foot))).collect();
-        let y = |j: usize| pose.global.positions[j].y;
-        // tips are end sites, and leaf joints in files without end sites
-        let ends = || rig.ends().iter().zip(pose.global.ends(rig)).filter(|(end, _)| !is_made_up(rig, end));
-        let highest = pose.global.positions.iter().copied().chain(ends().map(|(_, place)| place));
-        let highest = highest.fold(f64::MIN, |h, p| h.max(p.y));
-        let ends = ends().filter(|(end, _)| of_foot[end.parent]);
+        let at = |point: usize| pose.global.point(rig, point);
+        let y = |point: usize| at(point).y;
+        // tips, each with its joint, are end sites, and leaf joints in files without end sites
+        let ends = (rig.joints()..).zip(rig.ends()).filter(|(_, end)| !is_made_up(rig, end));
+        let ends: Vec<(usize, usize)> = ends.map(|(point, end)| (point, end.parent)).collect();
+        let highest = (0..rig.joints()).chain(ends.iter().map(|end| end.0)).map(y).fold(f64::MIN, f64::max);
         let leaves =
             (0..rig.joints()).filter(|&j| of_foot[j] && !joints.contains(&j) && rig.children(j).next().is_none());
-        let tips: Vec<f64> = ends.map(|(_, place)| place.y).chain(leaves.map(y)).collect();
-        let lowest = joints.iter().map(|&j| y(j)).chain(tips.iter().copied()).fold(f64::MAX, f64::min);
+        let ends = ends.into_iter().filter(|&(_, joint)| of_foot[joint]);
+        let tips: Vec<(usize, usize)> = ends.chain(leaves.map(|j| (j, j))).collect();
+        let lowest = joints.iter().copied().chain(tips.iter().map(|tip| tip.0)).map(y).fold(f64::MAX, f64::min);
         let ankles_alone = joints.len() == 2 && tips.is_empty();
         let under = if ankles_alone { smpl_ankle_m() * pose.leg_m() / smpl_leg_m() } else { 0.0 };
         let above = |y: f64| y - lowest + under;
+        let ankle = |joint: usize| joints.iter().take(2).find(|&&ankle| rig.descends(joint, ankle));
+        let is_toe = |&(point, joint): &(usize, usize)| {
+            ankle(joint).is_some_and(|&ankle| y(point) <= y(ankle))
+                && joints.iter().all(|&foot| at(point).distance(at(foot)) > SHORTEST_M)
+        };
+        let toes = tips.iter().filter(|tip| is_toe(tip)).map(|&(point, _)| (point, above(y(point)))).collect();
         let pelvis = pose.joints[0].unwrap_or(0);
         Feet {
-            joints: joints.into_iter().map(|j| (j, above(y(j)))).collect(),
+            toes,
+            joints: joints.iter().map(|&j| (j, above(y(j)))).collect(),
             pelvis,
             pelvis_m: above(y(pelvis)),
             body_m: above(highest),
@@ -62,13 +77,25 @@ impl Feet {
         }
     }
 
-    /// Foot clearance (F): the lowest foot height above its standing height in each frame, metres, world. Above the floor it
-    /// is 0 while standing, the height of the lower foot in a jump, and negative if a foot penetrates the floor.
+    /// Foot clearance (F): the lowest height of ankles, balls and ends of toes above their standing heights in each frame,
+    /// metres, world. Above the floor it is 0 while standing, the height of the lower foot in a jump, and negative if a foot
+    /// penetrates the floor.
     ///
     /// # Panics
     /// If the clip is not on a rig with these joints.
     pub fn clearance(&self, clip: &Clip) -> Vec<f64> {
-        self.lowest(clip).into_iter().map(|(least, _)| least).collect()
+        let mut pose = GlobalPose::default();
+        let frame = |f: usize| {
+            pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
+            let heights = self.points().map(|(point, rest)| pose.point(clip.skeleton(), point).y - rest);
+            heights.min_by(f64::total_cmp).unwrap_or(0.0)
+        };
+        (0..clip.frames()).map(frame).collect()
+    }
+
+    /// [Points](GlobalPose::point) of the feet with their standing heights, metres: ankles, balls, ends of toes.
+    pub fn points(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.joints.iter().chain(&self.toes).copied()
     }
 
     /// Height (F) of the lowest joint in each frame that doesn't belong to a foot, metres, world. It is near the floor when a
@@ -84,7 +111,7 @@ impl Feet {
         clip.positions().chunks_exact(clip.joints()).map(lowest).collect()
     }
 
-    /// [`Feet::clearance`] with the joint of the lowest foot.
+    /// The lowest height (F) of ankles and balls above their standing heights, metres, world, each with its joint.
     pub(super) fn lowest(&self, clip: &Clip) -> Vec<(f64, usize)> {
         let mut pose = GlobalPose::default();
         let frame = |f: usize| {

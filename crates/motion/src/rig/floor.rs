@@ -1,7 +1,8 @@
 //! Detection of the floor below a clip.
 //!
-//! The floor is the 5th percentile over frames of the [foot clearance](Feet::clearance). Doubts report clips that don't
-//! move on one flat floor.
+//! The floor is the 5th percentile over frames of the lowest height of ankles and balls above their standing heights. The
+//! ends of toes don't count: an end site may be an exporter's guess, and the floor changes every height of a clip. Doubts
+//! report clips that don't move on one flat floor.
 
 use super::{Feet, SkeletonMap};
 use crate::series::linear_quantile as quantile;
@@ -27,7 +28,7 @@ const PART_OF_BODY: f64 = 0.15;
 pub struct Floor {
     /// The floor to use: the detected one, or 0 if that is doubted and near 0; metres.
     pub height_m: f64,
-    /// The detected floor: the 5th percentile of the foot clearance, metres.
+    /// The detected floor, metres.
     pub found_m: f64,
     /// Doubts about the floor; empty if there are none.
     pub doubts: Vec<Warning>,
@@ -44,11 +45,12 @@ pub fn floor(clip: &Clip, map: &SkeletonMap) -> Result<Floor> {
 impl Feet {
     /// The floor of a clip on this rig, in the world of its file.
     ///
-    /// The detected floor is the 5th percentile over frames of [`Feet::clearance`]. It is doubted when another joint is more
-    /// than 10 cm below it in over 2 % of the frames (a handstand); when the lowest foot moves faster than 0.5 m/s in the
-    /// median of the lowest 10 % of the frames (skating, swimming); when the median pelvis is outside 0.5 to 1.2 of its
-    /// standing height (sitting, hanging); when a foot is within 10 cm of the floor in under 10 % of the frames (stairs); or
-    /// when the clip is shorter than 1 s. A doubted floor within 15 % of the body's height from y = 0 is replaced by 0.
+    /// The detected floor is the 5th percentile over frames of the lowest height of ankles and balls above their standing
+    /// heights. It is doubted when another joint is more than 10 cm below it in over 2 % of the frames (a handstand); when the
+    /// lowest foot moves faster than 0.5 m/s in the median of the lowest 10 % of the frames (skating, swimming); when the
+    /// median pelvis is outside 0.5 to 1.2 of its standing height (sitting, hanging); when a foot is within 10 cm of the floor
+    /// in under 10 % of the frames (stairs); or when the clip is shorter than 1 s. A doubted floor within 15 % of the body's
+    /// height from y = 0 is replaced by 0.
     ///
     /// # Panics
     /// If the clip is not on this rig.

@@ -1,5 +1,7 @@
 //! Tests of foot locking on dances that slide and float.
 
+mod toes;
+
 use super::*;
 use crate::metric::{Ground, Skate, jitter};
 use crate::{smpl, synth};
@@ -53,7 +55,7 @@ fn a_dance_that_slides_and_hangs_stands() {
         let positions = done.positions();
         for contact in &locked.locked {
             for f in contact.frames() {
-                let p = positions[f * 24 + contact.joint];
+                let p = positions[f * 24 + contact.point];
                 let distance = (p.x - contact.place[0]).hypot(p.z - contact.place[1]);
                 assert!(distance < REACH_M + 1e-9, "{distance}");
             }
@@ -117,8 +119,7 @@ fn where_the_root_is_given_legs_come_down_to_the_floor() {
 
 #[test]
 fn feet_that_stand_lie_flat_and_who_stands_on_the_balls_goes_on() {
-    let pose = ReferencePose::new(&smpl::neutral(), &map()).unwrap();
-    let legs = Leg::both(&pose, &Feet::from_pose(&smpl::neutral(), &pose));
+    let legs = Leg::of_rig(&smpl::neutral(), &map()).unwrap();
     let stands = |pitch: f64| {
         let mut local = vec![Quat::IDENTITY; 24];
         // knees slightly bent, so that heels can come down
@@ -126,7 +127,7 @@ fn feet_that_stand_lie_flat_and_who_stands_on_the_balls_goes_on() {
             (local[hip], local[knee]) = (Quat::from_rotation_x(-0.3), Quat::from_rotation_x(0.6));
             local[ankle] = Quat::from_rotation_x(-0.3);
             let before = GlobalPose::new(&smpl::neutral(), Vec3::Y, &local);
-            let foot = before.positions[flatten::flat(leg).unwrap().0] - before.positions[ankle];
+            let foot = before.positions[leg.ball.unwrap()] - before.positions[ankle];
             let turn = flatten::toes_up(foot, pitch);
             let over = before.rotations[ankle] * local[ankle].conjugate();
             local[ankle] = over.conjugate() * turn * before.rotations[ankle];
@@ -136,8 +137,8 @@ fn feet_that_stand_lie_flat_and_who_stands_on_the_balls_goes_on() {
         clip.raised(-least)
     };
     let pitch = |clip: &Clip, f: usize, leg: &Leg| {
-        let (positions, (ball, flat)) = (clip.global_pose(f).positions, flatten::flat(leg).unwrap());
-        flatten::pitch(positions[ball] - positions[leg.ankle], flat)
+        let sole = leg.sole(clip.skeleton(), &clip.global_pose(f)).unwrap();
+        flatten::pitch(sole, flatten::flat_drop_m(leg).unwrap())
     };
     for (before, after) in [(0.0, 0.0), (0.04, 0.04), (-0.2, -0.05), (0.25, 0.05), (-0.6, -0.3), (0.9, 0.9)] {
         let clip = stands(before);
@@ -206,8 +207,7 @@ fn a_statue_and_a_frame_stay_as_they_are() {
 
 #[test]
 fn a_leg_bends_to_a_place_and_says_what_is_too_far() {
-    let pose = ReferencePose::new(&smpl::neutral(), &map()).unwrap();
-    let legs = Leg::both(&pose, &Feet::from_pose(&smpl::neutral(), &pose));
+    let legs = Leg::of_rig(&smpl::neutral(), &map()).unwrap();
     let clip = dance(4);
     for f in (0..clip.frames()).step_by(7) {
         for leg in &legs {

@@ -4,7 +4,7 @@ use super::named::named;
 use super::view::stem;
 use super::{ForceArgs, Odd, Say, WrongCall, print, read::ReadArgs};
 use crate::spectral::interpolate::{
-    Alignment, Descent, InterpolateOptions, Interpolated, Method, Spectrum, align, interpolate,
+    Alignment, Coordinates, Descent, InterpolateOptions, Interpolated, Method, Spectrum, align, interpolate,
 };
 use crate::view::{Figure, page};
 use anyhow::Result;
@@ -35,6 +35,10 @@ pub struct Args {
     /// Coefficients or components to blend [default: those up to 3.5 Hz (16 of 128 frames), or 16 components]
     #[arg(long, value_name = "K", value_parser = super::values::count)]
     keep: Option<usize>,
+    /// The numbers of a rotation to blend: turns and small rotations, or rotation vectors as in the thesis, where a
+    /// dancer who turns flips
+    #[arg(long, value_enum, default_value = "relative")]
+    coordinates: Coordinates,
     #[command(flatten)]
     what: WindowArgs,
     #[command(flatten)]
@@ -158,6 +162,7 @@ impl Args {
         let HowArgs { strength, amount, plain, rate, steps } = self.how;
         InterpolateOptions {
             alignment: Alignment { frames: (!whole).then_some(window), fps, at_s, keep_heading, maps },
+            coordinates: self.coordinates,
             spectrum: self.transform,
             keep: self.keep,
             method: match (amount, plain) {

@@ -191,7 +191,8 @@ fn a_dance_between_two() {
         .arg(d.path("c.json"))
         .assert()
         .success()
-        .stdout(contains("closed form, amount 1"));
+        .stdout(contains("closed form, amount 1, relative rotations"));
+    blend(&["--force", "--coordinates", "vectors"]).assert().success().stdout(contains("rotation vectors"));
 }
 
 #[test]

@@ -105,8 +105,8 @@ impl Filter {
     }
 }
 
-/// Rotations of one joint over time, each with the sign that lies nearer to the one before.
-fn continuous(rotations: impl Iterator<Item = Quat>) -> Vec<Quat> {
+/// Rotations of one joint over time, each with the sign that is nearer to the one before.
+pub(crate) fn continuous(rotations: impl Iterator<Item = Quat>) -> Vec<Quat> {
     let mut all: Vec<Quat> = Vec::new();
     for q in rotations {
         all.push(all.last().map_or(q, |&before| nearest_sign(q, before)));

@@ -1,14 +1,12 @@
-//! Two clips made comparable: one rate, one length, one rig, one heading, rotation vectors on one branch.
+//! Two clips made comparable: one rate, one length, one rig, one heading.
 
 use crate::filter::LOW_HZ;
-use crate::series::outwards;
-use crate::{Error, Result, Series};
+use crate::{Error, Result};
 use kinelm_motion::format::floor_height;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::rig::map_for;
 use kinelm_motion::{Clip, Motion, Quat, Skeleton, Source, Vec3};
-use std::f64::consts::TAU;
 
 /// What of two clips is compared.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,8 +41,6 @@ pub struct Aligned {
     pub a: Clip,
     /// The second's, on the first's rig and facing as it does.
     pub b: Clip,
-    /// Rotation vectors of every joint of both; `b`'s on the branch of whole turns nearest to `a`'s.
-    pub series: [Series; 2],
     /// What was changed, for the user.
     pub notes: Vec<String>,
 }
@@ -84,12 +80,7 @@ impl Alignment {
             }
             second = turned(&second, turn)?;
         }
-        let series = [Series::of(&first, &[], self.fps, true)?, Series::of(&second, &[], self.fps, true)?];
-        let [mut sa, mut sb] = series;
-        unwrap_all(&mut sa);
-        unwrap_all(&mut sb);
-        nearest_branches(&mut sb, &sa);
-        Ok(Aligned { a: first, b: second, series: [sa, sb], notes })
+        Ok(Aligned { a: first, b: second, notes })
     }
 
     fn start(&self, i: usize) -> usize {
@@ -164,16 +155,14 @@ fn round(fps: f64) -> f64 {
     (fps * 1e3).round() / 1e3
 }
 
-/// The joint that carries the body: the root, or below it the first that has other than one child.
-fn pelvis(skeleton: &Skeleton) -> usize {
+/// The joint that carries the body: the root, or below it the first that has other than one child. The joints before it
+/// are those above it.
+pub(super) fn pelvis(skeleton: &Skeleton) -> usize {
     let mut at = 0;
-    loop {
-        let mut children = skeleton.children(at);
-        match (children.next(), children.next()) {
-            (Some(only), None) => at = only,
-            _ => return at,
-        }
+    while skeleton.children(at).count() == 1 {
+        at += 1;
     }
+    at
 }
 
 /// The angle about the vertical, radians, that turns the second clip's first pelvis nearest to the first's.
@@ -198,62 +187,6 @@ fn turned(clip: &Clip, angle: f64) -> Result<Clip> {
         *local = (above.conjugate() * turn * above * *local).normalize();
     }
     Ok(Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?)
-}
-
-/// Of all vectors of a rotation, `v + 2 PI k v/|v|`, the one nearest to another.
-fn nearest(v: Vec3, to: Vec3) -> Vec3 {
-    let angle = v.length();
-    if angle < 1e-9 {
-        return v;
-    }
-    let axis = v / angle;
-    axis * (angle + TAU * ((to.dot(axis) - angle) / TAU).round())
-}
-
-/// Every joint's vectors, from the smallest on each nearest to its neighbour: turns of any number, where
-/// [`Series::window`] knows one.
-fn unwrap_all(series: &mut Series) {
-    for joint in 0..series.channels.len() / 3 {
-        let mut vectors = vectors(series, joint);
-        outwards(&mut vectors, nearest);
-        put(series, joint, &vectors);
-    }
-}
-
-/// Every joint's vectors begun with another number of turns where that brings them nearer to `to`'s.
-fn nearest_branches(series: &mut Series, to: &Series) {
-    for joint in 0..series.channels.len() / 3 {
-        let (own, other) = (vectors(series, joint), vectors(to, joint));
-        let off = |path: &[Vec3]| path.iter().zip(&other).map(|(a, b)| (*a - *b).length_squared()).sum::<f64>();
-        let begun = |from: &[Vec3], turns: f64| -> Vec<Vec3> {
-            let mut path = from.to_vec();
-            path[0] = path[0] + path[0].normalize_or_zero() * (TAU * turns);
-            for f in 1..path.len() {
-                path[f] = nearest(path[f], path[f - 1]);
-            }
-            path
-        };
-        let mut best = own;
-        for _ in 0..series.frames {
-            let paths = [-1.0, 1.0].map(|turns| begun(&best, turns));
-            let Some(path) = paths.into_iter().find(|path| off(path) < off(&best)) else { break };
-            best = path;
-        }
-        put(series, joint, &best);
-    }
-}
-
-fn vectors(series: &Series, joint: usize) -> Vec<Vec3> {
-    let axis = |i: usize| series.channel(3 * joint + i);
-    (0..series.frames).map(|f| Vec3::new(axis(0)[f], axis(1)[f], axis(2)[f])).collect()
-}
-
-fn put(series: &mut Series, joint: usize, vectors: &[Vec3]) {
-    for (f, v) in vectors.iter().enumerate() {
-        for axis in 0..3 {
-            series.numbers[(3 * joint + axis) * series.frames + f] = v[axis];
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,27 +1,34 @@
 //! Interpolation of two dances: the rotations of the first move until their spectrum is the second's, or between.
 //!
-//! [`Alignment`] makes two clips comparable, [`descent::descend`] moves the first's rotation vectors, [`interpolate()`] does
-//! both and measures the result. The root's path stays the first's. Source: the motion-language thesis;
-//! docs/interpolation.md.
+//! [`Alignment`] makes two clips comparable, [`Relative`] makes their rotations numbers, [`descent::descend`] moves the
+//! first's, [`interpolate()`] does all of it and measures the result. The root's path stays the first's but for its fast
+//! part, which turns with the body. Source: the motion-language thesis; docs/interpolation.md.
 
 pub mod align;
+pub mod chart;
 pub mod descent;
+pub mod relative;
+pub mod report;
+pub mod vectors;
 
 pub use align::{Aligned, Alignment};
 pub use descent::{Descent, Method};
+pub use relative::Relative;
+pub use report::{JITTER_BOUND, Likeness, Report};
 
 use super::pca::PcaFit;
 use super::{LowDct, PcaBasis, Series, Stft, Transform, WindowSpec};
 use crate::{Error, Result};
 use kinelm_motion::metric::jitter;
+use kinelm_motion::resample::{self, resample};
 use kinelm_motion::{Clip, Motion};
 use serde::Serialize;
-use std::fmt;
+use vectors::{to_nearest_branches, unwound};
 
 /// Frames of the longest window that a basis is fitted to: its covariance has their square.
 const MAX_PCA_FRAMES: usize = 1024;
-/// Of the larger jitter of the two dances what lies between may have.
-pub const JITTER_BOUND: f64 = 1.1;
+/// Windows of a basis that begin within one: components of few windows shake, and what is moved along them.
+const PCA_HOPS: usize = 16;
 
 /// Whose spectrum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -36,12 +43,26 @@ pub enum Spectrum {
     Stft,
 }
 
+/// Which numbers of the rotations are blended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[serde(rename_all = "lowercase")]
+pub enum Coordinates {
+    /// Turns about the vertical and small rotations, of which the slow part carries the fast one.
+    #[default]
+    Relative,
+    /// Unwound rotation vectors, as in the thesis (compat): a dancer who turns flips.
+    Vectors,
+}
+
 /// How two dances are blended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InterpolateOptions {
     /// What of them.
     pub alignment: Alignment,
-    /// By which spectrum.
+    /// By which numbers.
+    pub coordinates: Coordinates,
+    /// By which spectrum of them.
     pub spectrum: Spectrum,
     /// Coefficients or components that are moved; `None`: those up to 3.5 Hz, 16 for a basis.
     pub keep: Option<usize>,
@@ -52,54 +73,12 @@ pub struct InterpolateOptions {
 /// Two dances and what lies between.
 #[derive(Debug, Clone)]
 pub struct Interpolated {
-    /// The first's window, the second's on the first's rig, and the one between, on the first's rig and path.
+    /// The first's window, the second's on the first's rig, and the one between, on the first's rig.
     pub clips: [Clip; 3],
     /// What was changed to make the two comparable.
     pub notes: Vec<String>,
     /// What was measured.
     pub report: Report,
-}
-
-/// How alike three windows are, by the cosine of their features.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Likeness {
-    /// The first and the second.
-    pub a_b: f64,
-    /// The first and the one between.
-    pub a_c: f64,
-    /// The one between and the second.
-    pub c_b: f64,
-}
-
-/// What was measured of a blend.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Report {
-    /// Frames of the window.
-    pub frames: usize,
-    /// Frames per second.
-    pub fps: f64,
-    /// C.
-    pub channels: usize,
-    /// The transform, in words.
-    pub transform: String,
-    /// Numbers of a feature.
-    pub numbers: usize,
-    /// The method with its settings, in words.
-    pub method: String,
-    /// By STFT features, whatever the transform.
-    pub stft: Likeness,
-    /// By the features of the transform.
-    pub own: Likeness,
-    /// The loss at the beginning and at the end of the way.
-    pub loss: [f64; 2],
-    /// Jitter of the first, the second and the one between, m/s^3.
-    pub jitter: [f64; 3],
-    /// Jitter of the one between over the larger of the others'; `None` where these stand still.
-    pub jitter_ratio: Option<f64>,
-    /// Whether it lies between the two by STFT features, nearer to either than they are to each other.
-    pub is_between: bool,
-    /// Whether it shakes at most a tenth more than the more shaken of the two.
-    pub is_smooth: bool,
 }
 
 /// Interpolates from the first dance towards the second.
@@ -108,26 +87,45 @@ pub struct Report {
 /// What [`Alignment::of`] and [`descent::descend`] refuse; more coefficients than frames; a basis of more components than
 /// the clips have series, or over a window of more than 1,024 frames.
 pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Result<Interpolated> {
-    let Aligned { a: first, b: second, series: [sa, sb], notes } = options.alignment.of(a, b)?;
-    let (frames, channels) = (sa.frames, sa.channels.len());
+    let Aligned { a: first, b: second, notes } = options.alignment.of(a, b)?;
+    let (frames, channels) = (first.frames(), 3 * first.joints());
     let transform = options.transform(frames, [a, b])?;
     let method = options.method.resolve(channels * transform.kept());
-    let moved = descent::descend(&transform, channels, &sa.numbers, &sb.numbers, method)?;
-    let between = Series { numbers: moved.window, ..sa.clone() };
-    let third = between.apply_to(&first)?;
-    let windows = [&sa.numbers, &sb.numbers, &between.numbers];
-    let stft = Likeness::of(&Transform::Stft(Stft::new(frames, false)), channels, windows);
+    let descend = |a: &[f64], b: &[f64]| descent::descend(&transform, channels, a, b, method);
+    let vectors_a = unwound(&first)?;
+    let near_a = |clip: &Clip| -> Result<Series> {
+        let mut series = unwound(clip)?;
+        to_nearest_branches(&mut series, &vectors_a);
+        Ok(series)
+    };
+    let vectors_b = near_a(&second)?;
+    let (third, [from, to], moved) = match options.coordinates {
+        Coordinates::Relative => {
+            let (relative, [from, to]) = Relative::of([&first, &second]);
+            let moved = descend(&from, &to)?;
+            let slow = if options.spectrum == Spectrum::Stft { frames } else { transform.kept() };
+            (relative.moved(&first, &from, &moved.window, slow)?, [from, to], moved)
+        }
+        Coordinates::Vectors => {
+            let moved = descend(&vectors_a.numbers, &vectors_b.numbers)?;
+            let third = Series { numbers: moved.window.clone(), ..vectors_a.clone() }.apply_to(&first)?;
+            (third, [&vectors_a, &vectors_b].map(|series| series.numbers.clone()), moved)
+        }
+    };
+    let vectors = [&vectors_a.numbers, &vectors_b.numbers, &near_a(&third)?.numbers];
+    let stft = Likeness::of(&Transform::Stft(Stft::new(frames, false)), channels, vectors);
     let shakes = [&first, &second, &third].map(|clip| jitter(clip).unwrap_or(0.0));
     let larger = shakes[0].max(shakes[1]);
     let report = Report {
         frames,
-        fps: sa.fps,
+        fps: first.fps(),
         channels,
+        coordinates: options.coordinates,
         transform: options.spectrum.in_words(&transform),
         numbers: channels * transform.kept(),
         method: in_words(method),
         stft,
-        own: Likeness::of(&transform, channels, windows),
+        own: Likeness::of(&transform, channels, [&from, &to, &moved.window]),
         loss: moved.loss,
         jitter: shakes,
         jitter_ratio: (larger > 0.0).then(|| shakes[2] / larger),
@@ -153,17 +151,17 @@ impl InterpolateOptions {
         }
     }
 
-    /// A basis fitted to all windows of both clips, half a window apart.
+    /// A basis fitted to all windows of both clips, a sixteenth of a window apart.
     fn basis(&self, frames: usize, keep: usize, clips: [&Motion; 2]) -> Result<PcaBasis> {
         if frames > MAX_PCA_FRAMES {
             let (needs, most) = (format!("windows of {frames} frames"), format!("{MAX_PCA_FRAMES} frames"));
             return Err(Error::limit("a fitted basis", needs, most, "take DCT"));
         }
-        let spec = WindowSpec { frames, hop: (frames / 2).max(1), fps: self.alignment.fps };
+        let spec = WindowSpec { frames, hop: (frames / PCA_HOPS).max(1), fps: self.alignment.fps };
         let mut fit = PcaFit::new(frames);
         let mut count = 0;
         for motion in clips {
-            let series = Series::of(&motion.clip, &[], spec.fps, false)?;
+            let series = self.series(&motion.clip)?;
             for start in spec.starts(series.frames, 0) {
                 fit.add(&series.window(start, frames));
                 count += series.channels.len();
@@ -173,6 +171,27 @@ impl InterpolateOptions {
             return Err(Error::invalid("`keep`", keep, format!("at most {count}, the series that the clips have")));
         }
         fit.finish(keep)
+    }
+
+    /// The numbers of a whole clip: of vectors those that are unwound in each window.
+    fn series(&self, clip: &Clip) -> Result<Series> {
+        let series = Series::of(clip, &[], self.alignment.fps, false)?;
+        Ok(match self.coordinates {
+            Coordinates::Vectors => series,
+            Coordinates::Relative => {
+                let clip = resample(clip, self.alignment.fps, resample::Method::Auto)?;
+                Series { numbers: Relative::of([&clip]).1.concat(), raw: true, ..series }
+            }
+        })
+    }
+}
+
+impl Coordinates {
+    fn in_words(self) -> &'static str {
+        match self {
+            Coordinates::Relative => "relative rotations",
+            Coordinates::Vectors => "rotation vectors",
+        }
     }
 }
 
@@ -199,116 +218,5 @@ fn in_words(method: Method) -> String {
     }
 }
 
-impl Likeness {
-    /// Of windows a, b, c.
-    fn of(transform: &Transform, channels: usize, [a, b, c]: [&Vec<f64>; 3]) -> Likeness {
-        let [a, b, c] = [a, b, c].map(|x| transform.feature(x, channels));
-        Likeness { a_b: cosine(&a, &b), a_c: cosine(&a, &c), c_b: cosine(&c, &b) }
-    }
-}
-
-/// The cosine of the angle between two features; 0 where one of them is 0.
-fn cosine(a: &[f64], b: &[f64]) -> f64 {
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let size = (dot(a, a) * dot(b, b)).sqrt();
-    if size > 0.0 { dot(a, b) / size } else { 0.0 }
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}; {} frames at {} fps, {} channels", self.method, self.frames, self.fps, self.channels)?;
-        writeln!(f, "loss {:.3e} to {:.3e}", self.loss[0], self.loss[1])?;
-        writeln!(f, "{:<14}{:>8}{:>8}{:>8}", "cosine of", "A-B", "A-C", "C-B")?;
-        for (name, l) in [("stft 16/8", self.stft), (&self.transform, self.own)] {
-            writeln!(f, "{name:<14}{:>8.3}{:>8.3}{:>8.3}", l.a_b, l.a_c, l.c_b)?;
-        }
-        let [a, b, c] = self.jitter;
-        write!(f, "jitter, m/s^3: A {a:.0}, B {b:.0}, C {c:.0}")?;
-        if let Some(ratio) = self.jitter_ratio {
-            write!(f, ", {ratio:.2} of the larger")?;
-        }
-        let yes = |is: bool| if is { "yes" } else { "no" };
-        write!(f, "\nnearer to both than they are to each other: {}; ", yes(self.is_between))?;
-        write!(f, "at most {JITTER_BOUND} of their jitter: {}", yes(self.is_smooth))
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use kinelm_motion::rotation::angle_between;
-    use kinelm_motion::{Source, synth};
-
-    fn motions() -> [Motion; 2] {
-        // two genres of one dancer
-        let dances = synth::corpus(1, 2, 4.0, 60.0).unwrap();
-        [0, 1].map(|i| Motion {
-            path: format!("{i}.bvh").into(),
-            clip: dances[i].clip.clone(),
-            source: Source::Plain,
-            warnings: Vec::new(),
-        })
-    }
-
-    fn settings(spectrum: Spectrum, method: Method) -> InterpolateOptions {
-        let alignment = Alignment { at_s: [1.0, 1.0], ..Alignment::default() };
-        InterpolateOptions { alignment, spectrum, keep: None, method }
-    }
-
-    #[test]
-    fn half_way_lies_between_and_does_not_shake() {
-        let [a, b] = motions();
-        let adam = Method::Adam(Descent { strength: 0.5, rate: None, steps: 500 });
-        for method in
-            [adam, Method::Closed { amount: 0.5 }, Method::Plain(Descent { strength: 0.5, rate: None, steps: 100 })]
-        {
-            let done = interpolate(&a, &b, &settings(Spectrum::Dct, method)).unwrap();
-            let r = &done.report;
-            // made-up dances hardly shake at all: what is left of a band at the window's ends counts
-            assert!(r.is_between && r.jitter_ratio.unwrap() < 1.3, "{r}");
-            assert!(r.own.a_b < r.own.a_c.min(r.own.c_b) && r.stft.a_b < 1.0, "{r}");
-            assert_eq!((r.frames, r.numbers), (128, 72 * 16));
-            assert_eq!(done.clips[2].root(), done.clips[0].root(), "the first's path");
-        }
-        let all = interpolate(&a, &b, &settings(Spectrum::Dct, Method::Closed { amount: 1.0 })).unwrap().report;
-        assert!((all.own.c_b - 1.0).abs() < 1e-9 && all.loss[1] < 1e-20);
-        let none = interpolate(&a, &b, &settings(Spectrum::Pca, Method::Closed { amount: 0.0 })).unwrap();
-        let worst = none.clips[0].rotations().iter().zip(none.clips[2].rotations());
-        assert!(worst.map(|(p, q)| angle_between(*p, *q)).fold(0.0, f64::max) < 1e-9);
-    }
-
-    #[test]
-    fn magnitudes_shake() {
-        let [a, b] = motions();
-        let adam = Method::Adam(Descent { strength: 0.5, rate: None, steps: 200 });
-        let ratio = |kind| interpolate(&a, &b, &settings(kind, adam)).unwrap().report.jitter_ratio.unwrap();
-        let (stft, dct) = (ratio(Spectrum::Stft), ratio(Spectrum::Dct));
-        assert!(stft > 1.2 * dct, "{stft} {dct}");
-    }
-
-    #[test]
-    fn a_report_says_it_all() {
-        let [a, b] = motions();
-        let report = interpolate(&a, &b, &settings(Spectrum::Pca, Method::Closed { amount: 0.5 })).unwrap().report;
-        let text = report.to_string();
-        for part in
-            ["closed form, amount 0.5", "128 frames at 60 fps, 72 channels", "pca 16", "A-C", "jitter, m/s^3: A "]
-        {
-            assert!(text.contains(part), "{part} in {text}");
-        }
-    }
-
-    #[test]
-    fn what_cannot_be_is_refused() {
-        let [a, b] = motions();
-        let said = |s: InterpolateOptions| interpolate(&a, &b, &s).unwrap_err().to_string();
-        let half = Method::Closed { amount: 0.5 };
-        assert!(
-            said(InterpolateOptions { keep: Some(129), ..settings(Spectrum::Dct, half) }).contains("expected 1 to 128")
-        );
-        assert!(
-            said(InterpolateOptions { keep: Some(0), ..settings(Spectrum::Pca, half) }).contains("expected 1 to 128")
-        );
-        assert!(said(settings(Spectrum::Stft, half)).contains("no closed form"));
-    }
-}
+mod tests;

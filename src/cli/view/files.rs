@@ -28,7 +28,9 @@ pub fn viewed(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Res
     let mut all = related(&paths, read.of_files(&paths, RestFrame::Keep, say));
     for (file, named) in all.iter_mut().zip(clips) {
         named.own.iter().try_for_each(|(key, value)| set(&mut file.options, key, value))?;
-        file.world = if together { Some(0) } else { file.world };
+        if together {
+            (file.world, file.floor_m) = (Some(0), 0.0);
+        }
     }
     Ok(all)
 }

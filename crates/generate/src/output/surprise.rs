@@ -18,14 +18,14 @@ pub struct HeldOut {
 }
 
 impl OpenRequest {
-    /// What to expect of a prompt that is more surprising than 95 % of the run's held-out clips; `None` for others, without
-    /// a prompt, and for a run that doesn't store how surprising these are.
+    /// What to expect of a prompt that is more surprising than 95 % of the run's held-out clips; `None` for others, where
+    /// nothing of a prompt is given, and for a run that doesn't store how surprising these are.
     ///
     /// # Errors
     /// What the model fails with; a damaged file.
     pub fn surprise_note(&self) -> Result<Option<String>> {
         let path = self.resolved.run.join(HELD_OUT);
-        let Some(prompt) = &self.prompt else { return Ok(None) };
+        let Some(prompt) = self.prompt.as_ref().filter(|prompt| !prompt.lends()) else { return Ok(None) };
         let text = match input::text(&path) {
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
             other => other.map_err(Error::io(&path))?,

@@ -77,11 +77,11 @@ impl fmt::Display for Report {
         }
         for (name, p) in &self.prompted {
             let (name, joints) = (shortened(name), &p.joints);
-            let (mismatch, cm) = (100.0 * p.mismatch, p.given_mpjpe_cm);
-            write!(
-                f,
-                "\n{name:<32} follows {joints}: {mismatch:.4} % of its characters differ, places {cm:.2} cm apart"
-            )?;
+            write!(f, "\n{name:<32} follows {joints}: ")?;
+            if let Some(x) = p.mismatch {
+                write!(f, "{:.4} % of its characters differ, ", 100.0 * x)?;
+            }
+            write!(f, "places {:.2} cm apart", p.given_mpjpe_cm)?;
             if let Some(x) = p.free_jitter {
                 write!(f, "; free joints: jitter {:.2} of the prompt's", x)?;
             }

@@ -17,8 +17,9 @@ use std::path::Path;
 pub struct PromptMetrics {
     /// The joints, as requested.
     pub joints: String,
-    /// Share of the given characters that came out different; 0, unless the dance was written on another rig.
-    pub mismatch: f64,
+    /// Share of the given characters that came out different; 0, unless the dance was written on another rig. `None` where the
+    /// rate of its file is no multiple of the tokenizer's, so that it lacks the sampled frames.
+    pub mismatch: Option<f64>,
     /// Mean distance of the given joints' places from the prompt's, both pelvises moved to 0, cm: free joints above them
     /// move them.
     pub given_mpjpe_cm: f64,
@@ -48,10 +49,8 @@ impl PromptMetrics {
         let prompt = PromptClip::load(&followed.path, &followed.read, tokenizer)?;
         let seen = tokenizer.decode(&prompt.words, UncodedPose::Identity)?;
         let frames = dance.clip.frames().min(prompt.frames());
-        // on the prompt's rig the floor is the one of the way there, not what the dance's own feet say
-        let back = read_back(file, recipe, &prompt, tokenizer)?.map(|(_, words)| words);
-        let codes = back.as_ref().unwrap_or(&dance.words).codes();
-        let mismatch = share_changed(prompt.words.codes(), codes, &places, frames).unwrap_or(0.0);
+        let back = read_back(file, recipe, &prompt, tokenizer)?;
+        let mismatch = back.and_then(|(_, words)| share_changed(prompt.words.codes(), words.codes(), &places, frames));
         let joints = tokenizer.channels().joints().iter().copied();
         let (given, free): (Vec<usize>, Vec<usize>) = joints.partition(|j| selection.joints.contains(j));
         let (seen, made) = (seen.slice(0..frames), dance.clip.slice(0..frames));

@@ -44,7 +44,7 @@ danced() {
     [ ! -e "$out/$name.json" ] || return 0
     mkdir -p "$out/$name"
     for prompt in $salsas; do
-        "$kinelm" generate --run "$run" --prompt "$prompt" --fps-source 60 --skip 10 "$@" --seed 3 $threads \
+        "$kinelm" generate --run "$run" --fps 20 --prompt "$prompt" --fps-source 60 --skip 10 "$@" --seed 3 $threads \
             --out "$out/$name/$(basename "$prompt")"
     done
     "$kinelm" evaluate dance "$out/$name"/*.bvh --real "$out/cmu-dance" --json $threads > "$out/$name.new"

@@ -83,7 +83,7 @@ if [ "$gpt_steps" != 0 ]; then
     goes_on="--rig prompt --from-frame 200 --fps 30 $threads"
     for seed in "$gpt"/seeds/*.bvh; do
         dance=$gpt/dances/$(basename "$seed")
-        [ -e "$dance" ] || "$kinelm" generate --run "$gpt/run" --prompt "$seed" --frames $((202 + ${FRAMES:-4000} * 2 / 3)) \
+        [ -e "$dance" ] || "$kinelm" generate --run "$gpt/run" --fps 20 --prompt "$seed" --frames $((202 + ${FRAMES:-4000} * 2 / 3)) \
             --feet off $goes_on --out "$dance"
     done
     [ -e "$out/gpt-1.json" ] || {
@@ -92,7 +92,7 @@ if [ "$gpt_steps" != 0 ]; then
     }
     # a copy, without the file beside it: a page puts a dance of which it knows the prompt where that stands
     [ -e "$out/gpt-1.bvh" ] || {
-        "$kinelm" generate --run "$gpt/run" --prompt "$data/cmu-dance/salsa/03.bvh" --fps-source 60 --skip 10 --frames 467 \
+        "$kinelm" generate --run "$gpt/run" --fps 20 --prompt "$data/cmu-dance/salsa/03.bvh" --fps-source 60 --skip 10 --frames 467 \
             $goes_on --out "$gpt/03.bvh"
         cp "$gpt/03.bvh" "$out/gpt-1.bvh"
     }

@@ -21,7 +21,7 @@ takes="03 07 11 18 22 26"
 mkdir -p "$out/lock" "$out/off" "$out/real"
 for take in $takes; do
     for feet in lock off; do
-        [ -e "$out/$feet/$take-4.bvh" ] || "$kinelm" generate --run "$run" --prompt "$data/$take.bvh" $read --joints root,right_arm \
+        [ -e "$out/$feet/$take-4.bvh" ] || "$kinelm" generate --run "$run" --fps 20 --prompt "$data/$take.bvh" $read --joints root,right_arm \
             --variations 4 --seed "${SEED:-5}" --first-frames "${FIRST_FRAMES:-64}" ${TOP_P:+--top-p "$TOP_P"} --feet $feet --out "$out/$feet/$take.bvh" $threads
     done
     real=$out/real/$take

@@ -38,7 +38,7 @@ done
 mkdir -p "$out/free"
 for seed in 1 2 3 4; do
     [ -e "$out/free/$seed-12.bvh" ] ||
-        "$kinelm" generate --run "$run" --seconds 20 --variations 12 --seed $seed --out "$out/free/$seed.bvh" $threads
+        "$kinelm" generate --run "$run" --fps 20 --seconds 20 --variations 12 --seed $seed --out "$out/free/$seed.bvh" $threads
 done
 once copying.json "$kinelm" evaluate dance "$out/free"/*.bvh --real "$out/corpus" --copying --json $threads
 

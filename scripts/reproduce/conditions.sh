@@ -21,13 +21,13 @@ for guidance in ${GUIDANCE:-1 2 3}; do
         free=$out/dances/$guidance/free/$label on=$out/dances/$guidance/prompted/$label
         if [ ! -d "$free" ]; then
             mkdir -p "$free.new"
-            "$kinelm" generate --run "$run" $how --lead-in "${LEAD_IN:-none}" --variations "${DANCES:-8}" --out "$free.new/free.bvh"
+            "$kinelm" generate --run "$run" --fps 20 $how --lead-in "${LEAD_IN:-none}" --variations "${DANCES:-8}" --out "$free.new/free.bvh"
             mv "$free.new" "$free"
         fi
         [ ! -d "$on" ] || continue
         mkdir -p "$on.new"
         for prompt in "$@"; do
-            "$kinelm" generate --run "$run" $how --prompt "$prompt" ${OPTIONS:-} --from-frame 20 --out "$on.new/$(basename "${prompt%.*}").bvh"
+            "$kinelm" generate --run "$run" --fps 20 $how --prompt "$prompt" ${OPTIONS:-} --from-frame 20 --out "$on.new/$(basename "${prompt%.*}").bvh"
         done
         mv "$on.new" "$on"
     done

@@ -35,7 +35,7 @@ danced() {
     for piece in $pieces; do
         dance=$out/$name/$(basename "$piece" .wav)
         # the fourth is written last
-        [ -e "$dance-4.bvh" ] || "$kinelm" generate --run "$run" --seconds 30 --lead-in none --top-p 0.9 --variations 4 --out "$dance.bvh" --force \
+        [ -e "$dance-4.bvh" ] || "$kinelm" generate --run "$run" --fps 20 --seconds 30 --lead-in none --top-p 0.9 --variations 4 --out "$dance.bvh" --force \
             $([ "$name" = none ] || echo --music "$piece") --seed "$(basename "$piece" .wav | cksum | cut -c1-4)" "$@" $threads
     done
 }
@@ -77,7 +77,7 @@ for told in ${TOLD:-beats features both}; do
         number=$((number + 1))
         dance=$out/$told-pieces/$(basename "$piece" .wav).bvh
         # what ends before, or has no beats, is left out
-        [ -e "$dance" ] || "$kinelm" generate --run "$run" --seconds 30 --lead-in none --top-p 0.9 --music "$piece" --music-from 10s \
+        [ -e "$dance" ] || "$kinelm" generate --run "$run" --fps 20 --seconds 30 --lead-in none --top-p 0.9 --music "$piece" --music-from 10s \
             ${GUIDANCE:+--guidance $GUIDANCE} --seed $number --out "$dance" $threads || continue
     done
     measured "$told-pieces"
@@ -92,7 +92,7 @@ for prompt in $prompts; do
     style=$(echo pop march lounge disco | cut -d' ' -f$((number % 4 + 1)))
     for bpm in 90 110 130; do
         dance=$out/transfer/$(basename "$prompt" .bvh)-$bpm.bvh
-        [ -e "$dance" ] || "$kinelm" generate --run "$out/demo/run" --prompt "$prompt" --from-frame 20 --seconds 30 --top-p 0.9 \
+        [ -e "$dance" ] || "$kinelm" generate --run "$out/demo/run" --fps 20 --prompt "$prompt" --from-frame 20 --seconds 30 --top-p 0.9 \
             --music "$out/music/$style-$bpm.wav" ${GUIDANCE:+--guidance $GUIDANCE} --rig model --seed $number --out "$dance" $threads
     done
 done

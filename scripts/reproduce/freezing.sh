@@ -21,7 +21,7 @@ for joints in none root root,right_arm root,legs; do
         [ $joints != none ] || follow=""
         [ $draw != greedy ] || how=--greedy
         for prompt in "$@"; do
-            "$kinelm" generate --run "$run" --prompt "$prompt" ${OPTIONS:-} --from-frame 20 --frames 600 $follow $how \
+            "$kinelm" generate --run "$run" --fps 20 --prompt "$prompt" ${OPTIONS:-} --from-frame 20 --frames 600 $follow $how \
                 --out "$out/$name/$(basename "${prompt%.*}").bvh" --quiet
         done
         "$kinelm" evaluate dance "$out/$name"/*.bvh --real "$corpus" --copying --json --quiet > "$out/$name.new"

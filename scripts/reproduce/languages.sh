@@ -28,7 +28,7 @@ language() {
     "$kinelm" pretrain --config "$out/tiny.toml" --corpus "$out/$name/corpus" --run "$out/$name/run" --steps "$steps"
     "$kinelm" evaluate likelihood --run "$out/$name/run" --corpus "$out/$name/corpus" > "$out/$name/likelihood.txt"
     for clip in salsa/03 indian/13; do
-        "$kinelm" generate --run "$out/$name/run" --prompt "$data/cmu-dance/$clip.bvh" --skip 10 --from-frame 60 \
+        "$kinelm" generate --run "$out/$name/run" --fps 20 --prompt "$data/cmu-dance/$clip.bvh" --skip 10 --from-frame 60 \
             --frames 1200 --out "$out/$name/$(basename "$clip").bvh"
     done
     touch "$out/$name/done"

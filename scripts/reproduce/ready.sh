@@ -53,7 +53,7 @@ done
     for genre in $genres; do
         mkdir -p "$out/made/$genre"
         [ -e "$out/made/$genre/2-8.bvh" ] || for seed in 1 2; do
-            "$kinelm" generate --run "$out/run" --label genre=$genre --guidance 2 --seconds 12 --variations 8 --seed $seed \
+            "$kinelm" generate --run "$out/run" --fps 20 --label genre=$genre --guidance 2 --seconds 12 --variations 8 --seed $seed \
                 --out "$out/made/$genre/$seed.bvh" $threads
         done
     done
@@ -90,7 +90,7 @@ PYTHON
     for genre in $genres; do
         count=3
         [ $genre != salsa ] || count=6
-        [ -e "$out/best/$genre-$count.bvh" ] || "$kinelm" generate --run "$out/run" --real "$out/real" --best 16 --variations $count \
+        [ -e "$out/best/$genre-$count.bvh" ] || "$kinelm" generate --run "$out/run" --fps 20 --real "$out/real" --best 16 --variations $count \
             --label genre=$genre --guidance 2 --seconds 10 --seed 3 --out "$out/best/$genre.bvh" $threads
     done
     { echo clip,split; for dance in "$out/best"/*.bvh; do echo "$(basename "$dance" .bvh),train"; done; } > "$out/best.csv"

@@ -30,7 +30,7 @@ for file in "$out"/files/*; do
     name=$(basename "${file%.*}")
     case $file in *.asf) continue ;; esac
     "$kinelm" convert "$file" "$out/smpl/$name.bvh" --skeleton smpl --force --quiet &&
-        "$kinelm" generate --run "$run" --prompt "$file" --joints root,torso,right_arm --rig prompt --seed 1 --threads 1 \
+        "$kinelm" generate --run "$run" --fps 20 --prompt "$file" --joints root,torso,right_arm --rig prompt --seed 1 --threads 1 \
             --out "$out/dances/$name.bvh" --force --quiet || { echo "$file: failed"; failed=1; continue; }
     for of in "$file" "$out/smpl/$name.bvh" "$out/dances/$name.bvh"; do
         "$kinelm" convert "$of" "$out/$(basename "$(dirname "$of")")/$name.npz" --positions --fps 20 --force --quiet

@@ -27,7 +27,7 @@ for run in run tuned; do
     "$kinelm" evaluate likelihood --run "$out/$run" --corpus "$out/martial" $threads
     mkdir -p "$out/dances/$run"
     for take in 05 07; do
-        [ -e "$out/dances/$run/$take-8.bvh" ] || "$kinelm" generate --run "$out/$run" --prompt "$martial/$take.bvh" --fps-source 120 \
+        [ -e "$out/dances/$run/$take-8.bvh" ] || "$kinelm" generate --run "$out/$run" --fps 20 --prompt "$martial/$take.bvh" --fps-source 120 \
             --skip 10 --joints root,right_arm --variations 8 --seed 5 --out "$out/dances/$run/$take.bvh" $threads
     done
     "$kinelm" evaluate dance "$out/dances/$run"/*.bvh --real "$out/martial" $threads

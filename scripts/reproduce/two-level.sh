@@ -44,7 +44,7 @@ danced() {
     [ ! -e "$out/$name.json" ] || return 0
     mkdir -p "$out/$name"
     for prompt in $salsas; do
-        "$kinelm" generate --run "$run" --prompt "$prompt" --fps-source 60 --skip 10 "$@" --seed 3 $threads \
+        "$kinelm" generate --run "$run" --fps 20 --prompt "$prompt" --fps-source 60 --skip 10 "$@" --seed 3 $threads \
             --out "$out/$name/$(basename "$prompt")"
     done
     "$kinelm" evaluate dance "$out/$name"/*.bvh --real "$out/cmu-dance" --json $threads > "$out/$name.new"
@@ -110,7 +110,7 @@ for path in sorted(out.glob("*-[0-9]*-cmu-dance.json")):
         told = [p for _, p in read(f"{run}-{care}.json")["prompted"]]
         jitter, skate = ([p[key] for p in told] for key in ("free_jitter", "free_skate"))
         answer = mean([p["coordination"]["effect"] for p in told if p["coordination"]])
-        mismatch = max(p["mismatch"] for p in told)
+        mismatch = max(p["mismatch"] for p in told if p["mismatch"] is not None)
         given.append(f"| {run}, {care} | {mean(jitter):.2f} | {mean(skate):.2f} | {answer:.2f} | {mismatch:.4f} |")
 table = "\n\n".join("\n".join(t) for t in (rows, free, given)) + "\n"
 (out / "table.md").write_text(table)

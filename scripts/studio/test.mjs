@@ -187,9 +187,37 @@ try {
     await page.waitForFunction(() => window.studio.store.state.dances.filter(dance => dance.kept).length === 2);
   });
 
-  await step('it is exported as a BVH, a GLB and an npz', async () => {
+  await step('a new dance is on the rig of a clip, at its rate, or on SMPL’s body', async () => {
+    const model = await state(() => window.studio.store.state.model);
+    const clip = await state(() => window.studio.store.state.clips.find(clip => clip.state === 'ready' && clip.rig));
+    const auto = () => page.locator('#field-fps option').first().textContent();
+    const said = () => page.locator('#make-form > .quiet').textContent();
+    await page.locator('#make-kind').selectOption('free');
+    await page.locator('.finer summary').click();
+    await page.locator('#field-rig').selectOption('smpl');
+    assert.equal(await auto(), `auto (${model.new_fps} fps)`);
+    assert.match(await said(), /SMPL’s body/);
+    await page.locator('#field-rig').selectOption(clip.id);
+    assert.equal(await auto(), `auto (${Math.round(clip.fps)} fps)`);
+    assert.ok((await said()).includes(`the rig of ${clip.name}`));
+    await page.locator('#field-seconds').fill('1');
+    await page.locator('.segments[aria-label=Variations] button', { hasText: '1' }).click();
+    for (const rate of ['', '25']) {
+      const jobs = await state(() => window.studio.store.state.jobs.length);
+      await page.locator('#field-fps').selectOption(rate);
+      await page.locator('#make-now').click();
+      await page.waitForFunction(before => window.studio.store.state.jobs.length > before, jobs);
+      await idle(page, PATIENCE);
+      const dance = await state(() => window.studio.store.state.dances.at(-1));
+      assert.deepEqual([dance.rig, Math.round(dance.fps)], [clip.id, Number(rate) || Math.round(clip.fps)]);
+    }
+    await page.locator('.finer summary').click();
+  });
+
+  await step('it is exported as a BVH, for Blender, as a GLB and as an npz', async () => {
     for (const [name, first] of [
       ['BVH', 'HIERARCHY'],
+      ['for Blender', 'HIERARCHY'],
       ['GLB', 'glTF'],
       ['npz', 'PK'],
     ]) {

@@ -106,7 +106,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         format::write(&at(name), &prompt::on_model_rig(&at(name), dance.clone()))?;
     }
     say.line("5/5 page and report");
-    page(&at("page.html"), &test.name, (&tokenizer, &prompt), &follows, &goes_on)?;
+    let seen = prompt.decode(&tokenizer, &prompt.words, UncodedJoints::Prompt, prompt.frames())?;
+    let seen = put(&seen, &prompt)?.slice(0..frames);
+    page(&at("page.html"), &test.name, &seen, &follows, &goes_on)?;
     let model = run.likelihood(&corpus, Split::Test, args.compute.get())?;
     let model = model.context("the demo's corpus has no test frame")?;
     let floors = ChannelFloors::measure(&CodeSplits::of_corpora(&corpus, (&corpus, Split::Test), Extent::Sample)?)?;
@@ -245,19 +247,15 @@ fn put(clip: &Clip, prompt: &PromptClip) -> Result<Clip> {
 }
 
 /// The prompt as the model sees it beside what it made of the root and the right arm, and of the first second.
-fn page(
-    path: &Path,
-    name: &str,
-    (tokenizer, prompt): (&Tokenizer, &PromptClip),
-    follows: &Clip,
-    goes_on: &Clip,
-) -> Result<()> {
-    let seen = put(&prompt.decode(tokenizer, &prompt.words, UncodedJoints::Prompt, prompt.frames())?, prompt)?
-        .slice(0..follows.frames());
+fn page(path: &Path, name: &str, seen: &Clip, follows: &Clip, goes_on: &Clip) -> Result<()> {
     let followed = joints::parse(FOLLOWED)?.joints;
     let figures = [
-        Figure::new(name, &seen).note("a test dance, never trained on").given(&followed),
-        Figure::new("follows", follows).note("its root and right arm; the rest is the model's").given(&followed),
+        Figure::new(name, seen)
+            .note("a test dance, never trained on; orange is what the next one follows")
+            .given(&followed),
+        Figure::new("follows", follows)
+            .note("its root and right arm (orange); the rest is the model's")
+            .given(&followed),
         Figure::new("goes on", goes_on).note("from its first second, by itself"),
     ];
     write_page(path, &figures)?;

@@ -82,8 +82,8 @@ fn page(args: &Args) -> Result<()> {
     let named = |id: &usize| free.skeleton().find(smpl::NAMES[*id]);
     let followed: Vec<usize> = joints::parse(FOLLOWED)?.joints.iter().filter_map(named).collect();
     let figures = [
-        Figure::new("free", &free).note("by itself").given(&followed),
-        Figure::new("follows", &follows).note("root, torso and right arm; the rest is new").given(&followed),
+        Figure::new("free", &free).note("by itself; orange is what the next one follows").given(&followed),
+        Figure::new("follows", &follows).note("root, torso and right arm (orange); the rest is new").given(&followed),
         Figure::new("gap", &gap).note("seconds 8 to 10 are new"),
         Figure::new("loop", &back).note("ends in the pose that it began with"),
     ];

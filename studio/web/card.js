@@ -58,7 +58,8 @@ export async function putAt(id, seconds, from) {
 export function exportItems(dance) {
   const to = (/** @type {string} */ format) => `/api/dances/${dance.id}/export?format=${format}`;
   return [
-    { label: 'Export BVH', hint: 'on the clip’s own rig', href: to('bvh'), does() {} },
+    { label: 'Export BVH', hint: `on ${dance.source || dance.rig ? 'the clip’s own' : 'SMPL’s'} rig`, href: to('bvh'), does() {} },
+    { label: 'Export for Blender', hint: 'a BVH in metres', href: to('bvh&for=blender'), does() {} },
     { label: 'Export GLB', hint: 'for Blender, Unity, the web', href: to('glb'), does() {} },
     { label: 'Export npz', hint: 'AMASS, for research', href: to('npz'), does() {} },
   ];

@@ -2,7 +2,7 @@
 
 import { Dancer, Part, madeBy } from './dancer.js';
 import { load, loaded } from './figures.js';
-import { clipOf, currentSet, danceOf, nameOf, store, tell, ui } from './store.js';
+import { clipOf, currentSet, danceOf, nameOf, sourceOf, store, tell, ui } from './store.js';
 
 /** @typedef {import('./types.js').Segment} Segment */
 
@@ -126,14 +126,14 @@ function ofSet(kept) {
     dancer.note = dance?.kept ? 'kept' : '';
     dancer.paint = `--take-${n % TAKES}`;
     if (job.kind === 'free') dancer.made = null;
-    const source = dance?.source ?? job.make.clip ?? null;
+    const source = dance?.source ?? sourceOf(job);
     dancer.original = originalOf(source, kept, job.kind === 'timeline');
     // dances of one source share its path
-    dancer.world = source && job.kind !== 'free' ? 1 : 100 + n;
+    dancer.world = source ? 1 : 100 + n;
     dancers.push(dancer);
   }
   // until the first frame comes one sees what they are made from
-  const source = job.make.clip ?? null,
+  const source = sourceOf(job),
     there = dancers.length === 0 && source ? ask(source, true) : null;
   if (source && there) {
     const dancer = kept(`clip ${source}`, there, () => new Dancer(source, there, '', ''));

@@ -2,9 +2,9 @@
 
 import { post } from './api.js';
 import { find, h, icon, iconButton } from './dom.js';
-import { capital, joints as said } from './format.js';
+import { capital, joints as said, rate } from './format.js';
 import { PARTS } from './groups.js';
-import { keptDances, motionClips, on, store, tell, ui } from './store.js';
+import { keptDances, motionClips, nameOf, on, store, tell, ui } from './store.js';
 import { attempt } from './toast.js';
 import { clipIdOf } from './cast.js';
 
@@ -16,7 +16,7 @@ const KINDS = {
     name: 'What the timeline leaves free',
     help: 'The orange parts of the timeline are made; all else stays as it is.',
   },
-  free: { name: 'A new dance', help: 'A dance from nothing.' },
+  free: { name: 'A new dance', help: '' },
   given: {
     name: 'A dance that follows a clip',
     help: 'The chosen joints move as in the clip from beginning to end; all others are made.',
@@ -27,6 +27,8 @@ const KINDS = {
 /** @type {Record<string, string>} */
 const HELP = {
   clip: 'The clip or kept dance that it is made of.',
+  rig: 'Whose skeleton it is on, at whose frame rate. Without a clip it is SMPL’s body.',
+  fps: 'Frames a second. Auto is the clip’s own rate.',
   joints: 'These come from the clip. Press a limb on the stage, or choose here.',
   seconds: 'How long the dance is, in seconds.',
   loop: 'Whether the dancer comes back to the same spot, or goes on across the floor as in a walk.',
@@ -40,18 +42,22 @@ const HELP = {
   best: 'Makes this many and shows the best of them, with a score: 0 is as good as real dances, more is worse.',
 };
 
-const PRESETS = [2, 4, 6, 8];
+const PRESETS = [2, 4, 6, 8],
+  RATES = [24, 25, 30, 50, 60, 90, 100, 120, 240];
+const SMPL = 'smpl';
 
 /** What is chosen; empty fields are left to the studio. */
 export const choice = {
   kind: /** @type {Kind} */ ('free'),
   clip: /** @type {string | null} */ (null),
+  rig: /** @type {string | null} */ (null),
   joints: new Set(['root', 'spine']),
   variations: 4,
   labels: /** @type {Record<string, string>} */ ({}),
   loop: /** @type {'back' | 'pose'} */ ('back'),
   numbers: /** @type {Record<string, string>} */ ({
     seconds: '8',
+    fps: '',
     loop_over: '2',
     seed: '',
     temperature: '',
@@ -76,6 +82,16 @@ function theClip() {
   return [ui.mode === 'clip' ? ui.clip : ui.focus, own, all[0]?.id].find(has) ?? null;
 }
 
+// Those on whose rig something can be made.
+const rigs = () => [...motionClips().filter(clip => clip.rig), ...keptDances()];
+
+// The clip whose rig a new dance is on: the chosen one, else the one at hand; none for SMPL's body.
+function theRig() {
+  if (choice.rig === SMPL) return null;
+  const has = (/** @type {string | null} */ id) => rigs().some(one => one.id === id);
+  return [choice.rig, theClip()].find(has) ?? null;
+}
+
 /** @returns {Make} */
 export function request() {
   const { kind, numbers } = choice,
@@ -83,6 +99,8 @@ export function request() {
   const number = (/** @type {string} */ name) =>
     numbers[name] === '' || !Number.isFinite(Number(numbers[name])) ? undefined : Number(numbers[name]);
   if (kind === 'given' || kind === 'loop') make.clip = theClip() ?? undefined;
+  if (kind === 'free') make.clip = theRig() ?? undefined;
+  if (kind === 'free' || kind === 'given') make.fps = number('fps');
   if (kind === 'given') make.joints = [...choice.joints].join(',');
   if (kind === 'free') make.seconds = number('seconds') ?? 8;
   if (kind === 'loop') Object.assign(make, { loop: choice.loop, loop_over: number('loop_over') });
@@ -111,7 +129,8 @@ export async function makeNow() {
 /** @param {Make} make */
 export function takeOver(make) {
   choice.kind = make.kind === 'edit' ? 'timeline' : make.kind;
-  if (make.clip) choice.clip = make.clip;
+  if (make.kind === 'free') choice.rig = make.clip ?? SMPL;
+  else if (make.clip) choice.clip = make.clip;
   if (make.joints) choice.joints = new Set(make.joints.split(','));
   choice.variations = make.variations;
   choice.labels = { ...make.labels };
@@ -209,7 +228,15 @@ function fields() {
     );
   }
   if (kind === 'given') parts.push(jointField());
-  if (kind === 'free') parts.push(numberField('seconds', 'Seconds', { min: 1, max: 600, step: 1 }));
+  if (kind === 'free') {
+    const options = /** @type {[string, string][]} */ (rigs().map(one => [one.id, one.name]));
+    const control = select(theRig() ?? SMPL, [...options, [SMPL, 'SMPL’s body']], value => {
+      choice.rig = value;
+      draw();
+    });
+    control.id = 'field-rig';
+    parts.push(field('rig', 'Rig', control), numberField('seconds', 'Seconds', { min: 1, max: 600, step: 1 }));
+  }
   if (kind === 'loop') {
     const back = /** @type {[string, string][]} */ ([
       ['back', 'to the same spot'],
@@ -252,7 +279,20 @@ function finer() {
     ['lock', 'lock'],
     ['off', 'off'],
   ]);
+  const { kind, numbers } = choice,
+    parts = [];
+  if (kind === 'free' || kind === 'given') {
+    const own = [...motionClips(), ...keptDances()].find(one => one.id === (kind === 'free' ? theRig() : theClip()))?.fps;
+    const auto = /** @type {[string, string]} */ (['', `auto (${rate(own ?? store.state.model.new_fps)})`]);
+    const rates = RATES.map(fps => /** @type {[string, string]} */ ([String(fps), rate(fps)]));
+    const control = select(numbers.fps, [auto, ...rates], value => {
+      numbers.fps = value;
+    });
+    control.id = 'field-fps';
+    parts.push(field('fps', 'Frame rate', control));
+  }
   return [
+    ...parts,
     numberField('seed', 'Seed', { min: 0, max: 4294967295, step: 1, placeholder: 'any' }),
     numberField('temperature', 'Temperature', { min: 0.1, max: 3, step: 0.05, placeholder: '1' }),
     numberField('top_p', 'Top-p', { min: 0.05, max: 1, step: 0.05 }),
@@ -306,8 +346,10 @@ export function draw() {
     choice.kind === 'timeline'
       ? !store.timeline.segments.length || !hasFree()
       : (choice.kind === 'given' || choice.kind === 'loop') && !theClip();
+  const rig = theRig(),
+    free = `A dance from nothing, on ${rig ? `the rig of ${nameOf(rig)}` : 'SMPL’s body'}.`;
   const why = !blocked
-    ? KINDS[choice.kind].help
+    ? KINDS[choice.kind].help || free
     : choice.kind === 'timeline'
       ? 'Nothing is free yet: paint over the timeline’s rows with “Make anew”.'
       : 'Add a clip, or keep a dance first.';

@@ -6,7 +6,7 @@
 const NOTHING = {
   version: '',
   project: '',
-  model: { name: '', fps: 20, labels: {}, joints: [], groups: [] },
+  model: { name: '', fps: 20, new_fps: 0, labels: {}, joints: [], groups: [] },
   clips: [],
   dances: [],
   jobs: [],
@@ -129,6 +129,10 @@ export function seedOf(dance) {
   if (seed === undefined) return dance.seed < 1e7 ? `seed ${dance.seed}` : '';
   return `seed ${seed}`;
 }
+
+// What a job's dances are made from; a clip that only lends its rig isn't that.
+/** @param {import('./types.js').Job} job */
+export const sourceOf = job => (job.kind === 'free' ? null : (job.make.clip ?? null));
 
 export const isBusy = (/** @type {import('./types.js').Job | undefined} */ job) =>
   job?.state === 'running' || job?.state === 'waiting';

@@ -10,7 +10,7 @@ import { takeOver } from './make-form.js';
 import { menu } from './menu.js';
 import { Small } from './small.js';
 import { onFrame } from './stage-view.js';
-import { currentSet, danceOf, isBusy, nameOf, on, sets, store, tell, ui } from './store.js';
+import { currentSet, danceOf, isBusy, nameOf, on, sets, sourceOf, store, tell, ui } from './store.js';
 import { attempt, toast } from './toast.js';
 
 /** @typedef {import('./types.js').Job} Job */
@@ -157,7 +157,7 @@ let smalls = new Map();
 /** @param {Job} job @param {{ id: string, n: number }} take */
 function card(job, { id, n }) {
   const source =
-    job.make.clip ?? (job.kind === 'timeline' ? store.timeline.segments.map(clipIdOf).find(Boolean) : null);
+    sourceOf(job) ?? (job.kind === 'timeline' ? store.timeline.segments.map(clipIdOf).find(Boolean) : null);
   const dance = danceOf(id),
     there = loaded(id),
     name = job.dances.length > 1 ? `Variation ${n + 1}` : (dance?.name ?? 'The dance');

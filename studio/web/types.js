@@ -8,17 +8,18 @@
  *   floor?: number, reading?: Reading }} Clip
  * @typedef {{ id: string, name: string, kept: boolean, rejected: boolean, seconds: number, frames: number, fps: number,
  *   job: string | null, variation: number, seed: number, note: string, generated_s: number[][], given: string, free: string,
- *   source: string | null, opening: boolean, kept_name: string | null, made: { joints: number[], from: number, to: number }[],
+ *   source: string | null, rig: string | null, opening: boolean, kept_name: string | null, made: { joints: number[], from: number, to: number }[],
  *   score?: number, verdict?: string, rank?: number[] }} Dance
  * @typedef {'free' | 'given' | 'edit' | 'loop' | 'timeline'} Kind
- * @typedef {{ kind: Kind, clip?: string, joints?: string, free?: string[], seconds?: number, labels?: Record<string, string>,
- *   seed?: number, temperature?: number, top_p?: number, guidance?: number, feet?: 'lock' | 'off', variations: number,
+ * @typedef {{ kind: Kind, clip?: string, joints?: string, free?: string[], seconds?: number, fps?: number,
+ *   labels?: Record<string, string>, seed?: number, temperature?: number, top_p?: number, guidance?: number, feet?: 'lock' | 'off', variations: number,
  *   best?: number, loop?: 'back' | 'pose', loop_over?: number }} Make
  * @typedef {{ id: string, kind: Kind, make: Make, dances: string[], text: string | null, opening: boolean, started: number,
  *   state: 'waiting' | 'running' | 'done' | 'failed' | 'cancelled', frames: number, of: number,
  *   since: number | null }} Job since: the last event before its first frames
  * @typedef {{ name: string, smpl: number, label: string, group: string }} ModelJoint
- * @typedef {{ name: string, fps: number, labels: Record<string, string[]>, joints: ModelJoint[], groups: string[] }} Model
+ * @typedef {{ name: string, fps: number, new_fps: number, labels: Record<string, string[]>, joints: ModelJoint[],
+ *   groups: string[] }} Model new_fps: of a dance without a clip
  * @typedef {{ undo: number, redo: number, undo_name: string | null, redo_name: string | null }} Undo
  * @typedef {{ clip: string, from_s: number }} Music
  * @typedef {{ version: string, project: string, model: Model, clips: Clip[], dances: Dance[], jobs: Job[],

@@ -32,6 +32,8 @@ impl Way {
         let mut c = kinelm();
         c.arg("generate").arg("--run").arg(self.at(run)).arg("--prompt").arg(self.at(prompt));
         c.args(joints.map(|list| ["--joints", list]).into_iter().flatten()).arg("--out").arg(self.at(out));
+        // the frames that were sampled
+        c.args(["--fps", "20"]);
         c
     }
 }
@@ -482,6 +484,8 @@ fn a_salsa_is_followed_where_it_stands() {
                 "root,right_arm",
                 "--frames",
                 "120",
+                "--fps",
+                "20",
                 "--rig",
                 rig,
             ]);

@@ -14,6 +14,7 @@ mod hours;
 mod masked;
 mod music;
 mod music_lstm;
+mod new_dances;
 mod outputs;
 mod pipeline;
 mod plan;

@@ -237,9 +237,9 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
     let said = |words: &str, code: i32, what: &str| said(dir, words, code, what);
     let frames = |file: &str| format::read(&dir.join(file), &Default::default()).unwrap().clip.frames();
     said("generate --run run --music song.wav --music-from 25.5s --out a.bvh", 0, "100.");
-    assert_eq!(frames("a.bvh"), 50);
+    assert_eq!(frames("a.bvh"), 75);
     said("generate --run run --music song.wav --frames 30 --guidance 2 --out b.bvh", 0, "");
-    assert_eq!(frames("b.bvh"), 30);
+    assert_eq!(frames("b.bvh"), 45);
     said("generate --run run --frames 50 --out free.bvh", 0, "");
     let bytes = |file: &str| fs::read(dir.join(file)).unwrap();
     assert!(bytes("a.bvh") != bytes("free.bvh"));

@@ -35,14 +35,18 @@ impl Way {
         c
     }
 
-    /// The words of a clip that stands on the prompt's floor.
-    fn words(&self, clip: &Path) -> Vec<Vec<char>> {
+    /// The words of the prompt.
+    fn prompted(&self) -> Vec<Vec<char>> {
         let options = format::ReadOptions { rest: format::RestFrame::Drop, ..Default::default() };
         let mut prompt = format::read(&self.prompt(), &options).unwrap();
-        self.words_above(clip, resolve_floor(&mut prompt, &options).unwrap())
+        self.words_above(&self.prompt(), resolve_floor(&mut prompt, &options).unwrap())
     }
 
-    /// The words of a clip.
+    /// The words of a dance.
+    fn words(&self, name: &str) -> Vec<Vec<char>> {
+        self.words_above(&self.at(name), 0.0)
+    }
+
     fn words_above(&self, clip: &Path, floor_m: f64) -> Vec<Vec<char>> {
         let mut c = kinelm();
         c.args(["tokenizer", "text"]).arg(clip).arg("--tokenizer").arg(self.at("t.json"));
@@ -114,7 +118,13 @@ fn a_dance_of_seconds_is_written_at_the_rate_wanted() {
     let way = way();
     // feet are held at the rate that is written
     let slow = ["--seconds", "1.5", "--feet", "off"];
-    way.generate("slow.bvh").args(slow).assert().success().stderr(contains("30 frames at 20 fps"));
+    way.generate("slow.bvh")
+        .args(slow)
+        .args(["--fps", "20"])
+        .assert()
+        .success()
+        .stderr(contains("30 frames at 20 fps"));
+    way.generate("own.bvh").args(slow).assert().success().stderr(contains("45 frames at 30 fps"));
     way.generate("fast.bvh").args(slow).args(["--fps", "60"]).assert().success().stderr(contains("90 frames at 60"));
     let read = |name: &str| format::read(&way.at(name), &Default::default()).unwrap().clip;
     let (slow, fast) = (read("slow.bvh"), read("fast.bvh"));
@@ -150,8 +160,8 @@ fn a_dance_of_seconds_is_written_at_the_rate_wanted() {
 #[test]
 fn given_joints_come_out_exactly_on_the_model_s_rig() {
     let way = way();
-    way.generate("a.bvh").args(["--frames", "40"]).assert().success().stdout("");
-    let (prompt, dance) = (way.words(&way.prompt()), way.words(&way.at("a.bvh")));
+    way.generate("a.bvh").args(["--frames", "40", "--fps", "20"]).assert().success().stdout("");
+    let (prompt, dance) = (way.prompted(), way.words("a.bvh"));
     assert_eq!(dance.len(), 40);
     for (f, (p, d)) in prompt.iter().zip(&dance).enumerate() {
         assert_eq!(d.len(), 42);
@@ -166,7 +176,7 @@ fn given_joints_come_out_exactly_on_the_model_s_rig() {
 fn given_joints_come_out_exactly_on_the_prompt_s_rig() {
     let way = way();
     way.generate("b.bvh")
-        .args(["--frames", "30", "--rig", "prompt", "--uncoded-joints", "mean"])
+        .args(["--frames", "30", "--fps", "20", "--rig", "prompt", "--uncoded-joints", "mean"])
         .assert()
         .success()
         .stderr(contains("0.0000 % of the given characters differ"));
@@ -197,8 +207,8 @@ fn a_seed_is_a_dance_whatever_the_threads() {
 #[test]
 fn a_dance_goes_on_from_a_frame_and_follows_joints() {
     let way = way();
-    way.generate("on.bvh").args(["--frames", "40", "--from-frame", "10"]).assert().success();
-    let (prompt, dance) = (way.words(&way.prompt()), way.words(&way.at("on.bvh")));
+    way.generate("on.bvh").args(["--frames", "40", "--from-frame", "10", "--fps", "20"]).assert().success();
+    let (prompt, dance) = (way.prompted(), way.words("on.bvh"));
     assert_eq!(prompt[..10], dance[..10]);
     for (p, d) in prompt.iter().zip(&dance) {
         assert!(given().into_iter().all(|place| p[place] == d[place]));
@@ -306,14 +316,17 @@ fn labels_in_front_and_guidance_make_other_dances() {
 #[test]
 fn dances_are_held_to_real_ones() {
     let way = way();
-    way.generate("held.json").args(["--frames", "60"]).assert().success();
+    way.generate("held.json").args(["--frames", "60", "--fps", "20"]).assert().success();
+    way.generate("held-30.json").args(["--frames", "60"]).assert().success();
     let mut c = kinelm();
-    c.args(["evaluate", "dance", "--json", "--copying", "--real"]).arg(way.at("corpus")).arg(way.at("held.json"));
+    c.args(["evaluate", "dance", "--json", "--copying", "--real"]).arg(way.at("corpus"));
+    c.args(["held.json", "held-30.json"].map(|name| way.at(name)));
     let output = c.output().unwrap();
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let names: Vec<&str> = found["groups"].as_array().unwrap().iter().map(|g| g["name"].as_str().unwrap()).collect();
     assert!(names[..3] == ["train", "valid", "dances"] && names[3].ends_with("held.json"), "{names:?}");
     assert_eq!(found["prompted"][0][1]["mismatch"], 0.0, "given characters come out as they went in");
+    assert!(found["prompted"][1][1]["mismatch"].is_null(), "at 30 fps a file lacks the frames that were sampled");
     assert!(found["prompted"][0][1]["coordination"]["effect"].is_number() && found["copied"]["copy_rate"].is_number());
     // a corpus of other words says so, and compares no characters
     let mut c = kinelm();
@@ -381,11 +394,11 @@ fn the_next_400_ms_and_the_bits_of_every_joint() {
 #[test]
 fn beyond_the_prompt_the_dance_is_free_and_a_line_says_so() {
     let way = way();
-    let p = way.words(&way.prompt()).len();
+    let p = way.prompted().len();
     let frames = (p + 5).to_string();
     let said = format!("the prompt ends after {p} frames; the 5 that follow are generated free");
-    way.generate("long.bvh").args(["--frames", &frames]).assert().success().stderr(contains(said));
-    assert_eq!(way.words(&way.at("long.bvh")).len(), p + 5);
+    way.generate("long.bvh").args(["--frames", &frames, "--fps", "20"]).assert().success().stderr(contains(said));
+    assert_eq!(way.words("long.bvh").len(), p + 5);
 }
 
 #[test]
@@ -438,7 +451,7 @@ fn words_decode_to_the_clip_they_came_from() {
     c.args(["tokenizer", "decode"]).arg(way.at("w.txt")).arg(way.at("w.bvh")).arg("--tokenizer").arg(way.at("t.json"));
     c.assert().success();
     // words know no floor: decoded it is at 0
-    assert_eq!(way.words_above(&way.at("w.bvh"), 0.0), way.words(&way.prompt()), "encode(decode(codes)) = codes");
+    assert_eq!(way.words_above(&way.at("w.bvh"), 0.0), way.prompted(), "encode(decode(codes)) = codes");
     fs::write(way.at("bad.txt"), "not words of ours").unwrap();
     let mut c = kinelm();
     c.args(["tokenizer", "decode"])

@@ -1,6 +1,6 @@
 //! Plans: several clips laid on a timeline, what none of them gives made anew.
 
-use crate::support::kinelm_in;
+use crate::support::{kinelm_in, read};
 use assert_cmd::Command;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::{Motion, Source, format, synth};
@@ -144,6 +144,8 @@ fn clips_keep_their_numbers_and_what_is_between_is_made_anew() {
     set.call("generate timeline plan.toml --run run --tries 1 --seconds 7 --rig model --out long.json")
         .assert()
         .success();
+    let long = read(&set.at("long.json"));
+    assert_eq!((long.fps(), long.frames()), (60.0, 420), "at the rate of the timeline");
 }
 
 #[test]

@@ -26,7 +26,7 @@ fn it_dances_to_a_clip_without_a_run() {
     let words = "generate --prompt mine.bvh --joints root,torso,right_arm --seconds 2";
     let said = call(dir.path(), &format!("{words} --out a.bvh")).assert().success();
     said.stderr(contains("no --run: the ready model dances").and(contains("CARD.md")));
-    assert_eq!(read(&dir.path().join("a.bvh")).frames(), 40);
+    assert_eq!(read(&dir.path().join("a.bvh")).frames(), 60);
     let named = call(dir.path(), &format!("{words} --run ready --out b.bvh")).assert().success();
     named.stderr(contains("no --run").not());
     assert_eq!(fs::read(dir.path().join("a.bvh")).unwrap(), fs::read(dir.path().join("b.bvh")).unwrap());
@@ -70,10 +70,12 @@ fn the_demo_dances_at_once() {
     for name in ["free.bvh", "follows.bvh", "gap.bvh", "loop.bvh", "page.html", "report.md"] {
         assert!(dir.path().join("demo").join(name).exists(), "{name}");
     }
+    let page = fs::read_to_string(dir.path().join("demo/page.html")).unwrap();
+    assert!(page.contains("by itself; orange is what the next one follows"));
     let (free, gap) = (read(&dir.path().join("demo/free.bvh")), read(&dir.path().join("demo/gap.bvh")));
-    assert_eq!((free.frames(), free.fps()), (400, 20.0));
-    assert_eq!(gap.slice(0..150), free.slice(0..150), "before the gap nothing changes");
-    assert_ne!(gap.slice(165..195), free.slice(165..195));
+    assert_eq!((free.frames(), free.fps()), (600, 30.0));
+    assert_eq!(gap.slice(0..225), free.slice(0..225), "before the gap nothing changes");
+    assert_ne!(gap.slice(248..292), free.slice(248..292));
     call(dir.path(), "demo").assert().code(2).stderr(contains("--force"));
 }
 

@@ -98,7 +98,7 @@ fn it_dances_after_a_prompt_and_again() {
     assert_ne!(dance, fs::read(place.at("d-2.bvh")).unwrap());
     // alone it is what it was beside another
     place.done("generate --run run --prompt data/03.bvh --joints root,right_arm --seed 5 --out alone.bvh");
-    let on_rig = "generate --run run --prompt data/03.bvh --joints root,right_arm --rig prompt --out rig.bvh";
+    let on_rig = "generate --run run --prompt data/03.bvh --joints root,right_arm --rig prompt --fps 20 --out rig.bvh";
     place.call(on_rig).assert().success().stderr(contains("0.0000 % of the given characters differ"));
     let words = |name: &str| place.done(&format!("tokenizer text {name} --tokenizer t.json --floor 0 --up y"));
     assert_eq!(words("alone.bvh"), words("d-1.bvh"));
@@ -175,7 +175,7 @@ fn feet_are_held_where_no_leg_is_given_and_the_sidecar_says_so() {
     let frames =
         |text: &str| text.split_once("Frame Time").unwrap().1.lines().skip(1).map(str::to_owned).collect::<Vec<_>>();
     let (held, raw) = (frames(&held), frames(&raw));
-    assert_eq!((held.len(), &held[..12]), (60, &raw[..12]), "frames that are given stay");
+    assert_eq!((held.len(), &held[..17]), (90, &raw[..17]), "frames that are given stay");
     assert_ne!(held, raw);
     let sidecar = |name: &str| fs::read_to_string(place.at(&format!("{name}.kinelm.json"))).unwrap();
     assert!(sidecar("held.bvh").contains("\"feet\": \"lock\"") && !sidecar("raw.bvh").contains("\"feet\""));

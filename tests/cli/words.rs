@@ -3,6 +3,7 @@
 use crate::support::{json, kinelm, read, save};
 use kinelm::corpus::load::ModelClip;
 use kinelm_motion::joints::THIRTEEN;
+use kinelm_motion::rig::{SkeletonMap, floor};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Quat, Vec3, format, synth};
 use kinelm_tokenizer::{
@@ -60,7 +61,13 @@ impl Way {
 
     fn generate(&self, out: &str, more: &[&str]) -> Vec<u8> {
         let mut c = kinelm();
-        c.arg("generate").arg("--run").arg(self.at("run")).arg("--out").arg(self.at(out)).args(more);
+        c.arg("generate")
+            .arg("--run")
+            .arg(self.at("run"))
+            .arg("--out")
+            .arg(self.at(out))
+            .args(["--fps", "20"])
+            .args(more);
         c.assert().success();
         // several go to files with numbers
         fs::read(self.at(out)).unwrap_or_default()
@@ -155,9 +162,15 @@ impl Way {
         let clip = placed.lowered();
         let whole = 41 / l;
         let words = self.tokenizer.encode(&clip.slice(0..whole * l)).unwrap().words.slice(0..whole - unsettled);
-        let known = self.tokenizer.decode(&words, UncodedPose::Identity).unwrap().raised(placed.clip_floor_m);
-        // and stands where the prompt stands, whose first place coding takes off
-        let there = Vec3::new(clip.root()[0].x, 0.0, clip.root()[0].z);
+        let known = self.tokenizer.decode(&words, UncodedPose::Identity).unwrap();
+        // and stands where the prompt stands, whose first place coding takes off, on y = 0
+        let rise = if self.tokenizer.config().above_floor() {
+            0.0
+        } else {
+            let smpl = SkeletonMap::by_name_or_file("smpl").unwrap();
+            clip.root()[0].y - floor(&clip, &smpl).unwrap().height_m - known.root()[0].y
+        };
+        let there = Vec3::new(clip.root()[0].x, rise, clip.root()[0].z);
         // the last words may reach into the next
         let same = (words.len() - unsettled) * l;
         assert!(same >= 20 && begun.frames() == 50);

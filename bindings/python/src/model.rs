@@ -37,6 +37,7 @@ struct Asked {
     r#loop: bool,
     seconds: Option<f64>,
     frames: Option<usize>,
+    fps: Option<f64>,
     labels: BTreeMap<String, String>,
     guidance: Option<f64>,
     music: Option<PathBuf>,
@@ -83,6 +84,7 @@ impl Model {
             labels: asked.labels,
             guidance: asked.guidance,
             length: asked.frames.map(Length::Frames).or(asked.seconds.map(Length::Seconds)),
+            fps: asked.fps,
             music: asked.music.map(|path| MusicRequest { path, from_s: 0.0 }),
             seed: asked.seed.unwrap_or(1),
             sampling: Sampling {
@@ -121,9 +123,11 @@ impl Model {
     }
 
     /// A dance. Of `prompt`, a motion file, `joints` are given throughout, all joints before `from_frame`, or all but `free`
-    /// (a list such as ["left_arm@4s:8s"]); `loop` makes its end lead to its beginning. `seconds` or `frames` say how long it
-    /// is; `labels`, `guidance`, `music`, `seed`, `temperature`, `top_p`, `rig` ("model" or "prompt") and `lock_feet` as the
-    /// program's flags; `fps_source`, `skip`, `up`, `unit`, `map`, `root`, `take` and `mirror_axis` as in `Clip.read`.
+    /// (a list such as ["left_arm@4s:8s"]); `loop` makes its end lead to its beginning. With `rig` "prompt" alone it lends its
+    /// rig and its rate. `seconds` or `frames` (of the model) say how long the dance is, `fps` its rate: by default the prompt's,
+    /// else 30. `labels`, `guidance`, `music`, `seed`, `temperature`, `top_p`, `rig` ("model" or "prompt") and `lock_feet` as the
+    /// program's flags; `fps_source`, `skip`, `up`, `unit`, `map`, `root`, `take` and `mirror_axis` as in
+    /// `Clip.read`.
     #[pyo3(signature = (prompt=None, **options))]
     fn generate(&self, py: Python<'_>, prompt: Option<PathBuf>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Clip> {
         Ok(self.variations(py, 1, prompt, options)?.remove(0))

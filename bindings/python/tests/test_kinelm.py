@@ -37,9 +37,9 @@ class Kinelm(unittest.TestCase):
 
     def test_arrays(self):
         dance = self.dance
-        self.assertEqual((len(dance), dance.fps, dance.duration), (80, 20.0, 4.0))
-        self.assertEqual(dance.rotations.shape, (80, 24, 4))
-        self.assertEqual((dance.root.shape, dance.offsets.shape, dance.positions().shape), ((80, 3), (24, 3), (80, 24, 3)))
+        self.assertEqual((len(dance), dance.fps, dance.duration), (120, 30.0, 4.0))
+        self.assertEqual(dance.rotations.shape, (120, 24, 4))
+        self.assertEqual((dance.root.shape, dance.offsets.shape, dance.positions().shape), ((120, 3), (24, 3), (120, 24, 3)))
         np.testing.assert_allclose(np.linalg.norm(dance.rotations, axis=2), 1)
         np.testing.assert_allclose(dance.positions()[:, 0], dance.root)
         arrays = (dance.joints, dance.parents, dance.offsets, dance.root, dance.rotations)
@@ -84,11 +84,13 @@ class Kinelm(unittest.TestCase):
 
     def test_dances(self):
         follows = self.model.generate(self.at / "dance.bvh", joints=JOINTS, rig="prompt")
-        self.assertEqual(follows.frames, 80)
+        self.assertEqual((follows.frames, follows.fps), (120, 30.0))
+        on_its_rig = self.model.generate(self.at / "dance.bvh", rig="prompt", seconds=1, fps=60)
+        self.assertEqual((on_its_rig.frames, on_its_rig.fps, set(on_its_rig.joints)), (60, 60.0, set(follows.joints)))
         again = self.model.generate(self.at / "dance.bvh", joints=JOINTS, rig="prompt")
         np.testing.assert_array_equal(follows.rotations, again.rotations)
         edited = self.model.generate(self.at / "dance.bvh", free=["all@1s:2s"])
-        np.testing.assert_allclose(edited.positions()[:15], self.in_order_of(edited)[:15], atol=1e-5)
+        np.testing.assert_allclose(edited.positions()[:25], self.in_order_of(edited)[:25], atol=1e-5)
         self.assertGreater(self.model.bits_per_frame(self.at / "dance.bvh"), 10)
         with self.assertRaisesRegex(kinelm.Error, "genre"):
             self.model.generate(seconds=1, labels={"genre": "waltz"})
@@ -107,7 +109,7 @@ class Kinelm(unittest.TestCase):
     def test_frames_as_they_are_sampled(self):
         given = {"labels": {"genre": "salsa"}, "seed": 3, "seconds": 4}
         frames = list(self.model.frames(**given))
-        whole = self.model.generate(**given, lock_feet=False)
+        whole = self.model.generate(**given, lock_feet=False, fps=20)
         np.testing.assert_allclose(frames, whole.positions(), atol=1e-9)
         some = self.model.frames(self.at / "dance.bvh", free=["all@1s:2s"])
         prompt = kinelm.Clip.read(self.at / "dance.bvh")
@@ -149,7 +151,7 @@ class Kinelm(unittest.TestCase):
         self.assertEqual([m["step"] for m in said if "loss" in m], [1, 2, 3])
         self.assertLess(run.likelihood(corpus, "train")["bits_per_frame"], 200)
         stopped = kinelm.finetune(self.model, at / "corpus", at / "stopped", steps=3, callback=lambda m: m.get("step", 0) < 2)
-        self.assertEqual(kinelm.resume(stopped.run).generate(seconds=1, seed=1).frames, 20)
+        self.assertEqual(kinelm.resume(stopped.run).generate(seconds=1, seed=1).frames, 30)
         with self.assertRaises(ZeroDivisionError):
             kinelm.finetune(self.model, at / "corpus", at / "raised", steps=3, callback=lambda m: 1 / 0)
 
@@ -168,7 +170,7 @@ class Kinelm(unittest.TestCase):
 
     def test_program(self):
         call = [sys.executable, "-m", "kinelm", "inspect", str(self.at / "dance.bvh")]
-        self.assertIn("80 frames at 20 fps", subprocess.run(call, capture_output=True, text=True, check=True).stdout)
+        self.assertIn("120 frames at 30 fps", subprocess.run(call, capture_output=True, text=True, check=True).stdout)
         self.assertEqual(subprocess.run([*call[:3], "inspect"], capture_output=True).returncode, 2)
 
 

@@ -14,6 +14,9 @@ pub struct ViewedFile {
     pub options: ReadOptions,
     /// Files with the same number keep their positions relative to each other.
     pub world: Option<usize>,
+    /// The height in the file that stands on the floor of that world, metres: a dance that follows a clip has its floor at 0,
+    /// wherever the clip's is.
+    pub floor_m: f64,
     /// The parts that were generated, seconds, where the rest was given.
     pub generated_s: Vec<[f64; 2]>,
     /// Lines to print.
@@ -27,7 +30,8 @@ pub fn related(paths: &[&Path], options: Vec<ReadOptions>) -> Vec<ViewedFile> {
     let mut all = Vec::new();
     for ((path, options), provenance) in paths.iter().zip(options).zip(&known) {
         let generated_s = provenance.as_ref().map(|provenance| provenance.generated_s.clone()).unwrap_or_default();
-        all.push(ViewedFile { path: path.to_path_buf(), options, world: None, generated_s, notes: Vec::new() });
+        let path = path.to_path_buf();
+        all.push(ViewedFile { path, options, world: None, floor_m: 0.0, generated_s, notes: Vec::new() });
     }
     for (n, provenance) in known.iter().enumerate().filter_map(|(n, provenance)| Some((n, provenance.as_ref()?))) {
         let followed = followed(provenance);
@@ -43,6 +47,8 @@ pub fn related(paths: &[&Path], options: Vec<ReadOptions>) -> Vec<ViewedFile> {
             // a dance without a placement starts at the origin, wherever its prompt does
             if provenance.request.placement.is_some() {
                 (all[m].world, all[n].world) = (Some(world), Some(world));
+                let known = provenance.read.floor.zip(read.floor);
+                (all[n].floor_m, all[m].floor_m) = known.unwrap_or_default();
             }
         }
     }

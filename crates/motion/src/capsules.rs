@@ -1,7 +1,7 @@
 //! The drawable body of a skeleton: capsules for bones, spheres for joints, a head, and joints that leave trails.
 //!
-//! Only the head is found by its name. Trunk and limbs are told apart by the tree and its lengths, so that any rig looks
-//! like a body.
+//! Only a head joint is found by its name. Trunk and limbs are told apart by the tree and its lengths, so that any rig looks
+//! like a body; one without a head joint gets a head beyond its neck or chest.
 
 use crate::{Clip, GlobalPose, Skeleton, Vec3};
 use serde::Serialize;
@@ -32,7 +32,7 @@ pub struct JointSphere {
     pub given: bool,
 }
 
-/// A drawable body. Its points are the joints, the end sites, and the top of the head if there is a head.
+/// A drawable body. Its points are the joints, the end sites, and the top of the head if the body has a chest or a head joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CapsuleBody {
     /// The number of points.
@@ -46,12 +46,15 @@ pub struct CapsuleBody {
     head: Option<Skull>,
 }
 
-/// The top of the head: `further` metres beyond `joint` in the direction from `neck`.
+/// A head: a capsule from `joint`, of radius `base`, to a point `further` metres beyond it, in the direction from the point
+/// `from` to the point `to`.
 #[derive(Debug, Clone, PartialEq)]
 struct Skull {
-    neck: usize,
     joint: usize,
+    from: usize,
+    to: usize,
     further: f64,
+    base: f64,
 }
 
 impl CapsuleBody {
@@ -81,8 +84,7 @@ impl CapsuleBody {
         let mut points = joints + skeleton.ends().len();
         let head = tree.head();
         if let Some(h) = &head {
-            let (ra, rb) = (0.04 * height, 0.05 * height);
-            bones.push(Capsule { a: h.joint, b: points, ra, rb, given: given(h.joint) });
+            bones.push(Capsule { a: h.joint, b: points, ra: h.base, rb: SKULL * height, given: given(h.joint) });
             points += 1;
         }
         CapsuleBody { point_count: points, bones, balls, tips: tree.tips(), head }
@@ -95,11 +97,20 @@ impl CapsuleBody {
         positions.extend_from_slice(&pose.positions);
         positions.extend(pose.ends(clip.skeleton()));
         if let Some(h) = &self.head {
-            let (neck, joint) = (positions[h.neck], positions[h.joint]);
-            positions.push(joint + (joint - neck).normalize_or(Vec3::Y) * h.further);
+            let along = (positions[h.to] - positions[h.from]).normalize_or(Vec3::Y);
+            positions.push(positions[h.joint] + along * h.further);
         }
     }
+
+    /// The joint that the head moves with.
+    pub fn head_joint(&self) -> Option<usize> {
+        self.head.as_ref().map(|head| head.joint)
+    }
 }
+
+/// The radius of a head's top, and how far its middle is from where the arms branch, as fractions of the height.
+const SKULL: f64 = 0.05;
+const ABOVE_CHEST: f64 = 0.23;
 
 fn thickest(bones: &[Capsule], joint: usize) -> f64 {
     let at = |b: &Capsule| if b.a == joint { b.ra } else { b.rb };
@@ -190,9 +201,57 @@ impl<'a> Tree<'a> {
     }
 
     fn head(&self) -> Option<Skull> {
-        let joint = head_of(self.skeleton).filter(|&j| !self.trunk[j])?;
-        let neck = self.skeleton.parents()[joint]?;
-        Some(Skull { neck, joint, further: 0.052 * self.height })
+        let Some(joint) = head_of(self.skeleton).filter(|&j| !self.trunk[j]) else { return self.unnamed_head() };
+        let from = self.skeleton.parents()[joint]?;
+        Some(Skull { joint, from, to: joint, further: 0.052 * self.height, base: 0.04 * self.height })
+    }
+
+    /// The head of a body without a head joint: beyond the last joint of its neck, else beyond its chest.
+    fn unnamed_head(&self) -> Option<Skull> {
+        let (skeleton, h) = (self.skeleton, self.height);
+        // the last joint above another one where long limbs branch
+        let is_chest =
+            |&j: &usize| self.parts[j] && (0..j).any(|above| self.parts[above] && skeleton.descends(j, above));
+        let chest = (0..skeleton.joints()).rev().find(is_chest)?;
+        let from = skeleton.parents()[chest]?;
+        let neck = self.neck(chest);
+        let mut joint = neck.unwrap_or(chest);
+        while let Some(next) = only(skeleton.children(joint)).filter(|_| neck.is_some()) {
+            joint = next;
+        }
+        let way = if joint == chest { 0.0 } else { self.offset_from(chest, joint).length() };
+        let least = if neck.is_some() { 0.052 } else { ABOVE_CHEST };
+        let further = (ABOVE_CHEST * h - way).clamp(least * h, ABOVE_CHEST * h);
+        let skull = Skull { joint, from, to: chest, further, base: 0.024 * h };
+        let Some(above) = skeleton.parents()[joint].filter(|_| neck.is_some()) else { return Some(skull) };
+        let end = only(skeleton.ends().iter().enumerate().filter(|(_, end)| end.parent == joint));
+        let Some((i, end)) = end.filter(|(_, end)| end.offset.length() > 0.05 * h) else {
+            return Some(Skull { from: above, to: joint, ..skull });
+        };
+        let further = (end.offset.length() - SKULL * h).max(0.052 * h);
+        Some(Skull { from: joint, to: skeleton.joints() + i, further, ..skull })
+    }
+
+    /// The first joint of the neck: of what is short beside the arms of a chest, the one that leads on from the trunk.
+    fn neck(&self, chest: usize) -> Option<usize> {
+        let skeleton = self.skeleton;
+        let through = |j: usize| self.reach[j] + skeleton.offsets()[j].length();
+        let arm = skeleton.children(chest).map(through).fold(0.0, f64::max);
+        let up = self.offset_from(0, chest).normalize_or(Vec3::Y);
+        let onward = |j: usize| skeleton.offsets()[j].normalize_or_zero().dot(up);
+        let short = skeleton.children(chest).filter(|&j| through(j) < 0.6 * arm && onward(j) > 0.3);
+        short.max_by(|&a, &b| onward(a).total_cmp(&onward(b)))
+    }
+
+    /// The position of a joint from one above it, in the rest pose.
+    fn offset_from(&self, above: usize, joint: usize) -> Vec3 {
+        let (mut at, mut offset) = (joint, Vec3::ZERO);
+        while at != above {
+            offset += self.skeleton.offsets()[at];
+            let Some(parent) = self.skeleton.parents()[at] else { break };
+            at = parent;
+        }
+        offset
     }
 
     /// The last joint of each long limb that has a child: wrists and ankles.
@@ -214,10 +273,59 @@ impl<'a> Tree<'a> {
     }
 }
 
+/// The only one of some things.
+fn only<T>(mut all: impl Iterator<Item = T>) -> Option<T> {
+    all.next().filter(|_| all.next().is_none())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{EndSite, smpl};
+    use crate::{EndSite, Quat, smpl};
+    use std::sync::Arc;
+
+    /// SMPL's body up to some joints, which have other names, with end sites.
+    fn without(left_out: &[usize], ends: &[(usize, Vec3)]) -> Skeleton {
+        let body = smpl::neutral();
+        let kept: Vec<usize> = (0..24).filter(|j| !left_out.contains(j)).collect();
+        let now = |j: usize| kept.iter().position(|&k| k == j);
+        let names = kept.iter().map(|j| format!("b{j}")).collect();
+        let parents = kept.iter().map(|&j| body.parents()[j].and_then(now)).collect();
+        let offsets = kept.iter().map(|&j| body.offsets()[j]).collect();
+        let ends = ends.iter().map(|&(j, offset)| EndSite { parent: now(j).unwrap(), offset }).collect();
+        Skeleton::new(names, parents, offsets, ends).unwrap()
+    }
+
+    /// The top of a body's head at rest.
+    fn top(skeleton: Skeleton) -> Vec3 {
+        let body = CapsuleBody::new(&skeleton, 1.7, &[]);
+        let joints = skeleton.joints();
+        let clip = Clip::new(Arc::new(skeleton), 1.0, vec![Vec3::ZERO], vec![Quat::IDENTITY; joints]).unwrap();
+        let mut points = Vec::new();
+        body.points(&clip, 0, &mut GlobalPose::default(), &mut points);
+        assert_eq!(points.len(), body.point_count);
+        let skull = body.bones.iter().find(|bone| bone.b == body.point_count - 1).unwrap();
+        assert_eq!(Some(skull.a), body.head_joint());
+        points[body.point_count - 1]
+    }
+
+    #[test]
+    fn a_body_without_a_head_joint_has_a_head_where_others_have_it() {
+        let usual = top((*smpl::neutral()).clone());
+        let up = Vec3::new(0.0, 0.2, 0.02);
+        for (what, body) in [
+            ("another name", without(&[], &[])),
+            ("a neck", without(&[15], &[])),
+            ("a neck with an end", without(&[15], &[(12, up)])),
+            ("no neck", without(&[12, 15], &[])),
+        ] {
+            let found = top(body);
+            assert!(found.distance(usual) < 0.08, "{what}: {found}, usually {usual}");
+        }
+        // what has no chest has no head
+        let legs = without(&[9, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23], &[]);
+        assert_eq!(CapsuleBody::new(&legs, 1.0, &[]).head_joint(), None);
+    }
 
     #[test]
     fn the_model_rig_looks_like_a_body() {

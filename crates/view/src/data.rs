@@ -145,16 +145,16 @@ pub fn figure(figure: &Figure, floor_m: f64, map: Option<&SkeletonMap>) -> Resul
     track.places.iter_mut().for_each(|p| p.y -= floor_m);
     let mut drawn = track.drawn(figure, 0, [0.0; 2], [0.0; 2])?;
     if let Some(map) = map {
-        drawn.joints = point_joints(figure.clip, track.body.point_count, map);
+        drawn.joints = point_joints(figure.clip, &track.body, map);
         drawn.contacts = point_contacts(figure.clip, floor_m, map);
     }
     Ok(drawn)
 }
 
 /// (P) the joints of points: joints, end sites, and the top of the head if there is a head.
-fn point_joints(clip: &Clip, points: usize, map: &SkeletonMap) -> Vec<Option<PointJoint>> {
+fn point_joints(clip: &Clip, body: &CapsuleBody, map: &SkeletonMap) -> Vec<Option<PointJoint>> {
     let (skeleton, ids) = (clip.skeleton(), joints::smpl_ids(clip.skeleton(), map));
-    let head = ids.iter().position(|id| *id == Some(15));
+    let (points, head) = (body.point_count, body.head_joint());
     let of_point = |point: usize| match point.checked_sub(skeleton.joints()) {
         None => Some(point),
         Some(end) => skeleton.ends().get(end).map_or(head, |end| Some(end.parent)),
@@ -219,7 +219,7 @@ impl LiveFigure {
         track.places.truncate(body.point_count);
         let mut head = track.drawn(figure, 0, [0.0; 2], [0.0; 2])?;
         (head.low, head.step, head.frames, head.data) = (low.to_array(), step, figure.clip.frames(), String::new());
-        head.joints = map.map_or(Vec::new(), |map| point_joints(figure.clip, body.point_count, map));
+        head.joints = map.map_or(Vec::new(), |map| point_joints(figure.clip, &body, map));
         Ok((LiveFigure { body, floor_m, low, step }, head))
     }
 

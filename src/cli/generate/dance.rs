@@ -48,7 +48,7 @@ pub struct DanceArgs {
     /// Seconds to generate, instead of --frames: 12, 12s or 240f
     #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = length)]
     seconds: Option<Moment>,
-    /// Frames per second of the file, interpolated smoothly between those of the model [default: the model's]
+    /// Frames per second of the file, on a smooth curve through the model's frames [default: the prompt's, else 30]
     #[arg(long, value_parser = rate)]
     fps: Option<f64>,
     /// Dances to generate side by side, which is faster than one by one; the first is the one without this flag
@@ -68,8 +68,8 @@ pub struct DanceArgs {
     /// The second that an unprompted dance continues from, and that is left out of it [default: train, where the run has some]
     #[arg(long, value_enum)]
     lead_in: Option<LeadInKind>,
-    /// The rig that the dance is written on: the model's (SMPL-24) or the prompt's [default: prompt with --given or --free,
-    /// else model]
+    /// The rig that the dance is written on: the model's (SMPL-24) or the prompt's [default: prompt with --given, --free or
+    /// --loop, else model]
     #[arg(long, value_enum)]
     rig: Option<Rig>,
     /// The motion of joints that the model doesn't code [default: follow with a prompt, else training]
@@ -110,6 +110,11 @@ impl DanceArgs {
     /// The run folder: the one given, else the ready model's.
     pub fn run(&self) -> Result<PathBuf> {
         self.run.clone().map_or_else(|| Ok(kinelm_ready::run()?), Ok)
+    }
+
+    /// Whether the prompt's own rig is asked for by name.
+    pub fn is_on_own_rig(&self) -> bool {
+        self.rig == Some(Rig::Prompt)
     }
 
     /// Whether the ready model is meant without being named.
@@ -174,7 +179,7 @@ impl DanceArgs {
                  --rig model"
             );
         }
-        if self.rig == Some(Rig::Prompt) && extension == "npz" {
+        if self.is_on_own_rig() && extension == "npz" {
             wrong_call!("--rig prompt with an .npz: AMASS files are on the model's rig; write .bvh or .json");
         }
         let numbered = |i: u8| {

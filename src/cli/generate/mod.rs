@@ -26,7 +26,7 @@ pub struct Args {
     #[command(subcommand)]
     command: Option<Command>,
     /// A clip of which the dance takes joints (--joints), its beginning (--from-frame), or both, or which is edited (--given,
-    /// --free, --loop); without one, the dance is free
+    /// --free, --loop). Of a new dance it lends the rig and the rate (--rig prompt). Without one, the dance is free
     #[arg(long, value_name = "CLIP")]
     prompt: Option<PathBuf>,
     /// Joints that are taken from the prompt: groups (root, right_arm, hands, feet, spine, ...), names (SMPL's or the prompt
@@ -86,13 +86,15 @@ fn prompt(args: &Args, path: &Path, say: Say) -> Result<PromptRequest> {
     let read = read_as(&args.read, &run, path, say);
     let from_frame = args.from_frame.map(|at| at_model_rate(&run, at)).transpose()?.map(|(_, frame)| frame as usize);
     let edit = args.edit.get(&args.dance, &|| Ok(format::read(path, &read)?.clip.fps()))?;
-    if args.joints.is_none() && from_frame.is_none() && edit.is_none() {
+    let prompt =
+        PromptRequest { path: path.into(), read, joints: args.joints.clone(), from_frame, timeline: None, edit };
+    if prompt.lends() && !args.dance.is_on_own_rig() {
         wrong_call!(
-            "--prompt alone; say what is taken from it (--joints LIST, --from-frame N, or both) or what of it is generated \
-             (--free, --given)"
+            "--prompt alone; say what is taken from it (--joints LIST, --from-frame N, or both), what of it is generated \
+             (--free, --given), or --rig prompt for a new dance on its rig"
         );
     }
-    Ok(PromptRequest { path: path.into(), read, joints: args.joints.clone(), from_frame, timeline: None, edit })
+    Ok(prompt)
 }
 
 /// How a prompt is read: as requested, as its sidecar says, or as a corpus of the run's training has read it.

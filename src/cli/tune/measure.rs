@@ -83,19 +83,21 @@ impl<'a> HeldOut<'a> {
     /// Measures a run.
     pub fn measure(&self, run: &Path) -> Result<Measured> {
         let found = load_run(run, CheckpointChoice::Auto)?.likelihood(self.corpus, self.split, self.compute)?;
+        let fps = self.corpus.manifest().fps;
         let bits_per_frame = found.context("no frame to measure")?.bits_per_frame;
-        let made = self.clips.iter().map(|clip| clip.dance(run)).collect::<Result<Vec<_>>>()?;
+        let made = self.clips.iter().map(|clip| clip.dance(run, fps)).collect::<Result<Vec<_>>>()?;
         Ok(Measured { bits_per_frame, made: Aims::of(&made) })
     }
 }
 
 impl Clip<'_> {
     /// What is to be said of a dance of a run that is given a part of the clip.
-    fn dance(&self, run: &Path) -> Result<Verdict> {
+    fn dance(&self, run: &Path, fps: f64) -> Result<Verdict> {
         let read = self.record.read.clone();
         let prompt = PromptRequest { read, joints: Some(GIVEN.into()), ..PromptRequest::of(&self.file) };
         let length = Some(Length::Frames(self.frames));
-        let request = Request { prompt: Some(prompt), length, seed: 1, ..Request::of(run) };
+        // measured as it is sampled: a resampled dance is smoother
+        let request = Request { prompt: Some(prompt), length, fps: Some(fps), seed: 1, ..Request::of(run) };
         let open = OpenRequest::open(&request)?;
         let words = open.words(&open.sample(1, None, &mut unwatched)?, 0);
         let (_, best) = self.judge.best(&open, &[words], Path::new("dance.bvh"), 1)?.remove(0);

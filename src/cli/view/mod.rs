@@ -95,7 +95,9 @@ fn viewed(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Result<
     let mut all = related(&paths, read.of_files(&paths, RestFrame::Keep, say));
     for (file, named) in all.iter_mut().zip(clips) {
         named.set(&mut file.options)?;
-        file.world = if together { Some(0) } else { file.world };
+        if together {
+            (file.world, file.floor_m) = (Some(0), 0.0);
+        }
     }
     Ok(all)
 }
@@ -114,8 +116,11 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     files.iter().flat_map(|file| &file.notes).for_each(|note| say.line(note));
     let paths: Vec<&Path> = files.iter().map(|file| &*file.path).collect();
     let read = each_file(&paths, say, |i, path| Ok(format::read(path, &files[i].options)?))?;
-    let (numbers, motions): (Vec<usize>, Vec<Motion>) = read.into_iter().unzip();
+    let (numbers, mut motions): (Vec<usize>, Vec<Motion>) = read.into_iter().unzip();
     let files: Vec<ViewedFile> = numbers.iter().map(|i| files[*i].clone()).collect();
+    for (motion, file) in motions.iter_mut().zip(&files).filter(|(_, file)| file.floor_m != 0.0) {
+        motion.clip = motion.clip.clone().raised(-file.floor_m);
+    }
     say_times(&motions, say);
     let (mut figures, odd) = (Vec::new(), Odd::new(say));
     for (i, motion) in motions.iter().enumerate() {

@@ -51,21 +51,25 @@ pub async fn reject(State(app): State<Arc<App>>, Path(id): Path<String>, request
     done()
 }
 
-/// The format of an export.
+/// What an export is to be.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Format {
+pub struct Export {
     format: String,
+    /// The program that imports it.
+    #[serde(default, rename = "for")]
+    importer: Option<String>,
 }
 
 /// A dance as a file.
 pub async fn export(
     State(app): State<Arc<App>>,
     Path(id): Path<String>,
-    format: std::result::Result<Query<Format>, axum::extract::rejection::QueryRejection>,
+    export: std::result::Result<Query<Export>, axum::extract::rejection::QueryRejection>,
 ) -> Answer {
-    let Query(Format { format }) = format.map_err(|_| Error::missing("format", "?format=bvh, glb, npz or json"))?;
-    let (name, bytes) = blocking(move || app.studio.export(&id, &format)).await?;
+    let help = "?format=bvh, glb, npz or json; &for=blender for what Blender imports with its defaults";
+    let Query(Export { format, importer }) = export.map_err(|_| Error::missing("format", help))?;
+    let (name, bytes) = blocking(move || app.studio.export(&id, &format, importer.as_deref())).await?;
     let mut response = text_of(bytes, "application/octet-stream");
     // RFC 8187: any letter as bytes of UTF-8
     let coded: String = name

@@ -1,6 +1,7 @@
 //! The model that dances, as a page needs to know it.
 
 use crate::Result;
+use kinelm_generate::open::FPS;
 use kinelm_model::{CheckpointChoice, load_run};
 use kinelm_motion::joints::{self, GROUPS};
 use kinelm_motion::smpl;
@@ -46,7 +47,7 @@ impl Model {
     pub fn view(&self) -> Value {
         let joint = |id: &usize| json!({ "name": joints::list_of(&[*id]), "smpl": id, "label": smpl::NAMES[*id], "group": joints::part_of(*id) });
         json!({
-            "name": self.name, "fps": self.fps, "labels": self.labels,
+            "name": self.name, "fps": self.fps, "new_fps": FPS, "labels": self.labels,
             "joints": self.coded.iter().map(joint).collect::<Vec<_>>(),
             "groups": GROUPS.iter().map(|(name, _)| name).collect::<Vec<_>>(),
         })

@@ -19,6 +19,8 @@ pub const MOST_VARIATIONS: usize = 8;
 const MOST_BEST: usize = 16;
 /// The longest dance, seconds.
 const LONGEST_S: f64 = 600.0;
+/// The highest rate that may be asked for, frames a second.
+const MOST_FPS: f64 = 240.0;
 /// The options of edits as the command line has them.
 const BLEND_S: f64 = 0.2;
 const TRIES: usize = 8;
@@ -48,7 +50,7 @@ pub enum Kind {
 pub struct Make {
     /// What the dance is made of.
     pub kind: Kind,
-    /// A clip or a dance.
+    /// A clip or a dance: a new dance has its rig and its rate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clip: Option<String>,
     /// The joints that are given.
@@ -60,6 +62,9 @@ pub struct Make {
     /// The length.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
+    /// Frames per second of the file; by itself as the library decides.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fps: Option<f64>,
     /// Values of label fields.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub labels: BTreeMap<String, String>,
@@ -110,6 +115,8 @@ pub struct Prepared {
     pub layout: Option<TimelineLayout>,
     /// The clip or dance that it is made from.
     pub source: Option<Source>,
+    /// The one that lends its rig to a new dance.
+    pub rig: Option<String>,
 }
 
 impl Make {
@@ -121,6 +128,7 @@ impl Make {
             joints: None,
             free: Vec::new(),
             seconds: None,
+            fps: None,
             labels: BTreeMap::new(),
             seed: None,
             temperature: None,
@@ -150,6 +158,7 @@ impl Make {
         }
         let limits = [
             ("`seconds`", self.seconds, 0.05, LONGEST_S),
+            ("`fps`", self.fps, 1.0, MOST_FPS),
             ("`guidance`", self.guidance, 0.0, 10.0),
             ("`loop_over`", self.loop_over, 0.1, 60.0),
             ("`music_from_s`", self.music_from_s, 0.0, 24.0 * 3600.0),
@@ -178,6 +187,7 @@ impl Make {
             labels: self.labels.clone(),
             guidance: self.guidance,
             length: self.seconds.map(Length::Seconds),
+            fps: self.fps,
             seed: self.seed.unwrap_or(1).into(),
             sampling: self.sampling(),
             feet: self.feet,
@@ -189,12 +199,19 @@ impl Make {
             request.music =
                 Some(MusicRequest { path: library.sound(music)?, from_s: self.music_from_s.unwrap_or(0.0) });
         }
-        let (mut layout, mut source) = (None, None);
+        let (mut layout, mut source, mut rig) = (None, None, None);
         match self.kind {
-            Kind::Free if request.music.is_none() => {
-                request.length = request.length.or(Some(Length::Seconds(FREE_S)));
+            Kind::Free => {
+                if request.music.is_none() {
+                    request.length = request.length.or(Some(Length::Seconds(FREE_S)));
+                }
+                if let Some(clip) = &self.clip {
+                    let found = library.source(clip)?;
+                    request.prompt = Some(of_file(&found));
+                    request.rig = Some(Rig::Prompt);
+                    rig = Some(found.id);
+                }
             }
-            Kind::Free => {}
             Kind::Timeline => {
                 let (text, _) = timelines.project().timeline()?;
                 let none = || Error::Conflict("the timeline is empty: use a clip first".into());
@@ -213,12 +230,12 @@ impl Make {
                 source = Some(found);
             }
         }
-        Ok(Prepared { request, layout, source })
+        Ok(Prepared { request, layout, source, rig })
     }
 
     /// What is given of a clip.
     fn prompt(&self, source: &Source) -> Result<PromptRequest> {
-        let prompt = PromptRequest { read: source.read.clone(), ..PromptRequest::of(&source.path) };
+        let prompt = of_file(source);
         let edit = |free: Vec<Span>, looping: Option<Loop>| Edit {
             given: Vec::new(),
             free,
@@ -259,6 +276,11 @@ impl Make {
     }
 }
 
+/// A clip or a dance, of which nothing is given yet.
+fn of_file(source: &Source) -> PromptRequest {
+    PromptRequest { read: source.read.clone(), ..PromptRequest::of(&source.path) }
+}
+
 /// The id of the clip that lends the timeline its rig.
 fn rig_of(timelines: &Timelines) -> Option<String> {
     let (view, _) = timelines.view().ok()?;
@@ -285,6 +307,7 @@ mod tests {
             (r#"{"kind": "free", "variations": 0}"#, "1 to 8"),
             (r#"{"kind": "free", "variations": 4, "best": 3}"#, "4 to 16"),
             (r#"{"kind": "free", "seconds": 1e9}"#, "0.05 to 600"),
+            (r#"{"kind": "free", "fps": 0.5}"#, "1 to 240"),
             (r#"{"kind": "free", "seconds": -1}"#, "0.05 to 600"),
             (r#"{"kind": "free", "temperature": 0}"#, "a number above 0"),
             (r#"{"kind": "free", "top_p": 2}"#, "up to 1"),

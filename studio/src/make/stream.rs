@@ -55,16 +55,20 @@ struct Frames<'a> {
 }
 
 impl<'a> Streams<'a> {
-    /// The streams of dances with these ids and a name. `floor_m`: the floor of what they are made from.
+    /// The streams of dances with these ids and a name.
+    ///
+    /// # Errors
+    /// None for a request that was opened.
     pub fn new(
         open: &'a OpenRequest,
         (hub, job): (&'a Hub, &'a str),
         (ids, name): (&[String], &str),
-        floor_m: f64,
-    ) -> Streams<'a> {
+    ) -> Result<Streams<'a>> {
         let live = |id: &String| Live { id: id.clone(), name: name.into(), ids: Vec::new(), sent: 0, figure: None };
-        let under = open.prompt.as_ref().map(|prompt| prompt.clip.under_m().unwrap_or(floor_m));
-        Streams {
+        // only an edit keeps the floor of its file
+        let edited = open.prompt.as_ref().filter(|prompt| prompt.edit.is_some());
+        let floor_m = edited.map(|prompt| prompt.clip.ground_m()).transpose()?.unwrap_or(0.0);
+        Ok(Streams {
             open,
             hub,
             job,
@@ -72,10 +76,10 @@ impl<'a> Streams<'a> {
             is_tries: open.samples_tries(),
             variation: 0,
             words: 0,
-            floor_m: under.unwrap_or(0.0),
+            floor_m,
             map: SkeletonMap::builtin("smpl"),
             next: Instant::now(),
-        }
+        })
     }
 
     /// Takes up the last word of each dance that is sampled. Returns the frames that are there of how many, over all

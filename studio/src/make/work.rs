@@ -60,16 +60,16 @@ impl Maker {
         for id in job.make.clip.iter().chain(&job.make.music).chain(&all) {
             self.library.wait_for(id, &|| !running.cancelled.load(Ordering::Relaxed));
         }
-        let Prepared { request, layout, source } = job.make.prepare(&self.model, &self.library, &self.timelines)?;
+        let Prepared { request, layout, source, rig } =
+            job.make.prepare(&self.model, &self.library, &self.timelines)?;
         let open = OpenRequest::open_with(&request, layout)?;
-        let floor_m = source.as_ref().map_or(0.0, |source| source.floor_m);
         let mut notes = open.notes()?;
         let samples = job.make.best.unwrap_or(job.make.variations);
         // what can't be compared is refused before it is sampled
         let real = job.make.best.map(|_| Real::open(self.real.as_deref(), &open, &self.library)).transpose()?;
         notes.extend(real.iter().map(|real| real.what.clone()));
         let name = job.make.name(source.as_ref());
-        let mut streams = Streams::new(&open, (&self.hub, &job.id), (&job.dances, &name), floor_m);
+        let mut streams = Streams::new(&open, (&self.hub, &job.id), (&job.dances, &name))?;
         let mut reported = Instant::now();
         let mut failed = None;
         let sampled = open.sample(samples, None, &mut |words, last| {
@@ -116,7 +116,8 @@ impl Maker {
             if self.library.project().dance(id).is_ok() {
                 continue;
             }
-            let work = Work { job, open: &open, source: source.as_ref(), notes: &notes, name: &name, floor_m };
+            let (source, rig) = (source.as_ref(), rig.as_deref());
+            let work = Work { job, open: &open, source, rig, notes: &notes, name: &name };
             made(work.write(self.library.project().folder(), (id, &words[dance]), (dance, best))?)?;
         }
         Ok(())
@@ -128,9 +129,9 @@ struct Work<'a> {
     job: &'a Job,
     open: &'a OpenRequest,
     source: Option<&'a Source>,
+    rig: Option<&'a str>,
     notes: &'a [String],
     name: &'a str,
-    floor_m: f64,
 }
 
 impl Work<'_> {
@@ -147,6 +148,7 @@ impl Work<'_> {
         let bytes = generated.bytes(&out)?;
         let (frames, fps) = (generated.motion.clip.frames(), generated.motion.clip.fps());
         let provenance = Provenance { best, ..Provenance::of(open, dance + 1, (&out, fps), &bytes) };
+        let floor_m = provenance.read.floor.or(self.source.map(|source| source.floor_m));
         let made = write_made(folder, id, &bytes, provenance)?;
         let notes: Vec<String> = self.notes.iter().cloned().chain(generated.notes(open)).collect();
         let given = open.resolved.prompt.as_ref().and_then(|prompt| prompt.joints.clone());
@@ -163,9 +165,10 @@ impl Work<'_> {
             seed: variation_seed(open.resolved.seed, dance),
             frames,
             fps,
-            floor_m: if self.on_own_floor() { self.floor_m } else { 0.0 },
+            floor_m: floor_m.unwrap_or(0.0),
             note: notes.join("\n").replace('`', ""),
             source: self.source.map(|source| source.id.clone()),
+            rig: self.rig.map(str::to_owned),
             generated_s: open.generated_s(),
             given: given.unwrap_or_default(),
             free: job.make.free.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
@@ -174,11 +177,6 @@ impl Work<'_> {
             opening: job.opening,
         };
         Ok(Change::Dance { before: None, after: Some(Box::new(record)) })
-    }
-
-    /// Whether the dance is on the floor of what it was made from.
-    fn on_own_floor(&self) -> bool {
-        self.job.make.kind != Kind::Free && self.source.is_some()
     }
 }
 

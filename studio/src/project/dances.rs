@@ -130,7 +130,8 @@ pub(super) fn sweep(folder: &Path, document: &Document, history: &History) {
         let open: Vec<&str> = open.map(|dance| &*dance.id).collect();
         open.iter().take(open.len().saturating_sub(MOST_MADE)).copied().collect()
     };
-    let sources: HashSet<&str> = document.dances.iter().filter_map(|dance| dance.source.as_deref()).collect();
+    let sources = document.dances.iter().flat_map(|dance| dance.source.iter().chain(&dance.rig));
+    let sources: HashSet<&str> = sources.map(String::as_str).collect();
     let is_over = |dance: &&DanceRecord| dance.rejected || oldest.contains(&*dance.id);
     let is_needed =
         |dance: &&DanceRecord| dance.kept.is_some() || sources.contains(&*dance.id) || history.has_dance(&dance.id);

@@ -131,6 +131,9 @@ pub struct DanceRecord {
     /// The clip or dance that it was made from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source: Option<String>,
+    /// The clip or dance that lent its rig to a new dance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rig: Option<String>,
     /// The spans in which something is generated while the rest is given, seconds.
     #[serde(default)]
     pub generated_s: Vec<[f64; 2]>,

@@ -47,6 +47,7 @@ impl Studio {
             floor_m: known.read.floor.unwrap_or(0.0),
             note: String::new(),
             source: None,
+            rig: None,
             generated_s: known.generated_s,
             given: known.request.prompt.and_then(|prompt| prompt.joints).unwrap_or_default(),
             free: String::new(),

@@ -9,7 +9,7 @@ use crate::project::document::{Change, DanceRecord};
 use crate::timeline::edit::Edit;
 use crate::{Error, Result};
 use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
-use kinelm_motion::format::{self, Format};
+use kinelm_motion::format::{self, Format, Importer};
 use kinelm_motion::smpl;
 use kinelm_store::{Kind as ErrorKind, input};
 use serde_json::Value;
@@ -175,23 +175,34 @@ impl Studio {
         Ok(())
     }
 
-    /// A dance as a file of some format, with its name.
+    /// A dance as a file of some format, with its name. `importer`: the program that imports it with its defaults.
     ///
     /// # Errors
-    /// An unknown dance or format; what the format can't hold.
-    pub fn export(&self, id: &str, format: &str) -> Result<(String, Vec<u8>)> {
-        if !Format::WRITTEN.contains(&format) {
+    /// An unknown dance, format or program; what the format can't hold, or the program doesn't read.
+    pub fn export(&self, id: &str, format: &str, importer: Option<&str>) -> Result<(String, Vec<u8>)> {
+        let kind = Format::of_name(Path::new(&format!("x.{format}"))).filter(|_| Format::WRITTEN.contains(&format));
+        let Some(kind) = kind else {
             return Err(Error::invalid("`format`", plain_name(format), "bvh, glb, npz or json"));
-        }
+        };
+        let importer = match importer {
+            None => None,
+            Some("blender") => Some(Importer::Blender),
+            Some(other) => return Err(Error::invalid("`for`", plain_name(other), "blender")),
+        };
         let source = self.library.source(id)?;
-        let name = format!("{}.{format}", plain_name(&source.name));
+        let stem = plain_name(&source.name);
         let bytes = input::peek_bytes(&source.path).map_err(Error::io(&source.path))?;
-        if format == "bvh" {
+        if let Some(importer) = importer {
+            let motion = format::parse(&source.path, &bytes, &source.read)?;
+            return Ok((format!("{stem}-blender.{format}"), importer.to_bytes(&stem, &motion, kind)?));
+        }
+        let name = format!("{stem}.{format}");
+        if kind == Format::Bvh {
             return Ok((name, bytes));
         }
         let motion = format::parse(&source.path, &bytes, &source.read)?;
         // AMASS has one rig
-        let rig = (format == "npz").then(|| TargetRig::Smpl(smpl::neutral()));
+        let rig = (kind == Format::Npz).then(|| TargetRig::Smpl(smpl::neutral()));
         let motion = convert(motion, &ConvertOptions { rig, ..ConvertOptions::default() }, source.read.map.as_deref())?;
         let bytes = format::to_bytes(Path::new(&name), &motion)?;
         Ok((name, bytes))

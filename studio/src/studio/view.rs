@@ -66,7 +66,8 @@ impl Studio {
             "id": dance.id, "name": dance.name, "kept": dance.kept.is_some(), "rejected": dance.rejected,
             "seconds": dance.frames as f64 / dance.fps, "frames": dance.frames, "fps": dance.fps, "job": dance.job,
             "variation": dance.variation, "seed": dance.seed, "note": dance.note, "generated_s": dance.generated_s,
-            "given": dance.given, "free": dance.free, "source": dance.source, "opening": dance.opening,
+            "given": dance.given, "free": dance.free, "source": dance.source, "rig": dance.rig,
+            "opening": dance.opening,
             "made": dance.made_spans, "kept_name": kept,
         });
         if let Some(best) = &dance.best {

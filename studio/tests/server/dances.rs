@@ -2,9 +2,13 @@
 
 use super::client::Browser;
 use super::place::{Place, bytes, dance};
-use kinelm_motion::format::{self, ReadOptions};
+use kinelm_motion::format::{self, Format, Importer, ReadOptions};
+use kinelm_motion::retarget::Retarget;
+use kinelm_motion::rig::{SkeletonMap, map_for};
+use kinelm_motion::{Clip, Skeleton, smpl};
 use serde_json::{Value, json};
 use std::fs;
+use std::sync::Arc;
 
 /// A place with a dance in its library.
 fn with_a_clip(seconds: f64) -> (Place, String) {
@@ -32,7 +36,7 @@ fn every_kind_of_dance_is_made_and_the_rest_of_a_clip_stays() {
     let (place, clip) = with_a_clip(5.0);
     let browser = &place.browser;
     let free = made(browser, &json!({ "kind": "free", "seconds": 2, "seed": 5, "variations": 2 }));
-    assert_eq!((free.len(), free[0]["frames"].as_u64(), free[0]["fps"].as_f64()), (2, Some(40), Some(20.0)));
+    assert_eq!((free.len(), free[0]["frames"].as_u64(), free[0]["fps"].as_f64()), (2, Some(60), Some(30.0)));
     assert_eq!((free[0]["seed"].as_u64(), free[0]["name"].as_str()), (Some(5), Some("free dance 1")));
     // the same again
     let again = made(browser, &json!({ "kind": "free", "seconds": 2, "seed": 5, "variations": 2 }));
@@ -62,6 +66,7 @@ fn every_kind_of_dance_is_made_and_the_rest_of_a_clip_stays() {
 
     let given = &made(browser, &json!({ "kind": "given", "clip": clip, "joints": "root,right_arm", "labels": {} }))[0];
     assert_eq!((given["given"].as_str(), given["name"].as_str()), (Some("root,right_arm"), Some("mine followed")));
+    assert_eq!((given["fps"].as_f64(), given["frames"].as_u64()), (Some(60.0), Some(300)));
     let looped = &made(browser, &json!({ "kind": "loop", "clip": clip, "loop": "pose", "loop_over": 1 }))[0];
     assert_eq!(looped["frames"].as_u64(), Some(300));
     browser.done("/api/timeline", &json!({ "edits": [{ "op": "free", "joints": "arms", "from": 1, "to": 3 }] }));
@@ -73,6 +78,59 @@ fn every_kind_of_dance_is_made_and_the_rest_of_a_clip_stays() {
     // a dance is a clip of the next
     let next = &made(browser, &json!({ "kind": "edit", "clip": edit["id"], "free": ["right_arm"] }))[0];
     assert_eq!(next["source"], edit["id"]);
+}
+
+/// A dance of another body, whose floor is above y = 0, at 48 frames a second.
+fn on_a_platform() -> Clip {
+    let body = smpl::neutral();
+    let map = SkeletonMap::builtin("mixamo").unwrap();
+    let names = (0..24).map(|id| map.joint(id).unwrap().to_owned()).collect();
+    let offsets = body.offsets().iter().map(|offset| *offset * 1.1).collect();
+    let rig = Arc::new(Skeleton::new(names, body.parents().to_vec(), offsets, vec![]).unwrap());
+    let way = Retarget::new(&rig, &map_for(&rig, None).unwrap(), body).unwrap();
+    way.to_rig(&dance(1, 3.0, 48.0)).unwrap().raised(0.5)
+}
+
+#[test]
+fn new_dances_are_on_the_rig_of_a_clip_at_its_rate_and_on_y_0() {
+    let place = Place::new();
+    let browser = &place.browser;
+    let clip = browser.upload("mine.bvh", &bytes("a.bvh", &on_a_platform()));
+    browser.wait("the clip", |state| state["clips"][0]["state"] == "ready");
+    let mine = format::read(&place.project().join("clips/mine.bvh"), &ReadOptions::default()).unwrap().clip;
+    let floor = |clip: &Clip| {
+        let map = map_for(clip.skeleton(), None).unwrap();
+        kinelm_motion::rig::floor(clip, &map).unwrap().height_m
+    };
+    let of = |make: &Value| {
+        let dance = made(browser, make).remove(0);
+        let id = dance["id"].as_str().unwrap().to_owned();
+        let path = place.project().join(format!(".studio/made/{id}.bvh"));
+        let sidecar: Value =
+            serde_json::from_slice(&fs::read(format!("{}.kinelm.json", path.display())).unwrap()).unwrap();
+        let low = browser.get(&format!("/api/dances/{id}/figure")).json()["low"][1].as_f64().unwrap();
+        (dance, format::read(&path, &ReadOptions::default()).unwrap().clip, sidecar, low)
+    };
+    for (make, fps, frames, floor_m) in [
+        (json!({ "kind": "free", "clip": clip, "seconds": 2 }), 48.0, 96, 0.0),
+        (json!({ "kind": "free", "clip": clip, "seconds": 2, "fps": 25 }), 25.0, 50, 0.0),
+        (json!({ "kind": "given", "clip": clip, "joints": "root,torso,right_arm" }), 48.0, 144, 0.0),
+        (json!({ "kind": "edit", "clip": clip, "free": ["left_arm"] }), 48.0, 144, 0.5),
+        (json!({ "kind": "loop", "clip": clip, "loop_over": 1 }), 48.0, 144, 0.5),
+    ] {
+        let (dance, found, sidecar, low) = of(&make);
+        assert_eq!((found.fps(), found.frames()), (fps, frames), "{make}");
+        assert_eq!(found.skeleton().names(), mine.skeleton().names(), "{make}");
+        assert!((floor(&found) - floor_m).abs() < 0.05, "{make}: the floor is at {}", floor(&found));
+        assert!((sidecar["read"]["floor"].as_f64().unwrap() - floor_m).abs() < 0.05, "{make}");
+        assert!(low.abs() < 0.1, "{make}: on the stage its lowest point is at {low}");
+        let (source, rig) = (dance["source"].as_str(), dance["rig"].as_str());
+        let is_new = make["kind"] == "free";
+        assert_eq!((source, rig), if is_new { (None, Some(&*clip)) } else { (Some(&*clip), None) }, "{make}");
+    }
+    let (dance, found, ..) = of(&json!({ "kind": "free", "seconds": 2 }));
+    assert_eq!((found.fps(), found.skeleton().names()[1].as_str(), &dance["rig"]), (30.0, "left_hip", &Value::Null));
+    assert_eq!(browser.state()["model"]["new_fps"], 30.0);
 }
 
 #[test]
@@ -269,7 +327,19 @@ fn exports_hold_the_dance() {
         let motion = format::read(&path, &ReadOptions::default()).unwrap();
         assert_eq!((motion.clip.frames(), motion.clip.fps().round()), (300, 60.0), "{format}");
     }
-    assert_eq!(browser.get(&format!("/api/dances/{id}/export?format=exe")).status, 400);
+    // for Blender as `convert --for blender` writes it
+    let file = place.project().join(format!(".studio/made/{id}.bvh"));
+    let motion = format::read(&file, &ReadOptions::default()).unwrap();
+    for (format, kind) in [("bvh", Format::Bvh), ("glb", Format::Glb)] {
+        let answer = browser.get(&format!("/api/dances/{id}/export?format={format}&for=blender"));
+        let name = format!("-blender.{format}");
+        assert!(answer.header("content-disposition").unwrap().ends_with(&name));
+        let known = Importer::Blender.to_bytes("mine, another right arm", &motion, kind).unwrap();
+        assert!(answer.body == known, "{format}");
+    }
+    for (query, status) in [("format=exe", 400), ("format=bvh&for=maya", 400), ("format=npz&for=blender", 422)] {
+        assert_eq!(browser.get(&format!("/api/dances/{id}/export?{query}")).status, status, "{query}");
+    }
     assert_eq!(browser.get(&format!("/api/dances/{id}/export")).status, 422);
 }
 

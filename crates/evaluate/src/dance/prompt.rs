@@ -19,7 +19,8 @@ pub struct PromptMetrics {
     /// The joints, as requested.
     pub joints: String,
     /// Share of the given characters that came out different; 0, unless the dance was written on another rig. `None` where
-    /// they can't be compared.
+    /// they can't be compared: in another tokenizer's words, or where the rate of its file is no multiple of the
+    /// tokenizer's, so that it lacks the sampled frames.
     pub mismatch: Option<f64>,
     /// Why not.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -55,15 +56,11 @@ impl PromptMetrics {
         let seen = tokenizer.decode(&prompt.words, UncodedPose::Identity)?;
         let frames = dance.clip.frames().min(prompt.frames());
         let not_compared = other_words(provenance, tokenizer);
-        let mismatch = match not_compared.is_none() {
-            true => {
-                // on the prompt's rig the floor is the one of the way there, not what the dance's own feet say
-                let back = read_back(file, &provenance.request, &prompt, tokenizer)?.map(|(_, words)| words);
-                let codes = back.as_ref().unwrap_or(&dance.words).codes();
-                Some(share_changed(prompt.words.codes(), codes, &places, frames).unwrap_or(0.0))
-            }
-            false => None,
+        let back = match not_compared {
+            None => read_back(file, &provenance.request, &prompt, tokenizer)?,
+            Some(_) => None,
         };
+        let mismatch = back.and_then(|(_, words)| share_changed(prompt.words.codes(), words.codes(), &places, frames));
         let joints = tokenizer.channels().joints().iter().copied();
         let (given, free): (Vec<usize>, Vec<usize>) = joints.partition(|j| selection.joints.contains(j));
         let (seen, made) = (seen.slice(0..frames), dance.clip.slice(0..frames));

@@ -23,7 +23,6 @@ use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::Changed};
 use kinelm_motion::joints::Selection;
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::{Method, held_frames, resample, resample_held};
-use kinelm_motion::rig::{SkeletonMap, floor};
 use kinelm_motion::{Clip, Motion};
 use kinelm_tokenizer::{Tokenizer, WordLength, Words};
 use splice::{RigJoints, extended, merge, splice};
@@ -174,18 +173,14 @@ impl PreparedEdit {
         let uncoded: Vec<usize> = (0..24).filter(|&joint| !self.mask.is_coded(joint)).collect();
         let truth = extended(&prompt.clip, self.frames)?;
         let truth = gap::bridge(&truth, &uncoded, &self.gaps(), &mean_pose(&prompt.clip))?;
-        let dance = prompt.decode(tokenizer, words, UncodedJoints::Prompt, 0)?;
+        let dance = prompt.decode(tokenizer, words, UncodedJoints::Prompt, 0)?.raised(prompt.under_m);
         let dance = dance.slice(lead_in.min(dance.frames())..dance.frames());
         let dance = extended(&dance, self.frames)?;
         let dance = merge(&truth, &dance, |_, joint| self.mask.is_coded(joint))?;
         let mut dance = gap::aligned(&dance, &truth, &self.mask)?;
         let mut locked = Vec::new();
         if lock_feet {
-            let floor_m = match prompt.under_m() {
-                Some(floor_m) => floor_m,
-                None => floor(&prompt.clip, &SkeletonMap::by_name_or_file("smpl")?)?.height_m,
-            };
-            (dance, locked) = feet::lock_gaps(&dance, &truth, &self.mask, floor_m)?;
+            (dance, locked) = feet::lock_gaps(&dance, &truth, &self.mask, prompt.ground_m()?)?;
         }
         let (clip, errors) = gap::close(&dance, &truth, &self.mask)?;
         Ok(ClosedGaps { clip, errors, locked })

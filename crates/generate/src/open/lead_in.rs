@@ -9,10 +9,10 @@ use kinelm_model::lead_in::{self, LeadIn, LeadInFrom, LeadIns};
 use kinelm_tokenizer::Tokenizer;
 
 impl OpenRequest {
-    /// Whether nothing of the first frame is given: there is no prompt, or an edit that frees all of it.
+    /// Whether nothing of the first frame is given: no prompt gives anything, or an edit frees all of it.
     pub(super) fn is_unprompted(&self) -> bool {
         let of_edit = |edit: &PreparedEdit| edit.begins_free();
-        self.prompt.as_ref().is_none_or(|prompt| prompt.edit.as_ref().is_some_and(of_edit))
+        self.prompt.as_ref().is_none_or(|prompt| prompt.lends() || prompt.edit.as_ref().is_some_and(of_edit))
     }
 
     /// Gives an unprompted dance a second of lead-in: of a train clip, if `of_train` and the run stores some, else sampled.

@@ -14,7 +14,7 @@ mod truncation;
 pub use conditions::check_goal_guidance;
 pub use music::{MUSIC_GUIDANCE, OpenMusic, music_guidance};
 pub use prompt::PreparedPrompt;
-pub use resolve::{Decision, GOAL_GUIDANCE};
+pub use resolve::{Decision, FPS, GOAL_GUIDANCE};
 pub use truncation::{GAP_TOP_P, GIVEN_TOP_P};
 
 use crate::edit::PreparedEdit;
@@ -28,9 +28,9 @@ use kinelm_corpus::Conditions;
 use kinelm_model::checkpoint::Checkpoints;
 use kinelm_model::lead_in::LeadIns;
 use kinelm_model::{CheckpointChoice, LoadedRun, ModelKind, load_run};
-use kinelm_store::Subject;
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::held_frames;
+use kinelm_store::Subject;
 use kinelm_tokenizer::Tokenizer;
 use std::path::Path;
 
@@ -85,6 +85,7 @@ impl OpenRequest {
     ) -> Result<OpenRequest> {
         resolved.sampling.validate()?;
         check_names(&resolved)?;
+        check_given(&resolved)?;
         if let CheckpointChoice::Step(step) = which {
             check_step(&resolved.run, step)?;
         }
@@ -105,8 +106,7 @@ impl OpenRequest {
         let frames = requested.or_else(|| frames_of(prompt.as_ref(), music.as_ref(), fps));
         let help = "give a number of frames or seconds, or a prompt or music that has a length";
         let frames = frames.ok_or_else(|| Error::missing("length of the dance", help))?;
-        let written = resolved.fps.map_or(frames, |written_fps| held_frames(frames, fps, written_fps));
-        [frames, written].into_iter().try_for_each(check_frames)?;
+        check_frames(frames)?;
         if let Some(music) = &music {
             add_tempo(&mut resolved, music, (&run, &conditions), frames as f64 / fps)?;
         }
@@ -131,7 +131,25 @@ impl OpenRequest {
             None => None,
         };
         let decisions = Vec::new();
-        Ok(OpenRequest { resolved, run, tokenizer, prompt, music, frames, decisions, fronts, unconditioned, lead_ins })
+        let open =
+            OpenRequest { resolved, run, tokenizer, prompt, music, frames, decisions, fronts, unconditioned, lead_ins };
+        open.check_written()?;
+        Ok(open)
+    }
+
+    /// Refuses more frames at the rate of the file than a dance may have.
+    fn check_written(&self) -> Result<()> {
+        match self.resampled_fps() {
+            Some(fps) => check_frames(held_frames(self.frames, self.tokenizer.fps(), fps)),
+            None => Ok(()),
+        }
+    }
+
+    /// The rate that the dance is resampled to; `None` for an edited clip at its own, whose numbers stay.
+    pub(crate) fn resampled_fps(&self) -> Option<f64> {
+        let own =
+            self.edit().filter(|_| self.resolved.rig == Rig::Prompt).map(|(prompt, _)| prompt.clip.motion.clip.fps());
+        Some(self.resolved.fps).filter(|fps| own != Some(*fps))
     }
 
     /// Whether the model is masked.
@@ -183,6 +201,18 @@ pub fn check_passes(passes: Option<usize>, run: &LoadedRun) -> Result<()> {
     match (1..=MOST_PASSES).contains(&passes) {
         true => Ok(()),
         false => Err(Error::invalid("`passes`", passes, format!("1 to {MOST_PASSES}"))),
+    }
+}
+
+/// Refuses a prompt that is for nothing.
+fn check_given(request: &Resolved) -> Result<()> {
+    match request.prompt.as_ref().filter(|prompt| prompt.lends() && request.rig != Rig::Prompt) {
+        Some(prompt) => {
+            let what = format!("given part of the prompt {}", prompt.path.display());
+            let help = "give joints, a frame to continue from, or both; or `rig` prompt, for a new dance on its rig";
+            Err(Error::missing(what, help))
+        }
+        None => Ok(()),
     }
 }
 

@@ -24,13 +24,18 @@ pub struct PreparedPrompt {
     pub given: Vec<bool>,
     /// Ids of the first words, which the dance begins with.
     pub beginning: Vec<u32>,
-    /// Frames of which something is given: all if joints are, else those of the first words.
+    /// Frames of which something is given: all if joints are, those of the first words if they are, else none.
     pub frames: usize,
     /// What stays and what is generated, if the clip is edited.
     pub edit: Option<PreparedEdit>,
 }
 
 impl PreparedPrompt {
+    /// Whether nothing is given: the clip lends its rig and its rate.
+    pub fn lends(&self) -> bool {
+        self.given.is_empty() && self.beginning.is_empty() && self.edit.is_none()
+    }
+
     /// Reads a prompt. Writes into the request what was decided on reading: joints in SMPL's names, the floor, the up axis.
     /// `layout`: of a timeline that is laid out already.
     pub(super) fn load(
@@ -39,10 +44,6 @@ impl PreparedPrompt {
         frames: Option<usize>,
         tokenizer: &Tokenizer,
     ) -> Result<PreparedPrompt> {
-        if request.joints.is_none() && request.from_frame.is_none() && request.edit.is_none() {
-            let what = format!("given part of the prompt {}", request.path.display());
-            return Err(Error::missing(what, "give joints, a frame to continue from, or both"));
-        }
         let text = bytes(request, layout)?;
         let mut clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
         // map, floor and up axis are settled here, so that they aren't estimated again, least of all from the dance
@@ -81,6 +82,7 @@ impl PreparedPrompt {
         request.edit = edit;
         let frames = match request.from_frame {
             Some(n) if given.is_empty() => n,
+            _ if request.lends() => 0,
             _ => clip.frames(),
         };
         Ok(PreparedPrompt { clip, selection, given, beginning, frames, edit: prepared })

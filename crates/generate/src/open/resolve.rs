@@ -15,6 +15,9 @@ use serde::Serialize;
 /// Scale of guidance towards goals, where a request has none.
 pub const GOAL_GUIDANCE: f64 = 1.5;
 
+/// Frames per second of a dance without a prompt, where a request has none.
+pub const FPS: f64 = 30.0;
+
 /// An option that the request left open.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Decision {
@@ -59,18 +62,25 @@ impl OpenRequest {
             let why = "in an edited clip the uncoded joints are the clip's; leave it out";
             return Err(Error::unsupported("`uncoded_joints`", why));
         }
+        if request.uncoded_joints == Some(UncodedJoints::Follow) && !request.is_given() {
+            let why = "nothing of a prompt is given, so there is nothing to follow; leave it out";
+            return Err(Error::unsupported("`uncoded_joints` follow", why));
+        }
         let mut open = OpenRequest::load_with(request.with_defaults(), CheckpointChoice::Auto, layout)?;
         if request.rig.is_none() {
             let why = if edit.is_some() { "a clip is edited" } else { "no clip is edited" };
             open.decide("rig", name(open.resolved.rig), why);
         }
         if request.uncoded_joints.is_none() {
-            let why = if request.prompt.is_some() { "there is a prompt" } else { "there is no prompt" };
+            let why = if request.is_given() { "part of the prompt is given" } else { "nothing of a prompt is given" };
             open.decide("uncoded_joints", name(open.resolved.uncoded_joints), why);
         }
         if request.length.is_none() {
             let why = "as long as what is given of the prompt, else the music, else the prompt";
             open.decide("length", open.frames.to_string(), why);
+        }
+        if request.fps.is_none() {
+            open.decide_fps()?;
         }
         open.decide_placement();
         open.decide_lead_in(request.lead_in)?;
@@ -99,9 +109,18 @@ impl OpenRequest {
         self.decisions.push(Decision { option, value, why });
     }
 
-    /// The dance stands where its prompt does, if it has one that isn't edited.
+    /// The dance has the rate of its prompt.
+    fn decide_fps(&mut self) -> Result<()> {
+        let prompt = self.prompt.as_ref().map(|prompt| prompt.clip.motion.clip.fps());
+        self.resolved.fps = prompt.unwrap_or(FPS);
+        let why = if prompt.is_some() { "the prompt's rate" } else { "there is no prompt" };
+        self.decide("fps", self.resolved.fps.to_string(), why);
+        self.check_written()
+    }
+
+    /// The dance stands where its prompt does, if something of one is given that isn't edited.
     fn decide_placement(&mut self) {
-        let prompt = self.prompt.as_ref().filter(|prompt| prompt.edit.is_none());
+        let prompt = self.prompt.as_ref().filter(|prompt| prompt.edit.is_none() && !prompt.lends());
         self.resolved.placement = prompt.and_then(|prompt| Placement::of(&prompt.clip.clip));
     }
 
@@ -200,10 +219,15 @@ fn name(value: impl Serialize) -> String {
 }
 
 impl Request {
+    /// Whether something of a prompt is given.
+    fn is_given(&self) -> bool {
+        self.prompt.as_ref().is_some_and(|prompt| !prompt.lends())
+    }
+
     /// The request with the defaults that need no open model.
     fn with_defaults(&self) -> Resolved {
         let is_edited = self.prompt.as_ref().is_some_and(|prompt| prompt.edit.is_some());
-        let uncoded = if self.prompt.is_some() { UncodedJoints::Follow } else { UncodedJoints::Training };
+        let uncoded = if self.is_given() { UncodedJoints::Follow } else { UncodedJoints::Training };
         let (frames, seconds) = match self.length {
             Some(Length::Frames(frames)) => (Some(frames), None),
             Some(Length::Seconds(seconds)) => (None, Some(seconds)),
@@ -219,7 +243,7 @@ impl Request {
             music: self.music.clone(),
             frames,
             seconds,
-            fps: self.fps,
+            fps: self.fps.unwrap_or(FPS),
             lead_in: 0,
             lead_in_from: None,
             first_frames: self.first_frames.unwrap_or(1),

@@ -56,7 +56,8 @@ impl Generated {
 }
 
 impl OpenRequest {
-    /// Words as a motion on the requested rig, at the requested rate, to be written to `out`.
+    /// Words as a motion on the requested rig, at the requested rate, to be written to `out`. A clip that is edited keeps its
+    /// floor; every other dance stands on y = 0.
     ///
     /// # Errors
     /// Words that are not this tokenizer's; a rig that no skeleton map knows; a rate that is none.
@@ -65,9 +66,7 @@ impl OpenRequest {
             return self.edited(words, (prompt, edit), out);
         }
         let mut motion = self.decoded(words, out)?;
-        if let Some(fps) = self.resolved.fps {
-            motion.clip = resample_held(&motion.clip, fps, Method::Smooth)?;
-        }
+        motion.clip = resample_held(&motion.clip, self.resolved.fps, Method::Smooth)?;
         let generated = |motion: Motion, locked: Vec<FootLock>| {
             let locked_fps = motion.clip.fps();
             Generated { motion, locked, locked_fps, errors: Vec::new(), changed: None }
@@ -75,11 +74,8 @@ impl OpenRequest {
         if self.resolved.feet == FootMode::Off {
             return Ok(generated(motion, Vec::new()));
         }
-        let (map, floor_m) = match self.on_own_rig() {
-            Some((prompt, request)) => (request.read.map.as_deref(), prompt.clip.floor_m),
-            None => (None, self.prompt.as_ref().map_or(Some(0.0), |prompt| prompt.clip.under_m())),
-        };
-        let floor_m = floor_m.filter(|_| self.tokenizer.config().above_floor());
+        let map = self.on_own_rig().and_then(|(_, request)| request.read.map.as_deref());
+        let floor_m = Some(0.0).filter(|_| self.tokenizer.config().above_floor());
         let continued = self.resolved.prompt.as_ref().and_then(|p| p.from_frame).unwrap_or(0);
         // the frames up to the prompt's last, at the rate that is written
         let at_rate = |last: usize| (last as f64 * motion.clip.fps() / self.tokenizer.fps()) as usize + 1;
@@ -97,6 +93,7 @@ impl OpenRequest {
     pub fn preview(&self, words: &Words) -> Result<Clip> {
         let clip = self.clip(words)?;
         let Some((prompt, edit)) = self.edit() else { return Ok(clip) };
+        let clip = clip.raised(prompt.clip.under_m);
         let Some(placement) = Placement::of(&prompt.clip.clip) else { return Ok(clip) };
         let is_given = edit.mask().is_given(0, 0);
         placement.put(&clip, RootGiven { path: is_given, heading: is_given })
@@ -107,13 +104,12 @@ impl OpenRequest {
         let lock = self.resolved.feet == FootMode::Lock;
         let clips = (&prompt.clip, self.resolved.lead_in);
         let ClosedGaps { clip, errors, locked } = edit.close(words, clips, &self.tokenizer, lock)?;
-        let fps = self.resolved.fps;
         let (motion, changed) = match self.on_own_rig() {
-            Some((prompt, request)) => edit.on_own_rig(&clip, (&prompt.clip, request.read.map.as_deref()), fps)?,
-            None => {
-                let fps = fps.unwrap_or(clip.fps());
-                (on_model_rig(out, edit.at_rate(&clip, self.frames, fps)?), None)
+            Some((prompt, request)) => {
+                let map = request.read.map.as_deref();
+                edit.on_own_rig(&clip, (&prompt.clip, map), self.resampled_fps())?
             }
+            None => (on_model_rig(out, edit.at_rate(&clip, self.frames, self.resolved.fps)?), None),
         };
         let changed = changed.map(|changed| (changed, edit.text.clone()));
         Ok(Generated { motion, locked, locked_fps: self.tokenizer.fps(), errors, changed })
@@ -125,10 +121,12 @@ impl OpenRequest {
         let Some((prompt, request)) = self.on_own_rig() else { return Ok(on_model_rig(out, clip)) };
         let follows = self.resolved.uncoded_joints == UncodedJoints::Follow;
         let base = follows.then(|| uncoded::settle(&prompt.clip.at_rate()?, prompt.frames)).transpose()?;
-        prompt.clip.on_own_rig(&clip, request.read.map.as_deref(), base.as_ref())
+        let map = request.read.map.as_deref();
+        let about_m = prompt.clip.about_m(RootGiven::by(prompt).path, map)?;
+        prompt.clip.on_own_rig(&clip, about_m, map, base.as_ref())
     }
 
-    /// The clip of words on the model's rig, where it is to stand.
+    /// The clip of words on the model's rig, where it is to stand: on y = 0, unless it is an edit.
     fn clip(&self, words: &Words) -> Result<Clip> {
         let clip = match &self.prompt {
             Some(prompt) => prompt.clip.decode(&self.tokenizer, words, self.resolved.uncoded_joints, prompt.frames)?,
@@ -140,7 +138,12 @@ impl OpenRequest {
         let clip = self.without_lead_in(&clip)?;
         let clip = clip.slice(0..self.frames.min(clip.frames()));
         match (&self.prompt, self.resolved.placement) {
-            (Some(prompt), Some(placement)) => placement.put(&clip, RootGiven::by(prompt)),
+            (Some(prompt), Some(placement)) => {
+                let given = RootGiven::by(prompt);
+                let first = clip.root().first().filter(|_| given.path);
+                let rise = first.map(|first| prompt.clip.rise_m(first.y)).transpose()?;
+                Ok(placement.put(&clip, given)?.raised(rise.unwrap_or(0.0)))
+            }
             _ => Ok(clip),
         }
     }
@@ -158,7 +161,7 @@ impl OpenRequest {
     /// How the dance is read from `dance`, the file that it is written to.
     pub fn read_back(&self, dance: &Path) -> ReadOptions {
         let own = self.resolved.read_back(dance);
-        let written = self.edit().zip(self.resolved.fps).filter(|_| self.resolved.rig == Rig::Prompt);
+        let written = self.edit().zip(self.resampled_fps()).filter(|_| self.resolved.rig == Rig::Prompt);
         let Some(((prompt, edit), fps)) = written.filter(|((_, edit), _)| edit.seam.is_none()) else {
             return own;
         };

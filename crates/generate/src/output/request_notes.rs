@@ -37,7 +37,7 @@ impl OpenRequest {
             let free = free_ancestors(&self.tokenizer, prompt);
             notes.extend(note_free(&free, list, |list| format!("`joints` {list}")));
         }
-        if prompt.clip.clipped > 0 {
+        if prompt.clip.clipped > 0 && !prompt.lends() {
             let (n, path) = (prompt.clip.clipped, request.path.display());
             notes.push(format!(
                 "{path}: {n} numbers are out of the range that the model codes; the dance catches up later"

@@ -18,14 +18,15 @@ pub struct HeldOut {
 }
 
 impl OpenRequest {
-    /// What to expect of a prompt that is more surprising than 95 % of the run's held-out clips; `None` for others, without
-    /// a prompt, of a masked model, and for a run that doesn't store how surprising these are.
+    /// What to expect of a prompt that is more surprising than 95 % of the run's held-out clips; `None` for others, where
+    /// nothing of a prompt is given, of a masked model, and for a run that doesn't store how surprising these are.
     ///
     /// # Errors
     /// What the model fails with; a damaged file.
     pub fn surprise_note(&self) -> Result<Option<String>> {
         let path = self.resolved.run.join(HELD_OUT);
-        let Some(prompt) = self.prompt.as_ref().filter(|_| !self.is_masked()) else { return Ok(None) };
+        let given = self.prompt.as_ref().filter(|prompt| !prompt.lends() && !self.is_masked());
+        let Some(prompt) = given else { return Ok(None) };
         let text = match input::text(&path) {
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
             other => other.map_err(Error::io(&path))?,

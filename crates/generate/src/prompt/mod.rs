@@ -2,14 +2,14 @@
 
 pub mod uncoded;
 
-use crate::request::{Resolved, Rig, UncodedJoints};
+use crate::request::{PromptRequest, Resolved, Rig, UncodedJoints};
 use crate::{Error, Result};
 use kinelm_corpus::load::ModelClip;
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::joints::Selection;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::rig::map_of;
+use kinelm_motion::rig::{SkeletonMap, floor, map_of};
 use kinelm_motion::{Clip, Motion, Source, Warning, smpl};
 use kinelm_tokenizer::{Encoded, Tokenizer, UncodedPose, WordLength, Words};
 use std::path::Path;
@@ -24,7 +24,7 @@ pub struct PromptClip {
     /// The floor of the file, metres; `None` where the tokenizer doesn't subtract it.
     pub floor_m: Option<f64>,
     /// The floor under `clip`, metres; 0 where the tokenizer doesn't subtract it.
-    under_m: f64,
+    pub under_m: f64,
     /// The words of `clip`.
     pub words: Words,
     /// Values outside the tokenizer's ranges, heights above the floor not counted.
@@ -78,9 +78,27 @@ impl PromptClip {
         self.clip.frames()
     }
 
-    /// The floor under `clip`, metres; `None` where the tokenizer doesn't subtract it.
-    pub fn under_m(&self) -> Option<f64> {
-        self.floor_m.map(|_| self.under_m)
+    /// The floor under `clip`, metres: the file's, or detected from the feet where the tokenizer doesn't subtract it.
+    ///
+    /// # Errors
+    /// None for a clip that was read.
+    pub fn ground_m(&self) -> Result<f64> {
+        match self.floor_m {
+            Some(_) => Ok(self.under_m),
+            None => Ok(floor(&self.clip, &SkeletonMap::by_name_or_file("smpl")?)?.height_m),
+        }
+    }
+
+    /// What a decoded dance that follows the clip's path is raised by to stand on y = 0, metres; `first_m` is the height of its
+    /// first frame, which is the clip's, above the floor or not as the tokenizer codes heights.
+    ///
+    /// # Errors
+    /// Those of [`PromptClip::ground_m`].
+    pub fn rise_m(&self, first_m: f64) -> Result<f64> {
+        match self.floor_m {
+            Some(_) => Ok(0.0),
+            None => Ok(self.clip.root()[0].y - self.ground_m()? - first_m),
+        }
     }
 
     /// On the user's rig at the tokenizer's rate.
@@ -111,8 +129,8 @@ impl PromptClip {
         Ok(tokenizer.ids_of_words(&tokenizer.encode(&clip)?.words.slice(0..whole - unsettled))?)
     }
 
-    /// The clip of a dance's words. `uncoded` says what the other joints do; of the prompt `given` frames count for
-    /// [`UncodedJoints::Follow`].
+    /// The clip of a dance's words, at the heights that are coded: above y = 0 where the tokenizer subtracts the floor. `uncoded`
+    /// says what the other joints do; of the prompt `given` frames count for [`UncodedJoints::Follow`].
     ///
     /// # Errors
     /// Words that are not this tokenizer's.
@@ -132,20 +150,33 @@ impl PromptClip {
                 UncodedPose::Clip(&settled)
             }
         };
-        Ok(tokenizer.decode(words, rest)?.raised(self.under_m))
+        Ok(tokenizer.decode(words, rest)?)
     }
 
-    /// A dance on SMPL-24 retargeted to the prompt's own rig, as it will be written. Joints that no SMPL joint stands for move
-    /// as in `base`, a clip on that rig, or stay in the rest pose.
+    /// A dance on SMPL-24 that stands on y = 0, retargeted to the prompt's own rig, as it will be written: about the height
+    /// `about_m` of that rig, metres. Joints that no SMPL joint stands for move as in `base`, a clip on that rig, or stay in the
+    /// rest pose.
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn on_own_rig(&self, dance: &Clip, map: Option<&str>, base: Option<&Clip>) -> Result<Motion> {
-        let clip = self.retarget(map)?.to_rig_over(dance, base)?;
+    pub fn on_own_rig(&self, dance: &Clip, about_m: f64, map: Option<&str>, base: Option<&Clip>) -> Result<Motion> {
+        let clip = self.retarget(map)?.with_floor(about_m).to_rig_over(dance, base)?;
         Ok(Motion { clip, source: self.motion.source.clone(), ..self.motion.clone() })
     }
 
-    /// The retargeting between the prompt's own rig and SMPL-24.
+    /// The height about which the path of a dance on y = 0 is scaled to the prompt's own rig, metres: a path that it follows
+    /// comes back as far above y = 0 as it is above the prompt's floor, whatever floor was stated.
+    ///
+    /// # Errors
+    /// A rig that no skeleton map knows.
+    pub fn about_m(&self, follows_path: bool, map: Option<&str>) -> Result<f64> {
+        if !follows_path {
+            return Ok(0.0);
+        }
+        Ok(format::floor_height(&self.motion, map)? - self.ground_m()?)
+    }
+
+    /// The retargeting between the prompt's own rig, on its own floor, and SMPL-24.
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
@@ -170,8 +201,8 @@ fn height_warning(coded: &Encoded, frames: usize) -> Option<Warning> {
     (share > OFF_RANGE).then_some(Warning { kind: "height_off_range", what })
 }
 
-/// A dance on its prompt's own rig read from its file, and its words, with the floor of the retargeting: the prompt's. `None`
-/// where the file doesn't have the frames that were sampled, at another rate, or is on the model's rig.
+/// A dance that follows a prompt read from its file, and its words. `None` where the file doesn't have the frames that were
+/// sampled: its rate is no multiple of the tokenizer's.
 ///
 /// # Errors
 /// What reading, retargeting and coding fail with.
@@ -181,23 +212,22 @@ pub fn read_back(
     prompt: &PromptClip,
     tokenizer: &Tokenizer,
 ) -> Result<Option<(Motion, Words)>> {
-    if request.rig != Rig::Prompt {
-        return Ok(None);
-    }
     let options = request.read_back(dance);
     let mut motion = format::read(dance, &options)?;
-    // a dance at a multiple of the rate has the sampled frames; at another rate it doesn't
     match resample(&motion.clip, tokenizer.fps(), Method::Stride) {
         Ok(sampled) => motion.clip = sampled,
         Err(_) => return Ok(None),
     }
-    let floor = prompt.floor_m.unwrap_or(0.0);
-    // the dance was retargeted with the prompt's floor
-    let floor_m = format::floor_height(&prompt.motion, options.map.as_deref())? - floor;
-    let clip = motion.clip.clone().raised(-floor);
-    let lowered = Motion { clip, source: Source::Retargeted { floor_m }, ..motion.clone() };
-    let words = tokenizer.encode(&retarget::to_smpl(&lowered, options.map.as_deref())?)?.words;
-    Ok(Some((motion, words)))
+    let (map, follows_path) = (options.map.as_deref(), request.prompt.as_ref().is_some_and(PromptRequest::gives_path));
+    // the way back has the floor of the way there, not one that the dance's own feet show
+    let floor_m = if request.rig == Rig::Prompt { prompt.about_m(follows_path, map)? } else { 0.0 };
+    let known = Motion { source: Source::Retargeted { floor_m }, ..motion.clone() };
+    let mut clip = retarget::to_smpl(&known, map)?;
+    if let Some(first) = clip.root().first().filter(|_| follows_path && prompt.floor_m.is_none()) {
+        let rise = prompt.clip.root()[0].y - first.y;
+        clip = clip.raised(rise);
+    }
+    Ok(Some((motion, tokenizer.encode(&clip)?.words)))
 }
 
 /// The share of given characters that differ between two codings: `codes` and `again` are (F, C), of which the first `frames`

@@ -37,7 +37,7 @@ use std::path::PathBuf;
 pub struct Request {
     /// The run folder of the model.
     pub run: PathBuf,
-    /// A clip of which something is given.
+    /// A clip of which something is given, or which lends its rig and its rate.
     pub prompt: Option<PromptRequest>,
     /// Values of label fields for the whole dance. Fields that are left out are unknown to the model.
     pub labels: BTreeMap<String, String>,
@@ -53,7 +53,8 @@ pub struct Request {
     pub goal_guidance: Option<f64>,
     /// How long the dance is. `None`: as long as what is given of the prompt, else as the music, else as the prompt.
     pub length: Option<Length>,
-    /// Frames per second of the file that is written. `None`: the model's rate.
+    /// Frames per second of the file that is written, on a smooth curve through the model's frames. `None`: the prompt's, else
+    /// [`crate::open::FPS`]. An edit at the rate of its file keeps the file's numbers.
     pub fps: Option<f64>,
     /// What an unprompted dance continues from. `None`: a second of a train clip where the run stores some.
     pub lead_in: Option<LeadInKind>,
@@ -73,8 +74,8 @@ pub struct Request {
     pub sampling: Sampling,
     /// The rig that the dance is written on. `None`: the prompt's own where a clip is edited, else the model's.
     pub rig: Option<Rig>,
-    /// What the joints do that the model doesn't code. `None`: they follow the prompt, or hold the mean of the training
-    /// clips.
+    /// What the joints do that the model doesn't code. `None`: they follow the prompt if something of it is given, else hold
+    /// the mean of the training clips.
     pub uncoded_joints: Option<UncodedJoints>,
     /// What is done to the feet. `None`: locked unless a leg is given.
     pub feet: Option<FootMode>,

@@ -2,6 +2,7 @@
 
 use super::{Edit, Timeline};
 use kinelm_motion::format::{ReadOptions, RestFrame};
+use kinelm_motion::joints;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -15,7 +16,7 @@ pub struct MusicRequest {
     pub from_s: f64,
 }
 
-/// A clip, and which part of it is given.
+/// A clip, and which part of it is given. One of which nothing is given lends its rig and its rate to a new dance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PromptRequest {
@@ -44,9 +45,41 @@ impl PromptRequest {
         PromptRequest { path: path.into(), read, joints: None, from_frame: None, timeline: None, edit: None }
     }
 
+    /// Whether nothing is given: the clip lends its rig and its rate.
+    pub fn lends(&self) -> bool {
+        self.joints.is_none() && self.from_frame.is_none() && self.edit.is_none()
+    }
+
+    /// Whether the dance follows the clip's path, as far as the clip lasts: it continues from a frame, or the root is given.
+    pub fn gives_path(&self) -> bool {
+        let has_root = |list: &str| joints::parse(list).is_ok_and(|selection| selection.translation);
+        self.from_frame.is_some() || self.joints.as_deref().is_some_and(has_root)
+    }
+
     /// The files that are read.
     pub fn files(&self) -> Vec<PathBuf> {
         let clips = self.timeline.iter().flat_map(|timeline| timeline.clips.values()).map(|clip| clip.file.clone());
         clips.chain([self.path.clone()]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clip_lends_its_rig_or_gives_joints_and_perhaps_its_path() {
+        let of = |joints: Option<&str>, from_frame| {
+            let joints = joints.map(str::to_owned);
+            let prompt = PromptRequest { joints, from_frame, ..PromptRequest::of("a.bvh") };
+            (prompt.lends(), prompt.gives_path())
+        };
+        assert_eq!(of(None, None), (true, false));
+        assert_eq!(of(Some("right_arm"), None), (false, false));
+        assert_eq!(of(Some("pelvis"), None), (false, false), "its rotation alone");
+        assert_eq!(of(Some("root,right_arm"), None), (false, true));
+        assert_eq!(of(None, Some(20)), (false, true));
+        let edited = PromptRequest { edit: Some(Edit::of(Vec::new())), ..PromptRequest::of("a.bvh") };
+        assert!(!edited.lends());
     }
 }

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 pub struct Resolved {
     /// The run folder of the model.
     pub run: PathBuf,
-    /// A clip of which something is given.
+    /// A clip of which something is given, or which lends its rig and its rate.
     pub prompt: Option<PromptRequest>,
     /// Values of label fields for the whole dance. Fields that are left out are unknown to the model.
     pub labels: BTreeMap<String, String>,
@@ -36,9 +36,8 @@ pub struct Resolved {
     /// The length in seconds, where the request states it instead of frames; files hold frames.
     #[serde(skip)]
     pub seconds: Option<f64>,
-    /// Frames per second of the file that is written, interpolated; `None`: the model's rate.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fps: Option<f64>,
+    /// Frames per second of the file that is written.
+    pub fps: f64,
     /// Lead-in frames, dropped from the output: the first frames that a model samples don't belong together yet.
     #[serde(default, skip_serializing_if = "is_no_frame")]
     pub lead_in: usize,
@@ -73,21 +72,18 @@ pub struct Resolved {
 
 impl Resolved {
     /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole. An edited clip is its
-    /// prompt's file with other numbers, so the frames that reading leaves out of the prompt are left out of it too. Without
-    /// a prompt the floor is at 0.
+    /// prompt's file with other numbers, so it keeps the floor, and the frames that reading leaves out of the prompt are left
+    /// out of it too. Every other dance stands on y = 0.
     pub fn read_back(&self, dance: &Path) -> ReadOptions {
-        let Some(prompt) = &self.prompt else {
-            return ReadOptions { floor: Some(0.0), ..output_read_options(dance, None) };
+        let on_rig = self.prompt.as_ref().filter(|_| self.rig == Rig::Prompt);
+        let own = output_read_options(dance, on_rig.map(|prompt| (&*prompt.path, &prompt.read)));
+        let Some((prompt, edit)) = self.prompt.as_ref().and_then(|prompt| Some((prompt, prompt.edit.as_ref()?))) else {
+            return ReadOptions { floor: Some(0.0), ..own };
         };
-        if self.rig != Rig::Prompt {
-            return ReadOptions { floor: prompt.read.floor, ..output_read_options(dance, None) };
-        }
-        let own = output_read_options(dance, Some((&prompt.path, &prompt.read)));
-        match &prompt.edit {
-            Some(edit) if edit.looping.is_none() => {
-                ReadOptions { skip: prompt.read.skip, rest: prompt.read.rest, ..own }
-            }
-            _ => own,
+        let own = ReadOptions { floor: prompt.read.floor, ..own };
+        match edit.looping.is_none() && on_rig.is_some() {
+            true => ReadOptions { skip: prompt.read.skip, rest: prompt.read.rest, ..own },
+            false => own,
         }
     }
 }

@@ -110,7 +110,12 @@ fn nothing_to_find_is_an_error() {
     let dir = tree(&["a.txt"]);
     assert!(Dataset::find(&[dir.path().into()], &[]).unwrap_err().to_string().contains("no motion in"));
     assert!(Dataset::find(&[dir.path().join("none")], &[]).is_err());
-    assert!(Dataset::find(&[dir.path().join("a.txt")], &[]).unwrap_err().to_string().contains("another kind"));
+    assert!(
+        Dataset::find(&[dir.path().join("a.txt")], &[])
+            .unwrap_err()
+            .to_string()
+            .contains("found the extension .txt, expected .bvh")
+    );
 }
 
 #[test]

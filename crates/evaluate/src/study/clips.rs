@@ -196,7 +196,8 @@ fn named(known: &StudyClip, error: Error) -> Error {
     }
 }
 
-/// A clip on the neutral skeleton at its own rate, its floor at y = 0, beginning above x = z = 0; and what the file says of that rate.
+/// A clip on the neutral skeleton at its own rate, its floor at y = 0, beginning above x = z = 0; and what the file says of
+/// that rate.
 fn load(item: &Item, read: &ReadOptions) -> Result<(Clip, FileRate)> {
     let options = item.read_options(read);
     let mut motion = format::read(&item.path, &options)?;

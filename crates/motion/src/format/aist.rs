@@ -1,4 +1,5 @@
-//! AIST++: a pickled dict of numpy arrays, 60 frames per second, y up; and the dicts of dance generators that learned from it.
+//! AIST++: a pickled dict of numpy arrays, 60 frames per second, y up; and the dicts of dance generators that learned
+//! from it.
 //!
 //! `smpl_trans / smpl_scaling` is in metres; the pelvis is at the body's rest pelvis plus that, as in AMASS. Generators
 //! such as EDGE write `smpl_trans` in metres without `smpl_scaling`, 30 frames per second.
@@ -21,7 +22,8 @@ pub const GENERATED_FPS: f64 = 30.0;
 /// Reads a motion: `smpl_poses` (F, 72) or (F, 24, 3), `smpl_trans` (F, 3), `smpl_scaling` of one element. Without
 /// `smpl_scaling` it is a dance generator's, in metres.
 ///
-/// The clip is on SMPL-24, at [`FPS`], for a generator's at [`GENERATED_FPS`] with a warning, or at the rate in the options.
+/// The clip is on SMPL-24, at [`FPS`], for a generator's at [`GENERATED_FPS`] with a warning, or at the rate in the
+/// options.
 ///
 /// # Errors
 /// [`FaultKind::PickleRefused`] for a pickle that names or calls anything but numpy's arrays; [`FaultKind::PickleBad`] for a

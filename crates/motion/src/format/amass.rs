@@ -1,8 +1,8 @@
 //! AMASS: reads SMPL, SMPL+H and SMPL-X motions in `.npz`; writes SMPL+H.
 //!
-//! AMASS has z up, unless the options give another axis: (x, y, z) becomes (x, z, -y). `trans` is not the pelvis: SMPL rotates the body about its rest pelvis and
-//! then adds `trans`, so the pelvis is at `rest_pelvis + trans`. Without a body model the rest pelvis is
-//! [`smpl::REST_PELVIS`] and the bones are the neutral skeleton's. Fingers, jaw and eyes are dropped.
+//! AMASS has z up, unless the options give another axis: (x, y, z) becomes (x, z, -y). `trans` is not the pelvis: SMPL
+//! rotates the body about its rest pelvis and then adds `trans`, so the pelvis is at `rest_pelvis + trans`. Without a body
+//! model the rest pelvis is [`smpl::REST_PELVIS`] and the bones are the neutral skeleton's. Fingers, jaw and eyes are dropped.
 
 use super::array::Array;
 use super::body_model;

@@ -37,7 +37,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("corpus order", "corpus config steps seed out force trust", &[]),
     ("corpus stats", "json trust", &[]),
     ("demo", "out force seed train steps music device form", &[]),
-    ("evaluate baselines", "corpus tokens json floors", &[]),
+    ("evaluate baselines", "corpus tokens json floors floors-from", &[]),
     ("evaluate dance", "compare real copying features fidelity beats music plot json trust", &[READING]),
     (
         "evaluate gaps",

@@ -66,7 +66,7 @@ fn a_run_goes_on_and_says_how_it_was_asked() {
     place.call("aclstm resume euler --steps 1").assert().code(2).stderr(contains("the run has done 4"));
     place.done("aclstm resume euler --set steps=5 --set learning_rate=1e-5");
     let config = fs::read_to_string(place.at("euler/config.toml")).unwrap();
-    assert!(config.contains("steps = 5\n") && config.contains("learning_rate = 1e-5\n"), "{config}");
+    assert!(config.contains("steps = 5\n") && config.contains("learning_rate = 0.00001\n"), "{config}");
     let refused = "--set width: weights, optimizer and sequences depend on it";
     place.call("aclstm resume euler --set width=8").assert().code(2).stderr(contains(refused));
     let listed = place.call("runs list").assert().success().stderr("");

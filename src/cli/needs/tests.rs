@@ -37,7 +37,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("corpus order", "corpus config steps seed out force trust", &[]),
     ("corpus stats", "json trust", &[]),
     ("demo", "out force seed train steps music device form", &[]),
-    ("evaluate baselines", "corpus tokens json floors", &[]),
+    ("evaluate baselines", "corpus tokens json floors floors-from", &[]),
     ("evaluate dance", "compare real copying features fidelity beats music plot json trust", &[READING]),
     (
         "evaluate gaps",
@@ -183,7 +183,8 @@ fn every_option_stands_alone_or_needs_another() {
 fn base(command: &str, option: &str) -> &'static str {
     match (command, option) {
         ("generate", "joints" | "from-frame" | "given" | "free") => "--out a.bvh --frames 5",
-        // these conflict with what --loop conflicts with
+        ("generate", "loop") => "--out a.bvh --music b.wav",
+        // --loop, which one of these needs, conflicts with --seconds
         ("generate", _) => "--out a.bvh --seconds 5",
         ("generate timeline", _) => "a.toml --out a.bvh",
         ("filter" | "view", _) => "a.bvh --out a",
@@ -215,6 +216,9 @@ fn words_of(command: &Command, option: &str) -> Vec<String> {
         "split" => "valid",
         "loop-over" | "blend" => "5s",
         "given" | "free" => "left_arm",
+        "bins" => "2",
+        "device" => "cpu",
+        "form" => "auto",
         _ => "1",
     };
     let value = value.map(String::from).or(own).unwrap_or(fitting.into());

@@ -1,5 +1,6 @@
 #!/bin/sh
-# The tables of docs/results/interpolation.md: two dances and what lies between, by DCT, PCA and STFT, over twelve pairs of each set.
+# The tables of docs/results/interpolation.md: two dances and what lies between, by DCT, PCA and STFT, over twelve pairs of
+# each set, and how many blends of the test salsas shake, at five times.
 #
 #     sh ../shared/data/unpack.sh DATA && scripts/reproduce/interpolation.sh DATA ../shared/data/splits OUT
 #
@@ -7,7 +8,7 @@
 # tables. KINELM names the program (target/release/kinelm).
 set -eu
 here=$(cd "$(dirname "$0")/../.." && pwd)
-[ $# -eq 3 ] || { sed -n '2,7s/^# *//p' "$0" >&2; exit 2; }
+[ $# -eq 3 ] || { sed -n '2,8s/^# *//p' "$0" >&2; exit 2; }
 kinelm=${KINELM:-$here/target/release/kinelm}
 fail() { echo "interpolation.sh: $*" >&2; exit 1; }
 [ -x "$kinelm" ] || fail "$kinelm is not there; build it with cargo build --release, or name it by KINELM"

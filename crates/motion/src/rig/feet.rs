@@ -1,7 +1,7 @@
 //! The feet of a rig, and their clearance above the floor.
 //!
 //! A body's *feet* are its ankles and balls (SMPL's 7, 8 and 10, 11), each with its height in a standing pose, and the ends
-//! of its toes. The toes' ends count where feet are locked and measured, not where the [floor](super::floor) is detected.
+//! of its toes. The toes' ends count where feet are locked and measured, not where the [floor](mod@super::floor) is detected.
 
 use super::{ReferencePose, SkeletonMap};
 use crate::{Clip, EndSite, GlobalPose, Result, Skeleton, Vec3, smpl};

@@ -190,6 +190,19 @@ mod tests {
     }
 
     #[test]
+    fn labels_before_a_free_first_slot_are_read_once() {
+        let given = [false, true, false, true, true];
+        for front in [vec![1], vec![1, 3], vec![1, 3, 4]] {
+            let one = SamplingPlan { fronts: vec![(0, front)], ..plan(3, &given, &PROMPT, Sampling::temperature(3.0)) };
+            let best = run(100, &SamplingPlan { first_frames: 4, ..one.clone() }).unwrap().0;
+            let of = |candidate: usize| {
+                run(100, &SamplingPlan { seed: candidate_seed(one.seed, candidate), ..one.clone() }).unwrap().0
+            };
+            assert!((0..4).map(of).any(|ids| ids == best), "{best:?}");
+        }
+    }
+
+    #[test]
     fn candidates_are_sampled_without_truncation_and_later_words_with_it() {
         let given = [false, true, false, true, true];
         let certain = Sampling { top_k: Some(1), ..Sampling::temperature(3.0) };

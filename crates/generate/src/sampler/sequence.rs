@@ -263,8 +263,9 @@ impl Sequence {
         if self.plan.streams() > 1 {
             self.unconditioned.clone_from(&self.block);
         }
-        if let Some(guidance) = self.plan.guidance.as_ref().filter(|_| self.read == 0 && !self.block.is_empty()) {
-            self.unconditioned[..guidance.unconditioned.len()].copy_from_slice(&guidance.unconditioned);
+        let front = self.plan.guidance.as_ref().and_then(|guidance| guidance.unconditioned.get(self.read..));
+        for (token, unconditioned) in self.unconditioned.iter_mut().zip(front.unwrap_or_default()) {
+            *token = *unconditioned;
         }
         self.read
     }
@@ -276,9 +277,8 @@ impl Sequence {
             return;
         }
         let front = self.plan.fronts.get(self.front).map_or(&[][..], |(_, front)| front);
-        if self.read == 0 {
-            self.block.extend_from_slice(front);
-        }
+        // of a front that is read, the last token is read again where the first slot behind it is free
+        self.block.extend_from_slice(front.get(self.read..).unwrap_or_default());
         self.block.extend_from_slice(&self.ids[self.first + self.read.saturating_sub(front.len())..]);
         // a new window is read without guesses: logits would be computed for all its rows
         if self.read > 0 {

@@ -163,7 +163,7 @@ fn upright(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> Option<Quat> {
 }
 
 /// The 24 pairs of orthogonal signed axes.
-fn quarter_axes() -> impl Iterator<Item = (Vec3, Vec3)> {
+pub(super) fn quarter_axes() -> impl Iterator<Item = (Vec3, Vec3)> {
     let axes = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
     axes.into_iter().flat_map(move |x| axes.into_iter().filter(move |y| x.dot(*y) == 0.0).map(move |y| (x, y)))
 }

@@ -2,6 +2,7 @@
 //! joints stand to each other in the mean of a clip.
 
 use crate::rig::SkeletonMap;
+use crate::rig::reference::quarter_axes;
 use crate::rotation::{Mat3, nearest_sign, swing};
 use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, smpl};
 
@@ -29,9 +30,17 @@ pub(super) fn reference(rig: &Skeleton, joints: &[Option<usize>; 24], clip: Opti
     made(rig, joints, clip)
 }
 
-/// Whether a body stands upright with straight legs in the reference pose of a map, with these joints by SMPL id.
+/// Whether a body stands upright with straight legs in the reference pose of a map, with these joints by SMPL id, however
+/// a program turned the file by quarters: the pose is given in axes with y up.
 pub(in crate::rig) fn is_straight(rig: &Skeleton, map: &SkeletonMap, joints: &[Option<usize>; 24]) -> bool {
-    stands(&GlobalPose::new(rig, Vec3::ZERO, &map.local_reference(rig)), joints, STRAIGHT)
+    let local = map.local_reference(rig);
+    let stands_in = |turn: &Mat3| {
+        let offsets = rig.offsets().iter().map(|&o| *turn * o).collect();
+        let turned = Skeleton::new(rig.names().to_vec(), rig.parents().to_vec(), offsets, Vec::new());
+        turned.is_ok_and(|turned| stands(&GlobalPose::new(&turned, Vec3::ZERO, &local), joints, STRAIGHT))
+    };
+    let turns = quarter_axes().map(|(x, y)| Mat3::from_cols(x, y, x.cross(y)));
+    std::iter::once(Mat3::IDENTITY).chain(turns).any(|turn| stands_in(&turn))
 }
 
 /// As [`reference`], for a rig whose rest pose is replaced only if no body stands in it.

@@ -11,13 +11,13 @@ pub struct RigArgs {
     #[arg(long, value_name = "NAME|FILE")]
     pub skeleton: Option<String>,
     /// The skeleton map of the --skeleton file [default: found by its joints]
-    #[arg(long, value_name = "NAME|FILE", requires = "skeleton")]
+    #[arg(long, value_name = "NAME|FILE")]
     skeleton_map: Option<String>,
     /// The unit of the --skeleton file [default: auto]
-    #[arg(long, value_name = "UNIT", requires = "skeleton")]
+    #[arg(long, value_name = "UNIT")]
     skeleton_unit: Option<Unit>,
     /// The root to read of the --skeleton file, where it has several
-    #[arg(long, value_name = "NAME", requires = "skeleton")]
+    #[arg(long, value_name = "NAME")]
     skeleton_root: Option<String>,
 }
 

@@ -41,7 +41,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("evaluate dance", "compare real copying features fidelity beats music plot json trust", &[READING]),
     (
         "evaluate gaps",
-        "run corpus split frames gaps samples goal-guidance feet seed weights kv device form json \
+        "run corpus split frames gaps samples goal-guidance passes feet seed weights kv device form json \
          trust",
         &[DRAWING],
     ),
@@ -60,20 +60,20 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     (
         "generate timeline",
         "run out label music guidance goal-guidance frames seconds fps variations seed first-frames lead-in \
-         rig uncoded-joints feet blend tries guesses best force weights kv device form",
+         rig uncoded-joints feet blend tries passes guesses best force weights kv device form",
         &[DRAWING],
     ),
     (
         "generate",
         "prompt run out label music guidance frames seconds fps variations seed first-frames lead-in feet \
-         guesses best force weights kv device form",
+         passes guesses best force weights kv device form",
         &[DRAWING],
     ),
     ("import", "run", &[]),
     ("inspect", "json map-out", &[READING]),
     (
         "interpolate",
-        "out page transform keep window whole fps at-a at-b keep-heading strength amount plain rate steps \
+        "out page coordinates transform keep window whole fps at-a at-b keep-heading strength amount plain rate steps \
          json force",
         &[READING],
     ),

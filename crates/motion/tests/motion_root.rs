@@ -156,7 +156,7 @@ fn a_dance_goes_onto_a_rig_with_a_root_above() {
     let rig = read("rig.bvh", bvh_text(&dance, true).as_bytes(), &ReadOptions::default()).unwrap();
     let other = synth::corpus(9, 1, 2.0, FPS).unwrap().remove(0).clip;
     let motion = Motion { path: "o.json".into(), clip: other.clone(), source: Source::Plain, warnings: vec![] };
-    let options = ConvertOptions { rig: Some(TargetRig::OfFile(Box::new(rig))), ..Default::default() };
+    let options = ConvertOptions { rig: Some(TargetRig::of_motion(rig, None).unwrap()), ..Default::default() };
     let on_rig = convert(motion, &options, None).unwrap();
     let bytes = format::to_bytes(Path::new("o.bvh"), &on_rig).unwrap();
     let again = read("o.bvh", &bytes, &ReadOptions::default()).unwrap().clip;

@@ -162,7 +162,7 @@ fn a_trunk_that_goes_elsewhere_is_doubted() {
 }
 
 fn metres() -> ReadOptions {
-    ReadOptions { unit: Unit::Metre, ..ReadOptions::default() }
+    ReadOptions { unit: Unit::METRE, ..ReadOptions::default() }
 }
 
 fn plain(clip: &Clip) -> Motion {
@@ -343,7 +343,7 @@ fn a_target_rig_is_read_by_its_own_options() {
     for (old, new) in own.names().iter().zip(&numbered) {
         map = map.replace(&format!("\"{old}\""), &format!("\"{new}\""));
     }
-    let options = RigOptions { unit: Unit::Metre, ..RigOptions::default() };
+    let options = RigOptions { unit: Unit::METRE, ..RigOptions::default() };
     // one frame of numbered bones tells too little, and the message is about that file
     if let Err(e) = TargetRig::load(name, &options) {
         assert!(e.to_string().starts_with(name), "{e}");
@@ -356,7 +356,7 @@ fn a_target_rig_is_read_by_its_own_options() {
     assert_eq!((on.skeleton().names()[0].as_str(), on.frames()), ("q0", 60));
     let named = Skeleton::new(numbered, own.parents().to_vec(), own.offsets().to_vec(), Vec::new()).unwrap();
     assert!(off(&on, &clip.clone().with_skeleton(Arc::new(named)).unwrap()) < 1e-5);
-    let e = TargetRig::load(name, &RigOptions { map: Some("cmu".into()), unit: Unit::Metre, root: None }).unwrap_err();
+    let e = TargetRig::load(name, &RigOptions { map: Some("cmu".into()), unit: Unit::METRE, root: None }).unwrap_err();
     assert!(e.to_string().starts_with(name) && e.to_string().contains("finds no pelvis"), "{e}");
 }
 

@@ -70,7 +70,7 @@ fn amass_files_of_all_kinds() {
             betas: about["betas"].as_u64().unwrap() as usize,
             rest_pelvis: smpl::REST_PELVIS,
             body_model: false,
-            axes: Axes { up: Up::Z, rest_too: false, by: UpSource::Given },
+            axes: Axes { up: Up::Z, rest_too: false, by: UpSource::Given, mirror: None },
         };
         assert_eq!(motion.source, source, "{name}");
     }
@@ -115,7 +115,7 @@ fn aist_files_of_all_protocols() {
     for (name, values) in files {
         let motion = read_aist(name, &ReadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
         check_clip(name, &motion.clip, &all["expected"][values.as_str().unwrap()]);
-        let axes = Axes { up: Up::Y, rest_too: false, by: UpSource::Given };
+        let axes = Axes { up: Up::Y, rest_too: false, by: UpSource::Given, mirror: None };
         let source = Source::Aist { scaling: 93.5, rest_pelvis: smpl::REST_PELVIS, body_model: false, axes };
         assert_eq!(motion.source, source, "{name}");
     }

@@ -69,7 +69,7 @@ fn set(options: &mut ReadOptions, key: &str, value: &str) -> Result<()> {
             options.bvh_position = BvhPosition::from_str(value, false).map_err(|_| wrong("replace or add"))?;
         }
         "mirror" => options.mirror_axis = Some(MirrorAxis::from_str(value, false).map_err(|_| wrong("x, y or z"))?),
-        _ => return Err(wrong("one of fps, skip, up, mirror, unit, map, root, take, rest and position").into()),
+        _ => return Err(wrong("one of fps, skip, up, unit, map, root, take, mirror, rest and position").into()),
     }
     Ok(())
 }

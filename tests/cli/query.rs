@@ -236,8 +236,8 @@ fn what_is_wrong_is_said_and_nothing_is_left() {
         .stderr(contains("hop 64 frames").and(contains("hop 32 frames, as requested")));
     let path = data.at("index/index.json");
     let text = fs::read_to_string(&path).unwrap();
-    fs::write(&path, text.replace("\"version\": 3", "\"version\": 9")).unwrap();
-    let says = contains("found version 9").and(contains("expected version 3; build the index again"));
+    fs::write(&path, text.replace("\"version\": 4", "\"version\": 9")).unwrap();
+    let says = contains("found version 9").and(contains("expected version 4; build the index again"));
     data.find("data/d0.bvh", "index").assert().code(1).stderr(says);
     assert_eq!(names(&data.at("index")), ["index.json", "part-0001"]);
 }

@@ -149,7 +149,7 @@ fn the_best_of_several_is_kept_and_made_again() {
         ("--best 3 --variations 4", "--variations 4 of --best 3; expected as many at most"),
         ("--best 3 --greedy", "cannot be used with"),
         ("--best 3 --real data", "no corpus.json"),
-        ("--real corpus", "--best <N>"),
+        ("--real corpus", "--real needs --best"),
         ("--best 1", "2..=16"),
     ] {
         let call = format!("generate --run run --seconds 3 {call} --out refused.bvh");

@@ -84,7 +84,7 @@ impl Way {
     fn corpus_to_likelihood(&self) {
         self.tokenize("corpus", &[]);
         let manifest: Value = serde_json::from_slice(&fs::read(self.at("corpus/corpus.json")).unwrap()).unwrap();
-        assert_eq!((&manifest["version"], &manifest["tokens_per_word"]), (&Value::from(4), &Value::Null));
+        assert_eq!((&manifest["version"], &manifest["tokens_per_word"]), (&Value::from(5), &Value::Null));
         assert_eq!(manifest["frames_per_word"], self.tokenizer.frames_per_word());
         assert_eq!(manifest["count"]["frames"], self.frames);
         let clips = fs::read_to_string(self.at("corpus/clips.jsonl")).unwrap();

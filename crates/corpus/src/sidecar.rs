@@ -48,12 +48,19 @@ pub fn output_read_options(dance: &Path, clip: Option<(&Path, &ReadOptions)>) ->
     let Some((path, read)) = clip else { return ReadOptions { up, ..ReadOptions::default() } };
     let own = ReadOptions { up, map: read.map.clone(), floor: read.floor, ..ReadOptions::default() };
     if Format::of_name(path) != format {
-        return own;
+        // a rig that is no BVH is written as one in centimetres, which its legs need not tell
+        let unit = if format == Some(Format::Bvh) { Unit::CENTIMETRE } else { Unit::Auto };
+        return ReadOptions { unit, ..own };
     }
     let up = if keeps_axes { read.up } else { up };
-    let mirror_axis = read.mirror_axis.filter(|_| matches!(format, Some(Format::Bvh | Format::Json)));
+    let mirror_axis = read.mirror_axis.filter(|_| keeps_axes);
+    let own = ReadOptions { up, mirror_axis, ..own };
+    if format != Some(Format::Bvh) {
+        // written in metres, from the clip's root on
+        return own;
+    }
     let ReadOptions { unit, bvh_position, .. } = *read;
-    ReadOptions { up, unit, bvh_position, root: read.root.clone(), mirror_axis, ..own }
+    ReadOptions { unit, bvh_position, root: read.root.clone(), ..own }
 }
 
 /// The options for a dance with a sidecar among several files: the sidecar's, except those that don't depend on the file's
@@ -146,6 +153,20 @@ mod tests {
             assert_eq!((up(&dance, &clip), up(&dance, "b.bvh")), (Up::Auto, Up::Auto), "{format}");
         }
         assert_eq!((up("a.bvh", "b.bvh"), up("a.json", "b.json"), up("a.bvh", "b.glb")), (Up::Z, Up::Z, Up::Y));
+    }
+
+    #[test]
+    fn dances_are_read_in_the_unit_that_they_are_written_in() {
+        let (unit, root) = (Unit::MILLIMETRE, Some("hips".to_owned()));
+        let read = ReadOptions { unit, root: root.clone(), ..ReadOptions::default() };
+        let of = |dance: &str, clip: &str| {
+            let own = output_read_options(Path::new(dance), Some((Path::new(clip), &read)));
+            (own.unit, own.root)
+        };
+        assert_eq!((of("a.bvh", "b.bvh"), of("a.bvh", "b.fbx")), ((unit, root), (Unit::CENTIMETRE, None)));
+        for name in ["a.glb", "a.json", "a.npz"] {
+            assert_eq!((of(name, name), of(name, "b.bvh")), ((Unit::Auto, None), (Unit::Auto, None)));
+        }
     }
 
     #[test]

@@ -53,12 +53,12 @@ fn damage_is_named() {
     for (file, bytes, expected) in [
         (
             MANIFEST,
-            manifest.replace("\"version\": 4", "\"version\": 9").into_bytes(),
+            manifest.replace("\"version\": 5", "\"version\": 9").into_bytes(),
             "found version 9, expected version 5; use a newer kinelm",
         ),
         (
             MANIFEST,
-            manifest.replace("\"version\": 4", "\"version\": 1").into_bytes(),
+            manifest.replace("\"version\": 5", "\"version\": 1").into_bytes(),
             "found version 1, expected version 5; make it again",
         ),
         (MANIFEST, manifest[..40].into(), "corpus.json:"),

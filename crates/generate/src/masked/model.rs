@@ -3,6 +3,7 @@
 use crate::{Error, Result};
 use kinelm_model::fast::{Fast, Windows};
 use kinelm_model::{Compute, Gpt, KvKind, LoadedRun, ReaderOptions, Scores, WeightKind};
+use kinelm_store::Subject;
 
 /// A model that sees a whole window at once.
 pub trait MaskedModel: Send {
@@ -55,7 +56,7 @@ impl MaskedModel for Gpt {
 pub fn masked_model(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Result<Box<dyn MaskedModel>> {
     if (reading.weights, reading.kv) != (WeightKind::F32, KvKind::F32) {
         return Err(Error::unsupported(
-            format!("`weights` as {:?}, `kv` as {:?}", reading.weights, reading.kv),
+            Subject::of_parameter("weights").with(format!("as {:?}, `kv` as {:?}", reading.weights, reading.kv)),
             "a masked model reads whole windows, in F32 alone; leave them out",
         ));
     }

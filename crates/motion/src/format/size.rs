@@ -17,8 +17,11 @@ const UNITS: [(&str, f64); 7] =
     [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("in", 0.0254), ("cmu", 0.0564444), ("dm", 0.1), ("ft", 0.3048)];
 /// What to do about a unit that isn't known.
 pub(crate) const GIVE_UNIT: &str = "give `unit`: m, dm, cm, mm, in, ft, cmu, or metres as 0.0725 m";
-/// Legs of somebody, metres.
+/// Legs of somebody, and of an adult, metres.
 const BODY_LEGS_M: RangeInclusive<f64> = 0.25..=1.3;
+const ADULT_LEGS_M: RangeInclusive<f64> = 0.6..=1.1;
+/// How far what no map knows extends, metres.
+const ANYTHING_M: RangeInclusive<f64> = 0.2..=5.0;
 /// The height of a person, and by how much a body may be taller or shorter.
 const PERSON_M: f64 = 1.7;
 const AS_A_PERSON: f64 = 1.5;
@@ -124,11 +127,14 @@ pub(crate) fn doubt(clip: &Clip, map: Option<&SkeletonMap>, unit_m: f64) -> Opti
     let (what, length, is_body, better_m) = match legs {
         Some(legs) => {
             let length: f64 = legs.iter().map(|&j| clip.skeleton().offsets()[j].length()).sum();
-            ("the legs are", length, BODY_LEGS_M.contains(&length), unit_of_leg(length / unit_m))
+            let numbers = length / unit_m;
+            let better = UNITS.iter().find(|(_, metres)| ADULT_LEGS_M.contains(&(numbers * metres)));
+            ("the legs are", length, BODY_LEGS_M.contains(&length), better.map(|(_, metres)| *metres))
         }
         None => {
             let extent = extent(clip);
-            let is_body = extent == 0.0 || (extent / PERSON_M).ln().abs() <= AS_A_PERSON.ln();
+            // a rig that no map knows need not be a person
+            let is_body = extent == 0.0 || ANYTHING_M.contains(&extent);
             ("the body is", extent, is_body, likeliest(extent / unit_m).map(|p| p.1))
         }
     };

@@ -144,7 +144,13 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         return Err(fault.help("give the true rate as `fps_source`").into());
     }
     let mut motion = rest::handle_rest_frame(motion, options);
-    motion.warnings.extend(rig::warnings(&motion.clip, options.map.as_deref()));
+    let found = match rig::find_map(&motion.clip, options.map.as_deref()) {
+        Err(e) if options.map.is_some() => return Err(e),
+        found => found.ok(),
+    };
+    if let Some(found) = &found {
+        motion.warnings.extend(rig::warnings(&motion.clip, found));
+    }
     let unit_m = match &motion.source {
         Source::Bvh(bvh) => Some(bvh.rig.unit_m),
         // their readers know what the file states
@@ -152,8 +158,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         _ => Some(options.unit.metres().unwrap_or(1.0)),
     };
     if let Some(unit_m) = unit_m {
-        let map = map_if_any(motion.clip.skeleton(), Some(&motion.clip), options.map.as_deref())?;
-        motion.warnings.extend(size::doubt(&motion.clip, map.as_ref(), unit_m));
+        motion.warnings.extend(size::doubt(&motion.clip, found.as_ref().map(|found| &found.map), unit_m));
     }
     // a body of a wrong size falls at a wrong rate too
     let is_doubted = motion.warnings.iter().any(|w| w.kind == "size_doubted");

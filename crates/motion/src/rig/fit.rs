@@ -1,7 +1,7 @@
 //! How well a map fits a clip: which joints it finds, whether the body stands in its reference pose, where the trunk goes
 //! on SMPL's body, and whether the feet point ahead.
 
-use super::find::{self, find_map, trunk};
+use super::find::{self, FoundMap, trunk};
 use super::{ReferencePose, SkeletonMap};
 use crate::series::linear_quantile;
 use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, Warning, smpl};
@@ -45,9 +45,8 @@ pub fn fit(clip: &Clip, map: &SkeletonMap) -> MapFit {
 }
 
 /// What reading a clip says of its map: that it was recognised or needed a reference pose, and doubts of the body.
-pub(crate) fn warnings(clip: &Clip, map: Option<&str>) -> Vec<Warning> {
-    let Ok(found) = find_map(clip, map) else { return Vec::new() };
-    find::warning(&found).into_iter().chain(fit(clip, &found.map).doubts(clip.skeleton())).collect()
+pub(crate) fn warnings(clip: &Clip, found: &FoundMap) -> Vec<Warning> {
+    find::warning(found).into_iter().chain(fit(clip, &found.map).doubts(clip.skeleton())).collect()
 }
 
 impl MapFit {

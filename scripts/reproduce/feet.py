@@ -1,7 +1,8 @@
 """What feet.sh measures. Plain Python; kinematics of its own, so that kinelm isn't measured by kinelm.
 
-    feet.py toes REAL SKIP DANCE..   per dance: percent of its frames in which the lowest toe end is more than 2 cm below
-                                     the 5th percentile of the real clip's; jitter of ankles and knees, m/s^3
+    feet.py toes REAL SKIP FLOOR DANCE..   per dance, which stands on y = 0: percent of its frames in which the lowest toe
+                                     end is more than 2 cm below the 5th percentile of the real clip's above its FLOOR,
+                                     metres; jitter of ankles and knees, m/s^3
     feet.py repeat CLIP OUT SECONDS  CLIP again and again, for so long
 
 Files are the BVH of cmu-dance or dances on its rig: centimetres, feet without balls, their toes end sites.
@@ -112,8 +113,8 @@ def measured(path, skip=0):
     return lowest, ankles, knees
 
 
-def toes(real, skip, dances):
-    lowest = measured(real, int(skip))[0]
+def toes(real, skip, floor, dances):
+    lowest = [y - float(floor) for y in measured(real, int(skip))[0]]
     below = sorted(lowest)[round(0.05 * (len(lowest) - 1))] - 0.02
     share = lambda heights: 100 * sum(y < below for y in heights) / len(heights)
     print(f"{real}: {share(lowest):.1f} %")
@@ -132,8 +133,8 @@ def repeat(path, out, seconds):
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["toes"] and len(sys.argv) > 4:
-        toes(sys.argv[2], sys.argv[3], sys.argv[4:])
+    if sys.argv[1:2] == ["toes"] and len(sys.argv) > 5:
+        toes(sys.argv[2], sys.argv[3], sys.argv[4], sys.argv[5:])
     elif sys.argv[1:2] == ["repeat"] and len(sys.argv) == 5:
         repeat(*sys.argv[2:])
     else:

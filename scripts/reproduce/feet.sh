@@ -21,7 +21,9 @@ for clip in salsa/03 salsa/07 salsa/11 salsa/18 salsa/22 salsa/26 indian/13 indi
             --fps-source $rate --fps "${FPS:-$rate}" --skip 10 --joints "${JOINTS:-root,torso,right_arm}" --rig prompt \
             --seconds 12 --feet $feet --out "$name-$feet.bvh" --quiet
     done
-    $python "$here/scripts/reproduce/feet.py" toes "$data/$clip.bvh" 10 "$name-off.bvh" "$name-lock.bvh"
+    floor=$("$kinelm" inspect --json --skip 10 "$data/$clip.bvh" |
+        $python -c 'import json, sys; print(json.load(sys.stdin)["floor_m"])')
+    $python "$here/scripts/reproduce/feet.py" toes "$data/$clip.bvh" 10 "$floor" "$name-off.bvh" "$name-lock.bvh"
 done
 
 # the same body on SMPL's rig, whose toes are joints

@@ -1,7 +1,7 @@
 //! Reference poses: the T-pose or A-pose facing +z in which two bodies are compared.
 
 use super::{Recognised, SkeletonMap};
-use crate::rotation::Mat3;
+use crate::rotation::{Mat3, quarter_axes};
 use crate::{Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 
 /// A rig in its reference pose, with its joints by SMPL id.
@@ -160,10 +160,4 @@ fn upright(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> Option<Quat> {
         }
     }
     Some(best.1)
-}
-
-/// The 24 pairs of orthogonal signed axes.
-pub(super) fn quarter_axes() -> impl Iterator<Item = (Vec3, Vec3)> {
-    let axes = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
-    axes.into_iter().flat_map(move |x| axes.into_iter().filter(move |y| x.dot(*y) == 0.0).map(move |y| (x, y)))
 }

@@ -76,6 +76,12 @@ pub fn heading(q: Quat) -> Option<f64> {
     (z.x.hypot(z.z) > 1e-6).then(|| z.x.atan2(z.z))
 }
 
+/// The 24 pairs of orthogonal signed axes.
+pub(crate) fn quarter_axes() -> impl Iterator<Item = (Vec3, Vec3)> {
+    let axes = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
+    axes.into_iter().flat_map(move |x| axes.into_iter().filter(move |y| x.dot(*y) == 0.0).map(move |y| (x, y)))
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;

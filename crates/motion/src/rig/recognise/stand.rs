@@ -2,8 +2,7 @@
 //! joints stand to each other in the mean of a clip.
 
 use crate::rig::SkeletonMap;
-use crate::rig::reference::quarter_axes;
-use crate::rotation::{Mat3, nearest_sign, swing};
+use crate::rotation::{Mat3, nearest_sign, quarter_axes, swing};
 use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, smpl};
 
 /// Frames of a clip that are looked at, evenly spaced.

@@ -21,7 +21,7 @@ pub enum TargetRig {
 }
 
 /// How the file of a [`TargetRig`] is read.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct RigOptions {
     /// Its skeleton map by name or path, or its TOML; `None` finds it.
     pub map: Option<String>,

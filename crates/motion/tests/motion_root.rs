@@ -353,3 +353,77 @@ fn a_unit_is_heard_for_every_format() {
         assert!(motion.warnings.iter().all(|w| w.kind != "size_doubted"), "{:?}", motion.warnings);
     }
 }
+
+#[test]
+fn what_is_beside_goes_on_between_the_rows_of_the_file() {
+    let dance = dance();
+    let text = bvh_text(&dance, true);
+    let motion = read("a.bvh", text.as_bytes(), &ReadOptions::default()).unwrap();
+    // twice the rate: every second row is the file's, the others lie between
+    let twice = kinelm_motion::resample::resample(&motion.clip, 2.0 * FPS, kinelm_motion::resample::Method::Smooth);
+    let written = String::from_utf8(source(&motion).to_bytes(&twice.unwrap()).unwrap()).unwrap();
+    let last = |row: Vec<f64>| row[row.len() - 1];
+    let turns: Vec<f64> = (0..6).map(|f| last(numbers(&written, f))).collect();
+    assert_eq!(turns, [0.0, 0.5, 1.0, 1.5, 2.0, 2.5]);
+    // a part of the clip begins with the rows of its first frame
+    let part = motion.slice(30..60);
+    let written = String::from_utf8(bvh::to_bytes(&part).unwrap()).unwrap();
+    assert_eq!(last(numbers(&written, 0)), 30.0);
+}
+
+#[test]
+fn a_joint_above_a_body_is_named_with_the_body_s_path() {
+    let clip = carried_clip(&dance());
+    let group = |name: &str| {
+        Clip::new(
+            Arc::new(
+                Skeleton::new(
+                    [&["world".to_owned(), "group".to_owned()], clip.skeleton().names()].concat(),
+                    [None, Some(0)]
+                        .into_iter()
+                        .chain(clip.skeleton().parents().iter().map(|p| Some(p.map_or(1, |p| p + 2))))
+                        .collect(),
+                    [&[Vec3::ZERO, Vec3::X], clip.skeleton().offsets()].concat(),
+                    vec![],
+                )
+                .unwrap_or_else(|e| panic!("{name}: {e}")),
+            ),
+            FPS,
+            clip.root().to_vec(),
+            (0..clip.frames()).flat_map(|f| [[Quat::IDENTITY; 2].to_vec(), clip.pose(f).to_vec()].concat()).collect(),
+        )
+        .unwrap()
+    };
+    let bytes = json::write(&group("group"));
+    let of = |root: Option<&str>| {
+        let options = ReadOptions { root: root.map(str::to_owned), ..Default::default() };
+        read("a.json", &bytes, &options).unwrap().clip
+    };
+    assert_eq!(of(None), of(Some("group")));
+    assert_eq!(of(Some("group")).skeleton().names()[0], "pelvis");
+}
+
+#[test]
+fn a_body_that_faces_between_the_axes_at_rest_keeps_its_pose() {
+    use kinelm_motion::retarget::to_smpl;
+    let dance = dance();
+    let expected = dance.positions();
+    for degrees in [10.0f64, 37.0, 45.0, -60.0] {
+        // as below a turned armature: all bones at rest, and what the root does, turned about y
+        let turn = Quat::from_rotation_y(degrees.to_radians());
+        let rig = dance.skeleton();
+        let offsets = rig.offsets().iter().map(|o| turn * *o).collect();
+        let names = rig.names().iter().map(|name| format!("b_{name}")).collect();
+        let rig = Skeleton::new(names, rig.parents().to_vec(), offsets, vec![]).unwrap();
+        let turned = |q: &Quat| turn * *q * turn.inverse();
+        let root = dance.root().iter().map(|p| turn * *p).collect();
+        let rotations = dance.rotations().iter().map(turned).collect();
+        let clip = Clip::new(Arc::new(rig), FPS, root, rotations).unwrap();
+        let motion = Motion { path: "y.json".into(), clip, source: Source::Plain, warnings: vec![] };
+        let found = to_smpl(&motion, Some("smpl")).or_else(|_| to_smpl(&motion, None)).unwrap();
+        for (a, b) in found.positions().iter().zip(&expected) {
+            // the path is turned with the world, the pose too
+            assert!((turn.inverse() * *a).distance(*b) < 1e-3, "{degrees}: {a} {b}");
+        }
+    }
+}

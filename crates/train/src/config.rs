@@ -431,7 +431,6 @@ impl TrainConfig {
             check(found == 0 || self.eval_every > 0, key, found.to_string(), limits)
         };
         measured("patience", self.patience)?;
-        measured("sample_every", self.sample_every)?;
         let once = in_order(&self.conditions).len() == self.conditions.len();
         check(once, "conditions", self.conditions.join(", "), "every field once")?;
         number((0.0..=1.0).contains(&self.gaps), "gaps", self.gaps, "0 to 1")?;

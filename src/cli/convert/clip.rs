@@ -65,5 +65,5 @@ pub fn cut(args: &Args, motion: Motion) -> Result<Motion> {
     if from >= to {
         return Err(WrongCall(format!("--from frame {from}, --to frame {to}: nothing lies between")).into());
     }
-    Ok(Motion { clip: motion.clip.slice(from..to), ..motion })
+    Ok(motion.slice(from..to))
 }

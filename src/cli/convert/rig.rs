@@ -1,5 +1,6 @@
 //! The rig that clips are put on, and how its file is read: none of the options of reading the clips.
 
+use crate::cli::WrongCall;
 use anyhow::Result;
 use kinelm_motion::convert::{RigOptions, TargetRig};
 use kinelm_motion::format::Unit;
@@ -29,6 +30,12 @@ impl RigArgs {
             unit: self.skeleton_unit.unwrap_or_default(),
             root: self.skeleton_root.clone(),
         };
+        let is_smpl = self.skeleton.as_deref() == Some("smpl");
+        if is_smpl && options != RigOptions::default() {
+            let what =
+                "--skeleton smpl is no file; --skeleton-map, --skeleton-unit and --skeleton-root say how one is read";
+            return Err(WrongCall(what.into()).into());
+        }
         Ok(self.skeleton.as_deref().map(|name| TargetRig::load(name, &options)).transpose()?)
     }
 

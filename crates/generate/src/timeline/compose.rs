@@ -103,7 +103,14 @@ impl TimelineLayout {
         // the rig is as its own clip says, not as rows say that are to be filled yet
         let head = parse_header(&own.file, &text, &read)?;
         let (numbers, _) = head.rows(&own.file, &text, &read)?;
-        let composed = BvhSource { head, numbers, frames: self.frames, rig: source.rig.clone(), floor_m: None };
+        let composed = BvhSource {
+            head,
+            numbers,
+            frames: self.frames,
+            read_fps: source.read_fps,
+            rig: source.rig.clone(),
+            floor_m: None,
+        };
         Ok(composed.spliced(&text, &clip, &changed)?)
     }
 

@@ -162,7 +162,13 @@ pub(super) fn choose_take(
     if let Some(name) = name {
         let found = names.iter().position(|n| n == name);
         return match found {
-            Some(n) => Ok(Some(n)),
+            Some(n) => {
+                if !of(n).0 {
+                    let what = format!("the take {name} moves nothing of the figure; `root` takes another figure");
+                    warnings.push(Warning { kind: "take_still", what });
+                }
+                Ok(Some(n))
+            }
             None if names.is_empty() => Err((format!("no take {name}"), "a file with takes".to_owned())),
             None => Err((format!("no take {name}"), format!("one of {}", names.join(", ")))),
         };

@@ -160,6 +160,10 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     if let Some(unit_m) = unit_m {
         motion.warnings.extend(size::doubt(&motion.clip, found.as_ref().map(|found| &found.map), unit_m));
     }
+    // their bones are SMPL's, whatever the unit of the path
+    if let (Format::Npz | Format::Pickle, Some(unit_m)) = (format, unit_m) {
+        motion.warnings.extend(size::path_doubt(&motion.clip, unit_m));
+    }
     // a body of a wrong size falls at a wrong rate too
     let is_doubted = motion.warnings.iter().any(|w| w.kind == "size_doubted");
     if options.fps_source.is_none() && !is_doubted {
@@ -172,16 +176,17 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
 /// root.
 fn rooted(clip: Clip, path: &Path, options: &ReadOptions) -> Result<Clip> {
     let rig = clip.skeleton();
+    let map = options.map.as_deref();
     let joint = match &options.root {
-        Some(name) => rig.find(name).ok_or_else(|| {
-            let found = format!("no joint {name:?}");
-            FileError::new(SourcePos::file(path), FaultKind::RootUnknown, found, "a joint of the file")
-                .help(format!("there are {}", rig.names().join(", ")))
-        })?,
-        None => {
-            let map = map_if_any(rig, Some(&clip), options.map.as_deref())?;
-            map.and_then(|map| motion_root::of_map(rig, &map)).unwrap_or(0)
+        Some(name) => {
+            let joint = rig.find(name).ok_or_else(|| {
+                let found = format!("no joint {name:?}");
+                FileError::new(SourcePos::file(path), FaultKind::RootUnknown, found, "a joint of the file")
+                    .help(format!("there are {}", rig.names().join(", ")))
+            })?;
+            motion_root::named(&clip, joint, map)?
         }
+        None => map_if_any(rig, Some(&clip), map)?.and_then(|map| motion_root::of_map(rig, &map)).unwrap_or(0),
     };
     if joint == 0 { Ok(clip) } else { motion_root::from_joint(&clip, joint, motion_root::path_of(&clip, joint)) }
 }

@@ -1,7 +1,7 @@
 //! The motion root: the joint that a clip's path belongs to. Everything above it is composed into it, still or moving, and
 //! joints beside it (IK targets, props) are no part of the clip.
 
-use crate::rig::SkeletonMap;
+use crate::rig::{SkeletonMap, map_if_any};
 use crate::{Clip, EndSite, Quat, Result, Skeleton, Vec3, Warning};
 use std::sync::Arc;
 
@@ -42,6 +42,17 @@ fn common(rig: &Skeleton, a: usize, b: usize) -> usize {
         if a > b { a = rig.parents()[a].unwrap_or(0) } else { b = rig.parents()[b].unwrap_or(0) }
     }
     a
+}
+
+/// The clip's root where a caller names a joint: the motion root of the body below it if a map fits one, else the joint.
+///
+/// # Errors
+/// Those of a skeleton map by name or path.
+pub(crate) fn named(clip: &Clip, joint: usize, map: Option<&str>) -> Result<usize> {
+    let part = from_joint(clip, joint, path_of(clip, joint))?;
+    let found = map_if_any(part.skeleton(), Some(&part), map)?;
+    let root = found.and_then(|map| of_map(part.skeleton(), &map));
+    Ok(root.and_then(|root| clip.skeleton().find(&part.skeleton().names()[root])).unwrap_or(joint))
 }
 
 /// The part of a clip from `joint` down: the joint takes the whole transform of what is above it, and stands at `root` (F).

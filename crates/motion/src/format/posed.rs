@@ -67,9 +67,11 @@ impl Figure {
         let whole = Clip::new(Arc::new(skeleton), fps, path(0), rotations)?;
         let map = map_if_any(whole.skeleton(), Some(&whole), options.map.as_deref())?;
         let mapped = || motion_root::of_map(whole.skeleton(), map.as_ref()?);
-        let root = root
-            .or_else(mapped)
-            .unwrap_or_else(|| motion_root::topmost_mover(whole.skeleton(), |j| moved[j] * metres > STILL_M));
+        let mover = || motion_root::topmost_mover(whole.skeleton(), |j| moved[j] * metres > STILL_M);
+        let root = match root {
+            Some(joint) => motion_root::named(&whole, joint, options.map.as_deref())?,
+            None => mapped().unwrap_or_else(mover),
+        };
         let beside = motion_root::beside(whole.skeleton(), root, |j| moved[j] * metres);
         let clip = if root == 0 { whole } else { motion_root::from_joint(&whole, root, path(root))? };
         let of = |name: &String| self.names.iter().position(|n| n == name);

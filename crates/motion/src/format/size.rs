@@ -2,6 +2,7 @@
 
 use crate::rig::{Feet, ReferencePose, SkeletonMap};
 use crate::series::nearest_quantile;
+use crate::smpl::STANDING_PELVIS_M;
 use crate::{Clip, GlobalPose, Skeleton, Vec3, Warning};
 use std::ops::RangeInclusive;
 
@@ -149,6 +150,20 @@ pub(crate) fn doubt(clip: &Clip, map: Option<&SkeletonMap>, unit_m: f64) -> Opti
     Some(Warning { kind: "size_doubted", what })
 }
 
+/// The doubt of a path in another unit than SMPL's metres: the pelvis is so high in the median as one that stands would be in
+/// centimetres, millimetres or inches. `unit_m` metres were taken for the path's numbers.
+pub(crate) fn path_doubt(clip: &Clip, unit_m: f64) -> Option<Warning> {
+    let height = nearest_quantile(clip.root().iter().map(|p| p.y).collect(), 0.5);
+    let stands = |metres: f64| (0.6..=1.3).contains(&(height / unit_m * metres / STANDING_PELVIS_M));
+    let (unit, metres) = UNITS[1..=3].iter().find(|(_, metres)| *metres < unit_m && stands(*metres))?;
+    let as_it = height / unit_m * metres;
+    let what = format!(
+        "the pelvis is at y = {height:.2} m in the median, in the unit that the path is read in; with `unit` {unit} at \
+         {as_it:.2} m"
+    );
+    Some(Warning { kind: "size_doubted", what })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -172,6 +187,21 @@ mod tests {
             assert!(found == metres && doubt.unwrap().what.contains("give `unit`"), "{extent}: {found}");
         }
         assert_eq!([0.0, 400.0, f64::INFINITY].map(unit_of_extent), [None, None, None]);
+    }
+
+    #[test]
+    fn a_path_of_another_unit_is_doubted() {
+        let dance = synth::corpus(1, 1, 2.0, 20.0).unwrap().remove(0).clip;
+        let at = |factor: f64| {
+            let root = dance.root().iter().map(|p| *p * factor).collect();
+            let clip = Clip::new(dance.skeleton().clone(), 20.0, root, dance.rotations().to_vec()).unwrap();
+            path_doubt(&clip, 1.0).map(|doubt| doubt.what)
+        };
+        assert_eq!(at(1.0), None);
+        for (factor, unit) in [(100.0, "`unit` cm"), (1000.0, "`unit` mm"), (1.0 / 0.0254, "`unit` in")] {
+            assert!(at(factor).is_some_and(|what| what.contains(unit)), "{factor}: {:?}", at(factor));
+        }
+        assert_eq!(path_doubt(&dance.raised(20.0), 1.0), None, "on a roof");
     }
 
     #[test]

@@ -12,6 +12,8 @@ const FRAMES: usize = 300;
 const TRUNK_DEG: f64 = 5.0;
 /// A foot tells where it points if it is that long across the body's upright axis, as a share of its shin.
 const FOOT: f64 = 0.15;
+/// A foot below a shin tells where it points: the cosine of the shin with the body's upright axis.
+const UPRIGHT_SHIN: f64 = 0.5;
 /// The median cosine of the toes with the facing of the hips below which a body is mirrored; recorded
 /// people are above 0.5.
 const MIRRORED: f64 = -0.5;
@@ -107,6 +109,10 @@ fn toes_ahead(rig: &Skeleton, poses: &[GlobalPose], joints: &[Option<usize>; 24]
         let ahead = (at(left_hip) - at(right_hip)).cross(up);
         // the foot that stands: one that swings may point anywhere
         let (knee, ankle, ball) = feet.into_iter().min_by(|a, b| up.dot(at(a.1)).total_cmp(&up.dot(at(b.1))))?;
+        // who kneels may lie on the tops of the feet
+        if up.dot((at(knee) - at(ankle)).normalize_or_zero()) < UPRIGHT_SHIN {
+            return None;
+        }
         let toes = foot(rig, pose, ankle, ball);
         let toes = toes - up * toes.dot(up);
         let is_long = toes.length() > FOOT * at(knee).distance(at(ankle));

@@ -15,12 +15,16 @@ pub struct ReferencePose {
     pub global: GlobalPose,
 }
 
+/// How far from +z a body may face for want of symmetry, radians.
+const FACING: f64 = 0.05;
+
 /// Limb bones as the SMPL ids of both ends: upper leg, lower leg, upper arm, lower arm; left, then right.
 pub const LIMBS: [(usize, usize); 8] = [(1, 4), (4, 7), (16, 18), (18, 20), (2, 5), (5, 8), (17, 19), (19, 21)];
 
 impl ReferencePose {
     /// Puts `rig` into the reference pose of `map`: the local rotations of the map, identity for the other joints. A rig that
-    /// is upright along other axes (facing -z, or with z up) is rotated by quarter turns.
+    /// is upright along other axes (facing -z, or with z up) is rotated by quarter turns, and one that faces between them,
+    /// below a turned armature, about the vertical.
     ///
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) or [`Unsupported`](kinelm_store::Error::Unsupported) when the rig lacks a
@@ -32,6 +36,10 @@ impl ReferencePose {
         let mut global = GlobalPose::new(rig, rig.offsets()[0], &local);
         let turn = upright(&global, &joints).ok_or_else(|| no_stand(map, "it has no up or no left"))?;
         if turn != Quat::IDENTITY {
+            local[0] = turn * local[0];
+            global.set(rig, rig.offsets()[0], &local);
+        }
+        if let Some(turn) = facing(&global, &joints) {
             local[0] = turn * local[0];
             global.set(rig, rig.offsets()[0], &local);
         }
@@ -160,4 +168,12 @@ fn upright(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> Option<Quat> {
         }
     }
     Some(best.1)
+}
+
+/// The rotation about y that makes an upright body face +z, if it faces elsewhere by more than [`FACING`].
+fn facing(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> Option<Quat> {
+    let at = |id: usize| joints[id].map(|j| pose.positions[j]);
+    let left = at(1)? - at(2)? + at(16)? - at(17)?;
+    let off = (-left.z).atan2(left.x);
+    (off.abs() > FACING).then(|| Quat::from_rotation_y(-off))
 }

@@ -111,7 +111,9 @@ impl<'a> Pretraining<'a> {
 /// Whether a dance is due with the measurement after `step`: with every `sample_every`-th one. The last step is measured
 /// too, though it may be no multiple of `eval_every`.
 fn is_sampled(step: u64, eval_every: u64, sample_every: u64) -> bool {
-    sample_every > 0 && eval_every > 0 && step.div_ceil(eval_every).is_multiple_of(sample_every)
+    // without others it is the only measurement
+    let measurement = if eval_every > 0 { step.div_ceil(eval_every) } else { 1 };
+    sample_every > 0 && measurement.is_multiple_of(sample_every)
 }
 
 impl Task for Pretraining<'_> {

@@ -101,8 +101,8 @@ impl BvhSource {
         Vec3::from_array(p)
     }
 
-    /// The channels (F, C) of a clip in the file's axes. Nodes of other roots and beside the body get the rows of `old`
-    /// nearest in time; so does what is above the clip's root, but for the channels that carry the path.
+    /// The channels (F, C) of a clip in the file's axes. Nodes of other roots and beside the body get the rows of `old` at
+    /// the same time, or between two; so does what is above the clip's root, but for the channels that carry the path.
     pub(super) fn rows(&self, clip: &Clip, old: &BvhSource) -> Vec<f64> {
         self.rows_with(clip, (old, None), |_, _| {})
     }
@@ -126,14 +126,11 @@ impl BvhSource {
             let (earlier, rest) = numbers.split_at_mut(f * width);
             let row = &mut rest[..width];
             let previous = earlier.len().checked_sub(width).map(|at| &earlier[at..]);
-            let nearest = match before {
-                Some(before) => old.frames.checked_sub(1).map(|last| (before + f).min(last)),
-                None => nearest_row(f, clip, old),
-            };
-            self.copy(&others, old, nearest, row);
+            let at = row_at(f, clip, old, before);
+            self.copy(&others, old, at, row);
             match above.is_empty() {
                 true => self.rest_below_path(row),
-                false => self.copy(&above, old, nearest, row),
+                false => self.copy(&above, old, at, row),
             }
             self.place_root(clip.root()[f] / metres, row);
             for (j, &node) in self.rig.joints.iter().enumerate() {
@@ -168,14 +165,21 @@ impl BvhSource {
         below.for_each(|&node| self.place_bone(node, Vec3::from_array(self.head.nodes[node].offset), row));
     }
 
-    fn copy(&self, nodes: &[usize], old: &BvhSource, frame: Option<usize>, row: &mut [f64]) {
-        let Some(frame) = frame else { return };
-        let from = old.as_frames();
-        let from = from.row(frame);
+    /// Copies channels of `old` at a row, or between it and the next.
+    fn copy(&self, nodes: &[usize], old: &BvhSource, at: Option<(usize, f64)>, row: &mut [f64]) {
+        let Some((first, share)) = at else { return };
+        let frames = old.as_frames();
+        let (from, to) = (frames.row(first), frames.row((first + 1).min(old.frames - 1)));
         for &n in nodes {
             let was = &old.head.nodes[n];
-            for (i, channel) in was.channels.iter().enumerate() {
-                self.set(n, *channel, from[was.column + i], row);
+            for (channel, at) in was.channels.iter().zip(was.column..) {
+                let step = match channel {
+                    Channel::Position(_) => to[at] - from[at],
+                    // the shorter way round
+                    Channel::Rotation(_) => (to[at] - from[at] + 180.0).rem_euclid(360.0) - 180.0,
+                };
+                let value = if share > 0.0 { from[at] + share * step } else { from[at] };
+                self.set(n, *channel, value, row);
             }
         }
     }
@@ -247,13 +251,17 @@ impl BvhSource {
     }
 }
 
-/// The row of `old` nearest in time to a frame of a clip.
-fn nearest_row(frame: usize, clip: &Clip, old: &BvhSource) -> Option<usize> {
+/// Where a frame of a clip is among the rows of `old`: a row, and the share of the way to the next; its last row after its
+/// end. An edit, with the number of frames that it leaves out at its start, goes row by row, and so does a clip of as many
+/// frames.
+fn row_at(frame: usize, clip: &Clip, old: &BvhSource, before: Option<usize>) -> Option<(usize, f64)> {
     let last = old.frames.checked_sub(1)?;
-    if clip.frames() == old.frames {
-        return Some(frame);
-    }
-    Some(((frame as f64 / clip.fps() * old.fps()).round() as usize).min(last))
+    let at = match before {
+        Some(before) => (before + frame) as f64,
+        None if clip.frames() == old.frames => frame as f64,
+        None => frame as f64 / clip.fps() * old.read_fps,
+    };
+    Some(if at >= last as f64 { (last, 0.0) } else { (at as usize, at.fract()) })
 }
 
 /// The axes of a node's rotation channels, in order.

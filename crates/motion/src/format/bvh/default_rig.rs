@@ -44,7 +44,7 @@ impl BvhSource {
             stretch: Vec::new(),
             axes: Axes::OWN,
         };
-        Ok(BvhSource { head, numbers: Vec::new(), frames: 0, rig, floor_m: None })
+        Ok(BvhSource { head, numbers: Vec::new(), frames: 0, read_fps: 1.0, rig, floor_m: None })
     }
 }
 

@@ -163,13 +163,14 @@ pub(crate) fn decide(
         None => unit::judge(path, head, (&whole, &clip), (map.as_ref(), options))?,
     };
     let moves = |j: usize| mean(whole.joints[j]).1 * unit_m > STILL_M;
-    let root = match (joint, &map) {
-        (Some(joint), _) => joint,
-        (None, map) => {
+    let root = match joint.and_then(|joint| whole.joints.binary_search(&joint).ok()) {
+        Some(joint) => motion_root::named(&clip, joint, options.map.as_deref())?,
+        None => {
             let mapped = map.as_ref().and_then(|map| motion_root::of_map(clip.skeleton(), map));
-            whole.joints[mapped.unwrap_or_else(|| motion_root::topmost_mover(clip.skeleton(), moves))]
+            mapped.unwrap_or_else(|| motion_root::topmost_mover(clip.skeleton(), moves))
         }
     };
+    let root = whole.joints[root];
     let mut chain: Vec<usize> = std::iter::successors(Some(root), |&n| nodes[n].parent).collect();
     chain.reverse();
     let rig = rig(chain, unit_m)?;

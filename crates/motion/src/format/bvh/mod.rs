@@ -121,7 +121,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     warnings.extend(doubt);
     let clip = axes.to_y_up(clip)?;
     (rig.axes, rig.skeleton) = (axes.mirrored(options.mirror_axis), clip.skeleton().clone());
-    let source = BvhSource { head, numbers, frames, rig, floor_m: None };
+    let source = BvhSource { head, numbers, frames, read_fps: fps, rig, floor_m: None };
     warnings.extend(added::doubt(&source, &clip));
     Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
 }

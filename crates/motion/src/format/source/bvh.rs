@@ -15,6 +15,8 @@ pub struct BvhSource {
     pub numbers: Vec<f64>,
     /// F, the number of frames.
     pub frames: usize,
+    /// The rate that the rows were read at, frames per second; the file's frame time may state another.
+    pub read_fps: f64,
     /// How nodes correspond to the clip's joints.
     pub rig: BvhRig,
     /// The floor before retargeting, metres, if the motion was put on this rig from another.
@@ -32,6 +34,7 @@ impl BvhSource {
             head: self.head.clone(),
             numbers: self.numbers[frames.start * c..frames.end * c].to_vec(),
             frames: frames.len(),
+            read_fps: self.read_fps,
             rig: self.rig.clone(),
             floor_m: self.floor_m,
         }

@@ -189,6 +189,6 @@ mod tests {
             measured.filter(|step| is_sampled(*step, eval_every, sample_every)).collect()
         };
         assert_eq!((steps(100, 1), steps(100, 2), steps(1000, 1)), (vec![100, 200, 250], vec![200], vec![250]));
-        assert!(steps(100, 0).is_empty() && !is_sampled(250, 0, 1));
+        assert!(steps(100, 0).is_empty() && is_sampled(250, 0, 1) && !is_sampled(250, 0, 2));
     }
 }

@@ -62,7 +62,7 @@ impl Figure {
         }
         let metres = options.unit.metres().map_or(1.0, |metres| metres / stated_m);
         let joints = self.names.len();
-        let path = |joint: usize| places.iter().skip(joint).step_by(joints).copied().collect();
+        let path = |joint: usize| -> Vec<Vec3> { places.iter().skip(joint).step_by(joints).copied().collect() };
         moved[0] = spread(&path(0));
         let whole = Clip::new(Arc::new(skeleton), fps, path(0), rotations)?;
         let map = map_if_any(whole.skeleton(), Some(&whole), options.map.as_deref())?;
@@ -91,7 +91,7 @@ impl Figure {
 }
 
 /// The longest way between the first place and any other.
-fn spread(path: &Vec<Vec3>) -> f64 {
+fn spread(path: &[Vec3]) -> f64 {
     path.iter().map(|p| p.distance(path[0])).fold(0.0, f64::max)
 }
 

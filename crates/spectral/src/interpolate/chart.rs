@@ -43,14 +43,14 @@ impl Chart {
     /// The vectors of a path, continuous over time.
     pub fn vectors(&self, path: &[Quat]) -> Vec<Vec3> {
         let Some(axis) = self.axis else {
-            return self.from_mean(path).into_iter().map(from_nearest_turn).collect();
+            return self.off_mean(path).into_iter().map(from_nearest_turn).collect();
         };
         let mut turn = 0.0;
         let vector = |q: Quat| {
             turn = unwrap_near(twist(q, axis), turn);
             axis * turn + exp_map::to_vector(swing(q, axis))
         };
-        self.from_mean(path).into_iter().map(vector).collect()
+        self.off_mean(path).into_iter().map(vector).collect()
     }
 
     /// Adds to `vectors` the whole turns that bring them nearest to `to`, in the mean.
@@ -73,11 +73,11 @@ impl Chart {
             Some(axis) => PI - exp_map::to_vector(swing(q, axis)).length(),
             None => TAU - from_nearest_turn(q).length(),
         };
-        self.from_mean(path).into_iter().map(room).fold(TAU, f64::min)
+        self.off_mean(path).into_iter().map(room).fold(TAU, f64::min)
     }
 
     /// What is left of a path without the mean, its signs continuous, most of it less than half a turn.
-    fn from_mean(&self, path: &[Quat]) -> Vec<Quat> {
+    fn off_mean(&self, path: &[Quat]) -> Vec<Quat> {
         let back = self.mean.conjugate();
         let off = continuous(path.iter().map(|&q| q * back));
         let sign = if off.iter().map(|q| q.w).sum::<f64>() < 0.0 { -1.0 } else { 1.0 };

@@ -64,16 +64,16 @@ impl Relative {
         let low = |series: &[f64]| dct.low_back(&dct.low(series));
         let before: Vec<f64> = from.chunks_exact(self.frames).flat_map(low).collect();
         let after: Vec<f64> = before.iter().zip(from).zip(to).map(|((b, from), to)| b + (to - from)).collect();
-        let path = [0, 1, 2].map(|i| low(&clip.root().iter().map(|p| p[i]).collect::<Vec<f64>>()));
+        let [x, y, z] = [0, 1, 2].map(|i| low(&clip.root().iter().map(|p| p[i]).collect::<Vec<f64>>()));
+        let path = x.into_iter().zip(y).zip(z).map(|((x, y), z)| Vec3::new(x, y, z));
         let (mut root, mut rotations) = (Vec::new(), Vec::new());
-        for f in 0..self.frames {
+        for (f, slow) in path.enumerate() {
             let world = |numbers: &[f64]| GlobalPose::new(&self.skeleton, Vec3::ZERO, &self.pose(numbers, f)).rotations;
             let (before, after, mut pose) = (world(&before), world(&after), clip.global_pose(f));
             for (own, (before, after)) in pose.rotations.iter_mut().zip(before.iter().zip(&after)) {
                 *own = *after * before.conjugate() * *own;
             }
             rotations.extend(pose.to_local(&self.skeleton));
-            let slow = Vec3::new(path[0][f], path[1][f], path[2][f]);
             root.push(slow + after[0] * (before[0].conjugate() * (clip.root()[f] - slow)));
         }
         Ok(Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?)

@@ -80,6 +80,7 @@ pub fn again<R: BaselineDance>(args: &AgainArgs, moved: impl FnOnce(&mut R), say
     let outputs = args.force.outputs(request.inputs().into_iter().chain([args.sidecar.clone()]));
     outputs.check([&*out])?;
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
+    generate::again::check_finished(&out, args.force)?;
     let (sidecar, bytes) = request.make(CheckpointChoice::Step(first.step), &out, say)?;
     first.check(&sidecar)?;
     match is_same(&sidecar::path_of(&out), &args.sidecar) {

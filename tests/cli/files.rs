@@ -3,6 +3,7 @@
 use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
 use kinelm_motion::{Motion, Source, format, synth};
+use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use std::collections::BTreeMap;
 use std::fs;
@@ -296,7 +297,7 @@ fn a_dance_is_ours_whenever_a_call_was_killed() {
     fs::write(&dance, &first).unwrap();
     let record = fs::read_to_string(&told).unwrap();
     assert!(record.contains("\"replaces\""), "{record}");
-    place.done("generate again d.bvh.kinelm.json");
+    place.done("generate --run run --frames 4 --out d.bvh");
     assert_eq!(fs::read(&dance).unwrap(), second);
     // a dance that somebody has worked on since stays
     let worked_on = [&first[..], b"\n"].concat();
@@ -354,6 +355,86 @@ fn a_corpus_is_replaced_file_by_file_and_by_force_alone() {
     assert_eq!(place.files(), before);
 }
 
+/// A dance that replaces another, where the disk is full or the process is killed: the old one stays beside its sidecar, or
+/// the new one beside its own, or it is told that the new one's isn't beside its dance.
+#[cfg(unix)]
+#[test]
+fn a_replacement_that_fails_or_is_killed_loses_nothing() {
+    let place = Place::new();
+    let other = "generate --run run --frames 40 --seed 2 --out d.bvh";
+    place.done("generate --run run --frames 40 --seed 1 --out d.bvh");
+    let pair = || ["d.bvh", "d.bvh.kinelm.json"].map(|name| fs::read(place.at(name)).unwrap());
+    let old = pair();
+    place.done("generate --run run --frames 40 --seed 2 --out e.bvh");
+    // at every size that a file may have: of the dance, of its sidecar, of neither
+    let program = Command::cargo_bin("kinelm").unwrap().get_program().to_owned();
+    let blocks = old[0].len().max(old[1].len()) / 512 + 2;
+    let mut failed = 0;
+    for most in 0..blocks {
+        let script = format!("ulimit -f {most} || exit 77; exec \"$0\" {other}");
+        let mut shell = std::process::Command::new("sh");
+        let done = shell.current_dir(place.0.path()).arg("-c").arg(script).arg(&program).output().unwrap();
+        let said = String::from_utf8_lossy(&done.stderr).into_owned();
+        match done.status.code() {
+            Some(77) => return println!("SKIPPED: this shell has no limits of size"),
+            Some(0) => break,
+            code => assert!(code == Some(1) && said.contains("File too large"), "{most}: {code:?} {said}"),
+        }
+        assert!(pair() == old, "{most} blocks");
+        failed += 1;
+    }
+    assert!(failed > 3, "{failed}");
+    place.done("generate again d.bvh.kinelm.json");
+    place.done(other);
+    let new = pair();
+    assert!(new[0] != old[0]);
+    let left = || {
+        fs::read_dir(place.0.path()).unwrap().flatten().filter(|e| e.file_name().to_string_lossy().ends_with(".part"))
+    };
+    assert_eq!(left().count(), 0, "what failed left nothing");
+
+    // killed at any time
+    let (mut finished, mut between) = (0, 0);
+    for round in 0..40 {
+        let (seed, before) = (3 + round % 2, pair());
+        let words = format!("generate --run run --frames 40 --seed {seed} --out d.bvh");
+        let mut call = std::process::Command::new(&program);
+        call.current_dir(place.0.path()).args(words.split(' ')).stderr(std::process::Stdio::null());
+        let mut child = call.spawn().unwrap();
+        // while its files are written, sooner or later
+        let begun = SystemTime::now();
+        while left().count() == 0 && child.try_wait().unwrap().is_none() {
+            assert!(begun.elapsed().unwrap().as_secs() < 60);
+        }
+        std::thread::sleep(std::time::Duration::from_micros(round * 150));
+        let _ = child.kill();
+        child.wait().unwrap();
+        let after = pair();
+        let stands: serde_json::Value = serde_json::from_slice(&after[1]).unwrap();
+        let dance = kinelm_store::hash::of(&after[0]);
+        match (stands["output"]["sha256"] == dance, stands["replaces"] == dance) {
+            (true, _) => finished += usize::from(after != before),
+            (false, true) => between += 1,
+            (false, false) => panic!("round {round}: the sidecar is of another dance"),
+        }
+        left().for_each(|part| fs::remove_file(part.path()).unwrap());
+    }
+    println!("finished {finished}, killed between both names {between}");
+
+    // killed between both names, as a kill may or may not have hit it
+    fs::write(place.at("d.bvh"), &old[0]).unwrap();
+    fs::write(place.at("d.bvh.kinelm.json"), &old[1]).unwrap();
+    place.done(other);
+    fs::write(place.at("d.bvh"), &old[0]).unwrap();
+    let refused = place.call("generate again d.bvh.kinelm.json").assert().code(2);
+    refused.stderr(contains("its replacement didn't finish").and(contains("--out")));
+    assert_eq!(fs::read(place.at("d.bvh")).unwrap(), old[0]);
+    place.done("generate again d.bvh.kinelm.json --out new.bvh");
+    assert_eq!(fs::read(place.at("new.bvh")).unwrap(), new[0]);
+    place.done("generate again d.bvh.kinelm.json --force");
+    assert_eq!(fs::read(place.at("d.bvh")).unwrap(), new[0]);
+}
+
 #[test]
 fn what_killed_calls_left_is_swept_by_name() {
     let place = Place::new();
@@ -363,8 +444,8 @@ fn what_killed_calls_left_is_swept_by_name() {
         place.at(name)
     };
     let gone = u32::MAX; // above the largest number that a process can have
-    let left = put(&format!("out.bvh.{gone}-0.part"));
-    let others = [put(&format!("b.bvh.{gone}-0.part")), put("out.bvh.part"), put(".out.bvh.writing-x")];
+    let left = put(&format!("out.bvh.{gone}-00112233445566ff.part"));
+    let others = [put(&format!("b.bvh.{gone}-00112233445566ff.part")), put("out.bvh.part"), put(".out.bvh.writing-x")];
     place.done("convert a.bvh out.bvh");
     assert!(!left.exists() && others.iter().all(|path| path.exists()));
 }

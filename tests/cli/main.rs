@@ -11,6 +11,7 @@ mod faults;
 mod files;
 mod follow;
 mod hours;
+mod links;
 mod masked;
 mod music;
 mod music_lstm;

@@ -6,7 +6,7 @@
 
 use crate::{Error, Result};
 use kinelm_store::files::PendingFolder;
-use kinelm_store::{FileRecord, files, hash, input, memory};
+use kinelm_store::{FileRecord, files, hash, input, memory, owned, part};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -204,7 +204,7 @@ impl Checkpoints {
     pub fn sweep(&self) -> Result<()> {
         for entry in fs::read_dir(self.dir()).into_iter().flatten().flatten() {
             let name = entry.file_name();
-            let of = name.to_str().and_then(files::left_over).and_then(|(name, _)| step_of(name));
+            let of = name.to_str().and_then(part::left_over).and_then(|(name, _)| step_of(name));
             if of.is_some() && entry.path().is_dir() {
                 fs::remove_dir_all(entry.path()).map_err(Error::io(entry.path()))?;
             }
@@ -241,7 +241,7 @@ impl Checkpoints {
     /// The requested checkpoint, or the nearest earlier one that is whole; `note` reports those passed over.
     ///
     /// # Errors
-    /// No checkpoint that is whole, with the reason of the last one tried; too little memory to read the one wanted.
+    /// Links in the run; no checkpoint that is whole, with the reason of the last one tried; too little memory to read the one wanted.
     pub fn find(
         &self,
         which: CheckpointChoice,
@@ -249,6 +249,7 @@ impl Checkpoints {
         also: &[&str],
         note: &mut dyn FnMut(String),
     ) -> Result<Checkpoint> {
+        refuse_links(&self.run)?;
         let steps = self.steps()?;
         let latest = || self.named("latest").filter(|s| steps.contains(s)).or(steps.last().copied());
         let first = match which {
@@ -285,6 +286,15 @@ impl Checkpoints {
         let (dir, help) = (self.dir(), format!("put back a copy of the files, or remove {damaged}: {others}"));
         Err(Error::file(dir, format!("no whole checkpoint ({reason})"), format!("one up to step {first}"), help))
     }
+}
+
+/// Refuses a run that holds links: one of somebody else's could lead to any file of the user.
+///
+/// # Errors
+/// [`kinelm_store::Error::File`] that names all of them.
+pub fn refuse_links(run: &Path) -> Result<()> {
+    let help = "replace each by a copy of what it leads to, also a linked `checkpoints`";
+    Ok(owned::refuse_links(run, "a run", help)?)
 }
 
 fn name(step: u64) -> String {
@@ -463,7 +473,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let all = Checkpoints::of(dir.path());
         all.write(state(1, None), &[]).unwrap();
-        fs::create_dir(dir.path().join("checkpoints/.step-00000002.writing-77")).unwrap();
+        fs::create_dir(dir.path().join("checkpoints/.step-00000002.writing-77-00112233445566ff")).unwrap();
         assert_eq!(all.steps().unwrap(), [1]);
         all.prune(1).unwrap();
         assert_eq!(fs::read_dir(dir.path().join("checkpoints")).unwrap().count(), 1);

@@ -10,7 +10,7 @@ use kinelm_model::lead_in::LEAD_INS;
 use kinelm_model::run::{CONFIG, HELD_OUT, MADE, TOKENIZER, WEIGHTS};
 use kinelm_model::{CheckpointChoice, Error, Result, load_run, weights};
 use kinelm_store::files::{self, PendingFolder};
-use kinelm_store::{hash, input};
+use kinelm_store::{hash, input, part};
 use std::path::{Path, PathBuf};
 
 /// What the model was trained on and for, how good it is, and what it can't do.
@@ -40,16 +40,53 @@ const MADE_FILES: [(&str, &[u8]); 3] = [
 /// Of all files, as [`pack`] wrote it.
 const VERSION: &str = include_str!("../data/version.txt");
 
-/// The ready model's run folder, in the cache folder of the user; written, if it isn't there.
+/// The ready model's run folder, in the cache folder of the user; written, if it isn't there, and written again where it is
+/// damaged.
 ///
 /// # Errors
 /// No cache folder is known, or can't be written; a damaged program.
 pub fn run() -> Result<PathBuf> {
-    let place = cache_folder()?.join(format!("ready-{}", VERSION.trim()));
-    if !place.join(CONFIG).is_file() {
-        write(&place)?;
+    run_in(&cache_folder()?)
+}
+
+fn run_in(cache: &Path) -> Result<PathBuf> {
+    let place = cache.join(format!("ready-{}", VERSION.trim()));
+    // what a call left behind that was killed while it wrote
+    part::sweep(&[&place]);
+    if !is_whole(&place) {
+        prepare(&place)?.commit_instead()?;
     }
     Ok(place)
+}
+
+/// Whether a folder is the run, as far as can be told at once. The weights are hashed where they were changed after they had
+/// been written; whoever loads them hashes them in any case.
+fn is_whole(place: &Path) -> bool {
+    let holds = |(name, bytes): (String, &[u8])| input::peek_bytes(&place.join(name)).is_ok_and(|found| found == bytes);
+    let checkpoints = Checkpoints::of(place);
+    let weights = || {
+        let state = checkpoints.steps().ok().and_then(|steps| checkpoints.state(*steps.last()?).ok())?;
+        let (record, dir) = (state.files.get(WEIGHTS)?.clone(), checkpoints.path(state.step));
+        let (found, written) = (dir.join(WEIGHTS).metadata().ok()?, dir.join(STATE_NAME).metadata().ok()?);
+        let is_as_written = found.modified().ok()? <= written.modified().ok()?;
+        let is_it = found.len() == record.bytes
+            && (is_as_written || hash::of_file(&dir.join(WEIGHTS)).is_ok_and(|hash| hash == record.sha256));
+        Some(is_it && State { files: Default::default(), ..state } == packed_state().ok()?)
+    };
+    small_files().all(holds) && weights() == Some(true)
+}
+
+/// All files but those of the checkpoint.
+fn small_files() -> impl Iterator<Item = (String, &'static [u8])> {
+    let texts = FILES.into_iter().chain([("CARD.md", CARD)]).map(|(name, text)| (name.to_owned(), text.as_bytes()));
+    let made = MADE_FILES.into_iter().map(|(name, bytes)| (name.to_owned(), bytes));
+    texts.chain(made).chain([(format!("{MADE}/{TOKENIZER}"), tokenizer().as_bytes())])
+}
+
+fn packed_state() -> Result<State> {
+    serde_json::from_str(STATE).map_err(|e| {
+        Error::file(Path::new(STATE_NAME), e.to_string(), "where a training stood", "install kinelm again")
+    })
 }
 
 /// Writes it as a run folder; the folder is whole or not there.
@@ -57,24 +94,20 @@ pub fn run() -> Result<PathBuf> {
 /// # Errors
 /// What the system refuses; other things at `place`; a damaged program.
 pub fn write(place: &Path) -> Result<()> {
+    Ok(prepare(place)?.commit("give a run as `--run`, or set XDG_CACHE_HOME to another folder")?)
+}
+
+fn prepare(place: &Path) -> Result<PendingFolder> {
     let folder = PendingFolder::create(place)?;
-    for (name, text) in FILES {
-        folder.write(name, text.as_bytes())?;
-    }
-    folder.write("CARD.md", CARD.as_bytes())?;
     let made = folder.path().join(MADE);
     std::fs::create_dir(&made).map_err(Error::io(&made))?;
-    for (name, bytes) in MADE_FILES {
-        folder.write(name, bytes)?;
+    for (name, bytes) in small_files() {
+        folder.write(&name, bytes)?;
     }
-    folder.write(&format!("{MADE}/{TOKENIZER}"), tokenizer().as_bytes())?;
     let expanded = packed::expand(PACKED)?;
     let bytes = weights::to_bytes(expanded.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
-    let state: State = serde_json::from_str(STATE).map_err(|e| {
-        Error::file(Path::new(STATE_NAME), e.to_string(), "where a training stood", "install kinelm again")
-    })?;
-    Checkpoints::of(folder.path()).write(state, &[(WEIGHTS, bytes)])?;
-    Ok(folder.commit("give a run as `--run`, or set XDG_CACHE_HOME to another folder")?)
+    Checkpoints::of(folder.path()).write(packed_state()?, &[(WEIGHTS, bytes)])?;
+    Ok(folder)
 }
 
 /// The run's tokenizer, which its corpus has too.
@@ -155,6 +188,44 @@ mod tests {
         assert_eq!(loaded.conditions, ["genre"]);
         assert!(kinelm_model::lead_in::LeadIns::load(&run, &tokenizer).unwrap().is_some());
         loaded.reader(Default::default()).unwrap();
+    }
+
+    #[test]
+    fn calls_at_once_take_one_folder_and_a_damaged_one_mends_itself() {
+        let dir = tempfile::tempdir().unwrap();
+        let begin = std::sync::Barrier::new(4);
+        let first = || {
+            begin.wait();
+            run_in(dir.path()).map_err(|e| e.to_string())
+        };
+        let made = std::thread::scope(|scope| {
+            let all: Vec<_> = (0..4).map(|_| scope.spawn(first)).collect();
+            all.into_iter().map(|one| one.join().unwrap()).collect::<Vec<_>>()
+        });
+        let place = made[0].clone().unwrap();
+        assert!(made.iter().all(|one| one.as_ref() == Ok(&place)), "{made:?}");
+        let names = || std::fs::read_dir(dir.path()).unwrap().count();
+        let checkpoint = Checkpoints::of(&place).path(packed_state().unwrap().step);
+        let weights = std::fs::read(checkpoint.join(WEIGHTS)).unwrap();
+        let other = [&weights[..weights.len() - 1], &[weights[weights.len() - 1] ^ 1]].concat();
+        type Damage<'a> = &'a dyn Fn();
+        let all: [(&str, Damage<'_>); 6] = [
+            ("nothing", &|| ()),
+            ("an empty file", &|| std::fs::write(place.join(LEAD_INS), "").unwrap()),
+            ("a missing file", &|| std::fs::remove_file(place.join(TOKENIZER)).unwrap()),
+            ("cut weights", &|| std::fs::write(checkpoint.join(WEIGHTS), &weights[..9]).unwrap()),
+            ("other weights", &|| {
+                std::thread::sleep(std::time::Duration::from_millis(20));
+                std::fs::write(checkpoint.join(WEIGHTS), &other).unwrap();
+            }),
+            ("no checkpoint", &|| std::fs::remove_dir_all(place.join("checkpoints")).unwrap()),
+        ];
+        for (what, damage) in all {
+            damage();
+            assert_eq!(run_in(dir.path()).unwrap(), place, "{what}");
+            assert!(load_run(&place, CheckpointChoice::Auto).unwrap().notes.is_empty(), "{what}");
+            assert_eq!(names(), 1, "{what}: nothing is left beside it");
+        }
     }
 
     #[test]

@@ -1,12 +1,10 @@
 //! Writes files and folders that later steps depend on: complete, or not at all.
 
+use crate::part::{self, PartFile};
 use crate::{Error, Result, input};
-use std::collections::{BTreeSet, HashSet};
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
 
 /// Writes `bytes` to `path` so that a reader sees the old file or the new one: to a temporary name in the same folder, then
 /// fsync, rename, and fsync of the folder. Creates missing folders.
@@ -20,30 +18,22 @@ use std::time::Duration;
 /// ```
 ///
 /// # Errors
-/// [`Error::Io`] with the path; the temporary file is removed.
+/// I/O errors; the temporary file is removed.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    static COUNT: AtomicU64 = AtomicU64::new(0);
-    let Some(name) = path.file_name() else {
-        return Err(Error::taken(path, "is no name for a file"));
-    };
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    prepare(path, bytes)?.name(path)
+}
+
+/// The first half of [`write_whole`]: the bytes are on the disk, beside `path`.
+///
+/// # Errors
+/// Those of [`write_whole`].
+pub fn prepare(path: &Path, bytes: &[u8]) -> Result<PartFile> {
+    let folder = folder_of(path);
     fs::create_dir_all(folder).map_err(Error::io(folder))?;
-    let mut temporary = name.to_owned();
-    temporary.push(format!(".{}-{}.part", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
-    let temporary = folder.join(temporary);
-    let done = (|| {
-        let mut file = File::create(&temporary)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&temporary, path)?;
-        // some file systems can't sync a folder; the file itself is synced
-        let _ = File::open(folder).and_then(|f| f.sync_all());
-        Ok(())
-    })();
-    done.map_err(|e| {
-        let _ = fs::remove_file(&temporary);
-        Error::io(path)(e)
-    })
+    let mut part = PartFile::create(path)?;
+    part.write(bytes)?;
+    part.sync()?;
+    Ok(part)
 }
 
 /// Writes a new folder of these files, complete or not at all. A folder that already holds them is left alone.
@@ -84,12 +74,8 @@ impl PendingFolder {
     pub fn create(place: &Path) -> Result<PendingFolder> {
         let parent = folder_of(place);
         fs::create_dir_all(parent).map_err(Error::io(parent))?;
-        sweep(&[place]);
-        let path = beside(place, "writing")?;
-        if path.exists() {
-            // a process with the same id died here
-            fs::remove_dir_all(&path).map_err(Error::io(&path))?;
-        }
+        part::sweep(&[place]);
+        let path = part::hidden(place)?;
         fs::create_dir(&path).map_err(Error::io(&path))?;
         Ok(PendingFolder { path, place: place.into() })
     }
@@ -105,7 +91,7 @@ impl PendingFolder {
     /// I/O errors.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         let path = self.path.join(name);
-        let file = File::create(&path).and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()));
+        let file = File::create_new(&path).and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()));
         file.map_err(Error::io(&path))
     }
 
@@ -115,14 +101,37 @@ impl PendingFolder {
     /// [`Error::Taken`] with `help` when anything else but an empty folder is there; I/O errors.
     pub fn commit(self, help: &str) -> Result<()> {
         if is_empty(&self.place) {
-            fs::remove_dir(&self.place).map_err(Error::io(&self.place))?;
-        } else if fs::symlink_metadata(&self.place).is_ok() {
-            let what = || format!("exists, with other contents; {help}");
-            return if holds(&self.place, &self.path) { Ok(()) } else { Err(Error::taken(&self.place, what())) };
+            // another call may remove it, or fill it
+            let _ = fs::remove_dir(&self.place);
         }
-        sync_folder(&self.path)?;
-        rename_new(&self.path, &self.place)?;
-        sync_folder(folder_of(&self.place))
+        let is_there = || fs::symlink_metadata(&self.place).is_ok();
+        if !is_there() {
+            sync_folder(&self.path)?;
+            match fs::rename(&self.path, &self.place) {
+                Ok(()) => return sync_folder(folder_of(&self.place)),
+                Err(e) if !is_there() => return Err(Error::io(&self.place)(e)),
+                // another call was first, perhaps with the same files
+                Err(_) => {}
+            }
+        }
+        match holds(&self.place, &self.path) {
+            true => Ok(()),
+            false => Err(Error::taken(&self.place, format!("exists, with other contents; {help}"))),
+        }
+    }
+
+    /// As [`PendingFolder::commit`], but a folder that is there with other files gives way to it.
+    ///
+    /// # Errors
+    /// I/O errors; another call that puts other files there at the same time.
+    pub fn commit_instead(self) -> Result<()> {
+        if fs::symlink_metadata(&self.place).is_ok() && !holds(&self.place, &self.path) {
+            // aside first: nobody finds half of it
+            let aside = self.path.join("replaced");
+            fs::rename(&self.place, &aside).map_err(Error::io(&self.place))?;
+            fs::remove_dir_all(&aside).map_err(Error::io(&aside))?;
+        }
+        self.commit("call again")
     }
 
     /// As [`PendingFolder::commit`], but in an existing folder the files of `layout` are replaced one by one, the first of them
@@ -214,65 +223,6 @@ pub fn sync_folder(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// A hidden name for this process beside `path`: `.{name}.{purpose}-{process id}`.
-///
-/// # Errors
-/// [`Error::Taken`] when `path` has no last name, like `/` and `..`.
-pub fn beside(path: &Path, purpose: &str) -> Result<PathBuf> {
-    let what = || Error::taken(path, "can't be written; expected a name to write to");
-    let mut name = std::ffi::OsString::from(".");
-    name.push(path.file_name().ok_or_else(what)?);
-    name.push(format!(".{purpose}-{}", std::process::id()));
-    Ok(folder_of(path).join(name))
-}
-
-/// Leftovers of other processes are removed after this time without changes: the process may run on another machine that
-/// shares the folder.
-const ABANDONED: Duration = Duration::from_secs(3600);
-
-/// Removes unfinished outputs of these names, `.NAME.writing-PID` ([`beside`]) and `NAME.PID-COUNT.part` ([`write_whole`]),
-/// whose process is gone and which haven't changed for an hour.
-pub fn sweep(outputs: &[&Path]) {
-    let folders: BTreeSet<&Path> = outputs.iter().map(|path| folder_of(path)).collect();
-    for folder in folders {
-        let names: HashSet<&str> = outputs
-            .iter()
-            .filter(|path| folder_of(path) == folder)
-            .filter_map(|path| path.file_name()?.to_str())
-            .collect();
-        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-            let (found, path) = (entry.file_name(), entry.path());
-            // without /proc, age alone decides
-            let runs = |id: u32| Path::new("/proc").join(id.to_string()).exists();
-            let left = found.to_str().and_then(left_over).filter(|(name, id)| names.contains(name) && !runs(*id));
-            let inside = || fs::read_dir(&path).into_iter().flatten().flatten().all(|e| is_old(&e.path()));
-            if left.is_some() && is_old(&path) && inside() {
-                let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-            }
-        }
-    }
-}
-
-/// The final name of an unfinished file or folder, and the id of its process.
-pub fn left_over(found: &str) -> Option<(&str, u32)> {
-    let (name, id) = match found.strip_suffix(".part") {
-        Some(rest) => {
-            let (name, ids) = rest.rsplit_once('.')?;
-            let (id, count) = ids.split_once('-')?;
-            count.parse::<u64>().ok()?;
-            (name, id)
-        }
-        None => found.strip_prefix('.')?.rsplit_once(".writing-")?,
-    };
-    Some((name, id.parse().ok()?))
-}
-
-/// Whether a file or folder is abandoned.
-fn is_old(path: &Path) -> bool {
-    let modified = fs::symlink_metadata(path).and_then(|m| m.modified());
-    modified.is_ok_and(|m| m.elapsed().is_ok_and(|age| age > ABANDONED))
-}
-
 /// Whether this is a file name and not a path: without separators of any system, not `.` or `..`.
 pub fn is_plain(name: &str) -> bool {
     let path = Path::new(name);
@@ -317,43 +267,6 @@ pub fn folder_is_there(path: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn what_dead_processes_left_long_ago_is_swept() {
-        let dir = tempfile::tempdir().unwrap();
-        let then = std::time::SystemTime::now() - 2 * ABANDONED;
-        let folder = |name: String, old: bool| {
-            let folder = dir.path().join(name);
-            fs::create_dir(&folder).unwrap();
-            let file = File::create(folder.join("features")).unwrap();
-            if old {
-                file.set_modified(then).unwrap();
-                File::open(&folder).unwrap().set_modified(then).unwrap();
-            }
-            folder
-        };
-        let file = |name: String| {
-            let path = dir.path().join(name);
-            File::create(&path).unwrap().set_modified(then).unwrap();
-            path
-        };
-        // above the largest number that a process can have
-        let gone = u32::MAX;
-        let lost = [folder(format!(".index.writing-{gone}"), true), file(format!("index.{gone}-3.part"))];
-        let kept = [
-            folder(format!(".index.writing-{}", gone - 1), false),
-            folder(format!(".other.writing-{gone}"), true),
-            file(format!("index.json.{gone}-3.part")),
-            file("index.a-3.part".into()),
-            file("index.part".into()),
-            file(".index.writing-".into()),
-        ];
-        let own = file(format!("index.{}-0.part", std::process::id()));
-        sweep(&[&dir.path().join("index"), &dir.path().join("absent")]);
-        assert!(lost.iter().all(|path| !path.exists()), "{lost:?}");
-        assert!(kept.iter().all(|path| path.exists()), "{kept:?}");
-        assert!(own.exists() || !Path::new("/proc/self").exists());
-    }
 
     #[test]
     fn a_file_is_replaced_whole_and_nothing_is_left_beside_it() {
@@ -418,7 +331,7 @@ mod tests {
         let layout = ["about", "short", "long", "same"];
         write_folder(&path, &[("about", vec![1]), ("short", vec![2]), ("same", vec![0; 200_000])]).unwrap();
         fs::write(path.join("notes.txt"), "dear").unwrap();
-        let then = std::time::SystemTime::now() - ABANDONED;
+        let then = std::time::SystemTime::now() - part::ABANDONED;
         File::open(path.join("same")).unwrap().set_modified(then).unwrap();
         let hidden = PendingFolder::create(&path).unwrap();
         for (name, bytes) in [("about", vec![3]), ("long", vec![4; 9]), ("same", vec![0; 200_000])] {

@@ -1,8 +1,8 @@
 //! Durable files and folders, hashes, random streams, errors, and which files a call may overwrite.
 //!
 //! This crate knows nothing of motion. All files are read through [`input`], so that no call overwrites its inputs
-//! ([`output`]); files that later steps depend on are written completely or not at all ([`files`], [`sidecar`]); every use of
-//! randomness has its own stream ([`random`]).
+//! ([`output`]); files that later steps depend on are written completely or not at all ([`files`], [`part`], [`sidecar`]); nothing
+//! in a folder that kinelm goes on with leads out of it ([`owned`]); every use of randomness has its own stream ([`random`]).
 #![forbid(unsafe_code)]
 
 pub mod error;
@@ -11,6 +11,8 @@ pub mod hash;
 pub mod input;
 pub mod memory;
 pub mod output;
+pub mod owned;
+pub mod part;
 pub mod presets;
 pub mod random;
 pub mod sidecar;

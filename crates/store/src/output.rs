@@ -15,6 +15,7 @@
 use crate::{
     Error, Result, files, hash, input,
     input::{Identity, identity},
+    part::{self, PartFile},
 };
 use std::collections::HashSet;
 use std::ffi::OsStr;
@@ -57,6 +58,26 @@ pub enum Written {
     Replaced,
 }
 
+/// A file that is written but has no name yet ([`Outputs::prepare`]); dropped, it leaves nothing.
+#[derive(Debug)]
+pub struct Prepared<'a> {
+    path: &'a Path,
+    /// None where the file already has these bytes.
+    part: Option<PartFile>,
+    written: Written,
+}
+
+impl Prepared<'_> {
+    /// Gives it its name, which takes no space on the disk.
+    ///
+    /// # Errors
+    /// I/O errors.
+    pub fn name(self) -> Result<Written> {
+        self.part.map_or(Ok(()), |part| part.name(self.path))?;
+        Ok(self.written)
+    }
+}
+
 impl Outputs {
     /// For a call that reads these files, and in these folders all files but motion, pages and pictures. Missing inputs are
     /// ignored.
@@ -90,7 +111,7 @@ impl Outputs {
                 self.check_replaceable(path, None)?;
             }
         }
-        files::sweep(&outputs);
+        part::sweep(&outputs);
         Ok(())
     }
 
@@ -129,15 +150,23 @@ impl Outputs {
     /// # Errors
     /// [`Error::Taken`] with the reason; I/O errors.
     pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<Written> {
+        self.prepare(path, bytes)?.name()
+    }
+
+    /// The first half of [`Outputs::write`]: the bytes are on the disk, under a temporary name.
+    ///
+    /// # Errors
+    /// Those of [`Outputs::write`].
+    pub fn prepare<'a>(&self, path: &'a Path, bytes: &[u8]) -> Result<Prepared<'a>> {
         let standing = self.standing(path)?;
         if let Some(file) = &standing {
             if holds(path, file, bytes) {
-                return Ok(Written::Same);
+                return Ok(Prepared { path, part: None, written: Written::Same });
             }
             self.check_replaceable(path, None)?;
         }
-        files::write_whole(path, bytes)?;
-        Ok(if standing.is_some() { Written::Replaced } else { Written::New })
+        let written = if standing.is_some() { Written::Replaced } else { Written::New };
+        Ok(Prepared { path, part: Some(files::prepare(path, bytes)?), written })
     }
 
     /// The existing file at `path`, links followed; of a broken link the link itself.

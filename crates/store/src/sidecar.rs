@@ -74,8 +74,27 @@ fn json(path: &Path) -> Option<Value> {
     serde_json::from_slice(&input::peek_bytes(path).ok()?).ok()
 }
 
-/// Writes the sidecar of `file`, then the file. If this is interrupted, the sidecar has the hash of the old or of the new file.
-/// `text` builds the sidecar's text from the hash of the file being replaced; `sha256` is that of the new `bytes`.
+/// Refuses `file` while it is the one that its sidecar was to replace: the sidecar is of a dance whose replacement didn't
+/// finish, and made again, that would be written over the only copy of another.
+///
+/// # Errors
+/// [`Error::Taken`] then; [`Error::Io`] when the file can't be read.
+pub fn check_finished(file: &Path) -> Result<()> {
+    let replaces = json(&path_of(file)).and_then(|envelope| Some(envelope["replaces"].as_str()?.to_owned()));
+    let Some(replaces) = replaces.filter(|_| file.is_file()) else { return Ok(()) };
+    match hash::of_file(file)? == replaces {
+        true => {
+            let what = "is the dance before: its replacement didn't finish, and its sidecar is of the new one. Give `out` for \
+                        the new one, or `force` to write it over this one";
+            Err(Error::taken(file, what))
+        }
+        false => Ok(()),
+    }
+}
+
+/// Writes the sidecar of `file`, and the file. Both are on the disk under temporary names before either has its own: what fails
+/// for want of space changes nothing, and if this is interrupted between both names, the sidecar has the hash of the old file
+/// too, as the one it replaces ([`check_finished`]). `text` builds the sidecar's text from the hash of the file being replaced; `sha256` is that of the new `bytes`.
 ///
 /// # Errors
 /// Those of [`Outputs::write`]; a path that isn't UTF-8, which JSON can't hold.
@@ -90,8 +109,10 @@ pub fn write_beside(
     let before = hash::of_file(file).ok().filter(|hash| hash != sha256);
     let text = text(before.filter(|_| has_hash_of(file).unwrap_or(false)));
     let text = text.map_err(|e| Error::unsupported(path_of(file).display().to_string(), e.to_string()))?;
-    outputs.write(&path_of(file), (text + "\n").as_bytes())?;
-    outputs.write(file, bytes)?;
+    let path = path_of(file);
+    let (new, sidecar) = (outputs.prepare(file, bytes)?, outputs.prepare(&path, (text + "\n").as_bytes())?);
+    sidecar.name()?;
+    new.name()?;
     Ok(())
 }
 

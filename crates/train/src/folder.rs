@@ -1,17 +1,22 @@
 //! Run folders, each written by one process.
 
+use super::metrics::METRICS;
 use super::provenance::{self, PROVENANCE};
 use crate::{Error, Result};
+use kinelm_model::checkpoint::refuse_links;
 use kinelm_model::lead_in::LEAD_INS;
 use kinelm_model::run::{CONFIG, TOKENIZER};
-use kinelm_store::{files, input};
-use std::fs::{self, File, OpenOptions, TryLockError};
+use kinelm_store::owned::{self, Access};
+use kinelm_store::part::{is_unfinished_file, sweep_locked};
+use std::fs::{self, File, TryLockError};
 use std::io::{ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The file that the writing process locks; it contains the process id.
 const LOCK: &str = ".lock";
+/// Bytes of that file, at most.
+const MOST_LOCK: u64 = 1 << 10;
 /// Attempts to lock, and the time between them: [`is_written`] holds the lock for an instant.
 const TRIES: (u32, Duration) = (5, Duration::from_millis(40));
 /// Files that are written before `config.toml`.
@@ -60,17 +65,17 @@ impl RunFolder {
     /// Locks any folder.
     ///
     /// # Errors
-    /// Another process that writes it; what the system refuses.
+    /// Links in it; another process that writes it; what the system refuses.
     pub fn locked(run: &Path) -> Result<RunFolder> {
+        refuse_links(run)?;
         let path = run.join(LOCK);
-        let file = OpenOptions::new().create(true).truncate(false).read(true).write(true).open(&path);
-        let mut file = file.map_err(Error::io(&path))?;
+        let mut file = owned::open(run, LOCK, Access::Lock, MOST_LOCK)?;
         for _ in 0..TRIES.0 {
             match file.try_lock() {
                 Ok(()) => {
                     let write = |f: &mut File| f.set_len(0).and_then(|()| write!(f, "{}", std::process::id()));
                     write(&mut file).map_err(Error::io(&path))?;
-                    sweep(run)?;
+                    sweep_locked(run)?;
                     return Ok(RunFolder { path: run.to_owned(), _lock: Some(file) });
                 }
                 Err(TryLockError::WouldBlock) => std::thread::sleep(TRIES.1),
@@ -96,23 +101,8 @@ impl RunFolder {
 
 /// Whether a process is writing this run.
 pub fn is_written(run: &Path) -> bool {
-    let lock = input::peek(&run.join(LOCK));
+    let lock = owned::open(run, LOCK, Access::Read, MOST_LOCK);
     lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
-}
-
-/// Removes the incomplete files of a killed process.
-fn sweep(run: &Path) -> Result<()> {
-    for entry in fs::read_dir(run).map_err(Error::io(run))?.flatten() {
-        if is_incomplete(&entry.file_name().to_string_lossy()) {
-            fs::remove_file(entry.path()).map_err(Error::io(entry.path()))?;
-        }
-    }
-    Ok(())
-}
-
-/// Whether this is the name of an incomplete file; under the lock no living process writes it.
-fn is_incomplete(name: &str) -> bool {
-    name.ends_with(".part") && files::left_over(name).is_some()
 }
 
 /// Removes a run, whole or not at all.
@@ -128,7 +118,7 @@ pub fn remove(run: &Path) -> Result<()> {
     };
     let own = |name: &str| {
         EARLY.contains(&name)
-            || [CONFIG, LEAD_INS, "metrics.jsonl", "latest", "best"].contains(&name)
+            || [CONFIG, LEAD_INS, METRICS, "latest", "best"].contains(&name)
             || name.starts_with("events.out.tfevents.")
             || is_corpus(name)
     };
@@ -168,7 +158,7 @@ fn is_free(run: &Path) -> bool {
     }
     let Ok(entries) = fs::read_dir(run) else { return false };
     let names: Vec<String> = entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
-    let early = |name: &String| EARLY.contains(&name.as_str()) || is_corpus(name) || is_incomplete(name);
+    let early = |name: &String| EARLY.contains(&name.as_str()) || is_corpus(name) || is_unfinished_file(name);
     names.is_empty() || (names.iter().any(|n| n == LOCK) && names.iter().all(early))
 }
 
@@ -239,15 +229,15 @@ mod tests {
         let run = dir.path().join("run");
         drop(RunFolder::create(&run).unwrap());
         fs::write(run.join(TOKENIZER), "{}").unwrap();
-        fs::write(run.join("config.toml.77-0.part"), "ver").unwrap();
+        fs::write(run.join("config.toml.77-0011223344556677.part"), "ver").unwrap();
         fs::write(run.join("notes.part"), "mine").unwrap();
         assert!(RunFolder::create(&run).is_err(), "notes are no beginning of a run");
         drop(RunFolder::locked(&run).unwrap());
         assert!(run.join("notes.part").exists());
         fs::remove_file(run.join("notes.part")).unwrap();
-        fs::write(run.join("config.toml.77-0.part"), "ver").unwrap();
+        fs::write(run.join("config.toml.77-0011223344556677.part"), "ver").unwrap();
         drop(RunFolder::create(&run).unwrap());
-        assert!(!run.join("config.toml.77-0.part").exists());
+        assert!(!run.join("config.toml.77-0011223344556677.part").exists());
         fs::write(run.join("config.toml"), "").unwrap();
         assert!(RunFolder::create(&run).unwrap_err().to_string().contains("run exists; resume it"));
         // no run's

@@ -4,11 +4,15 @@ use super::tensorboard::EventFile;
 use crate::{Error, Result};
 use kinelm_model::likelihood::Likelihood;
 use kinelm_model::run::CONFIG;
+use kinelm_store::owned::{self, Access};
 use kinelm_store::{files, input};
 use serde::{Deserialize, Serialize};
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+
+/// The file of a run's metrics.
+pub const METRICS: &str = "metrics.jsonl";
 
 /// Metrics of one step.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -42,7 +46,7 @@ impl Metrics {
     /// # Errors
     /// What the system refuses.
     pub fn open(run: &Path, step: u64) -> Result<Metrics> {
-        let path = run.join("metrics.jsonl");
+        let path = run.join(METRICS);
         if let Ok(old) = input::text(&path) {
             let earlier = |line: &&str| {
                 let object: Option<serde_json::Value> = serde_json::from_str(line).ok();
@@ -53,7 +57,7 @@ impl Metrics {
                 files::write_whole(&path, kept.as_bytes())?;
             }
         }
-        let file = OpenOptions::new().create(true).append(true).open(&path).map_err(Error::io(&path))?;
+        let file = owned::open(run, METRICS, Access::Append, u64::MAX)?;
         let config = input::text(&run.join(CONFIG)).unwrap_or_default();
         Ok(Metrics { path, file, events: EventFile::create(run, step, &config)? })
     }

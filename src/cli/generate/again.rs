@@ -46,6 +46,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let outputs = make::outputs(args.force, inputs, [file.clone()].into_iter().chain(args.timeline.clone()));
     outputs.check([&*out])?;
     outputs.check_replaceable(&out, Some(&first.output.sha256))?;
+    check_finished(&out, args.force)?;
     let open = first.open(request)?;
     make::report(&open, say)?;
     let guesses = args.guesses.map(usize::from);
@@ -57,6 +58,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
     convert::report_written(&out, &generated.motion, say);
     Ok(())
+}
+
+/// Refuses an output that its sidecar was to replace, unless it is to be written over.
+pub fn check_finished(out: &Path, force: ForceArgs) -> Result<()> {
+    Ok(if force.force { () } else { sidecar::check_finished(out)? })
 }
 
 /// Where a dance is written again: to `requested`, or beside its sidecar `file` under its own `name`.

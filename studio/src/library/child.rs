@@ -1,10 +1,12 @@
-//! The process that reads a file: `kinelm studio-read`, started by the studio for every file that it is given.
+//! The process that reads a file: `kinelm studio-read`, started by the studio for every file that it is given, and for
+//! every figure of one.
 //!
-//! Some parsers are C code, and any parser may take all memory or never end on a file that is made for it. In a
-//! process of its
-//! own, with limits, that is an error of one file.
+//! Some parsers are C code, and any parser may take all memory or never end on a file that is made for it. In a process
+//! of its own, with limits, that is an error of one file, and the memory that a long clip takes is the system's again
+//! when it has been read.
 
 use super::doubts::{Outcome, outcome};
+use super::figure::Wanted;
 use crate::project::document::Reading;
 use crate::{Error, Result};
 use kinelm_store::files;
@@ -21,14 +23,41 @@ const MOST_BYTES: u64 = 1 << 20;
 pub struct Job {
     /// The file.
     pub file: PathBuf,
-    /// What the user states of it.
-    pub reading: Reading,
-    /// Where a clip of another format goes as a BVH.
-    pub convert: PathBuf,
-    /// Where the outcome goes.
+    /// What of it.
+    pub work: Work,
+    /// Where the answer goes.
     pub out: PathBuf,
     /// The limits.
     pub limits: Limits,
+}
+
+/// What is read of a file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Work {
+    /// All that the library keeps of it: the answer is an [`Outcome`].
+    Facts {
+        /// What the user states of it.
+        reading: Box<Reading>,
+        /// Where a clip of another format goes as a BVH.
+        convert: PathBuf,
+    },
+    /// What the stage shows: the answer is for [`figure_of`].
+    Figure(Box<Wanted>),
+}
+
+/// The first line of an answer that is a figure, before its text.
+const FIGURE: &[u8] = b"figure\n";
+/// And that of one which says why there is none.
+const NONE: &[u8] = b"none\n";
+
+/// The text of a figure, or why there is none; the answer to [`Work::Figure`].
+pub fn figure_of(answer: Vec<u8>) -> Option<Result<String>> {
+    let text = |of: &[u8]| String::from_utf8(of.to_vec()).ok();
+    match (answer.strip_prefix(FIGURE), answer.strip_prefix(NONE)) {
+        (Some(figure), _) => text(figure).map(Ok),
+        (_, Some(why)) => text(why).map(|why| Err(Error::Conflict(why))),
+        _ => None,
+    }
 }
 
 /// What the process may take.
@@ -60,10 +89,21 @@ pub fn read_file() -> Result<()> {
     let job: Job = serde_json::from_str(&text).map_err(wrong)?;
     limit(job.limits)?;
     // a panic is an error of this file too; what it printed nobody reads
-    let found = std::panic::catch_unwind(|| outcome(&job.file, &job.reading, &job.convert));
-    let found = found.unwrap_or_else(|payload| Outcome::failed(&Error::of_panic(&*payload)));
-    let text = serde_json::to_vec(&found).map_err(Error::failed)?;
-    Ok(files::write_whole(&job.out, &text)?)
+    let answer = std::panic::catch_unwind(|| match &job.work {
+        Work::Facts { reading, convert } => serde_json::to_vec(&outcome(&job.file, reading, convert)),
+        Work::Figure(wanted) => Ok(match wanted.text(&job.file) {
+            Ok(text) => [FIGURE, text.as_bytes()].concat(),
+            Err(e) => [NONE, e.to_string().as_bytes()].concat(),
+        }),
+    });
+    let answer = answer.unwrap_or_else(|payload| {
+        let e = Error::of_panic(&*payload);
+        match job.work {
+            Work::Facts { .. } => serde_json::to_vec(&Outcome::failed(&e)),
+            Work::Figure(_) => Ok([NONE, e.to_string().as_bytes()].concat()),
+        }
+    });
+    Ok(files::write_whole(&job.out, &answer.map_err(Error::failed)?)?)
 }
 
 /// Holds this process to limits, where the system can.

@@ -1,22 +1,25 @@
 //! What the stage shows of a clip or a dance: the data of the page's player.
 
 use super::{Library, Source};
-use crate::project::document::DanceRecord;
+use crate::project::CACHE;
+use crate::project::document::{DanceRecord, MadeSpan};
 use crate::{Error, Result};
-use kinelm_motion::format;
+use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::rig::map_of;
 use kinelm_view::Figure;
 use kinelm_view::data::{self, Drawn};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Bytes of figures that are kept in memory.
 const MOST_BYTES: usize = 48 << 20;
 
 /// How much of a figure is wanted; a list shows small ones.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Part {
     /// The rate, at most.
@@ -102,32 +105,65 @@ impl Library {
         if let Some(text) = self.figures().find(&key) {
             return Ok(text);
         }
-        let text: Arc<str> = text(&source, dance.as_ref(), part)?.into();
+        let wanted = Wanted::of(&source, dance.as_ref(), part);
+        let text: Arc<str> = self.reader.figure(&source.path, wanted, &self.figure_file(), &self.stop)?.into();
         self.figures().keep(key, &text);
         Ok(text)
     }
+
+    /// Where a process leaves a figure: several may be drawn at once.
+    fn figure_file(&self) -> PathBuf {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        let name = format!("figure-{}.read", COUNT.fetch_add(1, Ordering::Relaxed));
+        self.project().folder().join(CACHE).join(name)
+    }
 }
 
-fn text(source: &Source, dance: Option<&DanceRecord>, part: Part) -> Result<String> {
-    let motion = format::read(&source.path, &source.read)?;
-    let map = map_of(&motion.clip, source.read.map.as_deref()).ok();
-    let mut clip = motion.clip;
-    if let Some(seconds) = part.seconds {
-        let frames = (seconds * clip.fps()).ceil().max(1.0) as usize;
-        clip = clip.slice(0..frames.min(clip.frames()));
+/// A figure that is wanted of a file, as the process that reads it gets it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Wanted {
+    name: String,
+    read: ReadOptions,
+    floor_m: f64,
+    part: Part,
+    generated_s: Vec<[f64; 2]>,
+    made: Vec<MadeSpan>,
+}
+
+impl Wanted {
+    fn of(source: &Source, dance: Option<&DanceRecord>, part: Part) -> Wanted {
+        Wanted {
+            name: source.name.clone(),
+            read: source.read.clone(),
+            floor_m: source.floor_m,
+            part,
+            generated_s: dance.map_or_else(Vec::new, |dance| dance.generated_s.clone()),
+            made: dance.map_or_else(Vec::new, |dance| dance.made_spans.clone()),
+        }
     }
-    if let Some(fps) = part.fps.filter(|fps| *fps < clip.fps()) {
-        clip = resample(&clip, fps, Method::Auto)?;
+
+    /// Reads the file and draws its figure, as JSON.
+    ///
+    /// # Errors
+    /// Those of reading; a clip that isn't a body's.
+    pub fn text(&self, file: &Path) -> Result<String> {
+        let motion = format::read(file, &self.read)?;
+        let map = map_of(&motion.clip, self.read.map.as_deref()).ok();
+        let mut clip = motion.clip;
+        if let Some(seconds) = self.part.seconds {
+            let frames = (seconds * clip.fps()).ceil().max(1.0) as usize;
+            clip = clip.slice(0..frames.min(clip.frames()));
+        }
+        if let Some(fps) = self.part.fps.filter(|fps| *fps < clip.fps()) {
+            clip = resample(&clip, fps, Method::Auto)?;
+        }
+        let figure = Figure::new(&*self.name, &clip).regenerated(&self.generated_s);
+        let drawn = data::figure(&figure, self.floor_m, map.as_ref())?;
+        let made =
+            self.made.iter().map(|span| Made { points: drawn.points_of(&span.joints), from: span.from, to: span.to });
+        let made = made.collect();
+        serde_json::to_string(&Shown { drawn, made }).map_err(Error::failed)
     }
-    let mut figure = Figure::new(&*source.name, &clip);
-    if let Some(dance) = dance {
-        figure = figure.regenerated(&dance.generated_s);
-    }
-    let drawn = data::figure(&figure, source.floor_m, map.as_ref())?;
-    let spans = dance.map_or(&[][..], |dance| &dance.made_spans);
-    let made = spans.iter().map(|span| Made { points: drawn.points_of(&span.joints), from: span.from, to: span.to });
-    let made = made.collect();
-    serde_json::to_string(&Shown { drawn, made }).map_err(Error::failed)
 }
 
 #[cfg(test)]

@@ -186,7 +186,8 @@ impl Library {
         let key = format!("{version} {} {nanos} {} {beside} {reading}", file.display(), found.len());
         let cache = self.project.folder().join(CACHE).join(format!("{}.json", record.id));
         let convert = self.converted(&record.id);
-        if let Some(cached) = std::fs::read(&cache).ok().and_then(|text| serde_json::from_slice::<Cached>(&text).ok()) {
+        let before = reader::read_cached(&cache).and_then(|text| serde_json::from_slice::<Cached>(&text).ok());
+        if let Some(cached) = before {
             let is_there = match &cached.outcome {
                 Outcome::Ready(info) => !info.converted || convert.is_file(),
                 Outcome::Failed { .. } => false,

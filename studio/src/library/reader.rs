@@ -1,9 +1,12 @@
 //! The studio's side of the process that reads a file ([`super::child`]).
 
-use super::child::{Job, Limits};
+use super::child::{Job, Limits, Work, figure_of};
 use super::doubts::Outcome;
+use super::figure::Wanted;
 use crate::project::document::Reading;
 use crate::{Error, Result};
+use kinelm_store::files::folder_of;
+use kinelm_store::owned;
 use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -24,6 +27,14 @@ pub struct Reader {
     pub limits: Limits,
 }
 
+/// Bytes of what is known of a file, at most: a figure of 8 million poses of a joint takes 8 bytes for each coordinate.
+const MOST_BYTES: u64 = 256 << 20;
+
+/// The bytes of what reading a file found; none where there is no such file.
+pub(super) fn read_cached(path: &Path) -> Option<Vec<u8>> {
+    owned::bytes(folder_of(path), path.file_name()?, MOST_BYTES).ok()?
+}
+
 /// Ends the process where it isn't waited for.
 struct Guarded(Child);
 
@@ -36,13 +47,11 @@ impl Drop for Guarded {
 
 impl Reader {
     /// Reads a file. `convert` is where a clip of another format goes as a BVH, `out` where the process leaves its
-    /// outcome,
-    /// which is removed.
+    /// outcome, which is removed.
     ///
     /// # Errors
-    /// A process that can't be started; [`kinelm_store::Error::Stopped`] where `stop` is set. A process that crashes
-    /// or takes
-    /// too long is an outcome.
+    /// A process that can't be started; [`kinelm_store::Error::Stopped`] where `stop` is set. A process that crashes or
+    /// takes too long is an outcome.
     pub fn read(
         &self,
         file: &Path,
@@ -50,25 +59,51 @@ impl Reader {
         (convert, out): (&Path, &Path),
         stop: &AtomicBool,
     ) -> Result<Outcome> {
-        let (file, reading) = (file.to_owned(), reading.clone());
-        let job = Job { file, reading, convert: convert.into(), out: out.into(), limits: self.limits };
-        let _ = std::fs::remove_file(out);
-        let status = self.run(&job, stop)?;
-        let found = std::fs::read(out).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
-        let _ = std::fs::remove_file(out);
+        let work = Work::Facts { reading: Box::new(reading.clone()), convert: convert.into() };
+        let (found, status) = self.answer(file, work, out, stop)?;
+        let found = found.and_then(|bytes| serde_json::from_slice(&bytes).ok());
         if found.is_none() {
             let _ = std::fs::remove_file(convert);
         }
-        let name = job.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(found.unwrap_or_else(|| Outcome::Failed { text: self.why_none(file, status), doubts: Vec::new() }))
+    }
+
+    /// The figure of a clip as text; `out` is where the process leaves it, which is removed.
+    ///
+    /// # Errors
+    /// Those of [`Reader::read`], those of [`Wanted::text`], and a process that crashes or takes too long.
+    pub fn figure(&self, file: &Path, wanted: Wanted, out: &Path, stop: &AtomicBool) -> Result<String> {
+        let (found, status) = self.answer(file, Work::Figure(Box::new(wanted)), out, stop)?;
+        found.and_then(figure_of).unwrap_or_else(|| Err(Error::Conflict(self.why_none(file, status))))
+    }
+
+    /// Starts a process, and reads what it has left; with how it ended, `None` where it took too long.
+    fn answer(
+        &self,
+        file: &Path,
+        work: Work,
+        out: &Path,
+        stop: &AtomicBool,
+    ) -> Result<(Option<Vec<u8>>, Option<ExitStatus>)> {
+        let job = Job { file: file.into(), work, out: out.into(), limits: self.limits };
+        let _ = std::fs::remove_file(out);
+        let status = self.run(&job, stop)?;
+        let found = read_cached(out);
+        let _ = std::fs::remove_file(out);
+        Ok((found, status))
+    }
+
+    /// Why a process has left no answer.
+    fn why_none(&self, file: &Path, status: Option<ExitStatus>) -> String {
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
         let limits = format!("{} seconds and {} GB of memory", self.limits.seconds, self.limits.memory >> 30);
-        let what = match status {
+        match status {
             None => format!("{name} takes longer than {limits} to read; cut it into shorter ones"),
             Some(status) => format!(
                 "{name} can't be read: its reader ended ({status}), as a damaged file may make it, or one that takes more \
                  than {limits}; export it again, or cut it into shorter ones"
             ),
-        };
-        Ok(found.unwrap_or(Outcome::Failed { text: what, doubts: Vec::new() }))
+        }
     }
 
     /// Runs the process to its end; `None` where it took too long and was ended.

@@ -7,9 +7,7 @@ use crate::project::document::{Change, ClipRecord, Reading};
 use crate::project::{CLIPS, Project};
 use crate::{Error, Result};
 use kinelm_motion::format::Format;
-use kinelm_store::files;
-use std::fs::{self, File};
-use std::io::Write;
+use kinelm_store::part::PartFile;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -22,16 +20,9 @@ static NAMING: Mutex<()> = Mutex::new(());
 /// A file that is coming. Dropped before it is whole, it leaves nothing.
 #[derive(Debug)]
 pub struct Upload {
-    part: PathBuf,
-    file: File,
+    part: PartFile,
     bytes: u64,
     name: String,
-}
-
-impl Drop for Upload {
-    fn drop(&mut self) {
-        let _ = fs::remove_file(&self.part); // already gone once it has its name
-    }
 }
 
 /// The name that an upload gets, from what the page calls it: its last part, of a kind that is taken.
@@ -56,12 +47,9 @@ impl Upload {
     /// # Errors
     /// Those of [`name_of`]; I/O errors.
     pub fn begin(project: &Project, called: &str) -> Result<Upload> {
-        static COUNT: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
         let name = name_of(called)?;
-        let count = COUNT.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        let part = project.folder().join(CLIPS).join(format!(".upload-{}-{count}.part", std::process::id()));
-        let file = File::create(&part).map_err(Error::io(&part))?;
-        Ok(Upload { part, file, bytes: 0, name })
+        let part = PartFile::create(&project.folder().join(CLIPS).join(&name))?;
+        Ok(Upload { part, bytes: 0, name })
     }
 
     /// Adds a piece.
@@ -74,7 +62,7 @@ impl Upload {
             let (needs, limit) = (format!("more than {} MB", MOST_BYTES >> 20), format!("{} MB", MOST_BYTES >> 20));
             return Err(Error::limit(&self.name, needs, limit, "cut it into shorter ones"));
         }
-        self.file.write_all(piece).map_err(Error::io(&self.part))
+        Ok(self.part.write(piece)?)
     }
 
     /// Gives the file its name in the project's clips. `None` for a skeleton, which belongs to clips beside it.
@@ -85,7 +73,8 @@ impl Upload {
         if self.bytes == 0 {
             return Err(Error::file(&self.name, "no bytes", "a file", "upload it again"));
         }
-        self.file.sync_all().map_err(Error::io(&self.part))?;
+        // what takes long first; the name is taken at once then
+        self.part.sync()?;
         let folder = project.folder().join(CLIPS);
         let _naming = NAMING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let (stem, extension) = self.name.rsplit_once('.').unwrap_or((&self.name, ""));
@@ -94,8 +83,7 @@ impl Upload {
             n => format!("{stem}-{n}.{extension}"),
         };
         let name = (1..).map(numbered).find(|name| !folder.join(name).exists()).unwrap_or_default();
-        fs::rename(&self.part, folder.join(&name)).map_err(Error::io(&self.part))?;
-        files::sync_folder(&folder)?;
+        self.part.name(&folder.join(&name))?;
         if extension == "asf" {
             return Ok(None);
         }
@@ -110,18 +98,10 @@ pub fn added(project: &Project, file: PathBuf) -> Change {
     Change::Clip { before: None, after: Some(Box::new(clip)) }
 }
 
-/// Removes what processes left behind that ended in the middle of an upload.
-pub fn sweep(project: &Project) {
-    let entries = fs::read_dir(project.folder().join(CLIPS)).into_iter().flatten().flatten();
-    let is_left = |name: &str| name.starts_with(".upload-") && name.ends_with(".part");
-    for entry in entries.filter(|entry| entry.file_name().to_str().is_some_and(is_left)) {
-        let _ = fs::remove_file(entry.path());
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     fn open() -> (tempfile::TempDir, Project) {
         let dir = tempfile::tempdir().unwrap();
@@ -186,8 +166,9 @@ mod tests {
         let mut skeleton = Upload::begin(&project, "07.asf").unwrap();
         skeleton.write(b"x").unwrap();
         assert_eq!(skeleton.finish(&project).unwrap(), None);
-        fs::write(dir.path().join(CLIPS).join(".upload-1-2.part"), "left").unwrap();
-        sweep(&project);
+        fs::write(dir.path().join(CLIPS).join("a.bvh.1-00112233445566ff.part"), "left").unwrap();
+        drop(project);
+        Project::open(dir.path()).unwrap();
         assert_eq!(names(), ["07.asf", "a-2.bvh", "a-3.bvh", "a.bvh"]);
     }
 

@@ -2,24 +2,29 @@
 //! again.
 
 use super::request::{Kind, Make};
+use crate::project::Project;
 use crate::project::document::is_id;
-use crate::project::{OWN, Project};
 use crate::{Error, Result};
-use kinelm_store::{files, input};
+use kinelm_store::files;
+use kinelm_store::owned::{self, Access};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
+/// The file of the list.
+const JOBS: &str = ".studio/jobs.jsonl";
+/// Bytes of it, at most.
+const MOST_BYTES: u64 = 64 << 20;
 /// Ended jobs that are remembered.
 const MOST_ENDED: usize = 100;
 /// Jobs that may wait.
 const MOST_WAITING: usize = 32;
-/// How often a job is begun: one that ends the process isn't begun for ever.
+/// How often a job is begun without an end: one that ends the process isn't begun for ever.
 const MOST_BEGUN: usize = 5;
 
 /// How a job stands.
@@ -50,7 +55,7 @@ pub struct Job {
     pub dances: Vec<String>,
     /// How it stands.
     pub state: State,
-    /// How often it was begun.
+    /// How often it was begun, but for times that the user ended the studio.
     #[serde(default)]
     pub begun: usize,
     /// Why it failed.
@@ -101,15 +106,12 @@ impl Jobs {
     /// # Errors
     /// I/O errors. Lines that are no jobs are left out: their dances can be asked for again.
     pub fn open(project: &Project) -> Result<Jobs> {
-        let path = project.folder().join(OWN).join("jobs.jsonl");
+        let (folder, path) = (project.folder(), project.folder().join(JOBS));
         let mut jobs = BTreeMap::new();
-        if path.exists() {
-            let bytes = input::peek_bytes(&path).map_err(Error::io(&path))?;
-            for line in bytes.split(|byte| *byte == b'\n') {
-                let job = serde_json::from_slice::<Job>(line).ok();
-                if let Some(job) = job.filter(|job| is_id(&job.id) && job.dances.iter().all(|id| is_id(id))) {
-                    jobs.insert(crate::project::document::number(&job.id), (job, Running::new()));
-                }
+        for line in owned::bytes(folder, JOBS, MOST_BYTES)?.unwrap_or_default().split(|byte| *byte == b'\n') {
+            let job = serde_json::from_slice::<Job>(line).ok();
+            if let Some(job) = job.filter(|job| is_id(&job.id) && job.dances.iter().all(|id| is_id(id))) {
+                jobs.insert(crate::project::document::number(&job.id), (job, Running::new()));
             }
         }
         for (job, _) in jobs.values_mut() {
@@ -129,7 +131,7 @@ impl Jobs {
         });
         let lines = jobs.values().filter_map(|(job, _)| serde_json::to_string(job).ok()).map(|line| line + "\n");
         files::write_whole(&path, lines.collect::<String>().as_bytes())?;
-        let file = OpenOptions::new().append(true).open(&path).map_err(Error::io(&path))?;
+        let file = owned::open(folder, JOBS, Access::Append, MOST_BYTES)?;
         Ok(Jobs { inner: Mutex::new(Inner { path, file, jobs }), wake: Condvar::new(), stop: AtomicBool::new(false) })
     }
 
@@ -186,6 +188,22 @@ impl Jobs {
             return Ok(());
         }
         (job.state, job.text) = (state, text);
+        let job = job.clone();
+        inner.write(&job)
+    }
+
+    /// Puts a job back that the studio's own end has stopped, as if it had not been begun: ends that the user wanted say
+    /// nothing against it.
+    ///
+    /// # Errors
+    /// I/O errors.
+    pub fn put_back(&self, id: &str) -> Result<()> {
+        let mut inner = self.inner();
+        let Some((job, _)) = inner.jobs.get_mut(&crate::project::document::number(id)) else { return Ok(()) };
+        if job.state != State::Running {
+            return Ok(());
+        }
+        (job.state, job.begun) = (State::Waiting, job.begun.saturating_sub(1));
         let job = job.clone();
         inner.write(&job)
     }
@@ -318,8 +336,16 @@ mod tests {
         let (jobs, _) = open();
         let ended = jobs.find("j1").unwrap();
         assert!(ended.state == State::Failed && ended.text.unwrap().contains("again and again"));
+        for _ in 0..=MOST_BEGUN {
+            // ends that the user wanted don't count
+            let (jobs, _) = open();
+            assert_eq!(jobs.next().map(|(job, _)| (job.id, job.begun)), Some(("j3".into(), 1)));
+            jobs.put_back("j3").unwrap();
+        }
+        let (jobs, _) = open();
         assert_eq!(jobs.next().unwrap().0.id, "j3");
         jobs.end("j3", State::Done, None).unwrap();
+        jobs.put_back("j3").unwrap();
         drop(jobs);
         let (jobs, _) = open();
         assert!(jobs.find("j3").unwrap().state == State::Done);

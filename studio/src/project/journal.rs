@@ -1,19 +1,30 @@
-//! The journal: every change of a project as a line of JSON, synced before anybody is told of it.
+//! The journal: every change of a project as a line of JSON with a checksum, synced before anybody is told of it.
 //!
-//! A process may end at any moment. A line that isn't whole was told nobody and is dropped; a line that is whole
-//! counts. When the journal has grown it is written anew, as one line with the state and the steps that can be taken back.
+//! ```text
+//! {"crc32c":"9ae0daaf","line":{"begin":{"schema":2,..}}}
+//! ```
+//!
+//! A process may end at any moment. A line without its end was told nobody and is dropped; one with it counts, and where
+//! its checksum is another, the file was damaged and nothing is guessed. When the journal has grown it is written anew,
+//! as one line with the state and the steps that can be taken back.
 
+use super::JOURNAL;
 use super::document::{Change, Document};
 use super::history::{History, Step};
 use crate::{Error, Result};
-use kinelm_store::{files, input};
+use kinelm_store::files;
+use kinelm_store::owned::{self, Access};
 use serde::{Deserialize, Serialize};
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// The version of the layout.
-const SCHEMA: u32 = 1;
+const SCHEMA: u32 = 2;
+/// Bytes of a journal, at most.
+const MOST_BYTES: u64 = 1 << 30;
+/// What stands around a line and its checksum of 8 hexadecimal digits.
+const AROUND: [&str; 3] = ["{\"crc32c\":\"", "\",\"line\":", "}\n"];
 /// Bytes that are added before a journal is written anew, at least; and as many as it had then.
 const GROWN: u64 = 4 << 20;
 
@@ -101,35 +112,44 @@ impl Replayed {
 /// The file of a journal.
 #[derive(Debug)]
 pub struct Journal {
-    path: PathBuf,
+    folder: PathBuf,
     file: File,
     bytes: u64,
+    /// Whether nothing stood in it.
+    is_new: bool,
     /// Where it is written anew.
     limit: u64,
 }
 
 impl Journal {
-    /// Reads a journal, or begins one.
+    /// Reads the journal of a project's folder, or begins one.
     ///
     /// # Errors
     /// A line that is none, but for the last; I/O errors.
-    pub fn open(path: &Path) -> Result<(Journal, Replayed)> {
+    pub fn open(folder: &Path) -> Result<(Journal, Replayed)> {
         let mut state = Replayed { next: 1, ..Replayed::default() };
-        let mut whole = 0;
-        if path.exists() {
-            let bytes = input::peek_bytes(path).map_err(Error::io(path))?;
-            whole = replay(path, &bytes, &mut state)?;
+        let bytes = owned::bytes(folder, JOURNAL, MOST_BYTES)?.unwrap_or_default();
+        let whole = replay(&folder.join(JOURNAL), &bytes, &mut state)?;
+        let file = owned::open(folder, JOURNAL, Access::Append, MOST_BYTES)?;
+        let is_new = whole == 0;
+        let mut journal = Journal { folder: folder.into(), file, bytes: whole, is_new, limit: GROWN };
+        journal.file.set_len(whole).map_err(Error::io(journal.path()))?;
+        if is_new {
+            files::sync_folder(files::folder_of(&journal.path()))?;
         }
-        let file = OpenOptions::new().create(true).append(true).open(path).map_err(Error::io(path))?;
-        file.set_len(whole).map_err(Error::io(path))?;
-        if whole == 0 {
-            files::sync_folder(files::folder_of(path))?;
-        }
-        let mut journal = Journal { path: path.into(), file, bytes: whole, limit: GROWN };
         if whole > GROWN {
             journal.rewrite(&state)?;
         }
         Ok((journal, state))
+    }
+
+    fn path(&self) -> PathBuf {
+        self.folder.join(JOURNAL)
+    }
+
+    /// Whether nothing stood in it when it was opened: the project is new, or its journal is lost.
+    pub fn is_new(&self) -> bool {
+        self.is_new
     }
 
     /// Adds a line; it is on the disk when this returns.
@@ -137,11 +157,10 @@ impl Journal {
     /// # Errors
     /// I/O errors: the journal is as before then.
     pub fn append(&mut self, line: &Line) -> Result<()> {
-        let mut text = serde_json::to_vec(line).map_err(Error::failed)?;
-        text.push(b'\n');
+        let text = to_text(line)?;
         if let Err(e) = self.file.write_all(&text).and_then(|()| self.file.sync_data()) {
             let _ = self.file.set_len(self.bytes);
-            return Err(Error::io(&self.path)(e));
+            return Err(Error::io(self.path())(e));
         }
         self.bytes += text.len() as u64;
         Ok(())
@@ -159,13 +178,36 @@ impl Journal {
     pub fn rewrite(&mut self, state: &Replayed) -> Result<()> {
         let (document, history) = (state.document.clone(), state.history.clone());
         let line = Line::Begin { schema: SCHEMA, document, history, next: state.next };
-        let mut text = serde_json::to_vec(&line).map_err(Error::failed)?;
-        text.push(b'\n');
-        files::write_whole(&self.path, &text)?;
-        self.file = OpenOptions::new().append(true).open(&self.path).map_err(Error::io(&self.path))?;
+        let text = to_text(&line)?;
+        files::write_whole(&self.path(), &text)?;
+        self.file = owned::open(&self.folder, JOURNAL, Access::Append, MOST_BYTES)?;
         self.bytes = text.len() as u64;
         self.limit = 2 * self.bytes + GROWN;
         Ok(())
+    }
+}
+
+/// A line with its checksum and its end.
+fn to_text(line: &Line) -> Result<Vec<u8>> {
+    let line = serde_json::to_vec(line).map_err(Error::failed)?;
+    let [before, between, after] = AROUND;
+    let checksum = format!("{:08x}", crc32c::crc32c(&line));
+    Ok([before.as_bytes(), checksum.as_bytes(), between.as_bytes(), &line, after.as_bytes()].concat())
+}
+
+/// A line of a text that has its end.
+fn of_text(text: &[u8]) -> std::result::Result<Line, String> {
+    let [before, between, after] = AROUND;
+    let line = (|| {
+        let (checksum, rest) = text.strip_prefix(before.as_bytes())?.split_at_checked(8)?;
+        let line = rest.strip_prefix(between.as_bytes())?.strip_suffix(after.as_bytes())?;
+        Some((checksum, line))
+    })();
+    let (checksum, line) = line.ok_or("no checksum, as a journal of another version of kinelm has none")?;
+    let found = format!("{:08x}", crc32c::crc32c(line));
+    match found.as_bytes() == checksum {
+        true => serde_json::from_slice(line).map_err(|e| e.to_string()),
+        false => Err(format!("CRC-32C {found}, {} stands before it", String::from_utf8_lossy(checksum))),
     }
 }
 
@@ -173,7 +215,7 @@ impl Journal {
 fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<u64> {
     let mut whole = 0;
     for (n, text) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
-        let line = text.strip_suffix(b"\n").map(serde_json::from_slice::<Line>);
+        let line = text.ends_with(b"\n").then(|| of_text(text));
         let help = "put back the file of a copy, or move it away: clips, dances and the timeline are files beside it";
         match line {
             Some(Ok(Line::Begin { schema, .. })) if schema != SCHEMA => {
@@ -199,66 +241,110 @@ fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<u64> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::OWN;
     use super::*;
+    use std::fs;
 
     fn step(name: &str, before: Option<&str>, after: &str) -> Line {
         let change = Change::Timeline { before: before.map(str::to_owned), after: Some(after.into()) };
         Line::Step(Step { name: name.into(), changes: vec![change] })
     }
 
-    fn open(path: &Path) -> Replayed {
-        Journal::open(path).unwrap().1
+    /// A project's folder.
+    fn folder() -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join(OWN)).unwrap();
+        dir
+    }
+
+    fn open(dir: &tempfile::TempDir) -> Replayed {
+        Journal::open(dir.path()).unwrap().1
     }
 
     #[test]
     fn what_was_appended_is_there_again_and_half_a_line_is_not() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("journal.jsonl");
-        let (mut journal, _) = Journal::open(&path).unwrap();
+        let dir = folder();
+        let path = dir.path().join(JOURNAL);
+        let (mut journal, _) = Journal::open(dir.path()).unwrap();
+        assert!(journal.is_new());
         for line in [step("a", None, "one"), step("b", Some("one"), "two"), Line::Undo] {
             journal.append(&line).unwrap();
         }
-        let whole = std::fs::read(&path).unwrap();
-        let state = open(&path);
+        let whole = fs::read(&path).unwrap();
+        let state = open(&dir);
         assert_eq!((state.document.timeline.as_deref(), state.history.counts()), (Some("one"), (1, 1)));
         // cut anywhere, it leads to one of the states that were
         for cut in 0..whole.len() {
-            std::fs::write(&path, &whole[..cut]).unwrap();
-            let state = open(&path);
+            fs::write(&path, &whole[..cut]).unwrap();
+            let state = open(&dir);
             assert!([None, Some("one"), Some("two")].contains(&state.document.timeline.as_deref()), "{cut}");
-            let (mut journal, _) = Journal::open(&path).unwrap();
+            let (mut journal, _) = Journal::open(dir.path()).unwrap();
+            assert_eq!(journal.is_new(), !whole[..cut].contains(&b'\n'), "{cut}");
             journal.append(&step("c", None, "three")).unwrap();
-            assert_eq!(open(&path).document.timeline.as_deref(), Some("three"), "{cut}");
+            assert_eq!(open(&dir).document.timeline.as_deref(), Some("three"), "{cut}");
         }
         // a line of zeros, as a file system may leave behind
-        std::fs::write(&path, [&whole[..], &[0; 100]].concat()).unwrap();
-        assert_eq!(open(&path).history.counts(), (1, 1));
+        fs::write(&path, [&whole[..], &[0; 100]].concat()).unwrap();
+        assert_eq!(open(&dir).history.counts(), (1, 1));
     }
 
     #[test]
-    fn a_damaged_line_is_named() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("journal.jsonl");
-        let (mut journal, _) = Journal::open(&path).unwrap();
-        journal.append(&step("a", None, "one")).unwrap();
-        journal.append(&step("b", None, "two")).unwrap();
-        let text = std::fs::read_to_string(&path).unwrap();
-        std::fs::write(&path, text.replacen("step", "stop", 1)).unwrap();
-        let said = Journal::open(&path).unwrap_err().to_string();
-        assert!(said.contains("line 1: unknown variant `stop`") && said.contains("move it away"), "{said}");
-        // a whole line that can't be read isn't what a process left behind that ended
-        std::fs::write(&path, format!("{text}{{\"later\": 1}}\n")).unwrap();
-        assert!(Journal::open(&path).unwrap_err().to_string().contains("line 3: unknown variant `later`"));
-        assert!(std::fs::read_to_string(&path).unwrap().contains("later"), "nothing of it is lost");
-        std::fs::write(&path, format!("\"undo\"\n{text}")).unwrap();
-        assert!(Journal::open(&path).unwrap_err().to_string().contains("line 1: an undo of nothing"));
+    fn every_flipped_bit_is_found_and_its_line_named() {
+        let dir = folder();
+        let path = dir.path().join(JOURNAL);
+        let (mut journal, _) = Journal::open(dir.path()).unwrap();
+        for line in [step("a", None, "one"), step("b", Some("one"), "two")] {
+            journal.append(&line).unwrap();
+        }
+        let whole = fs::read(&path).unwrap();
+        let ends: Vec<usize> = (0..whole.len()).filter(|&at| whole[at] == b'\n').collect();
+        for at in 0..whole.len() {
+            for bit in 0..8 {
+                let mut flipped = whole.clone();
+                flipped[at] ^= 1 << bit;
+                fs::write(&path, &flipped).unwrap();
+                let opened = Journal::open(dir.path()).map(|(_, state)| state.document.timeline);
+                match opened {
+                    // without its end the last line is one that was told nobody
+                    Ok(timeline) => assert!(at == ends[1] && timeline.as_deref() == Some("one"), "{at} {bit}"),
+                    Err(e) => {
+                        let line = 1 + usize::from(at > ends[0]);
+                        assert!(e.to_string().contains(&format!("line {line}: ")), "{at} {bit}: {e}");
+                        assert_eq!(fs::read(&path).unwrap(), flipped, "nothing of it is lost");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_that_is_none_is_named() {
+        let dir = folder();
+        let path = dir.path().join(JOURNAL);
+        let with = |line: &str| {
+            let [before, between, after] = AROUND;
+            format!("{before}{:08x}{between}{line}{after}", crc32c::crc32c(line.as_bytes()))
+        };
+        let (document, history) = (Document::default(), History::default());
+        let other = to_text(&Line::Begin { schema: 1, document, history, next: 1 }).unwrap();
+        let other = String::from_utf8(other).unwrap();
+        for (text, said) in [
+            (with("{\"later\":1}"), "line 1: unknown variant `later`"),
+            (with("\"undo\""), "line 1: an undo of nothing"),
+            (other, "schema 1, expected schema 2"),
+            ("\"undo\"\n".into(), "line 1: no checksum"),
+        ] {
+            fs::write(&path, &text).unwrap();
+            let found = Journal::open(dir.path()).unwrap_err().to_string();
+            assert!(found.contains(said) && found.contains("move it away"), "{said}: {found}");
+            assert_eq!(fs::read_to_string(&path).unwrap(), text, "nothing of it is lost");
+        }
     }
 
     #[test]
     fn written_anew_it_leads_to_the_same() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("journal.jsonl");
-        let (mut journal, mut state) = Journal::open(&path).unwrap();
+        let dir = folder();
+        let (mut journal, mut state) = Journal::open(dir.path()).unwrap();
         let large = "x".repeat(GROWN as usize / 3);
         for n in 0..4 {
             let text = format!("{n}{large}");
@@ -269,7 +355,7 @@ mod tests {
         journal.rewrite(&state).unwrap();
         assert!(!journal.has_grown());
         journal.append(&Line::Undo).unwrap();
-        let again = open(&path);
+        let again = open(&dir);
         assert_eq!((again.history.counts(), again.next), ((3, 1), 1));
         assert_eq!(again.document.timeline, None, "as before the last step");
     }

@@ -25,8 +25,10 @@ use crate::{Error, Result};
 use document::{Change, ClipRecord, DanceRecord, Document};
 use history::Step;
 use journal::{Journal, Line, Replayed};
-use kinelm_store::{files, input};
-use std::fs::{self, File, OpenOptions, TryLockError};
+use kinelm_store::files;
+use kinelm_store::owned::{self, Access};
+use kinelm_store::part::sweep_locked;
+use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -40,6 +42,10 @@ pub const CONVERTED: &str = "converted";
 pub const DANCES: &str = "dances";
 /// What the studio needs beside the user's files.
 pub const OWN: &str = ".studio";
+/// What was done.
+pub(crate) const JOURNAL: &str = ".studio/journal.jsonl";
+/// The file that one studio locks.
+const LOCK: &str = ".studio/lock";
 /// Dances that aren't kept yet.
 pub const MADE: &str = ".studio/made";
 /// What can be computed again.
@@ -51,7 +57,7 @@ const MOST_TIMELINE: u64 = 1 << 20;
 #[derive(Debug)]
 pub struct Project {
     folder: PathBuf,
-    /// Whether it was made by this start.
+    /// Whether nothing was known of it before this start.
     is_new: bool,
     inner: Mutex<Inner>,
     /// Held as long as the project is open.
@@ -68,22 +74,25 @@ impl Project {
     /// Opens a project's folder, or makes it.
     ///
     /// # Errors
-    /// A folder that another studio has open; a damaged journal; I/O errors.
+    /// A folder with links in it, or that another studio has open; a damaged journal; I/O errors.
     pub fn open(folder: &Path) -> Result<Project> {
+        fs::create_dir_all(folder).map_err(Error::io(folder))?;
+        let help = "replace each by a copy of what it leads to; clips that are elsewhere come by `kinelm studio FILE`";
+        owned::refuse_links(folder, "a project", help)?;
         for part in [CLIPS, DANCES, OWN, MADE, CACHE] {
             let part = folder.join(part);
-            refuse_link(&part)?;
             fs::create_dir_all(&part).map_err(Error::io(&part))?;
-        }
-        refuse_link(&folder.join(CONVERTED))?;
-        for file in fs::read_dir(folder.join(OWN)).map_err(Error::io(folder))? {
-            refuse_link(&file.map_err(Error::io(folder))?.path())?;
         }
         let folder = folder.canonicalize().map_err(Error::io(folder))?;
         let lock = lock(&folder)?;
-        let journal = folder.join(OWN).join("journal.jsonl");
-        let is_new = !journal.exists();
-        let (journal, state) = Journal::open(&journal)?;
+        // under the lock nobody else writes here
+        for part in ["", CLIPS, CONVERTED, DANCES, OWN, MADE, CACHE].map(|part| folder.join(part)) {
+            if part.is_dir() {
+                sweep_locked(&part)?;
+            }
+        }
+        let (journal, state) = Journal::open(&folder)?;
+        let is_new = journal.is_new();
         let project = Project { folder, is_new, inner: Mutex::new(Inner { state, journal }), _lock: lock };
         project.reconcile()?;
         Ok(project)
@@ -98,7 +107,7 @@ impl Project {
         &self.folder
     }
 
-    /// Whether it was made by this start.
+    /// Whether nothing was known of it before this start: it was made by it, or its journal is lost.
     pub fn is_new(&self) -> bool {
         self.is_new
     }
@@ -262,13 +271,8 @@ impl Project {
     }
 
     fn timeline_file(&self) -> Result<Option<String>> {
+        let Some(bytes) = owned::bytes(&self.folder, TIMELINE, MOST_TIMELINE)? else { return Ok(None) };
         let path = self.folder.join(TIMELINE);
-        let Ok(found) = fs::metadata(&path) else { return Ok(None) };
-        if found.len() > MOST_TIMELINE {
-            let (found, most) = (format!("{} bytes", found.len()), format!("{MOST_TIMELINE} at most"));
-            return Err(Error::file(&path, found, most, "make it shorter, or move it away"));
-        }
-        let bytes = input::peek_bytes(&path).map_err(Error::io(&path))?;
         let wrong = |_| Error::file(&path, "bytes that are no UTF-8", "a text", "save it as UTF-8, or move it away");
         String::from_utf8(bytes).map(Some).map_err(wrong)
     }
@@ -293,20 +297,9 @@ impl Project {
     }
 }
 
-/// What is written to is no link, which in a project of somebody else may lead anywhere.
-fn refuse_link(path: &Path) -> Result<()> {
-    match path.is_symlink() {
-        true => {
-            Err(Error::file(path, "a link", "a file or folder of the project itself", "replace it by what it leads to"))
-        }
-        false => Ok(()),
-    }
-}
-
 /// Keeps other studios from a project.
 fn lock(folder: &Path) -> Result<File> {
-    let path = folder.join(OWN).join("lock");
-    let file = OpenOptions::new().create(true).append(true).open(&path).map_err(Error::io(&path))?;
+    let file = owned::open(folder, LOCK, Access::Lock, MOST_TIMELINE)?;
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => {
             Err(Error::taken(folder, "is open in another studio; close that one, or name another project"))

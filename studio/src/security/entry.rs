@@ -5,8 +5,8 @@
 
 use super::secret::Secret;
 use crate::{Error, Result};
-use std::fs::{self, OpenOptions};
-use std::io::Write;
+use kinelm_store::part::PartFile;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -56,15 +56,9 @@ impl Entry {
             self.address,
             token.text()
         );
-        let part = self.file.with_extension("part");
-        let _ = fs::remove_file(&part);
-        let mut options = OpenOptions::new();
-        options.write(true).create_new(true);
-        #[cfg(unix)]
-        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-        let written = options.open(&part).and_then(|mut file| file.write_all(page.as_bytes()));
-        let written = written.and_then(|()| fs::rename(&part, &self.file));
-        written.map_err(Error::io(&self.file))
+        let mut part = PartFile::create_private(&self.file)?;
+        part.write(page.as_bytes())?;
+        Ok(part.name(&self.file)?)
     }
 
     /// Exchanges the token for a cookie, as a header has it; the token is used up.

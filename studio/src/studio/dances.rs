@@ -94,8 +94,11 @@ impl Studio {
         let ended = guarded(|| self.maker.carry_out((job, running), &progress, &made));
         let (state, text) = match ended {
             Ok(()) => (State::Done, None),
-            // the studio ends: the job is begun again
-            Err(e) if e.kind() == ErrorKind::Stopped => return,
+            // the studio ends, or the user has stopped it
+            Err(e) if e.kind() == ErrorKind::Stopped => {
+                let _ = self.jobs.put_back(&job.id);
+                return;
+            }
             Err(e) => (State::Failed, Some(e.to_string())),
         };
         // what can't be written is begun again

@@ -9,8 +9,8 @@ mod view;
 
 use crate::Result;
 use crate::events::Hub;
+use crate::library::Library;
 use crate::library::reader::Reader;
-use crate::library::{Library, upload};
 use crate::make::jobs::Jobs;
 use crate::make::model::Model;
 use crate::make::work::Maker;
@@ -65,7 +65,6 @@ impl Studio {
     pub fn open(options: &Options) -> Result<Arc<Studio>> {
         let model = Model::open(options.run.as_deref())?;
         let project = Arc::new(Project::open(&options.project)?);
-        upload::sweep(&project);
         let jobs = Jobs::open(&project)?;
         let hub = Arc::new(Hub::default());
         let library = Arc::new(Library::new(project.clone(), options.reader.clone()));

@@ -5,6 +5,7 @@ use super::place::Place;
 use serde_json::json;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Every route, with its method.
@@ -296,26 +297,50 @@ fn a_project_of_somebody_else_leads_to_no_other_file() {
         ("d1", "\".studio/made/d1.bvh\"", "\"../../outside\""),
         ("d1", "\".studio/made/d1.bvh\"", "\"dances/evil.desktop\""),
     ] {
-        let dance = format!(
+        let line = format!(
             "{{\"plain\":[{{\"dance\":{{\"before\":null,\"after\":{{\"id\":\"{id}\",\"name\":\"a\",\"made\":{made},\"kept\":{kept},\
-             \"variation\":1,\"seed\":1,\"frames\":1,\"fps\":20}}}}}}]}}\n"
+             \"variation\":1,\"seed\":1,\"frames\":1,\"fps\":20}}}}}}]}}"
         );
+        let dance = format!("{{\"crc32c\":\"{:08x}\",\"line\":{line}}}\n", crc32c::crc32c(line.as_bytes()));
         std::fs::write(&journal, format!("{good}{dance}")).unwrap();
         refused("an id or a file that a studio wouldn't write");
     }
     std::fs::write(&journal, &good).unwrap();
     #[cfg(unix)]
-    for name in [".studio/lock", ".studio/journal.jsonl", ".studio/jobs.jsonl", ".studio/made", "dances"] {
-        let (path, kept) = (project.join(name), project.join("kept"));
-        let was = path.exists();
-        if was {
-            std::fs::rename(&path, &kept).unwrap();
+    {
+        let in_its_place = |name: &str, put: &dyn Fn(&Path)| {
+            let (path, kept) = (project.join(name), project.join("kept"));
+            let was = path.exists();
+            if was {
+                std::fs::rename(&path, &kept).unwrap();
+            }
+            put(&path);
+            refused(name);
+            std::fs::remove_file(&path).unwrap();
+            if was {
+                std::fs::rename(&kept, &path).unwrap();
+            }
+        };
+        let link = |path: &Path| std::os::unix::fs::symlink(&outside, path).unwrap();
+        let written =
+            [".studio/lock", ".studio/journal.jsonl", ".studio/jobs.jsonl", ".studio/open.html", "timeline.toml"];
+        let folders = [".studio/made", ".studio/cache", "dances", "clips", "converted"];
+        for name in written.into_iter().chain(folders).chain([".studio/cache/c1.json", "clips/deep.bvh"]) {
+            in_its_place(name, &link);
         }
-        std::os::unix::fs::symlink(&outside, &path).unwrap();
-        refused("a link");
-        std::fs::remove_file(&path).unwrap();
-        if was {
-            std::fs::rename(&kept, &path).unwrap();
+        // what would be waited for without an end
+        let pipe = |path: &Path| assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
+        for name in &written[..3] {
+            in_its_place(name, &pipe);
+        }
+        // all at once, with the way out
+        for name in ["a", "b"] {
+            link(&project.join("clips").join(name));
+        }
+        refused("2 links: clips/a, clips/b");
+        refused("`kinelm studio FILE`");
+        for name in ["a", "b"] {
+            std::fs::remove_file(project.join("clips").join(name)).unwrap();
         }
     }
     assert!(opens().is_ok());

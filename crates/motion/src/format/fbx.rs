@@ -15,7 +15,7 @@ use crate::{Motion, Result, Source, Vec3, Warning};
 use kinelm_store::SourcePos;
 use std::collections::BTreeSet;
 use std::path::Path;
-use ufbx::{EvaluateOpts, LoadOpts, Matrix, Node, Scene};
+use ufbx::{AllocatorOpts, EvaluateOpts, LoadOpts, Matrix, Node, Scene};
 
 /// Most frames: more than a day at 120 per second.
 const MOST_FRAMES: f64 = 1e7;
@@ -30,18 +30,38 @@ const DEEPEST: u32 = 512;
 /// [`FaultKind::NotThisFormat`] for a file that ufbx refuses, without bones, or without the requested root;
 /// [`FaultKind::TooLarge`].
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
+    read_within(memory_limit(bytes.len()), path, bytes, options)
+}
+
+/// Bytes that each of ufbx's two allocators may take for a file of so many: real files take up to 7 times their size, made ones
+/// a thousand times.
+fn memory_limit(bytes: usize) -> usize {
+    bytes.saturating_mul(64).saturating_add(64 << 20).min(1 << 30)
+}
+
+/// [`read`] within so many bytes an allocator.
+fn read_within(limit: usize, path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let fault =
         |kind: FaultKind, found: String, expected: &str| FileError::new(SourcePos::file(path), kind, found, expected);
+    let refused = |e: ufbx::Error, at: &str, expected: &str| match e.type_ {
+        ufbx::ErrorType::MemoryLimit => {
+            let found = format!("{at}more than {:.1} MiB of memory", limit as f64 / (1 << 20) as f64);
+            fault(FaultKind::TooLarge, found, "64 times the file and 64 MiB, within 1 GiB")
+        }
+        _ => fault(FaultKind::NotThisFormat, format!("{at}{}", e.description), expected),
+    };
+    let allocator = || AllocatorOpts { memory_limit: limit, ..AllocatorOpts::default() };
     let how = LoadOpts {
         target_axes: ufbx::CoordinateAxes::right_handed_y_up(),
         target_unit_meters: 1.0,
         ignore_geometry: true,
         ignore_embedded: true,
         node_depth_limit: DEEPEST,
+        temp_allocator: allocator(),
+        result_allocator: allocator(),
         ..LoadOpts::default()
     };
-    let scene = ufbx::load_memory(bytes, how)
-        .map_err(|e| fault(FaultKind::NotThisFormat, e.description.to_string(), "an FBX of version 6 or 7"))?;
+    let scene = ufbx::load_memory(bytes, how).map_err(|e| refused(e, "", "an FBX of version 6 or 7"))?;
     let mut warnings = Vec::new();
     let not_this = |(found, expected): (String, String)| fault(FaultKind::NotThisFormat, found, &expected);
     let Chosen { nodes, root } = figure(&scene, options.root.as_deref(), &mut warnings).map_err(not_this)?;
@@ -79,9 +99,10 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     };
     let frames = (0..count as usize).map(|frame| {
         let time = (begin + frame as f64 / own).min(end);
-        let now = ufbx::evaluate_scene(&scene, anim, time, EvaluateOpts::default()).map_err(|e| {
-            fault(FaultKind::NotThisFormat, format!("frame {frame}: {}", e.description), "one that can be posed")
-        })?;
+        let how =
+            EvaluateOpts { temp_allocator: allocator(), result_allocator: allocator(), ..EvaluateOpts::default() };
+        let now = ufbx::evaluate_scene(&scene, anim, time, how)
+            .map_err(|e| refused(e, &format!("frame {frame}: "), "one that can be posed"))?;
         Ok(nodes.iter().map(|&n| split(&now.nodes[n].node_to_world)).collect())
     });
     let stated_m = Some(scene.settings.original_unit_meters).filter(|m| *m > 0.0 && m.is_finite()).unwrap_or(1.0);
@@ -181,6 +202,22 @@ mod tests {
             }
         }
         assert!(far < 1e-4, "{far}");
+    }
+
+    #[test]
+    fn memory_has_a_limit_in_loading_and_in_posing() {
+        let path = golden("blender_dance.fbx");
+        let bytes = fs::read(&path).unwrap();
+        let within = |limit: usize| read_within(limit, &path, &bytes, &ReadOptions::default());
+        let said = within(1 << 10).unwrap_err();
+        let crate::Error::File(fault) = &said else { panic!("{said}") };
+        assert_eq!(fault.kind, FaultKind::TooLarge);
+        assert!(said.to_string().contains("found more than 0.0 MiB of memory, expected 64 times the file"), "{said}");
+        // the least that loads it is no more than 7 times the file
+        let enough = (1..=7).find(|n| within(n * bytes.len()).is_ok());
+        assert!(enough.is_some(), "{:?}", within(7 * bytes.len()).err());
+        assert_eq!(memory_limit(2_200_000), 2_200_000 * 64 + (64 << 20));
+        assert_eq!((memory_limit(100 << 20), memory_limit(usize::MAX)), (1 << 30, 1 << 30));
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Lists of runs below some folders, with their progress.
 
-use super::log::{LastStep, METRICS};
+use super::log::LastStep;
 use crate::config::TrainConfig;
 use crate::folder::is_written;
+use crate::metrics::METRICS;
 use crate::run::RunFile;
 use crate::{Error, Result};
 use kinelm_model::checkpoint::{Best, Checkpoints};

@@ -1,6 +1,6 @@
 //! `metrics.jsonl` of a run, read while it may still be written.
 
-use crate::metrics::StepMetrics;
+use crate::metrics::{METRICS, StepMetrics};
 use crate::{Error, Result};
 use kinelm_model::run::{CONFIG, check_kind};
 use kinelm_store::input;
@@ -8,8 +8,6 @@ use serde::Deserialize;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// The file's name in a run folder.
-pub const METRICS: &str = "metrics.jsonl";
 /// Bytes that are read at the end of a file, to know the progress of a run.
 const END: u64 = 1 << 16;
 

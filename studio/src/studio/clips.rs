@@ -16,6 +16,9 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::PoisonError;
 
+/// Frames of a clip that begins a timeline unasked: laying one out reads all of its clip, which of an hour takes gigabytes.
+const MOST_BEGUN: usize = 100_000;
+
 impl Studio {
     /// Files that were in the folder before it was a project.
     pub(super) fn take_in(&self) -> Result<()> {
@@ -109,9 +112,10 @@ impl Studio {
         }
         self.hub.send("clip", &self.clip_view(&record));
         let _following = self.following.lock().unwrap_or_else(PoisonError::into_inner);
-        let (text, is_motion) = (self.project.read(|d| d.timeline.clone()), self.library.source(id).is_ok());
+        let text = self.project.read(|d| d.timeline.clone());
+        let is_short = self.library.source(id).is_ok_and(|source| source.frames <= MOST_BEGUN);
         let ((_, redo), _) = self.project.history();
-        if text.is_none() && is_motion && redo == 0 {
+        if text.is_none() && is_short && redo == 0 {
             // a rig that no timeline can have begins none
             let name = format!("begin with {}", record.name);
             if let Ok((changes, _)) = self.timelines.edit(&[Edit::UseClip { id: id.into() }], &name) {

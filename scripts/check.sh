@@ -13,5 +13,7 @@ scripts/studio.sh
 RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --no-deps --locked
 cargo deny --locked check bans licenses sources
 cargo package --workspace --locked
+# the oldest and the newest of Hugging Face's tokenizers; installs them once
+scripts/tokenizers/check.sh target/tokenizers
 # Blender 4.2, 4.5 and 5.0 and three.js read what is written; installs them once
 scripts/importers/check.sh target/importers crates/motion/tests/golden/blender_dance_y_up.bvh

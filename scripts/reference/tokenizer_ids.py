@@ -1,7 +1,7 @@
 """Golden ids: what Python's tokenizers and transformers make of the tokenizer.json that kinelm wrote,
 one with characters alone and one with byte-pair merges.
 
-    pip install numpy==2.4.0 tokenizers==0.23.3 transformers==5.23.0   (the versions used are in the file's header)
+    pip install numpy==2.4.6 tokenizers==0.23.3 transformers==5.23.0   (the versions used are in the file's header)
     for kind in plain merged; do cargo run --release -p kinelm-tokenizer --example golden_tokenizer $kind > $kind.json; done
     python scripts/reference/tokenizer_ids.py plain.json merged.json > tokenizer/tests/golden/tokenizer_ids.json
 
@@ -33,8 +33,8 @@ def measure(path):
     words = "".join("".join(characters[k] for k in word) + " " for word in codes)
 
     # what merges were learnt on stands often; parts of it in another order put the ranks to the test
-    merges = whole["model"].get("merges", [])
-    known = sorted({token for pair in merges for token in pair}) or list(characters[:9])
+    merges = whole["model"]["merges"]
+    known = sorted({token for pair in merges for token in pair.split()}) or list(characters[:9])
     mixed = "".join("".join(random.choice(known, 6)) + " " for _ in range(40))
 
     texts = [
@@ -46,6 +46,7 @@ def measure(path):
         "<bos>012345678 <genre:salsa>012345678 <dancer:two words: 61> <mask><pad><eos><unk>",
         "<bos <bos><<bos>> <genre:waltz> <genre:salsa",
         "0\n1\t2  3 \u00e9 \u4e11 \u4e12 \u3000 _",
+        "\u00e9\u00e901\u4e12\u9999234 \u4e12<unk>\u4e12",
     ]
     ours = tokenizers.Tokenizer.from_file(str(path))
     fast = transformers.PreTrainedTokenizerFast(tokenizer_file=str(path))

@@ -1,9 +1,10 @@
 //! The tokenizer on disk: one `tokenizer.json` that Hugging Face's loaders read too.
 //!
-//! They load it as a word-level model over single characters or, with merges, as a byte-pair model. kinelm's own part
-//! (settings, fitted ranges, version, SHA-256) is the key `kinelm` of the `decoder` object, where their loaders ignore unknown
-//! keys, in the Rust crate and in Python; at the top level they refuse them (tokenizers 0.23). A file that they save again
-//! lacks that part, and [`Tokenizer::load`] reports it.
+//! They load it as a byte-pair model of words between spaces, with or without merges. That form needs no regular expression,
+//! which tokenizers 1.0 in Python can't compute, and pairs as texts are read before 0.20, too. kinelm's own part (settings,
+//! fitted ranges, version, SHA-256) is the key `kinelm` of the `decoder` object, where their loaders ignore unknown keys, in
+//! the Rust crate and in Python; at the top level they refuse them. A file that they save again lacks that part, and
+//! [`Tokenizer::load`] reports it.
 
 use crate::scheme::Fitted;
 use crate::vocab::Special;
@@ -19,7 +20,7 @@ use std::io::Read;
 use std::path::Path;
 
 /// The version of kinelm's part of the file; other versions are refused.
-pub const FORMAT_VERSION: u64 = 3;
+pub const FORMAT_VERSION: u64 = 4;
 
 /// Larger files are refused. A tokenizer with the most bins is far smaller.
 pub const MAX_FILE_BYTES: u64 = 64 << 20;
@@ -81,7 +82,6 @@ struct Split {
 
 #[derive(Serialize)]
 enum Pattern {
-    Regex(&'static str),
     String(&'static str),
 }
 
@@ -118,8 +118,8 @@ struct Model<'a> {
     #[serde(serialize_with = "by_id")]
     vocab: &'a Vocabulary,
     unk_token: &'static str,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    merges: Option<Vec<(Cow<'a, str>, Cow<'a, str>)>>,
+    /// Both sides of each pair, with a space between them.
+    merges: Vec<String>,
 }
 
 fn by_id<S: Serializer>(vocabulary: &&Vocabulary, s: S) -> std::result::Result<S::Ok, S::Error> {
@@ -160,9 +160,8 @@ impl Tokenizer {
     }
 
     fn whole(&self) -> Whole<'_> {
-        let merged = self.vocabulary.merged() > 0;
         let token = |id: u32| self.vocabulary.token(id).unwrap_or_default();
-        let merges = self.vocabulary.merges().iter().map(|&(a, b)| (token(a), token(b)));
+        let merges = self.vocabulary.merges().iter().map(|&(a, b)| format!("{} {}", token(a), token(b)));
         let is_added = |id: u32| id < Special::ALL.len() as u32 || id >= self.vocabulary.first_conditioning();
         let added = self.vocabulary.iter().filter(|&(id, _)| is_added(id)).map(|(id, content)| AddedToken {
             id,
@@ -182,10 +181,9 @@ impl Tokenizer {
             padding: (),
             added_tokens: added.collect(),
             normalizer: (),
-            // not `(?s).`, which Python's regex engine refuses
             pre_tokenizer: Split {
                 r#type: "Split",
-                pattern: if merged { Pattern::String(" ") } else { Pattern::Regex("[\\s\\S]") },
+                pattern: Pattern::String(" "),
                 behavior: "Isolated",
                 invert: false,
             },
@@ -210,10 +208,10 @@ impl Tokenizer {
                 },
             },
             model: Model {
-                r#type: if merged { "BPE" } else { "WordLevel" },
+                r#type: "BPE",
                 vocab: &self.vocabulary,
                 unk_token: Special::Unk.token(),
-                merges: merged.then(|| merges.collect()),
+                merges: merges.collect(),
             },
         }
     }
@@ -425,13 +423,28 @@ mod tests {
     }
 
     #[test]
+    fn every_release_of_theirs_reads_the_form() {
+        let merged = TokenizerConfig { merges: 20, ..TokenizerConfig::uniform(&[0, 4], 20.0, 60) };
+        for (t, merges) in [(small(), false), (Tokenizer::fit([&bent(1, 60)], merged).unwrap(), true)] {
+            let whole: Value = serde_json::from_str(&t.to_json()).unwrap();
+            // tokenizers 1.0 splits at no regular expression
+            assert_eq!(whole["pre_tokenizer"]["pattern"], serde_json::json!({ "String": " " }));
+            assert_eq!(whole["model"]["type"], "BPE");
+            // before 0.20 a pair was a text
+            let pairs = whole["model"]["merges"].as_array().unwrap();
+            assert_eq!(!pairs.is_empty(), merges);
+            assert!(pairs.iter().all(|pair| pair.as_str().is_some_and(|p| p.matches(' ').count() == 1)), "{pairs:?}");
+        }
+    }
+
+    #[test]
     fn what_is_not_ours_is_refused_with_a_reason() {
         let text = small().to_json();
         let error = |text: &str| Tokenizer::from_json(text).unwrap_err().to_string();
         assert!(error("").contains("no JSON"));
         assert!(error("{}").contains("no part of kinelm's"));
         assert!(
-            error(&text.replace("\"kinelm\": {\n      \"version\": 3", "\"kinelm\": {\n      \"version\": 1"))
+            error(&text.replace("\"kinelm\": {\n      \"version\": 4", "\"kinelm\": {\n      \"version\": 1"))
                 .contains("version 1")
         );
         assert!(error(&text.replace("\"bins\": 60", "\"bins\": 61")).contains("changed since"));
@@ -452,7 +465,7 @@ mod tests {
         assert!(forged("\"bins\": 60", "\"bins\": 0").contains("bins"));
         assert!(forged("\"fps\": 20.0", "\"fps\": -1.0").contains("fps"));
         assert!(forged("\"zero\": ", "\"zero\": 6").contains("zero"));
-        assert!(forged("\"version\": 3", "\"version\": 2").contains("version 2"));
+        assert!(forged("\"version\": 4", "\"version\": 2").contains("version 2"));
         let mean = format!("{:?}", small().mean_pose()[1].w);
         assert!(forged(&mean, "7.0").contains("mean_pose"));
         assert!(forged("\"conditioning\": []", "\"conditioning\": [\"<pad>\"]").contains("conditioning token"));

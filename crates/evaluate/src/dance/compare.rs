@@ -125,7 +125,7 @@ const MEASURES: [(&str, usize, Measure); 15] = [
     ("in the floor, cm", 2, |f, _| f.ground.penetration_cm()),
     ("in the floor, % of frames", 1, |f, _| f.ground.penetration_share().map(|x| 100.0 * x)),
     ("floating, % of frames", 1, |f, _| f.ground.floating_share().map(|x| 100.0 * x)),
-    ("PFC", 2, |f, _| f.pfc),
+    ("PFC", 2, |f, _| f.contact.mean()),
     ("jerk of free joints / prompt's", 2, |_, p| p?.free_jitter),
     ("skating / prompt's", 2, |_, p| p?.free_skate),
     ("coordination, effect", 3, |_, p| Some(p?.coordination?.effect)),

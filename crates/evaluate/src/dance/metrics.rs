@@ -1,7 +1,7 @@
 //! The figures of one dance, and of several.
 
 use super::freeze::{Freezing, Summary, summary};
-use kinelm_motion::metric::{Balance, Ground, Skate};
+use kinelm_motion::metric::{Balance, FootContact, Ground, Skate};
 use serde::Serialize;
 
 /// The figures of one dance.
@@ -16,7 +16,7 @@ pub(super) struct DanceMetrics {
     /// Sums over the frames that have one: m/s, m/s^3.
     pub(super) speed: Mean,
     pub(super) jitter: Mean,
-    pub(super) pfc: Option<f64>,
+    pub(super) contact: FootContact,
 }
 
 /// The figures of several dances.
@@ -40,8 +40,11 @@ pub struct GroupMetrics {
     pub skate_cm_s: Option<f64>,
     /// Share of those steps that are faster than 10 cm/s.
     pub skate_share: Option<f64>,
-    /// Physical foot contact, mean over the dances; see `physical_foot_contact`.
+    /// Physical foot contact, mean over the dances; see [`FootContact`].
     pub pfc: Option<f64>,
+    /// The least and the greatest that it is by where every n-th frame begins, where the rate is n times 30.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pfc_spread: Option<[f64; 2]>,
     /// Mean speed of the coded joints, cm/s.
     pub speed_cm_s: Option<f64>,
     /// Mean jerk of the coded joints, m/s^3.
@@ -80,10 +83,12 @@ pub(super) fn group(name: &str, all: &[DanceMetrics]) -> GroupMetrics {
     let mut ground = Ground::default();
     let mut skate = Skate::default();
     let mut balance = Balance::default();
+    let mut contact = FootContact::default();
     all.iter().for_each(|f| {
         ground.add(&f.ground);
         skate.add(&f.skate);
         balance.add(&f.balance);
+        contact.add(&f.contact);
     });
     GroupMetrics {
         name: name.into(),
@@ -95,7 +100,8 @@ pub(super) fn group(name: &str, all: &[DanceMetrics]) -> GroupMetrics {
         floating_share: ground.floating_share(),
         skate_cm_s: skate.cm_s(),
         skate_share: skate.share(),
-        pfc: Mean::over(all.iter().filter_map(|f| f.pfc).map(|x| Mean::of(Some(x), 1)).collect::<Vec<_>>().iter()),
+        pfc: contact.mean(),
+        pfc_spread: contact.spread(),
         speed_cm_s: Mean::over(all.iter().map(|f| &f.speed)).map(|m_s| 100.0 * m_s),
         jitter_m_s3: Mean::over(all.iter().map(|f| &f.jitter)),
         outside_share: balance.outside_share(),

@@ -52,10 +52,21 @@ impl fmt::Display for Report {
             ]
         })?;
         writeln!(f)?;
-        let heads =
-            ["speed cm/s", "jitter m/s3", "skate cm/s", "skating %", "in floor cm", "in floor %", "floating %", "PFC"];
+        // of n times 30 frames a second PFC has n values
+        let spreads = self.groups.iter().any(|group| group.pfc_spread.is_some());
+        let mut heads = vec![
+            "speed cm/s",
+            "jitter m/s3",
+            "skate cm/s",
+            "skating %",
+            "in floor cm",
+            "in floor %",
+            "floating %",
+            "PFC",
+        ];
+        heads.extend(spreads.then_some("(spread)"));
         self.table(f, &heads, |group| {
-            vec![
+            let mut cells = vec![
                 number(group.speed_cm_s, 1),
                 number(group.jitter_m_s3, 0),
                 number(group.skate_cm_s, 1),
@@ -64,7 +75,10 @@ impl fmt::Display for Report {
                 percent(group.penetration_share),
                 percent(group.floating_share),
                 number(group.pfc, 2),
-            ]
+            ];
+            let spread = || group.pfc_spread.map_or("n/a".into(), |[least, most]| format!("{least:.2}-{most:.2}"));
+            cells.extend(spreads.then(spread));
+            cells
         })?;
         writeln!(f)?;
         self.table(f, &["outside %", "outside cm", "kicks %"], |group| {

@@ -14,7 +14,7 @@ use crate::floors::codes::frames;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_motion::feet::leg::Leg;
-use kinelm_motion::metric::{Balance, Ground, Skate, jitter_of, physical_foot_contact};
+use kinelm_motion::metric::{Balance, FootContact, Ground, Skate, jitter_of};
 use kinelm_motion::rig::{Feet, map_for};
 use kinelm_motion::{Clip, smpl};
 use rayon::prelude::*;
@@ -220,7 +220,7 @@ impl<'a> Reference<'a> {
                 Mean { sum: speeds.iter().sum(), frames: speeds.len() }
             },
             jitter: Mean::of(jitter_of(&dance.clip, &self.joints), dance.clip.frames().saturating_sub(3)),
-            pfc: physical_foot_contact(&dance.clip).ok().flatten(),
+            contact: FootContact::of(&dance.clip).unwrap_or_default(),
         }
     }
 

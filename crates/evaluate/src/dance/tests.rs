@@ -4,7 +4,7 @@ use super::positions::JointPositions;
 use super::{Dance, Reference};
 use kinelm_corpus::samples::clip;
 use kinelm_corpus::{Corpus, CorpusWriter, Split};
-use kinelm_motion::metric::{Skate, jitter_of, physical_foot_contact};
+use kinelm_motion::metric::{FootContact, Skate, jitter_of};
 use kinelm_motion::{Clip, synth};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use std::path::Path;
@@ -48,7 +48,7 @@ fn real_dances_freeze_in_one_percent_and_a_statue_in_all() {
     assert!((valid.jitter_m_s3.unwrap() / jitter_of(clip, &real.joints).unwrap() - 1.0).abs() < 1e-12);
     let skate = Skate::of(&real.feet, clip);
     assert_eq!((valid.skate_cm_s, valid.skate_share), (skate.cm_s(), skate.share()));
-    assert_eq!(valid.pfc, physical_foot_contact(clip).unwrap());
+    assert_eq!(valid.pfc, FootContact::of(clip).unwrap().mean());
     let speeds = JointPositions::of(clip, &real.joints).speeds();
     let mean = 100.0 * speeds.iter().sum::<f64>() / speeds.len() as f64;
     assert!((valid.speed_cm_s.unwrap() / mean - 1.0).abs() < 1e-12);

@@ -55,10 +55,13 @@ pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
 /// [`export`] or another program wrote. A run's tokenizer and checkpoint are then the folder's.
 ///
 /// # Errors
-/// A folder that is none of these; files that are missing, cut short or something else; tensors that are missing, odd or
+/// A folder that is none of these, or whose weights are in shards or pickled; files that are missing, cut short or something else; tensors that are missing, odd or
 /// not finite: each is named.
 pub fn load(folder: &Path) -> Result<LoadedRun> {
     let has = |name: &str| folder.join(name).is_file();
+    if !has(CONFIG) {
+        check_form(folder)?;
+    }
     match (has(CONFIG), has(hf::CONFIG), has(own::ABOUT)) {
         (true, ..) => load_run(folder, CheckpointChoice::Auto),
         (_, true, _) => hf::load(folder),
@@ -86,6 +89,44 @@ fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes:
         state: State::new(step, 0, 0, 0, None),
         notes,
     })
+}
+
+/// Forms in which `transformers` leaves weights and that are not read: the file that tells them, and what it is.
+const OTHER_FORMS: [(&str, &str); 3] = [
+    ("model.safetensors.index.json", "the list of weights that are in several files (shards)"),
+    (
+        "pytorch_model.bin.index.json",
+        "the list of weights that are in several files of PyTorch's (pickles, which can hold code)",
+    ),
+    ("pytorch_model.bin", "weights in PyTorch's own form (a pickle, which can hold code)"),
+];
+
+/// # Errors
+/// A file; weights in another form of `transformers` and none in ours.
+fn check_form(folder: &Path) -> Result<()> {
+    if folder.is_file() {
+        return Err(Error::file(
+            folder,
+            "a file",
+            "a folder with a model in it",
+            "give the folder that the file is in",
+        ));
+    }
+    let other = OTHER_FORMS.iter().find(|(name, _)| folder.join(name).is_file());
+    match other.filter(|_| !folder.join(WEIGHTS).is_file()) {
+        None => Ok(()),
+        Some((name, what)) => Err(Error::file(
+            folder.join(name),
+            *what,
+            format!("all of them in one {WEIGHTS}"),
+            format!(
+                "let transformers save it anew, AutoModelForCausalLM.from_pretrained({:?}).save_pretrained(\"NEW\", \
+                 max_shard_size=\"1000GB\"), copy {TOKENIZER} and {} into NEW, and import that",
+                folder.display().to_string(),
+                own::ABOUT
+            ),
+        )),
+    }
 }
 
 /// # Errors

@@ -273,6 +273,43 @@ fn what_transformers_saves_again_is_read() {
 }
 
 #[test]
+fn weights_in_other_forms_are_called_by_their_name() {
+    let told = |change: &dyn Fn(&Path)| {
+        let text = said(Format::Hf, change);
+        assert!(text.contains("model.safetensors; let transformers save it anew"), "{text}");
+        assert!(text.contains("save_pretrained(\"NEW\", max_shard_size"), "{text}");
+        text
+    };
+    // as `save_pretrained(DIR, max_shard_size="1MB")` leaves a folder
+    let text = told(&|folder| {
+        fs::rename(folder.join(WEIGHTS), folder.join("model-00001-of-00002.safetensors")).unwrap();
+        fs::write(folder.join("model.safetensors.index.json"), r#"{"metadata": {}, "weight_map": {}}"#).unwrap();
+    });
+    assert!(text.contains("model.safetensors.index.json: the list of weights that are in several files"), "{text}");
+    for (file, what) in [
+        ("pytorch_model.bin", "pytorch_model.bin: weights in PyTorch's own form"),
+        ("pytorch_model.bin.index.json", "pytorch_model.bin.index.json: the list of weights that are in several files"),
+    ] {
+        let text = told(&|folder| fs::rename(folder.join(WEIGHTS), folder.join(file)).unwrap());
+        assert!(text.contains(what), "{text}");
+        // whatever the folder lacks besides: that is said first
+        let text = told(&|folder| {
+            fs::rename(folder.join(WEIGHTS), folder.join(file)).unwrap();
+            fs::remove_file(folder.join(TOKENIZER)).unwrap();
+            fs::remove_file(folder.join(hf::CONFIG)).unwrap();
+        });
+        assert!(text.contains(what), "{text}");
+    }
+    // beside weights that are read they don't matter
+    let model = made(gpt2(Positions::Absolute, true));
+    let folder = model.export(Format::Hf, "hf");
+    fs::write(folder.join("pytorch_model.bin"), "").unwrap();
+    load(&folder).unwrap();
+    let text = load(&folder.join("pytorch_model.bin")).unwrap_err().to_string();
+    assert!(text.contains("give the folder that the file is in"), "{text}");
+}
+
+#[test]
 fn half_floats_are_widened() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("x.safetensors");

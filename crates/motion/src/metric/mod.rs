@@ -19,7 +19,7 @@ pub mod vector_angle;
 
 pub use balance::Balance;
 pub use border_jerk::BorderJerk;
-pub use contact::physical_foot_contact;
+pub use contact::FootContact;
 pub use geodesic_error::GeodesicError;
 pub use ground::Ground;
 pub use in_between::{InBetween, PositionScale, TrueGap};

@@ -120,7 +120,7 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
             own(r#"{"schema": 3, "kinelm": "0", "output": {"file": "a.bvh", "sha256": "00"}, "read": {"skip": 1}}"#)
         }
         "folders" => own("version = 2\n[model]\nlayers = 1\n{\"version\": 3, \"clips\": {}}"),
-        "music" => ["wav", "flac", "mp3", "ogg", "m4a", "mp4", "opus"]
+        "music" => ["wav", "flac", "mp3", "ogg", "m4a", "mp4", "aac", "opus"]
             .iter()
             .flat_map(|extension| files("crates/music/tests/sounds", extension))
             .collect(),

@@ -38,7 +38,9 @@ class Dance(Reading, total=False):
     loop: bool
     """The end leads to the beginning."""
     seconds: float
+    """Above 0."""
     frames: int
+    """Of the model, 1 or more."""
     labels: Mapping[str, str]
     guidance: float
     music: Path
@@ -81,12 +83,12 @@ class Clip:
         rotations: NDArray[np.float64],
         fps: float,
     ) -> None:
-        """offsets (J, 3), root (F, 3), rotations (F, J, 4) as x, y, z, w."""
+        """offsets (J, 3), root (F, 3), rotations (F, J, 4) as x, y, z, w; `fps` is 0.001 to 10,000."""
     @staticmethod
     def read(path: Path, **reading: Unpack[Reading]) -> Clip:
         """Reads .bvh .amc .fbx .glb .vrm .npz .pkl .json."""
     def write(self, path: Path, *, force: bool = False) -> None:
-        """Writes .bvh .glb .npz .json."""
+        """Writes .bvh .glb .npz .json; replaces a file that is there only with `force`."""
     def retarget(self, rig: Path | Clip, *, map: str | None = None, rig_map: str | None = None) -> Clip:
         """On another rig: "smpl", that of a file, or that of another clip."""
     def resample(self, fps: float) -> Clip: ...
@@ -131,7 +133,8 @@ class Tokenizer:
     ) -> Tokenizer: ...
     @staticmethod
     def load(path: Path) -> Tokenizer: ...
-    def save(self, path: Path) -> None: ...
+    def save(self, path: Path, *, force: bool = False) -> None:
+        """Replaces a file that is there only with `force`."""
     def encode(self, clip: Clip, *, map: str | None = None, floor: float | None = None) -> NDArray[np.uint32]:
         """`floor` is the height of the clip's floor, metres, found out if not given."""
     def decode(self, ids: NDArray[np.uint32]) -> Clip: ...
@@ -168,14 +171,14 @@ class Corpus:
     def tokens(self) -> np.memmap[Any, np.dtype[np.uint16 | np.uint32]]:
         """All tokens, clip after clip, straight from the file."""
     def sequences(self, split: Split = "train", *, context: int, conditions: Sequence[str] | None = None) -> Sequences:
-        """Windows of whole words behind <bos> and labels, to train a model of your own on."""
+        """Windows of whole words behind <bos> and labels, to train a model of your own on. `context`: 1 to 1,048,576."""
     def __len__(self) -> int: ...
 
 class Sequences(Sequence[dict[str, NDArray[np.int64]]]):
     """Dictionaries of `input_ids` and `labels`, (context,) each; what doesn't count has the label -100."""
 
     def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """All as (N, context) `input_ids` and `labels`."""
+        """All as (N, context) `input_ids` and `labels`; refused where memory is too short for them."""
 
 class Model:
     """A trained model: its run folder."""

@@ -5,6 +5,7 @@ use crate::error::library;
 use crate::interrupt::Interrupt;
 use crate::json::python;
 use crate::options::Reading;
+use crate::pool::detach;
 use kinelm::classify::TrainOptions;
 use kinelm::model::exchange;
 use kinelm::motion::format::{ReadOptions, RestFrame};
@@ -23,7 +24,8 @@ impl Classifier {
     /// Opens a classifier's folder.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<Classifier> {
-        py.detach(|| kinelm::classify::Classifier::load(&path)).map(|c| Classifier(Mutex::new(c))).map_err(library)
+        let open = || kinelm::classify::Classifier::load(&path).map_err(library);
+        detach(py, || open().map(|c| Classifier(Mutex::new(c))))
     }
 
     /// Trains class tokens for label fields on a run, together with its language model, into the folder `out`. `callback` gets
@@ -44,7 +46,7 @@ impl Classifier {
         callback: Option<Py<PyAny>>,
     ) -> PyResult<Option<Classifier>> {
         let options = TrainOptions { fields, steps, batch, seed, patience: 5, ..TrainOptions::default() };
-        py.detach(|| {
+        detach(py, || {
             let run = exchange::load(&run).map_err(library)?;
             let (stop, mut interrupt) = (AtomicBool::new(false), Interrupt::default());
             let done = kinelm::classify::train(&run, &corpus.0, &options, (&out, resume), &stop, &mut |metrics| {
@@ -69,7 +71,7 @@ impl Classifier {
         reading: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
-        let found = py.detach(|| self.0.lock().unwrap_or_else(PoisonError::into_inner).predict(&path, &read));
-        python(py, &found.map_err(library)?.1)
+        let predict = || self.0.lock().unwrap_or_else(PoisonError::into_inner).predict(&path, &read);
+        python(py, &detach(py, || predict().map_err(library))?.1)
     }
 }

@@ -1,9 +1,10 @@
 //! Clips.
 
 use crate::error::{library, motion, wrong};
-use crate::options::Reading;
+use crate::options::{Reading, free};
 use kinelm::motion::convert::{ConvertOptions, RigOptions, TargetRig, convert};
 use kinelm::motion::format;
+use kinelm::motion::resample::check_fps;
 use kinelm::motion::{Motion, Quat, Skeleton, Source, Vec3};
 use kinelm::store::files::write_whole;
 use kinelm::view::{Figure, page};
@@ -21,7 +22,7 @@ pub struct Clip(pub Motion);
 
 #[pymethods]
 impl Clip {
-    /// A clip of arrays: offsets (J, 3), root (F, 3), rotations (F, J, 4).
+    /// A clip of arrays: offsets (J, 3), root (F, 3), rotations (F, J, 4); `fps` is 0.001 to 10,000.
     #[new]
     #[pyo3(signature = (names, parents, offsets, root, rotations, fps))]
     fn new(
@@ -32,6 +33,7 @@ impl Clip {
         rotations: PyReadonlyArray3<'_, f64>,
         fps: f64,
     ) -> PyResult<Clip> {
+        check_fps(fps).map_err(motion)?;
         let vectors = |name: &str, array: &PyReadonlyArray2<'_, f64>| -> PyResult<Vec<Vec3>> {
             let view = array.as_array();
             if view.ncols() != 3 {
@@ -67,9 +69,7 @@ impl Clip {
     fn write(&self, py: Python<'_>, path: PathBuf, force: bool) -> PyResult<()> {
         py.detach(|| {
             let bytes = format::to_bytes(&path, &self.0).map_err(motion)?;
-            if !force && path.exists() {
-                return Err(wrong(format!("{} is there; force=True replaces it", path.display())));
-            }
+            free(&path, force)?;
             write_whole(&path, &bytes).map_err(library)
         })
     }

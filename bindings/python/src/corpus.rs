@@ -3,11 +3,13 @@
 use crate::error::{library, wrong};
 use crate::interrupt::Interrupt;
 use crate::json::python;
-use crate::options::{Paths, Reading};
+use crate::options::{Paths, Reading, size};
+use crate::pool::detach;
 use crate::tokenizer::Tokenizer;
 use kinelm::corpus::conditions::in_order;
 use kinelm::corpus::windows::{each_eval_window, fill_sequence};
 use kinelm::corpus::{BuildOptions, Conditions, Dataset, Split, tokenize};
+use kinelm::store::memory;
 use kinelm::tokenizer::Special;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
@@ -47,7 +49,7 @@ impl Corpus {
     ) -> PyResult<Corpus> {
         let options = BuildOptions { read: Reading::of(reading)?, force, ..BuildOptions::default() };
         let data: Vec<PathBuf> = data.into();
-        py.detach(|| {
+        detach(py, || {
             let dataset = Dataset::find(&data, &labels.unwrap_or_default()).map_err(library)?;
             let mut interrupt = Interrupt::default();
             let built = tokenize(&dataset, &tokenizer.0, &out, &options, &mut |_| interrupt.check());
@@ -93,6 +95,7 @@ impl Corpus {
     #[pyo3(signature = (split="train", *, context, conditions=None))]
     fn sequences(&self, split: &str, context: usize, conditions: Option<Vec<String>>) -> PyResult<Sequences> {
         let split = split_of(split)?;
+        let context = size("context", context, 1..=MOST_CONTEXT)?;
         let fields = in_order(&conditions.unwrap_or_default());
         let conditions = Conditions::new(&fields, self.0.tokenizer().vocabulary());
         let clips: Vec<usize> = (0..self.0.clips().len()).filter(|&i| self.0.clips()[i].split == split).collect();
@@ -127,6 +130,9 @@ type Window = (usize, usize, usize, usize);
 
 /// Sequences as one array.
 type Rows<'py> = Bound<'py, PyArray2<i64>>;
+
+/// Tokens of the longest sequence.
+const MOST_CONTEXT: usize = 1 << 20;
 
 /// What losses skip, by the convention of transformers.
 const IGNORED: i64 = -100;
@@ -166,6 +172,9 @@ impl Sequences {
 
     /// All sequences as two arrays, (N, context): `input_ids` and `labels`.
     fn arrays<'py>(&self, py: Python<'py>) -> PyResult<(Rows<'py>, Rows<'py>)> {
+        let needed = (2 * size_of::<i64>() * self.context) as u128 * self.windows.len() as u128;
+        let what = format!("{} sequences of {} tokens as arrays", self.windows.len(), self.context);
+        memory::check(needed, &what, "take them one by one, or with a smaller context").map_err(library)?;
         let (mut input, mut labels) = (Vec::new(), Vec::new());
         for window in &self.windows {
             let row = self.row(window)?;

@@ -4,6 +4,7 @@ use crate::corpus::Corpus;
 use crate::error::library;
 use crate::json::python;
 use crate::options::{Paths, Reading};
+use crate::pool::detach;
 use kinelm::evaluate::dance::{Dance, Reference};
 use kinelm::generate::provenance;
 use kinelm::motion::format::{ReadOptions, RestFrame};
@@ -23,7 +24,7 @@ pub fn evaluate<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
     let files: Vec<PathBuf> = dances.into();
-    let report = py.detach(|| {
+    let measure = || {
         let reference = Reference::load(&real.0)?;
         let load = |path: &PathBuf| Dance::load(&real.0, path, provenance::find(path)?.as_ref(), &read);
         let dances = files.iter().map(load).collect::<kinelm::Result<Vec<_>>>()?;
@@ -32,6 +33,6 @@ pub fn evaluate<'py>(
             report.copied = Some(reference.copied(&dances, &[])?);
         }
         Ok::<_, kinelm::Error>(report)
-    });
-    python(py, &report.map_err(library)?)
+    };
+    python(py, &detach(py, || measure().map_err(library))?)
 }

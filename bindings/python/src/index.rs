@@ -3,13 +3,17 @@
 use crate::error::library;
 use crate::interrupt::Interrupt;
 use crate::json::python;
-use crate::options::{Paths, Reading, named};
+use crate::options::{Paths, Reading, named, size};
+use crate::pool::detach;
 use kinelm::corpus::{BuildOptions, Dataset};
 use kinelm::motion::format::{ReadOptions, RestFrame};
 use kinelm::spectral::query::{Distance, Exclude, IndexRequest, Query};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
+
+/// Windows that a search returns.
+const MOST_FOUND: usize = 1 << 20;
 
 /// An index of windows of clips, by their spectra.
 #[pyclass(frozen, module = "kinelm")]
@@ -20,7 +24,7 @@ impl Index {
     /// Opens an index folder.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<Index> {
-        py.detach(|| kinelm::spectral::query::Index::open(&path)).map(Index).map_err(library)
+        detach(py, || kinelm::spectral::query::Index::open(&path).map(Index).map_err(library))
     }
 
     /// Indexes files and folders at `out`, or adds them to the index there: windows of `window` frames at `fps`, `hop` frames
@@ -42,7 +46,7 @@ impl Index {
         let options = BuildOptions { read, ..BuildOptions::default() };
         let request = IndexRequest { frames: window, hop, fps, ..IndexRequest::default() };
         let data: Vec<PathBuf> = data.into();
-        py.detach(|| {
+        detach(py, || {
             let dataset = Dataset::find(&data, &labels.unwrap_or_default()).map_err(library)?;
             let mut interrupt = Interrupt::default();
             let built =
@@ -67,13 +71,14 @@ impl Index {
         one_per_clip: bool,
         reading: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
+        let k = size("k", k, 0..=MOST_FOUND)?;
         let distance: Distance = named(distance, "distance", &["cosine", "euclid"])?;
         let exclusions = ["none", "self", "overlap", "clip", "take", "choreography"];
         let exclude: Exclude = named(exclude, "exclude", &exclusions)?;
         let as_indexed = reading.is_none_or(|reading| reading.is_empty());
         let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
         let query = Query { clip, read, as_indexed, at_s: at, k, distance, exclude, one_per_clip };
-        let found = py.detach(|| self.0.find(&query)).map_err(library)?;
+        let found = detach(py, || self.0.find(&query).map_err(library))?;
         python(py, &found.matches)
     }
 

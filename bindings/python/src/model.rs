@@ -6,6 +6,7 @@ use crate::error::{library, wrong};
 use crate::interrupt::Interrupt;
 use crate::json::python;
 use crate::options::{Reading, named, parsed};
+use crate::pool::detach;
 use kinelm::generate::open::OpenRequest;
 use kinelm::generate::request::{
     Edit, FootMode, Length, Loop, LoopKind, MusicRequest, PromptRequest, Request, Rig, Span,
@@ -146,7 +147,7 @@ impl Model {
         if !(1..=256).contains(&count) {
             return Err(wrong(format!("count is {count}; expected 1 to 256")));
         }
-        py.detach(|| {
+        detach(py, || {
             let open = OpenRequest::open(&request).map_err(library)?;
             let mut interrupt = Interrupt::default();
             let sampled = open.sample(count, None, &mut |_, _| interrupt.check());
@@ -162,7 +163,7 @@ impl Model {
     #[pyo3(signature = (prompt=None, **options))]
     fn frames(&self, py: Python<'_>, prompt: Option<PathBuf>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Frames> {
         let request = self.request(prompt, options)?;
-        py.detach(|| {
+        detach(py, || {
             let open = OpenRequest::open(&request).map_err(library)?;
             let sampler = open.sampler(1).map_err(library)?;
             Ok(Frames(Mutex::new(SamplingState { open, sampler, ids: Vec::new(), clip: None, yielded: 0 })))
@@ -175,7 +176,7 @@ impl Model {
         let read: ReadOptions = Reading::of(reading)?;
         let prompt = PromptRequest { read, joints: Some("root".into()), ..PromptRequest::of(path) };
         let request = Request { prompt: Some(prompt), ..Request::of(&self.run) };
-        py.detach(|| {
+        detach(py, || {
             let open = OpenRequest::open(&request).map_err(library)?;
             let Some(prompt) = &open.prompt else { return Err(wrong("no motion".into())) };
             Ok(open.bits_per_frame(&[&prompt.clip.words]).map_err(library)?[0])
@@ -186,9 +187,8 @@ impl Model {
     #[pyo3(signature = (corpus, split="test"))]
     fn likelihood<'py>(&self, py: Python<'py>, corpus: &Corpus, split: &str) -> PyResult<Bound<'py, PyAny>> {
         let split = split_of(split)?;
-        let found =
-            py.detach(|| load_run(&self.run, CheckpointChoice::Auto)?.likelihood(&corpus.0, split, Compute::default()));
-        python(py, &found.map_err(library)?)
+        let measure = || load_run(&self.run, CheckpointChoice::Auto)?.likelihood(&corpus.0, split, Compute::default());
+        python(py, &detach(py, || measure().map_err(library))?)
     }
 
     fn __repr__(&self) -> String {
@@ -232,7 +232,7 @@ impl Frames {
     }
 
     fn __next__<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        let frame = py.detach(|| self.0.lock().unwrap_or_else(PoisonError::into_inner).next());
-        frame.map_err(library)?.map(|frame| positions(py, &frame)?.as_any().get_item(0)).transpose()
+        let next = || self.0.lock().unwrap_or_else(PoisonError::into_inner).next().map_err(library);
+        detach(py, next)?.map(|frame| positions(py, &frame)?.as_any().get_item(0)).transpose()
     }
 }

@@ -7,7 +7,8 @@ use pyo3::prelude::*;
 use pyo3::types::{PyCFunction, PyDict, PyTuple};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use std::path::PathBuf;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
 
 /// How a motion file is read.
 #[derive(Default, Deserialize)]
@@ -81,6 +82,25 @@ pub fn named<T: DeserializeOwned>(name: &str, parameter: &str, known: &[&str]) -
     };
     let value = known.contains(&name).then(|| serde_json::from_value(name.into()).ok()).flatten();
     value.ok_or_else(unknown)
+}
+
+/// A number that becomes a size, such as of a window.
+///
+/// # Errors
+/// `kinelm.Error` for one outside the range.
+pub fn size(parameter: &str, number: usize, range: RangeInclusive<usize>) -> PyResult<usize> {
+    if range.contains(&number) {
+        return Ok(number);
+    }
+    Err(wrong(format!("{parameter} is {number}; expected {} to {}", range.start(), range.end())))
+}
+
+/// Refuses a path that is taken, unless it may be replaced.
+pub fn free(path: &Path, force: bool) -> PyResult<()> {
+    if !force && path.exists() {
+        return Err(wrong(format!("{} is there; force=True replaces it", path.display())));
+    }
+    Ok(())
 }
 
 /// One path or several.

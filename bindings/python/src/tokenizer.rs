@@ -1,7 +1,8 @@
 //! Tokenizers.
 
 use crate::clip::Clip;
-use crate::error::{library, wrong};
+use crate::error::library;
+use crate::options::free;
 use kinelm::corpus::load::ModelClip;
 use kinelm::motion::format::ReadOptions;
 use kinelm::motion::{Motion, Source, joints};
@@ -55,8 +56,10 @@ impl Tokenizer {
         kinelm::tokenizer::Tokenizer::load(path).map(Tokenizer).map_err(library)
     }
 
-    /// Writes a tokenizer.json.
-    fn save(&self, path: PathBuf) -> PyResult<()> {
+    /// Writes a tokenizer.json. A file that is there is replaced only with `force`.
+    #[pyo3(signature = (path, *, force=false))]
+    fn save(&self, path: PathBuf, force: bool) -> PyResult<()> {
+        free(&path, force)?;
         self.0.save(path).map_err(library)
     }
 
@@ -79,7 +82,7 @@ impl Tokenizer {
 
     /// The clip of ids, on SMPL-24. Any ids decode: what no word can hold is replaced by the nearest that it can.
     fn decode(&self, py: Python<'_>, ids: PyReadonlyArray1<'_, u32>) -> PyResult<Clip> {
-        let ids = ids.as_slice().map_err(|e| wrong(e.to_string()))?.to_vec();
+        let ids = ids.as_array().to_vec();
         let clip = py.detach(|| {
             let words = self.0.words_of_ids(&ids).words;
             self.0.decode(&words, self.0.uncoded_pose()).map_err(library)

@@ -5,6 +5,7 @@ use crate::interrupt::Interrupt;
 use crate::json::python;
 use crate::model::Model;
 use crate::options::{Paths, parsed};
+use crate::pool::detach;
 use kinelm::model::likelihood::Likelihood;
 use kinelm::train::metrics::StepMetrics;
 use kinelm::train::{self, CorpusPart, Precision, PretrainOptions, Progress, Summary, TrainFile};
@@ -55,7 +56,7 @@ fn watched(
     callback: Option<Py<PyAny>>,
     train: impl FnOnce(&AtomicBool, &mut dyn Progress) -> kinelm::Result<Summary> + Send,
 ) -> PyResult<Model> {
-    py.detach(|| {
+    detach(py, || {
         let stop = AtomicBool::new(false);
         let mut watch = Watch { callback: callback.as_ref(), stop: &stop, interrupt: Interrupt::default() };
         let summary = train(&stop, &mut watch);

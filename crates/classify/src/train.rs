@@ -381,13 +381,18 @@ impl TrainState {
     }
 }
 
+/// The most windows of an update.
+const MOST_BATCH: usize = 1 << 16;
+
 fn check(options: &TrainOptions) -> Result<()> {
     let TrainOptions { share, steps, batch, rate, head_rate, .. } = *options;
     let positive = |x: f64| x > 0.0 && x.is_finite();
     match () {
         () if !(share > 0.0 && share <= 1.0) => Err(Error::invalid("`share`", share, "above 0, at most 1")),
         () if steps == 0 => Err(Error::invalid("`steps`", steps, "1 or more")),
-        () if batch == 0 => Err(Error::invalid("`batch`", batch, "1 or more")),
+        () if !(1..=MOST_BATCH).contains(&batch) => {
+            Err(Error::invalid("`batch`", batch, format!("1 to {MOST_BATCH} windows")))
+        }
         () if !positive(rate) => Err(Error::invalid("`rate`", rate, "a number above 0")),
         () if !positive(head_rate) => Err(Error::invalid("`head_rate`", head_rate, "a number above 0")),
         () => Ok(()),

@@ -120,6 +120,17 @@ fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip>
     Clip::new(clip.skeleton().clone(), b, root, rotations)
 }
 
+/// Refuses a rate outside [`FEWEST_FPS`] to [`MOST_FPS`], and one that is no number.
+///
+/// # Errors
+/// [`Invalid`](kinelm_store::Error::Invalid) of the parameter `fps`.
+pub fn check_fps(fps: f64) -> Result<()> {
+    match (FEWEST_FPS..=MOST_FPS).contains(&fps) {
+        true => Ok(()),
+        false => Err(Error::invalid("`fps`", compact(fps), format!("frames per second, {FEWEST_FPS} to {MOST_FPS}"))),
+    }
+}
+
 fn rate(fps: f64, expected: String) -> Error {
     Error::invalid("the new rate", format!("{} frames per second", compact(fps)), expected)
 }

@@ -28,6 +28,7 @@ impl Music {
             "ogg" | "oga" => "audio/ogg",
             "flac" => "audio/flac",
             "m4a" | "mp4" => "audio/mp4",
+            "aac" => "audio/aac",
             _ => "audio/wav",
         };
         Music { src: format!("data:{kind};base64,{}", base64(bytes)), name: name(path), from_s, beats_s }

@@ -26,8 +26,8 @@ pub struct DanceArgs {
     /// for other fields, or for parts that don't overlap. Fields that are left out are unknown to the model
     #[arg(long = "label", value_name = "FIELD=VALUE[@FROM:TO]")]
     labels: Vec<TimedLabel>,
-    /// Music to dance to (.mp3 .ogg .flac .wav .m4a), for a model conditioned on music (model.music) or tempo (conditions =
-    /// ["tempo"]). By default the dance is as long as the music
+    /// Music to dance to (.mp3 .ogg .flac .wav .m4a .aac), for a model conditioned on music (model.music) or tempo
+    /// (conditions = ["tempo"]). By default the dance is as long as the music
     #[arg(long, value_name = "FILE")]
     music: Option<PathBuf>,
     /// The time in the music at which the dance starts: 12.5s, 12.5 or 250f (frames of the model) [default: 0s]

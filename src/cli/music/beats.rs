@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A music file (.wav .flac .ogg .mp3 .m4a)
+    /// A music file (.wav .flac .ogg .mp3 .m4a .aac)
     file: PathBuf,
     /// Where the beats go (.txt) [default: stdout]
     #[arg(long, value_name = "FILE")]

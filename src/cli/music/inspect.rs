@@ -12,7 +12,7 @@ const PICTURE_FPS: f64 = 60.0;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Music files (.wav .flac .ogg .mp3 .m4a)
+    /// Music files (.wav .flac .ogg .mp3 .m4a .aac)
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Print one JSON object per file instead of text

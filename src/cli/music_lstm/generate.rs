@@ -21,7 +21,7 @@ pub struct Args {
     /// The run folder of a trained network
     #[arg(long, value_name = "RUN", required = true)]
     run: Option<PathBuf>,
-    /// The music to dance to (.wav .flac .ogg .mp3 .m4a)
+    /// The music to dance to (.wav .flac .ogg .mp3 .m4a .aac)
     #[arg(long, value_name = "FILE", required = true)]
     music: Option<PathBuf>,
     /// The time in the music at which the dance starts

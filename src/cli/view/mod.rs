@@ -34,8 +34,8 @@ pub struct Args {
     /// Keep all clips in one world, as a dance and its prompt are anyway; Overlay in the page separates them
     #[arg(long)]
     together: bool,
-    /// Music that plays in sync with the dances (.mp3 .ogg .flac .wav .m4a), with ticks at its beats; embedded up to 8
-    /// MiB, else beside the page [default: the music a dance was generated to]
+    /// Music that plays in sync with the dances (.mp3 .ogg .flac .wav .m4a .aac), with ticks at its beats; embedded up to
+    /// 8 MiB, else beside the page [default: the music a dance was generated to]
     #[arg(long, value_name = "FILE")]
     music: Option<PathBuf>,
     /// The time in the music at which the dance starts: 12.5s, 12.5 or 40f (frames of the first clip); negative if the

@@ -128,6 +128,7 @@ pub async fn sound(State(app): State<Arc<App>>, Path(id): Path<String>, headers:
             Some("ogg" | "oga") => "audio/ogg",
             Some("flac") => "audio/flac",
             Some("m4a" | "mp4") => "audio/mp4",
+            Some("aac") => "audio/aac",
             _ => "audio/wav",
         };
         Ok((file, bytes, kind))

@@ -124,7 +124,7 @@ pub fn outcome(file: &Path, reading: &Reading, convert: &Path) -> Outcome {
 const MOST_POSES: usize = 8_000_000;
 
 /// The extensions of sound files.
-pub const SOUNDS: [&str; 7] = ["mp3", "ogg", "oga", "flac", "wav", "m4a", "mp4"];
+pub const SOUNDS: [&str; 8] = ["mp3", "ogg", "oga", "flac", "wav", "m4a", "mp4", "aac"];
 
 /// Whether a file is music by its name.
 pub fn is_music(file: &Path) -> bool {

@@ -32,7 +32,8 @@ pub fn is_as_written(text: &str) -> bool {
 /// bar trackers write them, are ignored.
 ///
 /// # Errors
-/// [`kinelm_store::Error::File`] with line and column for text that is no time, a time below 0, or one that doesn't ascend.
+/// [`kinelm_store::Error::File`] with line and column for text that is no time, a decimal comma, a time below 0, or one that
+/// doesn't ascend.
 pub fn parse(path: &Path, text: &str) -> Result<Vec<f64>> {
     let mut out: Vec<f64> = Vec::new();
     for (i, line) in text.lines().enumerate() {
@@ -41,6 +42,10 @@ pub fn parse(path: &Path, text: &str) -> Result<Vec<f64>> {
         let column = 1 + line.find(word).map_or(0, |at| line[..at].chars().count());
         let at = SourcePos { path: path.into(), line: i + 1, column };
         let help = "give one time in seconds per line, in ascending order";
+        if is_decimal_comma(&content[content.find(word).unwrap_or(0)..]) {
+            let help = "write times with a point, or a space after the comma before the next number";
+            return Err(Error::at(at, format!("{:?}", content.trim()), "a time with a decimal point", help));
+        }
         let time: f64 = match word.trim().parse() {
             Ok(time) if (0.0..1e6).contains(&time) => time,
             _ => return Err(Error::at(at, format!("{word:?}"), "a time in seconds, not below 0", help)),
@@ -51,6 +56,12 @@ pub fn parse(path: &Path, text: &str) -> Result<Vec<f64>> {
         out.push(time);
     }
     Ok(out)
+}
+
+/// Whether a line begins with a number such as `12,5`: all of it would be read as a whole second.
+fn is_decimal_comma(line: &str) -> bool {
+    let rest = line.trim_start_matches(|c: char| c.is_ascii_digit());
+    rest.len() < line.len() && rest.strip_prefix(',').is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit()))
 }
 
 #[cfg(test)]
@@ -67,7 +78,7 @@ mod tests {
         assert!(is_as_written(&written) && !is_as_written(&written.replace("0.513", "0.520")));
         assert!(!is_as_written("") && !is_as_written("# made by kinelm: beats of a, seconds\n0.5\n"));
         assert_eq!(parse(path, &written).unwrap(), [0.0, 0.513, 1.0]);
-        assert_eq!(parse(path, "1.5\t1\n\n 2,2 # two\n").unwrap(), [1.5, 2.0]);
+        assert_eq!(parse(path, "1.5,1\n\n 2, 2 # two\n2.5\t3\n").unwrap(), [1.5, 2.0, 2.5]);
     }
 
     #[test]
@@ -75,6 +86,8 @@ mod tests {
         let of = |text| parse(Path::new("b.txt"), text).unwrap_err().to_string();
         assert!(of("0.5\n  zwei\n").starts_with("b.txt:2:3: found \"zwei\", expected a time in seconds"));
         assert!(of("0.5\n-1\n").starts_with("b.txt:2:1: found \"-1\""));
+        assert!(of("0.5\n 1,25\n").starts_with("b.txt:2:2: found \"1,25\", expected a time with a decimal point"));
+        assert!(of("0,512\n1,024\n2,1\n").starts_with("b.txt:1:1: found \"0,512\""));
         assert!(of("NaN").starts_with("b.txt:1:1: found \"NaN\""));
         assert!(of("0.5\n0.5\n").starts_with("b.txt:2:1: found 0.5 after 0.5, expected a later time"));
     }

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// The label that names a clip's music.
 pub const LABEL: &str = "music";
 /// Extensions of music files, in any letter case.
-pub const EXTENSIONS: [&str; 7] = ["wav", "flac", "ogg", "oga", "mp3", "m4a", "mp4"];
+pub const EXTENSIONS: [&str; 8] = ["wav", "flac", "ogg", "oga", "mp3", "m4a", "mp4", "aac"];
 /// Seconds that a clip may outlast its music by.
 const SLACK_S: f64 = 0.5;
 

@@ -29,7 +29,7 @@ use kinelm_model::checkpoint::Checkpoints;
 use kinelm_model::lead_in::LeadIns;
 use kinelm_model::{CheckpointChoice, LoadedRun, ModelKind, load_run};
 use kinelm_motion::moment::Timebase;
-use kinelm_motion::resample::held_frames;
+use kinelm_motion::resample::{check_fps, held_frames};
 use kinelm_store::Subject;
 use kinelm_tokenizer::Tokenizer;
 use std::path::Path;
@@ -85,6 +85,7 @@ impl OpenRequest {
     ) -> Result<OpenRequest> {
         resolved.sampling.validate()?;
         check_names(&resolved)?;
+        check_length(&resolved)?;
         check_given(&resolved)?;
         if let CheckpointChoice::Step(step) = which {
             check_step(&resolved.run, step)?;
@@ -202,6 +203,17 @@ pub fn check_passes(passes: Option<usize>, run: &LoadedRun) -> Result<()> {
         true => Ok(()),
         false => Err(Error::invalid("`passes`", passes, format!("1 to {MOST_PASSES}"))),
     }
+}
+
+/// Refuses lengths below one frame, and rates that no file has.
+fn check_length(request: &Resolved) -> Result<()> {
+    if let Some(seconds) = request.seconds.filter(|s| !(s.is_finite() && *s > 0.0)) {
+        return Err(Error::invalid("`seconds`", seconds, "a number above 0"));
+    }
+    if request.frames == Some(0) {
+        return Err(Error::invalid("`frames`", 0, "1 or more"));
+    }
+    Ok(check_fps(request.fps)?)
 }
 
 /// Refuses a prompt that is for nothing.

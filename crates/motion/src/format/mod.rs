@@ -58,7 +58,7 @@ pub use stand::standing_axis;
 pub use up::{Axes, Up, UpSource};
 
 use crate::error::compact;
-use crate::resample::{FEWEST_FPS, MOST_FPS};
+use crate::resample::{FEWEST_FPS, MOST_FPS, check_fps};
 use crate::rig::{self, map_if_any};
 use crate::{Clip, Error, FaultKind, FileError, Result};
 use kinelm_store::Subject;
@@ -265,8 +265,9 @@ pub fn write(path: &Path, motion: &Motion) -> Result<()> {
 ///
 /// # Errors
 /// [`FaultKind::NotThisFormat`] for an extension that can't be written; [`Invalid`](kinelm_store::Error::Invalid) for a clip
-/// that the format can't hold.
+/// that the format can't hold, or whose rate no reader takes.
 pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
+    check_fps(motion.clip.fps())?;
     match Format::of(path)? {
         Format::Bvh => bvh::to_bytes(motion),
         #[cfg(feature = "amass")]
@@ -299,6 +300,21 @@ mod tests {
 
     const BVH: &str = "HIERARCHY\nROOT a { OFFSET 0 0 0 CHANNELS 1 Xrotation End Site { OFFSET 0 1 0 } }\nMOTION\nFrames: 2\n\
                        Frame Time: 0.05\n1\n2\n";
+
+    #[test]
+    fn a_rate_that_no_reader_takes_is_not_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.bvh");
+        std::fs::write(&path, BVH).unwrap();
+        let mut motion = read(&path, &ReadOptions::default()).unwrap();
+        for fps in [1e300, 2e4, 1e-4] {
+            motion.clip = motion.clip.with_fps(fps).unwrap();
+            for name in ["b.bvh", "b.json", "b.glb", "b.npz"] {
+                let e = to_bytes(Path::new(name), &motion).unwrap_err().to_string();
+                assert!(e.contains("0.001 to 10000"), "{name} at {fps}: {e}");
+            }
+        }
+    }
 
     #[test]
     fn names_and_first_bytes_must_agree() {

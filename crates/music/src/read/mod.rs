@@ -1,10 +1,19 @@
 //! Decodes music files, packet by packet.
+//!
+//! `bounds`: which decoded samples are the sound; stated by an mp3's first frame (`mp3`) or an mp4's edit list (`mp4`). `tags`:
+//! where the frames of an mp3 or aac stand.
 
+mod bounds;
+mod mp3;
+mod mp4;
+mod tags;
+
+use self::bounds::Bounds;
 use crate::error::{FaultKind, FileError};
 use crate::resample::{RATES, Resampler, Sink};
 use crate::{Error, Result};
 use kinelm_store::input;
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use symphonia::core::codecs::CodecParameters;
 use symphonia::core::codecs::audio::well_known::CODEC_ID_OPUS;
@@ -12,13 +21,15 @@ use symphonia::core::codecs::audio::{AudioCodecParameters, AudioDecoder, AudioDe
 use symphonia::core::errors::Error as Fault;
 use symphonia::core::formats::probe::Hint;
 use symphonia::core::formats::{FormatOptions, FormatReader, Track, TrackType};
-use symphonia::core::io::MediaSourceStream;
+use symphonia::core::io::{MediaSource, MediaSourceStream, ReadOnlySource};
 use symphonia::core::meta::MetadataOptions;
 
-const CONVERT: &str = "wav, flac, ogg (Vorbis), mp3 and m4a (AAC-LC) are read; convert the file to one of them";
+const CONVERT: &str = "wav, flac, ogg (Vorbis), mp3, m4a and aac (AAC-LC) are read; convert the file to one of them";
 const AGAIN: &str = "copy or download the file again";
 /// Consecutive undecodable packets that are skipped before the file counts as damaged.
 const MOST_SKIPPED: usize = 8;
+/// Seconds of silence before the sound that an mp4 may state.
+const MOST_SILENCE_S: u64 = 3600;
 /// Samples by which a header may overstate the length: less than a packet of mp3.
 const ROUNDED: u64 = 1151;
 
@@ -48,8 +59,11 @@ pub struct Reader {
     emitted: u64,
     /// Whether this is a wav whose length was unknown when it was written.
     streamed: bool,
-    /// Samples of encoder delay that are still to be dropped.
-    lead: usize,
+    /// Samples of silence that are still to be returned before the others.
+    silence: u64,
+    /// Samples decoded so far.
+    decoded: u64,
+    bounds: Bounds,
     skipped: usize,
 }
 
@@ -72,31 +86,23 @@ pub fn open(path: &Path) -> Result<Reader> {
     if file.metadata().is_ok_and(|about| about.len() == 0) {
         return Err(fault(FaultKind::Empty, "found 0 bytes, expected a sound", AGAIN));
     }
-    let mut hint = Hint::new();
-    if let Some(extension) = path.extension().and_then(|e| e.to_str()) {
-        hint.with_extension(extension);
+    let mut format = probe(path, Box::new(file))?;
+    let container = format.format_info().short_name;
+    let mut stated = None;
+    if ["mp3", "aac"].contains(&container) {
+        let (source, bounds) = frames(path, container == "mp3").map_err(Error::io(path))?;
+        format = probe(path, source)?;
+        stated = Some(bounds);
     }
-    let stream = MediaSourceStream::new(Box::new(file), Default::default());
-    let probed =
-        symphonia::default::get_probe().probe(&hint, stream, FormatOptions::default(), MetadataOptions::default());
-    let format = probed.map_err(|e| match e {
-        Fault::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
-            fault(FaultKind::Cut, "the file ends within its header, expected a sound after it", AGAIN)
-        }
-        Fault::IoError(e) => Error::io(path)(e),
-        e if e.to_string().contains("missing moov") => {
-            fault(FaultKind::Cut, "the file ends before its table (moov), expected one", AGAIN)
-        }
-        e => fault(FaultKind::Unknown, &format!("found no sound ({e}), expected one"), CONVERT),
-    })?;
     let track = choose(path, &*format)?;
     let (id, samples) = (track.id, track.num_frames);
     let parameters = parameters(path, track)?;
     if parameters.codec == CODEC_ID_OPUS {
         return Err(fault(FaultKind::Opus, "found sound coded by Opus, expected another coding", CONVERT));
     }
-    let container = format.format_info().short_name;
-    let made = symphonia::default::get_codecs().make_audio_decoder(parameters, &AudioDecoderOptions::default());
+    // symphonia ignores a delay whose checksum is wrong, and what follows the stated end
+    let options = AudioDecoderOptions::default().gapless(stated.is_none());
+    let made = symphonia::default::get_codecs().make_audio_decoder(parameters, &options);
     let decoder =
         made.map_err(|e| fault(FaultKind::Codec, &format!("found a coding that isn't read ({e})"), CONVERT))?;
     let rate = parameters.sample_rate.unwrap_or(0);
@@ -107,10 +113,16 @@ pub fn open(path: &Path) -> Result<Reader> {
     }
     let channels = parameters.channels.as_ref().map_or(0, |c| c.count());
     let streamed = container == "wave" && ends(path).first().and_then(|head| head.get(4..8)) == Some(&[0xff; 4]);
-    // the readers of other containers drop it themselves
-    let lead = if container == "isomp4" { lead_of_m4a(path) } else { 0 };
-    let samples = samples.filter(|_| !streamed).map(|n| n.saturating_sub(lead as u64));
-    let info = Info { container, rate, channels, samples };
+    let samples = samples.filter(|_| !streamed);
+    let edited = || mp4::bounds(&mut input::peek(path).ok()?, id, rate, samples);
+    let bounds = stated.or_else(|| edited().filter(|_| container == "isomp4"));
+    let bounds = bounds.unwrap_or_else(|| Bounds { samples, ..Bounds::default() });
+    let silence_s = bounds.silence / u64::from(rate);
+    if silence_s > MOST_SILENCE_S {
+        let what = format!("found {silence_s} s of silence before the sound, expected {MOST_SILENCE_S} s at most");
+        return Err(fault(FaultKind::Range, &what, CONVERT));
+    }
+    let info = Info { container, rate, channels, samples: bounds.samples };
     let (planes, mono) = (Vec::new(), Vec::new());
     let mut reader = Reader {
         path: path.into(),
@@ -122,7 +134,9 @@ pub fn open(path: &Path) -> Result<Reader> {
         mono,
         emitted: 0,
         streamed,
-        lead,
+        silence: bounds.silence,
+        decoded: 0,
+        bounds,
         skipped: 0,
     };
     // when the header leaves the channels open, the first packet has them
@@ -130,6 +144,40 @@ pub fn open(path: &Path) -> Result<Reader> {
         reader.decode()?;
     }
     Ok(reader)
+}
+
+/// The frames of an mp3 or aac, as a source that can't seek: else symphonia guesses a length from the first ones.
+fn frames(path: &Path, mp3: bool) -> std::io::Result<(Box<dyn MediaSource>, Bounds)> {
+    let mut file = input::peek(path)?;
+    let range = tags::between(&mut file)?;
+    if mp3 {
+        let (frames, bounds) = mp3::frames(file, &range)?;
+        return Ok((Box::new(ReadOnlySource::new(frames)), bounds));
+    }
+    file.seek(SeekFrom::Start(range.start))?;
+    Ok((Box::new(ReadOnlySource::new(file.take(range.end - range.start))), Bounds::default()))
+}
+
+/// Finds the reader of a source's container.
+fn probe(path: &Path, source: Box<dyn MediaSource>) -> Result<Box<dyn FormatReader>> {
+    let fault = |kind, what: &str, help: &str| file_error(path, kind, what, help);
+    let mut hint = Hint::new();
+    if let Some(extension) = path.extension().and_then(|e| e.to_str()) {
+        hint.with_extension(extension);
+    }
+    let stream = MediaSourceStream::new(source, Default::default());
+    let probed =
+        symphonia::default::get_probe().probe(&hint, stream, FormatOptions::default(), MetadataOptions::default());
+    probed.map_err(|e| match e {
+        Fault::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
+            fault(FaultKind::Cut, "the file ends within its header, expected a sound after it", AGAIN)
+        }
+        Fault::IoError(e) => Error::io(path)(e),
+        e if e.to_string().contains("missing moov") => {
+            fault(FaultKind::Cut, "the file ends before its table (moov), expected one", AGAIN)
+        }
+        e => fault(FaultKind::Unknown, &format!("found no sound ({e}), expected one"), CONVERT),
+    })
 }
 
 fn file_error(path: &Path, kind: FaultKind, what: &str, help: &str) -> Error {
@@ -164,22 +212,8 @@ fn holds(path: &Path, marks: &[&[u8]]) -> bool {
     ends(path).iter().any(|piece| marks.iter().any(|mark| piece.windows(mark.len()).any(|w| w == *mark)))
 }
 
-/// The samples of encoder delay that an m4a's first edit drops. 0 without an edit list: such a file sounds 20 to 50 ms late.
-///
-/// Source: ISO/IEC 14496-12, 8.6.6, version 0: flags, count, then duration and media time of 32 bits each.
-fn lead_of_m4a(path: &Path) -> usize {
-    let find = |piece: &Vec<u8>| {
-        let at = piece.windows(8).position(|w| w == b"elst\0\0\0\0")?;
-        let time = piece.get(at + 16..at + 20)?.try_into().ok()?;
-        usize::try_from(i32::from_be_bytes(time)).ok()
-    };
-    // no encoder has a longer delay
-    ends(path).iter().find_map(find).filter(|lead| *lead < 1 << 14).unwrap_or(0)
-}
-
 /// The file's first and last 256 KiB, which hold the tables of m4a and the headers of Ogg.
 fn ends(path: &Path) -> Vec<Vec<u8>> {
-    use std::io::{Read, Seek, SeekFrom};
     const PIECE: u64 = 256 << 10;
     let Ok(mut file) = input::peek(path) else { return Vec::new() };
     let length = file.metadata().map_or(0, |m| m.len());
@@ -211,8 +245,16 @@ impl Reader {
     ///
     /// # Errors
     /// [`Error::File`]: [`FaultKind::Cut`] when the file ends before its track, [`FaultKind::Damaged`] when it can't be
-    /// decoded, [`FaultKind::Empty`] when it has no samples. An mp3 without a length in its header may be cut unnoticed.
+    /// decoded, [`FaultKind::Empty`] when it has no samples. An mp3 or aac that states no length may be cut unnoticed.
     pub fn next_block(&mut self) -> Result<Option<&[f32]>> {
+        if self.silence > 0 {
+            let samples = self.silence.min(1 << 12);
+            self.silence -= samples;
+            self.emitted += samples;
+            self.planes.clear();
+            self.planes.resize(samples as usize, 0.0);
+            return Ok(Some(&self.planes));
+        }
         if self.mono.is_empty() && !self.decode()? {
             return self.end().map(|()| None);
         }
@@ -283,9 +325,10 @@ impl Reader {
                     let share = 1.0 / channels as f32;
                     let mean = |frame: &[f32]| clean(frame.iter().sum::<f32>() * share);
                     self.mono.clear();
-                    let lead = self.lead.min(buffer.frames());
-                    self.lead -= lead;
-                    self.mono.extend(self.planes.chunks_exact(channels).skip(lead).map(mean));
+                    let frames = (self.decoded..).zip(self.planes.chunks_exact(channels));
+                    let sound = frames.filter(|(i, _)| self.bounds.keep(*i));
+                    self.mono.extend(sound.map(|(_, frame)| mean(frame)));
+                    self.decoded += buffer.frames() as u64;
                     if !self.mono.is_empty() {
                         return Ok(true);
                     }

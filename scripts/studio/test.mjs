@@ -21,6 +21,9 @@ const steps = [];
 const step = async (name, does) => {
   const begun = Date.now();
   await does();
+  // an exception of the page fails the step in which it comes
+  assert.deepEqual(page.complaints, []);
+  assert.equal(await page.locator('#fault').count(), 0);
   steps.push(name);
   console.log(`ok ${name} (${((Date.now() - begun) / 1000).toFixed(1)} s)`);
 };

@@ -9,7 +9,8 @@ import { isBusy, put, store, tell, ui } from './store.js';
 /** @type {Record<string, (data: any) => void>} */
 const EVENTS = {
   clip(clip) {
-    forget(clip.id);
+    // until it is read otherwise it is shown as it was
+    if (clip.state !== 'reading') forget(clip.id);
     put(store.state.clips, clip);
     tell('clips', 'cast');
   },
@@ -46,6 +47,10 @@ const EVENTS = {
   undo(undo) {
     store.state.undo = undo;
     tell('undo');
+  },
+  maps(maps) {
+    store.state.maps = maps;
+    tell('clips');
   },
   music(music) {
     store.state.music = music;

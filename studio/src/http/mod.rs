@@ -58,6 +58,7 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/state", get(state))
         .route("/api/events", get(events::stream))
         .route("/api/clips", post(clips::upload))
+        .route("/api/maps", post(clips::map))
         .route("/api/clips/{id}/figure", get(clips::figure))
         .route("/api/clips/{id}/sound", get(clips::sound))
         .route("/api/clips/{id}/reading", post(clips::reading))

@@ -73,7 +73,7 @@ try {
     await fix.click();
     await fix.waitFor({ state: 'detached', timeout: PATIENCE });
     await card('hops')
-      .locator('small', { hasText: /\b(24|25|30) fps/ })
+      .locator('.stated', { hasText: /\b(24|25|30) fps/ })
       .waitFor({ timeout: PATIENCE });
   });
 

@@ -57,6 +57,7 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/assets/{name}", get(assets::asset))
         .route("/api/state", get(state))
         .route("/api/events", get(events::stream))
+        .route("/api/frames", get(events::frames))
         .route("/api/clips", post(clips::upload))
         .route("/api/maps", post(clips::map))
         .route("/api/clips/{id}/figure", get(clips::figure))

@@ -41,7 +41,7 @@ fn segment(index: usize, keys: &Value, fps: f64, clip_fps: f64) -> Value {
         })
     };
     // what may be left out has a value of its own then
-    let optional = |key: &str, value: Value| if keys[key].is_null() { Some(value) } else { None };
+    let optional = |key: &str, value: Value| if keys.get(key).is_none() { Some(value) } else { None };
     let text = |key: &str| keys[key].as_str().map(|text| json!(text));
     let clip = or("clip", text("clip").or(optional("clip", Value::Null)), Value::Null);
     let joints = or("joints", text("joints").or(optional("joints", json!("all"))), json!("all"));
@@ -51,7 +51,7 @@ fn segment(index: usize, keys: &Value, fps: f64, clip_fps: f64) -> Value {
     let from_s = from_s.unwrap_or(0.0);
     let to = time(&keys["to"], fps).filter(|to| *to > from_s);
     let to = or("to", to.map(Value::from), json!(from_s + SHORT_S));
-    let labels = or("labels", labels(&keys["labels"]), json!({}));
+    let labels = or("labels", labels(keys.get("labels")), json!({}));
     json!({
         "index": index, "clip": clip, "joints": joints, "labels": labels, "from": from, "to": to, "at": at,
         "assumed": assumed,
@@ -69,10 +69,10 @@ fn time(value: &Value, fps: f64) -> Option<f64> {
 }
 
 /// Labels that are all texts.
-fn labels(value: &Value) -> Option<Value> {
+fn labels(value: Option<&Value>) -> Option<Value> {
     match value {
-        Value::Null => Some(json!({})),
-        Value::Object(all) => {
+        None => Some(json!({})),
+        Some(Value::Object(all)) => {
             let texts = all.iter().map(|(field, value)| Some((field.clone(), json!(value.as_str()?))));
             texts.collect::<Option<Map<_, _>>>().map(Value::Object)
         }

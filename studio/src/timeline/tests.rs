@@ -190,7 +190,11 @@ fn segments_are_extended_with_their_clip_and_others_make_room() {
     assert_eq!((view["fps"].as_f64(), view["seconds"].as_f64()), (Some(15.0), Some(13.0)));
     let text = view["text"].as_str().unwrap();
     assert!(text.contains("fps_source = 15") && text.contains("from = 0 # at once\n"), "{text}");
-    assert_eq!(view["rows"][0]["spans"][0]["to"].as_f64(), Some(8.0), "it goes on where it was cut");
+    let spans = view["rows"][0]["spans"].as_array().unwrap();
+    let spans: Vec<_> =
+        spans.iter().map(|span| (span["to"].as_f64().unwrap(), span["state"].as_str().unwrap())).collect();
+    // it goes on where it was cut
+    assert_eq!(spans, [(2.0, "given"), (8.0, "given"), (10.0, "generated"), (12.0, "given"), (13.0, "generated")]);
     // back at its own rate it is as it was
     let record = timelines.project().clip("c1").unwrap();
     let (before, after) = (Length { fps: 15.0, frames: 180 }, Length { fps: 30.0, frames: 180 });
@@ -255,4 +259,26 @@ fn what_the_text_states_of_a_clip_holds_for_the_library() {
     assert_eq!(reading(), Reading { fps_source: Some(60.0), skip: Some(2), ..Reading::default() });
     timelines.project().undo().unwrap();
     assert_eq!(reading(), Reading::default());
+}
+
+#[test]
+fn a_timeline_takes_all_that_can_be_stated_of_a_clip() {
+    let dir = tempfile::tempdir().unwrap();
+    let timelines = timelines(dir.path(), Some(TEXT));
+    let map = kinelm_motion::rig::SkeletonMap::builtin("smpl").unwrap().to_toml();
+    let map = maps::keep(timelines.project(), "mine.toml", map.as_bytes()).unwrap();
+    let stated = json!({
+        "fps_source": 25, "skip": 1, "unit": "cm", "up": "y", "map": map, "floor": 0.1, "root": "pelvis",
+        "mirror_axis": "x",
+    });
+    let reading: Reading = serde_json::from_value(stated).unwrap();
+    let record = timelines.project().clip("c1").unwrap();
+    let text = timelines.reread(&record, TEXT, &reading, None).unwrap();
+    let view = edited(&timelines, &[json!({"op": "text", "text": text})]).unwrap();
+    // the map is the timeline's, wherever the program runs
+    assert_eq!((&view["trouble"], view["fps"].as_f64()), (&json!([]), Some(25.0)), "{text}");
+    assert!(text.contains("map = \"maps/mine.toml\""), "{text}");
+    assert_eq!(timelines.library().reading(&record), reading);
+    let text = timelines.reread(&record, &text, &Reading::default(), None).unwrap();
+    assert_eq!(text, TEXT);
 }

@@ -8,11 +8,12 @@ use std::net::{SocketAddr, TcpStream, UdpSocket};
 use std::time::{Duration, Instant};
 
 /// Every route, with its method.
-const ROUTES: [(&str, &str); 25] = [
+const ROUTES: [(&str, &str); 26] = [
     ("GET", "/"),
     ("GET", "/assets/index.html"),
     ("GET", "/api/state"),
     ("GET", "/api/events"),
+    ("GET", "/api/frames?since=0"),
     ("POST", "/api/clips?name=a.bvh"),
     ("POST", "/api/maps?name=a.toml"),
     ("GET", "/api/clips/c1/figure"),

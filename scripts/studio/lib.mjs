@@ -68,7 +68,7 @@ export async function studio({ folder, files = [], args = [] } = {}) {
   };
 }
 
-/** The studio's page, loaded; what it complains of is collected in `page.complaints`. */
+/** The studio's page, loaded, in a browser of its own. */
 export async function open(browser, { file }, { width = 1280, height = 800, dark = false, still = false } = {}) {
   const context = await browser.newContext({
     viewport: { width, height },
@@ -76,15 +76,22 @@ export async function open(browser, { file }, { width = 1280, height = 800, dark
     reducedMotion: still ? 'reduce' : 'no-preference',
     acceptDownloads: true,
   });
+  return tab(context, `file://${file}`);
+}
+
+/** The studio's page in a tab of a browser; what it complains of is collected in `page.complaints`. */
+export async function tab(context, address) {
   const page = await context.newPage();
   page.complaints = [];
   page.on('pageerror', error => page.complaints.push(String(error.stack ?? error)));
   page.on('console', message => {
-    const { url } = message.location();
-    // the small page that leads in has no icon, and a browser asks for one
-    if (message.type() === 'error' && !url.endsWith('/favicon.ico')) page.complaints.push(`${message.text()} ${url}`);
+    const { url } = message.location(),
+      text = message.text();
+    // the small page that leads in has no icon, and a browser asks for one; under a name of --bind nothing is encrypted
+    const isKnown = url.endsWith('/favicon.ico') || text.startsWith('The Cross-Origin-Opener-Policy header has been ignored');
+    if (message.type() === 'error' && !isKnown) page.complaints.push(`${text} ${url}`);
   });
-  await page.goto(`file://${file}`);
+  await page.goto(address);
   await page.waitForURL(/^http:/, { timeout: 30e3 });
   await page.waitForFunction(() => window.studio?.store.ready, null, { timeout: 60e3 });
   return page;

@@ -21,6 +21,9 @@ const steps = [];
 const step = async (name, does) => {
   const begun = Date.now();
   await does();
+  // an exception of the page fails the step in which it comes
+  assert.deepEqual(page.complaints, []);
+  assert.equal(await page.locator('#fault').count(), 0);
   steps.push(name);
   console.log(`ok ${name} (${((Date.now() - begun) / 1000).toFixed(1)} s)`);
 };
@@ -70,7 +73,7 @@ try {
     await fix.click();
     await fix.waitFor({ state: 'detached', timeout: PATIENCE });
     await card('hops')
-      .locator('small', { hasText: /\b(24|25|30) fps/ })
+      .locator('.stated', { hasText: /\b(24|25|30) fps/ })
       .waitFor({ timeout: PATIENCE });
   });
 

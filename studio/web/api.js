@@ -36,6 +36,13 @@ export async function upload(file) {
   return answer(await fetch(to, { method: 'POST', headers, body: file }).catch(lost));
 }
 
+/** @param {File} file @returns {Promise<{ map: string }>} */
+export async function uploadMap(file) {
+  const headers = { 'Content-Type': 'application/octet-stream' };
+  const to = `/api/maps?name=${encodeURIComponent(file.name)}`;
+  return answer(await fetch(to, { method: 'POST', headers, body: file }).catch(lost));
+}
+
 /** @returns {never} */
 function lost() {
   throw new Refused('lost', 'the studio does not answer; is the program still running?');

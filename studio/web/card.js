@@ -10,6 +10,7 @@ import { counted, length, rate } from './format.js';
 import { setTimeline } from './live.js';
 import { menu } from './menu.js';
 import { setMusic } from './music.js';
+import { openReading, state, stated } from './reading.js';
 import { Small } from './small.js';
 import { stage } from './stage-view.js';
 import { seedOf, store, tell, ui } from './store.js';
@@ -118,7 +119,7 @@ function doubts(clip) {
           {
             type: 'button',
             class: 'fix',
-            onclick: () => attempt(() => post(`/api/clips/${clip.id}/reading`, doubt.fix?.body)),
+            onclick: () => state(clip, doubt.fix?.body ?? {}),
           },
           doubt.fix.label,
         ),
@@ -132,6 +133,7 @@ function doubts(clip) {
 export function clipCard(clip) {
   const ready = clip.state === 'ready',
     motion = ready && !clip.music,
+    said = stated(clip.reading),
     small = motion ? new Small(`${clip.name}, dancing`) : null;
   const open = motion ? () => showClip(clip.id) : clip.music ? () => setMusic(clip.id) : null;
   const more = iconButton(
@@ -158,6 +160,9 @@ export function clipCard(clip) {
               { label: 'Begin at the playhead', does: () => setMusic(clip.id, -stage.state.time) },
             ]
           : []),
+        ...(clip.music
+          ? []
+          : [{ label: 'How it is read', hint: 'rate, unit, floor, map …', does: () => openReading(clip.id) }]),
         null,
         { label: 'Rename', does: () => rename(clip.id, clip.name) },
         {
@@ -185,6 +190,7 @@ export function clipCard(clip) {
         clip.name,
       ),
       h('small', null, facts(clip)),
+      said && h('small', { class: 'stated' }, said),
     ),
     more,
     motion &&

@@ -1,7 +1,7 @@
 // Who is on the stage, by what the page shows: the dances of a set, two of them, one; a clip; or what the timeline gives.
 
 import { Dancer, Part, madeBy } from './dancer.js';
-import { load, loaded } from './figures.js';
+import { forget, isLost, load, loaded } from './figures.js';
 import { clipOf, currentSet, danceOf, nameOf, sourceOf, store, tell, ui } from './store.js';
 
 /** @typedef {import('./types.js').Segment} Segment */
@@ -12,8 +12,6 @@ export const TAKES = 8,
 
 /** @type {Map<string, Dancer>} */
 let known = new Map();
-/** @type {Set<string>} figures that can't be had */
-const failed = new Set();
 
 // Shows the timeline, or takes again where it is empty.
 /** @param {'takes' | 'timeline' | 'clip'} mode */
@@ -24,7 +22,7 @@ export function showMode(mode) {
 
 /** @param {string} id */
 export function showClip(id) {
-  failed.delete(id);
+  if (isLost(id)) forget(id);
   Object.assign(ui, { mode: 'clip', clip: id });
   tell('cast');
 }
@@ -41,12 +39,11 @@ export function focusOn(id, solo = false) {
 /** @param {string} id @param {boolean} complete whether it has a file yet */
 function ask(id, complete) {
   const there = loaded(id);
-  if ((!there || there.live) && complete && !failed.has(id)) {
+  // one that is being read has its figure afterwards
+  if ((!there || there.live) && complete && !isLost(id) && clipOf(id)?.state !== 'reading') {
     load(id).then(
       () => tell('cast', 'frames'),
-      () => {
-        failed.add(id);
-      },
+      () => {},
     );
   }
   return there;

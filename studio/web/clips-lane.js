@@ -3,7 +3,7 @@
 import { clipPaint, nameIn } from './cast.js';
 import { h } from './dom.js';
 import { moveSegment } from './edits.js';
-import { clock, joints as said } from './format.js';
+import { clock, joints as said, unsaid } from './format.js';
 import { on, store, tell, ui } from './store.js';
 import { axis, frameTime, snapped } from './timeline-view.js';
 
@@ -101,12 +101,12 @@ function block(segment, line) {
   const box = h(
     'div',
     {
-      class: `block${ui.segment === segment.index ? ' chosen' : ''}`,
+      class: `block${segment.assumed.length ? ' assumed' : ''}${ui.segment === segment.index ? ' chosen' : ''}`,
       role: 'button',
       tabindex: 0,
       'data-keep': `segment ${segment.index}`,
       'aria-pressed': ui.segment === segment.index,
-      title: `${label}, ${clock(segment.from)} to ${clock(segment.to)}, from its ${clock(segment.at)} on`,
+      title: `${label}, ${clock(segment.from)} to ${clock(segment.to)}, from its ${clock(segment.at)} on${unsaid(segment)}`,
       'aria-label': `${label}, ${clock(segment.from)} to ${clock(segment.to)}. Arrows move it, Shift and arrows trim it, Delete removes it`,
       style: { '--a': segment.from, '--b': segment.to, '--line': line, '--own': `var(${clipPaint(segment.clip)})` },
     },

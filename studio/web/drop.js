@@ -1,9 +1,9 @@
 // Files and folders from outside, dropped anywhere or chosen.
 
-import { upload } from './api.js';
+import { upload, uploadMap } from './api.js';
 import { whatIsDragged } from './drag.js';
 import { find } from './dom.js';
-import { counted } from './format.js';
+import { counted, mapName } from './format.js';
 import { tell } from './store.js';
 import { attempt, toast } from './toast.js';
 
@@ -19,10 +19,18 @@ export async function send(files) {
   tell('clips');
   // one after the other, so that the library has their order
   for (const file of files) {
-    await attempt(() => upload(file));
+    const isMap = file.name.toLowerCase().endsWith('.toml');
+    await attempt(async () => void (await (isMap ? sendMap(file) : upload(file))));
     uploads.delete(file.name);
     tell('clips');
   }
+}
+
+// A skeleton map is no clip: clips are read with it.
+/** @param {File} file */
+async function sendMap(file) {
+  const { map } = await uploadMap(file);
+  toast(`${mapName(map)} is a map now: choose it in a clip’s menu, at “How it is read”.`);
 }
 
 /** @param {FileSystemEntry} entry @returns {Promise<File[]>} */

@@ -18,6 +18,8 @@ const SMALL = { fps: 15, seconds: 6 };
 const whole = new Map();
 /** @type {Map<string, Promise<Loaded>>} */
 const small = new Map();
+/** @type {Set<string>} figures that can't be had */
+const lost = new Set();
 /** @type {Map<string, Loaded>} dances that are sampled, or were until their file came */
 const live = new Map();
 
@@ -31,6 +33,7 @@ const waiting = new Map();
 function decode(url) {
   if (!worker) {
     worker = new Worker('/assets/decode.worker.js', { type: 'module' });
+    worker.onerror = event => reportError(event.error ?? new Error(event.message ?? 'decode.worker.js'));
     worker.onmessage = ({ data: { id, head, numbers, top, error } }) => {
       const one = waiting.get(id);
       waiting.delete(id);
@@ -64,7 +67,9 @@ export function load(id) {
       makeRoom();
     },
     () => {
-      if (whole.get(id) === one) whole.delete(id);
+      if (whole.get(id) !== one) return;
+      whole.delete(id);
+      lost.add(id);
     },
   );
   return one.loading;
@@ -96,8 +101,13 @@ export function loadSmall(id) {
   return known;
 }
 
+// Whether a figure was asked for in vain, since it was last heard of.
+/** @param {string} id */
+export const isLost = id => lost.has(id);
+
 /** @param {string} id */
 export function forget(id) {
+  lost.delete(id);
   whole.delete(id);
   small.delete(id);
 }

@@ -39,3 +39,11 @@ export function joints(list) {
 
 /** @param {string} word */
 export const capital = word => word.charAt(0).toUpperCase() + word.slice(1);
+
+// What a skeleton map is called: one of the project is a file.
+/** @param {string} map */
+export const mapName = map => map.replace(/^maps\//, '').replace(/\.toml$/, '');
+
+// What the text of a timeline doesn't say of a segment.
+/** @param {{ assumed: string[] }} segment */
+export const unsaid = ({ assumed }) => (assumed.length ? ` (not said: ${assumed.join(', ')})` : '');

@@ -2,7 +2,7 @@
 
 import { change } from './card.js';
 import { h } from './dom.js';
-import { clock } from './format.js';
+import { clock, unsaid } from './format.js';
 import { beats, setMusic } from './music.js';
 import { clipOf, on, store, tell, ui } from './store.js';
 import { axis, frameTime, snapped } from './timeline-view.js';
@@ -45,12 +45,12 @@ function label(segment) {
   const box = h(
     'div',
     {
-      class: `block label-block${chosen ? ' chosen' : ''}`,
+      class: `block label-block${segment.assumed.length ? ' assumed' : ''}${chosen ? ' chosen' : ''}`,
       role: 'button',
       tabindex: 0,
       'aria-pressed': chosen,
       'data-keep': `segment ${segment.index}`,
-      title: `${words}, ${clock(segment.from)} to ${clock(segment.to)}: drag to move, drag an end to trim`,
+      title: `${words}, ${clock(segment.from)} to ${clock(segment.to)}: drag to move, drag an end to trim${unsaid(segment)}`,
       'aria-label': `Label ${words}, ${clock(segment.from)} to ${clock(segment.to)}. Delete removes it`,
       style: { '--a': segment.from, '--b': segment.to, '--line': 0 },
     },

@@ -1,15 +1,17 @@
-// The stream of events: keeps the store as the server has it.
+// Events: keep the store as the server has it.
 
 import { get } from './api.js';
 import { forget, streamed } from './figures.js';
 import { isBusy, put, store, tell, ui } from './store.js';
+import { listenTo } from './stream.js';
 
 /** @typedef {import('./types.js').State} State */
 
 /** @type {Record<string, (data: any) => void>} */
 const EVENTS = {
   clip(clip) {
-    forget(clip.id);
+    // until it is read otherwise it is shown as it was
+    if (clip.state !== 'reading') forget(clip.id);
     put(store.state.clips, clip);
     tell('clips', 'cast');
   },
@@ -47,6 +49,10 @@ const EVENTS = {
     store.state.undo = undo;
     tell('undo');
   },
+  maps(maps) {
+    store.state.maps = maps;
+    tell('clips');
+  },
   music(music) {
     store.state.music = music;
     tell('music');
@@ -54,48 +60,61 @@ const EVENTS = {
 };
 
 // Events that come while the state is on its way are kept: those after it are then carried out.
-/** @type {{ id: number, name: string, data: any }[] | null} */
+/** @type {import('./events.js').Happening[] | null} */
 let waiting = null;
+let isStale = false;
 
-/** @param {MessageEvent} event @param {string} name */
-function happened(event, name) {
-  const data = JSON.parse(event.data),
-    id = Number(event.lastEventId);
-  // what was before the state is in it, but for the frames of dances that aren't made yet
-  if (id <= store.state.last_event && name !== 'frames') return;
-  if (waiting) waiting.push({ id, name, data });
-  else EVENTS[name](data);
+/** @param {import('./events.js').Happening} happening */
+function happened({ name, id, data }) {
+  if (name === 'hello') greeted(data);
+  else if (name === 'lost') {
+    store.connected = false;
+    tell('connection');
+  } else if (waiting) waiting.push({ name, id, data });
+  // what was before the state is in it
+  else if (id > store.state.last_event) EVENTS[name](data);
+}
+
+/** @param {{ version: string, resumed: boolean }} hello */
+function greeted({ version, resumed }) {
+  store.connected = true;
+  tell('connection');
+  // another program: other assets
+  if (store.ready && store.state.version && version !== store.state.version) location.reload();
+  else if (!resumed || !store.ready) load();
 }
 
 async function load() {
-  if (waiting) return;
-  waiting = [];
-  try {
-    const state = /** @type {State} */ (await get('/api/state'));
-    store.state = state;
-    store.ready = true;
-    const later = waiting.filter(event => event.id > state.last_event);
-    waiting = null;
-    tell('clips', 'dances', 'jobs', 'undo', 'music', 'model', 'cast', 'connection');
-    for (const { name, data } of later) EVENTS[name](data);
-    catchUp(state);
-    await loadTimeline();
-  } catch {
-    // the stream tries again, and so does this
-    waiting = null;
+  // more was missed meanwhile
+  if (waiting) {
+    isStale = true;
+    return;
   }
+  waiting = [];
+  const state = /** @type {State | null} */ (await get('/api/state').catch(() => null)),
+    sampled = state && (await sampledBefore(state));
+  const later = waiting;
+  waiting = null;
+  if (!state || !sampled || isStale) {
+    isStale = false;
+    setTimeout(load, state ? 0 : 1000);
+    return;
+  }
+  store.state = state;
+  store.ready = true;
+  tell('clips', 'dances', 'jobs', 'undo', 'music', 'model', 'cast', 'connection');
+  for (const { data } of sampled.events) EVENTS.frames(data);
+  for (const { name, id, data } of later)
+    if (id > (name === 'frames' ? sampled.last : state.last_event)) EVENTS[name](data);
+  await loadTimeline();
 }
 
-// Frames that were sampled before this page came are sent again from where their job began.
-/** @param {State} state */
-function catchUp(state) {
-  const running = state.jobs
-    .filter(isBusy)
-    .map(job => job.since)
-    .filter(since => since !== null);
-  if (!running.length) return;
-  stream?.close();
-  listen(Math.min(...running));
+// Frames that were sampled before this page came, since the first job that runs began.
+/** @param {State} state @returns {Promise<{ last: number, events: { id: number, data: any }[] }>} */
+async function sampledBefore(state) {
+  const none = { last: state.last_event, events: [] };
+  const since = state.jobs.filter(isBusy).flatMap(job => job.since ?? []);
+  return since.length ? get(`/api/frames?since=${Math.min(...since)}`).catch(() => none) : none;
 }
 
 let asked = 0;
@@ -117,23 +136,4 @@ export function setTimeline(timeline) {
   tell('timeline', 'cast');
 }
 
-/** @type {EventSource | null} */
-let stream = null;
-
-/** @param {number} [since] an event: those after it are sent again */
-export function listen(since) {
-  stream = new EventSource(since === undefined ? '/api/events' : `/api/events?since=${since}`);
-  stream.addEventListener('hello', event => {
-    store.connected = true;
-    tell('connection');
-    const { version, resumed } = JSON.parse(event.data);
-    // another program: other assets
-    if (store.ready && store.state.version && version !== store.state.version) location.reload();
-    else if (!resumed || !store.ready) load();
-  });
-  for (const name of Object.keys(EVENTS)) stream.addEventListener(name, event => happened(event, name));
-  stream.onerror = () => {
-    store.connected = false;
-    tell('connection');
-  };
-}
+export const listen = () => listenTo(happened);

@@ -13,6 +13,7 @@ const NOTHING = {
   music: null,
   undo: { undo: 0, redo: 0, undo_name: null, redo_name: null },
   search_s: 2,
+  maps: [],
   last_event: 0,
 };
 
@@ -83,7 +84,14 @@ export function tell(...topics) {
 function flush() {
   const all = new Set([...changed].flatMap(topic => listeners.get(topic) ?? []));
   changed.clear();
-  for (const does of all) does();
+  for (const does of all) {
+    // a view that fails leaves the others as they are
+    try {
+      does();
+    } catch (error) {
+      reportError(error);
+    }
+  }
 }
 
 // ---- looking things up ----

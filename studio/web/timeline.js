@@ -148,7 +148,7 @@ function trouble() {
   on(['timeline'], () => {
     const first = store.timeline.trouble[0];
     box.hidden = !first;
-    if (first) box.textContent = `${first.line ? `Line ${first.line}: ` : ''}${first.text}`;
+    if (first) box.textContent = `The timeline can’t be made like this. ${first.line ? `Line ${first.line}: ` : ''}${first.text}`;
   });
   return box;
 }
@@ -258,7 +258,6 @@ export function openTimeline() {
       snap,
       selection(),
       h('span', { class: 'spring' }),
-      trouble(),
       h('button', { type: 'button', class: 'quiet', title: 'The file that this timeline is', onclick: text }, 'Text'),
       h(
         'span',
@@ -268,6 +267,7 @@ export function openTimeline() {
         iconButton('plus', 'More time across', () => zoom(1.5)),
       ),
     ),
+    trouble(),
     h('div', { id: 'body' }, body, over),
   );
   draw();

@@ -44,9 +44,10 @@ export async function attempt(does) {
   try {
     return await does();
   } catch (error) {
-    const text = error instanceof Error ? error.message : String(error);
-    toast(text.charAt(0).toUpperCase() + text.slice(1), { kind: 'trouble' });
-    if (!(error instanceof Refused)) console.error(error);
+    // what the studio or the system refuses is no mistake of the page
+    if (error instanceof Refused || error instanceof DOMException)
+      toast(error.message.charAt(0).toUpperCase() + error.message.slice(1), { kind: 'trouble' });
+    else reportError(error);
     return undefined;
   }
 }

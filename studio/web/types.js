@@ -1,7 +1,8 @@
 // What the server and the page tell each other; only a checker reads this file.
 
 /**
- * @typedef {{ up?: string, unit?: string, fps_source?: number, skip?: number, map?: string, floor?: number }} Reading
+ * @typedef {{ up?: string, unit?: string, fps_source?: number, skip?: number, map?: string, floor?: number, root?: string,
+ *   take?: string, mirror_axis?: string }} Reading
  * @typedef {{ kind: string, text: string, fix?: { label: string, body: Reading } }} Doubt
  * @typedef {{ id: string, name: string, state: 'reading' | 'ready' | 'failed', seconds?: number, fps?: number, frames?: number,
  *   rig?: string | null, format?: string, joints?: number, doubts: Doubt[], music?: boolean, beats?: number[], error?: string,
@@ -23,12 +24,13 @@
  * @typedef {{ undo: number, redo: number, undo_name: string | null, redo_name: string | null }} Undo
  * @typedef {{ clip: string, from_s: number }} Music
  * @typedef {{ version: string, project: string, model: Model, clips: Clip[], dances: Dance[], jobs: Job[],
- *   music: Music | null, undo: Undo, search_s: number, last_event: number }} State
+ *   music: Music | null, undo: Undo, search_s: number, maps: string[], last_event: number }} State
  *
  * @typedef {{ from: number, to: number, state: 'given' | 'generated' | 'partly', segment: number | null }} Span
  * @typedef {{ group: string, spans: Span[], joints: { name: string, spans: Span[] }[] }} Row
  * @typedef {{ index: number, clip: string | null, joints: string | null, from: number, to: number, at: number,
- *   labels: Record<string, string>, given?: number[], place?: { turn_rad: number, x: number, y: number, z: number } }} Segment
+ *   labels: Record<string, string>, assumed: string[], given?: number[], place?: { turn_rad: number, x: number, y: number, z: number } }} Segment
+ * assumed: keys that the text of a timeline with trouble doesn't say
  * @typedef {{ text: string, seconds: number, fps: number | null, rig: string | null, transition: number,
  *   clips: Record<string, { clip: string | null, file: string | null }>, segments: Segment[], rows: Row[],
  *   trouble: { line: number, column: number, text: string }[], notes: string[] }} Timeline

@@ -3,11 +3,12 @@
 use super::App;
 use super::answer::{Answer, blocking, body, done, json, text_of};
 use crate::library::figure::Part;
+use crate::library::maps;
 use crate::library::search::Looked;
 use crate::library::upload::{MOST_BYTES, Upload};
 use crate::project::document::{Music, Reading};
 use crate::{Error, Result};
-use axum::body::{Body, Bytes};
+use axum::body::{Body, Bytes, to_bytes};
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -58,6 +59,21 @@ pub async fn upload(
     let studio = app.studio.clone();
     let id = blocking(move || studio.uploaded(upload)).await?;
     Ok(json(&value!({ "id": id })))
+}
+
+/// Takes a skeleton map in.
+pub async fn map(
+    State(app): State<Arc<App>>,
+    name: std::result::Result<Query<Named>, axum::extract::rejection::QueryRejection>,
+    request: Body,
+) -> Answer {
+    let Query(Named { name }) = name.map_err(|_| Error::missing("name of the file", "the page sends ?name=NAME"))?;
+    let slow = |_| Error::Slow("the map took too long; drop it in again".into());
+    let whole = tokio::time::timeout(PIECE_TIME, to_bytes(request, maps::MOST_BYTES + 1)).await.map_err(slow)?;
+    let limit = || format!("{} KB", maps::MOST_BYTES >> 10);
+    let bytes = whole.map_err(|_| Error::limit("the map", format!("more than {}", limit()), limit(), ""))?;
+    let name = blocking(move || app.studio.add_map(&name, &bytes)).await?;
+    Ok(json(&value!({ "map": name })))
 }
 
 /// What the stage shows of a clip or a dance.

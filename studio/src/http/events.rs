@@ -1,7 +1,8 @@
 //! The stream of events to one page.
 
 use super::App;
-use super::answer::Answer;
+use super::answer::{Answer, text_of};
+use crate::Error;
 use crate::events::{Hub, framed};
 use axum::body::{Body, Bytes};
 use axum::extract::{Query, State};
@@ -67,22 +68,11 @@ fn hello(at: u64, resumed: bool) -> String {
     framed(at, "hello", &data.to_string())
 }
 
-/// What a page asks for when it opens.
-#[derive(Debug, Deserialize)]
-pub struct From {
-    /// An event: those after it, as far as they are still there.
-    since: Option<u64>,
-}
-
 /// The events from the last one that a page has.
-pub async fn stream(State(app): State<Arc<App>>, Query(from): Query<From>, headers: HeaderMap) -> Answer {
+pub async fn stream(State(app): State<Arc<App>>, headers: HeaderMap) -> Answer {
     let hub = app.studio.hub().clone();
     let known = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse::<u64>().ok());
-    // a page that comes back knows more than the address that it opened
-    let known = match known {
-        Some(id) => Some(id).filter(|id| hub.since(*id).is_some()),
-        None => from.since.map(|id| hub.kept_since(id)),
-    };
+    let known = known.filter(|id| hub.since(*id).is_some());
     let at = known.unwrap_or_else(|| hub.last());
     let first = Some(format!("retry: 1000\n\n{}", hello(at, known.is_some())));
     let page = Page { changed: hub.watch(), hub, stop: app.stop.subscribe(), at, first };
@@ -94,4 +84,32 @@ pub async fn stream(State(app): State<Arc<App>>, Query(from): Query<From>, heade
     let kind = HeaderValue::from_static("text/event-stream");
     response.headers_mut().insert(header::CONTENT_TYPE, kind);
     Ok(response)
+}
+
+/// Where a page's catching up begins.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Since {
+    /// An event: those after it, as far as they are still there.
+    since: u64,
+}
+
+/// Frames that were sampled before a page came: the events with them, and no more.
+pub async fn frames(
+    State(app): State<Arc<App>>,
+    since: Result<Query<Since>, axum::extract::rejection::QueryRejection>,
+) -> Answer {
+    let Query(Since { since }) =
+        since.map_err(|e| Error::invalid("the `query`", e.body_text(), "since as a number"))?;
+    let hub = app.studio.hub();
+    let (events, last) = hub.since(hub.kept_since(since)).unwrap_or_default();
+    let frames: Vec<String> = events.iter().filter_map(|event| as_json("frames", event)).collect();
+    Ok(text_of(format!("{{\"last\":{last},\"events\":[{}]}}", frames.join(",")), "application/json"))
+}
+
+/// An event of a name as JSON.
+fn as_json(name: &str, event: &str) -> Option<String> {
+    let field = |name: &str| event.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(": "));
+    (field("event") == Some(name)).then_some(())?;
+    Some(format!("{{\"id\":{},\"data\":{}}}", field("id")?, field("data")?))
 }

@@ -14,7 +14,7 @@ use kinelm_motion::format::{
 use kinelm_motion::inspect::report;
 use kinelm_motion::rig::{self, SkeletonMap, map_of};
 use kinelm_motion::{FaultKind, Motion, Source};
-use kinelm_store::{counted, files};
+use kinelm_store::files;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -146,8 +146,8 @@ fn music(file: &Path) -> Result<Info> {
 /// A sidecar that can't be read.
 pub fn options(file: &Path, reading: &Reading) -> Result<ReadOptions> {
     let own = sidecar::read_options(file)?.map(|own| {
-        // a file beside a clip is no reason to open others
-        let map = own.map.filter(|map| SkeletonMap::builtin(map).is_some());
+        // a file beside a clip is no reason to open others; a map of several lines is no file
+        let map = own.map.filter(|map| SkeletonMap::builtin(map).is_some() || map.contains('\n'));
         ReadOptions { map, ..own }
     });
     Ok(reading.options(own.as_ref()))
@@ -243,8 +243,12 @@ fn of_rest(motion: &Motion, options: &ReadOptions) -> Option<Doubt> {
     if smeared == 0 {
         return Some(Doubt::new("rest_frame", format!("It begins with a rest pose. {done}.")));
     }
-    let text =
-        format!("It begins with a rest pose. {done}; the next {} still come out of it.", counted(smeared, "frames"));
+    let next = if smeared == 1 {
+        "the next frame still comes".into()
+    } else {
+        format!("the next {smeared} frames still come")
+    };
+    let text = format!("It begins with a rest pose. {done}; {next} out of it.");
     let body = Reading { skip: Some(smeared + 1), ..Reading::default() };
     Some(Doubt::new("rest_frame", text).fixed("Begin behind it", body))
 }

@@ -4,6 +4,8 @@
 //! - [`child`], [`reader`]: the process that reads a file, and its parent's side.
 //! - [`upload`]: a file that comes in pieces.
 //! - `rates`: rates of a folder, judged together.
+//! - [`maps`]: skeleton maps of the project.
+//! - [`stated`]: what the timeline's text states of clips.
 //! - [`figure`]: what the stage shows of a clip.
 //! - [`search`]: what else moves like this.
 //!
@@ -12,18 +14,19 @@
 pub mod child;
 pub mod doubts;
 pub mod figure;
+pub mod maps;
 mod rates;
 pub mod reader;
 pub mod search;
+pub mod stated;
 pub mod upload;
 
-use crate::project::document::{Change, ClipRecord, Reading};
+use crate::project::document::{ClipRecord, Reading};
 use crate::project::{CACHE, CONVERTED, Project};
 use crate::{Error, Result};
 use doubts::{Info, Outcome};
 use kinelm_corpus::{Dataset, Item, sidecar};
-use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
-use kinelm_motion::rig::SkeletonMap;
+use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_store::{files, hash};
 use reader::Reader;
 use serde::{Deserialize, Serialize};
@@ -46,6 +49,7 @@ pub struct Library {
     /// Where the index of a search is built, one at a time.
     searching: Mutex<()>,
     figures: figure::Figures,
+    texts: stated::Texts,
 }
 
 #[derive(Debug, Default)]
@@ -108,6 +112,7 @@ impl Library {
             stop: AtomicBool::new(false),
             searching: Mutex::default(),
             figures: figure::Figures::default(),
+            texts: stated::Texts::default(),
         }
     }
 
@@ -161,6 +166,12 @@ impl Library {
         }
     }
 
+    /// The clips that are being read, or will be soon.
+    pub fn being_read(&self) -> Vec<String> {
+        let inner = self.inner();
+        inner.known.iter().filter(|(_, known)| matches!(known, Known::Reading)).map(|(id, _)| id.clone()).collect()
+    }
+
     /// Ends the thread that reads.
     pub fn end(&self) {
         self.stop.store(true, Ordering::Relaxed);
@@ -179,7 +190,8 @@ impl Library {
         let file = self.project.path(&record.file);
         let found = std::fs::metadata(&file).map_err(Error::io(&file))?;
         let changed = found.modified().ok().and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok());
-        let reading = serde_json::to_string(&record.reading).unwrap_or_default();
+        let stated = self.resolved(self.reading(record))?;
+        let reading = serde_json::to_string(&stated).unwrap_or_default();
         // a sidecar decides how its dance is read
         let beside = hash::of_file(&kinelm_store::sidecar::path_of(&file)).unwrap_or_default();
         let (version, nanos) = (env!("CARGO_PKG_VERSION"), changed.unwrap_or_default().as_nanos());
@@ -197,7 +209,7 @@ impl Library {
             }
         }
         let out = cache.with_extension("read");
-        let outcome = self.reader.read(&file, &record.reading, (&convert, &out), &self.stop)?;
+        let outcome = self.reader.read(&file, &stated, (&convert, &out), &self.stop)?;
         let cached = Cached { key, outcome };
         if let Ok(text) = serde_json::to_vec(&cached) {
             // it can be found again
@@ -207,7 +219,7 @@ impl Library {
     }
 
     /// Where a clip of another format is as a BVH.
-    fn converted(&self, id: &str) -> PathBuf {
+    pub fn converted(&self, id: &str) -> PathBuf {
         self.project.folder().join(CONVERTED).join(format!("{id}.bvh"))
     }
 
@@ -263,18 +275,17 @@ impl Library {
             return Err(Error::invalid("`clip`", &record.name, "a clip with a body; this is music"));
         }
         let Info { fps, frames, floor_m, .. } = info;
+        let reading = self.reading(&record);
         let (path, stated, read) = match info.converted {
             false => {
                 let path = self.project.path(&record.file);
-                let read = doubts::options(&path, &record.reading)?;
-                (path, record.reading, read)
+                let read = doubts::options(&path, &self.resolved(reading.clone())?)?;
+                (path, reading, read)
             }
-            // what was stated of the file is in its numbers now, but for what a BVH can't say
             true => {
-                let Reading { map, floor, .. } = record.reading;
-                let (up, unit) = (Some(Up::Y), Some(Unit::CENTIMETRE));
-                let stated = Reading { up, unit, map, floor, ..Reading::default() };
-                let read = stated.options(Some(&ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() }));
+                let stated = stated::of_converted(reading);
+                let own = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
+                let read = self.resolved(stated.clone())?.options(Some(&own));
                 (self.converted(id), stated, read)
             }
         };
@@ -295,7 +306,9 @@ impl Library {
 
     /// A clip as the page has it.
     pub fn view(&self, record: &ClipRecord) -> Value {
-        let mut view = json!({ "id": record.id, "name": record.name, "reading": record.reading });
+        let mut view = json!({
+            "id": record.id, "name": record.name, "reading": self.reading(record), "music": doubts::is_music(&record.file),
+        });
         let known = self.inner().known.get(&record.id).cloned();
         match known.as_ref() {
             Some(Known::Read(outcome)) => match &**outcome {
@@ -305,7 +318,7 @@ impl Library {
                     let (seconds, fps, frames, rig) = (info.seconds, info.fps, info.frames, &info.rig);
                     let more = json!({
                         "state": "ready", "seconds": seconds, "fps": fps, "frames": frames, "rig": rig,
-                        "format": info.format, "joints": info.joints, "doubts": doubts, "music": info.music,
+                        "format": info.format, "joints": info.joints, "doubts": doubts,
                         "floor": info.floor_m,
                     });
                     extend(&mut view, more);
@@ -320,22 +333,6 @@ impl Library {
             _ => extend(&mut view, json!({ "state": "reading", "doubts": [] })),
         }
         view
-    }
-
-    /// The change that states something of a clip.
-    ///
-    /// # Errors
-    /// An unknown clip; a map that isn't built in, since a page names no files.
-    pub fn restated(&self, id: &str, reading: Reading) -> Result<Vec<Change>> {
-        if let Some(map) = reading.map.as_deref().filter(|map| SkeletonMap::builtin(map).is_none()) {
-            return Err(Error::invalid("`map`", map, "the name of a built-in skeleton map"));
-        }
-        if let Some(floor) = reading.floor.filter(|floor| !floor.is_finite()) {
-            return Err(Error::invalid("`floor`", floor, "a height in metres"));
-        }
-        let before = self.project.clip(id)?;
-        let after = ClipRecord { reading: before.reading.clone().with(reading), ..before.clone() };
-        Ok(vec![Change::Clip { before: Some(Box::new(before)), after: Some(Box::new(after)) }])
     }
 
     /// The clips that were read, whose ids are in the project.

@@ -43,10 +43,18 @@ pub fn file_for(folder: &Path, document: &Document, name: &str) -> PathBuf {
 /// Bytes of a name: file systems take 255, with a number, an extension and a sidecar's.
 const MOST_NAME: usize = 160;
 
-/// A name as a file may have it: no separators, control or odd characters, not hidden, of moderate length.
+/// Marks of writing direction, by which `gpj.bvh` can be made to look like another kind of file.
+const DIRECTIONS: [char; 12] = [
+    '\u{61c}', '\u{200e}', '\u{200f}', '\u{202a}', '\u{202b}', '\u{202c}', '\u{202d}', '\u{202e}', '\u{2066}',
+    '\u{2067}', '\u{2068}', '\u{2069}',
+];
+
+/// A name as a file may have it: no separators, control or odd characters, no marks of writing direction, not hidden, of
+/// moderate length.
 pub fn plain_name(name: &str) -> String {
     let is_odd = |c: char| c.is_control() || "/\\:*?\"<>|".contains(c);
-    let mut name: String = name.chars().map(|c| if is_odd(c) { '_' } else { c }).take(80).collect();
+    let seen = name.chars().filter(|c| !DIRECTIONS.contains(c));
+    let mut name: String = seen.map(|c| if is_odd(c) { '_' } else { c }).take(80).collect();
     while name.len() > MOST_NAME {
         name.pop();
     }
@@ -148,6 +156,7 @@ mod tests {
 
     #[test]
     fn names_are_plain() {
+        assert_eq!(plain_name("\u{202e}hvb.ecnad\u{200f}\u{2066}!\u{2069}"), "hvb.ecnad!");
         for (name, expected) in [
             ("../../etc/passwd", "_.._etc_passwd"),
             ("a/b\\c:d", "a_b_c_d"),

@@ -53,18 +53,27 @@ pub struct Reading {
     /// Frames to leave out at the start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub skip: Option<usize>,
-    /// The name of a built-in skeleton map.
+    /// The name of a built-in skeleton map, or `maps/NAME.toml` of the project.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map: Option<String>,
     /// The height of the floor, metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub floor: Option<f64>,
+    /// One of several figures, by its root or armature, or a joint to be the root.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub root: Option<String>,
+    /// The animation of a file with several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub take: Option<String>,
     /// The axis along which the file is mirrored.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mirror_axis: Option<MirrorAxis>,
 }
 
 impl Reading {
+    /// The names of what can be stated.
+    pub const KEYS: [&str; 9] = ["up", "unit", "fps_source", "skip", "map", "floor", "root", "take", "mirror_axis"];
+
     /// As the library has it: over the options in a sidecar of the file, if it has one, else as a prompt is read.
     pub fn options(&self, own: Option<&ReadOptions>) -> ReadOptions {
         let prompt = || ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
@@ -76,6 +85,8 @@ impl Reading {
             skip: self.skip.unwrap_or(own.skip),
             map: self.map.clone().or(own.map),
             floor: self.floor.or(own.floor),
+            root: self.root.clone().or(own.root),
+            take: self.take.clone().or(own.take),
             mirror_axis: self.mirror_axis.or(own.mirror_axis),
             ..own
         }
@@ -90,6 +101,8 @@ impl Reading {
             skip: other.skip.or(self.skip),
             map: other.map.or(self.map),
             floor: other.floor.or(self.floor),
+            root: other.root.or(self.root),
+            take: other.take.or(self.take),
             mirror_axis: other.mirror_axis.or(self.mirror_axis),
         }
     }

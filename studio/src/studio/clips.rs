@@ -1,17 +1,19 @@
 //! The library: files that come, are read otherwise, renamed and go.
 
 use super::Studio;
-use crate::library::upload;
+use crate::library::doubts::{Info, Outcome};
+use crate::library::{maps, upload};
 use crate::project::dances::plain_name;
 use crate::project::document::{Change, ClipRecord, DanceRecord, Music, Reading};
 use crate::project::{CLIPS, DANCES};
 use crate::timeline::edit::Edit;
-use crate::timeline::file::TimelineFile;
+use crate::timeline::refit::{Length, Reread};
 use crate::{Error, Result};
 use kinelm_corpus::dataset::motion_files;
 use kinelm_corpus::sidecar::read_options;
 use kinelm_generate::provenance;
 use kinelm_motion::format;
+use kinelm_motion::rig::SkeletonMap;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::PoisonError;
@@ -126,31 +128,51 @@ impl Studio {
         }
     }
 
-    /// Reads a clip otherwise. A timeline that has it states the same.
+    /// Reads a clip otherwise. A timeline that has it states the same, and its segments are extended and clipped with it.
     ///
     /// # Errors
-    /// Those of [`crate::library::Library::restated`].
+    /// Those of [`crate::library::Library::restated`]; a reading by which a clip that could be read no longer can.
     pub fn restate(&self, id: &str, reading: &Reading) -> Result<()> {
+        self.library.wait_for(id, &|| true);
         let _following = self.following.lock().unwrap_or_else(PoisonError::into_inner);
         let mut changes = self.library.restated(id, reading.clone())?;
         let record = self.project.clip(id)?;
-        let (before, elsewhere) = self.project.timeline()?;
-        self.publish(&elsewhere);
-        if let Some(text) = &before
-            && let Ok(mut file) = TimelineFile::parse(&self.timelines.path(), text)
-        {
-            let path = self.project.path(&record.file);
-            let folder = self.project.folder();
-            let named = file.clips().into_iter().find(|(_, file)| {
-                folder.join(file).canonicalize().is_ok_and(|found| path.canonicalize().is_ok_and(|path| path == found))
-            });
-            if let Some((name, _)) = named {
-                file.state(&name, reading);
-                let after = Some(file.text());
-                changes.extend((after != before).then_some(Change::Timeline { before, after }));
+        let before = self.library.info(id).ok();
+        let after = match self.library.tried(&record, reading)? {
+            Outcome::Ready(info) => Some(*info),
+            Outcome::Failed { text, .. } if before.is_some() => {
+                return Err(Error::Conflict(format!("so it can't be read, and stays as it was: {text}")));
             }
+            Outcome::Failed { .. } => None,
+        };
+        let was = self.library.reading(&record);
+        let is_same_motion = (&was.root, &was.take) == (&reading.root, &reading.take);
+        let length = |info: Info| Length { fps: info.fps, frames: info.frames };
+        let lengths = before.map(length).zip(after.map(length));
+        let reread = lengths.map(|(before, after)| Reread { before, after, is_same_motion });
+        let (text, elsewhere) = self.project.timeline()?;
+        self.publish(&elsewhere);
+        let after = text.as_ref().and_then(|text| self.timelines.reread(&record, text, reading, reread));
+        if let Some(after) = after.filter(|after| Some(after) != text.as_ref()) {
+            changes.push(Change::Timeline { before: text, after: Some(after) });
         }
         self.step(&format!("read {} otherwise", record.name), changes)
+    }
+
+    /// Takes a skeleton map in; its name.
+    ///
+    /// # Errors
+    /// Those of [`maps::keep`].
+    pub fn add_map(&self, called: &str, bytes: &[u8]) -> Result<String> {
+        let name = maps::keep(&self.project, called, bytes)?;
+        self.hub.send("maps", &self.maps());
+        Ok(name)
+    }
+
+    /// The maps that a clip can be read with: those that are built in, and the project's.
+    pub(super) fn maps(&self) -> Vec<String> {
+        let built_in = SkeletonMap::names().map(str::to_owned);
+        built_in.chain(maps::names(self.project.folder())).collect()
     }
 
     /// Gives a clip or a dance another name.

@@ -138,7 +138,13 @@ impl Studio {
                 Change::Dance { before, after: None } => {
                     self.hub.send("dance_removed", &json!({ "id": before.as_ref().map(|dance| &dance.id) }));
                 }
-                Change::Timeline { .. } => self.hub.send("timeline", &json!({})),
+                Change::Timeline { before, after } => {
+                    for clip in self.library.read_otherwise(before.as_deref(), after.as_deref()) {
+                        self.library.read_soon([clip.id.clone()]);
+                        self.hub.send("clip", &self.clip_view(&clip));
+                    }
+                    self.hub.send("timeline", &json!({}));
+                }
                 Change::Music { after, .. } => self.hub.send("music", &json!(after)),
             }
         }

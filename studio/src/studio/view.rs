@@ -46,7 +46,7 @@ impl Studio {
         json!({
             "version": env!("CARGO_PKG_VERSION"), "project": name, "groups": model["groups"], "model": model,
             "clips": clips, "dances": dances, "jobs": jobs, "music": music, "undo": self.undo_view(),
-            "search_s": search::window_s(), "last_event": self.hub.last(),
+            "maps": self.maps(), "search_s": search::window_s(), "last_event": self.hub.last(),
         })
     }
 

@@ -274,7 +274,7 @@ fn frames(from: f64, to: f64, fps: f64) -> Result<Range<usize>> {
 }
 
 /// The segments of a file as numbers, and the rate of the dance.
-fn cuts(timelines: &Timelines, file: &TimelineFile) -> Result<(Vec<Cut>, f64)> {
+pub(super) fn cuts(timelines: &Timelines, file: &TimelineFile) -> Result<(Vec<Cut>, f64)> {
     if file.is_empty() {
         return Err(Error::Conflict("the timeline is empty: use a clip first".into()));
     }

@@ -125,14 +125,17 @@ impl TimelineFile {
         name
     }
 
-    /// States how a clip is read.
+    /// States how a clip is read, and no more than that.
     pub fn state(&mut self, name: &str, reading: &Reading) {
         let clips = self.document.get_mut("clips").and_then(Item::as_table_like_mut);
         let table = clips.and_then(|clips| clips.get_mut(name)).and_then(Item::as_table_like_mut);
         let (Some(table), Ok(Json::Object(stated))) = (table, serde_json::to_value(reading)) else { return };
-        for (key, value) in stated {
-            if let Some(value) = toml(&value) {
-                put(table, &key, value);
+        for key in Reading::KEYS {
+            match stated.get(key).and_then(toml) {
+                Some(value) => put(table, key, value),
+                None => {
+                    table.remove(key);
+                }
             }
         }
     }

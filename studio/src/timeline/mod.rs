@@ -4,22 +4,27 @@
 //! - [`mod@file`]: its text, changed in place.
 //! - [`edit`]: what a page may ask for.
 //! - [`view`]: what a page shows.
+//! - [`raw`]: segments of a text that can't be laid out.
+//! - [`refit`]: segments of a clip that is read otherwise.
 
 pub mod edit;
 pub mod file;
+pub mod raw;
+pub mod refit;
 pub mod segments;
 pub mod view;
 
-use crate::library::{Library, Source};
-use crate::project::document::Change;
+use crate::library::stated::of_converted;
+use crate::library::{Library, Source, maps};
+use crate::project::document::{Change, ClipRecord, Reading};
 use crate::project::{Project, TIMELINE};
 use crate::{Error, Result};
 use edit::Edit;
 use file::TimelineFile;
 use kinelm_generate::request::Timeline;
 use kinelm_generate::timeline::TimelineLayout;
-use kinelm_motion::rig::SkeletonMap;
 use kinelm_store::Subject;
+use refit::Reread;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -58,7 +63,8 @@ impl Timelines {
     /// Reads the clips of a text and lays it out.
     ///
     /// # Errors
-    /// A clip that isn't in the library, or a map that isn't built in: a page writes the text, and names no other files.
+    /// A clip that isn't in the library, or a map that is neither built in nor the project's: a page writes the text, and
+    /// names no other files.
     /// Those of [`Timeline::parse`].
     pub fn lay_out(&self, text: &str) -> Result<Laid> {
         // what is no timeline is refused where it is read
@@ -79,18 +85,39 @@ impl Timelines {
         let known: Vec<PathBuf> = self.sources().iter().filter_map(|one| one.path.canonicalize().ok()).collect();
         for (name, path) in file.clips() {
             let found = self.project.folder().join(&path).canonicalize();
-            if !found.is_ok_and(|found| known.contains(&found)) {
+            if !found.as_ref().is_ok_and(|found| known.contains(found)) {
+                // a clip of the library that is being read, or can't be
+                if let Some(record) = found.ok().and_then(|found| self.record_of(&found)) {
+                    self.library.info(&record.id)?;
+                }
                 let expected = "a clip of the library; drop it in first";
                 return Err(Error::invalid(Subject::of_parameter(format!("clips.{name}.file")), last(&path), expected));
             }
         }
-        match file.maps().into_iter().find(|(_, map)| SkeletonMap::builtin(map).is_none()) {
+        match file.maps().into_iter().find(|(_, map)| !maps::is_known(self.project.folder(), map)) {
             Some((name, map)) => {
-                let expected = "a skeleton map that is built in";
+                let expected = "a skeleton map that is built in, or one of the project's maps/";
                 Err(Error::invalid(Subject::of_parameter(format!("clips.{name}.map")), last(Path::new(&map)), expected))
             }
             None => Ok(()),
         }
+    }
+
+    /// The clip of the library that is this file.
+    fn record_of(&self, file: &Path) -> Option<ClipRecord> {
+        let is = |clip: &&ClipRecord| self.project.path(&clip.file).canonicalize().is_ok_and(|path| path == file);
+        self.project.read(|document| document.clips.iter().find(is).cloned())
+    }
+
+    /// Whether a timeline waits for a clip that is being read.
+    fn waits(&self, file: &TimelineFile, being_read: &[String]) -> bool {
+        let folder = self.project.folder();
+        let record = |path: &Path| self.record_of(&folder.join(path).canonicalize().ok()?);
+        let waits = |record: ClipRecord| being_read.contains(&record.id);
+        let is_converted =
+            |path: &Path| being_read.iter().any(|id| edit::is_same(&folder.join(path), &self.library.converted(id)));
+        !being_read.is_empty()
+            && file.clips().iter().any(|(_, path)| record(path).is_some_and(waits) || is_converted(path))
     }
 
     /// What a page shows, and the changes that another program made to the file.
@@ -104,14 +131,14 @@ impl Timelines {
 
     /// The view of a text, which is laid out already or not.
     fn view_of(&self, text: Option<&str>, laid: Option<Laid>) -> Result<Arc<Value>> {
-        let sources = self.sources();
+        let (sources, being_read) = (self.sources(), self.library.being_read());
         // what the layout depends on beside the text
-        let key = format!("{}\n{sources:?}", text.unwrap_or_default());
+        let key = format!("{}\n{sources:?}\n{being_read:?}", text.unwrap_or_default());
         let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, view)) = seen.as_ref().filter(|(other, _)| *other == key) {
             return Ok(view.clone());
         }
-        let view = Arc::new(view::of(self, text, laid, &sources));
+        let view = Arc::new(view::of(self, text, laid, (&sources, &being_read)));
         *seen = Some((key, view.clone()));
         Ok(view)
     }
@@ -184,6 +211,28 @@ impl Timelines {
             Err(_) if is_written || before.is_some_and(|before| !self.is_fine(before)) => Ok((text, None)),
             Err(e) => Err(e),
         }
+    }
+
+    /// The text after a clip is read otherwise: it states so, and the clip's segments are fitted to it. `reread`: what
+    /// became of its length, where both are known. `None`: the text doesn't have the clip.
+    pub fn reread(&self, record: &ClipRecord, text: &str, reading: &Reading, reread: Option<Reread>) -> Option<String> {
+        let mut file = TimelineFile::parse(&self.path(), text).ok()?;
+        let (own, converted) = (self.project.path(&record.file), self.library.converted(&record.id));
+        let is = |file: &Path, other: &Path| edit::is_same(&self.project.folder().join(file), other);
+        let named: Vec<(String, PathBuf)> =
+            file.clips().into_iter().filter(|(_, file)| is(file, &own) || is(file, &converted)).collect();
+        let names: Vec<String> = named.iter().map(|(name, _)| name.clone()).collect();
+        if let Some(reread) = reread.filter(|_| !names.is_empty()) {
+            // what can't be laid out stays as it is, and says so
+            let _ = refit::refit(self, &mut file, &names, reread);
+        }
+        for (name, path) in &named {
+            match is(path, &own) {
+                true => file.state(name, reading),
+                false => file.state(name, &of_converted(reading.clone())),
+            }
+        }
+        (!named.is_empty()).then(|| file.text())
     }
 
     /// Whether a timeline can be danced, or has nothing in it yet.

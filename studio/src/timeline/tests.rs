@@ -1,6 +1,7 @@
 use super::*;
 use crate::fixture::{dance, library};
 use edit::NewSegment;
+use refit::{Length, Reread};
 use serde_json::json;
 
 /// A timeline with everything that a careful person puts into one.
@@ -159,4 +160,125 @@ fn segments_as_inline_tables_are_edited_too() {
     };
     let (_, view) = timelines.edit(&[Edit::Add { segment: added }], "label").unwrap();
     assert_eq!(view["segments"].as_array().unwrap().len(), 4);
+}
+
+/// The times of the segments: from, to, at.
+fn times(view: &Value) -> Vec<[f64; 3]> {
+    let of = |segment: &Value| ["from", "to", "at"].map(|key| (segment[key].as_f64().unwrap() * 1e3).round() / 1e3);
+    view["segments"].as_array().unwrap().iter().map(of).collect()
+}
+
+/// The timeline after its first clip, of 6 s at 30 frames per second, is read otherwise.
+fn reread(timelines: &Timelines, stated: Value, (fps, frames): (f64, usize)) -> Value {
+    let reading: Reading = serde_json::from_value(stated).unwrap();
+    let record = timelines.project().clip("c1").unwrap();
+    let text = std::fs::read_to_string(timelines.path()).unwrap();
+    let before = Length { fps: 30.0, frames: 180 };
+    let reread = Reread { before, after: Length { fps, frames }, is_same_motion: true };
+    let text = timelines.reread(&record, &text, &reading, Some(reread)).unwrap();
+    edited(timelines, &[json!({"op": "text", "text": text})]).unwrap()
+}
+
+#[test]
+fn segments_are_extended_with_their_clip_and_others_make_room() {
+    let dir = tempfile::tempdir().unwrap();
+    let timelines = timelines(dir.path(), Some(&format!("seconds = 9\n{TEXT}")));
+    edited(&timelines, &[json!({"op": "split", "index": 0, "at": 1})]).unwrap();
+    let view = reread(&timelines, json!({"fps_source": 15}), (15.0, 180));
+    assert_eq!(view["trouble"], json!([]), "{}", view["text"]);
+    assert_eq!(times(&view), [[0.0, 2.0, 0.0], [2.0, 8.0, 2.0], [10.0, 12.0, 0.0]]);
+    assert_eq!((view["fps"].as_f64(), view["seconds"].as_f64()), (Some(15.0), Some(13.0)));
+    let text = view["text"].as_str().unwrap();
+    assert!(text.contains("fps_source = 15") && text.contains("from = 0 # at once\n"), "{text}");
+    let spans = view["rows"][0]["spans"].as_array().unwrap();
+    let spans: Vec<_> =
+        spans.iter().map(|span| (span["to"].as_f64().unwrap(), span["state"].as_str().unwrap())).collect();
+    // it goes on where it was cut
+    assert_eq!(spans, [(2.0, "given"), (8.0, "given"), (10.0, "generated"), (12.0, "given"), (13.0, "generated")]);
+    // back at its own rate it is as it was
+    let record = timelines.project().clip("c1").unwrap();
+    let (before, after) = (Length { fps: 15.0, frames: 180 }, Length { fps: 30.0, frames: 180 });
+    let back = Reread { before, after, is_same_motion: true };
+    let text = timelines.reread(&record, text, &Reading::default(), Some(back)).unwrap();
+    let view = edited(&timelines, &[json!({"op": "text", "text": text})]).unwrap();
+    assert_eq!(times(&view), [[0.0, 1.0, 0.0], [1.0, 4.0, 1.0], [6.0, 8.0, 0.0]]);
+    assert!(!text.contains("fps_source"), "{text}");
+}
+
+#[test]
+fn segments_are_clipped_with_their_clip() {
+    let dir = tempfile::tempdir().unwrap();
+    let timelines = timelines(dir.path(), None);
+    // all of it: to its new end, also where it was cut
+    edited(&timelines, &[json!({"op": "use_clip", "id": "c1"})]).unwrap();
+    let view = reread(&timelines, json!({"skip": 30}), (30.0, 150));
+    assert_eq!((times(&view), &view["trouble"]), (vec![[0.0, 5.0, 0.0]], &json!([])));
+    timelines.project().undo().unwrap();
+    edited(&timelines, &[json!({"op": "split", "index": 0, "at": 2})]).unwrap();
+    let view = reread(&timelines, json!({"skip": 30}), (30.0, 150));
+    assert_eq!((times(&view), &view["trouble"]), (vec![[0.0, 1.0, 0.0], [2.0, 6.0, 1.0]], &json!([])));
+}
+
+#[test]
+fn a_text_with_trouble_has_whole_segments() {
+    let dir = tempfile::tempdir().unwrap();
+    let timelines = timelines(dir.path(), Some(TEXT));
+    for (from, to, assumed) in [
+        ("to   = 4", "to = 99", json!([])),
+        ("to   = 4", "", json!(["to"])),
+        ("from = 0", "from = \"soon\"", json!(["from"])),
+        ("clip = \"a\"\n", "clip = \"none\"\n", json!([])),
+        ("file='clips/a.bvh'", "file='clips/none.bvh'", json!([])),
+    ] {
+        let view = edited(&timelines, &[json!({"op": "text", "text": TEXT.replace(from, to)})]).unwrap();
+        assert_eq!(view["trouble"].as_array().unwrap().len(), 1, "{to}");
+        assert_eq!((times(&view).len(), &view["segments"][0]["assumed"]), (2, &assumed), "{to}");
+        for segment in view["segments"].as_array().unwrap() {
+            assert!(segment["labels"].is_object() && segment["joints"].is_string(), "{segment}");
+        }
+        assert_eq!(view["seconds"].as_f64(), Some(if to == "to = 99" { 99.0 } else { 8.0 }));
+    }
+}
+
+#[test]
+fn what_the_text_states_of_a_clip_holds_for_the_library() {
+    let dir = tempfile::tempdir().unwrap();
+    let timelines = timelines(dir.path(), Some(TEXT));
+    let library = timelines.library();
+    let reading = || library.reading(&timelines.project().clip("c1").unwrap());
+    assert_eq!(reading(), Reading::default());
+    let text = TEXT.replace(
+        "clips/a.bvh' # here",
+        "clips/a.bvh'\nfps_source = 60\nskip = 2\nup = \"sideways\"\nmap = \"/etc/passwd\"",
+    );
+    let changed: Vec<String> =
+        library.read_otherwise(Some(TEXT), Some(&text)).into_iter().map(|clip| clip.id).collect();
+    assert_eq!(changed, ["c1"]);
+    edited(&timelines, &[json!({"op": "text", "text": text})]).unwrap();
+    // what is wrong in it is the timeline's trouble alone
+    assert_eq!(reading(), Reading { fps_source: Some(60.0), skip: Some(2), ..Reading::default() });
+    timelines.project().undo().unwrap();
+    assert_eq!(reading(), Reading::default());
+}
+
+#[test]
+fn a_timeline_takes_all_that_can_be_stated_of_a_clip() {
+    let dir = tempfile::tempdir().unwrap();
+    let timelines = timelines(dir.path(), Some(TEXT));
+    let map = kinelm_motion::rig::SkeletonMap::builtin("smpl").unwrap().to_toml();
+    let map = maps::keep(timelines.project(), "mine.toml", map.as_bytes()).unwrap();
+    let stated = json!({
+        "fps_source": 25, "skip": 1, "unit": "cm", "up": "y", "map": map, "floor": 0.1, "root": "pelvis",
+        "mirror_axis": "x",
+    });
+    let reading: Reading = serde_json::from_value(stated).unwrap();
+    let record = timelines.project().clip("c1").unwrap();
+    let text = timelines.reread(&record, TEXT, &reading, None).unwrap();
+    let view = edited(&timelines, &[json!({"op": "text", "text": text})]).unwrap();
+    // the map is the timeline's, wherever the program runs
+    assert_eq!((&view["trouble"], view["fps"].as_f64()), (&json!([]), Some(25.0)), "{text}");
+    assert!(text.contains("map = \"maps/mine.toml\""), "{text}");
+    assert_eq!(timelines.library().reading(&record), reading);
+    let text = timelines.reread(&record, &text, &Reading::default(), None).unwrap();
+    assert_eq!(text, TEXT);
 }

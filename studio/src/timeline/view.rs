@@ -2,7 +2,7 @@
 
 use super::edit::{frames_of, is_same, rate};
 use super::file::TimelineFile;
-use super::{Laid, Timelines};
+use super::{Laid, Timelines, raw};
 use crate::Error;
 use crate::library::Source;
 use kinelm_generate::request::Segment;
@@ -12,9 +12,14 @@ use kinelm_motion::moment::Moment;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// A timeline as a page has it: its layout where it can be laid out, what is wrong where it can't. `laid`: it is laid
-/// out already.
-pub(super) fn of(timelines: &Timelines, text: Option<&str>, laid: Option<Laid>, sources: &[Source]) -> Value {
+/// A timeline as a page has it: its layout where it can be laid out, what is wrong where it can't, unless that is a clip
+/// that is being read. `laid`: it is laid out already.
+pub(super) fn of(
+    timelines: &Timelines,
+    text: Option<&str>,
+    laid: Option<Laid>,
+    (sources, being_read): (&[Source], &[String]),
+) -> Value {
     let path = timelines.path();
     let mut view = json!({
         "text": text.unwrap_or_default(), "seconds": 0, "fps": null, "rig": null, "transition": 1, "clips": {},
@@ -45,14 +50,13 @@ pub(super) fn of(timelines: &Timelines, text: Option<&str>, laid: Option<Laid>, 
             view["notes"] = json!(layout.notes);
         }
         Err(e) => {
-            view["trouble"] = json!([trouble(&e)]);
-            // as the text has them
-            let raw = |index: usize| {
-                let mut segment = file.segment(index);
-                segment["index"] = json!(index);
-                segment
-            };
-            view["segments"] = (0..file.segments()).map(raw).collect();
+            if !timelines.waits(&file, being_read) {
+                view["trouble"] = json!([trouble(&e)]);
+            }
+            let segments = raw::segments(&file, sources, path.parent().unwrap_or(Path::new("")));
+            let end = |segment: &Value| segment["to"].as_f64().unwrap_or(0.0);
+            view["seconds"] = json!(segments.iter().map(end).fold(0.0, f64::max));
+            view["segments"] = json!(segments);
         }
     }
     view
@@ -96,7 +100,7 @@ fn placed(laid: &Laid, sources: &[Source], index: usize, segment: &Segment) -> V
     let seconds = |frame: usize| frame as f64 / layout.fps;
     let mut view = json!({
         "index": index, "clip": segment.clip, "joints": segment.joints, "from": seconds(frames.start),
-        "to": seconds(frames.end), "at": at, "labels": segment.labels,
+        "to": seconds(frames.end), "at": at, "labels": segment.labels, "assumed": [],
     });
     if let Some(placed) = placed {
         // what transitions leave of it, and how it is turned about the vertical and then moved

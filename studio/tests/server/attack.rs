@@ -9,12 +9,14 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Every route, with its method.
-const ROUTES: [(&str, &str); 24] = [
+const ROUTES: [(&str, &str); 26] = [
     ("GET", "/"),
     ("GET", "/assets/index.html"),
     ("GET", "/api/state"),
     ("GET", "/api/events"),
+    ("GET", "/api/frames?since=0"),
     ("POST", "/api/clips?name=a.bvh"),
+    ("POST", "/api/maps?name=a.toml"),
     ("GET", "/api/clips/c1/figure"),
     ("GET", "/api/clips/c1/sound"),
     ("POST", "/api/clips/c1/reading"),
@@ -250,8 +252,16 @@ fn names_lead_to_no_other_file() {
     let error = clip["error"].as_str().unwrap();
     assert!(error.contains("evil.bvh") && !error.contains(&folder) && !error.contains("/tmp"), "{error}");
     // not even by a map of the library, which may be a file
-    let map = place.browser.post(&format!("/api/clips/{id}/reading"), &json!({ "map": "/etc/passwd" }));
-    assert!(map.status == 400 && map.error().contains("built-in"), "{map:?}");
+    for map in ["/etc/passwd", "maps/../secret.toml", "maps/none.toml", "timeline.toml"] {
+        let map = place.browser.post(&format!("/api/clips/{id}/reading"), &json!({ "map": map }));
+        assert!(map.status == 400 && map.error().contains("built-in"), "{map:?}");
+    }
+    let map = place.browser.post_bytes("/api/maps?name=..%2F..%2Fmine.toml", b"name = 1\n");
+    assert!(map.status == 422 && !place.project().join("maps/mine.toml").exists(), "{map:?}");
+    let text = kinelm_motion::rig::SkeletonMap::builtin("smpl").unwrap().to_toml();
+    let map = place.browser.post_bytes("/api/maps?name=..%2F..%2Fmine.toml", text.as_bytes());
+    assert_eq!((map.status, &map.json()["map"]), (200, &json!("maps/mine.toml")));
+    assert!(place.project().join("maps/mine.toml").exists());
 }
 
 #[test]
@@ -273,7 +283,9 @@ fn a_timelines_text_reads_no_other_file() {
         let edits = json!({ "edits": [{ "op": "text", "text": text.replace("MAP", map) }] });
         place.browser.done("/api/timeline", &edits)["trouble"].to_string()
     };
-    assert!(with("/etc/passwd").contains("that is built in"), "{}", with("/etc/passwd"));
+    for map in ["/etc/passwd", "maps/../secret.toml", "../mine.toml", "maps/none.toml"] {
+        assert!(with(map).contains("that is built in"), "{map}: {}", with(map));
+    }
     assert!(!with("smpl").contains("that is built in"));
 }
 

@@ -176,15 +176,10 @@ impl Browser {
 
     /// Listens to the events after `last`, if any.
     pub fn events(&self, last: Option<u64>) -> Events {
-        self.events_at("/api/events", last)
-    }
-
-    /// Listens to the events of an address.
-    pub fn events_at(&self, path: &str, last: Option<u64>) -> Events {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
         let last = last.map(|id| format!("Last-Event-ID: {id}\r\n")).unwrap_or_default();
-        stream.write_all(format!("{}{last}\r\n", self.head("GET", path)).as_bytes()).unwrap();
+        stream.write_all(format!("{}{last}\r\n", self.head("GET", "/api/events")).as_bytes()).unwrap();
         let mut from = BufReader::new(stream);
         let mut line = String::new();
         from.read_line(&mut line).unwrap();

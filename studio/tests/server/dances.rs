@@ -200,15 +200,16 @@ fn frames_are_streamed_as_they_are_sampled_and_a_page_hears_what_it_missed() {
     assert_eq!(again.next().data["resumed"], true);
     let (first, same) = (again.next(), events.named("job"));
     assert!(first.id == hello.id + 1 && same.data["state"] == "done");
-    // a page that opens while dances are sampled hears their frames from the first
+    // a page that opens while dances are sampled asks for their frames from the first
     let since = place.browser.state()["jobs"].as_array().unwrap().last().unwrap()["since"].as_u64().unwrap();
-    let mut late = place.browser.events_at(&format!("/api/events?since={since}"), None);
-    assert_eq!(
-        (late.next().data["resumed"].clone(), late.named("frames").data["from"].clone()),
-        (json!(true), json!(0))
-    );
-    let mut older = place.browser.events_at("/api/events?since=7", None);
-    assert_eq!((older.next().data["resumed"].clone(), older.next().id <= hello.id), (json!(true), true));
+    let late = place.browser.get(&format!("/api/frames?since={since}")).json();
+    let (first, last) = (&late["events"][0], late["last"].as_u64().unwrap());
+    assert!(first["data"]["from"] == 0 && first["data"]["figure_head"].is_object(), "{first}");
+    let sent = late["events"].as_array().unwrap();
+    assert!(sent.iter().all(|event| event["data"]["data"].is_string() && event["id"].as_u64().unwrap() <= last));
+    assert_eq!(place.browser.get("/api/frames?since=7").json()["events"].as_array().unwrap().len(), sent.len());
+    assert_eq!(place.browser.get(&format!("/api/frames?since={last}")).json(), json!({ "last": last, "events": [] }));
+    assert_eq!(place.browser.get("/api/frames?since=x").status, 400);
     // a number of another server: load the state again
     assert_eq!(place.browser.events(Some(7)).next().data["resumed"], false);
 }

@@ -62,6 +62,12 @@ fn a_doubt_is_settled_by_its_button() {
     // the timeline that began with it states the same, and one step takes both back
     let text = place.browser.get("/api/timeline").json()["text"].as_str().unwrap().to_owned();
     assert!(text.contains("fps_source = 60"), "{text}");
+    // all of the clip, which lasts longer now
+    let segment = place.browser.get("/api/timeline").json()["segments"][0].clone();
+    assert_eq!(segment["to"].as_f64(), clip["seconds"].as_f64(), "{text}");
+    // what can't be isn't
+    let wrong = place.browser.post(&format!("/api/clips/{id}/reading"), &json!({ "root": "nobody" }));
+    assert!(wrong.status == 409 && wrong.error().contains("stays as it was"), "{wrong:?}");
     place.browser.done("/api/undo", &json!({}));
     place.browser.wait("the clip", |state| state["clips"][0]["fps"] == 240.0);
     assert!(!fs::read_to_string(place.project().join("timeline.toml")).unwrap().contains("fps_source"));

@@ -1,6 +1,6 @@
 //! Timelines: clips arranged in time, from which one dance is made.
 
-use kinelm_motion::format::{ReadOptions, RestFrame, Unit, Up};
+use kinelm_motion::format::{MirrorAxis, ReadOptions, RestFrame, Unit, Up};
 use kinelm_motion::moment::Moment;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
@@ -53,14 +53,25 @@ pub struct TimelineClip {
     /// Height of its floor, metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor: Option<f64>,
+    /// One of several figures, by its root or armature, or a joint to be the root.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub root: Option<String>,
+    /// The animation of a file with several.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub take: Option<String>,
+    /// The axis along which the file is mirrored.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mirror_axis: Option<MirrorAxis>,
 }
 
 impl TimelineClip {
     /// How the file is read.
     pub fn options(&self) -> ReadOptions {
         let (fps_source, skip, unit, up) = (self.fps_source, self.skip.unwrap_or(0), self.unit, self.up);
-        let (map, floor) = (self.map.clone(), self.floor);
-        ReadOptions { fps_source, skip, unit, up, map, floor, rest: RestFrame::Drop, ..ReadOptions::default() }
+        let (map, floor, mirror_axis) = (self.map.clone(), self.floor, self.mirror_axis);
+        let (root, take) = (self.root.clone(), self.take.clone());
+        let stated = ReadOptions { fps_source, skip, unit, up, map, floor, root, take, ..ReadOptions::default() };
+        ReadOptions { mirror_axis, rest: RestFrame::Drop, ..stated }
     }
 }
 

@@ -18,6 +18,7 @@ use crate::request::{At, Segment, Timeline, TimelineClip};
 use crate::{Error, Result};
 use kinelm_corpus::sidecar;
 use kinelm_motion::format::{Unit, Up};
+use kinelm_motion::rig::SkeletonMap;
 use kinelm_store::input;
 use layout::Fault;
 use serde::Deserialize;
@@ -39,6 +40,9 @@ impl TimelineClip {
         self.up = if self.up == Up::Auto { read.up } else { self.up };
         self.map = self.map.take().or(read.map.clone());
         self.floor = self.floor.or(read.floor);
+        self.root = self.root.take().or(read.root.clone());
+        self.take = self.take.take().or(read.take.clone());
+        self.mirror_axis = self.mirror_axis.or(read.mirror_axis);
         Ok(sidecar::describe(&read, &self.options()))
     }
 }
@@ -92,6 +96,7 @@ impl Timeline {
         let found = |(name, clip): (String, Spanned<TimelineClip>)| {
             let mut clip = clip.into_inner();
             clip.file = folder.join(&clip.file);
+            clip.map = clip.map.map(|map| map_in(folder, map));
             match clip.complete_from_sidecar() {
                 Ok(words) => {
                     let words = words.map(|words| (clip.file.display().to_string(), words));
@@ -126,4 +131,10 @@ impl Timeline {
     pub fn lay_out(&self) -> Result<TimelineLayout> {
         TimelineLayout::of(self).map_err(Error::from)
     }
+}
+
+/// A map as the timeline in a folder names it: a built-in one by its name, else a file, or its TOML.
+fn map_in(folder: &Path, map: String) -> String {
+    let is_file = SkeletonMap::builtin(&map).is_none() && !map.contains('\n');
+    if is_file { folder.join(map).to_string_lossy().into_owned() } else { map }
 }

@@ -166,18 +166,30 @@ fn doubts_of(f: &ClipStats, skeleton: &Skeleton) -> Vec<Warning> {
         let n = f.root_jumps.len();
         doubt(
             "root_jumps",
-            format!("{n} steps of the root stand out, the longest {:.1} cm into frame {frame}", 100.0 * length),
+            standing_out(
+                n,
+                "step of the root",
+                "steps of the root",
+                "longest",
+                &format!("{:.1} cm", 100.0 * length),
+                frame,
+            ),
         );
     }
     if let Some(&(frame, joint, angle)) = f.joint_jumps.iter().max_by(|a, b| a.2.total_cmp(&b.2)) {
         let (n, name) = (f.joint_jumps.len(), &skeleton.names()[joint]);
-        let degrees = angle.to_degrees();
-        doubt(
-            "joint_jumps",
-            format!("{n} turns of joints stand out, the widest {degrees:.0} degrees of {name} into frame {frame}"),
-        );
+        let most = format!("{:.0} degrees of {name}", angle.to_degrees());
+        doubt("joint_jumps", standing_out(n, "turn of a joint", "turns of joints", "widest", &most, frame));
     }
     doubts
+}
+
+/// How many of something stand out, and the most of it.
+fn standing_out(n: usize, one: &str, many: &str, most: &str, how_much: &str, frame: usize) -> String {
+    match n {
+        1 => format!("1 {one} stands out: {how_much} into frame {frame}"),
+        n => format!("{n} {many} stand out, the {most} {how_much} into frame {frame}"),
+    }
 }
 
 fn source_lines(source: &Source) -> (&'static str, Vec<String>) {

@@ -6,9 +6,8 @@ use crate::project::Project;
 use crate::project::dances::plain_name;
 use crate::{Error, Result};
 use kinelm_motion::rig::SkeletonMap;
-use kinelm_store::files;
-use std::fs::{self, File};
-use std::io::Read;
+use kinelm_store::{files, owned};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Their folder.
@@ -41,9 +40,8 @@ pub fn resolved(folder: &Path, map: &str) -> Result<String> {
         return Ok(map.into());
     }
     let path = own(folder, map).ok_or_else(|| unknown(map))?;
-    let mut text = String::new();
-    let file = File::open(&path).map_err(Error::io(&path))?;
-    file.take(MOST_BYTES as u64 + 1).read_to_string(&mut text).map_err(Error::io(&path))?;
+    let bytes = owned::bytes(folder, map, MOST_BYTES as u64)?.ok_or_else(|| unknown(map))?;
+    let text = String::from_utf8(bytes).map_err(|_| no_text(&path))?;
     check(&path, &text)?;
     Ok(text)
 }
@@ -63,8 +61,7 @@ pub fn unknown(map: &str) -> Error {
 pub fn keep(project: &Project, called: &str, bytes: &[u8]) -> Result<String> {
     let last = called.rsplit(['/', '\\']).next().unwrap_or_default();
     let stem = plain_name(last.rsplit_once('.').map_or(last, |(stem, _)| stem));
-    let text = str::from_utf8(bytes)
-        .map_err(|_| Error::file(&stem, "bytes that are no UTF-8", "a skeleton map", "save it as UTF-8"))?;
+    let text = str::from_utf8(bytes).map_err(|_| no_text(Path::new(&stem)))?;
     check(Path::new(&format!("{stem}.toml")), text)?;
     let folder = project.folder().join(MAPS);
     fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
@@ -72,6 +69,10 @@ pub fn keep(project: &Project, called: &str, bytes: &[u8]) -> Result<String> {
     let name = (1..).map(numbered).find(|name| folder.join(name).symlink_metadata().is_err()).unwrap_or_default();
     files::write_whole(&folder.join(&name), bytes)?;
     Ok(format!("{MAPS}/{name}"))
+}
+
+fn no_text(path: &Path) -> Error {
+    Error::file(path, "bytes that are no UTF-8", "a skeleton map", "save it as UTF-8")
 }
 
 fn check(path: &Path, text: &str) -> Result<()> {

@@ -285,10 +285,16 @@ fn weights_in_other_forms_are_called_by_their_name() {
         fs::rename(folder.join(WEIGHTS), folder.join("model-00001-of-00002.safetensors")).unwrap();
         fs::write(folder.join("model.safetensors.index.json"), r#"{"metadata": {}, "weight_map": {}}"#).unwrap();
     });
-    assert!(text.contains("model.safetensors.index.json: the list of weights that are in several files"), "{text}");
+    assert!(
+        text.contains("model.safetensors.index.json: found the list of weights that are in several files"),
+        "{text}"
+    );
     for (file, what) in [
-        ("pytorch_model.bin", "pytorch_model.bin: weights in PyTorch's own form"),
-        ("pytorch_model.bin.index.json", "pytorch_model.bin.index.json: the list of weights that are in several files"),
+        ("pytorch_model.bin", "pytorch_model.bin: found weights in PyTorch's own form"),
+        (
+            "pytorch_model.bin.index.json",
+            "pytorch_model.bin.index.json: found the list of weights that are in several files",
+        ),
     ] {
         let text = told(&|folder| fs::rename(folder.join(WEIGHTS), folder.join(file)).unwrap());
         assert!(text.contains(what), "{text}");
@@ -305,7 +311,7 @@ fn weights_in_other_forms_are_called_by_their_name() {
     let folder = model.export(Format::Hf, "hf");
     fs::write(folder.join("pytorch_model.bin"), "").unwrap();
     load(&folder).unwrap();
-    let text = load(&folder.join("pytorch_model.bin")).unwrap_err().to_string();
+    let text = load(&folder.join("pytorch_model.bin")).err().unwrap().to_string();
     assert!(text.contains("give the folder that the file is in"), "{text}");
 }
 

@@ -1,6 +1,6 @@
 //! Unfinished files: a new one has a temporary name until it is whole, and what killed processes left is found by that name.
 
-use crate::files::folder_of;
+use crate::files::{folder_of, sync_folder};
 use crate::{Error, Result};
 use std::collections::{BTreeSet, HashSet};
 use std::ffi::{OsStr, OsString};
@@ -87,7 +87,7 @@ impl PartFile {
         self.sync()?;
         fs::rename(&self.path, place).map_err(Error::io(place))?;
         // some file systems can't sync a folder; the file itself is synced
-        let _ = File::open(folder_of(place)).and_then(|f| f.sync_all());
+        let _ = sync_folder(folder_of(place));
         Ok(())
     }
 }

@@ -27,6 +27,19 @@ fn reads_where_it_is_the_child() {
     }
 }
 
+/// Opens a project again that was just dropped: a process which another test is just starting may hold the lock's file
+/// until it runs.
+pub fn open_again(folder: &Path) -> Project {
+    let mut tries = (0..100).map(|_| {
+        let opened = Project::open(folder);
+        if opened.is_err() {
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+        opened
+    });
+    tries.find_map(Result::ok).unwrap()
+}
+
 /// A dance on SMPL's rig.
 pub fn dance(seed: u64, seconds: f64, fps: f64) -> Clip {
     synth::corpus(seed, 1, seconds, fps).unwrap().remove(0).clip

@@ -168,7 +168,7 @@ mod tests {
         assert_eq!(skeleton.finish(&project).unwrap(), None);
         fs::write(dir.path().join(CLIPS).join("a.bvh.1-00112233445566ff.part"), "left").unwrap();
         drop(project);
-        Project::open(dir.path()).unwrap();
+        crate::fixture::open_again(dir.path());
         assert_eq!(names(), ["07.asf", "a-2.bvh", "a-3.bvh", "a.bvh"]);
     }
 

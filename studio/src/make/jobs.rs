@@ -300,15 +300,7 @@ mod tests {
     fn jobs_that_a_process_did_not_end_are_begun_again() {
         let dir = tempfile::tempdir().unwrap();
         let open = || {
-            // a process that another test is just starting may hold the lock's file until it runs
-            let mut tries = (0..100).map(|_| {
-                let opened = Project::open(dir.path());
-                if opened.is_err() {
-                    std::thread::sleep(std::time::Duration::from_millis(20));
-                }
-                opened
-            });
-            let project = tries.find_map(Result::ok).unwrap();
+            let project = crate::fixture::open_again(dir.path());
             let jobs = Jobs::open(&project).unwrap();
             (jobs, project.new_id('c'))
         };

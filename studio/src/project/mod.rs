@@ -320,6 +320,7 @@ fn remove(path: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixture::open_again;
 
     fn text(project: &Project) -> Option<String> {
         project.read(|document| document.timeline.clone())
@@ -346,7 +347,7 @@ mod tests {
         edit(&project, "two");
         project.undo().unwrap();
         drop(project);
-        let project = Project::open(&folder).unwrap();
+        let project = open_again(&folder);
         assert_eq!(fs::read_to_string(folder.join(TIMELINE)).unwrap(), "one");
         assert_eq!(project.history(), ((1, 1), (Some("edit".into()), Some("edit".into()))));
         project.undo().unwrap();
@@ -367,7 +368,7 @@ mod tests {
         assert_eq!((found.as_deref(), changes.len(), project.history().0), (Some("theirs"), 1, (2, 0)));
         drop(project);
         fs::write(dir.path().join(TIMELINE), "while it was closed").unwrap();
-        let project = Project::open(dir.path()).unwrap();
+        let project = open_again(dir.path());
         assert_eq!(project.history().0, (3, 0));
         project.undo().unwrap();
         assert_eq!(text(&project).as_deref(), Some("theirs"));
@@ -398,7 +399,7 @@ mod tests {
         project.plain(vec![Change::Clip { before: None, after: Some(Box::new(clip)) }]).unwrap();
         assert_eq!(project.new_id('j'), "j8");
         drop(project);
-        let project = Project::open(dir.path()).unwrap();
+        let project = open_again(dir.path());
         assert_eq!(project.new_id('c'), "c8");
         project.leave_out("j30");
         assert_eq!((project.new_id('c').as_str(), project.clip("c9").is_err()), ("c31", true));

@@ -5,6 +5,7 @@
     scripts/module_graph.py --check    # only circles, and crates that use what docs/architecture.md doesn't allow; exit 1 then
     scripts/module_graph.py --why A B  # the lines in which module A (a::b) uses module B
     scripts/module_graph.py --dot      # the same graph for graphviz
+    scripts/module_graph.py --svg docs/architecture.svg    # the crates as a picture, which --check compares
 
 A room is a folder of modules or a single file. Paths are read from the source text (use lines and paths in code),
 re-exports are followed to the file that defines the name, and what stands under #[cfg(test)] does not count.
@@ -15,6 +16,8 @@ import argparse
 import pathlib
 import re
 import sys
+
+import crate_picture
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 COMMENT = re.compile(r"//[^\n]*")
@@ -196,11 +199,31 @@ def members():
     return [Crate(folder) for folder in folders()]
 
 
-def arrows():
-    """Which crates a crate may use, by docs/architecture.md: {crate: {crate}}, over other arrows too."""
+def direct_arrows():
+    """The arrows of docs/architecture.md as they stand there: {crate: {crate}}."""
     text = (ROOT / "docs/architecture.md").read_text()
     block = text.split("## Who may know whom\n```\n", 1)[1].split("```", 1)[0]
-    direct = {a.strip(): {b.strip() for b in to.split(",")} for a, to in (line.split("->") for line in block.splitlines())}
+    return {a.strip(): {b.strip() for b in to.split(",")} for a, to in (line.split("->") for line in block.splitlines())}
+
+
+def layers():
+    """The table by layer of docs/architecture.md, from the bottom up: {layer: [crate]}."""
+    text = (ROOT / "docs/architecture.md").read_text()
+    rows = re.findall(r"^\| ([\w ,]*?) ?\| `(\w+)` \|", text.split("| layer | crate |", 1)[1].split("\n\n", 1)[0], re.M)
+    found = {}
+    for layer, crate in rows:
+        found.setdefault(layer or list(found)[-1], []).append(crate)
+    return dict(reversed(found.items()))
+
+
+def picture():
+    """docs/architecture.svg as it should be."""
+    return crate_picture.svg(direct_arrows(), layers())
+
+
+def arrows():
+    """Which crates a crate may use, by docs/architecture.md: {crate: {crate}}, over other arrows too."""
+    direct = direct_arrows()
 
     def reach(crate):
         return set().union(*({to} | reach(to) for to in direct.get(crate, ())))
@@ -219,15 +242,29 @@ def beyond_arrows():
             yield f"{crate} uses {other}, which docs/architecture.md doesn't allow"
 
 
+def wrong_picture():
+    """What is wrong with the table by layer and the picture in docs/architecture.md, as sentences."""
+    listed = {crate for members in layers().values() for crate in members}
+    for crate in sorted(listed ^ {*direct_arrows(), *(to for used in direct_arrows().values() for to in used)}):
+        yield f"docs/architecture.md has {crate} only in one of its table by layer and its arrows"
+    file = ROOT / "docs/architecture.svg"
+    if not file.exists() or file.read_text() != picture():
+        yield "docs/architecture.svg is not what docs/architecture.md says: scripts/module_graph.py --svg docs/architecture.svg"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--check", action="store_true", help="only circles; exit 1 if one goes through a folder")
     parser.add_argument("--dot", action="store_true", help="the graph for graphviz")
+    parser.add_argument("--svg", metavar="FILE", type=pathlib.Path, help="writes the crates as a picture")
     parser.add_argument("--why", nargs=2, metavar=("A", "B"), help="the lines in which A uses B")
     parser.add_argument("--crate", help="only this crate")
     args = parser.parse_args()
+    if args.svg:
+        args.svg.write_text(picture())
+        return
     failed = False
-    for sentence in beyond_arrows() if args.check else ():
+    for sentence in (*beyond_arrows(), *wrong_picture()) if args.check else ():
         failed = True
         print(sentence)
     for crate in members():

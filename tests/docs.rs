@@ -96,6 +96,13 @@ fn lines_of_pages_are_short() {
     assert!(long.is_empty(), "lines of more than {WIDTH} characters:\n{}", long.join("\n"));
 }
 
+/// README is the way in; what comes later replaces something in it or goes to a manual.
+#[test]
+fn readme_is_short() {
+    let lines = include_str!("../README.md").lines().count();
+    assert!(lines <= 180, "README.md has {lines} lines; at most 180, the manuals in docs/ have the rest");
+}
+
 #[test]
 fn cited_pages_and_sections_are_in_the_repository() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));

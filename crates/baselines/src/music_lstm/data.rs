@@ -94,7 +94,7 @@ impl MusicClips {
     ) -> Result<MusicClips> {
         let folder = &sources.music;
         if !folder.is_dir() {
-            return Err(Error::file(folder, "no folder", "one that holds music", "see docs/music-lstm.md"));
+            return Err(Error::file(folder, "no folder", "one that holds music", "see docs/baselines.md"));
         }
         let coder = Coder::new(Form::Quaternion, &recordings.rig)?;
         let (mut all, mut without, mut hash) = (Vec::new(), Vec::new(), Sha256::new());

@@ -3,7 +3,7 @@
 //!
 //! The spectrum of a frame of music passes linear layers and LSTM layers to a last LSTM whose units are the quaternions of
 //! all joints. Music is the only input; the output has no root position. In training, teacher forcing replaces the last
-//! layer's own output by the true frame at some steps. Source: the music-to-dance dissertation; docs/music-lstm.md says what
+//! layer's own output by the true frame at some steps. Source: the music-to-dance dissertation; docs/baselines.md says what
 //! it prints and what is ours.
 //!
 //! Letters: F frames, J joints, B sequences of a batch, T steps, N numbers of a frame of music (6,150).

@@ -169,6 +169,24 @@ impl Wanted {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixture;
+
+    #[test]
+    fn a_figure_is_drawn_by_a_process_of_its_own() {
+        let dir = tempfile::tempdir().unwrap();
+        let (_project, library) = fixture::library(dir.path(), &[("a.bvh", fixture::dance(1, 2.0, 30.0))]);
+        let text = library.figure("c1", Part::default()).unwrap();
+        assert!(text.contains("\"frames\":60") && text.contains("\"contacts\""), "{text}");
+        let small = library.figure("c1", Part { fps: Some(15.0), seconds: Some(1.0) }).unwrap();
+        assert!(small.contains("\"frames\":15") || small.contains("\"frames\":16"), "{small}");
+        // one that ends without an answer is an error of the file
+        let mut library = Arc::try_unwrap(library).unwrap();
+        library.reader.args = vec!["--list".into()];
+        let said = library.figure("c1", Part { fps: Some(10.0), seconds: None }).unwrap_err();
+        assert!(said.status() == 409 && said.to_string().contains("a.bvh can't be read: its reader ended"), "{said}");
+        let left = std::fs::read_dir(dir.path().join(CACHE)).unwrap().flatten();
+        assert!(left.into_iter().all(|entry| entry.path().extension().is_none_or(|end| end != "read")));
+    }
 
     #[test]
     fn texts_in_memory_are_bounded_and_the_oldest_go() {

@@ -57,6 +57,23 @@ fn songs_without_a_stated_length_are_whole() {
 }
 
 #[test]
+fn a_length_stated_by_vbri_counts() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("vbri.mp3");
+    let song = std::fs::read(sound("cbr.mp3")).unwrap();
+    // its 58 frames have 72 bytes; a frame before them, empty but for the tag
+    let mut frame = [&song[..4], &[0; 32], b"VBRI", &[0, 1, 0, 0, 0, 0]].concat();
+    frame.extend((song.len() as u32 + 72).to_be_bytes());
+    frame.extend(58_u32.to_be_bytes());
+    frame.resize(72, 0);
+    std::fs::write(&path, [&frame[..], &song].concat()).unwrap();
+    assert_eq!(open(&path).unwrap().info().samples, Some(33_408));
+    assert_eq!(decode(&path).0.len(), 33_408);
+    std::fs::write(&path, [&frame[..], &song[..song.len() / 2]].concat()).unwrap();
+    assert_eq!(samples(&path, 16_000).unwrap_err().fault(), Some(FaultKind::Cut));
+}
+
+#[test]
 fn an_aac_of_uneven_frames_is_whole() {
     let bytes = std::fs::read(sound("loud.aac")).unwrap();
     let mut frames = Vec::new();

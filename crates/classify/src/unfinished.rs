@@ -6,7 +6,7 @@
 use super::folder::{MANIFEST, METRICS, Manifest, TOKENIZER};
 use super::train::{TrainOptions, TrainState};
 use crate::{Error, Result};
-use kinelm_model::checkpoint::Checkpoints;
+use kinelm_model::checkpoint::{Checkpoints, refuse_links};
 use kinelm_model::weights;
 use kinelm_store::{FileRecord, files, input};
 use kinelm_tokenizer::Tokenizer;
@@ -78,7 +78,10 @@ impl Unfinished {
                 let help = "leave `resume` out to begin one";
                 return Err(Error::file(path, "nothing", "an interrupted training", help));
             }
-            (true, true) => check_call(&path.join(CALL), call)?,
+            (true, true) => {
+                refuse_links(&path)?;
+                check_call(&path.join(CALL), call)?;
+            }
             (false, false) => {
                 let call = serde_json::to_vec_pretty(call).expect("a call is JSON");
                 files::write_folder(&path, &[(CALL, call), (TOKENIZER, tokenizer.to_json().into_bytes())])?;

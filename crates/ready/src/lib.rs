@@ -10,7 +10,7 @@ use kinelm_model::lead_in::LEAD_INS;
 use kinelm_model::run::{CONFIG, HELD_OUT, MADE, TOKENIZER, WEIGHTS};
 use kinelm_model::{CheckpointChoice, Error, Result, load_run, weights};
 use kinelm_store::files::{self, PendingFolder};
-use kinelm_store::{hash, input, part};
+use kinelm_store::{hash, input, owned, part};
 use std::path::{Path, PathBuf};
 
 /// What the model was trained on and for, how good it is, and what it can't do.
@@ -71,9 +71,14 @@ fn is_whole(place: &Path) -> bool {
         let is_as_written = found.modified().ok()? <= written.modified().ok()?;
         let is_it = found.len() == record.bytes
             && (is_as_written || hash::of_file(&dir.join(WEIGHTS)).is_ok_and(|hash| hash == record.sha256));
-        Some(is_it && State { files: Default::default(), ..state } == packed_state().ok()?)
+        Some(
+            is_it
+                && checkpoints.named("latest") == Some(state.step)
+                && State { files: Default::default(), ..state } == packed_state().ok()?,
+        )
     };
-    small_files().all(holds) && weights() == Some(true)
+    let is_plain = || owned::refuse_links(place, "a run", "").is_ok();
+    is_plain() && small_files().all(holds) && weights() == Some(true)
 }
 
 /// All files but those of the checkpoint.
@@ -209,7 +214,7 @@ mod tests {
         let weights = std::fs::read(checkpoint.join(WEIGHTS)).unwrap();
         let other = [&weights[..weights.len() - 1], &[weights[weights.len() - 1] ^ 1]].concat();
         type Damage<'a> = &'a dyn Fn();
-        let all: [(&str, Damage<'_>); 6] = [
+        let all: [(&str, Damage<'_>); 8] = [
             ("nothing", &|| ()),
             ("an empty file", &|| std::fs::write(place.join(LEAD_INS), "").unwrap()),
             ("a missing file", &|| std::fs::remove_file(place.join(TOKENIZER)).unwrap()),
@@ -219,6 +224,11 @@ mod tests {
                 std::fs::write(checkpoint.join(WEIGHTS), &other).unwrap();
             }),
             ("no checkpoint", &|| std::fs::remove_dir_all(place.join("checkpoints")).unwrap()),
+            ("a file in its place", &|| {
+                std::fs::remove_dir_all(&place).unwrap();
+                std::fs::write(&place, "").unwrap();
+            }),
+            ("another name", &|| std::fs::write(place.join("latest"), "step-9").unwrap()),
         ];
         for (what, damage) in all {
             damage();

@@ -129,7 +129,8 @@ impl PendingFolder {
             // aside first: nobody finds half of it
             let aside = self.path.join("replaced");
             fs::rename(&self.place, &aside).map_err(Error::io(&self.place))?;
-            fs::remove_dir_all(&aside).map_err(Error::io(&aside))?;
+            let removed = if aside.is_dir() { fs::remove_dir_all(&aside) } else { fs::remove_file(&aside) };
+            removed.map_err(Error::io(&aside))?;
         }
         self.commit("call again")
     }

@@ -64,7 +64,7 @@ fn find_links(root: &Path, folder: &Path, depth: usize, links: &mut Vec<String>)
 /// A link, a pipe, a device, a folder, a longer file; a name that leads out of the folder; I/O errors, [`ErrorKind::NotFound`]
 /// among them.
 pub fn open(folder: &Path, name: impl AsRef<Path>, access: Access, most: u64) -> Result<File> {
-    let path = between(folder, name.as_ref())?;
+    let path = path(folder, name.as_ref())?;
     let mut options = OpenOptions::new();
     match access {
         Access::Read => options.read(true),
@@ -103,8 +103,12 @@ pub fn bytes(folder: &Path, name: impl AsRef<Path>, most: u64) -> Result<Option<
     Ok(Some(bytes))
 }
 
-/// The path of `name`, once each folder on the way has been found to be no link.
-fn between(folder: &Path, name: &Path) -> Result<PathBuf> {
+/// The path of `name` in a folder, once each folder on the way has been found to be no link: for what is written there.
+///
+/// # Errors
+/// A link on the way; a name that leads out of the folder.
+pub fn path(folder: &Path, name: impl AsRef<Path>) -> Result<PathBuf> {
+    let name = name.as_ref();
     let mut path = folder.to_owned();
     let mut parts = name.components().peekable();
     while let Some(part) = parts.next() {

@@ -5,7 +5,7 @@
 //! names its kind.
 
 use crate::output::Outputs;
-use crate::{Error, Result, files, hash, input};
+use crate::{Error, Result, files, hash, input, part};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -110,6 +110,7 @@ pub fn write_beside(
     let text = text(before.filter(|_| has_hash_of(file).unwrap_or(false)));
     let text = text.map_err(|e| Error::unsupported(path_of(file).display().to_string(), e.to_string()))?;
     let path = path_of(file);
+    part::sweep(&[file, &path]);
     let (new, sidecar) = (outputs.prepare(file, bytes)?, outputs.prepare(&path, (text + "\n").as_bytes())?);
     sidecar.name()?;
     new.name()?;

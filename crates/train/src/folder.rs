@@ -53,6 +53,9 @@ impl RunFolder {
     /// # Errors
     /// A folder without a run; another process that writes it.
     pub fn open(run: &Path) -> Result<RunFolder> {
+        if run.is_dir() {
+            refuse_links(run)?;
+        }
         if !run.join(CONFIG).is_file() {
             let help = "start a run in a folder that is empty or not there";
             return Err(Error::file(run, "no config.toml", "a run folder", help));
@@ -75,7 +78,9 @@ impl RunFolder {
                 Ok(()) => {
                     let write = |f: &mut File| f.set_len(0).and_then(|()| write!(f, "{}", std::process::id()));
                     write(&mut file).map_err(Error::io(&path))?;
-                    sweep_locked(run)?;
+                    for folder in [run.to_owned(), run.join("samples")].iter().filter(|folder| folder.is_dir()) {
+                        sweep_locked(folder)?;
+                    }
                     return Ok(RunFolder { path: run.to_owned(), _lock: Some(file) });
                 }
                 Err(TryLockError::WouldBlock) => std::thread::sleep(TRIES.1),

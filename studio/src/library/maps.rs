@@ -2,16 +2,14 @@
 //!
 //! They are named `maps/NAME.toml`, as a timeline has it, and nothing else is opened as a map.
 
-use crate::project::Project;
 use crate::project::dances::plain_name;
+use crate::project::{MAPS, Project};
 use crate::{Error, Result};
 use kinelm_motion::rig::SkeletonMap;
 use kinelm_store::{files, owned};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Their folder.
-pub const MAPS: &str = "maps";
 /// The most bytes of a map.
 pub const MOST_BYTES: usize = 256 << 10;
 /// The most maps that are listed.
@@ -67,7 +65,7 @@ pub fn keep(project: &Project, called: &str, bytes: &[u8]) -> Result<String> {
     fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
     let numbered = |n: usize| if n == 1 { format!("{stem}.toml") } else { format!("{stem}-{n}.toml") };
     let name = (1..).map(numbered).find(|name| folder.join(name).symlink_metadata().is_err()).unwrap_or_default();
-    files::write_whole(&folder.join(&name), bytes)?;
+    files::write_whole(&owned::path(project.folder(), Path::new(MAPS).join(&name))?, bytes)?;
     Ok(format!("{MAPS}/{name}"))
 }
 

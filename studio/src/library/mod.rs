@@ -27,7 +27,7 @@ use crate::{Error, Result};
 use doubts::{Info, Outcome};
 use kinelm_corpus::{Dataset, Item, sidecar};
 use kinelm_motion::format::{ReadOptions, RestFrame};
-use kinelm_store::{files, hash};
+use kinelm_store::{files, hash, owned};
 use reader::Reader;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -196,7 +196,7 @@ impl Library {
         let beside = hash::of_file(&kinelm_store::sidecar::path_of(&file)).unwrap_or_default();
         let (version, nanos) = (env!("CARGO_PKG_VERSION"), changed.unwrap_or_default().as_nanos());
         let key = format!("{version} {} {nanos} {} {beside} {reading}", file.display(), found.len());
-        let cache = self.project.folder().join(CACHE).join(format!("{}.json", record.id));
+        let cache = owned::path(self.project.folder(), Path::new(CACHE).join(format!("{}.json", record.id)))?;
         let convert = self.converted(&record.id);
         let before = reader::read_cached(&cache).and_then(|text| serde_json::from_slice::<Cached>(&text).ok());
         if let Some(cached) = before {

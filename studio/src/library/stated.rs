@@ -79,6 +79,18 @@ impl Library {
         Ok(Reading { map, ..reading })
     }
 
+    /// What reading a file that is no clip of the library finds; nothing of it stays. One at a time.
+    ///
+    /// # Errors
+    /// I/O errors.
+    pub fn looked_at(&self, file: &Path) -> Result<Outcome> {
+        let place = |extension: &str| self.project.folder().join(CACHE).join(format!("looked-at.{extension}"));
+        let convert = place("bvh");
+        let found = self.reader.read(file, &Reading::default(), (&convert, &place("read")), &self.stop);
+        let _ = std::fs::remove_file(&convert); // it may not be there
+        found
+    }
+
     /// What reading a clip so would find; nothing of it stays. One at a time: the caller sees to it.
     ///
     /// # Errors
@@ -115,8 +127,8 @@ impl Library {
         if let Some(map) = reading.map.as_deref().filter(|map| !maps::is_known(self.project.folder(), map)) {
             return Err(maps::unknown(map));
         }
-        if let Some(floor) = reading.floor.filter(|floor| !floor.is_finite()) {
-            return Err(Error::invalid("`floor`", floor, "a height in metres"));
+        if let Some(floor) = reading.floor.filter(|floor| !(floor.abs() <= HIGHEST_M)) {
+            return Err(Error::invalid("`floor`", floor, format!("a height of -{HIGHEST_M} to {HIGHEST_M} metres")));
         }
         if let Some(fps) = reading.fps_source.filter(|fps| !(fps.is_finite() && *fps > 0.0)) {
             return Err(Error::invalid("`fps_source`", fps, "frames per second, more than 0"));
@@ -124,6 +136,9 @@ impl Library {
         Ok(())
     }
 }
+
+/// The highest floor, and the lowest, metres.
+const HIGHEST_M: f64 = 1000.0;
 
 /// What is stated of the BVH that a clip was converted to: all else is in its numbers, but for what a BVH can't say.
 pub fn of_converted(reading: Reading) -> Reading {

@@ -7,6 +7,7 @@ use crate::project::document::{Change, ClipRecord, Reading};
 use crate::project::{CLIPS, Project};
 use crate::{Error, Result};
 use kinelm_motion::format::Format;
+use kinelm_store::owned;
 use kinelm_store::part::PartFile;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -48,7 +49,7 @@ impl Upload {
     /// Those of [`name_of`]; I/O errors.
     pub fn begin(project: &Project, called: &str) -> Result<Upload> {
         let name = name_of(called)?;
-        let part = PartFile::create(&project.folder().join(CLIPS).join(&name))?;
+        let part = PartFile::create(&owned::path(project.folder(), Path::new(CLIPS).join(&name))?)?;
         Ok(Upload { part, bytes: 0, name })
     }
 
@@ -83,7 +84,7 @@ impl Upload {
             n => format!("{stem}-{n}.{extension}"),
         };
         let name = (1..).map(numbered).find(|name| !folder.join(name).exists()).unwrap_or_default();
-        self.part.name(&folder.join(&name))?;
+        self.part.name(&owned::path(project.folder(), Path::new(CLIPS).join(&name))?)?;
         if extension == "asf" {
             return Ok(None);
         }

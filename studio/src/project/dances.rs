@@ -7,9 +7,9 @@ use super::history::History;
 use super::{DANCES, MADE, remove};
 use crate::{Error, Result};
 use kinelm_generate::provenance::Provenance;
-use kinelm_store::input;
 use kinelm_store::output::{Ours, Outputs};
 use kinelm_store::sidecar::{FileHash, has_hash_of, is_beside_its_file, name_of, path_of};
+use kinelm_store::{input, owned};
 use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -76,7 +76,7 @@ pub fn plain_name(name: &str) -> String {
 /// I/O errors.
 pub fn write_made(folder: &Path, id: &str, bytes: &[u8], provenance: Provenance) -> Result<PathBuf> {
     let file = Path::new(MADE).join(format!("{id}.bvh"));
-    let path = folder.join(&file);
+    let path = owned::path(folder, &file)?;
     // what a process left behind that ended while it wrote
     remove(&path)?;
     remove(&path_of(&path))?;
@@ -92,7 +92,7 @@ pub(super) fn settle(folder: &Path, before: Option<&DanceRecord>, after: Option<
         return Ok(());
     }
     if let (Some(file), Some(made)) = (&new, after.and_then(|dance| dance.made.as_deref())) {
-        copy(&folder.join(made), &folder.join(file))?;
+        copy(&owned::path(folder, made)?, &owned::path(folder, file)?)?;
     }
     if let Some(file) = old {
         let path = folder.join(file);

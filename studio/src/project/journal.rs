@@ -4,6 +4,8 @@
 //! {"crc32c":"9ae0daaf","line":{"begin":{"schema":2,..}}}
 //! ```
 //!
+//! The checksum of a line goes on from that of the line before, so that none can be missing, doubled or elsewhere.
+//!
 //! A process may end at any moment. A line without its end was told nobody and is dropped; one with it counts, and where
 //! its checksum is another, the file was damaged and nothing is guessed. When the journal has grown it is written anew,
 //! as one line with the state and the steps that can be taken back.
@@ -27,6 +29,8 @@ const MOST_BYTES: u64 = 1 << 30;
 const AROUND: [&str; 3] = ["{\"crc32c\":\"", "\",\"line\":", "}\n"];
 /// Bytes that are added before a journal is written anew, at least; and as many as it had then.
 const GROWN: u64 = 4 << 20;
+/// Where a journal goes of which no line is whole.
+const DAMAGED: &str = ".studio/journal.damaged";
 
 /// A line.
 #[derive(Debug, Serialize, Deserialize)]
@@ -115,6 +119,8 @@ pub struct Journal {
     folder: PathBuf,
     file: File,
     bytes: u64,
+    /// The checksum of the last line.
+    last: u32,
     /// Whether nothing stood in it.
     is_new: bool,
     /// Where it is written anew.
@@ -129,10 +135,14 @@ impl Journal {
     pub fn open(folder: &Path) -> Result<(Journal, Replayed)> {
         let mut state = Replayed { next: 1, ..Replayed::default() };
         let bytes = owned::bytes(folder, JOURNAL, MOST_BYTES)?.unwrap_or_default();
-        let whole = replay(&folder.join(JOURNAL), &bytes, &mut state)?;
+        let (whole, last) = replay(&folder.join(JOURNAL), &bytes, &mut state)?;
+        if whole == 0 && !bytes.is_empty() {
+            // no line of it is whole: it is begun anew, and what it was is kept
+            files::write_whole(&folder.join(DAMAGED), &bytes)?;
+        }
         let file = owned::open(folder, JOURNAL, Access::Append, MOST_BYTES)?;
         let is_new = whole == 0;
-        let mut journal = Journal { folder: folder.into(), file, bytes: whole, is_new, limit: GROWN };
+        let mut journal = Journal { folder: folder.into(), file, bytes: whole, last, is_new, limit: GROWN };
         journal.file.set_len(whole).map_err(Error::io(journal.path()))?;
         if is_new {
             files::sync_folder(files::folder_of(&journal.path()))?;
@@ -157,12 +167,13 @@ impl Journal {
     /// # Errors
     /// I/O errors: the journal is as before then.
     pub fn append(&mut self, line: &Line) -> Result<()> {
-        let text = to_text(line)?;
+        let (text, last) = to_text(line, self.last)?;
         if let Err(e) = self.file.write_all(&text).and_then(|()| self.file.sync_data()) {
             let _ = self.file.set_len(self.bytes);
             return Err(Error::io(self.path())(e));
         }
         self.bytes += text.len() as u64;
+        self.last = last;
         Ok(())
     }
 
@@ -178,25 +189,26 @@ impl Journal {
     pub fn rewrite(&mut self, state: &Replayed) -> Result<()> {
         let (document, history) = (state.document.clone(), state.history.clone());
         let line = Line::Begin { schema: SCHEMA, document, history, next: state.next };
-        let text = to_text(&line)?;
+        let (text, last) = to_text(&line, 0)?;
         files::write_whole(&self.path(), &text)?;
         self.file = owned::open(&self.folder, JOURNAL, Access::Append, MOST_BYTES)?;
-        self.bytes = text.len() as u64;
+        (self.bytes, self.last) = (text.len() as u64, last);
         self.limit = 2 * self.bytes + GROWN;
         Ok(())
     }
 }
 
-/// A line with its checksum and its end.
-fn to_text(line: &Line) -> Result<Vec<u8>> {
+/// A line with its checksum and its end, and the checksum, which goes on from that of the line before.
+fn to_text(line: &Line, last: u32) -> Result<(Vec<u8>, u32)> {
     let line = serde_json::to_vec(line).map_err(Error::failed)?;
     let [before, between, after] = AROUND;
-    let checksum = format!("{:08x}", crc32c::crc32c(&line));
-    Ok([before.as_bytes(), checksum.as_bytes(), between.as_bytes(), &line, after.as_bytes()].concat())
+    let checksum = crc32c::crc32c_append(last, &line);
+    let digits = format!("{checksum:08x}");
+    Ok(([before.as_bytes(), digits.as_bytes(), between.as_bytes(), &line, after.as_bytes()].concat(), checksum))
 }
 
-/// A line of a text that has its end.
-fn of_text(text: &[u8]) -> std::result::Result<Line, String> {
+/// A line of a text that has its end, behind one with the checksum `last`; with its own.
+fn of_text(text: &[u8], last: u32) -> std::result::Result<(Line, u32), String> {
     let [before, between, after] = AROUND;
     let line = (|| {
         let (checksum, rest) = text.strip_prefix(before.as_bytes())?.split_at_checked(8)?;
@@ -204,18 +216,23 @@ fn of_text(text: &[u8]) -> std::result::Result<Line, String> {
         Some((checksum, line))
     })();
     let (checksum, line) = line.ok_or("no checksum, as a journal of another version of kinelm has none")?;
-    let found = format!("{:08x}", crc32c::crc32c(line));
+    let own = crc32c::crc32c_append(last, line);
+    let found = format!("{own:08x}");
     match found.as_bytes() == checksum {
-        true => serde_json::from_slice(line).map_err(|e| e.to_string()),
+        true => serde_json::from_slice(line).map(|line| (line, own)).map_err(|e| e.to_string()),
         false => Err(format!("CRC-32C {found}, {} stands before it", String::from_utf8_lossy(checksum))),
     }
 }
 
-/// Carries out the lines of a journal; returns the bytes of those that are whole.
-fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<u64> {
-    let mut whole = 0;
+/// Carries out the lines of a journal; returns the bytes of those that are whole, and the checksum of the last.
+fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<(u64, u32)> {
+    let (mut whole, mut last) = (0, 0);
     for (n, text) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
-        let line = text.ends_with(b"\n").then(|| of_text(text));
+        let line = text.ends_with(b"\n").then(|| of_text(text, last));
+        if let Some(Ok((_, own))) = &line {
+            last = *own;
+        }
+        let line = line.map(|line| line.map(|(line, _)| line));
         let help = "put back the file of a copy, or move it away: clips, dances and the timeline are files beside it";
         match line {
             Some(Ok(Line::Begin { schema, .. })) if schema != SCHEMA => {
@@ -236,7 +253,7 @@ fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<u64> {
         }
         whole += text.len();
     }
-    Ok(whole as u64)
+    Ok((whole as u64, last))
 }
 
 #[cfg(test)]
@@ -318,6 +335,27 @@ mod tests {
     }
 
     #[test]
+    fn lines_that_are_missing_doubled_or_swapped_are_found() {
+        let dir = folder();
+        let path = dir.path().join(JOURNAL);
+        let (mut journal, _) = Journal::open(dir.path()).unwrap();
+        for text in ["one", "two", "three"] {
+            journal.append(&step("a", None, text)).unwrap();
+        }
+        let whole = fs::read_to_string(&path).unwrap();
+        let lines: Vec<&str> = whole.split_inclusive('\n').collect();
+        for (order, line) in [(&[1, 2][..], 1), (&[0, 2], 2), (&[0, 0, 1, 2], 2), (&[0, 2, 1], 2), (&[1, 0, 2], 1)] {
+            fs::write(&path, order.iter().map(|n| lines[*n]).collect::<String>()).unwrap();
+            let said = Journal::open(dir.path()).unwrap_err().to_string();
+            assert!(said.contains(&format!("line {line}: CRC-32C")), "{order:?}: {said}");
+        }
+        // what has no whole line is begun anew, and kept
+        fs::write(&path, &lines[0][..40]).unwrap();
+        assert!(Journal::open(dir.path()).unwrap().0.is_new());
+        assert_eq!(fs::read_to_string(dir.path().join(DAMAGED)).unwrap(), lines[0][..40]);
+    }
+
+    #[test]
     fn a_line_that_is_none_is_named() {
         let dir = folder();
         let path = dir.path().join(JOURNAL);
@@ -326,7 +364,7 @@ mod tests {
             format!("{before}{:08x}{between}{line}{after}", crc32c::crc32c(line.as_bytes()))
         };
         let (document, history) = (Document::default(), History::default());
-        let other = to_text(&Line::Begin { schema: 1, document, history, next: 1 }).unwrap();
+        let (other, _) = to_text(&Line::Begin { schema: 1, document, history, next: 1 }, 0).unwrap();
         let other = String::from_utf8(other).unwrap();
         for (text, said) in [
             (with("{\"later\":1}"), "line 1: unknown variant `later`"),

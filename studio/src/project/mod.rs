@@ -40,6 +40,8 @@ pub const CLIPS: &str = "clips";
 pub const CONVERTED: &str = "converted";
 /// Kept dances.
 pub const DANCES: &str = "dances";
+/// Skeleton maps of the user.
+pub const MAPS: &str = "maps";
 /// What the studio needs beside the user's files.
 pub const OWN: &str = ".studio";
 /// What was done.
@@ -86,7 +88,7 @@ impl Project {
         let folder = folder.canonicalize().map_err(Error::io(folder))?;
         let lock = lock(&folder)?;
         // under the lock nobody else writes here
-        for part in ["", CLIPS, CONVERTED, DANCES, OWN, MADE, CACHE].map(|part| folder.join(part)) {
+        for part in ["", CLIPS, CONVERTED, DANCES, MAPS, OWN, MADE, CACHE].map(|part| folder.join(part)) {
             if part.is_dir() {
                 sweep_locked(&part)?;
             }

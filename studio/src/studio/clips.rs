@@ -1,7 +1,7 @@
 //! The library: files that come, are read otherwise, renamed and go.
 
 use super::Studio;
-use crate::library::doubts::{Info, Outcome};
+use crate::library::doubts::{Info, Outcome, is_music};
 use crate::library::{maps, upload};
 use crate::project::dances::plain_name;
 use crate::project::document::{Change, ClipRecord, DanceRecord, Music, Reading};
@@ -12,7 +12,6 @@ use crate::{Error, Result};
 use kinelm_corpus::dataset::motion_files;
 use kinelm_corpus::sidecar::read_options;
 use kinelm_generate::provenance;
-use kinelm_motion::format;
 use kinelm_motion::rig::SkeletonMap;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -25,8 +24,11 @@ impl Studio {
     /// Files that were in the folder before it was a project.
     pub(super) fn take_in(&self) -> Result<()> {
         let folder = self.project.folder();
-        let clips = motion_files(&folder.join(CLIPS)).unwrap_or_default();
-        let clips = clips.iter().filter_map(|path| path.strip_prefix(folder).ok());
+        let motion = motion_files(&folder.join(CLIPS)).unwrap_or_default();
+        let entries = std::fs::read_dir(folder.join(CLIPS)).into_iter().flatten().flatten();
+        let mut music: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| is_music(path)).collect();
+        music.sort();
+        let clips = motion.iter().chain(&music).filter_map(|path| path.strip_prefix(folder).ok());
         let clips: Vec<Change> = clips.map(|file| upload::added(&self.project, file.to_owned())).collect();
         let dances = motion_files(&folder.join(DANCES)).unwrap_or_default();
         let dances = dances.iter().filter_map(|path| self.kept_before(path));
@@ -37,7 +39,9 @@ impl Studio {
     /// A dance that was kept in a project whose journal is gone.
     fn kept_before(&self, path: &Path) -> Option<Change> {
         let known = provenance::find(path).ok()??;
-        let motion = format::read(path, &read_options(path).ok()??).ok()?;
+        // one whose bytes are others is no dance of ours any more
+        read_options(path).ok()??;
+        let Outcome::Ready(info) = self.library.looked_at(path).ok()? else { return None };
         let record = DanceRecord {
             id: self.project.new_id('d'),
             name: path.file_stem()?.to_string_lossy().into_owned(),
@@ -47,8 +51,8 @@ impl Studio {
             job: None,
             variation: known.variation,
             seed: known.request.seed,
-            frames: motion.clip.frames(),
-            fps: motion.clip.fps(),
+            frames: info.frames,
+            fps: info.fps,
             floor_m: known.read.floor.unwrap_or(0.0),
             note: String::new(),
             source: None,
@@ -131,7 +135,8 @@ impl Studio {
     /// Reads a clip otherwise. A timeline that has it states the same, and its segments are extended and clipped with it.
     ///
     /// # Errors
-    /// Those of [`crate::library::Library::restated`]; a reading by which a clip that could be read no longer can.
+    /// Those of [`crate::library::Library::restated`]; a reading by which a clip that could be read no longer can, or a
+    /// timeline that could be danced.
     pub fn restate(&self, id: &str, reading: &Reading) -> Result<()> {
         self.library.wait_for(id, &|| true);
         let _following = self.following.lock().unwrap_or_else(PoisonError::into_inner);
@@ -154,6 +159,9 @@ impl Studio {
         self.publish(&elsewhere);
         let after = text.as_ref().and_then(|text| self.timelines.reread(&record, text, reading, reread));
         if let Some(after) = after.filter(|after| Some(after) != text.as_ref()) {
+            let checked = text.as_ref().map_or(Ok(()), |before| self.timelines.check_stays_fine(before, &after));
+            let wrong = |e| Error::Conflict(format!("so the timeline couldn't be danced, change it first: {e}"));
+            checked.map_err(wrong)?;
             changes.push(Change::Timeline { before: text, after: Some(after) });
         }
         self.step(&format!("read {} otherwise", record.name), changes)

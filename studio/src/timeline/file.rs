@@ -49,6 +49,11 @@ impl TimelineFile {
         with_ends_of(&self.parsed, &self.document.to_string())
     }
 
+    /// Whether it has no key at all.
+    pub fn says_nothing(&self) -> bool {
+        self.document.is_empty()
+    }
+
     /// Whether it has no segment.
     pub fn is_empty(&self) -> bool {
         self.segments() == 0

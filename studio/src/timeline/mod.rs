@@ -235,6 +235,17 @@ impl Timelines {
         (!named.is_empty()).then(|| file.text())
     }
 
+    /// Refuses a text that can't be danced, where the one before could.
+    ///
+    /// # Errors
+    /// Those of [`Timelines::lay_out`].
+    pub fn check_stays_fine(&self, before: &str, after: &str) -> Result<()> {
+        match self.lay_out(after) {
+            Err(e) if self.is_fine(before) => Err(e),
+            _ => Ok(()),
+        }
+    }
+
     /// Whether a timeline can be danced, or has nothing in it yet.
     fn is_fine(&self, text: &str) -> bool {
         TimelineFile::parse(&self.path(), text).is_ok_and(|file| file.is_empty()) || self.lay_out(text).is_ok()

@@ -220,6 +220,29 @@ fn segments_are_clipped_with_their_clip() {
 }
 
 #[test]
+fn a_text_without_segments_that_is_wrong_says_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let timelines = timelines(dir.path(), None);
+    let trouble = |text: &str| {
+        let view = edited(&timelines, &[json!({ "op": "text", "text": text })]).unwrap();
+        view["trouble"].as_array().unwrap().iter().map(|one| one["text"].to_string()).collect::<Vec<_>>()
+    };
+    let begun = "rig = \"a\"\n[clips.a]\nfile = \"clips/a.bvh\"\n";
+    for (more, what) in [
+        ("[[segments]]\nclip = \"a\"\n", "unknown field `segments`"),
+        ("[segment]\nclip = \"a\"\n", "sequence"),
+        ("bogus = 1\n", "unknown field `bogus`"),
+    ] {
+        let found = trouble(&format!("{begun}{more}"));
+        assert!(found.len() == 1 && found[0].contains(what), "{more}: {found:?}");
+    }
+    // one that is only begun is fine, and so is none
+    for text in [begun, "", "# to come\n"] {
+        assert_eq!(trouble(text), Vec::<String>::new(), "{text:?}");
+    }
+}
+
+#[test]
 fn a_text_with_trouble_has_whole_segments() {
     let dir = tempfile::tempdir().unwrap();
     let timelines = timelines(dir.path(), Some(TEXT));

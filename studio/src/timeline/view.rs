@@ -6,7 +6,7 @@ use super::{Laid, Timelines, raw};
 use crate::Error;
 use crate::library::Source;
 use kinelm_generate::request::Segment;
-use kinelm_generate::timeline::GivenSpan;
+use kinelm_generate::timeline::{GivenSpan, NO_SEGMENT};
 use kinelm_motion::joints::{self, PARTS};
 use kinelm_motion::moment::Moment;
 use serde_json::{Map, Value, json};
@@ -36,6 +36,10 @@ pub(super) fn of(
     view["rig"] = file.top("rig");
     view["clips"] = clips(&file, sources, path.parent().unwrap_or(Path::new("")));
     if file.is_empty() {
+        // without segments it is only begun; all else that is wrong with it is said
+        let wrong = if file.says_nothing() { None } else { timelines.lay_out(text).err() };
+        let wrong = wrong.map(|e| trouble(&e)).filter(|wrong| !wrong["text"].as_str().is_some_and(is_only_begun));
+        view["trouble"] = json!(wrong.as_slice());
         return view;
     }
     match laid.map_or_else(|| timelines.lay_out(text), Ok) {
@@ -60,6 +64,11 @@ pub(super) fn of(
         }
     }
     view
+}
+
+/// Whether this is the trouble of a timeline that has no segments yet.
+fn is_only_begun(text: &str) -> bool {
+    text.strip_prefix("found ").is_some_and(|text| text.starts_with(NO_SEGMENT))
 }
 
 /// Where something is wrong, and what.

@@ -313,7 +313,10 @@ fn a_project_of_somebody_else_leads_to_no_other_file() {
             "{{\"plain\":[{{\"dance\":{{\"before\":null,\"after\":{{\"id\":\"{id}\",\"name\":\"a\",\"made\":{made},\"kept\":{kept},\
              \"variation\":1,\"seed\":1,\"frames\":1,\"fps\":20}}}}}}]}}"
         );
-        let dance = format!("{{\"crc32c\":\"{:08x}\",\"line\":{line}}}\n", crc32c::crc32c(line.as_bytes()));
+        // checksums go on from line to line
+        let last = good.lines().last().and_then(|line| u32::from_str_radix(line.get(11..19)?, 16).ok()).unwrap_or(0);
+        let checksum = crc32c::crc32c_append(last, line.as_bytes());
+        let dance = format!("{{\"crc32c\":\"{checksum:08x}\",\"line\":{line}}}\n");
         std::fs::write(&journal, format!("{good}{dance}")).unwrap();
         refused("an id or a file that a studio wouldn't write");
     }

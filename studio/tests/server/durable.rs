@@ -118,6 +118,37 @@ fn a_job_that_is_begun_again_leaves_what_was_kept_and_rejected_of_it() {
     assert_eq!((&dances[1]["rejected"], &dances[2]["rejected"]), (&json!(true), &json!(false)));
 }
 
+#[test]
+fn what_is_in_the_folder_is_taken_in_where_the_journal_is_lost() {
+    let place = Place::new();
+    place.browser.upload("clip.bvh", &bytes("a.bvh", &dance(1, 3.0, 30.0)));
+    place.browser.upload("song.wav", &kinelm_music::wav::bytes(&[0.0; 8000], 8000));
+    place.browser.done("/api/make", &json!({ "kind": "free", "seconds": 1, "variations": 1, "seed": 1 }));
+    let all = place.browser.wait("a dance", |state| state["dances"].as_array().unwrap().len() == 1);
+    let id = all["dances"][0]["id"].as_str().unwrap();
+    place.browser.done(&format!("/api/dances/{id}/keep"), &json!({ "name": "mine" }));
+    let dir = place.stop();
+    let project = dir.path().join("project");
+    let journal = project.join(".studio/journal.jsonl");
+    for lost in [true, false] {
+        fs::remove_file(&journal).unwrap();
+        if !lost {
+            fs::write(&journal, "").unwrap();
+        }
+        let server = process(&project);
+        let state = server.1.state();
+        let names = |key: &str| -> Vec<String> {
+            state[key].as_array().unwrap().iter().map(|one| one["name"].as_str().unwrap().to_owned()).collect()
+        };
+        assert_eq!((names("clips"), names("dances")), (vec!["clip".into(), "song".into()], vec!["mine".into()]));
+        let found = &state["dances"][0];
+        assert_eq!(
+            (&found["kept"], found["frames"].as_u64(), found["fps"].as_f64()),
+            (&json!(true), Some(30), Some(30.0))
+        );
+    }
+}
+
 /// An edit and a dance that is kept, remembered where they were answered.
 fn act(browser: &Browser, project: &std::path::Path, promised: &mut Promised, round: usize) {
     let seconds = 3.0 + (round % 7) as f64 + promised.text.len() as f64 / 8.0;

@@ -134,6 +134,9 @@ pub struct TimelineLayout {
     pub(super) clips: BTreeMap<String, ReadClip>,
 }
 
+/// What a timeline without segments is found to have: one that is only begun.
+pub const NO_SEGMENT: &str = "no [[segment]]";
+
 impl TimelineLayout {
     pub(super) fn of(timeline: &Timeline) -> Result<TimelineLayout, Fault> {
         let known = timeline.clips.keys().cloned().collect::<Vec<_>>().join(", ");
@@ -222,7 +225,7 @@ impl TimelineLayout {
 /// Refuses a timeline without segments, or whose segments only label.
 fn check_segments(timeline: &Timeline) -> Result<(), Fault> {
     if timeline.segments.is_empty() {
-        return Err(Fault::Timeline("no [[segment]]".into(), "at least one".into()));
+        return Err(Fault::Timeline(NO_SEGMENT.into(), "at least one".into()));
     }
     if timeline.segments.iter().all(|segment| segment.clip.is_none() && !segment.labels.is_empty()) {
         let expected = "at least one with a clip; a dance of labels alone needs no timeline";

@@ -10,7 +10,7 @@ mod layout;
 mod spans;
 
 pub use chart::chart;
-pub use layout::{PlacedSegment, TimelineLayout};
+pub use layout::{NO_SEGMENT, PlacedSegment, TimelineLayout};
 pub use spans::{GivenSpan, GivenState};
 
 use crate::request::timeline::default_transition;

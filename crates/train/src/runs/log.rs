@@ -4,6 +4,7 @@ use crate::metrics::{METRICS, StepMetrics};
 use crate::{Error, Result};
 use kinelm_model::run::{CONFIG, check_kind};
 use kinelm_store::input;
+use kinelm_store::owned::{self, Access};
 use serde::Deserialize;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -40,7 +41,8 @@ impl LastStep {
     /// From the end of the file; `None` without an update there.
     pub fn read(run: &Path) -> Option<LastStep> {
         let read = || -> std::io::Result<Vec<u8>> {
-            let mut file = input::open(&run.join(METRICS))?;
+            let file = owned::open(run, METRICS, Access::Read, u64::MAX);
+            let mut file = file.map_err(std::io::Error::other)?;
             let length = file.metadata()?.len();
             file.seek(SeekFrom::Start(length.saturating_sub(END)))?;
             let mut bytes = Vec::new();
@@ -74,12 +76,10 @@ impl Log {
             check_kind(&config, &text)?;
         }
         let path = run.join(METRICS);
-        let bytes = input::bytes(&path).map_err(|e| match e.kind() {
-            std::io::ErrorKind::NotFound => {
-                let help = "a run is a folder that `kinelm pretrain --run RUN` wrote";
-                Error::file(run, format!("no {METRICS}"), "a run folder", help)
-            }
-            _ => Error::io(&path)(e),
+        input::note(&path);
+        let bytes = owned::bytes(run, METRICS, u64::MAX)?.ok_or_else(|| {
+            let help = "a run is a folder that `kinelm pretrain --run RUN` wrote";
+            Error::file(run, format!("no {METRICS}"), "a run folder", help)
         })?;
         Ok(Log::parse(&bytes))
     }

@@ -50,9 +50,8 @@ pub enum Command {
     LrFind(lr_find::Args),
     /// Generate dances, from nothing or from parts of a clip
     Generate(Box<generate::Args>),
-    /// Check timelines of several clips, the input of generate timeline
-    #[command(subcommand)]
-    Timeline(timeline::Command),
+    /// Make a dance again, to the same bytes, from the sidecar beside it
+    Again(again::Args),
     /// Make dances in the browser: a library, a stage, a timeline, variations to choose from
     #[cfg(feature = "studio")]
     Studio(studio::Args),
@@ -104,7 +103,7 @@ pub fn command(command: Command, say: Say) -> Result<()> {
         Command::Inspect(args) => inspect::run(args, say),
         Command::Convert(args) => convert::run(args, say),
         Command::Mirror(args) => mirror::run(args, say),
-        Command::Timeline(command) => timeline::run(&command, say),
+        Command::Again(args) => again::run(&args, say),
         #[cfg(feature = "studio")]
         Command::Studio(args) => studio::run(args, say),
         #[cfg(feature = "studio")]

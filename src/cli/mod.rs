@@ -3,6 +3,7 @@
 //! Only here and beside it (`shell`, `bench`, `demo`) are there `anyhow`, printing and environment variables. Data go to stdout, everything else to stderr.
 
 mod aclstm;
+mod again;
 mod classify;
 mod clean;
 mod command;
@@ -36,7 +37,6 @@ mod spectrum;
 #[cfg(feature = "studio")]
 mod studio;
 mod study;
-mod timeline;
 mod tokenize;
 mod tokenizer;
 mod tune;

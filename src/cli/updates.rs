@@ -1,13 +1,12 @@
-//! What the commands of the baselines have in common: training that can be resumed, dances that can be made again.
+//! What the commands of the baselines have in common: training that can be resumed, dances that are made.
 
-use super::{ForceArgs, Say, generate, progress, training, wrong_call};
+use super::{ForceArgs, Say, progress, training, wrong_call};
 use crate::baselines::Changes;
 use crate::baselines::data::Sources;
 use crate::baselines::sidecar::{Request, Sidecar};
 use crate::baselines::train::{Event, Summary};
 use crate::classify::LabelFilter;
 use crate::model::CheckpointChoice;
-use crate::store::output::is_same;
 use crate::store::{self, sidecar};
 use anyhow::Result;
 use kinelm_motion::format::ReadOptions;
@@ -34,21 +33,6 @@ impl ResumeArgs {
     }
 }
 
-#[derive(Debug, clap::Args)]
-pub struct AgainArgs {
-    /// The sidecar of the dance
-    #[arg(value_name = "FILE.bvh.kinelm.json")]
-    sidecar: PathBuf,
-    /// Where the dance goes, in the format that it had [default: beside the sidecar, under its name]
-    #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
-    /// Where the run is now, if it was moved
-    #[arg(long, value_name = "RUN")]
-    pub run: Option<PathBuf>,
-    #[command(flatten)]
-    force: ForceArgs,
-}
-
 /// The dance of a baseline.
 pub trait BaselineDance: Request {
     /// The files and folders that it is made from.
@@ -69,25 +53,6 @@ pub fn make(request: &impl BaselineDance, out: &Path, force: ForceArgs, say: Say
     outputs.check_replaceable(&sidecar::path_of(out), None)?;
     let (sidecar, bytes) = request.make(CheckpointChoice::Auto, out, say)?;
     Ok(sidecar.write(out, &bytes, &outputs)?)
-}
-
-/// Generates a dance again, from inputs that were `moved`, and compares its hash with the first.
-pub fn again<R: BaselineDance>(args: &AgainArgs, moved: impl FnOnce(&mut R), say: Say) -> Result<()> {
-    let first = Sidecar::<R>::load(&args.sidecar)?;
-    let out = generate::again::out(args.out.as_ref(), &args.sidecar, &first.output.file)?;
-    let mut request = first.request.clone();
-    moved(&mut request);
-    let outputs = args.force.outputs(request.inputs().into_iter().chain([args.sidecar.clone()]));
-    outputs.check([&*out])?;
-    outputs.check_replaceable(&out, Some(&first.output.sha256))?;
-    generate::again::check_finished(&out, args.force)?;
-    let (sidecar, bytes) = request.make(CheckpointChoice::Step(first.step), &out, say)?;
-    first.check(&sidecar)?;
-    match is_same(&sidecar::path_of(&out), &args.sidecar) {
-        true => outputs.write(&out, &bytes).map(|_| ())?, // its sidecar is there already
-        false => sidecar.write(&out, &bytes, &outputs)?,
-    }
-    Ok(())
 }
 
 /// Trains with a progress bar and reports how it ended; `command resume RUN` continues it.

@@ -273,7 +273,7 @@ fn a_longer_dance_goes_on_behind_the_clip_and_is_made_again_to_the_byte() {
         let (record, again) = (set.at(&format!("{first}.kinelm.json")), set.at(&format!("again-{name}.bvh")));
         let told: serde_json::Value = serde_json::from_slice(&fs::read(&record).unwrap()).unwrap();
         assert_eq!(told["request"]["sampling"]["top_p"], top_p, "{name}");
-        kinelm().args(["generate", "again"]).arg(record).arg("--out").arg(&again).assert().success();
+        kinelm().args(["again"]).arg(record).arg("--out").arg(&again).assert().success();
         assert_eq!(fs::read(set.at(&first)).unwrap(), fs::read(again).unwrap(), "{name}");
     }
 }
@@ -336,7 +336,7 @@ fn a_file_asks_for_no_more_frames_than_a_call_may() {
         };
         fs::write(set.at("long.json"), long).unwrap();
         let mut c = kinelm();
-        c.args(["generate", "again"]).arg(set.at("long.json")).arg("--out").arg(set.at("no.bvh"));
+        c.args(["again"]).arg(set.at("long.json")).arg("--out").arg(set.at("no.bvh"));
         c.assert().failure().stderr(contains("1099511627796").and(contains(if key == "lead_in" {
             "frames"
         } else {
@@ -374,7 +374,7 @@ fn a_clip_that_goes_round_ends_where_it_begins() {
         }
         let again = set.at(&format!("again-{name}"));
         let record = set.at(&format!("{name}.kinelm.json"));
-        kinelm().args(["generate", "again"]).arg(record).arg("--out").arg(&again).assert().success();
+        kinelm().args(["again"]).arg(record).arg("--out").arg(&again).assert().success();
         assert_eq!(fs::read(set.at(name)).unwrap(), fs::read(again).unwrap());
     }
     set.edit(&prompt, &["--loop", "--rig", "model"], "model.bvh")

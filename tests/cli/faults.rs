@@ -331,7 +331,7 @@ fn no_input_of_any_kind_may_be_a_pipe() {
         "runs plot p/run --out o.svg",
         "tokenize data --exclude p/a.csv --tokenizer t.json --out o",
         "generate timeline p/a.toml --run run --out o.bvh",
-        "generate again p/a.json",
+        "again p/a.json",
         "aclstm plot p/a.json --out o.svg",
     ] {
         let said = data.said(call, 1);
@@ -411,7 +411,7 @@ fn what_is_said_is_short_and_true() {
         "at.toml",
         "rig = \"a\"\n[clips.a]\nfile = \"data/d0.bvh\"\n[[segment]]\nclip = \"a\"\nfrom = true\nto = 1\n",
     );
-    let said = data.said("timeline check at.toml", 1);
+    let said = data.said("generate timeline at.toml --check", 1);
     assert!(said.contains("at.toml:6:8: found a value that is no time (seconds, as 2.5"), "{said}");
     // of another kind of run
     fs::create_dir(data.at("other-run")).unwrap();
@@ -465,6 +465,6 @@ fn line_ends_are_no_rig() {
         "rig = \"a\"\n[clips.a]\nfile = \"data/d0.bvh\"\n[clips.b]\nfile = \"crlf.bvh\"\n\
          [[segment]]\nclip = \"a\"\nfrom = 0\nto = 1\n[[segment]]\nclip = \"b\"\nfrom = 1.5\nto = 2\n",
     );
-    let said = data.said("timeline check ends.toml", 0);
+    let said = data.said("generate timeline ends.toml --check", 0);
     assert!(!said.contains("another rig"), "{said}");
 }

@@ -207,7 +207,7 @@ const REPEATED: &[&str] = &[
     "view a.bvh --out new/page.html",
     "generate --run run --frames 3 --out new/d.bvh",
     "generate --run run --frames 3 --variations 2 --out run/d.json",
-    "generate again new/d.bvh.kinelm.json",
+    "again new/d.bvh.kinelm.json",
     "filter a.bvh --out new/f.npz",
     "filter a.bvh b.bvh --out new/filtered/",
     "interpolate a.bvh b.bvh --window 40 --steps 3 --out new/c.bvh --page new/c.html",
@@ -223,7 +223,7 @@ const REPEATED: &[&str] = &[
     "corpus merge piece --out new/merged",
     "export --run run --out new/model",
     "import new/model --run new/run",
-    "generate again new/d.bvh.kinelm.json --out again.bvh",
+    "again new/d.bvh.kinelm.json --out again.bvh",
 ];
 
 /// A call, then one with other settings and the same output: ours is replaced without a word.
@@ -280,7 +280,7 @@ fn each_format_of_a_dance_has_its_own_record_which_may_have_another_name() {
     // by a record of another name it is made again, and has its own beside it
     fs::rename(place.at("d.bvh.kinelm.json"), place.at("d.kinelm.json")).unwrap();
     let dance = fs::read(place.at("d.bvh")).unwrap();
-    place.done("generate again d.kinelm.json");
+    place.done("again d.kinelm.json");
     assert_eq!(fs::read(place.at("d.bvh")).unwrap(), dance);
     assert!(place.at("d.bvh.kinelm.json").exists());
 }
@@ -302,7 +302,7 @@ fn a_dance_is_ours_whenever_a_call_was_killed() {
     // a dance that somebody has worked on since stays
     let worked_on = [&first[..], b"\n"].concat();
     fs::write(&dance, &worked_on).unwrap();
-    for call in ["generate again d.bvh.kinelm.json", "generate --run run --frames 5 --out d.bvh"] {
+    for call in ["again d.bvh.kinelm.json", "generate --run run --frames 5 --out d.bvh"] {
         place.call(call).assert().code(2).stderr(contains("--force"));
         assert_eq!(
             (fs::read(&dance).unwrap(), fs::read_to_string(&told).unwrap()),
@@ -326,7 +326,7 @@ fn a_record_names_no_other_place() {
         assert_ne!(changed, record);
         fs::write(place.at("new/d.bvh.kinelm.json"), changed).unwrap();
         let before = place.files();
-        place.call("generate again new/d.bvh.kinelm.json").assert().failure();
+        place.call("again new/d.bvh.kinelm.json").assert().failure();
         assert_eq!(place.files(), before, "{name}");
     }
 }
@@ -384,7 +384,7 @@ fn a_replacement_that_fails_or_is_killed_loses_nothing() {
         failed += 1;
     }
     assert!(failed > 3, "{failed}");
-    place.done("generate again d.bvh.kinelm.json");
+    place.done("again d.bvh.kinelm.json");
     place.done(other);
     let new = pair();
     assert!(new[0] != old[0]);
@@ -426,12 +426,12 @@ fn a_replacement_that_fails_or_is_killed_loses_nothing() {
     fs::write(place.at("d.bvh.kinelm.json"), &old[1]).unwrap();
     place.done(other);
     fs::write(place.at("d.bvh"), &old[0]).unwrap();
-    let refused = place.call("generate again d.bvh.kinelm.json").assert().code(2);
+    let refused = place.call("again d.bvh.kinelm.json").assert().code(2);
     refused.stderr(contains("its replacement didn't finish").and(contains("--out")));
     assert_eq!(fs::read(place.at("d.bvh")).unwrap(), old[0]);
-    place.done("generate again d.bvh.kinelm.json --out new.bvh");
+    place.done("again d.bvh.kinelm.json --out new.bvh");
     assert_eq!(fs::read(place.at("new.bvh")).unwrap(), new[0]);
-    place.done("generate again d.bvh.kinelm.json --force");
+    place.done("again d.bvh.kinelm.json --force");
     assert_eq!(fs::read(place.at("d.bvh")).unwrap(), new[0]);
 }
 

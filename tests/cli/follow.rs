@@ -314,7 +314,7 @@ fn the_placement_is_in_the_sidecar_and_a_request_without_an_option_has_its_defau
     let near = |field: &str, x: f64| (request["placement"][field].as_f64().unwrap() - x).abs() < 1e-9;
     assert!(near("x", prompt.root()[0].x) && near("z", prompt.root()[0].z), "{request}");
     assert!(near("heading", heading(prompt.pose(0)[0]).unwrap()) && request["uncoded_joints"] == "follow", "{request}");
-    let again = |name: &str| kinelm().args(["generate", "again"]).arg(sidecar(name)).assert();
+    let again = |name: &str| kinelm().args(["again"]).arg(sidecar(name)).assert();
     again("told").success();
 
     // without a placement a dance begins at x = z = 0
@@ -329,7 +329,7 @@ fn the_placement_is_in_the_sidecar_and_a_request_without_an_option_has_its_defau
     fs::write(sidecar("old"), serde_json::to_vec(&old).unwrap()).unwrap();
     let out = way.at("then.bvh");
     let mut c = kinelm();
-    c.args(["generate", "again"]).arg(sidecar("old")).arg("--out").arg(&out).assert().success();
+    c.args(["again"]).arg(sidecar("old")).arg("--out").arg(&out).assert().success();
     let begins = read(&out, &ReadOptions::default())[0].root()[0];
     assert!(begins.x.hypot(begins.z) < 0.003, "{begins}");
 
@@ -450,7 +450,7 @@ fn a_dance_on_its_prompts_rig_is_read_as_its_prompt_was() {
         assert!(text.contains(up), "{text}");
         for text in [text.clone(), text.replace(up, "\"up\": \"auto\"")] {
             fs::write(&record, text).unwrap();
-            kinelm().args(["generate", "again"]).arg(&record).assert().success();
+            kinelm().args(["again"]).arg(&record).assert().success();
         }
     }
 }

@@ -187,7 +187,7 @@ fn what_is_too_large_is_refused_with_its_bound() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     fs::write(at("plan.toml"), "[[segment]]\n".repeat(1_000_000)).unwrap();
-    let said = refused(dir.path(), "timeline check plan.toml", 1);
+    let said = refused(dir.path(), "generate timeline plan.toml --check", 1);
     assert!(said.contains("plan.toml: found 12000000 bytes, expected a timeline of at most 1048576 bytes"), "{said}");
 
     let deep = (0..100).fold(at("deep"), |path, _| path.join("d"));

@@ -47,7 +47,7 @@ impl Set {
     fn again(&self, out: &str) -> Vec<u8> {
         let copy = self.at(&format!("again-{out}"));
         let mut c = kinelm();
-        c.args(["generate", "again"]).arg(self.at(&format!("{out}.kinelm.json"))).arg("--out").arg(&copy);
+        c.args(["again"]).arg(self.at(&format!("{out}.kinelm.json"))).arg("--out").arg(&copy);
         c.current_dir(self.dir.path()).assert().success();
         fs::read(copy).unwrap()
     }

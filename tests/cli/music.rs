@@ -246,10 +246,10 @@ fn a_model_hears_dances_as_long_as_the_music_and_again() {
     // again, and not with other music
     let before = bytes("a.bvh");
     fs::remove_file(dir.join("a.bvh")).unwrap();
-    said("generate again a.bvh.kinelm.json", 0, "");
+    said("again a.bvh.kinelm.json", 0, "");
     assert!(bytes("a.bvh") == before);
     fs::write(dir.join("other.wav"), wav::bytes(&render(&score(28.0), 22_050).unwrap(), 22_050)).unwrap();
-    said("generate again a.bvh.kinelm.json --music other.wav --out c.bvh", 1, "other.wav: the music is SHA-256");
+    said("again a.bvh.kinelm.json --music other.wav --out c.bvh", 1, "other.wav: the music is SHA-256");
     // the page plays it, and the beats are those that it was made to
     said("view a.bvh --out page.html", 0, "song.wav: 45 beats, sounds for 2.5 s of the dance");
     assert!(fs::read_to_string(dir.join("page.html")).unwrap().contains("data:audio/wav;base64,"));
@@ -333,7 +333,7 @@ fn a_model_is_told_what_music_sounds_like_and_a_flat_one_its_tempo() {
     said("generate --run both --music song.wav --seconds 2 --out b.bvh", 0, " beats per minute");
     let before = bytes("b.bvh");
     fs::remove_file(dir.join("b.bvh")).unwrap();
-    said("generate again b.bvh.kinelm.json", 0, "");
+    said("again b.bvh.kinelm.json", 0, "");
     assert!(bytes("b.bvh") == before);
     said("evaluate likelihood --run both --corpus corpus --split valid", 0, "");
     // a model that hears beats learns the rest with what it was standardised by when that began
@@ -368,7 +368,7 @@ fn a_model_is_told_what_music_sounds_like_and_a_flat_one_its_tempo() {
     );
     let before = bytes("f.bvh");
     fs::remove_file(dir.join("f.bvh")).unwrap();
-    said("generate again f.bvh.kinelm.json", 0, "");
+    said("again f.bvh.kinelm.json", 0, "");
     assert!(bytes("f.bvh") == before && bytes("g.bvh") != before);
     drop(song);
 }

@@ -105,14 +105,13 @@ fn a_dance_to_music_is_made_again() {
     assert!(dance.clip.root().iter().all(|p| (*p - dance.clip.root()[0]).length() < 1e-6), "on the spot");
     let bytes = fs::read(place.at("a.bvh")).unwrap();
     fs::remove_file(place.at("a.bvh")).unwrap();
-    place.done("music-lstm generate again a.bvh.kinelm.json --threads 2");
+    place.done("again a.bvh.kinelm.json --threads 2");
     let told = std::fs::read_to_string(place.at("a.bvh.kinelm.json")).unwrap();
     std::fs::write(place.at("long.json"), told.replace("\"from_s\": ", "\"frames\": 1099511627796, \"from_s\": "))
         .unwrap();
-    place.refused("music-lstm generate again long.json --out no.bvh", "frames, the limit is 1048576");
+    place.refused("again long.json --out no.bvh", "frames, the limit is 1048576");
     assert!(fs::read(place.at("a.bvh")).unwrap() == bytes);
-    place.refused("generate again a.bvh.kinelm.json", "kinelm music-lstm generate makes it again");
-    place.refused("aclstm generate again a.bvh.kinelm.json", "what kinelm aclstm generate wrote beside a dance");
+    place.refused("again a.bvh.kinelm.json --prompt x.bvh", "--prompt: a dance of a music LSTM has none");
     // its own dance is replaced, a stranger's isn't
     place.done(&format!("{generate} --music-from 1s --frames 40 --out a.bvh"));
     assert_eq!(format::read(&place.at("a.bvh"), &ReadOptions::default()).unwrap().clip.frames(), 40);
@@ -145,7 +144,7 @@ fn a_dance_to_music_is_made_again() {
     fs::copy(place.at("songs/song3.wav"), place.at("d.wav")).unwrap();
     place.done("music-lstm generate --run run --music d.wav --frames 30 --out d.bvh");
     fs::copy(place.at("songs/song1.wav"), place.at("d.wav")).unwrap();
-    place.refused("music-lstm generate again d.bvh.kinelm.json", "run: the music is of SHA-256");
+    place.refused("again d.bvh.kinelm.json", "run: the music is of SHA-256");
 }
 
 #[test]

@@ -60,7 +60,7 @@ fn at(name: &str) -> PathBuf {
 
 /// Whether a dance made again from its sidecar has the same bytes.
 fn is_made_again(out: &str) -> bool {
-    call(&format!("generate again {out}.kinelm.json --out again-{out}")).assert().success();
+    call(&format!("again {out}.kinelm.json --out again-{out}")).assert().success();
     fs::read(at(out)).unwrap() == fs::read(at(&format!("again-{out}"))).unwrap()
 }
 

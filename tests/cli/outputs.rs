@@ -145,7 +145,7 @@ const WRITE: &[Row] = &[
         "bvh",
         &["plan.toml", "data/0.bvh", "data/1.bvh"],
     ),
-    ("generate again", "generate again d.bvh.kinelm.json --out OUT", "bvh", &["d.bvh.kinelm.json", "run/config.toml"]),
+    ("again", "again d.bvh.kinelm.json --out OUT", "bvh", &["d.bvh.kinelm.json", "run/config.toml"]),
     (
         "classify train",
         "classify train --run run --corpus corpus --fields genre --steps 1 --out OUT",
@@ -198,12 +198,7 @@ const WRITE: &[Row] = &[
         "bvh",
         &["arun/config.toml", "data/0.bvh", "arun/checkpoints/step-00000001/model."],
     ),
-    (
-        "aclstm generate again",
-        "aclstm generate again a.bvh.kinelm.json --out OUT",
-        "bvh",
-        &["a.bvh.kinelm.json", "arun/config.toml", "data/0.bvh"],
-    ),
+    ("again", "again a.bvh.kinelm.json --out OUT", "bvh", &["a.bvh.kinelm.json", "arun/config.toml", "data/0.bvh"]),
     (
         "aclstm evaluate",
         "aclstm evaluate --run arun --seeds 1 --seed-frames 20 --frames 400 --write-seeds OUT",
@@ -224,8 +219,8 @@ const WRITE: &[Row] = &[
         &["mrun/config.toml", "songs/song0.wav"],
     ),
     (
-        "music-lstm generate again",
-        "music-lstm generate again m.bvh.kinelm.json --out OUT",
+        "again",
+        "again m.bvh.kinelm.json --out OUT",
         "bvh",
         &["m.bvh.kinelm.json", "mrun/config.toml", "songs/song0.wav"],
     ),
@@ -239,7 +234,6 @@ const OTHERS: &[&str] = &[
     "tokenizer text",
     "corpus stats",
     "runs list",
-    "timeline check",
     // into the run that they resume
     "pretrain resume",
     "finetune resume",

@@ -142,7 +142,7 @@ fn a_dance_of_seconds_is_written_at_the_rate_wanted() {
         .stderr(contains("read back from the prompt's rig, 0."));
     let first = fs::read(way.at("own60.bvh")).unwrap();
     let sidecar = way.at("own60.bvh.kinelm.json");
-    kinelm().args(["generate", "again"]).arg(&sidecar).assert().success();
+    kinelm().args(["again"]).arg(&sidecar).assert().success();
     assert_eq!(fs::read(way.at("own60.bvh")).unwrap(), first);
     let mut bad = way.generate("bad.bvh");
     bad.args(["--frames", "9", "--seconds", "2"]).assert().code(2);
@@ -221,7 +221,7 @@ fn a_dance_tells_where_it_is_from_and_can_be_made_again() {
     let way = way();
     let again = |file: &str, more: &[&str]| {
         let mut c = kinelm();
-        c.args(["generate", "again"]).arg(way.at(file)).args(more).assert()
+        c.args(["again"]).arg(way.at(file)).args(more).assert()
     };
     let prompt = way.at("told-prompt.bvh");
     fs::copy(way.prompt(), &prompt).unwrap();
@@ -302,7 +302,7 @@ fn labels_in_front_and_guidance_make_other_dances() {
     assert_eq!(bytes("l3.json", &["--label", &label, "--guidance", "1"]), told);
     dance("l4.json", &["--label", &label, "--guidance", "40", "--variations", "2"]).success();
     assert_eq!(fs::read(way.at("l4-1.json")).unwrap(), guided);
-    let again = kinelm().args(["generate", "again"]).arg(way.at("l4-2.json.kinelm.json")).assert();
+    let again = kinelm().args(["again"]).arg(way.at("l4-2.json.kinelm.json")).assert();
     again.success();
     dance("no.json", &["--label", "genre=house"])
         .code(2)

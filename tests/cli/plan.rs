@@ -138,7 +138,7 @@ fn clips_keep_their_numbers_and_what_is_between_is_made_anew() {
 
     let told = fs::read_to_string(set.at("dance.bvh.kinelm.json")).unwrap();
     assert!(told.contains("\"timeline\"") && told.contains("\"at\": \"60f\""), "{told}");
-    set.call("generate again dance.bvh.kinelm.json --out twice.bvh").assert().success();
+    set.call("again dance.bvh.kinelm.json --out twice.bvh").assert().success();
     assert_eq!(fs::read(set.at("twice.bvh")).unwrap(), fs::read(set.at("dance.bvh")).unwrap());
     // longer than its segments, and as a skeleton of another kind
     set.call("generate timeline plan.toml --run run --tries 1 --seconds 7 --rig model --out long.json")
@@ -158,10 +158,10 @@ fn moments_of_a_clip_are_its_own_and_all_that_meet_it_wait_alike() {
     // frame 45 of a file at 30 frames a second, of which 15 are left out: its second second
     let plan = head.to_owned() + &segment("slow", "all", 0.0, 1.0, "\"45f\"");
     fs::write(set.at("own.toml"), plan).unwrap();
-    set.call("timeline check own.toml").assert().success().stdout(contains("all of slow from 1.00 s on"));
+    set.call("generate timeline own.toml --check").assert().success().stdout(contains("all of slow from 1.00 s on"));
     let both = segment("a", "root,legs", 2.0, 3.5, "3") + &segment("a", "arms", 2.0, 3.5, "0");
     fs::write(set.at("own.toml"), head.to_owned() + &segment("a", "all", 0.0, 2.0, "0") + &both).unwrap();
-    let drawn = set.call("timeline check own.toml").assert().success();
+    let drawn = set.call("generate timeline own.toml --check").assert().success();
     let drawn = String::from_utf8(drawn.get_output().stdout.clone()).unwrap();
     assert!(drawn.contains("0.00 to    1.50 s  all"), "{drawn}");
     assert!(drawn.contains("2.50 to    3.50 s  root,legs") && drawn.contains("2.50 to    3.50 s  arms"), "{drawn}");
@@ -171,7 +171,7 @@ fn moments_of_a_clip_are_its_own_and_all_that_meet_it_wait_alike() {
     let rate = rows.lines().find(|line| line.starts_with("Frame Time")).unwrap();
     fs::write(set.at("bare.bvh"), format!("{head}Frames: 0\n{rate}\n")).unwrap();
     fs::write(set.at("own.toml"), PLAN.replace("file = \"data/0.bvh\"\nskip = 4", "file = \"bare.bvh\"")).unwrap();
-    set.call("timeline check own.toml").assert().failure().stderr(contains("own.toml:4:1: found no frames"));
+    set.call("generate timeline own.toml --check").assert().failure().stderr(contains("own.toml:4:1: found no frames"));
 }
 
 #[test]
@@ -182,15 +182,15 @@ fn a_dance_of_a_plan_is_made_again_where_its_clips_are_now() {
     for name in ["data/0.bvh", "data/1.bvh", "slow.bvh", "plan.toml"] {
         fs::copy(set.at(name), set.at(&format!("there/{name}"))).unwrap();
     }
-    set.call("generate again here.bvh.kinelm.json --timeline there/plan.toml --out again.bvh").assert().success();
+    set.call("again here.bvh.kinelm.json --timeline there/plan.toml --out again.bvh").assert().success();
     assert_eq!(fs::read(set.at("again.bvh")).unwrap(), fs::read(set.at("here.bvh")).unwrap());
     fs::copy(set.at("data/2.bvh"), set.at("there/data/1.bvh")).unwrap();
-    let changed = "generate again here.bvh.kinelm.json --timeline there/plan.toml --out other.bvh";
+    let changed = "again here.bvh.kinelm.json --timeline there/plan.toml --out other.bvh";
     set.call(changed).assert().failure().stderr(contains("the clip that the timeline is composed into is SHA-256 "));
     for (option, why) in
         [("--prompt data/0.bvh", "the dance has a timeline instead"), ("--music no.wav", "the dance has none")]
     {
-        let call = format!("generate again here.bvh.kinelm.json {option} --out other.bvh");
+        let call = format!("again here.bvh.kinelm.json {option} --out other.bvh");
         set.call(&call).assert().code(2).stderr(contains(why));
     }
     assert!(!set.at("other.bvh").exists());
@@ -210,7 +210,7 @@ fn a_plan_tells_labels_of_its_times() {
     fs::write(set.at("sway.toml"), with_gap(sway)).unwrap();
     fs::write(set.at("stomp.toml"), with_gap(&sway.replace("sway", "stomp"))).unwrap();
     fs::write(set.at("none.toml"), with_gap("")).unwrap();
-    set.call("timeline check sway.toml").assert().success().stdout(contains("\nlabel genre=sway@1s:2s\n"));
+    set.call("generate timeline sway.toml --check").assert().success().stdout(contains("\nlabel genre=sway@1s:2s\n"));
     for name in ["sway", "stomp", "none"] {
         let guidance = if name == "none" { "" } else { "--guidance 3" };
         set.call(&format!("generate timeline {name}.toml --run run {guidance} --tries 1 --out {name}.bvh"))
@@ -220,7 +220,7 @@ fn a_plan_tells_labels_of_its_times() {
     let [sway_rows, stomp, none] = ["sway.bvh", "stomp.bvh", "none.bvh"].map(|name| set.rows(name));
     assert!(sway_rows != stomp && sway_rows != none, "another word, another dance");
     assert_eq!((&sway_rows[..55], &sway_rows[150..]), (&none[..55], &none[150..]), "where it is given nothing changes");
-    set.call("generate again sway.bvh.kinelm.json --out sway-2.bvh").assert().success();
+    set.call("again sway.bvh.kinelm.json --out sway-2.bvh").assert().success();
     assert_eq!(fs::read(set.at("sway-2.bvh")).unwrap(), fs::read(set.at("sway.bvh")).unwrap());
     let call = "generate timeline sway.toml --run run --label genre=stomp --out mislabeled.bvh";
     set.call(call).assert().failure().stderr(contains("expected one value of genre at a time"));
@@ -229,7 +229,7 @@ fn a_plan_tells_labels_of_its_times() {
         .replace("to = 2", "to = 4.01")
         .replace("from = 1\n", "clip = \"a\"\njoints = \"head\"\nat = 3.5\nfrom = 3.5\n");
     fs::write(set.at("both.toml"), with_gap(&both)).unwrap();
-    set.call("timeline check both.toml").assert().success().stdout(contains("\nlabel genre=sway@3.5s:\n"));
+    set.call("generate timeline both.toml --check").assert().success().stdout(contains("\nlabel genre=sway@3.5s:\n"));
     set.call("generate timeline both.toml --run run --tries 1 --out both.bvh").assert().success();
     for (more, told) in [
         (sway.replace("labels", "# labels"), "mislabeled.toml:14:1: found neither a clip nor labels"),
@@ -238,11 +238,11 @@ fn a_plan_tells_labels_of_its_times() {
         (sway.replace("to = 2", "to = 0"), "expected an end after the beginning"),
     ] {
         fs::write(set.at("mislabeled.toml"), with_gap(&more)).unwrap();
-        set.call("timeline check mislabeled.toml").assert().failure().stderr(contains(told));
+        set.call("generate timeline mislabeled.toml --check").assert().failure().stderr(contains(told));
     }
     let head = with_gap("").split("[[segment]]").next().unwrap().to_owned();
     fs::write(set.at("mislabeled.toml"), head + sway).unwrap();
-    set.call("timeline check mislabeled.toml")
+    set.call("generate timeline mislabeled.toml --check")
         .assert()
         .failure()
         .stderr(contains("segments with labels alone, expected at least one with a clip"));
@@ -254,7 +254,7 @@ fn a_plan_tells_labels_of_its_times() {
 #[test]
 fn a_plan_is_drawn_as_text() {
     let set = set();
-    let drawn = set.call("timeline check plan.toml").assert().success();
+    let drawn = set.call("generate timeline plan.toml --check").assert().success();
     let drawn = String::from_utf8(drawn.get_output().stdout.clone()).unwrap();
     assert!(
         drawn.starts_with("6.00 s, 360 frames at 60 fps\n1     0.00 to    1.25 s  all of a from 0.50 s on\n"),
@@ -293,11 +293,14 @@ fn what_is_wrong_with_a_plan_is_told_with_its_line_and_nothing_is_written() {
     for (from, to, told) in cases {
         assert!(PLAN.contains(from), "{from}");
         fs::write(set.at("wrong.toml"), PLAN.replace(from, to)).unwrap();
-        set.call("timeline check wrong.toml").assert().failure().stderr(contains(told));
+        set.call("generate timeline wrong.toml --check").assert().failure().stderr(contains(told));
         set.call("generate timeline wrong.toml --run run --out wrong.bvh").assert().failure().stderr(contains(told));
     }
     fs::write(set.at("wrong.toml"), PLAN.replace("data/1.bvh", "data/none.bvh")).unwrap();
-    set.call("timeline check wrong.toml").assert().failure().stderr(contains("wrong.toml:7:1: found data/none.bvh"));
+    set.call("generate timeline wrong.toml --check")
+        .assert()
+        .failure()
+        .stderr(contains("wrong.toml:7:1: found data/none.bvh"));
     assert!(!set.at("wrong.bvh").exists());
     for (call, told) in [
         ("--prompt data/0.bvh", "unexpected argument"),

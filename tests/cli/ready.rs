@@ -30,7 +30,7 @@ fn it_dances_to_a_clip_without_a_run() {
     let named = call(dir.path(), &format!("{words} --run ready --out b.bvh")).assert().success();
     named.stderr(contains("no --run").not());
     assert_eq!(fs::read(dir.path().join("a.bvh")).unwrap(), fs::read(dir.path().join("b.bvh")).unwrap());
-    call(dir.path(), "generate again a.bvh.kinelm.json --out c.bvh").assert().success();
+    call(dir.path(), "again a.bvh.kinelm.json --out c.bvh").assert().success();
     assert_eq!(fs::read(dir.path().join("a.bvh")).unwrap(), fs::read(dir.path().join("c.bvh")).unwrap());
     // without a corpus of real dances the best is chosen beside some that the model made itself
     let best = call(dir.path(), &format!("{words} --best 2 --out e.bvh")).assert().success();

@@ -102,7 +102,7 @@ fn it_dances_after_a_prompt_and_again() {
     place.call(on_rig).assert().success().stderr(contains("0.0000 % of the given characters differ"));
     let words = |name: &str| place.done(&format!("tokenizer text {name} --tokenizer t.json --floor 0 --up y"));
     assert_eq!(words("alone.bvh"), words("d-1.bvh"));
-    place.done("generate again d-1.bvh.kinelm.json --out twice.bvh");
+    place.done("again d-1.bvh.kinelm.json --out twice.bvh");
     assert_eq!(fs::read(place.at("twice.bvh")).unwrap(), dance);
     // longer than its window many times over, free and greedy
     place.done("generate --run run --frames 40 --greedy --out free.bvh");
@@ -137,7 +137,7 @@ fn the_best_of_several_is_kept_and_made_again() {
     place.done("generate --run run --seconds 3 --best 4 --seed 5 --out one.bvh");
     let best = fs::read(place.at("all-1.bvh")).unwrap();
     assert_eq!(fs::read(place.at("one.bvh")).unwrap(), best);
-    place.done("generate again one.bvh.kinelm.json --out twice.one.bvh");
+    place.done("again one.bvh.kinelm.json --out twice.one.bvh");
     assert_eq!(fs::read(place.at("twice.one.bvh")).unwrap(), best);
     place.done("generate --run run --seconds 3 --best 2 --seed 5 --out body.glb");
     // under a prompt, and two of three
@@ -179,7 +179,7 @@ fn feet_are_held_where_no_leg_is_given_and_the_sidecar_says_so() {
     assert_ne!(held, raw);
     let sidecar = |name: &str| fs::read_to_string(place.at(&format!("{name}.kinelm.json"))).unwrap();
     assert!(sidecar("held.bvh").contains("\"feet\": \"lock\"") && !sidecar("raw.bvh").contains("\"feet\""));
-    place.done("generate again held.bvh.kinelm.json --out twice.held.bvh");
+    place.done("again held.bvh.kinelm.json --out twice.held.bvh");
     assert_eq!(frames(&fs::read_to_string(place.at("twice.held.bvh")).unwrap()), held);
     let (_, said) = dance("legs.bvh", "--joints root,legs");
     assert!(!said.contains("feet: "), "{said}");
@@ -216,7 +216,7 @@ fn it_learns_labels_at_once_or_later_and_dances_under_them() {
     assert!(timed != salsa && timed != waltz);
     let sidecar = fs::read_to_string(place.at("timed.bvh.kinelm.json")).unwrap();
     assert!(sidecar.contains("\"genre=salsa@0s:0.5s\""), "{sidecar}");
-    place.done("generate again timed.bvh.kinelm.json --out twice.timed.bvh");
+    place.done("again timed.bvh.kinelm.json --out twice.timed.bvh");
     assert_eq!(fs::read(place.at("twice.timed.bvh")).unwrap(), timed);
     for (labels, said) in [
         ("--label genre=salsa@0s:0.5s --label genre=waltz", "one value of genre at a time"),
@@ -258,26 +258,26 @@ fn a_dance_from_nothing_goes_on_from_a_train_clip_with_its_labels() {
         make(&name, label).stderr(contains("(a lead-in of the run) at "));
         let (frames, clip) = from(&name);
         assert!(frames == Some(20) && clip.as_ref().is_some_and(|clip| clips.contains(&&**clip)), "{genre}: {clip:?}");
-        place.done(&format!("generate again {name}.kinelm.json --out twice.{name}"));
+        place.done(&format!("again {name}.kinelm.json --out twice.{name}"));
         assert_eq!(bytes(&format!("twice.{name}")), bytes(&name));
     }
     make("none.bvh", "--lead-in none");
     assert_eq!(from("none.bvh"), (Some(20), None));
     assert_ne!(bytes("none.bvh"), bytes("led.bvh"));
-    place.done("generate again none.bvh.kinelm.json --out twice.none.bvh");
+    place.done("again none.bvh.kinelm.json --out twice.none.bvh");
     assert_eq!(bytes("twice.none.bvh"), bytes("none.bvh"));
     // each of several from its own
     make("many.bvh", "--variations 6");
     let all: Vec<_> = (1..=6).map(|i| from(&format!("many-{i}.bvh")).1).collect();
     assert!(all.iter().any(|clip| *clip != all[0]), "{all:?}");
     assert_eq!(bytes("many-1.bvh"), bytes("led.bvh"));
-    place.done("generate again many-5.bvh.kinelm.json --out twice.many.bvh");
+    place.done("again many-5.bvh.kinelm.json --out twice.many.bvh");
     assert_eq!(bytes("twice.many.bvh"), bytes("many-5.bvh"));
     // an edit that frees all of the first frame
     place.done("generate --run led --prompt data/03.bvh --free all@:1s --tries 2 --out freed.bvh");
     assert_eq!(from("freed.bvh").0, Some(20));
     assert!(from("freed.bvh").1.is_some());
-    place.done("generate again freed.bvh.kinelm.json --out twice.freed.bvh");
+    place.done("again freed.bvh.kinelm.json --out twice.freed.bvh");
     assert_eq!(bytes("twice.freed.bvh"), bytes("freed.bvh"));
     let call = "generate --run led --prompt data/03.bvh --joints root --lead-in train --out no.bvh";
     place.call(call).assert().code(2).stderr(contains("part of the first frame is given"));
@@ -300,7 +300,7 @@ fn a_dance_from_nothing_goes_on_from_a_train_clip_with_its_labels() {
     let text = fs::read_to_string(place.at("led.bvh.kinelm.json")).unwrap();
     let clip = format!("\"clip\": \"{}\"", from("led.bvh").1.unwrap());
     fs::write(place.at("gone.json"), text.replace(&clip, "\"clip\": \"07\"")).unwrap();
-    let again = |file: &str| place.call(&format!("generate again {file} --out no.bvh")).assert().code(1);
+    let again = |file: &str| place.call(&format!("again {file} --out no.bvh")).assert().code(1);
     again("gone.json").stderr(contains("lead_ins.json: found other lead-ins, expected the one of 07 from frame"));
     let kept = bytes("led/lead_ins.json");
     fs::remove_file(place.at("led/lead_ins.json")).unwrap();
@@ -361,13 +361,13 @@ fn it_learns_what_is_ahead_and_fills_gaps_that_way() {
     assert!(fill("goal", "--goal-guidance 1", "once.bvh").contains("\"goal_guidance\": 1.0"));
     let bytes = |name: &str| fs::read(place.at(name)).unwrap();
     assert_ne!(bytes("goal.bvh"), bytes("blind.bvh"));
-    place.done("generate again goal.bvh.kinelm.json --out twice.goal.bvh");
+    place.done("again goal.bvh.kinelm.json --out twice.goal.bvh");
     assert_eq!(bytes("twice.goal.bvh"), bytes("goal.bvh"));
     // led, and under labels that change within the gap
     let labels = "--label genre=salsa@:1.3s --label genre=waltz@1.3s: --guidance 2";
     assert!(fill("goal", labels, "both.bvh").contains("\"goal_guidance\": 1.5"));
     assert_ne!(bytes("both.bvh"), bytes("goal.bvh"));
-    place.done("generate again both.bvh.kinelm.json --out twice.both.bvh");
+    place.done("again both.bvh.kinelm.json --out twice.both.bvh");
     assert_eq!(bytes("twice.both.bvh"), bytes("both.bvh"));
     fill("goal", "--label genre=salsa --goal-guidance 0", "unled.bvh");
     assert_ne!(bytes("both.bvh"), bytes("unled.bvh"));

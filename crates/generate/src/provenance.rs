@@ -98,11 +98,9 @@ pub fn find(dance: &Path) -> Result<Option<Provenance>> {
     Ok(Some(Provenance::load(&path)?).filter(|found| found.output.file == name_of(dance)))
 }
 
-/// Models besides GPTs whose dances have sidecars: the key that identifies them, what the dance is, and what makes it again.
-const OTHERS: [[&str; 3]; 2] = [
-    ["aclstm", "a dance of an auto-conditioned LSTM", "kinelm aclstm generate makes it again"],
-    ["music_lstm", "a dance of a music LSTM", "kinelm music-lstm generate makes it again"],
-];
+/// Models besides GPTs whose dances have sidecars: the key that identifies them, and what the dance is.
+const OTHERS: [[&str; 2]; 2] =
+    [["aclstm", "a dance of an auto-conditioned LSTM"], ["music_lstm", "a dance of a music LSTM"]];
 
 /// Where the files of a dance are, if they have moved since it was made.
 #[derive(Debug, Clone, Default)]
@@ -177,8 +175,8 @@ impl Provenance {
         let expected = "what kinelm generate wrote beside a dance";
         let value: serde_json::Value =
             serde_json::from_str(text).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
-        if let Some([_, found, help]) = OTHERS.iter().find(|[key, ..]| value.get(key).is_some()) {
-            return Err(Error::file(path, *found, expected, *help));
+        if let Some([_, found]) = OTHERS.iter().find(|[key, ..]| value.get(key).is_some()) {
+            return Err(Error::file(path, *found, expected, "`kinelm again` makes it again"));
         }
         if value["schema"] != SCHEMA {
             let (found, expected) = (format!("schema {}", value["schema"]), format!("schema {SCHEMA}: {expected}"));

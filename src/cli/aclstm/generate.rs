@@ -4,27 +4,24 @@ use crate::baselines::FPS;
 use crate::baselines::aclstm::dance::{Request, Sidecar};
 use crate::baselines::aclstm::run::Trained;
 use crate::cli::read::ReadArgs;
-use crate::cli::updates::{self, AgainArgs, BaselineDance};
+use crate::cli::updates::{self, BaselineDance};
 use crate::cli::values::frames_at;
 use crate::cli::{ForceArgs, Say, convert, progress, warn, writable, written_as};
 use crate::generate::MOST_FRAMES;
 use crate::generate::request::FootMode;
 use crate::model::CheckpointChoice;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use kinelm_motion::format::{self, RestFrame};
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
-#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Args {
-    #[command(subcommand)]
-    again: Option<Again>,
     /// The run folder of a trained network
-    #[arg(long, value_name = "RUN", required = true)]
-    run: Option<PathBuf>,
+    #[arg(long, value_name = "RUN")]
+    run: PathBuf,
     /// The clip to continue, on the run's rig
-    #[arg(long, value_name = "CLIP", required = true)]
-    seed_clip: Option<PathBuf>,
+    #[arg(long, value_name = "CLIP")]
+    seed_clip: PathBuf,
     /// Frames of the clip that are fed to the network, at 30 per second, or a time such as 10s
     #[arg(long, value_name = "N", default_value_t = 300, value_parser = frames_at(FPS, 1..=u32::MAX))]
     seed_frames: u32,
@@ -38,8 +35,8 @@ pub struct Args {
     #[arg(long)]
     with_seed: bool,
     /// Where the dance goes (.bvh .npz .json .glb). A sidecar, FILE.bvh.kinelm.json, records how it was made
-    #[arg(long, value_name = "FILE", required = true)]
-    out: Option<PathBuf>,
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
     /// Lock the feet while they are in contact with the floor, and keep the body on it, or leave all as the network has it
     #[arg(long, value_enum, default_value = "lock")]
     feet: FootMode,
@@ -49,40 +46,19 @@ pub struct Args {
     read: ReadArgs,
 }
 
-#[derive(Debug, clap::Subcommand)]
-enum Again {
-    /// Generate a dance again, to the same bytes, from the sidecar beside it
-    Again {
-        #[command(flatten)]
-        again: AgainArgs,
-        /// Where the clip is now, if it was moved
-        #[arg(long, value_name = "CLIP")]
-        seed_clip: Option<PathBuf>,
-    },
-}
-
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    if let Some(Again::Again { again, seed_clip }) = &args.again {
-        let moved = |request: &mut Request| {
-            updates::set(&mut request.run, again.run.clone());
-            updates::set(&mut request.clip, seed_clip.clone());
-        };
-        return updates::again(again, moved, say);
-    }
-    let out = args.out.as_deref().context("no file to write to")?;
-    writable(out)?;
-    let clip = args.seed_clip.clone().context("no clip to continue")?;
+    writable(&args.out)?;
     let request = Request {
-        run: args.run.clone().context("no run folder")?,
-        read: args.read.of_file(&clip, RestFrame::Keep, say),
-        clip,
+        run: args.run.clone(),
+        read: args.read.of_file(&args.seed_clip, RestFrame::Keep, say),
+        clip: args.seed_clip.clone(),
         from: args.seed_from as usize,
         seed_frames: args.seed_frames as usize,
         frames: args.frames as usize,
         with_seed: args.with_seed,
         feet: args.feet,
     };
-    updates::make(&request, out, args.force, say)
+    updates::make(&request, &args.out, args.force, say)
 }
 
 impl BaselineDance for Request {

@@ -1,6 +1,6 @@
 //! `kinelm generate`.
 
-pub mod again;
+mod again;
 mod best;
 mod dance;
 mod edit;
@@ -8,8 +8,9 @@ mod make;
 
 use super::read::ReadArgs;
 use super::values::length_in_frames;
-use super::{Say, wrong_call};
-use crate::generate::request::PromptRequest;
+use super::{Say, print, wrong_call};
+use crate::generate::request::{PromptRequest, Timeline};
+use crate::generate::timeline::chart;
 use crate::model::run::TOKENIZER;
 use crate::train::run::RunFile;
 use anyhow::Result;
@@ -19,6 +20,8 @@ use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
 use kinelm_tokenizer::Tokenizer;
 use std::path::{Path, PathBuf};
+
+pub use again::again;
 
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -47,9 +50,7 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Generate a dance again, to the same bytes, from the sidecar beside it
-    Again(again::Args),
-    /// Generate what a timeline of clips leaves free; `kinelm timeline check` shows what that is
+    /// Generate what a timeline of clips leaves free; --check shows what that is
     Timeline(Box<TimelineArgs>),
 }
 
@@ -58,13 +59,15 @@ struct TimelineArgs {
     /// A file with a timeline of clips, docs/timelines.md
     #[arg(id = "prompt", value_name = "TIMELINE.toml")]
     timeline: PathBuf,
+    /// Draw the timeline as text instead: what each clip gives, and what would be generated
+    #[arg(long, exclusive = true)]
+    check: bool,
     #[command(flatten)]
     dance: DanceArgs,
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     match &args.command {
-        Some(Command::Again(args)) => return again::run(args, say),
         Some(Command::Timeline(args)) => return timeline(args, say),
         None => {}
     }
@@ -74,6 +77,11 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 }
 
 fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
+    if args.check {
+        let (_, laid) = Timeline::load(&args.timeline)?;
+        laid.notes.iter().for_each(|note| say.line(note));
+        return print(&chart(&laid));
+    }
     let outs = args.dance.outs(true, None)?;
     let (prompt, layout) = edit::of_timeline(&args.timeline, &args.dance, say)?;
     let request = args.dance.request(Some(prompt), layout.labels.clone())?;

@@ -3,27 +3,24 @@
 use crate::baselines::FPS;
 use crate::baselines::music_lstm::dance::{Request, Sidecar};
 use crate::baselines::music_lstm::run::Trained;
-use crate::cli::updates::{self, AgainArgs, BaselineDance};
+use crate::cli::updates::{self, BaselineDance};
 use crate::cli::values::{frames_at, time};
 use crate::cli::{ForceArgs, Say, convert, progress, writable, written_as};
 use crate::generate::MOST_FRAMES;
 use crate::model::CheckpointChoice;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use kinelm_motion::format;
 use kinelm_motion::moment::Moment;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
-#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Args {
-    #[command(subcommand)]
-    again: Option<Again>,
     /// The run folder of a trained network
-    #[arg(long, value_name = "RUN", required = true)]
-    run: Option<PathBuf>,
+    #[arg(long, value_name = "RUN")]
+    run: PathBuf,
     /// The music to dance to (.wav .flac .ogg .mp3 .m4a .aac)
-    #[arg(long, value_name = "FILE", required = true)]
-    music: Option<PathBuf>,
+    #[arg(long, value_name = "FILE")]
+    music: PathBuf,
     /// The time in the music at which the dance starts
     #[arg(long, value_name = "SECONDS", default_value = "0s", value_parser = time)]
     music_from: Moment,
@@ -31,41 +28,21 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = frames_at(FPS, 1..=MOST_FRAMES as u32))]
     frames: Option<u32>,
     /// Where the dance goes (.bvh .npz .json .glb). A sidecar, FILE.bvh.kinelm.json, records how it was made
-    #[arg(long, value_name = "FILE", required = true)]
-    out: Option<PathBuf>,
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
     #[command(flatten)]
     force: ForceArgs,
 }
 
-#[derive(Debug, clap::Subcommand)]
-enum Again {
-    /// Generate a dance again, to the same bytes, from the sidecar beside it
-    Again {
-        #[command(flatten)]
-        again: AgainArgs,
-        /// Where the music is now, if it was moved
-        #[arg(long, value_name = "FILE")]
-        music: Option<PathBuf>,
-    },
-}
-
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    if let Some(Again::Again { again, music }) = &args.again {
-        let moved = |request: &mut Request| {
-            updates::set(&mut request.run, again.run.clone());
-            updates::set(&mut request.music, music.clone());
-        };
-        return updates::again(again, moved, say);
-    }
-    let out = args.out.as_deref().context("no file to write to")?;
-    writable(out)?;
+    writable(&args.out)?;
     let request = Request {
-        run: args.run.clone().context("no run folder")?,
-        music: args.music.clone().context("no music")?,
+        run: args.run.clone(),
+        music: args.music.clone(),
         from_s: args.music_from.seconds(FPS),
         frames: args.frames.map(|frames| frames as usize),
     };
-    updates::make(&request, out, args.force, say)
+    updates::make(&request, &args.out, args.force, say)
 }
 
 impl BaselineDance for Request {

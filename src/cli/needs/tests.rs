@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 /// Options that say something by themselves, of every command that has options: its own, and those it shares.
 const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("aclstm evaluate", "run split seeds seed-frames frames write-seeds dances json", &[]),
-    ("aclstm generate again", "out run force seed-clip", &[]),
+    ("again", "out run prompt timeline music guesses force", &[]),
     ("aclstm generate", "run seed-clip seed-frames seed-from frames with-seed out feet force", &[READING]),
     ("aclstm plot", "out force", &[]),
     ("aclstm resume", "steps set", &[]),
@@ -56,11 +56,10 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("filter", "out level cutoff keep feet json force", &[READING]),
     ("finetune resume", "corpus steps precision device form trust set", &[]),
     ("finetune", "from config corpus run steps seed conditions precision device form trust set", &[]),
-    ("generate again", "out run prompt timeline music guesses force", &[]),
     (
         "generate timeline",
         "run out label music guidance goal-guidance frames seconds fps variations seed first-frames lead-in \
-         rig uncoded-joints feet blend tries passes guesses best force weights kv device form",
+         rig uncoded-joints feet blend tries passes guesses best force weights kv device form check",
         &[DRAWING],
     ),
     (
@@ -83,7 +82,6 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("music inspect", "json out bpm-range", &[]),
     ("music render", "bpm seconds style seed out force", &[]),
     ("music-lstm evaluate", "run split frames cutoff json", &[]),
-    ("music-lstm generate again", "out run force music", &[]),
     ("music-lstm generate", "run music music-from frames out force", &[]),
     ("music-lstm resume", "steps set", &[]),
     (

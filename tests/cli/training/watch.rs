@@ -87,7 +87,7 @@ fn a_run_says_who_began_it_and_can_be_moved_with_its_corpus() {
     assert!(text.contains("path = \"../corpus\""), "{text}");
     place.resume(&run).args(["--steps", "10"]).assert().success();
     let beside = format!("{}.kinelm.json", dance.display());
-    let said = kinelm().args(["generate", "again", &beside]).assert().code(1);
+    let said = kinelm().args(["again", &beside]).assert().code(1);
     let said = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
     assert!(said.contains("no checkpoint of step 4, but those of") && said.contains("train.keep"), "{said}");
 }

@@ -1,10 +1,12 @@
 //! `kinelm again`: a dance made again from its sidecar, whatever model made it.
 
+use super::generate::make;
 use super::updates::BaselineDance;
-use super::{ForceArgs, Say, extension, generate, writable, wrong_call};
+use super::{ForceArgs, Say, convert, extension, writable, wrong_call};
 use crate::baselines::aclstm::dance::Request as Continued;
 use crate::baselines::music_lstm::dance::Request as Danced;
 use crate::baselines::sidecar::{Request, Sidecar};
+use crate::generate::provenance::{Moved, Provenance};
 use crate::model::CheckpointChoice;
 use anyhow::Result;
 use kinelm_store::output::is_same;
@@ -15,27 +17,27 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// The sidecar of the dance
     #[arg(value_name = "FILE.bvh.kinelm.json")]
-    pub sidecar: PathBuf,
+    sidecar: PathBuf,
     /// Where the dance goes, in the format that it had [default: beside the sidecar, under its name]
     #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
+    out: Option<PathBuf>,
     /// Where the run is now, if it was moved
     #[arg(long, value_name = "RUN")]
-    pub run: Option<PathBuf>,
+    run: Option<PathBuf>,
     /// Where the prompt is now, or the clip that an auto-conditioned LSTM goes on from, if it was moved
     #[arg(long, value_name = "CLIP")]
-    pub prompt: Option<PathBuf>,
+    prompt: Option<PathBuf>,
     /// A timeline that names the same clips where they are now, if they were moved
     #[arg(long, value_name = "TIMELINE.toml", conflicts_with = "prompt")]
-    pub timeline: Option<PathBuf>,
+    timeline: Option<PathBuf>,
     /// Where the music is now, if it was moved
     #[arg(long, value_name = "FILE")]
-    pub music: Option<PathBuf>,
+    music: Option<PathBuf>,
     /// Tokens that are guessed from the previous word and verified in one pass, which changes no token
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
-    pub guesses: Option<u8>,
+    guesses: Option<u8>,
     #[command(flatten)]
-    pub force: ForceArgs,
+    force: ForceArgs,
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
@@ -48,7 +50,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         args.only("a music LSTM", &["music"])?;
         return args.baseline(|request: &mut Danced| [&mut request.run, &mut request.music], say);
     }
-    generate::again(args, say)
+    args.gpt(say)
 }
 
 impl Args {
@@ -67,7 +69,7 @@ impl Args {
     }
 
     /// Where the dance is written, whose sidecar states its `name`: to --out, or beside the sidecar.
-    pub fn out(&self, name: &str) -> Result<PathBuf> {
+    fn out(&self, name: &str) -> Result<PathBuf> {
         let out = self.out.clone().unwrap_or_else(|| self.sidecar.with_file_name(name));
         writable(&out)?;
         if extension(&out) != extension(Path::new(name)) {
@@ -77,7 +79,7 @@ impl Args {
     }
 
     /// Refuses an output that its sidecar was to replace, unless it is to be written over.
-    pub fn check_finished(&self, out: &Path) -> Result<()> {
+    fn check_finished(&self, out: &Path) -> Result<()> {
         if !self.force.force {
             sidecar::check_finished(out)?;
         }
@@ -85,8 +87,34 @@ impl Args {
     }
 
     /// Whether the dance has its sidecar already.
-    pub fn has_sidecar(&self, out: &Path) -> bool {
+    fn has_sidecar(&self, out: &Path) -> bool {
         is_same(&sidecar::path_of(out), &self.sidecar)
+    }
+
+    /// Makes the dance of a GPT.
+    fn gpt(&self, say: Say) -> Result<()> {
+        let first = Provenance::load(&self.sidecar)?;
+        let out = self.out(&first.output.file)?;
+        let (run, prompt) = (self.run.clone(), self.prompt.clone());
+        let (timeline, music) = (self.timeline.clone(), self.music.clone());
+        let request = first.request_at(&Moved { run, prompt, timeline, music })?;
+        let inputs = (&*request.run, request.prompt.as_ref(), request.music.as_ref());
+        let more = [self.sidecar.clone()].into_iter().chain(self.timeline.clone());
+        let outputs = make::outputs(self.force, inputs, more);
+        outputs.check([&*out])?;
+        outputs.check_replaceable(&out, Some(&first.output.sha256))?;
+        self.check_finished(&out)?;
+        let open = first.open(request)?;
+        make::report(&open, say)?;
+        let guesses = self.guesses.map(usize::from);
+        let made = make::with_bar(&open, say, |progress| first.regenerate(&open, &out, guesses, progress));
+        let (generated, bytes) = made?;
+        match self.has_sidecar(&out) {
+            true => outputs.write(&out, &bytes).map(|_| ())?,
+            false => first.copied_to(&out, &open, generated.motion.clip.fps()).write(&out, &bytes, &outputs)?,
+        }
+        convert::report_written(&out, &generated.motion, say);
+        Ok(())
     }
 
     /// Makes the dance of a baseline, from its run and its input, the two `paths` of a request, where they are now, and compares

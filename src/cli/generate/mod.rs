@@ -1,10 +1,9 @@
 //! `kinelm generate`.
 
-mod again;
 mod best;
 mod dance;
 mod edit;
-mod make;
+pub mod make;
 
 use super::read::ReadArgs;
 use super::values::length_in_frames;
@@ -20,8 +19,6 @@ use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
 use kinelm_tokenizer::Tokenizer;
 use std::path::{Path, PathBuf};
-
-pub use again::again;
 
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]

@@ -78,7 +78,8 @@ pub fn open(folder: &Path, name: impl AsRef<Path>, access: Access, most: u64) ->
         return Err(is_link(&path));
     }
     if !found.is_file() {
-        return Err(Error::file(&path, "no regular file", "a file", "move it away"));
+        let what = if found.is_dir() { "a folder" } else { "a pipe or a device" };
+        return Err(Error::file(&path, what, "a file", "move it away"));
     }
     if found.len() > most {
         let (found, most) = (format!("{} bytes", found.len()), format!("{most} at most"));

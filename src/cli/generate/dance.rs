@@ -8,7 +8,7 @@ use crate::cli::{ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong
 use crate::generate::request::{
     Computing, Edit, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel, UncodedJoints,
 };
-use anyhow::{Context, Result};
+use anyhow::Result;
 use kinelm_motion::moment::Moment;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ pub struct DanceArgs {
     run: Option<PathBuf>,
     /// Where the dance goes (.bvh .npz .json .glb); with --variations to FILE-1, FILE-2, ... before the extension. A sidecar,
     /// FILE.bvh.kinelm.json, records how it was made
-    #[arg(long, value_name = "FILE", required = true)]
+    #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// A label that the dance is conditioned on, of the whole dance or of a part of it (genre=salsa@0s:10s); may be repeated
     /// for other fields, or for parts that don't overlap. Fields that are left out are unknown to the model
@@ -161,7 +161,7 @@ impl DanceArgs {
 
     /// The files to write. Refuses, before anything is read, what can't be written: `edited` is whether a clip is edited.
     pub fn outs(&self, edited: bool, prompt: Option<&Path>) -> Result<Vec<PathBuf>> {
-        let out = self.out.as_ref().context("no file to write to")?;
+        let Some(out) = &self.out else { wrong_call!("no --out FILE; expected where the dance goes") };
         let extension = writable(out)?;
         if let Some(best) = self.best.best.filter(|best| *best < self.variations) {
             wrong_call!("--variations {} of --best {best}; expected as many at most", self.variations);

@@ -57,7 +57,7 @@ struct TimelineArgs {
     #[arg(id = "prompt", value_name = "TIMELINE.toml")]
     timeline: PathBuf,
     /// Draw the timeline as text instead: what each clip gives, and what would be generated
-    #[arg(long, exclusive = true)]
+    #[arg(long, conflicts_with_all = ["out", "run", "frames", "seconds", "fps", "variations", "seed", "best"])]
     check: bool,
     #[command(flatten)]
     dance: DanceArgs,

@@ -112,7 +112,7 @@ fn name_of(place: &Path) -> Result<&OsStr> {
 
 /// What no other process or thread has in the names of its files: the process's id and 64 random bits.
 fn own(place: &Path) -> Result<String> {
-    let random = getrandom::u64().map_err(|e| Error::io(place)(std::io::Error::other(e)))?;
+    let random = getrandom::u64().map_err(|e| Error::io(place)(std::io::Error::other(e.to_string())))?;
     Ok(format!("{}-{random:016x}", std::process::id()))
 }
 

@@ -7,7 +7,9 @@ import { networkInterfaces } from 'node:os';
 import { launch, studio, tab } from './lib.mjs';
 
 const PATIENCE = 120e3,
-  TABS = 20;
+  TABS = 20,
+  // sampled for as long as any machine needs to open a tab, and then cancelled
+  LONG_S = 600;
 
 const browser = await launch();
 if (!browser) process.exit(0);
@@ -46,7 +48,7 @@ try {
       pages.map(page => page.evaluate(() => fetch('/api/state', { signal: AbortSignal.timeout(20e3) }).then(answer => answer.json()))),
     );
     // and hears what happens, one that comes in the middle too, from the beginning
-    const job = await make(pages[0], 60);
+    const job = await make(pages[0], LONG_S);
     await samples(pages[0], job);
     const late = await tab(context, `${address}/`);
     const heard = await late.evaluate(async job => {
@@ -87,7 +89,7 @@ try {
   await context.addInitScript(() => Reflect.deleteProperty(window, 'SharedWorker'));
   const [, at, enter] = token(),
     page = await tab(context, at + enter);
-  const job = await make(page, 60);
+  const job = await make(page, LONG_S);
   await samples(page, job);
   const late = await tab(context, `${at}/`);
   await samples(late, job);

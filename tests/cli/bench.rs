@@ -35,6 +35,17 @@ fn every_bench_has_rows_of_one_kind() {
     let rows = lines(&["tokenize"]);
     assert_eq!(rows.len(), 2);
     rows.iter().for_each(|row| check(row, "tokenize", "frames_per_s"));
+    check(&lines(&["lstm", "--width", "16"])[0], "lstm", "frames_per_s");
+    let rows = lines(&["query", "--windows", "2000"]);
+    assert_eq!(rows.iter().map(|row| row["distance"].as_str().unwrap()).collect::<Vec<_>>(), ["cosine", "euclid"]);
+    rows.iter().for_each(|row| check(row, "query", "windows_per_s"));
+    let rows = lines(&["decode", "--config", "tiny", "--context", "100", "--frames", "8"]);
+    assert_eq!(rows.len(), 3);
+    for (row, (what, rate)) in
+        rows.iter().zip([("decode", "tokens_per_s"), ("prefill", "tokens_per_s"), ("generate", "frames_per_s")])
+    {
+        check(row, what, rate);
+    }
 }
 
 #[test]

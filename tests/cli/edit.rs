@@ -478,7 +478,7 @@ fn real_clips_keep_their_numbers() {
         ("cmu-dance", "salsa/07.bvh", &["--fps-source", "60", "--skip", "10"][..]),
         ("bandai-2", "dataset-2_walk_active_001.bvh", &[][..]),
     ] {
-        let Some(dir) = kinelm_shared_data::set(name, "real_clips_keep_their_numbers") else { return };
+        let Some(dir) = kinelm_shared_data::set(name, "real_clips_keep_their_numbers") else { continue };
         let prompt = dir.join(clip);
         let out = format!("{name}.bvh");
         let more = [read, &["--free", "all@0.6s:1s", "--free", "right_arm,head@1.2s:1.4s"]].concat();

@@ -1,6 +1,7 @@
 //! The extension module of the `kinelm` package for Python: the library as Python objects, and the program.
 //!
-//! Long work runs without the interpreter's lock; what may use the pool of threads goes through [`pool::detach`]. Arrays go in and out as numpy's, f64, as copies.
+//! Long work runs without the interpreter's lock; what may use the pool of threads goes through `pool::detach`. Arrays go in
+//! and out as numpy's, f64, as copies.
 
 mod classifier;
 mod clip;

@@ -127,7 +127,7 @@ impl Library {
         if let Some(map) = reading.map.as_deref().filter(|map| !maps::is_known(self.project.folder(), map)) {
             return Err(maps::unknown(map));
         }
-        if let Some(floor) = reading.floor.filter(|floor| !(floor.abs() <= HIGHEST_M)) {
+        if let Some(floor) = reading.floor.filter(|floor| !floor.is_finite() || floor.abs() > HIGHEST_M) {
             return Err(Error::invalid("`floor`", floor, format!("a height of -{HIGHEST_M} to {HIGHEST_M} metres")));
         }
         if let Some(fps) = reading.fps_source.filter(|fps| !(fps.is_finite() && *fps > 0.0)) {

@@ -2,8 +2,8 @@
 //!
 //! Free characters are `<mask>` at first. The model reads a window, each of its free characters is sampled from the ids that
 //! the grammar allows in its slot, and the most certain ones stay: in one pass all, in N passes as many as a cosine schedule
-//! says, so that later passes see what earlier ones have chosen ([`passes`]). Windows follow one another through a dance of
-//! any length ([`window`]).
+//! says, so that later passes see what earlier ones have chosen (`passes`). Windows follow one another through a dance of
+//! any length (`window`).
 //!
 //! Every free character has the random stream that it has in a causal model's dance: of its seed, word and slot. It is the same
 //! in every pass and in every window, so that a character is sampled anew only as far as its distribution changes.

@@ -148,7 +148,7 @@ mod tests {
         let shaken = |clip: &Clip| {
             let rotations = (0..N).flat_map(|f| {
                 let mut pose = clip.global_pose(f);
-                pose.rotations[0] = pose.rotations[0] * shake(f);
+                pose.rotations[0] *= shake(f);
                 pose.to_local(clip.skeleton())
             });
             Clip::new(clip.skeleton().clone(), 60.0, clip.root().to_vec(), rotations.collect()).unwrap()

@@ -100,7 +100,8 @@ fn fastest(clip: &Clip) -> f64 {
 fn dancers_who_turn_do_not_flip() {
     let [a, b] = motions();
     let facing = |t: f64| PI + 0.3 * (5.0 * t).sin();
-    let turns: [(&str, &dyn Fn(f64) -> f64, &dyn Fn(f64) -> f64); 5] = [
+    type Turn<'a> = &'a dyn Fn(f64) -> f64;
+    let turns: [(&str, Turn<'_>, Turn<'_>); 5] = [
         ("several turns", &|t| 7.0 * t, &|t| 9.0 * t + 1.0),
         ("opposite ways", &|t| 5.0 * t, &|t| -6.0 * t),
         ("one turns", &|_| 0.0, &|t| 8.0 * t),

@@ -13,12 +13,8 @@ import scipy
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-PARENTS = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21]
-OFFSETS = np.array([
-    (0, 0, 0), (.09, -.08, 0), (-.09, -.08, 0), (0, .12, 0), (0, -.41, 0), (0, -.41, 0), (0, .13, 0),
-    (0, -.42, -.03), (0, -.42, -.03), (0, .06, 0), (0, -.06, .13), (0, -.06, .13), (0, .21, -.02), (.07, .12, -.01),
-    (-.07, .12, -.01), (0, .09, .03), (.11, .03, 0), (-.11, .03, 0), (.26, 0, 0), (-.26, 0, 0), (.25, 0, 0),
-    (-.25, 0, 0), (.08, 0, 0), (-.08, 0, 0)])
+from smpl import posed
+
 FPS = 30
 ANKLES, BALLS = [7, 8], [10, 11]
 CASES = [(20, 100), (24, 97), (25, 60), (29.97, 90), (30, 120), (50, 151), (60, 200), (90, 301), (120, 500), (130, 400)]
@@ -31,18 +27,6 @@ def dancing(frames, fps):
     t, j, i = t[:, None, None], np.arange(24)[None, :, None], np.arange(3)[None, None, :]
     vectors = 0.3 * np.sin((2.9 + 0.31 * j) * t + 1.3 * i + j) + 0.05 * np.sin(17 * t + 0.9 * j + 2.1 * i)
     return root, Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, 24, 4)
-
-
-def places(root, local):
-    """-> (F, 24, 3) by forward kinematics with matrices (F, 24, 3, 3)."""
-    world, place = np.zeros_like(local), np.zeros(local.shape[:2] + (3,))
-    for j, parent in enumerate(PARENTS):
-        if parent < 0:
-            world[:, j], place[:, j] = local[:, j], root
-        else:
-            place[:, j] = place[:, parent] + world[:, parent] @ OFFSETS[j]
-            world[:, j] = world[:, parent] @ local[:, j]
-    return place
 
 
 def splined(values, fps):
@@ -69,7 +53,7 @@ def case(fps, frames):
         root, quaternions = splined(root, fps), splined(quaternions, fps)
         fps = FPS
     local = Rotation.from_quat(quaternions.reshape(-1, 4)).as_matrix().reshape(len(root), 24, 3, 3)
-    positions = places(root, local)
+    _, positions = posed(root, local)
     return [pfc(positions[phase :: fps // FPS]) for phase in range(fps // FPS)]
 
 

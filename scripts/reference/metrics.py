@@ -11,19 +11,7 @@ import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
-PARENTS = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21]
-LEFT = {"hip": (.09, -.08, 0), "knee": (0, -.41, 0), "ankle": (0, -.42, -.03), "foot": (0, -.06, .13),
-        "collar": (.07, .12, -.01), "shoulder": (.11, .03, 0), "elbow": (.26, 0, 0), "wrist": (.25, 0, 0),
-        "hand": (.08, 0, 0)}
-MIDDLE = {0: (0, 0, 0), 3: (0, .12, 0), 6: (0, .13, 0), 9: (0, .06, 0), 12: (0, .21, -.02), 15: (0, .09, .03)}
-SIDES = {"hip": (1, 2), "knee": (4, 5), "ankle": (7, 8), "foot": (10, 11), "collar": (13, 14), "shoulder": (16, 17),
-         "elbow": (18, 19), "wrist": (20, 21), "hand": (22, 23)}
-OFFSETS = np.zeros((24, 3))
-for joint, offset in MIDDLE.items():
-    OFFSETS[joint] = offset
-for name, (left, right) in SIDES.items():
-    OFFSETS[left] = LEFT[name]
-    OFFSETS[right] = np.array(LEFT[name]) * [-1, 1, 1]
+from smpl import posed
 
 HOP = 4
 
@@ -41,16 +29,7 @@ def swinging(frames, error):
 
 def places(root, rotations):
     """-> (F, 24, 3) by forward kinematics with matrices."""
-    frames = len(root)
-    local = rotations.as_matrix().reshape(frames, 24, 3, 3)
-    world, place = np.zeros_like(local), np.zeros((frames, 24, 3))
-    for j, parent in enumerate(PARENTS):
-        if parent < 0:
-            world[:, j], place[:, j] = local[:, j], root
-        else:
-            place[:, j] = place[:, parent] + world[:, parent] @ OFFSETS[j]
-            world[:, j] = world[:, parent] @ local[:, j]
-    return place
+    return posed(root, rotations.as_matrix().reshape(len(root), 24, 3, 3))[1]
 
 
 def arccos(a, b):

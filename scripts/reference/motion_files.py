@@ -21,6 +21,8 @@ import scipy
 from scipy import sparse
 from scipy.spatial.transform import Rotation
 
+from smpl import PARENTS
+
 SEED = 20261121
 FRAMES = 2
 GOLDEN = pathlib.Path(__file__).parents[2] / "crates/motion/tests/golden"
@@ -263,9 +265,6 @@ def aist(rng):
         want = poses if files[name] == "f64" else f32
         assert np.array_equal(loaded["smpl_poses"].reshape(FRAMES, 72), want), name
     (folder / "expected.json").write_text(lines({**HEADER, "expected": expected, "files": files}))
-
-
-PARENTS = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21]
 
 
 def body(rng):

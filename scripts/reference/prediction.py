@@ -11,12 +11,8 @@ import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
-PARENTS = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21]
-OFFSETS = np.array([
-    (0, 0, 0), (.09, -.08, 0), (-.09, -.08, 0), (0, .12, 0), (0, -.41, 0), (0, -.41, 0), (0, .13, 0),
-    (0, -.42, -.03), (0, -.42, -.03), (0, .06, 0), (0, -.06, .13), (0, -.06, .13), (0, .21, -.02), (.07, .12, -.01),
-    (-.07, .12, -.01), (0, .09, .03), (.11, .03, 0), (-.11, .03, 0), (.26, 0, 0), (-.26, 0, 0), (.25, 0, 0),
-    (-.25, 0, 0), (.08, 0, 0), (-.08, 0, 0)])
+from smpl import OFFSETS, posed
+
 MAJOR = [1, 2, 3, 4, 5, 6, 9, 12, 13, 14, 15, 16, 17, 18, 19]
 RADII = np.array([.001, .005, .01, .02, .05, .1, .15, .2, .3])
 
@@ -32,15 +28,8 @@ def swinging(windows, frames, error):
 
 
 def world(local):
-    rotations, places = np.zeros_like(local), np.zeros(local.shape[:3] + (3,))
-    thigh = np.linalg.norm(OFFSETS[4])
-    for j, parent in enumerate(PARENTS):
-        if parent < 0:
-            rotations[:, :, j] = local[:, :, j]
-        else:
-            places[:, :, j] = places[:, :, parent] + rotations[:, :, parent] @ (OFFSETS[j] / thigh)
-            rotations[:, :, j] = rotations[:, :, parent] @ local[:, :, j]
-    return rotations, places
+    """-> matrices in the world and places, for a thigh of length 1."""
+    return posed(0, local, OFFSETS / np.linalg.norm(OFFSETS[4]))
 
 
 def euler(r):

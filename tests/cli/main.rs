@@ -6,6 +6,7 @@ mod blend;
 mod classify;
 mod clean;
 mod convert;
+mod demo;
 mod edit;
 mod faults;
 mod files;

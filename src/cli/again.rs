@@ -9,7 +9,7 @@ use crate::baselines::sidecar::{Request, Sidecar};
 use crate::generate::provenance::{Moved, Provenance};
 use crate::model::CheckpointChoice;
 use anyhow::Result;
-use kinelm_store::output::is_same;
+use kinelm_store::output::{Outputs, is_same};
 use kinelm_store::sidecar;
 use std::path::{Path, PathBuf};
 
@@ -78,8 +78,11 @@ impl Args {
         Ok(out)
     }
 
-    /// Refuses an output that its sidecar was to replace, unless it is to be written over.
-    fn check_finished(&self, out: &Path) -> Result<()> {
+    /// Refuses, before the dance is made, an output that may not be written: also one that its sidecar was to replace, unless
+    /// it is to be written over. `sha256` is that of the dance.
+    fn check(&self, outputs: &Outputs, out: &Path, sha256: &str) -> Result<()> {
+        outputs.check([out])?;
+        outputs.check_replaceable(out, Some(sha256))?;
         if !self.force.force {
             sidecar::check_finished(out)?;
         }
@@ -101,9 +104,7 @@ impl Args {
         let inputs = (&*request.run, request.prompt.as_ref(), request.music.as_ref());
         let more = [self.sidecar.clone()].into_iter().chain(self.timeline.clone());
         let outputs = make::outputs(self.force, inputs, more);
-        outputs.check([&*out])?;
-        outputs.check_replaceable(&out, Some(&first.output.sha256))?;
-        self.check_finished(&out)?;
+        self.check(&outputs, &out, &first.output.sha256)?;
         let open = first.open(request)?;
         make::report(&open, say)?;
         let guesses = self.guesses.map(usize::from);
@@ -130,9 +131,7 @@ impl Args {
             }
         }
         let outputs = self.force.outputs(request.inputs().into_iter().chain([self.sidecar.clone()]));
-        outputs.check([&*out])?;
-        outputs.check_replaceable(&out, Some(&first.output.sha256))?;
-        self.check_finished(&out)?;
+        self.check(&outputs, &out, &first.output.sha256)?;
         let (sidecar, bytes) = request.make(CheckpointChoice::Step(first.step), &out, say)?;
         first.check(&sidecar)?;
         match self.has_sidecar(&out) {

@@ -85,6 +85,16 @@ impl Error {
         Error::failed(what)
     }
 
+    /// Does work, and makes an error of a panic.
+    ///
+    /// # Errors
+    /// Those of the work.
+    pub fn of_panics<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+        // what was half done is the work's own, and gone with it
+        let work = std::panic::AssertUnwindSafe(work);
+        std::panic::catch_unwind(work).unwrap_or_else(|payload| Err(Error::of_panic(&*payload)))
+    }
+
     /// The status of the answer.
     pub fn status(&self) -> u16 {
         match self {

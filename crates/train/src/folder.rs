@@ -53,10 +53,9 @@ impl RunFolder {
     /// # Errors
     /// A folder without a run; another process that writes it.
     pub fn open(run: &Path) -> Result<RunFolder> {
-        if run.is_dir() {
-            refuse_links(run)?;
-        }
-        if !run.join(CONFIG).is_file() {
+        // a link is there too, and refused with all others
+        let is_there = fs::symlink_metadata(run.join(CONFIG)).is_ok_and(|found| !found.is_dir());
+        if !is_there {
             let help = "start a run in a folder that is empty or not there";
             return Err(Error::file(run, "no config.toml", "a run folder", help));
         }

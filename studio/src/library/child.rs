@@ -89,21 +89,17 @@ pub fn read_file() -> Result<()> {
     let job: Job = serde_json::from_str(&text).map_err(wrong)?;
     limit(job.limits)?;
     // a panic is an error of this file too; what it printed nobody reads
-    let answer = std::panic::catch_unwind(|| match &job.work {
-        Work::Facts { reading, convert } => serde_json::to_vec(&outcome(&job.file, reading, convert)),
-        Work::Figure(wanted) => Ok(match wanted.text(&job.file) {
+    let answer = match &job.work {
+        Work::Facts { reading, convert } => {
+            let found = Error::of_panics(|| Ok(outcome(&job.file, reading, convert)));
+            serde_json::to_vec(&found.unwrap_or_else(|e| Outcome::failed(&e))).map_err(Error::failed)?
+        }
+        Work::Figure(wanted) => match Error::of_panics(|| wanted.text(&job.file)) {
             Ok(text) => [FIGURE, text.as_bytes()].concat(),
             Err(e) => [NONE, e.to_string().as_bytes()].concat(),
-        }),
-    });
-    let answer = answer.unwrap_or_else(|payload| {
-        let e = Error::of_panic(&*payload);
-        match job.work {
-            Work::Facts { .. } => serde_json::to_vec(&Outcome::failed(&e)),
-            Work::Figure(_) => Ok([NONE, e.to_string().as_bytes()].concat()),
-        }
-    });
-    Ok(files::write_whole(&job.out, &answer.map_err(Error::failed)?)?)
+        },
+    };
+    Ok(files::write_whole(&job.out, &answer)?)
 }
 
 /// Holds this process to limits, where the system can.

@@ -2,7 +2,7 @@
 //!
 //! They are named `maps/NAME.toml`, as a timeline has it, and nothing else is opened as a map.
 
-use crate::project::dances::plain_name;
+use crate::project::dances::{free_name, plain_name};
 use crate::project::{MAPS, Project};
 use crate::{Error, Result};
 use kinelm_motion::rig::SkeletonMap;
@@ -63,8 +63,7 @@ pub fn keep(project: &Project, called: &str, bytes: &[u8]) -> Result<String> {
     check(Path::new(&format!("{stem}.toml")), text)?;
     let folder = project.folder().join(MAPS);
     fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
-    let numbered = |n: usize| if n == 1 { format!("{stem}.toml") } else { format!("{stem}-{n}.toml") };
-    let name = (1..).map(numbered).find(|name| folder.join(name).symlink_metadata().is_err()).unwrap_or_default();
+    let name = free_name(&stem, ".toml", |name| folder.join(name).symlink_metadata().is_err());
     files::write_whole(&owned::path(project.folder(), Path::new(MAPS).join(&name))?, bytes)?;
     Ok(format!("{MAPS}/{name}"))
 }

@@ -84,11 +84,7 @@ impl Library {
     /// # Errors
     /// I/O errors.
     pub fn looked_at(&self, file: &Path) -> Result<Outcome> {
-        let place = |extension: &str| self.project.folder().join(CACHE).join(format!("looked-at.{extension}"));
-        let convert = place("bvh");
-        let found = self.reader.read(file, &Reading::default(), (&convert, &place("read")), &self.stop);
-        let _ = std::fs::remove_file(&convert); // it may not be there
-        found
+        self.read_aside("looked-at", file, &Reading::default())
     }
 
     /// What reading a clip so would find; nothing of it stays. One at a time: the caller sees to it.
@@ -96,11 +92,15 @@ impl Library {
     /// # Errors
     /// I/O errors.
     pub fn tried(&self, record: &ClipRecord, reading: &Reading) -> Result<Outcome> {
-        let place =
-            |extension: &str| self.project.folder().join(CACHE).join(format!("{}-tried.{extension}", record.id));
-        let (convert, out) = (place("bvh"), place("read"));
-        let file = self.project.path(&record.file);
-        let found = self.reader.read(&file, &self.resolved(reading.clone())?, (&convert, &out), &self.stop);
+        let name = format!("{}-tried", record.id);
+        self.read_aside(&name, &self.project.path(&record.file), &self.resolved(reading.clone())?)
+    }
+
+    /// Reads a file into places of this name, which are removed.
+    fn read_aside(&self, name: &str, file: &Path, reading: &Reading) -> Result<Outcome> {
+        let place = |extension: &str| self.project.folder().join(CACHE).join(format!("{name}.{extension}"));
+        let convert = place("bvh");
+        let found = self.reader.read(file, reading, (&convert, &place("read")), &self.stop);
         let _ = std::fs::remove_file(&convert); // it may not be there
         found
     }

@@ -2,7 +2,7 @@
 
 use super::doubts::SOUNDS;
 use super::is_taken;
-use crate::project::dances::plain_name;
+use crate::project::dances::{free_name, plain_name};
 use crate::project::document::{Change, ClipRecord, Reading};
 use crate::project::{CLIPS, Project};
 use crate::{Error, Result};
@@ -79,11 +79,7 @@ impl Upload {
         let folder = project.folder().join(CLIPS);
         let _naming = NAMING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let (stem, extension) = self.name.rsplit_once('.').unwrap_or((&self.name, ""));
-        let numbered = |n: usize| match n {
-            1 => self.name.clone(),
-            n => format!("{stem}-{n}.{extension}"),
-        };
-        let name = (1..).map(numbered).find(|name| !folder.join(name).exists()).unwrap_or_default();
+        let name = free_name(stem, &format!(".{extension}"), |name| !folder.join(name).exists());
         self.part.name(&owned::path(project.folder(), Path::new(CLIPS).join(&name))?)?;
         if extension == "asf" {
             return Ok(None);

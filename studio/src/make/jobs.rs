@@ -182,14 +182,7 @@ impl Jobs {
     /// # Errors
     /// I/O errors.
     pub fn end(&self, id: &str, state: State, text: Option<String>) -> Result<()> {
-        let mut inner = self.inner();
-        let Some((job, _)) = inner.jobs.get_mut(&crate::project::document::number(id)) else { return Ok(()) };
-        if job.state != State::Running {
-            return Ok(());
-        }
-        (job.state, job.text) = (state, text);
-        let job = job.clone();
-        inner.write(&job)
+        self.leave(id, |job| (job.state, job.text) = (state, text))
     }
 
     /// Puts a job back that the studio's own end has stopped, as if it had not been begun: ends that the user wanted say
@@ -198,12 +191,17 @@ impl Jobs {
     /// # Errors
     /// I/O errors.
     pub fn put_back(&self, id: &str) -> Result<()> {
+        self.leave(id, |job| (job.state, job.begun) = (State::Waiting, job.begun.saturating_sub(1)))
+    }
+
+    /// Changes a job that is running; one that the user has stopped meanwhile stays as it is.
+    fn leave(&self, id: &str, change: impl FnOnce(&mut Job)) -> Result<()> {
         let mut inner = self.inner();
         let Some((job, _)) = inner.jobs.get_mut(&crate::project::document::number(id)) else { return Ok(()) };
         if job.state != State::Running {
             return Ok(());
         }
-        (job.state, job.begun) = (State::Waiting, job.begun.saturating_sub(1));
+        change(job);
         let job = job.clone();
         inner.write(&job)
     }

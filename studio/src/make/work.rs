@@ -186,6 +186,5 @@ impl Work<'_> {
 /// Those of the work.
 pub fn guarded<T: Send>(work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
     // on a thread of the pool: from outside, every parallel step would wake its threads anew
-    let run = std::panic::AssertUnwindSafe(|| rayon::scope(|_| work()));
-    std::panic::catch_unwind(run).unwrap_or_else(|payload| Err(Error::of_panic(&*payload)))
+    Error::of_panics(|| rayon::scope(|_| work()))
 }

@@ -34,10 +34,15 @@ pub fn outputs() -> Outputs {
 pub fn file_for(folder: &Path, document: &Document, name: &str) -> PathBuf {
     let plain = plain_name(name);
     let taken = |file: &Path| document.dances.iter().any(|dance| dance.kept.as_deref() == Some(file));
-    let numbered = |n: usize| if n == 1 { format!("{plain}.bvh") } else { format!("{plain}-{n}.bvh") };
-    let mut all = (1..).map(|n| Path::new(DANCES).join(numbered(n)));
-    let is_free = |file: &PathBuf| !taken(file) && !folder.join(file).exists() && !path_of(&folder.join(file)).exists();
-    all.find(is_free).unwrap_or_default()
+    let of = |name: &str| Path::new(DANCES).join(name);
+    let is_free = |file: &Path| !taken(file) && !folder.join(file).exists() && !path_of(&folder.join(file)).exists();
+    of(&free_name(&plain, ".bvh", |name| is_free(&of(name))))
+}
+
+/// The first of `STEM END`, `STEM-2 END`, .. that is free.
+pub fn free_name(stem: &str, end: &str, is_free: impl Fn(&str) -> bool) -> String {
+    let numbered = |n: usize| if n == 1 { format!("{stem}{end}") } else { format!("{stem}-{n}{end}") };
+    (1..).map(numbered).find(|name| is_free(name)).unwrap_or_default()
 }
 
 /// Bytes of a name: file systems take 255, with a number, an extension and a sidecar's.

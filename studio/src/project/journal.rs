@@ -207,8 +207,8 @@ fn to_text(line: &Line, last: u32) -> Result<(Vec<u8>, u32)> {
     Ok(([before.as_bytes(), digits.as_bytes(), between.as_bytes(), &line, after.as_bytes()].concat(), checksum))
 }
 
-/// A line of a text that has its end, behind one with the checksum `last`; with its own.
-fn of_text(text: &[u8], last: u32) -> std::result::Result<(Line, u32), String> {
+/// A line of a text that has its end, behind one with the checksum `last`, which becomes its own.
+fn of_text(text: &[u8], last: &mut u32) -> std::result::Result<Line, String> {
     let [before, between, after] = AROUND;
     let line = (|| {
         let (checksum, rest) = text.strip_prefix(before.as_bytes())?.split_at_checked(8)?;
@@ -216,10 +216,10 @@ fn of_text(text: &[u8], last: u32) -> std::result::Result<(Line, u32), String> {
         Some((checksum, line))
     })();
     let (checksum, line) = line.ok_or("no checksum, as a journal of another version of kinelm has none")?;
-    let own = crc32c::crc32c_append(last, line);
-    let found = format!("{own:08x}");
+    *last = crc32c::crc32c_append(*last, line);
+    let found = format!("{last:08x}");
     match found.as_bytes() == checksum {
-        true => serde_json::from_slice(line).map(|line| (line, own)).map_err(|e| e.to_string()),
+        true => serde_json::from_slice(line).map_err(|e| e.to_string()),
         false => Err(format!("CRC-32C {found}, {} stands before it", String::from_utf8_lossy(checksum))),
     }
 }
@@ -228,11 +228,7 @@ fn of_text(text: &[u8], last: u32) -> std::result::Result<(Line, u32), String> {
 fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<(u64, u32)> {
     let (mut whole, mut last) = (0, 0);
     for (n, text) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
-        let line = text.ends_with(b"\n").then(|| of_text(text, last));
-        if let Some(Ok((_, own))) = &line {
-            last = *own;
-        }
-        let line = line.map(|line| line.map(|(line, _)| line));
+        let line = text.ends_with(b"\n").then(|| of_text(text, &mut last));
         let help = "put back the file of a copy, or move it away: clips, dances and the timeline are files beside it";
         match line {
             Some(Ok(Line::Begin { schema, .. })) if schema != SCHEMA => {

@@ -2,6 +2,7 @@
 
 use super::segments::Cut;
 use crate::library::Source;
+use crate::project::dances::free_name;
 use crate::project::document::Reading;
 use crate::{Error, Result};
 use kinelm_motion::joints;
@@ -106,8 +107,7 @@ impl TimelineFile {
         }
         let taken: Vec<String> = self.clips().into_iter().map(|(name, _)| name).collect();
         let plain = key_of(&source.name);
-        let numbered = |n: usize| if n == 1 { plain.clone() } else { format!("{plain}-{n}") };
-        let name = (1..).map(numbered).find(|name| !taken.contains(name)).unwrap_or_default();
+        let name = free_name(&plain, "", |name| taken.iter().all(|other| other != name));
         if self.document.get("rig").is_none() {
             if self.document.is_empty() && self.document.trailing().as_str().is_none_or(str::is_empty) {
                 self.document.decor_mut().set_prefix(HEAD);

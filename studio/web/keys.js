@@ -5,23 +5,27 @@ import { cut, clearSelection, freeSelected, giveSelected, keyPose, markRange, re
 import { h, iconButton } from './dom.js';
 import { makeNow } from './make-form.js';
 import { stage } from './stage-view.js';
-import { store, tell, ui } from './store.js';
+import { tell, ui } from './store.js';
 import { cancel, choose, chooseNext, compare, goBack, keep, reject } from './takes.js';
 import { playOnly } from './ruler.js';
 import { setTool, toggleSnap } from './timeline.js';
 import { attempt, toast } from './toast.js';
 import { mute, playOrPause, speedBy, step, toggle } from './transport.js';
 
+// One after the other, as they were pressed. The server knows if there is a step: the page's own count lags behind the change
+// that it has just seen.
+let undone = Promise.resolve();
+
 /** @param {'undo' | 'redo'} which */
-export async function undo(which) {
-  const { undo, redo, undo_name, redo_name } = store.state.undo,
-    name = which === 'undo' ? undo_name : redo_name;
-  if (!(which === 'undo' ? undo : redo)) {
-    toast(which === 'undo' ? 'There is nothing to undo.' : 'There is nothing to redo.');
-    return;
-  }
-  if ((await attempt(() => post(`/api/${which}`))) !== undefined && name)
+export function undo(which) {
+  undone = undone.then(async () => {
+    const now = await attempt(() => post(`/api/${which}`));
+    if (!now) return;
+    // what was just undone is now the first to redo
+    const name = which === 'undo' ? now.redo_name : now.undo_name;
     toast(`${which === 'undo' ? 'Undone' : 'Done again'}: ${name}.`);
+  });
+  return undone;
 }
 
 // Escape leaves what is nearest: a job, a comparison, one alone, a selection.

@@ -195,7 +195,7 @@ impl Project {
     pub fn undo(&self) -> Result<Vec<Change>> {
         let mut inner = self.inner();
         let changes = inner.state.history.clone().undo();
-        let changes = changes.ok_or_else(|| Error::Conflict("there is nothing to take back".into()))?;
+        let changes = changes.ok_or_else(|| Error::Conflict("there is nothing to undo".into()))?;
         self.carry_out(&mut inner, Line::Undo, &changes)?;
         Ok(changes)
     }
@@ -207,7 +207,7 @@ impl Project {
     pub fn redo(&self) -> Result<Vec<Change>> {
         let mut inner = self.inner();
         let changes = inner.state.history.clone().redo();
-        let changes = changes.ok_or_else(|| Error::Conflict("there is nothing to do again".into()))?;
+        let changes = changes.ok_or_else(|| Error::Conflict("there is nothing to redo".into()))?;
         self.carry_out(&mut inner, Line::Redo, &changes)?;
         Ok(changes)
     }

@@ -46,7 +46,6 @@
 //! [`store`] writes files whole.
 #![forbid(unsafe_code)]
 
-mod bench;
 pub mod cli;
 mod demo;
 pub mod presets;

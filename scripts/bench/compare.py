@@ -66,12 +66,12 @@ def rate(line):
 
 
 def heats(args):
-    kinelm, torch, n = str(args.kinelm), str(HERE / "torch_gpt.py"), str(args.threads)
+    lab, torch, n = str(args.lab), str(HERE / "torch_gpt.py"), str(args.threads)
     repeats = lambda n: ["--repeats", str(max(3, n // 3) if args.quick else n)]
     decoded = ["--repeats", "2"] if args.quick else []
 
     def ours(label, what, *more, threads=n):
-        return Entry(label, [kinelm, "bench", what, "--json", "-q", "--threads", threads, *more])
+        return Entry(label, [lab, what, "--json", "-q", "--threads", threads, *more])
 
     def theirs(label, what, *more, env=None):
         return [] if args.no_torch else [Entry(label, [sys.executable, torch, what, "--threads", n, *more], env)]
@@ -277,7 +277,7 @@ def table(heat):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kinelm", type=pathlib.Path, default=ROOT / "target" / "release" / "kinelm")
+    parser.add_argument("--lab", type=pathlib.Path, default=ROOT / "target" / "release" / "kinelm-lab")
     parser.add_argument("--only", choices=["train", "bf16", "decode", "lstm"])
     parser.add_argument("--match", help="only heats whose name holds this")
     parser.add_argument("--rounds", type=int, default=5)

@@ -4,7 +4,7 @@
     pip install pybvh==0.9.0
     python scripts/bench/read_bvh.py FILE.bvh [path of kinelm]
 
-kinelm's figure is `kinelm bench read`: the number block, one core, median of 15. pybvh reads the whole file (its header is
+kinelm's figure is `kinelm-lab read`: the number block, one core, median of 15. pybvh reads the whole file (its header is
 well below 1 % of it), median of 3, in this process.
 """
 import json, os, statistics, subprocess, sys, time
@@ -15,7 +15,7 @@ kinelm = sys.argv[2] if len(sys.argv) > 2 else "target/release/kinelm"
 size = os.path.getsize(path) / 1e6
 ratios = []
 for turn in range(5):
-    line = subprocess.run([kinelm, "bench", "read", path, "--json", "-q"], capture_output=True, check=True, text=True)
+    line = subprocess.run([f"{kinelm}-lab", "read", path, "--json", "-q"], capture_output=True, check=True, text=True)
     ours = json.loads(line.stdout)["mb_per_s"]
     times = []
     for _ in range(3):

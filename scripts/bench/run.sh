@@ -26,7 +26,7 @@ for argument in "$@"; do
 done
 [ "$python" != next ] || { echo "run.sh: --torch: expected an interpreter behind it" >&2; exit 2; }
 
-cargo build --release --locked --quiet
+cargo build --release --locked --quiet -p kinelm-lab
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 trap 'exit 130' INT TERM

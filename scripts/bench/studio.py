@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What the studio's server takes, without a browser: python3 scripts/bench/studio.py target/release/kinelm
 
-Prints one line of JSON for each figure, those of `kinelm bench decode` in the same run:
+Prints one line of JSON for each figure, those of `kinelm-lab decode` in the same run:
   start        seconds from the call to the line with the address, and to the page
   first_frame  milliseconds from the request for a dance to its first sampled frame in the event stream
   variations   frames a second of four dances side by side, from the first to the last frame in the stream
@@ -167,7 +167,7 @@ def main():
         )
         studio.end()
     for config in ("two-level",):
-        bench = [program, "bench", "decode", "--config", config, "--streams", "4", "--weights", "int8"]
+        bench = [f"{program}-lab", "decode", "--config", config, "--streams", "4", "--weights", "int8"]
         bench += ["--repeats", str(args.repeats), "--json"]
         done = subprocess.run(bench, capture_output=True, text=True)
         for line in done.stdout.splitlines():

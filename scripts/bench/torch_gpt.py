@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The same GPT in PyTorch, at its best on a CPU: one JSON line a measurement, with the fields of `kinelm bench --json`.
+"""The same GPT in PyTorch, at its best on a CPU: one JSON line a measurement, with the fields of `kinelm-lab --json`.
 
     torch_gpt.py train   --config tiny [--batch B --context T] [--compile] [--bf16] [--threads N] [--repeats R]
     torch_gpt.py train   --config two-level       two levels: scripts/cluster/two_level.py, its loss without a logit an id
@@ -18,7 +18,7 @@ from torch.nn import functional as F
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CONFIGS = ROOT / "configs" / "train"
-BATCH = {"tiny": 8, "small": 2, "thesis-26m": 1}  # as kinelm bench train
+BATCH = {"tiny": 8, "small": 2, "thesis-26m": 1}  # as kinelm-lab train
 
 
 class Block(nn.Module):
@@ -74,7 +74,7 @@ class GPT(nn.Module):
 
 
 class TwoLevels(nn.Module):
-    """The tokens are those of `kinelm bench`: 13 joints, all places of the same bins."""
+    """The tokens are those of `kinelm-lab`: 13 joints, all places of the same bins."""
 
     def __init__(self, table, vocabulary):
         super().__init__()
@@ -137,7 +137,7 @@ def decode(model, args, table):
     ids = torch.randint(6, args.vocabulary, (args.streams, args.context))
     cache = lambda: torch.zeros(args.streams, heads, args.context, size)
     caches = [(cache(), cache()) for _ in model.blocks]
-    # as kinelm bench decode: a timing is the last tokens of the context, one by one
+    # as kinelm-lab decode: a timing is the last tokens of the context, one by one
     steps = min(32, args.context // 2)
     first = args.context - steps
     with torch.inference_mode():

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The same auto-conditioned LSTM in PyTorch on a CPU: one JSON line, with the fields of `kinelm bench lstm --json`.
+"""The same auto-conditioned LSTM in PyTorch on a CPU: one JSON line, with the fields of `kinelm-lab lstm --json`.
 
     torch_lstm.py [--width D] [--condition N] [--batch B] [--compile] [--whole] [--threads N] [--repeats R]
 

@@ -1,7 +1,7 @@
 //! The commands.
 
 use super::*;
-use crate::{bench, demo};
+use crate::demo;
 use clap::Parser;
 
 /// Motion capture into text, a GPT on that text, new dances out of it.
@@ -89,9 +89,6 @@ pub enum Command {
     /// The music-to-dance LSTM, a baseline for the GPT
     #[command(subcommand)]
     MusicLstm(music_lstm::Command),
-    /// Measure how fast this machine does what the program does
-    #[command(subcommand)]
-    Bench(bench::Command),
     /// Dance with kinelm's own model; or, with --train, run the whole pipeline on synthetic dances
     Demo(demo::Args),
     /// Print a script that completes commands and flags in a shell
@@ -130,7 +127,6 @@ pub fn command(command: Command, say: Say) -> Result<()> {
         Command::Query(command) => query::run(command, say),
         Command::Aclstm(command) => aclstm::run(command, say),
         Command::MusicLstm(command) => music_lstm::run(command, say),
-        Command::Bench(command) => bench::run(command, say),
         Command::Demo(args) => demo::run(args, say),
         Command::Completions(args) => completions::run(&args),
     }

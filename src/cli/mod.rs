@@ -1,6 +1,6 @@
 //! The command line: one file a command. Arguments in, one library call, text out.
 //!
-//! Only here and beside it (`shell`, `bench`, `demo`) are there `anyhow`, printing and environment variables. Data go to stdout, everything else to stderr.
+//! Only here and beside it (`shell`, `demo`) are there `anyhow`, printing and environment variables. Data go to stdout, everything else to stderr.
 
 mod aclstm;
 mod again;

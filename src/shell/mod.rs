@@ -1,4 +1,4 @@
-//! What commands, benchmarks and demos share: arguments, what is said, files, and what became of a call.
+//! What commands and demos share: arguments, what is said, files, and what became of a call.
 
 pub mod args;
 pub mod files;

@@ -1,7 +1,6 @@
 //! The program as a user runs it: one binary, so that it is linked once.
 
 mod aclstm;
-mod bench;
 mod blend;
 mod classify;
 mod clean;

@@ -246,12 +246,6 @@ const OTHERS: &[&str] = &[
     "evaluate prediction",
     "music-lstm evaluate",
     "music render",
-    "bench read",
-    "bench tokenize",
-    "bench train",
-    "bench decode",
-    "bench lstm",
-    "bench query",
     // into folders of their own, by names of their own: study.rs, files.rs
     "tokenizer study",
     "demo",

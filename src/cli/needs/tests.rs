@@ -17,12 +17,6 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
          seed set",
         &[READING],
     ),
-    ("bench decode", "config context vocabulary dropout streams frames weights kv repeats json", &[]),
-    ("bench lstm", "width condition batch repeats json", &[]),
-    ("bench query", "transform windows repeats json", &[]),
-    ("bench read", "repeats json", &[]),
-    ("bench tokenize", "repeats json", &[]),
-    ("bench train", "config context vocabulary dropout batch precision device form repeats json", &[]),
     ("classify eval", "classifier corpus split baselines plot json trust", &[]),
     ("classify predict", "classifier json", &[READING]),
     (

@@ -1,14 +1,13 @@
-//! `kinelm bench train`.
+//! `kinelm-lab train`.
 
-use super::model::{BenchModel, ModelArgs};
-use super::{How, Rates, Row, Unit, peak, rounded, seconds};
-use crate::model::{Architecture, DeviceName, layout};
-use crate::shell::{ComputeArgs, Say};
-use crate::train::batches::Batch;
-use crate::train::learner::clip_share;
-use crate::train::{Learner, Precision, learner};
+use crate::model::{BenchModel, ModelArgs};
+use crate::{How, Rates, Row, Say, Unit, peak, rounded, seconds};
 use anyhow::Result;
-use kinelm_store::random;
+use kinelm::model::{Architecture, Compute, DeviceName, Form, layout};
+use kinelm::store::random;
+use kinelm::train::batches::Batch;
+use kinelm::train::learner::clip_share;
+use kinelm::train::{Learner, Precision, learner};
 use rand_chacha::rand_core::RngCore;
 use serde_json::json;
 
@@ -27,8 +26,12 @@ pub struct Args {
     /// In which numbers products are computed: f32, bf16 or auto
     #[arg(long, value_name = "f32|bf16|auto", default_value = "f32")]
     precision: Precision,
-    #[command(flatten)]
-    compute: ComputeArgs,
+    /// The CPU, or the Nvidia card with this number (if built with CUDA)
+    #[arg(long, value_name = "cpu|cuda:N", default_value = "cpu")]
+    device: DeviceName,
+    /// The implementation of the model: the fastest for the device, or the plain reference
+    #[arg(long, value_name = "auto|plain", default_value = "auto")]
+    form: Form,
     #[command(flatten)]
     how: How,
 }
@@ -37,7 +40,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let bench = args.model.get()?;
     let batch = args.batch.map_or_else(|| usual_batch(&bench.name), usize::from);
     let batch = made_up(&bench, batch);
-    let compute = args.compute.get();
+    let compute = Compute { device: args.device, form: args.form };
     let weights = layout::initial(&bench.file.model, &bench.tokens, 1)?;
     let parameters: usize = weights.values().map(|w| w.elem_count()).sum();
     let (tokens, length) = (batch.inputs.len(), batch.length());
@@ -66,7 +69,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if compute.device == DeviceName::Cpu {
         let most = peak::gflops(chosen.products);
         more["products"] = json!(chosen.products.name());
-        more["kernels"] = json!(kinelm_engine::dispatch::name());
+        more["kernels"] = json!(kinelm::engine::dispatch::name());
         more["peak_gflops"] = rounded(most, 1);
         more["share_of_peak"] = rounded(gflops / most, 3);
     }

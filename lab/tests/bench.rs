@@ -1,4 +1,4 @@
-//! `kinelm bench` as scripts call it.
+//! `kinelm-lab` as scripts call it.
 
 use assert_cmd::Command;
 use predicates::prelude::*;
@@ -6,8 +6,8 @@ use predicates::str::contains;
 use serde_json::Value;
 
 fn bench(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_kinelm"));
-    command.arg("bench").args(args);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kinelm-lab"));
+    command.args(args);
     command
 }
 
@@ -62,6 +62,6 @@ fn training_is_measured_by_config_batch_context_and_threads() {
 
 #[test]
 fn a_model_that_is_not_there_is_told_with_what_is() {
-    bench(&["train", "--config", "huge"]).assert().code(2).stderr(contains("huge").and(contains("thesis-26m")));
+    bench(&["train", "--config", "huge"]).assert().code(1).stderr(contains("huge").and(contains("thesis-26m")));
     bench(&["train", "--vocabulary", "3"]).assert().code(2);
 }

@@ -1,10 +1,9 @@
-//! `kinelm bench query`.
+//! `kinelm-lab query`.
 
-use super::{How, Rates, Row, Unit, rounded, seconds};
-use crate::shell::Say;
-use crate::spectral::query::synthetic::synthetic;
-use crate::spectral::query::{Distance, FeatureKind, SearchOptions};
+use crate::{How, Rates, Row, Say, Unit, rounded, seconds};
 use anyhow::Result;
+use kinelm::spectral::query::synthetic::synthetic;
+use kinelm::spectral::query::{Distance, FeatureKind, SearchOptions};
 use serde_json::json;
 
 #[derive(Debug, clap::Args)]

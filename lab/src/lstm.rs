@@ -1,12 +1,11 @@
-//! `kinelm bench lstm`.
+//! `kinelm-lab lstm`.
 
-use super::{How, Rates, Row, Unit, rounded, seconds};
-use crate::baselines::Settings;
-use crate::baselines::aclstm::network::{Learner, initial};
-use crate::baselines::aclstm::{Config, Form};
-use crate::shell::Say;
+use crate::{How, Rates, Row, Say, Unit, rounded, seconds};
 use anyhow::Result;
-use kinelm_store::random;
+use kinelm::baselines::Settings;
+use kinelm::baselines::aclstm::network::{Learner, initial};
+use kinelm::baselines::aclstm::{Config, Form};
+use kinelm::store::random;
 use serde_json::json;
 
 /// Steps that don't count: in the first ones memory is taken and caches fill.
@@ -61,7 +60,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         "length": config.length,
         "parameters": shape.parameters(),
         "gflops": rounded(gflops, 1),
-        "kernels": kinelm_engine::dispatch::name(),
+        "kernels": kinelm::engine::dispatch::name(),
         "last_loss": last,
     });
     let threads = rayon::current_num_threads();

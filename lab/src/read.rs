@@ -1,10 +1,9 @@
-//! `kinelm bench read`.
+//! `kinelm-lab read`.
 
-use super::{How, Rates, Row, Unit, seconds};
-use crate::shell::Say;
+use crate::{How, Rates, Row, Say, Unit, seconds};
 use anyhow::{Context, Result};
-use kinelm_motion::format::{ReadOptions, bvh};
-use kinelm_motion::synth;
+use kinelm::motion::format::{ReadOptions, bvh};
+use kinelm::motion::synth;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -20,7 +19,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let options = ReadOptions::default();
     let (path, bytes) = match args.file {
         Some(path) => {
-            let bytes = kinelm_store::input::bytes(&path).with_context(|| path.display().to_string())?;
+            let bytes = kinelm::store::input::bytes(&path).with_context(|| path.display().to_string())?;
             (path, bytes)
         }
         None => {

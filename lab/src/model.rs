@@ -1,11 +1,11 @@
 //! Which model a bench is about.
 
-use crate::model::config::SlotRun;
-use crate::model::words::Steps;
-use crate::model::{Architecture, HeadKind, TokenLayout};
-use crate::train::TrainFile;
 use anyhow::Result;
-use kinelm_tokenizer::SlotIds;
+use kinelm::model::config::SlotRun;
+use kinelm::model::words::Steps;
+use kinelm::model::{Architecture, HeadKind, TokenLayout};
+use kinelm::tokenizer::SlotIds;
+use kinelm::train::TrainFile;
 use std::path::Path;
 
 /// The id of the first bin.
@@ -108,7 +108,7 @@ impl BenchModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::config::TRAIN;
+    use kinelm::train::config::TRAIN;
 
     fn args(config: &str) -> ModelArgs {
         ModelArgs { config: config.into(), context: None, vocabulary: 400, dropout: 0.0 }

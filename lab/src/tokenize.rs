@@ -1,11 +1,10 @@
-//! `kinelm bench tokenize`.
+//! `kinelm-lab tokenize`.
 
-use super::{How, Rates, Row, Unit, seconds};
-use crate::shell::Say;
+use crate::{How, Rates, Row, Say, Unit, seconds};
 use anyhow::Result;
-use kinelm_motion::joints::THIRTEEN;
-use kinelm_motion::{Clip, synth};
-use kinelm_tokenizer::{Tokenizer, TokenizerConfig, Words};
+use kinelm::motion::joints::THIRTEEN;
+use kinelm::motion::{Clip, synth};
+use kinelm::tokenizer::{Tokenizer, TokenizerConfig, Words};
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -37,7 +36,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     row("encode, 13 joints, 360 bins", &encode)?;
     let decode = seconds(1, repeats, || {
         words.par_iter().try_for_each(|words| {
-            tokenizer.decode(words, kinelm_tokenizer::UncodedPose::Identity)?;
+            tokenizer.decode(words, kinelm::tokenizer::UncodedPose::Identity)?;
             Ok(())
         })
     })?;

@@ -1,16 +1,14 @@
-//! `kinelm bench decode`.
+//! `kinelm-lab decode`.
 
-use super::model::{BenchModel, ModelArgs};
-use super::{How, Rates, Row, Unit, rounded, seconds};
-use crate::generate::sampling::Sampling;
-use crate::generate::{NextToken, SamplingPlan, sample_side_by_side};
-use crate::model::{Gpt, ModelConfig, Reader, ReaderOptions};
-use crate::shell::{ReadingArgs, Say};
+use crate::model::{BenchModel, ModelArgs};
+use crate::{How, Rates, Row, Say, Unit, rounded, seconds};
 use anyhow::Result;
-use kinelm_engine::arena::Floats;
-use kinelm_model::{KvKind, Logits};
-use kinelm_store::random;
-use kinelm_tokenizer::{Grammar, Vocabulary, WordLength};
+use kinelm::engine::arena::Floats;
+use kinelm::generate::sampling::Sampling;
+use kinelm::generate::{NextToken, SamplingPlan, sample_side_by_side};
+use kinelm::model::{Gpt, KvKind, Logits, ModelConfig, Reader, ReaderOptions, WeightKind};
+use kinelm::store::random;
+use kinelm::tokenizer::{Grammar, Vocabulary, WordLength};
 use rand_chacha::rand_core::RngCore;
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -41,8 +39,12 @@ pub struct Args {
     /// Frames of the dances; two windows if not given. From 148 on, how even their times are is printed too
     #[arg(long, value_name = "F", value_parser = frames)]
     frames: Option<usize>,
-    #[command(flatten)]
-    reading: ReadingArgs,
+    /// The format of the weights
+    #[arg(long, value_enum, default_value = "f32")]
+    weights: WeightKind,
+    /// The format of cached keys and values
+    #[arg(long, value_enum, default_value = "f32")]
+    kv: KvKind,
     #[command(flatten)]
     how: How,
 }
@@ -66,7 +68,7 @@ struct Bench<'a> {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let model = args.model.get()?;
-    let reading = args.reading.get(args.streams.into());
+    let reading = ReaderOptions { streams: args.streams.into(), weights: args.weights, kv: args.kv };
     let gpt = Gpt::new(&model.file.model, &model.tokens, 1)?;
     let reader = Reader::new(&gpt, reading)?;
     let mut rng = random::stream(1, "bench", 0, 0);
@@ -90,7 +92,7 @@ impl Bench<'_> {
             "weights": format!("{:?}", self.reading.weights).to_lowercase(),
             "kv": format!("{:?}", self.reading.kv).to_lowercase(),
             "context": self.tokens.len(),
-            "kernels": kinelm_engine::dispatch::name(),
+            "kernels": kinelm::engine::dispatch::name(),
         });
         for (key, value) in more.as_object().into_iter().flatten() {
             all[key] = value.clone();

@@ -1,4 +1,4 @@
-//! `kinelm bench`: how fast this machine does what the program does. A file a subject; the rows are printed here.
+//! `kinelm-lab`: how fast this machine does what the program does. A file a subject; the rows are printed here.
 
 mod decode;
 mod lstm;
@@ -9,13 +9,28 @@ mod read;
 mod tokenize;
 mod train;
 
-use crate::shell::{Say, print};
 use anyhow::Result;
+use clap::Parser;
 use serde_json::{Map, Value, json};
+use std::fmt::Display;
 use std::time::Instant;
 
+/// How fast this machine does what kinelm does.
+#[derive(Debug, clap::Parser)]
+#[command(name = "kinelm-lab", arg_required_else_help = true)]
+struct Call {
+    #[command(subcommand)]
+    bench: Bench,
+    /// Threads to use [default: all cores]
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Print rows only, no notes
+    #[arg(long, short, global = true)]
+    quiet: bool,
+}
+
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+enum Bench {
     /// MB/s of a BVH's number block, on one core
     Read(read::Args),
     /// Frames/s of encoding and decoding made-up dances of 13 joints, on all threads
@@ -32,7 +47,7 @@ pub enum Command {
 
 /// How every bench measures and prints.
 #[derive(Debug, clap::Args)]
-pub struct How {
+struct How {
     /// Timings, after a warm-up that doesn't count; their median is the figure
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     repeats: Option<u16>,
@@ -41,15 +56,34 @@ pub struct How {
     json: bool,
 }
 
-pub fn run(command: Command, say: Say) -> Result<()> {
-    match command {
-        Command::Read(args) => read::run(args, say),
-        Command::Tokenize(args) => tokenize::run(args, say),
-        Command::Train(args) => train::run(args, say),
-        Command::Decode(args) => decode::run(args, say),
-        Command::Lstm(args) => lstm::run(args, say),
-        Command::Query(args) => query::run(args, say),
+/// What stands beside the rows, on stderr.
+#[derive(Debug, Clone, Copy)]
+struct Say {
+    quiet: bool,
+}
+
+impl Say {
+    fn line(self, text: impl Display) {
+        if !self.quiet {
+            eprintln!("{text}");
+        }
     }
+}
+
+fn main() -> Result<()> {
+    let call = Call::parse();
+    let threads = call.threads.unwrap_or(0).into();
+    rayon::ThreadPoolBuilder::new().num_threads(threads).stack_size(8 << 20).build_global()?;
+    let say = Say { quiet: call.quiet };
+    // on a thread of the pool, as the program does: from outside, every parallel step would wake its threads anew
+    rayon::scope(|_| match call.bench {
+        Bench::Read(args) => read::run(args, say),
+        Bench::Tokenize(args) => tokenize::run(args, say),
+        Bench::Train(args) => train::run(args, say),
+        Bench::Decode(args) => decode::run(args, say),
+        Bench::Lstm(args) => lstm::run(args, say),
+        Bench::Query(args) => query::run(args, say),
+    })
 }
 
 /// What a rate counts.
@@ -138,7 +172,8 @@ impl Row<'_> {
             line.insert("peak_rss_mb".into(), json!(peak));
             line.insert("threads".into(), json!(self.threads));
             line.extend(self.more.as_object().cloned().unwrap_or_default());
-            return print(&format!("{}\n", Value::Object(line)));
+            println!("{}", Value::Object(line));
+            return Ok(());
         }
         let (what, config, threads) = (self.what, self.config, self.threads);
         let mut text =
@@ -149,7 +184,8 @@ impl Row<'_> {
         for (key, value) in self.more.as_object().into_iter().flatten() {
             text += &format!(", {} {}", key.replace('_', " "), value.to_string().trim_matches('"'));
         }
-        print(&(text + "\n"))
+        println!("{text}");
+        Ok(())
     }
 }
 

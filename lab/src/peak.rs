@@ -1,7 +1,7 @@
 //! What the processor reaches at most, seen in the same run as what is compared with it.
 
-use kinelm_engine::op::matmul::{Left, Store};
-use kinelm_engine::op::products::{Products, Right};
+use kinelm::engine::op::matmul::{Left, Store};
+use kinelm::engine::op::products::{Products, Right};
 use std::time::Instant;
 
 /// Products a thread makes between two looks at the clock.

@@ -30,7 +30,7 @@ row() {
             "$kinelm" aclstm resume "$run" --steps "${STEPS:-6000}" $threads
         else
             "$kinelm" aclstm train "$data/cmu-dance" --labels "$labels" --only genre=salsa --config "${CONFIG:-256}" \
-                ${RATE:+--rate "$RATE"} --steps "${STEPS:-6000}" --seed "$seed" --run "$run" "$@" $threads
+                ${RATE:+--set "learning_rate=$RATE"} --set "steps=${STEPS:-6000}" --set "seed=$seed" --run "$run" "$@" $threads
         fi
         touch "$run.done"
     fi
@@ -46,13 +46,13 @@ row() {
 csv=$splits/cmu-dance.csv
 for seed in ${SEEDS:-1 2 3}; do
     for cell in positional:5 euler:5 quaternion:5 quaternion:30 quaternion:45; do
-        row "$(echo $cell | tr : -)" "$seed" "$csv" --representation "${cell%:*}" --condition "${cell#*:}"
+        row "$(echo $cell | tr : -)" "$seed" "$csv" --set "form=${cell%:*}" --set "condition=${cell#*:}"
     done
 done
 if [ "${MORE:-yes}" = yes ]; then
-    row compat 1 "$csv" --representation quaternion --condition 45 --wiring compat
-    row header-rate 1 "$out/header-rate.csv" --representation quaternion --condition 45
-    row euler-YXZ 1 "$csv" --representation euler --condition 5 --root-order YXZ
+    row compat 1 "$csv" --set form=quaternion --set condition=45 --set wiring=compat
+    row header-rate 1 "$out/header-rate.csv" --set form=quaternion --set condition=45
+    row euler-YXZ 1 "$csv" --set form=euler --set condition=5 --set root_order=YXZ
 fi
 first=${SEEDS:-1 2 3}
 first=${first%% *}

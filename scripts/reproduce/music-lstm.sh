@@ -36,7 +36,7 @@ row() {
             "$kinelm" music-lstm resume "$run" ${STEPS:+--steps "$STEPS"} $threads
         else
             "$kinelm" music-lstm train "$data/cmu-dance" --labels "$out/labels.csv" --music "$out/music" \
-                --config "${CONFIG:-small}" ${STEPS:+--steps "$STEPS"} --seed "${SEED:-1}" --run "$run" "$@" $threads
+                --config "${CONFIG:-small}" ${STEPS:+--set "steps=$STEPS"} --set "seed=${SEED:-1}" --run "$run" "$@" $threads
         fi
         touch "$run.done"
     fi
@@ -47,11 +47,11 @@ row() {
 }
 
 row mse
-row every-4 --effort corrected
-row every-4-compat --effort compat
-row effort-compat --pose none --effort compat --effort-every 1
-row effort --pose none --effort corrected --effort-every 1
-row mse-compat-audio --audio compat
-row teacher-0 --teacher 0
-row mse-numbers --pose compat
+row every-4 --set effort=corrected
+row every-4-compat --set effort=compat
+row effort-compat --set pose=none --set effort=compat --set effort_every=1
+row effort --set pose=none --set effort=corrected --set effort_every=1
+row mse-compat-audio --set audio=compat
+row teacher-0 --set teacher=0
+row mse-numbers --set pose=compat
 python3 "$here/scripts/reproduce/music_lstm.py" table "$out"

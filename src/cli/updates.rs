@@ -1,17 +1,63 @@
 //! What the commands of the baselines have in common: training that can be resumed, dances that are made.
 
+use super::read::ReadArgs;
 use super::{ForceArgs, Say, progress, training, wrong_call};
-use crate::baselines::Changes;
 use crate::baselines::data::Sources;
 use crate::baselines::sidecar::{Request, Sidecar};
 use crate::baselines::train::{Event, Summary};
+use crate::baselines::{Changes, Settings};
 use crate::classify::LabelFilter;
 use crate::model::CheckpointChoice;
 use crate::store::{self, sidecar};
 use anyhow::Result;
-use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::RestFrame;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+
+/// What a new run learns from, and its settings.
+#[derive(Debug, clap::Args)]
+pub struct TrainArgs {
+    /// Motion files or folders of them, all of one rig
+    #[arg(value_name = "DATA", required = true)]
+    data: Vec<PathBuf>,
+    /// The run folder to create
+    #[arg(long, value_name = "RUN")]
+    pub run: PathBuf,
+    /// Splits, takes, true rates and music of the DATA, as for kinelm tokenize: a CSV or a pattern
+    #[arg(long, value_name = "FILE.csv|PATTERN")]
+    labels: Vec<String>,
+    /// Use only clips with this label; may be repeated
+    #[arg(long, value_name = "FIELD=VALUE")]
+    only: Vec<LabelFilter>,
+    /// Settings: a name that kinelm config list prints, or a TOML file
+    #[arg(long, value_name = "NAME|FILE")]
+    config: Option<PathBuf>,
+    /// Another value for one of its keys: steps=500, width=64; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+impl TrainArgs {
+    /// The settings with what the call changes in them.
+    pub fn settings<S: Settings + Default>(&self) -> crate::Result<S> {
+        let settings: S = self.config.as_deref().map(S::find).transpose()?.unwrap_or_default();
+        settings.with_keys(&self.set)
+    }
+
+    /// The motion and its labels, as the run stores them.
+    pub fn sources(&self) -> Result<Sources> {
+        let label = |text: &String| match Path::new(text).is_file() {
+            true => Ok(stored(Path::new(text))?.to_string_lossy().into_owned()),
+            false => Ok::<_, anyhow::Error>(text.clone()),
+        };
+        let data = self.data.iter().map(|path| stored(path)).collect::<Result<_>>()?;
+        let labels = self.labels.iter().map(label).collect::<Result<_>>()?;
+        // the margin leaves out what precedes the motion
+        Ok(Sources { data, labels, only: self.only.clone(), read: self.read.options(RestFrame::Keep) })
+    }
+}
 
 #[derive(Debug, clap::Args)]
 pub struct ResumeArgs {
@@ -97,22 +143,5 @@ pub fn stored(path: &Path) -> Result<PathBuf> {
     match std::path::absolute(path) {
         Ok(path) if path.to_str().is_some() => Ok(path),
         _ => wrong_call!("{}: expected a path in UTF-8, which a run can store", path.display()),
-    }
-}
-
-/// A run's motion and labels, as the run stores them.
-pub fn sources(data: &[PathBuf], labels: &[String], only: &[LabelFilter], read: ReadOptions) -> Result<Sources> {
-    let label = |text: &String| match Path::new(text).is_file() {
-        true => Ok(stored(Path::new(text))?.to_string_lossy().into_owned()),
-        false => Ok::<_, anyhow::Error>(text.clone()),
-    };
-    let data = data.iter().map(|path| stored(path)).collect::<Result<_>>()?;
-    Ok(Sources { data, labels: labels.iter().map(label).collect::<Result<_>>()?, only: only.to_vec(), read })
-}
-
-/// Replaces a setting by the value of a flag, where the flag is given.
-pub fn set<T, U: Into<T>>(setting: &mut T, flag: Option<U>) {
-    if let Some(value) = flag {
-        *setting = value.into();
     }
 }

@@ -47,7 +47,7 @@ fn place() -> &'static Place {
         }
         fs::write(place.at("c.toml"), CONFIG).unwrap();
         fs::write(place.at("labels.csv"), labels).unwrap();
-        place.done(&format!("{TRAIN} --representation quaternion --condition 3 --run run"));
+        place.done(&format!("{TRAIN} --set form=quaternion --set condition=3 --run run"));
         place
     })
 }
@@ -56,7 +56,7 @@ fn place() -> &'static Place {
 fn a_run_goes_on_and_says_how_it_was_asked() {
     let place = place();
     place.call(&format!("{TRAIN} --run run")).assert().failure().stderr(contains("run exists; resume it"));
-    place.done(&format!("{TRAIN} --representation euler --root-order YXZ --steps 2 --run euler"));
+    place.done(&format!("{TRAIN} --set form=euler --set root_order=YXZ --set steps=2 --run euler"));
     place.call("aclstm resume euler --steps 4").assert().success().stderr(contains("resuming after step 2"));
     let config = fs::read_to_string(place.at("euler/config.toml")).unwrap();
     assert!(config.contains("form = \"euler\"") && config.contains("orders = [\"YXZ\", \"ZXY\""), "{config}");
@@ -77,11 +77,8 @@ fn a_run_goes_on_and_says_how_it_was_asked() {
     }
     let wrong = [
         (format!("{TRAIN} --only genre=waltz --run x"), "no clip with genre=waltz"),
-        (format!("{TRAIN} --wiring old --run x"), "possible values: fixed, compat"),
-        (
-            format!("{TRAIN} --representation euler --root-order ZZX --run x"),
-            "the order of a joint's angles is \"ZZX\"",
-        ),
+        (format!("{TRAIN} --set wiring=old --run x"), "possible values: fixed, compat"),
+        (format!("{TRAIN} --set form=euler --set root_order=ZZX --run x"), "the order of a joint's angles is \"ZZX\""),
         (format!("{TRAIN} --fps-source 50 --run x"), "found 50 frames a second, expected a multiple of 30"),
     ];
     for (words, message) in wrong {

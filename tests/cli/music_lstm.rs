@@ -68,7 +68,9 @@ fn own_place() -> Place {
 fn a_run_goes_on_and_says_how_it_was_asked() {
     let place = place();
     place.refused(&format!("{TRAIN} --run run"), "run exists; resume it");
-    place.done(&format!("{TRAIN} --pose none --effort compat --effort-every 1 --audio compat --steps 2 --run other"));
+    place.done(&format!(
+        "{TRAIN} --set pose=none --set effort=compat --set effort_every=1 --set audio=compat --set steps=2 --run other"
+    ));
     place.call("music-lstm resume other --steps 4").assert().success().stderr(contains("resuming after step 2"));
     let config = fs::read_to_string(place.at("other/config.toml")).unwrap();
     assert!(config.contains("effort = \"compat\"") && config.contains("audio = \"compat\""), "{config}");
@@ -79,8 +81,8 @@ fn a_run_goes_on_and_says_how_it_was_asked() {
     place.refused("aclstm resume other", "found a run of kind \"music-lstm\"");
     place.refused("music-lstm generate --run data --music songs/song0.wav --out x.bvh", "no config.toml");
     let wrong = [
-        (format!("{TRAIN} --pose none --run x"), "--pose is \"none\""),
-        (format!("{TRAIN} --teacher 2 --run x"), "teacher is 2; expected 0 to 1"),
+        (format!("{TRAIN} --set pose=none --run x"), "--pose is \"none\""),
+        (format!("{TRAIN} --set teacher=2 --run x"), "teacher is 2; expected 0 to 1"),
         (format!("{TRAIN} --only genre=waltz --run x"), "no clip with genre=waltz"),
         (format!("{TRAIN} --fps-source 50 --run x"), "found 50 frames a second, expected a multiple of 30"),
         ("music-lstm train data --run x".into(), "--music"),

@@ -49,7 +49,6 @@ impl LikelihoodReport {
             "all_frames": all_frames,
             "bits": {
                 "model": in_all(found.bits_per_frame), "order0": floors.map(|f| in_all(f.order0())),
-                "xz9": floors.and_then(Floors::xz).map(in_all),
             },
         });
         if !self.clips.is_empty() {
@@ -81,8 +80,7 @@ impl LikelihoodReport {
         let floors = floors.as_ref().ok();
         let of = format!("{all_frames} frames of {split}");
         table += &format!("\n{of:<32} {:>12} {:>14}\n", "bits/frame", "bits in all");
-        let [order0, xz] = [floors.map(Floors::order0), floors.and_then(Floors::xz)];
-        let rows = [("order 0", order0), ("xz -9", xz), (name, Some(found.bits_per_frame))];
+        let rows = [("order 0", floors.map(Floors::order0)), (name, Some(found.bits_per_frame))];
         for (name, bits) in rows.into_iter().filter_map(|(name, bits)| Some((name, bits?))) {
             table += &format!("{name:<32} {bits:>12.2} {:>14.0}\n", self.in_all(bits));
         }

@@ -5,6 +5,7 @@
 
 pub mod packed;
 
+use etcetera::base_strategy::{BaseStrategy, choose_native_strategy};
 use kinelm_model::checkpoint::{Checkpoints, State};
 use kinelm_model::lead_in::LEAD_INS;
 use kinelm_model::run::{CONFIG, HELD_OUT, MADE, TOKENIZER, WEIGHTS};
@@ -122,16 +123,10 @@ fn tokenizer() -> &'static str {
 
 /// Where programs keep what they can make again: XDG_CACHE_HOME, else as the system has it.
 fn cache_folder() -> Result<PathBuf> {
-    let of = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    let system = || {
-        if cfg!(windows) {
-            return of("LOCALAPPDATA");
-        }
-        let below = if cfg!(target_os = "macos") { "Library/Caches" } else { ".cache" };
-        of("HOME").map(|home| home.join(below))
-    };
+    let set = std::env::var_os("XDG_CACHE_HOME").filter(|value| !value.is_empty()).map(PathBuf::from);
+    let system = || choose_native_strategy().ok().map(|system| system.cache_dir());
     let help = "the ready model is written there once: set XDG_CACHE_HOME, or give a run as `--run`";
-    let folder = of("XDG_CACHE_HOME").or_else(system).ok_or_else(|| Error::missing("a cache folder", help))?;
+    let folder = set.or_else(system).ok_or_else(|| Error::missing("a cache folder", help))?;
     Ok(folder.join("kinelm"))
 }
 

@@ -11,7 +11,7 @@ use anyhow::Result;
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Train a network on motion files of one rig
-    Train(train::Args),
+    Train(updates::TrainArgs),
     /// Resume a training from its last whole checkpoint, on the same files
     Resume(updates::ResumeArgs),
     /// Continue a clip
@@ -24,7 +24,7 @@ pub enum Command {
 
 pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
-        Command::Train(args) => train::run(args, say),
+        Command::Train(args) => train::run(&args, say),
         Command::Resume(args) => train::resume(&args, say),
         Command::Generate(args) => generate::run(&args, say),
         Command::Evaluate(args) => evaluate::run(&args, say),

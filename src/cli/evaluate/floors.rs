@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// The static models beside what is measured.
 #[derive(Debug, clap::Args)]
 pub struct FloorsArgs {
-    /// How many frames of each split static models and xz are fitted and measured on
+    /// How many frames of each split static models are fitted and measured on
     #[arg(long, value_enum, default_value = "sample")]
     floors: FloorsArg,
     /// Fit the static models on the train clips of this corpus, which has the same tokenizer, instead of --corpus
@@ -21,7 +21,7 @@ pub struct FloorsArgs {
 /// `--floors`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum FloorsArg {
-    /// None: no static models, no xz
+    /// None: no static models
     None,
     /// All, or a sample of about 200,000 where there are more
     Sample,

@@ -21,7 +21,7 @@ pub enum Command {
 
 pub fn run(command: Command, say: Say) -> Result<()> {
     match command {
-        Command::Train(args) => train::run(*args, say),
+        Command::Train(args) => train::run(&args, say),
         Command::Resume(args) => train::resume(&args, say),
         Command::Generate(args) => generate::run(&args, say),
         Command::Evaluate(args) => evaluate::run(&args, say),

@@ -67,8 +67,6 @@ const NEEDS: &[Need] = &[
         options: &["skeleton-map", "skeleton-unit", "skeleton-root"],
         any_of: &["skeleton"],
     },
-    Need { commands: &["aclstm train"], options: &["root-order"], any_of: &["representation=euler", "config"] },
-    Need { commands: &["music-lstm train"], options: &["effort-every"], any_of: &["effort", "config"] },
     Need { commands: &["filter"], options: &["butterworth"], any_of: &["cutoff"] },
     Need { commands: &["view"], options: &["music-from"], any_of: &["music"] },
     Need { commands: &["inspect"], options: &["force"], any_of: &["map-out"] },

@@ -11,12 +11,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("aclstm generate", "run seed-clip seed-frames seed-from frames with-seed out feet force", &[READING]),
     ("aclstm plot", "out force", &[]),
     ("aclstm resume", "steps set", &[]),
-    (
-        "aclstm train",
-        "run labels only config representation condition groundtruth width layers wiring batch rate steps \
-         seed set",
-        &[READING],
-    ),
+    ("aclstm train", "run labels only config set", &[READING]),
     ("classify eval", "classifier corpus split baselines plot json trust", &[]),
     ("classify predict", "classifier json", &[READING]),
     (
@@ -78,11 +73,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("music-lstm evaluate", "run split frames cutoff json", &[]),
     ("music-lstm generate", "run music music-from frames out force", &[]),
     ("music-lstm resume", "steps set", &[]),
-    (
-        "music-lstm train",
-        "music run labels only config audio pose effort teacher batch rate steps seed set",
-        &[READING],
-    ),
+    ("music-lstm train", "music run labels only config set", &[READING]),
     ("pretrain resume", "corpus steps precision device form trust set", &[]),
     ("pretrain", "config corpus run steps seed conditions from precision device form trust set", &[]),
     ("query build", "labels strict out transform run no-dc keep joints window hop fps raw", &[READING]),
@@ -255,7 +246,7 @@ fn with_what_it_needs_an_option_is_taken() {
         "filter a.bvh --out b.bvh --butterworth 2 --cutoff 5",
         "evaluate dance a.bvh --real corpus --beats a.txt --music-from 2s --plot a.svg --force",
         "evaluate baselines --corpus corpus --split valid --trust --floors-from other",
-        "aclstm train a --run run --representation euler --root-order YXZ",
+        "aclstm train a --run run --set form=euler --set root_order=YXZ",
     ] {
         let words: Vec<String> = ["kinelm"].into_iter().chain(line.split(' ')).map(String::from).collect();
         assert_eq!(refused(&words), None, "{line}");

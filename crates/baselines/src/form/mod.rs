@@ -20,7 +20,6 @@ use std::sync::Arc;
 /// The representation of a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Form {
     /// C = 3 (J + E): the hip's position, and the offsets from it to every other joint and end site, metres, world axes.
     Positional,

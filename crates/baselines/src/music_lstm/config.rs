@@ -17,7 +17,6 @@ pub const MUSIC_LSTM: &Presets = &[
 /// The spectrum of a frame of music.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Audio {
     /// Six windows around the frame's time, logarithms, each number standardised over the training music.
     #[default]
@@ -39,7 +38,6 @@ impl Audio {
 /// The loss of poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Pose {
     /// The mean square error of the quaternions' components, true ones with the nearer sign.
     #[default]
@@ -53,7 +51,6 @@ pub enum Pose {
 /// The loss of Laban's weight effort.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Effort {
     /// By angular speeds ([`super::effort`]).
     Corrected,

@@ -50,7 +50,6 @@ pub const UNITS: usize = 64;
 
 /// How layers are connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Wiring {
     /// A layer's input is the output of the one below at the same step.
     #[default]

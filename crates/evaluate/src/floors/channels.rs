@@ -13,7 +13,6 @@
 
 use super::codes::{CodeClips, CodeSplits};
 use super::kernels::{KERNELS, Kernels, bits, distinct, fit};
-use super::xz;
 use crate::{Error, Result};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
@@ -59,8 +58,6 @@ pub struct ChannelFloors {
     pub by_channel: [Vec<f64>; 6],
     /// Weight of the extrapolation in d: (C).
     pub weight_on_extrapolation: Vec<f64>,
-    /// Under `xz -9`, frame after frame and channel after channel; `None` where there is no `xz` program.
-    pub xz: Option<[f64; 2]>,
 }
 
 impl ChannelFloors {
@@ -68,7 +65,7 @@ impl ChannelFloors {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Missing`] when a split has no frame, or the codes are no whole frames of bins below `codes.bins`, of which
-    /// there are 2 to 65,536; more numbers than xz takes.
+    /// there are 2 to 65,536.
     pub fn measure(codes: &CodeSplits) -> Result<ChannelFloors> {
         check(codes)?;
         let &CodeSplits { bins, channels, .. } = codes;
@@ -100,7 +97,6 @@ impl ChannelFloors {
             from_third_frame: (later > 0).then_some(from_third),
             by_channel,
             weight_on_extrapolation: costs.iter().map(|c| c.weight_on_extrapolation).collect(),
-            xz: xz::bits_per_frame(&codes.test, channels)?,
         })
     }
 
@@ -121,8 +117,6 @@ impl ChannelFloors {
         };
         let mut all = named(&self.bits_per_frame);
         all.insert("uniform".into(), json!(self.uniform()));
-        all.insert("xz9_frame_major".into(), json!(self.xz.map(|x| x[0])));
-        all.insert("xz9_character_major".into(), json!(self.xz.map(|x| x[1])));
         let by_channel: Map<String, Value> =
             MODELS.iter().zip(&self.by_channel).map(|(m, v)| ((*m).to_owned(), json!(v))).collect();
         let mut line = json!({
@@ -154,13 +148,7 @@ impl fmt::Display for ChannelFloors {
         for (i, name) in ROWS.iter().enumerate() {
             write!(f, "\n{}", figure_row(name, self.bits_per_frame[i], self.from_third_frame.map(|t| t[i])))?;
         }
-        match self.xz {
-            Some([frame, channel]) => {
-                write!(f, "\n{}", figure_row("xz -9, frame after frame", frame, None))?;
-                write!(f, "\n{}", figure_row("xz -9, character after character", channel, None))
-            }
-            None => write!(f, "\n{}", row("xz -9", "n/a", "no xz program was found")),
-        }
+        Ok(())
     }
 }
 
@@ -432,15 +420,12 @@ mod tests {
 
     #[test]
     fn the_table_has_a_row_a_model() {
-        let mut b = ChannelFloors::measure(&splits(vec![3; 100], vec![3; 50])).unwrap();
-        b.xz = None;
+        let b = ChannelFloors::measure(&splits(vec![3; 100], vec![3; 50])).unwrap();
         let text = b.to_string();
         assert!(text.starts_with("fitted on 1 clips, 100 frames; measured on 1 clips, 50 frames\n"), "{text}");
-        assert_eq!(text.lines().count(), 2 + 1 + MODELS.len() + 1);
-        assert!(text.ends_with("no xz program was found"));
+        assert_eq!(text.lines().count(), 2 + 1 + MODELS.len());
         let json = b.to_json();
         assert_eq!(json["bits_per_frame"]["uniform"], 3.0);
-        assert_eq!(json["bits_per_frame"]["xz9_frame_major"], Value::Null);
         assert!(json["bits_per_frame_from_third_frame"]["e_mix_by_activity"].is_f64());
     }
 }

@@ -5,7 +5,6 @@ pub mod codes;
 pub mod kernels;
 pub mod sample;
 pub mod tokens;
-mod xz;
 
 pub use channels::{ChannelFloors, figure_row};
 pub use codes::CodeSplits;
@@ -30,7 +29,7 @@ impl Floors {
     /// The floors of a split of a corpus, fitted on the train clips of `fitted`, which may be the same.
     ///
     /// # Errors
-    /// Corpora of two tokenizers; a split without frames; ids that stand where they may not; an `xz` program that fails.
+    /// Corpora of two tokenizers; a split without frames; ids that stand where they may not.
     pub fn of_corpora(fitted: &Corpus, measured: (&Corpus, Split), extent: Extent) -> Result<Floors> {
         let [found, expected] = [fitted, measured.0].map(|corpus| corpus.tokenizer().base_hash());
         if found != expected {
@@ -59,14 +58,6 @@ impl Floors {
         match self {
             Floors::Channels(floors) => floors.bits_per_frame[0],
             Floors::Tokens(floors) => floors.bits_per_frame[0],
-        }
-    }
-
-    /// Bits a frame under `xz -9`, the better order of the numbers; `None` where there is no `xz` program.
-    pub fn xz(&self) -> Option<f64> {
-        match self {
-            Floors::Channels(floors) => floors.xz.map(|[frame, channel]| frame.min(channel)),
-            Floors::Tokens(floors) => floors.xz,
         }
     }
 

@@ -11,7 +11,6 @@
 use super::channels::{figure_row, fmt_sample, sampled};
 use super::codes;
 use super::sample::{Extent, Stretch, stretches};
-use super::xz::compressed_bytes;
 use crate::{Error, Result};
 use kinelm_corpus::{Corpus, Split};
 use kinelm_tokenizer::{SPACE, Special};
@@ -38,8 +37,6 @@ pub struct TokenFloors {
     pub of: [usize; 2],
     /// Bits per frame of each of [`MODELS`].
     pub bits_per_frame: [f64; 3],
-    /// Under `xz -9`, as they stand in the corpus; `None` where there is no `xz` program.
-    pub xz: Option<f64>,
 }
 
 impl TokenFloors {
@@ -47,7 +44,7 @@ impl TokenFloors {
     /// tokenizer.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::File`] when a split has no frame; an `xz` program that fails.
+    /// [`kinelm_store::Error::File`] when a split has no frame.
     pub fn measure(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<TokenFloors> {
         // labels may have been added to one of them
         let vocabulary = corpus.manifest().vocabulary.max(fitted.manifest().vocabulary);
@@ -69,17 +66,8 @@ impl TokenFloors {
             bits.iter_mut().zip(found).for_each(|(sum, p)| *sum -= p.log2());
         })?;
         let frames = test[1] as f64;
-        let xz = compressed_bytes(&|pipe| {
-            for of in &held_out {
-                // a file that was read a moment ago; where it's gone, all of it isn't compressed
-                let ids = corpus.word_ids(of.clip, of.words.clone()).map_err(std::io::Error::other)?;
-                pipe.write_all(&corpus.manifest().token_type.to_bytes(&ids))?;
-            }
-            Ok(())
-        })?;
         let of = [codes::frames(fitted, Split::Train), codes::frames(corpus, measured)];
-        let (bits_per_frame, xz) = (bits.map(|b| b / frames), xz.map(|n| 8.0 * n as f64 / frames));
-        Ok(TokenFloors { vocabulary, train, test, of, bits_per_frame, xz })
+        Ok(TokenFloors { vocabulary, train, test, of, bits_per_frame: bits.map(|b| b / frames) })
     }
 
     /// Bits a frame of a code without any model: log2 V a token.
@@ -98,7 +86,6 @@ impl TokenFloors {
         let mut bits: serde_json::Map<_, _> =
             MODELS.iter().zip(self.bits_per_frame).map(|(m, b)| ((*m).to_owned(), json!(b))).collect();
         bits.insert("uniform".into(), json!(self.uniform()));
-        bits.insert("xz9".into(), json!(self.xz));
         let of = |i: usize| json!({ "train": self.train[i], "test": self.test[i] });
         let mut line = json!({
             "schema": 1, "vocabulary": self.vocabulary,
@@ -126,10 +113,7 @@ impl fmt::Display for TokenFloors {
         for (name, bits) in ROWS.iter().zip(self.bits_per_frame) {
             write!(f, "\n{}", figure_row(name, bits, None))?;
         }
-        match self.xz {
-            Some(bits) => write!(f, "\n{}", figure_row("xz -9", bits, None)),
-            None => write!(f, "\n{:<32} {:>12}   no xz program was found", "xz -9", "n/a"),
-        }
+        Ok(())
     }
 }
 

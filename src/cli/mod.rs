@@ -54,6 +54,7 @@ use crate::shell::{
 use anyhow::{Error, Result};
 use command::{Call, command};
 use kinelm_engine::arena::NoMemory;
+use kinelm_store::input::Inputs;
 use std::ffi::OsString;
 use std::panic::{AssertUnwindSafe, resume_unwind};
 
@@ -99,6 +100,8 @@ fn work(call: Call) -> Result<()> {
         return studio::run(args, say);
     }
     progress::report_waits(say);
+    // no command overwrites what it has read
+    let _inputs = Inputs::record();
     // on a thread of the pool: from outside, every parallel step would wake its threads anew and wait for them asleep
     let whole = || rayon::scope(|_| command(call.command, say).and_then(|()| all_read()));
     std::panic::catch_unwind(AssertUnwindSafe(whole)).unwrap_or_else(|payload| match payload.downcast::<NoMemory>() {

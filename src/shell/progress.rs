@@ -169,8 +169,8 @@ pub fn watch(say: Say, then: &'static str) -> Box<BuildProgress<'static>> {
                     stage(then);
                 }
             }
-            BuildEvent::Failed { item, error } => {
-                let text = format!("{}: left out: {error}", item.name);
+            BuildEvent::Failed { item, why } => {
+                let text = format!("{}: left out: {why}", item.name);
                 match &shown {
                     Some(bar) => bar.suspend(|| say.left_out(text)),
                     None => say.left_out(text),

@@ -25,6 +25,9 @@ pub enum Error {
     /// A client that is too slow.
     #[error("{0}")]
     Slow(String),
+    /// Work that failed otherwise.
+    #[error("{0}")]
+    Failed(String),
 }
 
 kinelm_store::constructors!(Error);
@@ -60,12 +63,13 @@ impl Error {
             Error::Library(e) => e.kind(),
             Error::Unknown(_) | Error::Conflict(_) | Error::Refused(_) => Kind::Call,
             Error::Slow(_) => Kind::Limit,
+            Error::Failed(_) => Kind::Failed,
         }
     }
 
     /// Work that failed otherwise.
-    pub fn failed(e: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Error {
-        Error::Library(kinelm_model::Error::Work(e.into()))
+    pub fn failed(e: impl ToString) -> Error {
+        Error::Failed(e.to_string())
     }
 
     /// An id of `what` that nothing has.
@@ -102,6 +106,7 @@ impl Error {
             Error::Conflict(_) => 409,
             Error::Refused(_) => 403,
             Error::Slow(_) => 408,
+            Error::Failed(_) => 500,
             Error::Library(e) => match e.kind() {
                 Kind::Call => 400,
                 Kind::File => 422,

@@ -11,12 +11,13 @@ use super::writer::{CorpusWriter, NewClip};
 use crate::music::library::{AlignedMusic, MusicLibrary};
 use crate::music::{motion_beats, tempo};
 use crate::{Error, Result};
-use kinelm_motion::FaultKind;
-use kinelm_motion::format::{RateDoubt, RateDoubts, ReadOptions};
+use kinelm_motion::format::{FileRate, RateDoubt, RateDoubts, ReadOptions};
+use kinelm_motion::{FaultKind, Warning};
 use kinelm_store::counted;
 use kinelm_tokenizer::{Encoded, Fit, Tokenizer, TokenizerConfig};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
+use std::fmt::Display;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -61,7 +62,7 @@ pub enum BuildEvent<'a> {
         /// The file.
         item: &'a Item,
         /// The reason.
-        error: &'a Error,
+        why: &'a str,
     },
 }
 
@@ -174,15 +175,22 @@ pub fn fit(
     if items.is_empty() {
         return Err(Error::missing("clip in the train split", "a tokenizer is fitted on that alone"));
     }
-    let work = |_: &Item, loaded: &ItemClip| {
+    let work = |item: &Item, loaded: &ItemClip| {
         let mut one = Fit::new(config.clone())?;
-        one.add(&loaded.clip)?;
+        one.add(&loaded.clip).map_err(of_clip(item))?;
         Ok((one, loaded.clip.frames()))
     };
-    let summary = for_each_clip(&items, options, ClipSpec::from(&config), progress, work, |_, _, (one, frames), _| {
-        all.merge(&one)?;
-        Ok(frames)
-    })?;
+    let summary = for_each_clip(
+        &items,
+        options,
+        ClipSpec::from(&config),
+        progress,
+        work,
+        |_, _, (one, frames), _| -> Result<_> {
+            all.merge(&one)?;
+            Ok(frames)
+        },
+    )?;
     Ok((all.finish()?, summary))
 }
 
@@ -205,7 +213,7 @@ pub fn tokenize(
     let fps = tokenizer.fps();
     let library = options.music.as_ref().map(|folder| MusicLibrary::find(&items, folder, fps)).transpose()?;
     let work = |item: &Item, loaded: &ItemClip| {
-        let (encoded, frames) = (tokenizer.encode(&loaded.clip)?, loaded.clip.frames());
+        let (encoded, frames) = (tokenizer.encode(&loaded.clip).map_err(of_clip(item))?, loaded.clip.frames());
         let music = library.as_ref().map_or(Ok(None), |library| library.align(item, (frames, loaded.clip.fps())))?;
         let (beats, music, tempo) = match music {
             Some(AlignedMusic { beats_s, features, tempo }) => {
@@ -221,7 +229,7 @@ pub fn tokenize(
         Ok(EncodedClip { ids, encoded, frames, floor_m: loaded.floor_m, beats, music, tempo })
     };
     let spec = tokenizer.config().into();
-    let summary = for_each_clip(&items, options, spec, progress, work, |item, sha256, clip, summary| {
+    let summary = for_each_clip(&items, options, spec, progress, work, |item, sha256, clip, summary| -> Result<_> {
         let EncodedClip { ids, encoded, frames, floor_m, beats, music, tempo } = clip;
         match beats.as_ref().map(|beats| beats.source) {
             Some(BeatSource::Music) => summary.with_music += 1,
@@ -264,6 +272,12 @@ pub fn tokenize(
     Ok((writer.finish()?, summary))
 }
 
+/// An error of the tokenizer with the clip that it is about.
+fn of_clip(item: &Item) -> impl FnOnce(kinelm_tokenizer::Error) -> Error {
+    let in_clip = Error::in_clip(item.path.display());
+    |e| in_clip(e.into())
+}
+
 /// A clip in words, with its beats and music.
 struct EncodedClip {
     ids: Vec<u32>,
@@ -282,40 +296,44 @@ struct EncodedClip {
 /// # Errors
 /// Those of `take`; those of `work` and of loading skip the item. [`kinelm_store::Error::Missing`] when no clip could be
 /// taken, or a file is bad and `strict` is set; [`kinelm_store::Error::Stopped`] when `progress` stopped it.
-pub fn for_each_clip<T: Send>(
+pub fn for_each_clip<T: Send, E: From<Error> + Display + Send>(
     items: &[&Item],
     options: &BuildOptions,
     spec: ClipSpec,
     progress: &mut BuildProgress<'_>,
-    work: impl Fn(&Item, &ItemClip) -> Result<T> + Sync,
-    mut take: impl FnMut(&Item, String, T, &mut Summary) -> Result<usize>,
-) -> Result<Summary> {
+    work: impl Fn(&Item, &ItemClip) -> Result<T, E> + Sync,
+    mut take: impl FnMut(&Item, String, T, &mut Summary) -> Result<usize, E>,
+) -> Result<Summary, E> {
     let files = SegmentedFiles::default();
     let one = |item: &Item| {
         let loaded = match item.segment {
-            Some(_) => files.load(item, &options.read, spec)?,
-            None => ItemClip::load(item, &options.read, spec)?,
+            Some(_) => files.load(item, &options.read, spec),
+            None => ItemClip::load(item, &options.read, spec),
+        };
+        let loaded = match loaded {
+            Ok(loaded) => loaded,
+            Err(Error::Motion(e)) if e.fault() == Some(FaultKind::NoMotion) => return Worked::NoMotion,
+            Err(e) => return Worked::Failed(e.to_string()),
         };
         if loaded.clip.frames() == 0 {
-            return Ok(None); // the file ends where the last labels do
+            return Worked::Ended;
         }
-        let result = work(item, &loaded).map_err(|e| match e {
-            e @ Error::Tokenizer(_) => Error::in_clip(item.path.display())(e),
-            other => other,
-        })?;
-        Ok(Some((result, loaded.sha256, loaded.warnings, loaded.rate)))
+        match work(item, &loaded) {
+            Ok(result) => Worked::Done(result, loaded.sha256, loaded.warnings, loaded.rate),
+            Err(e) => Worked::Failed(e.to_string()),
+        }
     };
     let mut summary = Summary::default();
     let (mut done, mut warned, mut read) = (0, BTreeSet::new(), HashSet::new());
     for block in items.chunks(BLOCK_PER_THREAD * rayon::current_num_threads()) {
-        let results: Vec<Result<_>> = block.par_iter().map(|item| one(item)).collect();
+        let results: Vec<_> = block.par_iter().map(|item| one(item)).collect();
         files.retain(block[block.len() - 1]);
         for (item, result) in block.iter().zip(results) {
             done += 1;
             let mut flow = ControlFlow::Continue(());
             match result {
-                Ok(None) => {}
-                Ok(Some((result, sha256, warnings, rate))) => {
+                Worked::Ended => {}
+                Worked::Done(result, sha256, warnings, rate) => {
                     if read.insert(&item.path) {
                         summary.doubts.add(&item.file_name(), rate);
                     }
@@ -328,21 +346,32 @@ pub fn for_each_clip<T: Send>(
                     summary.frames += take(item, sha256, result, &mut summary)?;
                     summary.clips += 1;
                 }
-                Err(Error::Motion(e)) if e.fault() == Some(FaultKind::NoMotion) => summary.no_motion += 1,
-                Err(error) => {
-                    let (key, name, why) = (item.key, item.name.clone(), error.to_string());
-                    summary.failed.push(Failure { key, name, why });
-                    flow = progress(BuildEvent::Failed { item, error: &error });
+                Worked::NoMotion => summary.no_motion += 1,
+                Worked::Failed(why) => {
+                    flow = progress(BuildEvent::Failed { item, why: &why });
+                    summary.failed.push(Failure { key: item.key, name: item.name.clone(), why });
                 }
             }
             let of = items.len();
             if flow.is_break() || progress(BuildEvent::Done { done, of, frames: summary.frames }).is_break() {
-                return Err(Error::stopped(format!("stopped after {done} of {of} files; nothing was written")));
+                return Err(Error::stopped(format!("stopped after {done} of {of} files; nothing was written")).into());
             }
         }
     }
     summary.check(options, items.len())?;
     Ok(summary)
+}
+
+/// What became of an item.
+enum Worked<T> {
+    /// Its result, the hash of its file, and what reading it found.
+    Done(T, String, Vec<Warning>, FileRate),
+    /// The file ends where the last labels do.
+    Ended,
+    /// A file of the right format without motion.
+    NoMotion,
+    /// Reading or the work failed.
+    Failed(String),
 }
 
 /// Files of which several segments are taken; each is read once.

@@ -1,7 +1,7 @@
 //! The errors of this crate.
 
 /// The result of this crate's functions.
-pub type Result<T> = std::result::Result<T, Error>;
+pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// The errors of making and reading corpora.
 #[derive(Debug, thiserror::Error)]
@@ -26,9 +26,6 @@ pub enum Error {
         /// The reason.
         source: Box<Error>,
     },
-    /// A caller's work on a clip failed.
-    #[error(transparent)]
-    Work(Box<dyn std::error::Error + Send + Sync>),
 }
 
 kinelm_store::constructors!(Error);
@@ -48,7 +45,6 @@ impl Error {
             Error::Music(e) => e.kind(),
             Error::Tokenizer(e) => e.kind(),
             Error::Clip { source, .. } => source.kind(),
-            Error::Work(_) => kinelm_store::Kind::Failed,
         }
     }
 }

@@ -291,7 +291,7 @@ impl Provenance {
              this is {this} with {now}. Nothing was written",
             self.output.sha256,
         );
-        Err(Error::Work(what.into()))
+        Err(Error::Different(what))
     }
 
     /// The sidecar of the same dance at `out`, written at a rate.

@@ -31,9 +31,9 @@ pub enum Error {
     /// A clip of a dataset or corpus can't be used.
     #[error(transparent)]
     Clip(Box<kinelm_corpus::Error>),
-    /// Work on a clip failed otherwise.
-    #[error(transparent)]
-    Work(Box<dyn std::error::Error + Send + Sync>),
+    /// A dance that is made again came out different.
+    #[error("{0}")]
+    Different(String),
 }
 
 impl From<kinelm_corpus::Error> for Error {
@@ -45,22 +45,6 @@ impl From<kinelm_corpus::Error> for Error {
             Corpus::Music(e) => Error::Music(e),
             Corpus::Tokenizer(e) => Error::Tokenizer(e),
             e @ Corpus::Clip { .. } => Error::Clip(Box::new(e)),
-            Corpus::Work(e) => e.downcast().map_or_else(Error::Work, |e| *e),
-        }
-    }
-}
-
-/// For work on the clips of a corpus ([`kinelm_corpus::build::for_each_clip`]), which gives its errors back as they were.
-impl From<Error> for kinelm_corpus::Error {
-    fn from(e: Error) -> kinelm_corpus::Error {
-        use kinelm_corpus::Error as Corpus;
-        match e {
-            Error::Store(e) => Corpus::Store(e),
-            Error::Motion(e) => Corpus::Motion(e),
-            Error::Music(e) => Corpus::Music(e),
-            Error::Tokenizer(e) => Corpus::Tokenizer(e),
-            Error::Clip(e) => *e,
-            e => Corpus::Work(Box::new(e)),
         }
     }
 }
@@ -76,7 +60,9 @@ impl Error {
             Error::Music(e) => e.kind(),
             Error::Tokenizer(e) => e.kind(),
             Error::Clip(e) => e.kind(),
-            Error::Tensor(_) | Error::NotFinite(_) | Error::Weights(_) | Error::Work(_) => kinelm_store::Kind::Failed,
+            Error::Tensor(_) | Error::NotFinite(_) | Error::Weights(_) | Error::Different(_) => {
+                kinelm_store::Kind::Failed
+            }
         }
     }
 }

@@ -1,11 +1,11 @@
-//! Opens all inputs: refuses pipes, devices and text that isn't UTF-8, and records what was read, so that no call overwrites its
-//! inputs.
+//! Opens all inputs: refuses pipes, devices and text that isn't UTF-8, and records what a call reads, so that it doesn't
+//! overwrite its inputs.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{Error, ErrorKind, Read, Result};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Identity of a file: device and inode; on other systems the path without links.
 #[cfg(unix)]
@@ -14,8 +14,35 @@ pub type Identity = (u64, u64);
 #[cfg(not(unix))]
 pub type Identity = PathBuf;
 
-/// The files that this process has read, and the path of each.
-static READ: Mutex<Option<HashMap<Identity, PathBuf>>> = Mutex::new(None);
+/// The inputs of a call: all files that are opened while it lives, on any thread. What was read before it or is read after
+/// it is no input of the call; where no call lives, nothing is recorded. Calls that run at once share their inputs.
+#[derive(Debug)]
+pub struct Inputs(());
+
+/// How many calls live, and the path of each file that they have read.
+static READ: Mutex<(usize, BTreeMap<Identity, PathBuf>)> = Mutex::new((0, BTreeMap::new()));
+
+fn read() -> MutexGuard<'static, (usize, BTreeMap<Identity, PathBuf>)> {
+    READ.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Inputs {
+    /// Records what is read from now on.
+    pub fn record() -> Inputs {
+        read().0 += 1;
+        Inputs(())
+    }
+}
+
+impl Drop for Inputs {
+    fn drop(&mut self) {
+        let mut read = read();
+        read.0 -= 1;
+        if read.0 == 0 {
+            read.1.clear();
+        }
+    }
+}
 
 /// The identity of the file at `path`, links followed; `None` without a file.
 #[cfg(unix)]
@@ -51,18 +78,17 @@ pub fn peek(path: &Path) -> Result<File> {
 
 /// Records an input that is opened elsewhere.
 pub fn note(path: &Path) {
-    if let Some(id) = identity(path).filter(|_| path.is_file()) {
-        let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
-        read.get_or_insert_default().insert(id, path.to_owned());
+    let calls = read().0;
+    if let Some(id) = identity(path).filter(|_| calls > 0 && path.is_file()) {
+        read().1.insert(id, path.to_owned());
     }
 }
 
-/// Whether the file at `path` was read as an input, under any name.
-pub fn was_read(path: &Path) -> bool {
+/// Whether a call that lives has read the file at `path`, under any name.
+pub(crate) fn was_read(path: &Path) -> bool {
     let Some(id) = identity(path) else { return false };
-    let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
     // if the input was deleted, another file may have its inode
-    read.as_ref().and_then(|read| read.get(&id)).is_some_and(|input| identity(input) == Some(id))
+    read().1.get(&id).is_some_and(|input| identity(input) == Some(id))
 }
 
 /// The bytes of an input.
@@ -140,12 +166,16 @@ mod tests {
         fs::write(&path, b"x").unwrap();
         fs::hard_link(&path, &link).unwrap();
         fs::write(&other, b"x").unwrap();
+        let call = Inputs::record();
         peek_bytes(&path).unwrap();
         assert!(!was_read(&path));
         bytes(&path).unwrap();
         assert!(was_read(&path) && (was_read(&link) || cfg!(not(unix))));
         assert!(!was_read(&other) && !was_read(&dir.path().join("none")) && !was_read(dir.path()));
-        fs::remove_file(&path).unwrap();
+        fs::rename(&other, &path).unwrap();
+        assert!(!was_read(&link));
+        drop(call);
+        bytes(&link).unwrap();
         assert!(!was_read(&link));
     }
 }

@@ -10,7 +10,7 @@
 //! | anything else | refused; replaced with `force` |
 //!
 //! Inputs are the paths that the call was given, which are checked before the work, and all files that it has opened by then
-//! ([`mod@input`]).
+//! where it records them ([`input::Inputs`]).
 
 use crate::{
     Error, Result, files, hash, input,

@@ -111,7 +111,7 @@ pub fn clean(
             Split::Train => Ok((loaded.clip.clone(), of_clip(&item.name, &loaded.clip, &config.joints)?)),
             Split::Valid | Split::Test => Ok((loaded.clip.clone(), Vec::new())),
         },
-        |item, _, (clip, finds), _| {
+        |item, _, (clip, finds), _| -> Result<_> {
             let frames = clip.frames();
             held.push(LoadedClip { name: item.name.clone(), split: item.split, clip, finds });
             Ok(frames)

@@ -220,7 +220,7 @@ fn fit(
             let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
             Ok((fit_of(&loaded.clip, &starts, held)?, starts.len(), loaded.clip.frames()))
         },
-        |_, _, (one, count, frames), _| {
+        |_, _, (one, count, frames), _| -> Result<_> {
             all.merge(&one);
             windows += count;
             Ok(frames)
@@ -262,7 +262,7 @@ fn write_part(
             let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
             Ok((extractor.extract(&loaded.clip, &starts)?, starts, loaded.clip.frames()))
         },
-        |item, sha256, (made, starts, frames): (Extracted, Vec<usize>, usize), _| {
+        |item, sha256, (made, starts, frames): (Extracted, Vec<usize>, usize), _| -> Result<_> {
             let read = item.read_options(&options.read);
             otherwise += usize::from(work.known.iter().any(|c| c.sha256 == sha256));
             if work.known.iter().any(|c| c.is_of(&sha256, &read, frames)) {

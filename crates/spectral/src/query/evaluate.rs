@@ -197,7 +197,7 @@ fn load(
         kinelm_corpus::load::ClipSpec::in_world(spec.fps),
         watch,
         |_, loaded| Ok(loaded.clip.clone()),
-        |item, sha256, clip, _| {
+        |item, sha256, clip, _| -> Result<_> {
             let frames = clip.frames();
             if frames < spec.frames {
                 short += 1;

@@ -44,7 +44,7 @@ impl Gpt {
         let all = layout::checked(config, tokens, tensors)?.into_iter();
         let vars: BTreeMap<String, Var> =
             all.map(|(p, tensor)| Ok((p.name, Var::from_tensor(&tensor)?))).collect::<Result<_>>()?;
-        let net = Net::new(config, tokens, &|name| vars[name].as_tensor().clone());
+        let net = Net::new(config, tokens, vars.iter().map(|(name, var)| (name, var.as_tensor().clone())))?;
         Ok(Gpt { config: config.clone(), tokens: tokens.clone(), vars, net, smoothing: None })
     }
 
@@ -131,7 +131,7 @@ impl Gpt {
     /// As [`Gpt::forward`].
     pub fn predict(&self, ids: &Tensor) -> Result<Tensor> {
         self.check_length(ids.dims2()?.1)?;
-        self.frozen().forward(ids, &self.mask(), Beside::default(), None)
+        self.frozen()?.forward(ids, &self.mask(), Beside::default(), None)
     }
 
     /// What attention sees in a model of this kind.
@@ -193,7 +193,7 @@ impl Gpt {
             return Err(Error::unsupported("token-by-token decoding in the plain form", why));
         }
         let c = &self.config;
-        Cache::new(self.frozen(), (c.layers, c.heads, c.context, c.width / c.heads), self.device())
+        Cache::new(self.frozen()?, (c.layers, c.heads, c.context, c.width / c.heads), self.device())
     }
 
     pub(super) fn frozen_nats(
@@ -204,7 +204,7 @@ impl Gpt {
     ) -> Result<Tensor> {
         self.check(ids, targets)?;
         self.check_told(ids, conditioning)?;
-        self.frozen().nats(ids, targets, Beside { dropout: None, conditioning }, None)
+        self.frozen()?.nats(ids, targets, Beside { dropout: None, conditioning }, None)
     }
 
     fn check_told(&self, ids: &Tensor, conditioning: Option<&Conditioning>) -> Result<()> {
@@ -225,8 +225,8 @@ impl Gpt {
         }
     }
 
-    fn frozen(&self) -> Net {
-        Net::new(&self.config, &self.tokens, &|name| self.vars[name].as_tensor().detach())
+    fn frozen(&self) -> Result<Net> {
+        Net::new(&self.config, &self.tokens, self.vars.iter().map(|(name, var)| (name, var.as_tensor().detach())))
     }
 
     fn check_length(&self, found: usize) -> Result<()> {

@@ -6,6 +6,7 @@ use crate::dropout::Dropout;
 use crate::ops;
 use crate::ops::Hiding;
 use candle_core::{Result, Tensor};
+use candle_nn::{Linear, Module, VarBuilder};
 
 #[derive(Clone)]
 pub(super) struct Block {
@@ -24,24 +25,17 @@ pub(super) struct Norm {
     bias: Tensor,
 }
 
-#[derive(Clone)]
-pub(super) struct Linear {
-    weight: Tensor, // (in, out)
-    bias: Tensor,
-}
-
 impl Block {
-    pub fn new(name: String, tensor: &dyn Fn(&str) -> Tensor) -> Block {
-        let linear = |part: &str| Linear::new(&format!("{name}.{part}"), tensor);
-        Block {
-            norm1: Norm::new(&format!("{name}.norm1"), tensor),
-            qkv: linear("attention.qkv"),
-            out: linear("attention.out"),
-            norm2: Norm::new(&format!("{name}.norm2"), tensor),
-            up: linear("mlp.up"),
-            down: linear("mlp.down"),
-            name,
-        }
+    pub fn new(vars: &VarBuilder) -> Result<Block> {
+        Ok(Block {
+            name: vars.prefix(),
+            norm1: Norm::new(&vars.pp("norm1"))?,
+            qkv: linear(&vars.pp("attention.qkv"))?,
+            out: linear(&vars.pp("attention.out"))?,
+            norm2: Norm::new(&vars.pp("norm2"))?,
+            up: linear(&vars.pp("mlp.up"))?,
+            down: linear(&vars.pp("mlp.down"))?,
+        })
     }
 
     /// (B, T, D) from (B, T, D). `kept`: keys and values (1, H, T', d) that were kept, and how many tokens they are of; the
@@ -95,8 +89,8 @@ fn behind(kept: &Tensor, new: &Tensor, before: usize) -> Result<Tensor> {
 }
 
 impl Norm {
-    pub fn new(name: &str, tensor: &dyn Fn(&str) -> Tensor) -> Norm {
-        Norm { weight: tensor(&format!("{name}.weight")), bias: tensor(&format!("{name}.bias")) }
+    pub fn new(vars: &VarBuilder) -> Result<Norm> {
+        Ok(Norm { weight: vars.get_unchecked("weight")?, bias: vars.get_unchecked("bias")? })
     }
 
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
@@ -104,14 +98,7 @@ impl Norm {
     }
 }
 
-impl Linear {
-    pub fn new(name: &str, tensor: &dyn Fn(&str) -> Tensor) -> Linear {
-        Linear { weight: tensor(&format!("{name}.weight")), bias: tensor(&format!("{name}.bias")) }
-    }
-
-    pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        let (batch, length, _) = x.dims3()?;
-        // one product of 2-D views; a batched one would copy the weight for every sequence
-        x.flatten_to(1)?.matmul(&self.weight)?.broadcast_add(&self.bias)?.reshape((batch, length, ()))
-    }
+/// A linear layer. Our weights are (in, out), the library's (out, in).
+pub(super) fn linear(vars: &VarBuilder) -> Result<Linear> {
+    Ok(Linear::new(vars.get_unchecked("weight")?.t()?, Some(vars.get_unchecked("bias")?)))
 }

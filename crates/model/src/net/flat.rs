@@ -8,6 +8,7 @@ use crate::dropout::Dropout;
 use crate::layout;
 use crate::ops::Mask;
 use candle_core::{Result, Tensor};
+use candle_nn::VarBuilder;
 
 #[derive(Clone)]
 pub(super) struct Flat {
@@ -17,12 +18,13 @@ pub(super) struct Flat {
 }
 
 impl Flat {
-    pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Flat {
-        Flat {
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, vars: &VarBuilder) -> Result<Flat> {
+        let block = |layer| Block::new(&vars.pp(layout::block_name(layer)));
+        Ok(Flat {
             heads: config.heads,
-            input: Input::new(config, tokens, tensor),
-            blocks: (0..config.layers).map(|layer| Block::new(layout::block_name(layer), tensor)).collect(),
-        }
+            input: Input::new(config, tokens, vars)?,
+            blocks: (0..config.layers).map(block).collect::<Result<_>>()?,
+        })
     }
 
     /// (B, T, D) of `ids` (B, T), the last of each of `windows`.

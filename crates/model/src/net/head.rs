@@ -5,6 +5,7 @@ use crate::head_groups::{Group, Groups, HeadGroups, STEPS};
 use crate::previous::{Basis, PreviousFrames};
 use crate::{Result, ops};
 use candle_core::Tensor;
+use candle_nn::VarBuilder;
 use kinelm_engine::op::smoothing::Smoothing;
 
 #[derive(Clone)]
@@ -17,15 +18,15 @@ pub(super) struct Head {
 }
 
 impl Head {
-    pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Head {
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, vars: &VarBuilder) -> candle_core::Result<Head> {
         let head_groups = HeadGroups::of(config, tokens);
         let steps = head_groups.steps().map(PreviousFrames::steps).unwrap_or_default();
-        let table = |rows: usize, name: &str| (rows > 0).then(|| tensor(name));
-        Head {
-            ids: tensor(config.ids_table()),
-            steps: [table(steps.circular, STEPS[0]), table(steps.up_and_down(), STEPS[1])],
+        let table = |rows: usize, name: &str| (rows > 0).then(|| vars.get_unchecked(name)).transpose();
+        Ok(Head {
+            ids: vars.get_unchecked(config.ids_table())?,
+            steps: [table(steps.circular, STEPS[0])?, table(steps.up_and_down(), STEPS[1])?],
             head_groups,
-        }
+        })
     }
 
     /// (V, D).

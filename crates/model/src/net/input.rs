@@ -1,16 +1,17 @@
 //! What goes into the first block: a vector for the token, and what is added to it.
 
 use super::rotary::Rotary;
-use super::rows_of;
+use super::{rows_of, table};
 use crate::config::{ModelConfig, Positions, TokenLayout};
 use crate::position::Counter;
 use crate::previous::PreviousFrames;
 use candle_core::{Result, Tensor};
+use candle_nn::{Embedding, Module, VarBuilder};
 use std::ops::Range;
 
 #[derive(Clone)]
 pub(super) struct Input {
-    pub token: Tensor,
+    token: Embedding,
     position: Position,
     previous: Option<Previous>,
 }
@@ -22,8 +23,8 @@ enum Position {
     /// Tables of the front, of words (with turns: none) and of places.
     Words {
         front: Tensor,
-        frame: Option<Tensor>,
-        place: Tensor,
+        frame: Option<Embedding>,
+        place: Embedding,
         counter: Counter,
     },
 }
@@ -31,35 +32,40 @@ enum Position {
 /// How the previous frame is embedded.
 #[derive(Clone)]
 struct Previous {
-    character: Tensor,
-    step: Tensor,
+    character: Embedding,
+    step: Embedding,
     previous_frames: PreviousFrames,
 }
 
 impl Input {
-    pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Input {
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, vars: &VarBuilder) -> Result<Input> {
         let position = match Counter::of(config, tokens) {
-            None => Position::Absolute(tensor("position.absolute.weight")),
+            None => Position::Absolute(vars.get_unchecked("position.absolute.weight")?),
             Some(counter) => Position::Words {
-                front: tensor("position.front.weight"),
-                frame: (config.positions == Positions::FrameJoint).then(|| tensor("position.frame.weight")),
-                place: tensor("position.place.weight"),
+                front: vars.get_unchecked("position.front.weight")?,
+                frame: match config.positions {
+                    Positions::FrameJoint => Some(table(vars, "position.frame.weight")?),
+                    _ => None,
+                },
+                place: table(vars, "position.place.weight")?,
                 counter,
             },
         };
-        let previous = config.reads_previous(tokens).then(|| Previous {
-            character: tensor("previous.character.weight"),
-            step: tensor("previous.step.weight"),
-            previous_frames: PreviousFrames::of(tokens),
-        });
-        Input { token: tensor("token.weight"), position, previous }
+        let previous = match config.reads_previous(tokens) {
+            true => Some(Previous {
+                character: table(vars, "previous.character.weight")?,
+                step: table(vars, "previous.step.weight")?,
+                previous_frames: PreviousFrames::of(tokens),
+            }),
+            false => None,
+        };
+        Ok(Input { token: table(vars, "token.weight")?, position, previous })
     }
 
     /// The rows (B, n, D) of `ids` (B, n), the last of each of `windows`, behind `before` others.
     pub fn forward(&self, ids: &Tensor, windows: &[Vec<u32>], before: usize) -> Result<Tensor> {
         let (batch, n) = ids.dims2()?;
-        let mut x = self.token.index_select(&ids.flatten_all()?, 0)?.reshape((batch, n, ()))?;
-        x = x.broadcast_add(&self.position.rows(windows, before)?)?;
+        let x = self.token.forward(ids)?.broadcast_add(&self.position.rows(windows, before)?)?;
         let Some(Previous { character, step, previous_frames }) = &self.previous else { return Ok(x) };
         let rows = windows.iter().flat_map(|w| (before..w.len()).map(|i| previous_frames.previous(w, i)));
         let (characters, steps): (Vec<u32>, Vec<u32>) = rows.map(|[a, step]| (a, step)).unzip();
@@ -78,7 +84,8 @@ impl Input {
             (before..length).map(move |i| number(i, words[i]))
         });
         let words: Vec<u32> = words.collect();
-        Rotary::new(&words, windows.len(), width, self.token.dtype(), self.token.device()).map(Some)
+        Rotary::new(&words, windows.len(), width, self.token.embeddings().dtype(), self.token.embeddings().device())
+            .map(Some)
     }
 }
 

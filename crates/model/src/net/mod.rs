@@ -1,5 +1,10 @@
 //! What the plain form computes: embedded inputs, blocks of attention and a perceptron, a head, from tensors by their use.
 //!
+//! Linear layers and tables are candle-nn's, and its `VarBuilder` finds their tensors by name. Three more of its parts don't
+//! serve: its initialisers can't be seeded on the CPU (ours are [`crate::layout::initial`], a random stream a tensor), its
+//! `VarMap` has a hash's order (a model's variables are sorted by name), and [`crate::ops`] says which of its operations cut
+//! the graph or are inexact.
+//!
 //! Letters: B batch, T tokens, D width, H heads, d = D/H, L layers, V vocabulary, W tokens of a word, K of the front.
 
 mod block;
@@ -17,9 +22,11 @@ use super::ops::Mask;
 use crate::{Error, Result};
 use block::Norm;
 use candle_core::{Device, Tensor};
+use candle_nn::{Embedding, Module, VarBuilder};
 use flat::Flat;
 use head::Head;
 use kinelm_engine::op::smoothing::Smoothing;
+use std::collections::HashMap;
 use two_level::TwoLevel;
 
 /// Added to the variance in layer norms, as in GPT-2.
@@ -60,16 +67,25 @@ pub(super) struct Beside<'a> {
 }
 
 impl Net {
-    pub(super) fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> Net {
-        Net {
+    /// Of `tensors`, which are the model's.
+    pub(super) fn new<'a>(
+        config: &ModelConfig,
+        tokens: &TokenLayout,
+        tensors: impl Iterator<Item = (&'a String, Tensor)>,
+    ) -> Result<Net> {
+        let tensors: HashMap<String, Tensor> = tensors.map(|(name, tensor)| (name.clone(), tensor)).collect();
+        let table = &tensors[config.ids_table()];
+        let (dtype, device) = (table.dtype(), table.device().clone());
+        let vars = &VarBuilder::from_tensors(tensors, dtype, &device);
+        Ok(Net {
             kind: config.kind,
             body: match config.architecture {
-                Architecture::Flat => Body::Flat(Flat::new(config, tokens, tensor)),
-                Architecture::TwoLevel => Body::TwoLevel(TwoLevel::new(config, tokens, tensor)),
+                Architecture::Flat => Body::Flat(Flat::new(config, tokens, vars)?),
+                Architecture::TwoLevel => Body::TwoLevel(TwoLevel::new(config, tokens, vars)?),
             },
-            norm: Norm::new("norm", tensor),
-            head: Head::new(config, tokens, tensor),
-        }
+            norm: Norm::new(&vars.pp("norm"))?,
+            head: Head::new(config, tokens, vars)?,
+        })
     }
 
     pub(super) fn device(&self) -> &Device {
@@ -142,9 +158,16 @@ impl Net {
     }
 }
 
-/// Rows of a table.
-fn rows_of(table: &Tensor, ids: Vec<u32>) -> candle_core::Result<Tensor> {
-    table.index_select(&Tensor::new(ids, table.device())?, 0)
+/// The table of this name.
+fn table(vars: &VarBuilder, name: &str) -> candle_core::Result<Embedding> {
+    let rows = vars.get_unchecked(name)?;
+    let width = rows.dim(1)?;
+    Ok(Embedding::new(rows, width))
+}
+
+/// Rows (N, D) of a table.
+fn rows_of(table: &Embedding, ids: Vec<u32>) -> candle_core::Result<Tensor> {
+    table.forward(&Tensor::new(ids, table.embeddings().device())?)
 }
 
 /// The ids of every window, from its first on.

@@ -2,14 +2,15 @@
 //!
 //! Letters: B batch, F frames, N = B F, W tokens of a word, D width of the trunk, d of the decoder.
 
-use super::block::{Block, Linear, Norm};
-use super::{Beside, rows_of};
+use super::block::{Block, Norm, linear};
+use super::{Beside, rows_of, table};
 use crate::config::{ModelConfig, TokenLayout};
 use crate::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
 use crate::goal::Conditioning;
 use crate::layout::{CLASS, GOAL, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK, block_name};
 use crate::ops::Mask;
 use candle_core::{Result, Tensor};
+use candle_nn::{Embedding, Linear, Module, VarBuilder};
 use kinelm_engine::op::embedding::NONE;
 
 #[derive(Clone)]
@@ -19,13 +20,13 @@ pub(super) struct TwoLevel {
     skipped: usize,
     heads: [usize; 2],
     /// (C (S + 1), e).
-    character: Tensor,
+    character: Embedding,
     /// (F, D).
-    position: Tensor,
+    position: Embedding,
     /// (n, D), where a classifier reads rows behind the last frame.
-    class: Option<Tensor>,
+    class: Option<Embedding>,
     /// (V, D) and (V, d), where windows begin with labels.
-    labels: Option<[Tensor; 2]>,
+    labels: Option<[Embedding; 2]>,
     /// (2 C e, D).
     join: Linear,
     trunk: Vec<Block>,
@@ -33,37 +34,42 @@ pub(super) struct TwoLevel {
     /// (D, d).
     frame: Linear,
     /// Rows of d numbers each.
-    spelt: [Tensor; 4],
+    spelt: Vec<Embedding>,
     decoder: Vec<Block>,
     /// Goal conditioning: (P, D), (P, d), and two tables of steps (R, d).
-    conditioning: Option<[Tensor; 4]>,
+    conditioning: Option<([Tensor; 2], [Embedding; 2])>,
     /// Music conditioning: (M, D), (M, d).
     music: Option<[Tensor; 2]>,
 }
 
 impl TwoLevel {
-    pub fn new(config: &ModelConfig, tokens: &TokenLayout, tensor: &dyn Fn(&str) -> Tensor) -> TwoLevel {
-        let blocks = |prefix: &str, layers: usize| {
-            (0..layers).map(|layer| Block::new(format!("{prefix}{}", block_name(layer)), tensor)).collect()
+    pub fn new(config: &ModelConfig, tokens: &TokenLayout, vars: &VarBuilder) -> Result<TwoLevel> {
+        let blocks = |prefix: &str, layers: usize| -> Result<Vec<Block>> {
+            (0..layers).map(|layer| Block::new(&vars.pp(format!("{prefix}{}", block_name(layer))))).collect()
         };
+        let table = |name: &&str| table(vars, name);
+        let matrices =
+            |[trunk, decoder]: [&str; 2]| Result::Ok([vars.get_unchecked(trunk)?, vars.get_unchecked(decoder)?]);
+        let [goal @ .., steps, paces] = GOAL;
+        let conditioning = || Result::Ok((matrices(goal)?, [table(&steps)?, table(&paces)?]));
         let decoder = config.decoder();
-        TwoLevel {
+        Ok(TwoLevel {
             frames: Frames::of(tokens),
             skipped: tokens.front - 1,
             heads: [config.heads, decoder.heads],
-            character: tensor("frame.character.weight"),
-            position: tensor("frame.position.weight"),
-            class: (config.classes > 0).then(|| tensor(CLASS)),
-            labels: (tokens.front > 1).then(|| [LABEL, SPELT_LABEL].map(tensor)),
-            join: Linear::new("frame.join", tensor),
-            trunk: blocks(TRUNK, config.layers),
-            trunk_norm: Norm::new("trunk.norm", tensor),
-            frame: Linear::new("spell.frame", tensor),
-            spelt: SPELT.map(tensor),
-            decoder: blocks(SPELL, decoder.layers),
-            conditioning: config.goal.then(|| GOAL.map(tensor)),
-            music: (!config.music.is_none()).then(|| MUSIC.map(tensor)),
-        }
+            character: table(&"frame.character.weight")?,
+            position: table(&"frame.position.weight")?,
+            class: (config.classes > 0).then(|| table(&CLASS)).transpose()?,
+            labels: (tokens.front > 1).then(|| Result::Ok([table(&LABEL)?, table(&SPELT_LABEL)?])).transpose()?,
+            join: linear(&vars.pp("frame.join"))?,
+            trunk: blocks(TRUNK, config.layers)?,
+            trunk_norm: Norm::new(&vars.pp("trunk.norm"))?,
+            frame: linear(&vars.pp("spell.frame"))?,
+            spelt: SPELT.iter().map(table).collect::<Result<_>>()?,
+            decoder: blocks(SPELL, decoder.layers)?,
+            conditioning: config.goal.then(conditioning).transpose()?,
+            music: (!config.music.is_none()).then(|| matrices(MUSIC)).transpose()?,
+        })
     }
 
     /// (B, F, D) what the trunk's norm gives of `windows` (B, T), whose frames see what `mask` lets them.
@@ -77,8 +83,8 @@ impl TwoLevel {
     pub fn rows(&self, windows: &[Vec<u32>], mask: &Mask, beside: Beside) -> Result<Tensor> {
         let conditioning = beside.conditioning;
         let (batch, length) = (windows.len(), windows[0].len().saturating_sub(self.skipped));
-        let no_rows = (batch, self.skipped.min(windows[0].len()), self.spelt[0].dim(1)?);
-        let no_rows = Tensor::zeros(no_rows, self.spelt[0].dtype(), self.spelt[0].device())?;
+        let no_rows = (batch, self.skipped.min(windows[0].len()), self.spelt[0].hidden_size());
+        let no_rows = Tensor::zeros(no_rows, self.join.weight().dtype(), self.join.weight().device())?;
         if length == 0 {
             return Ok(no_rows);
         }
@@ -94,7 +100,7 @@ impl TwoLevel {
         let word = self.frames.word();
         let x = self.spelt(windows, frames)?.reshape((batch * frames, word, ()))?;
         let mut x = x.broadcast_add(&u.reshape((batch * frames, 1, ()))?)?;
-        if let Some((conditioning, [_, _, tables @ ..])) = conditioning.zip(self.conditioning.as_ref()) {
+        if let Some((conditioning, (_, tables))) = conditioning.zip(self.conditioning.as_ref()) {
             for (table, rows) in tables.iter().zip(&conditioning.rows).filter(|(_, rows)| !rows.is_empty()) {
                 x = (x + some_rows(table, rows)?.reshape((batch * frames, word, ()))?)?;
             }
@@ -108,7 +114,7 @@ impl TwoLevel {
     }
 
     /// (B, 1, n) the sums of the rows of `table` (V, n) that the windows' labels have.
-    fn of_labels(&self, table: &Tensor, windows: &[Vec<u32>]) -> Result<Tensor> {
+    fn of_labels(&self, table: &Embedding, windows: &[Vec<u32>]) -> Result<Tensor> {
         let labels = windows.iter().flat_map(|w| &w[1..=self.skipped]).copied().collect();
         rows_of(table, labels)?.reshape((windows.len(), self.skipped, ()))?.sum_keepdim(1)
     }
@@ -120,7 +126,7 @@ impl TwoLevel {
     ) -> impl Iterator<Item = (&'a [f32], [&'a Tensor; 2])> {
         let goal = conditioning
             .zip(self.conditioning.as_ref())
-            .map(|(conditioning, [trunk, decoder, ..])| (&*conditioning.numbers, [trunk, decoder]));
+            .map(|(conditioning, ([trunk, decoder], _))| (&*conditioning.numbers, [trunk, decoder]));
         let music = conditioning
             .zip(self.music.as_ref())
             .map(|(conditioning, [trunk, decoder])| (&*conditioning.music, [trunk, decoder]));
@@ -131,7 +137,7 @@ impl TwoLevel {
     fn trunk(&self, windows: &[Vec<u32>], frames: usize, mask: &Mask, beside: Beside) -> Result<Tensor> {
         let of_frame = BACK * self.frames.characters();
         let mut seen = vec![0; windows.len() * frames * of_frame];
-        let classes = self.class.as_ref().map_or(Ok(0), |class| class.dim(0))?;
+        let classes = self.class.as_ref().map_or(Ok(0), |class| class.embeddings().dim(0))?;
         let (mut positions, mut class_rows) = (Vec::new(), Vec::new());
         for (i, rows) in seen.chunks_mut(of_frame).enumerate() {
             let window = &windows[i / frames][self.skipped..];
@@ -181,9 +187,10 @@ fn through(numbers: &[f32], matrix: &Tensor, (batch, frames): (usize, usize)) ->
 }
 
 /// Rows of a table, zeros for [`NONE`].
-fn some_rows(table: &Tensor, rows: &[u32]) -> Result<Tensor> {
+fn some_rows(table: &Embedding, rows: &[u32]) -> Result<Tensor> {
+    let numbers = table.embeddings();
     let is_some: Vec<f32> = rows.iter().map(|&row| f32::from(u8::from(row != NONE))).collect();
-    let is_some = Tensor::from_vec(is_some, (rows.len(), 1), table.device())?.to_dtype(table.dtype())?;
+    let is_some = Tensor::from_vec(is_some, (rows.len(), 1), numbers.device())?.to_dtype(numbers.dtype())?;
     let rows = rows.iter().map(|&row| if row == NONE { 0 } else { row }).collect();
     rows_of(table, rows)?.broadcast_mul(&is_some)
 }

@@ -15,7 +15,7 @@ fn files(endings: &[&str]) -> Vec<PathBuf> {
     let Some(listed) =
         Command::new("git").args(["ls-files", "-z"]).current_dir(root).output().ok().filter(|o| o.status.success())
     else {
-        println!("SKIPPED: docs: git lists no files here");
+        kinelm_shared_data::skipped("docs", "git lists no files here");
         return Vec::new();
     };
     let names = String::from_utf8(listed.stdout).unwrap();

@@ -80,7 +80,7 @@ fn names_that_are_no_utf_8_are_told_before_any_work() {
     let name = OsStr::from_bytes(b"odd\xff");
     let run = data.0.path().join(name);
     if std::os::unix::fs::symlink(data.at("run"), &run).is_err() {
-        println!("SKIPPED: this file system has UTF-8 names alone");
+        kinelm_shared_data::skipped("odd names", "this file system has UTF-8 names alone");
         return;
     }
     let mut c = data.call("generate --frames 20 --out odd.bvh --run");
@@ -254,7 +254,7 @@ fn the_memory_that_a_shell_allows_counts_before_training() {
     let found = c.current_dir(data.0.path()).arg("-c").arg(script).arg(program).output().unwrap();
     let said = String::from_utf8_lossy(&found.stderr);
     if found.status.code() == Some(77) {
-        println!("SKIPPED: this shell has no limits of memory");
+        kinelm_shared_data::skipped("little memory", "this shell has no limits of memory");
         return;
     }
     assert_eq!(found.status.code(), Some(1), "{said}");

@@ -257,7 +257,7 @@ fn words_decode_as_the_page_says() {
         let way = Way::new(config);
         let program = way.text_and_back();
         let Some(page) = decoded_by_the_page(&way.at("t.json"), &way.at("w.txt")) else {
-            println!("SKIPPED: there is no python3");
+            kinelm_shared_data::skipped("words decoded in Python", "there is no python3");
             return;
         };
         let numbers = |key: &str| -> Vec<Vec<Vec<f64>>> { serde_json::from_value(page[key].clone()).unwrap() };

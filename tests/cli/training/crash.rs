@@ -131,7 +131,7 @@ fn a_full_disk_stops_the_run_and_leaves_what_was_written_before() {
             output
         }
         other => {
-            println!("SKIPPED: a full disk: this system lets no test mount a folder ({other:?})");
+            kinelm_shared_data::skipped("a full disk", &format!("this system lets no test mount a folder ({other:?})"));
             return;
         }
     };
@@ -165,7 +165,7 @@ fn a_file_that_may_not_grow_stops_the_run_and_leaves_what_was_written_before() {
     call.args(["--steps", "30"]);
     let output = shell(script, &call).output().unwrap();
     if output.status.code() == Some(77) {
-        println!("SKIPPED: a file that may not grow: this shell has no limits of size");
+        kinelm_shared_data::skipped("a file that may not grow", "this shell has no limits of size");
         return;
     }
     let said = String::from_utf8_lossy(&output.stderr).into_owned();

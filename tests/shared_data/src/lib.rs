@@ -1,7 +1,7 @@
 //! Real motion for the tests: `../shared/data` beside the checkout, unpacked once into `target/shared-data`.
 //!
 //! The data's licences keep them out of this repository, so tests that need them ask here and return early, saying so,
-//! where there are none.
+//! where there are none. Where the folder is there, what is missing in it fails the test.
 
 use std::fs::File;
 use std::io::Write;
@@ -10,12 +10,16 @@ use std::process::Command;
 use std::sync::OnceLock;
 
 /// The folder of a set (`cmu-dance`, `bandai-1`, `bandai-2`), or `None` after a line on stderr that `test` was skipped.
+///
+/// # Panics
+/// If the folder of the sets is there and can't be unpacked, or lacks this one.
 pub fn set(name: &str, test: &str) -> Option<PathBuf> {
-    let folder = unpacked().map(|d| d.join(name)).filter(|d| d.is_dir());
-    if folder.is_none() {
+    let Some(folder) = unpacked().map(|d| d.join(name)) else {
         skipped(test, "the shared motion data are not on hand");
-    }
-    folder
+        return None;
+    };
+    assert!(folder.is_dir(), "{} is missing", folder.display());
+    Some(folder)
 }
 
 /// The split list of a set: a CSV with the columns `clip,split,...labels`.
@@ -24,12 +28,17 @@ pub fn split_csv(name: &str) -> PathBuf {
 }
 
 /// A file or folder of the reference material, or `None` after a line on stderr.
+///
+/// # Panics
+/// If there is reference material without it.
 pub fn reference(name: &str, test: &str) -> Option<PathBuf> {
-    let path = shared().join("reference").join(name);
-    if !path.exists() {
+    let reference = shared().join("reference");
+    if !reference.exists() {
         skipped(test, "the reference material is not on hand");
         return None;
     }
+    let path = reference.join(name);
+    assert!(path.exists(), "{} is missing", path.display());
     Some(path)
 }
 
@@ -55,15 +64,12 @@ fn unpacked() -> Option<&'static Path> {
             return None;
         }
         let data = root().join("target/shared-data");
-        std::fs::create_dir_all(&data).ok()?;
+        std::fs::create_dir_all(&data).unwrap();
         // several test programs start at once; the first unpacks, the others wait
-        let lock = File::create(data.join(".lock")).ok()?;
-        lock.lock().ok()?;
-        let done = Command::new("sh").arg(script).arg(&data).output().ok()?;
-        if !done.status.success() {
-            skipped("unpacking", &String::from_utf8_lossy(&done.stderr));
-            return None;
-        }
+        let lock = File::create(data.join(".lock")).unwrap();
+        lock.lock().unwrap();
+        let done = Command::new("sh").arg(script).arg(&data).output().unwrap();
+        assert!(done.status.success(), "unpacking: {}", String::from_utf8_lossy(&done.stderr));
         Some(data)
     })
     .as_deref()

@@ -43,12 +43,14 @@ const LARGE: usize = 1 << 20;
 impl Floats {
     /// `len` zeros.
     pub fn new(len: usize) -> Floats {
+        // mmap refuses a length of 0; one that doesn't fit a usize is refused as too much memory
         let bytes = len.saturating_mul(size_of::<f32>()).max(1);
+        // without the panic hook: whoever catches it prints the message, and nothing else does
         let none = |_| std::panic::resume_unwind(Box::new(NoMemory { bytes }));
         let map = MmapMut::map_anon(bytes).unwrap_or_else(none);
         #[cfg(target_os = "linux")]
         if bytes >= LARGE {
-            // fewer pages, fewer misses in the processor's table of them; without them all goes on, slower
+            // fewer pages, fewer TLB misses; a kernel that refuses costs speed only
             let _ = map.advise(memmap2::Advice::HugePage);
         }
         Floats { map, len }

@@ -87,6 +87,7 @@ pub fn backward(
     assert_eq!(sizes, (x.len(), weight.len()), "gradients of a layer");
     let Workspace { rows, inputs: k, outputs: m, products, piece, ref mut panels, ref mut back } = *workspace;
     let Some(Back { d_out: columns, partial }) = back else { panic!("a workspace for the forward pass only") };
+    // the forward panels are overwritten: the next forward pass packs them again, as weights have changed by then
     if let Some(dx) = dx {
         products.pack_transposed_parallel(panels, weight, m, k);
         let down = &**panels;

@@ -47,6 +47,7 @@ pub(crate) fn may_use_dots() -> bool {
 }
 
 pub(crate) fn arch() -> Arch {
+    // once: panels are packed for the width of its vectors
     static ARCH: OnceLock<Arch> = OnceLock::new();
     *ARCH.get_or_init(|| chosen(std::env::var(VARIABLE).ok().as_deref()))
 }
@@ -56,6 +57,7 @@ fn chosen(requested: Option<&str>) -> Arch {
         Some("portable") => Arch::Scalar,
         #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
         Some("avx2") => pulp::x86::V3::try_new().map_or(Arch::Scalar, Arch::V3),
+        // `avx512`, `bf16` and `amx` limit nothing here: the latter two add instructions beside pulp's vectors
         _ => Arch::new(),
     }
 }

@@ -55,6 +55,7 @@ impl Workspace {
     /// Memory for up to `rows` rows of `width` numbers and a head of `vocabulary` rows; `backward`: for training too.
     pub fn new(rows: usize, width: usize, vocabulary: usize, products: Products, backward: bool) -> Workspace {
         let piece = pieces::rows(rows);
+        // whole pieces, so that `back.partial` and `nats` have a place for each, wherever a stretch begins
         let stretch = (LOGITS / vocabulary.max(1) / piece * piece).clamp(piece, rows.next_multiple_of(piece));
         Workspace {
             rows,
@@ -76,7 +77,7 @@ impl Workspace {
         }
     }
 
-    /// Lays the head (V, D) out for the passes that follow.
+    /// Packs the head (V, D) for the passes that follow.
     fn pack(&mut self, head: &[f32]) {
         assert_eq!(head.len(), self.vocabulary * self.width, "a head of other numbers");
         self.products.pack_transposed_parallel(&mut self.across, head, self.width, self.vocabulary);
@@ -156,10 +157,12 @@ pub fn loss(
                 let (normal, rest) = scratch.split_at_mut(x.len());
                 let d_normal = &mut rest[..x.len()];
                 layer_norm::forward(normal, stats, x, norm.weight, norm.bias);
+                // for the head's gradient, after the logits have become their own gradient in place
                 products.pack(panels, normal, d, targets.len(), d);
                 products.times(logits, normal, d, across, v);
                 *nats = cross_entropy::forward_backward(logits, targets, smoothing, scale);
                 products.times(d_normal, logits, v, down, d);
+                // `backward` adds, and nothing has come to dx yet
                 dx.fill(0.0);
                 partial.fill(0.0);
                 let (dw, db) = partial.split_at_mut(d);
@@ -168,6 +171,7 @@ pub fn loss(
             });
         });
         products.weight_gradient(gradients.head, logits, v, (&back.normal, piece), rows, store_head);
+        // the first stretch may overwrite, later ones add: the head's gradient is a sum over stretches
         store_head = Store::Add;
     }
     let mut sums = Sums { partial: &back.partial[..n.div_ceil(piece) * 2 * d], width: 2 * d, store };

@@ -36,6 +36,7 @@ impl Products {
         if k == 0 || n == 0 {
             return;
         }
+        // a multiple of both kinds of panels, so that a part begins at a panel in either
         let columns = PANELS * matmul::panel().max(bf16::PANEL);
         let len = self.panels_len(k, n);
         panels[..len].par_chunks_mut(self.panels_len(k, columns)).enumerate().for_each(|(i, part)| {
@@ -62,6 +63,7 @@ impl Products {
         store: Store,
     ) {
         let n = gradient.len() / k;
+        // a block that holds all rows may be longer than they are
         let (high, block) = (pieces::gradient_rows(k), block.min(rows));
         gradient.par_chunks_mut(high * n).enumerate().for_each(|(i, part)| {
             let left = Left::Columns { a: &x[i * high..], lda: k };
@@ -89,6 +91,7 @@ impl Sums<'_> {
         for row in self.partial.chunks(self.width) {
             to.iter_mut().zip(row).for_each(|(to, x)| *to += x);
         }
+        // rows keep their width: the next columns begin `to.len()` further in each, and the last row just ends earlier
         self.partial = self.partial.get(to.len()..).unwrap_or(&[]);
     }
 }

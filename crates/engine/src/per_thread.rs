@@ -13,7 +13,9 @@ impl<T> PerThread<T> {
 
     /// Hands `work` this thread's memory, whatever it holds. `work` must not wait for other pieces.
     pub fn with<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
+        // a pool with more threads than the one it was made in shares entries, and waits at the lock
         let thread = rayon::current_thread_index().unwrap_or(0) % self.0.len();
+        // scratch has no invariant that a panic could break
         work(&mut self.0[thread].lock().unwrap_or_else(PoisonError::into_inner))
     }
 }

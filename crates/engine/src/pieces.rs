@@ -2,8 +2,8 @@
 
 use crate::op::matmul::{ROWS, TILES};
 
-/// Rows that a piece of `rows` rows has: about 64, so that the weights are read once for so many, and an even number of
-/// pieces, so that few threads end together. A function of the number of rows alone.
+/// Rows of a piece, of `rows` in all: about 64, so that the weights are read once for 64 rows, and from four pieces
+/// on a multiple of four, so that two or four threads end together. A function of the number of rows alone.
 pub fn rows(rows: usize) -> usize {
     let pieces = match rows.div_ceil(64) {
         few @ 0..4 => few.max(1),

@@ -14,8 +14,8 @@ use rayon::prelude::*;
 /// `saved` comes from the forward pass with the same `x`, weights and rules.
 ///
 /// # Panics
-/// Slices of other lengths than the workspace's shape asks for; what is saved, of another; a workspace without its
-/// backward part.
+/// Slices of other lengths than the workspace's shape has, a [`Saved`] of another shape, or a workspace without its backward
+/// part.
 #[allow(clippy::too_many_arguments)]
 pub fn backward(
     dx: &mut [f32],
@@ -34,15 +34,15 @@ pub fn backward(
     shape.check([dx, x], gradients, saved);
     panels.pack_transposed(products, weights, shape.width, shape.hidden);
     let pass = Pass { shape, products, piece, weights, store, rules, saved, panels, scratch };
-    pass.behind_attention(dx, back);
-    pass.sums_behind_attention(gradients, back);
+    pass.after_attention(dx, back);
+    pass.sums_after_attention(gradients, back);
     pass.attention(gradients, attention, back);
     pass.before_attention(dx, x, back);
     pass.gradients_before_attention(gradients, back);
 }
 
-/// What every part of the pass reads. Rows fall into pieces that are worked on side by side; what is summed over rows is
-/// summed a piece first, so that the number of threads changes no bit.
+/// The inputs of all parts of the pass. Rows fall into pieces that threads work on; sums over rows are taken piece by piece
+/// and then over the pieces, so that the number of threads changes no bit.
 struct Pass<'a> {
     shape: Shape,
     products: Products,
@@ -57,19 +57,19 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    /// Rows of a piece's partial sums behind the attention: of `down`'s bias, `up`'s, the second norm, `out`'s bias.
-    fn width_behind(&self) -> usize {
+    /// Numbers of a piece's partial sums after the attention: for `down`'s bias, `up`'s, the second norm, `out`'s bias.
+    fn width_after(&self) -> usize {
         self.shape.hidden + 4 * self.shape.width
     }
 
-    /// Of those before it: `qkv`'s bias and the first norm.
+    /// The same before the attention: for `qkv`'s bias and the first norm.
     fn width_before(&self) -> usize {
         5 * self.shape.width
     }
 
     /// Back through the hidden layer, the second norm and the attention's projection: `dx` becomes the gradient of
     /// `middle`, `d_heads` that of the gathered heads. Both factors of the weights' gradients are left in `back`.
-    fn behind_attention(&self, dx: &mut [f32], back: &mut Back) {
+    fn after_attention(&self, dx: &mut [f32], back: &mut Back) {
         let Pass { shape, products, piece, weights, rules, saved, panels, scratch, .. } = *self;
         let (d, m, dropout) = (shape.width, shape.hidden, rules.dropout);
         let slot = |width: usize| products.panels_len(piece, width);
@@ -83,11 +83,12 @@ impl Pass<'_> {
                 back.d_up.par_chunks_mut(slot(m)),
                 back.d_out.par_chunks_mut(slot(d)),
             ),
-            back.partial.par_chunks_mut(self.width_behind()),
+            back.partial.par_chunks_mut(self.width_after()),
         );
         parts.into_par_iter().enumerate().for_each(
             |(i, ((dx, middle, stats), (up, gelu), (normal, gathered), d_heads, (d_down, d_up, d_out), partial))| {
                 let (first, rows) = (i * piece, dx.len() / d);
+                // the sums below add, and the memory holds the last block's
                 partial.fill(0.0);
                 let (db_down, partial) = partial.split_at_mut(d);
                 let (db_up, partial) = partial.split_at_mut(m);
@@ -101,6 +102,7 @@ impl Pass<'_> {
                         bias::residual_backward(&mut dy[rows.clone()], &dx[rows], d, mask);
                     });
                     bias::add_column_sums(db_down, dy);
+                    // now, while dy is in the cache: it is overwritten below, and `attention` needs it
                     products.pack(d_down, dy, d, rows, d);
                     products.times(d_hidden, dy, d, &panels.down, m);
                     gelu::backward(d_hidden, gelu, up);
@@ -109,6 +111,7 @@ impl Pass<'_> {
                     products.times(d_normal, d_hidden, m, &panels.up, d);
                     // computed again rather than saved: the rows are in the cache, N D more numbers are not
                     layer_norm::again(normal, middle, stats, weights.norm2.weight, weights.norm2.bias);
+                    // adds to dx, which already holds the gradient that passes by the hidden layer
                     let normed = layer_norm::Saved { x: middle, stats, weight: weights.norm2.weight };
                     layer_norm::backward(dx, dw_norm, db_norm, normed, d_normal);
                     dropped(shape, first, rows, dropout.map(|p| (p.share, p.out)), &mut |rows, mask| {
@@ -123,9 +126,9 @@ impl Pass<'_> {
         );
     }
 
-    /// The pieces' sums added up, in the order in which [`Pass::behind_attention`] lays them down.
-    fn sums_behind_attention(&self, gradients: &mut Gradients, back: &Back) {
-        let mut sums = self.sums(back, self.width_behind());
+    /// Adds up the pieces' sums, in the order in which [`Pass::after_attention`] writes them.
+    fn sums_after_attention(&self, gradients: &mut Gradients, back: &Back) {
+        let mut sums = self.sums(back, self.width_after());
         sums.take(gradients.down.bias);
         sums.take(gradients.up.bias);
         sums.take(gradients.norm2.weight);
@@ -133,8 +136,8 @@ impl Pass<'_> {
         sums.take(gradients.out.bias);
     }
 
-    /// Back through the attention, from `d_heads` to `dqkv_heads`. Beside it run the products of the weights behind it, which
-    /// wait for nothing: the attention has pieces of very unlike size, and they fill the threads that it leaves idle.
+    /// Back through the attention, from `d_heads` to `dqkv_heads`. Beside it run the products for the gradients of
+    /// the weights after it, which wait for nothing: they fill the threads that the attention's uneven pieces leave idle.
     fn attention(&self, gradients: &mut Gradients, space: &mut attention::Workspace, back: &mut Back) {
         let Pass { shape, products, piece, store, saved, .. } = *self;
         let (n, d, m) = (shape.rows(), shape.width, shape.hidden);
@@ -177,9 +180,11 @@ impl Pass<'_> {
             let (dw_norm, db_norm) = d_norm.split_at_mut(d);
             scratch.with(|scratch| {
                 let (d_normal, rest) = scratch.split_at_mut(dx.len());
+                // scratch holds the hidden layer's M numbers a row or these 3 D, never both
                 let dqkv = &mut rest[..3 * dx.len()];
                 attention::gather(shape.attention(), 3, dqkv_heads, first..first + rows, dqkv);
                 if let Some(by) = rules.rope {
+                    // the gradient of a rotation is its inverse; values are not rotated
                     rope::turn(dqkv, shape.heads, first, by, true);
                 }
                 bias::add_column_sums(db_qkv, dqkv);
@@ -192,7 +197,7 @@ impl Pass<'_> {
         });
     }
 
-    /// What [`Pass::before_attention`] has left, in its order.
+    /// Gradients from the factors and sums of [`Pass::before_attention`], in its order.
     fn gradients_before_attention(&self, gradients: &mut Gradients, back: &Back) {
         let Pass { shape, products, piece, store, .. } = *self;
         let mut sums = self.sums(back, self.width_before());

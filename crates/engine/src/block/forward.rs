@@ -8,7 +8,7 @@ use rayon::prelude::*;
 /// The block's output (N, D) for its input `x` (N, D).
 ///
 /// # Panics
-/// Slices of other lengths than the workspace's shape asks for; what is saved, of another.
+/// Slices of other lengths than the workspace's shape has, or a [`Saved`] of another shape.
 pub fn forward(
     out: &mut [f32],
     x: &[f32],
@@ -54,12 +54,14 @@ pub fn forward(
             let hidden = &mut hidden[..up.len()];
             attention::gather(shape.attention(), 1, heads, first..first + x.len() / d, normal);
             products.times(added, normal, d, &panels.out, d);
+            // `residual` adds to its target; x itself is the caller's, and the backward pass reads it
             middle.copy_from_slice(x);
             dropped(shape, first, x.len() / d, dropout.map(|p| (p.share, p.out)), &mut |rows, mask| {
                 bias::residual(&mut middle[rows.clone()], &added[rows], weights.out.bias, mask);
             });
             layer_norm::forward(normal, stats, middle, weights.norm2.weight, weights.norm2.bias);
             products.times(up, normal, d, &panels.up, m);
+            // `up` gets its bias in place and is saved before the GELU, whose slope the backward pass needs
             gelu::forward_biased(hidden, up, weights.up.bias);
             products.times(added, hidden, m, &panels.down, d);
             out.copy_from_slice(middle);

@@ -4,6 +4,8 @@
 //! token, and the log-sums of the softmax. Normalised rows, GELU and attention weights are computed a second time, which
 //! costs less than reading them back.
 //!
+//! Dropout and masks are the caller's keys and numbers: a pass has no random state. All sequences of a batch have T tokens.
+//!
 //! Letters: B batch, T tokens, N = B T rows, D width, H heads, M width of the hidden layer, R rows of a piece.
 //!
 //! ```
@@ -204,6 +206,7 @@ pub fn dropped(
     let Some((share, keys)) = dropout else { return work(0..rows * shape.width, Mask::NONE) };
     let mut row = first;
     while row < first + rows {
+        // pieces know nothing of sequences, but each sequence has its own key and counts its rows from 0
         let (sequence, token) = (row / shape.tokens, row % shape.tokens);
         let end = (row + shape.tokens - token).min(first + rows);
         let numbers = (row - first) * shape.width..(end - first) * shape.width;
@@ -282,6 +285,7 @@ impl Workspace {
         let Shape { width: d, hidden: m, .. } = shape;
         let piece = pieces::rows(shape.rows());
         let len = |k, n| products.panels_len(k, n);
+        // the backward pass packs the transposed weights into the same memory, where padding may take more
         let both = |k, n| Floats::new(len(k, n).max(if backward { len(n, k) } else { 0 }));
         let panels = PanelSet { qkv: both(d, 3 * d), out: both(d, d), up: both(d, m), down: both(m, d) };
         Workspace {
@@ -311,6 +315,7 @@ impl Back {
             gathered: Floats::new(n * d),
             d_heads: Floats::new(n * d),
             dqkv_heads: Floats::new(3 * n * d),
+            // the sums after the attention (M + 4 D) and those before it (5 D) are never needed at once
             partial: Floats::new(pieces * (m + 4 * d).max(5 * d)),
         }
     }

@@ -146,6 +146,7 @@ fn check(shape: Shape, mask: Mask, words: &[u32]) {
     assert!((nats - expected).abs() <= BOUND * expected, "{shape:?}: {nats} nats, expected {expected}");
     let found: Vec<&[f32]> = each(&gradients).map(|t| &**t).into_iter().chain([&dx[..], &dw, &db, &d_head]).collect();
     for (which, found) in found.into_iter().enumerate() {
+        // tensors whose gradients are differences of equal numbers get a floor, or any rounding would fail
         let largest = found.iter().fold(1e-2, |m: f32, g| m.max(g.abs())) as f64;
         for i in (0..6).map(|k| k * (found.len() - 1) / 5) {
             let mut moved = |by: f64| {
@@ -154,6 +155,7 @@ fn check(shape: Shape, mask: Mask, words: &[u32]) {
                 model.tensor(which)[i] -= by;
                 loss
             };
+            // h^4 is 1e-16, as small as f64's roundings; of the divisions by h, 1e-12 remains
             let h = 1e-4;
             // of fourth order: the error is some h^4
             let near = (moved(h) - moved(-h)) / (2.0 * h);

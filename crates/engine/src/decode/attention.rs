@@ -7,10 +7,11 @@ use crate::op::math::{exp_falling, largest, sum};
 use crate::op::rope::Angles;
 use pulp::{Simd, WithSimd};
 
-/// Rows whose scores are held at a time.
+/// Rows whose scores are in memory at a time.
+// four tiles of the kernel's six rows: each key is read once for all of them
 pub(super) const SCORE_ROWS: usize = 24;
 
-/// Rows of queries, and where they stand.
+/// Rows of queries, and their places in the stream.
 pub(super) struct Queries<'a> {
     /// Rows of query, key and value (d each); the queries are scaled in place.
     pub qkv: &'a mut [f32],
@@ -22,24 +23,26 @@ pub(super) struct Queries<'a> {
     pub rotary: Option<(&'a Angles, &'a [u32])>,
 }
 
-/// Writes what each row of `queries` (m rows) takes from the `unit` of the cache, its own key, turned, and value included,
-/// which are kept first, to `out` (m, padded). `scores` has [`SCORE_ROWS`] rows of T, whole panels.
+/// Stores the keys, rotated, and values of `queries` (m rows) in the `unit` of the cache, and writes to `out` (m, padded) what
+/// each row takes from all up to its own. `scores` has [`SCORE_ROWS`] rows of T, whole panels.
 pub(super) fn attend<E: Stored>(out: &mut [f32], queries: Queries, cache: &mut [E], unit: Unit, scores: &mut [f32]) {
     let Unit { tokens, d, padded, panel } = unit;
     let Queries { qkv, stride, place, rotary } = queries;
+    // half floats come 2^112 times too small from the cache (`Element::pair`): queries make up for it
     let factor = E::LEFT / (d as f32).sqrt();
     for (i, row) in qkv.chunks_mut(stride).enumerate() {
         if let Some((angles, positions)) = rotary {
             angles.rotate(&mut row[..d], positions[i]);
             angles.rotate(&mut row[d..2 * d], positions[i]);
         }
-        unit.keep(cache, place + i, &row[d..2 * d], &row[2 * d..3 * d]);
+        unit.store(cache, place + i, &row[d..2 * d], &row[2 * d..3 * d]);
         row[..d].iter_mut().for_each(|q| *q *= factor);
     }
     let (keys, values) = unit.split(cache);
     for (i, (qkv, out)) in qkv.chunks(SCORE_ROWS * stride).zip(out.chunks_mut(SCORE_ROWS * padded)).enumerate() {
         let rows = qkv.len().div_ceil(stride);
         let first = place + i * SCORE_ROWS;
+        // the last row's reach: earlier rows get the keys in between as weights of 0
         let seen = first + rows;
         let count = seen.div_ceil(panel);
         dispatch::run(Product {
@@ -50,6 +53,7 @@ pub(super) fn attend<E: Stored>(out: &mut [f32], queries: Queries, cache: &mut [
             panels: &keys[..count * panel * d],
             panel_stride: panel * d,
             count,
+            // whole panels, though the last may hold keys of an earlier stream: the softmax hides them
             scale: &[],
             bias: &[],
         });
@@ -74,7 +78,7 @@ pub(super) fn attend<E: Stored>(out: &mut [f32], queries: Queries, cache: &mut [
     }
 }
 
-/// Rows of scores become e^(score - largest) times `factor`, 0 behind the row's own place; `sums` gets the sums without the
+/// Rows of scores become e^(score - largest) times `factor`, 0 after the row's own place; `sums` gets the sums without the
 /// factor. Row i sees `first + i + 1` columns of `columns`, which are whole panels.
 struct Softmax<'a> {
     scores: &'a mut [f32],
@@ -91,7 +95,7 @@ impl WithSimd for Softmax<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         for (i, (row, total)) in self.scores.chunks_mut(self.stride).zip(self.sums).enumerate() {
-            // keys of later rows, whose values the next product takes along, and what fills the last panel: e^-infinity is 0
+            // later rows, whose values the next product reads too, and the rest of the last panel: e^-infinity is 0
             row[self.first + i + 1..self.columns].fill(f32::NEG_INFINITY);
             let (row, _) = S::as_mut_simd_f32s(&mut row[..self.columns]);
             let mut most = simd.splat_f32s(f32::NEG_INFINITY);

@@ -1,8 +1,8 @@
 //! The product of rows of bytes with a matrix of bytes: `vpdpbusd` of AVX512-VNNI.
 //!
 //! One instruction adds, to each of 16 sums, the products of four unsigned bytes with four signed ones. So a row is rounded
-//! to bytes by a scale of its own, and the sums are whole numbers: a row's product is the same bits whatever rows stand
-//! beside it. Sources: Intel, "Architecture Instruction Set Extensions Programming Reference", chapter 2; a scale a row and
+//! to bytes by a scale of its own, and the sums are whole numbers: a row's product is the same bits whatever rows are
+//! computed with it. Sources: Intel, "Architecture Instruction Set Extensions Programming Reference", chapter 2; a scale a row and
 //! a column: Dettmers et al., "LLM.int8()" (2022), section 2.
 #![allow(unsafe_code)]
 
@@ -14,7 +14,7 @@ use pulp::{Simd, WithSimd};
 pub(super) const WORD: usize = 4;
 /// Columns of a panel: two vectors of sums.
 pub(super) const PANEL: usize = 32;
-/// The byte of a row that stands for 0.
+/// The byte of a row that means 0.
 const ZERO: i32 = 128;
 /// The largest byte on either side of it.
 const MOST: f32 = 127.0;
@@ -39,7 +39,7 @@ pub(super) fn words(k: usize) -> usize {
 /// Rows rounded to bytes.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
-    /// [tile][word][row of the tile]: four bytes a word, each [`ZERO`] higher than what it stands for.
+    /// [tile][word][row of the tile]: four bytes a word, each [`ZERO`] higher than its number.
     numbers: Vec<u32>,
     /// (m): what a byte is to be multiplied with.
     scales: Vec<f32>,
@@ -56,6 +56,7 @@ impl Rows {
         scales.resize(scales.len().max(left.rows), 0.0);
         line.resize(line.len().max(words * WORD), 0);
         let line = &mut line[..words * WORD];
+        // any byte would do, as the panels have zeros there, but memory that changes would not be reproducible
         line[k..].fill(ZERO as u8);
         for (row, scale) in scales.iter_mut().take(left.rows).enumerate() {
             *scale = dispatch::run(Round { left, row, to: &mut line[..k] });
@@ -100,14 +101,17 @@ impl WithSimd for Round<'_> {
             }
         }
         let most = simd.reduce_max_f32s(most).max(last_most);
-        // the greatest of numbers says nothing of those that are none
+        // a maximum may pass over NaN, a sum never does
         let all = simd.reduce_sum_f32s(all) + last_all;
         let scale = if all.is_finite() { most / MOST } else { f32::NAN };
+        // infinite for the smallest `most`, and then the bytes are arbitrary: a scale below 3e-39 makes them nothing
         let inverse = if most > 0.0 && scale > 0.0 { MOST / most } else { 0.0 };
-        // added to it, a number is whole: its last bits are those of the nearest whole number
+        // 1.5 * 2^23: added to it, a number is rounded to a whole one, which is in the last bits; the half keeps negative
+        // ones in the same binade
         const WHOLE: f32 = 12_582_912.0;
         for (at, part) in parts() {
             for (to, x) in self.to[at..].iter_mut().zip(part) {
+                // the flipped top bit adds 128 to a signed byte
                 *to = ((x * inverse + WHOLE).to_bits() as u8) ^ ZERO as u8;
             }
         }
@@ -117,7 +121,7 @@ impl WithSimd for Round<'_> {
 
 /// Some panels of a matrix of bytes.
 pub(super) struct Product<'a> {
-    /// (m, panels), rows `ldc` apart.
+    /// (m, panels), a row every `ldc` numbers.
     pub c: &'a mut [f32],
     pub ldc: usize,
     pub rows: &'a Rows,
@@ -155,7 +159,7 @@ impl Product<'_> {
         assert!(m == 0 || self.c.len() >= (m - 1) * ldc + columns, "{m} rows of {columns} sums");
         #[cfg(target_arch = "x86_64")]
         for first in (0..m).step_by(TILE) {
-            // SAFETY: the instructions are there, and what is read and written lies inside the slices (asserted).
+            // SAFETY: the instructions are there, and what is read and written is inside the slices (asserted).
             unsafe {
                 match m - first {
                     1 => x86::tile::<1>(&self, first, words),
@@ -194,12 +198,13 @@ mod x86 {
             // SAFETY: the caller's promise.
             unsafe {
                 let right = product.panels.as_ptr().cast::<__m512i>().add(2 * panel * words);
-                // of one row, four sums of every column: each waits for its last product
-                let sums = if M == 1 { by_turns::<M>(rows, right, words) } else { one_by_one::<M>(rows, right, words) };
+                // a sum waits for its last product: one row alone needs four sums of each column to keep the unit busy
+                let sums = if M == 1 { in_four::<M>(rows, right, words) } else { one_by_one::<M>(rows, right, words) };
                 for (i, sums) in sums.iter().enumerate() {
                     let scale = _mm512_set1_ps(product.rows.scales[first + i]);
                     for (half, sum) in sums.iter().enumerate() {
                         let column = panel * PANEL + half * LANES;
+                        // both may have wrapped: the difference is exact as long as k * 127^2 < 2^31, k up to 133,000
                         let whole =
                             _mm512_sub_epi32(*sum, _mm512_loadu_si512(product.excess.as_ptr().add(column).cast()));
                         let scale = _mm512_mul_ps(scale, _mm512_loadu_ps(product.scale.as_ptr().add(column)));
@@ -226,13 +231,13 @@ mod x86 {
         sums
     }
 
-    /// As [`one_by_one`], by turns in four sums of each column.
+    /// As [`one_by_one`], with four sums of each column, one after the other.
     ///
     /// # Safety
     /// That of [`tile`].
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
-    unsafe fn by_turns<const M: usize>(rows: *const u32, right: *const __m512i, words: usize) -> [[__m512i; 2]; M] {
+    unsafe fn in_four<const M: usize>(rows: *const u32, right: *const __m512i, words: usize) -> [[__m512i; 2]; M] {
         let mut sums = [[[_mm512_setzero_si512(); 2]; M]; 4];
         for word in 0..words {
             // SAFETY: the caller's promise.
@@ -323,6 +328,7 @@ mod tests {
             return; // printed above
         }
         let (scale, bias, excess, panels) = (vec![1.0; 32], vec![0.5; 32], vec![128 * 8; 32], vec![1i8; 32 * 8]);
+        // 1e-42 is subnormal: its scale vanishes
         for (x, expected) in [(0.0, 0.5), (f32::NAN, f32::NAN), (f32::INFINITY, f32::NAN), (1e-42, 0.5)] {
             let mut rows = Rows::default();
             rows.round(Left { data: &[0.0, x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], rows: 1, width: 8, stride: 8 }, 8);

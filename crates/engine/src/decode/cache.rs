@@ -1,6 +1,6 @@
 //! The keys and values of what was read, in one allocation.
 //!
-//! [layer][head][stream], each unit the keys, then the values. Keys lie in panels of tokens, [T / panel][d][panel], and
+//! [layer][head][stream], each unit the keys, then the values. Keys are stored in panels of tokens, [T / panel][d][panel], and
 //! values in panels of their numbers, [d / panel][T][panel]: both are right factors of the products that attention takes.
 
 use crate::arena::Floats;
@@ -9,7 +9,7 @@ use crate::op::matmul::panel;
 use half::f16;
 use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 
-/// How keys and values are held.
+/// How keys and values are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum KvKind {
@@ -20,7 +20,7 @@ pub enum KvKind {
     F16,
 }
 
-/// A number as the cache holds it.
+/// A number as the cache stores it.
 pub(super) trait Stored: Element {
     /// `from` rounded to this, at most [`CHUNK`] numbers.
     fn store(to: &mut [Self], from: &[f32]);
@@ -37,11 +37,12 @@ impl Stored for f32 {
 
 impl Stored for u16 {
     fn store(to: &mut [u16], from: &[f32]) {
+        // beyond 65,504 this is infinity, which widens to 65,536 (`element`): no score becomes NaN by it
         to.reinterpret_cast_mut::<f16>().convert_from_f32_slice(from);
     }
 }
 
-/// Where a unit's numbers lie.
+/// The layout of a unit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Unit {
     /// T, whole panels.
@@ -69,8 +70,8 @@ impl Unit {
         unit.split_at(self.tokens * self.d)
     }
 
-    /// Keeps key and value (d) of the token at `place`.
-    pub fn keep<E: Stored>(&self, unit: &mut [E], place: usize, key: &[f32], value: &[f32]) {
+    /// Stores key and value (d) of the token at `place`.
+    pub fn store<E: Stored>(&self, unit: &mut [E], place: usize, key: &[f32], value: &[f32]) {
         let (keys, values) = unit.split_at_mut(self.tokens * self.d);
         let mut rounded = [E::zeroed(); CHUNK];
         let base = place / self.panel * self.d * self.panel + place % self.panel;
@@ -78,6 +79,7 @@ impl Unit {
             let rounded = &mut rounded[..key.len()];
             E::store(rounded, key);
             for (i, x) in rounded.iter().enumerate() {
+                // a token is a column of its panel: one write here, so that reading streams
                 keys[base + (c * CHUNK + i) * self.panel] = *x;
             }
         }

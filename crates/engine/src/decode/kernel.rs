@@ -1,6 +1,6 @@
 //! The one product of decoding: rows times a matrix that is streamed from memory.
 //!
-//! The matrix lies in panels of two vectors' columns, [panel][k][2 vectors], as f32, as signed bytes or as half floats;
+//! The matrix is stored in panels of two vectors' columns, [panel][k][2 vectors], as f32, as signed bytes or as half floats;
 //! narrower numbers are widened in registers. All rows take their share of a panel while it is in the nearest cache, so
 //! they cost one pass through memory; one row reads four panels side by side and two rows two, since one stream does not
 //! keep memory busy. Each sum runs over k in order in one accumulator, whatever rows are computed beside it: reading a
@@ -12,7 +12,7 @@ use pulp::{Simd, WithSimd};
 /// Rows that share a number of the matrix in registers.
 const TILE: usize = 6;
 
-/// Steps of k before a tile goes back to memory: a panel of so many fills a 32 KB cache on AVX2.
+/// Steps of k before a tile goes back to memory: a panel of 512 steps of 16 floats fills a 32 KB cache on AVX2.
 const STRETCH: usize = 512;
 
 /// How many steps of k ahead memory is prefetched; measured with 4 to 8 rows, where neither memory nor arithmetic
@@ -20,7 +20,7 @@ const STRETCH: usize = 512;
 const AHEAD: usize = 16;
 
 /// The left operand (m, k), rows in segments of `width` numbers: number j of row i is
-/// `data[(j / width * rows + i) * stride + j % width]`. Rows that lie whole are one segment.
+/// `data[(j / width * rows + i) * stride + j % width]`. Contiguous rows are one segment.
 #[derive(Clone, Copy)]
 pub(super) struct Left<'a> {
     pub data: &'a [f32],
@@ -30,7 +30,7 @@ pub(super) struct Left<'a> {
 }
 
 impl<'a> Left<'a> {
-    /// Rows that lie whole, `stride` apart, of which `width` numbers count.
+    /// Contiguous rows, one every `stride` numbers, of which `width` count.
     pub fn whole(data: &'a [f32], rows: usize, width: usize, stride: usize) -> Self {
         Left { data, rows, width, stride }
     }
@@ -38,7 +38,7 @@ impl<'a> Left<'a> {
 
 /// `c` (m, n) = `left` (m, k) times `panels`, times `scale` and plus `bias` where they are not empty.
 pub(super) struct Product<'a, E: Element> {
-    /// Rows `ldc` apart, of whole panels.
+    /// A row every `ldc` numbers, of whole panels.
     pub c: &'a mut [f32],
     pub ldc: usize,
     pub left: Left<'a>,
@@ -83,6 +83,7 @@ impl<E: Element> Product<'_, E> {
             let steps = STRETCH.min(self.k - done);
             let mut first = 0;
             for tile in 0..tiles {
+                // 7 rows as 4 and 3, not 6 and 1: a tile costs a pass over the panel, whatever its height
                 first += match (rows - first).div_ceil(tiles - tile) {
                     1 => self.tile::<S, 1, 1>(simd, first, panel, done, steps),
                     2 => self.tile::<S, 2, 1>(simd, first, panel, done, steps),
@@ -109,6 +110,7 @@ impl<E: Element> Product<'_, E> {
     ) -> usize {
         let pair = 2 * S::F32_LANES;
         let mut sums = [[[simd.splat_f32s(0.0); 2]; P]; M];
+        // goes on where the last stretch stopped: the same accumulator, so STRETCH changes no bit
         if done > 0 {
             for (i, sums) in sums.iter_mut().enumerate() {
                 for (p, sums) in sums.iter_mut().enumerate() {
@@ -175,15 +177,18 @@ fn run<S: Simd, E: Element, const M: usize, const P: usize>(
     fetch: bool,
 ) -> [[[S::f32s; 2]; P]; M] {
     let (n, pair) = (left[0].len(), 2 * S::F32_LANES);
+    // lengths that the compiler knows to be equal: no bounds checks in the loop
     for row in &mut left {
         *row = &row[..n];
     }
     for panel in &mut right {
         *panel = &panel[..n * pair];
     }
+    // one prefetch for each line of 64 bytes
     let every = (64 / size_of::<E>() / pair).max(1);
     for j in 0..n {
         for p in 0..P {
+            // a single row reads up to four panels at once, which keeps memory busy without it
             if M > 1 && fetch && j % every == 0 {
                 prefetch(right[p].as_ptr().wrapping_add((j + AHEAD) * pair));
             }
@@ -198,7 +203,7 @@ fn run<S: Simd, E: Element, const M: usize, const P: usize>(
     sums
 }
 
-/// Asks for the line of memory at `at`, which need not be anyone's.
+/// Prefetches the line of memory at `at`, any address: a prefetch never faults.
 #[inline(always)]
 fn prefetch<E>(at: *const E) {
     #[cfg(target_arch = "x86_64")]

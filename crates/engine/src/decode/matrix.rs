@@ -7,7 +7,7 @@ use crate::dispatch;
 use crate::element::Element;
 use crate::op::matmul::panel;
 
-/// How weights are held.
+/// How weights are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum WeightKind {
@@ -53,6 +53,7 @@ impl Matrix {
         let columns = n.next_multiple_of(panel);
         let whole = |f: &dyn Fn(usize) -> f32| (0..columns).map(|j| if j < n { f(j) } else { 0.0 }).collect();
         let meets_bytes = kind == WeightKind::Int8 && bytes::are_there();
+        // k in whole words; the zeros of Floats fill the last one
         let high = if meets_bytes { bytes::words(k) * bytes::WORD } else { k };
         let bytes = columns * high * if kind == WeightKind::Int8 { 1 } else { 4 };
         let mut matrix = Matrix {
@@ -74,6 +75,7 @@ impl Matrix {
                 let scale = |j: usize| (0..k).map(|i| at(i, j).abs()).fold(0.0, f32::max) / 127.0;
                 matrix.scale = whole(&scale);
                 let bytes: &mut [i8] = bytemuck::cast_slice_mut(&mut matrix.numbers);
+                // a column of zeros has scale 0 and stays zeros; 0 / 0 would be NaN
                 for j in (0..n).filter(|&j| matrix.scale[j] > 0.0) {
                     let scale = matrix.scale[j];
                     (0..k).for_each(|i| bytes[place(i, j)] = (at(i, j) / scale).round() as i8);
@@ -103,6 +105,7 @@ impl Matrix {
 
     /// Multiply-adds of a row with one piece, in the time that those of f32 take.
     pub(super) fn work(&self) -> usize {
+        // vpdpbusd does four multiply-adds where a float instruction does one
         self.k * self.piece / if self.meets_bytes() { bytes::WORD } else { 1 }
     }
 

@@ -1,13 +1,14 @@
-//! Incremental decoding: rows of a growing sequence go through a stack of transformer blocks, which keeps the keys and
-//! values of the rows before. The caller makes the rows (token embeddings, positions) and turns the rows that come out
+//! Incremental decoding: rows of a growing sequence go through a stack of transformer blocks, which stores the keys and
+//! values of earlier rows. The caller makes the rows (token embeddings, positions) and turns the rows that come out
 //! into logits, by a packed [`Matrix`].
 //!
 //! A row costs one pass over all weights, so memory bandwidth decides the speed. Weights are packed once in the order in
 //! which they are read, in f32 or as bytes with a scale per column ([`WeightKind`]); several sequences and several rows of
 //! each share a pass. Keys and values are stored in f32 or as half floats ([`KvKind`]). Decoding row by row allocates
-//! nothing.
+//! nothing. It is for causal models without dropout: a row never sees a later one, and a place that is read again is
+//! overwritten from there on.
 //!
-//! The products of a row are the same bits whatever rows stand beside it, so a block of rows gives the numbers that its
+//! The products of a row are the same bits whatever rows are computed with it, so a block of rows gives the numbers that its
 //! rows give one by one. A speculated block can therefore be verified without any change to what is sampled.
 //!
 //! ```

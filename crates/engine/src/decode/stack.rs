@@ -12,7 +12,7 @@ use crate::op::{gelu, layer_norm};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rows that go through the layers together; what is longer is cut.
+/// Rows that go through the layers together, at most; callers cut longer reads.
 const ROWS: usize = 192;
 
 /// Multiply-adds that are worth another thread.
@@ -129,6 +129,7 @@ impl StackDecoder {
         assert!(run.rows <= self.free(), "{} rows, room for {}", run.rows, self.free());
         let first = self.rows;
         self.rows += run.rows;
+        // a later run of the same stream attends to this one: `attention` stores each run before it takes the next
         self.runs.push(run);
         first
     }
@@ -179,6 +180,7 @@ impl StackDecoder {
     pub fn norm(&mut self, norm: &Norm, rows: impl Iterator<Item = usize>) {
         let (width, mut n) = (self.width, 0);
         for row in rows {
+            // ascending, so n <= row: no row is overwritten before it is moved
             self.scratch.x.copy_within(row * width..(row + 1) * width, n * width);
             n += 1;
         }
@@ -195,12 +197,13 @@ impl StackDecoder {
         let Scratch { x, normed, pieces, rounded, .. } = &mut self.scratch;
         let (width, mut n) = (self.width, 0);
         for row in rows {
+            // x is free by now, and the kernel needs the rows one after the other
             x[n * width..][..width].copy_from_slice(&normed[row * width..][..width]);
             n += 1;
         }
-        let wanted = columns.start / PIECE..columns.end.div_ceil(PIECE);
-        products(matrix, wanted.clone(), pieces, Left::whole(x, n, width, width), rounded);
-        Product { pieces, rows: n, first: wanted.start }
+        let range = columns.start / PIECE..columns.end.div_ceil(PIECE);
+        products(matrix, range.clone(), pieces, Left::whole(x, n, width, width), rounded);
+        Product { pieces, rows: n, first: range.start }
     }
 }
 
@@ -221,6 +224,7 @@ impl Scratch {
         let rounded = &self.rounded;
         let stride = block.heads[0].piece();
         let per_head = cache.len() / block.heads.len();
+        // an upper bound for all rows: it decides how heads are shared out, not what is computed
         let seen = runs.iter().map(|run| run.place + run.rows).max().unwrap_or(0);
         let work = rows * (block.heads[0].work() + 2 * seen * unit.d);
         let positions = &self.positions;
@@ -283,6 +287,7 @@ impl Scratch {
 
     /// x += the product in `pieces`.
     fn add(&mut self, rows: usize, width: usize) {
+        // the sum is per number: how rows are shared changes no bit
         let per = rows_at_once(width);
         let pieces = &self.pieces;
         self.x[..rows * width].par_chunks_mut(per * width).enumerate().for_each(|(i, x)| {
@@ -296,16 +301,16 @@ impl Scratch {
     }
 }
 
-/// Some pieces of the product of `left` with `matrix`, one behind the other.
-fn products(matrix: &Matrix, wanted: Range<usize>, pieces: &mut [f32], left: Left, rounded: &mut bytes::Rows) {
+/// The pieces `range` of the product of `left` with `matrix`, one after the other.
+fn products(matrix: &Matrix, range: Range<usize>, pieces: &mut [f32], left: Left, rounded: &mut bytes::Rows) {
     round(rounded, matrix, left);
     let rounded = &*rounded;
     pieces
         .par_chunks_mut(left.rows * PIECE)
-        .take(wanted.len())
+        .take(range.len())
         .enumerate()
         .with_min_len(worth(left.rows * matrix.work()))
-        .for_each(|(i, c)| matrix.product(c, wanted.start + i, left, rounded));
+        .for_each(|(i, c)| matrix.product(c, range.start + i, left, rounded));
 }
 
 /// Rounds the rows of `left` where a matrix meets bytes.
@@ -325,12 +330,13 @@ fn rows_at_once(width: usize) -> usize {
     (WORTH / 8).div_ceil(width.max(1))
 }
 
-/// Runs `read` in the current rayon pool if so many multiply-adds are worth it, else on this thread: entering the pool
+/// Runs `read` in the current rayon pool if its number of multiply-adds is worth it, else on this thread: entering the pool
 /// once is cheaper than for every product.
 pub fn in_pool(multiply_adds: usize, read: impl FnOnce() + Send) {
     if multiply_adds < ALONE || rayon::current_thread_index().is_some() {
         read();
     } else {
+        // join moves the call onto a pool's thread; `install` would need the pool's handle
         rayon::join(read, || ());
     }
 }

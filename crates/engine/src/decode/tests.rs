@@ -23,6 +23,7 @@ impl Model {
         let d = stack.width;
         let block = [d, d, 3 * d * d, 3 * d, d * d, d, d, d, 4 * d * d, 4 * d, 4 * d * d, d];
         let lengths = (0..stack.layers).flat_map(|_| block).chain([d, d]);
+        // rows of width d then have sums near 1 in size
         let spread = 2.0 / (d as f32).sqrt();
         let tensors = lengths.enumerate().map(|(i, n)| numbers(seed + i as u64, n, spread)).collect();
         Model { stack, places, rotary, tensors, head: numbers(seed + 99, VOCABULARY * d, spread) }

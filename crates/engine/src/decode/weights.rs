@@ -90,6 +90,7 @@ impl Block {
         check("qkv", bias, 3 * width);
         let head = |h: usize| {
             // column j of the head's (D, 3 d) belongs to its query, key or value
+            // a head at a time is packed whole, since a thread computes its query, key and value and then attends
             let column = |j: usize| j / d * width + h * d + j % d;
             let at = |i: usize, j: usize| weight[i * 3 * width + column(j)];
             Matrix::packed(kind, (width, 3 * d), 3 * d, |j| bias[column(j)], at)

@@ -24,8 +24,9 @@ impl Lstm {
         back.dy[..steps * b * c].copy_from_slice(outputs);
         let late = usize::from(self.shape.wiring == Wiring::Compat);
         for layer in &mut self.layers {
-            // of the compat wiring: nobody sees what lower layers say last
+            // compat wiring: no layer reads the last outputs of lower layers
             let Some(own) = &mut layer.back else { continue };
+            // a layer above reads outputs one step late, so none gives a gradient to the last step
             own.dh[(steps - 1) * b * d..steps * b * d].fill(0.0);
         }
         for stretch in stretches(&self.given).rev() {
@@ -41,6 +42,7 @@ impl Lstm {
                     let first = from.max(late);
                     let dh = &mut below.dh[(first - late) * b * d..(to - late) * b * d];
                     own.below.times(dh, &own.gates[4 * first * b * d..4 * to * b * d], None);
+                // only the first step of a stretch can be fed: its input gradient belongs to the previous output
                 } else if !self.given[from] && from > 0 {
                     own.below.times(&mut back.dx, &own.gates[4 * from * b * d..4 * (from + 1) * b * d], None);
                     let dy = &mut back.dy[(from - 1) * b * c..from * b * c];
@@ -52,17 +54,20 @@ impl Lstm {
         for l in 0..self.layers.len() {
             let (input, width) = match l {
                 0 => (&self.x[..rows * c], c),
+                // h begins with the output before the first step: compat inputs start there, fixed ones a step later
                 _ => (&self.layers[l - 1].h[(1 - late) * b * d..][..rows * d], d),
             };
             let own = &self.layers[l];
             let [of_input, of_own, of_bias, of_own_bias] = &mut gradients[4 * l..4 * l + 4] else { continue };
             let Some(sums) = own.back.as_ref().map(|own| &own.gates[..4 * rows * d]) else { continue };
             back.sums.gradients(sums, 4 * d, &mut [(input, width, of_input), (&own.h[..rows * d], d, of_own)], of_bias);
+            // both biases are added at the gates, so their gradients are equal; two tensors as PyTorch has them
             of_own_bias.copy_from_slice(of_bias);
         }
         let top = &self.layers[self.layers.len() - 1].h[b * d..][..rows * d];
         let [weight, bias] = &mut gradients[4 * self.layers.len()..] else { return };
         back.sums.gradients(&back.dy[..rows * c], c, &mut [(top, d, weight)], bias);
+        // `cell::backward` has overwritten the gates: a second backward pass must panic
         self.given.clear();
     }
 }

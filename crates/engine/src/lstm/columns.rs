@@ -54,6 +54,7 @@ impl Columns {
             let (panels, left) = (Panels { numbers: &p.panels, block: k }, Left::Rows { a, lda: k });
             matmul::product(&mut p.out, p.columns, (rows, k, p.columns), left, panels, Store::Set);
         });
+        // parts have memory of their own, since rayon can't hand out columns of a row-major `out`
         for p in &self.parts {
             for (to, from) in out.chunks_exact_mut(n).zip(p.out.chunks_exact(p.columns)) {
                 matmul::copy(&mut to[p.first..][..p.columns], from);

@@ -20,11 +20,13 @@ impl Lstm {
             let (from, to) = (stretch.start, stretch.end);
             self.x[from * row..to * row].copy_from_slice(&inputs[from * row..to * row]);
             if !given[from] {
+                // y is one step ahead of x: y[from] is the output of step from - 1
                 self.x[from * row..][..row].copy_from_slice(&self.y[from * row..][..row]);
             }
             self.layers[0].forward(stretch.clone(), &self.x[from * row..to * row], TeacherForcing::NONE);
             for l in 1..self.layers.len() {
                 let (below, layers) = self.layers.split_at_mut(l);
+                // h[t + 1] is the output of step t: fixed wiring reads that, compat wiring the one before
                 let late = usize::from(self.shape.wiring == Wiring::Fixed);
                 let inputs = &below[l - 1].h[(from + late) * b * d..(to + late) * b * d];
                 layers[0].forward(stretch.clone(), inputs, TeacherForcing::NONE);

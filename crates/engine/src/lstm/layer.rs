@@ -38,9 +38,9 @@ impl TeacherForcing<'_> {
     }
 }
 
-/// What a step's backward pass gets from the next step.
+/// The gradients that a step's backward pass gets from the next step.
 #[derive(Clone, Copy)]
-enum Behind<'a> {
+enum Next<'a> {
     /// It is the last.
     Nothing,
     /// The state's gradient.
@@ -83,6 +83,7 @@ impl Layer {
         let wide = UNITS.next_multiple_of(panel());
         let slab = |first: usize| {
             let units = wide.min(width - first);
+            // padded units have weights and biases of 0, so gates of 1/2 and 0 and states of 0: they add nothing
             let padded = units.next_multiple_of(panel());
             let rows = batch * padded;
             let room = |k| Floats::new(matmul::panels_len(k, 4 * padded));
@@ -160,6 +161,7 @@ impl Layer {
             let (before, now) = self.h.split_at_mut((t + 1) * b * d);
             let before = if forced.at(t) { &forced.rows[t * b * d..][..b * d] } else { &before[t * b * d..] };
             self.slabs.par_iter_mut().for_each(|slab| {
+                // by the slab itself, not before the loop: one barrier less per stretch
                 if t == stretch.start {
                     slab.product(stretch.clone(), b, (inputs, i), Store::Set);
                 }
@@ -180,14 +182,15 @@ impl Layer {
         let (b, d) = (self.batch, self.width);
         let Some(back) = &mut self.back else { panic!("memory for the forward pass only") };
         for t in stretch.rev() {
-            let (now, behind) = back.gates.split_at_mut(4 * (t + 1) * b * d);
-            let behind = match t + 1 < steps {
-                false => Behind::Nothing,
-                true if forced.at(t + 1) => Behind::State,
-                true => Behind::Both(&behind[..4 * b * d]),
+            let (now, next) = back.gates.split_at_mut(4 * (t + 1) * b * d);
+            let next = match t + 1 < steps {
+                false => Next::Nothing,
+                true if forced.at(t + 1) => Next::State,
+                // in split_at_mut order the next step's gates come right after this step's
+                true => Next::Both(&next[..4 * b * d]),
             };
             let dh = &back.dh[t * b * d..][..b * d];
-            self.slabs.par_iter_mut().for_each(|slab| slab.step_back(t, (b, d), dh, behind));
+            self.slabs.par_iter_mut().for_each(|slab| slab.step_back(t, (b, d), dh, next));
             for slab in &self.slabs {
                 let p = slab.padded;
                 let from = slab.gates[4 * t * b * p..].chunks_exact(4 * p);
@@ -220,19 +223,20 @@ impl Slab {
         cell::forward(gates, &self.bias, &before[t * row..], &mut now[..row], &mut self.h);
     }
 
-    fn step_back(&mut self, t: usize, (batch, d): (usize, usize), above: &[f32], behind: Behind) {
+    fn step_back(&mut self, t: usize, (batch, d): (usize, usize), above: &[f32], next: Next) {
         let (first, units, p) = (self.first, self.units, self.padded);
         let Some((turned, dh, dc)) = &mut self.back else { return };
         for (to, from) in dh.chunks_exact_mut(p).zip(above.chunks_exact(d)) {
             matmul::copy(&mut to[..units], &from[first..][..units]);
         }
-        match behind {
-            Behind::Both(a) => {
+        match next {
+            Next::Both(a) => {
                 let (panels, left) = (Panels { numbers: turned, block: 4 * d }, Left::Rows { a, lda: 4 * d });
                 matmul::product(dh, p, (batch, 4 * d, units), left, panels, Store::Add);
             }
-            Behind::State => (),
-            Behind::Nothing => dc.fill(0.0),
+            // dc still holds what the next step left; the output it would have had was replaced
+            Next::State => (),
+            Next::Nothing => dc.fill(0.0),
         }
         let row = batch * p;
         let (before, now) = self.states[t * row..][..2 * row].split_at(row);

@@ -2,7 +2,7 @@
 //! time.
 //!
 //! Letters: T steps, B sequences, C channels of input and output, D units of a layer, L layers, I inputs of a layer (C or D).
-//! Rows lie step by step: (T, B, ..).
+//! Rows are stored step by step: (T, B, ..).
 //!
 //! A step's input is either given or the previous step's output, for all sequences alike ([`Lstm::forward`]). The sequence
 //! falls into stretches whose inputs are all known when they begin: a given step joins the stretch before it, a fed one
@@ -87,7 +87,7 @@ impl Shape {
     }
 }
 
-/// A network's weights, laid out for products, and the memory of a pass over up to T steps of B sequences.
+/// A network's weights, packed for products, and the memory of a pass over up to T steps of B sequences.
 pub struct Lstm {
     shape: Shape,
     /// Numbers of each tensor.
@@ -95,7 +95,7 @@ pub struct Lstm {
     batch: usize,
     /// T, the most steps.
     steps: usize,
-    /// Steps of the last pass, and which of them were given.
+    /// For each step of the last pass: was its input given?
     given: Vec<bool>,
     layers: Vec<Layer>,
     /// (T, B, C): inputs of the first layer.
@@ -183,7 +183,8 @@ impl Lstm {
         self.layers.iter_mut().for_each(|layer| layer.rest());
     }
 
-    /// The next pass goes on where the last one ended.
+    /// The next pass goes on where the last one ended: called after [`Lstm::forward`], before a backward pass, which forgets how
+    /// many steps that had.
     pub fn carry(&mut self) {
         let (steps, row) = (self.given.len(), self.batch * self.shape.channels);
         self.y.copy_within(steps * row..(steps + 1) * row, 0);

@@ -11,7 +11,7 @@ pub struct Single {
     width: usize,
     batch: usize,
     steps: usize,
-    /// Steps of the last pass, and which of them were forced.
+    /// For each step of the last pass: was it forced?
     forced: Vec<bool>,
     layer: Layer,
     /// (T, B, D): each step's previous output, with those that were forced.
@@ -61,7 +61,8 @@ impl Single {
         self.layer.rest();
     }
 
-    /// The next pass goes on where the last one ended.
+    /// The next pass goes on where the last one ended: called after [`Single::forward`], before a backward pass, which forgets
+    /// how many steps that had.
     pub fn carry(&mut self) {
         self.layer.carry(self.forced.len());
     }
@@ -85,9 +86,10 @@ impl Single {
         self.forced.clear();
         self.forced.extend((0..steps).map(|t| forced.at(t)));
         self.layer.forward(0..steps, inputs, forced);
+        // the gradient of the own weight needs what the step saw, not the output that was replaced
         if self.sums.is_some() && any {
-            for (t, is_told) in self.forced.iter().enumerate() {
-                let from = if *is_told { &forced.rows[t * row..][..row] } else { &self.layer.h[t * row..][..row] };
+            for (t, is_forced) in self.forced.iter().enumerate() {
+                let from = if *is_forced { &forced.rows[t * row..][..row] } else { &self.layer.h[t * row..][..row] };
                 self.seen[t * row..][..row].copy_from_slice(from);
             }
         }

@@ -132,5 +132,6 @@ fn threads_change_no_bit() {
 #[test]
 fn sizes_are_those_of_the_published_networks() {
     let of = |channels| Shape { channels, width: 1024, layers: 3, wiring: Wiring::Compat }.parameters();
+    // 4 D (C + D + 2) for the first of 3 layers, 4 D (2 D + 2) for each other, (D + 1) C for the output, at D = 1024
     assert_eq!([171, 132, 175].map(of), [21_871_787, 21_672_068, 21_892_271]);
 }

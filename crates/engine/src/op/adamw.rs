@@ -30,6 +30,7 @@ pub struct Step {
 impl Step {
     /// Update number `number`, counted from 1, at the learning rate `rate`.
     pub fn new(number: u64, rate: f64, betas: [f64; 2], epsilon: f64, decay: f64, share: f64) -> Step {
+        // in f64: 1 - 0.999^1 in f32 would lose half its digits
         let correction = betas.map(|b| 1.0 - b.powf(number as f64));
         Step {
             share: share as f32,
@@ -62,6 +63,7 @@ pub fn norm_squared(gradients: &[f32]) -> f64 {
     if gradients.len() <= CHUNK {
         return dispatch::run(Squares(gradients));
     }
+    // at a whole chunk: the tree of sums depends on the length alone
     let (left, right) = gradients.split_at(gradients.len().div_ceil(CHUNK) / 2 * CHUNK);
     let (left, right) = rayon::join(|| norm_squared(left), || norm_squared(right));
     left + right
@@ -89,6 +91,7 @@ impl WithSimd for Update<'_> {
             [*x, *m, *v] = step.moved(simd, [*x, *m, *v], *g);
         }
         if !g_tail.is_empty() {
+            // the lanes beyond the tail are 0 / epsilon and are not stored
             let [x, m, v, g] = [&*x_tail, &*m_tail, &*v_tail, g_tail].map(|t| simd.partial_load_f32s(t));
             let [x, m, v] = step.moved(simd, [x, m, v], g);
             simd.partial_store_f32s(x_tail, x);
@@ -141,7 +144,7 @@ struct Squares<'a>(&'a [f32]);
 impl WithSimd for Squares<'_> {
     type Output = f64;
 
-    /// Sixteen sums whatever the vectors, which the compiler makes of this loop.
+    /// Sixteen sums whatever the vectors, so that every width gives the same bits; the compiler vectorises the loop.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> f64 {
         let (blocks, rest) = self.0.as_chunks::<16>();

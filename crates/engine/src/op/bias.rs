@@ -92,6 +92,7 @@ impl WithSimd for AddColumnSums<'_> {
         let width = dbias.len();
         let (sums, sums_tail) = S::as_mut_simd_f32s(dbias);
         let fours = dy.chunks_exact(4 * width);
+        // the order depends on the number of rows alone, as that of a piece does: threads change no bit
         for row in fours.remainder().chunks_exact(width) {
             let (y, y_tail) = S::as_simd_f32s(row);
             for (s, y) in sums.iter_mut().zip(y) {

@@ -21,7 +21,7 @@ pub fn forward(gates: &mut [f32], bias: &[f32], before: &[f32], c: &mut [f32], h
 
 /// The way back through [`forward`]: the gates (B, 4P) become the gradients of the sums at them.
 ///
-/// `dh` (B, P) is the gradient of the output; `dc` (B, P) that of the state from the step behind, which becomes that of
+/// `dh` (B, P) is the gradient of the output; `dc` (B, P) that of the state from the next step, which becomes that of
 /// the state `before`.
 ///
 /// # Panics
@@ -98,9 +98,11 @@ impl WithSimd for Backward<'_> {
             let (before, c, dh) = (S::as_simd_f32s(before).0, S::as_simd_f32s(c).0, S::as_simd_f32s(dh).0);
             let dc = S::as_mut_simd_f32s(dc).0;
             for n in 0..before.len() {
+                // computed again: saving it would cost B P numbers a step
                 let t = tanh(simd, c[n]);
                 let d = simd.add_f32s(dc[n], of_tanh(simd.mul_f32s(dh[n], o[n]), t));
                 dc[n] = simd.mul_f32s(d, f[n]);
+                // before i and g are overwritten by their gradients
                 let (di, dg) = (simd.mul_f32s(d, g[n]), simd.mul_f32s(d, i[n]));
                 f[n] = of_sigmoid(simd.mul_f32s(d, before[n]), f[n]);
                 i[n] = of_sigmoid(di, i[n]);
@@ -129,6 +131,7 @@ fn four_mut<S: Simd>(row: &mut [f32], width: usize) -> [&mut [S::f32s]; 4] {
 #[inline(always)]
 fn sigmoid<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+    // abs and the comparison below lose no NaN: e is NaN, and so is the quotient
     let e = exp_falling(simd, simd.neg_f32s(simd.abs_f32s(x)));
     let above = simd.select_f32s(simd.less_than_f32s(x, zero), e, one);
     simd.div_f32s(above, simd.add_f32s(one, e))
@@ -151,6 +154,7 @@ mod tests {
     use crate::scalar::lstm as scalar;
 
     /// Some roundings of numbers below 1 and one of e^x.
+    // sums of +-60 are among the cases: there e^x would overflow and e^-|x| does not
     const BOUND: f64 = 4e-7;
 
     #[test]

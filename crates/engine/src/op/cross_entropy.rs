@@ -102,8 +102,10 @@ impl WithSimd for ForwardBackward<'_> {
         for (row, &RowTarget { target, first, count, bins }) in logits.chunks_exact_mut(columns).zip(targets) {
             let can = &mut row[first as usize..][..count as usize];
             let most = most(simd, can);
+            // before `powers` overwrites the row
             let aim = can[(target - first) as usize];
             let sum = powers(simd, can, most);
+            // in f64: a batch adds some thousand costs
             all += cost(sum, most, aim);
             scaled(simd, can, scale / sum);
             row[..first as usize].fill(0.0);
@@ -147,6 +149,7 @@ impl<F: Fn(usize) -> Option<RowTarget>> WithSimd for Nats<'_, F> {
 /// -ln p, given the sum of e^(logit - most).
 #[inline(always)]
 fn cost(sum: f32, most: f32, aim: f32) -> f64 {
+    // the largest power is 1, so sum >= 1 and its logarithm loses nothing; an impossible target costs +infinity
     (sum as f64).ln() + (most as f64 - aim as f64)
 }
 
@@ -165,6 +168,7 @@ fn most<S: Simd>(simd: S, row: &[f32]) -> f32 {
         most[0] = simd.max_f32s(most[0], *x);
     }
     let most = simd.max_f32s(simd.max_f32s(most[0], most[1]), simd.max_f32s(most[2], most[3]));
+    // NaN may be lost here; then its own power is NaN, and so are sum and cost
     tail.iter().fold(largest(simd, most), |m, &x| m.max(x))
 }
 
@@ -214,7 +218,7 @@ fn sum_of_powers<S: Simd>(simd: S, row: &[f32], most: f32) -> f32 {
     sum(simd, simd.add_f32s(sums[0], sums[1]))
 }
 
-/// 0 in the lanes behind the tail.
+/// 0 in the lanes after the tail.
 #[inline(always)]
 fn tail_powers<S: Simd>(simd: S, tail: &[f32], most: S::f32s) -> S::f32s {
     let power = exp_falling(simd, simd.sub_f32s(simd.partial_load_f32s(tail), most));

@@ -12,7 +12,7 @@ use super::rows;
 use crate::dispatch;
 use pulp::{Arch, NullaryFnOnce};
 
-/// Rows have a multiple of so many numbers: a cache line.
+/// Rows have a multiple of 64 numbers: a cache line.
 pub const PAD: usize = 64;
 
 /// What is added to a length, since the square of a number below 1e-154 is 0.
@@ -38,6 +38,7 @@ impl Query {
         // no sum of a lane, which takes two products of sixteen at most, leaves 32 bits, whatever the bytes
         let most = (i32::MAX as usize / (128 * padded.max(1) / 8)).min(i16::MAX as usize) as f64;
         let largest = numbers.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        // a subnormal step has too few digits to divide by; all is error then, and that is stated
         let step = if largest / most >= f64::MIN_POSITIVE { largest / most } else { 0.0 };
         let mut whole = vec![0; padded];
         let mut left_out = 0.0;
@@ -72,6 +73,7 @@ impl Query {
     pub fn dots(&self, out: &mut [i64], bytes: &[i8]) {
         let count = rows("dots", bytes.len(), self.padded());
         assert_eq!(count, out.len(), "a number a row");
+        // pulp has no products of integers: a trait of our own, over the same choice of instructions
         match dispatch::arch() {
             #[cfg(target_arch = "x86_64")]
             Arch::V4(simd) => pulp::Simd::vectorize(simd, Dots { out, rows: bytes, query: &self.numbers, lanes: simd }),
@@ -86,7 +88,7 @@ impl Query {
 trait Lanes: Copy {
     /// Numbers that are multiplied at a time.
     const WIDTH: usize;
-    /// So many numbers of the vector.
+    /// [`Lanes::WIDTH`] numbers of the vector.
     type Numbers: Copy;
     /// Sums of 32 bits.
     type Sums: Copy;
@@ -184,6 +186,7 @@ mod x86 {
 
         #[inline(always)]
         fn add(self, sums: __m256i, row: &[i8], query: __m256i) -> __m256i {
+            // madd adds two products of 16 bits in 32: at most 2 * 128 * 32767, far from overflow
             let wide = self.avx2._mm256_cvtepi8_epi16(first::<16, i8, __m128i>(row));
             self.avx2._mm256_add_epi32(sums, self.avx2._mm256_madd_epi16(wide, query))
         }

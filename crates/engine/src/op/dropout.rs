@@ -48,10 +48,11 @@ fn mix(z: u64) -> u64 {
 /// A share outside `0.0..1.0`.
 pub fn threshold(share: f64) -> u32 {
     assert!((0.0..1.0).contains(&share), "a dropout of {share}, expected 0 to below 1");
+    // a share within 2^-33 of 1 saturates at u32::MAX, and one number in 2^32 stays
     (share * 2f64.powi(32)).round() as u32
 }
 
-/// By how much the kept numbers grow, so that the expected sum stays.
+/// The factor of the numbers that stay: the expected sum is that of all.
 pub fn growth(share: f64) -> f32 {
     (1.0 / (1.0 - share)) as f32
 }
@@ -112,6 +113,7 @@ impl WithSimd for Apply<'_> {
 #[inline(always)]
 pub(crate) fn factors<S: Simd>(simd: S, row_key: u32, first_column: u32, threshold: u32, growth: f32) -> S::f32s {
     let lanes = lane_numbers(simd);
+    // first + lane * STEP is `bits` of column first_column + lane, modulo 2^32
     let first = row_key.wrapping_add(first_column.wrapping_mul(STEP));
     let z = simd.add_u32s(simd.splat_u32s(first), simd.mul_u32s(lanes, simd.splat_u32s(STEP)));
     let z = simd.mul_u32s(fold(simd, z, 16), simd.splat_u32s(0x85EB_CA6B));

@@ -39,6 +39,7 @@ pub fn forward(out: &mut [f32], width: usize, first_row: usize, lookups: &[Looku
 pub fn backward(dtable: &mut [f32], width: usize, ids: &[u32], dout: &[f32]) {
     let (in_table, n) = (rows("embedding's table", dtable.len(), width), rows("embedding", dout.len(), width));
     check(ids, ids.iter().copied(), n, in_table);
+    // a piece owns rows of the table, not of dout: no two threads add to one row, and the order is that of the rows
     let piece = in_table.div_ceil(PIECES).max(SMALLEST);
     let piece_of = |(i, dtable)| dispatch::run(Backward { dtable, width, first_id: i * piece, ids, dout });
     match in_table <= piece {
@@ -47,7 +48,7 @@ pub fn backward(dtable: &mut [f32], width: usize, ids: &[u32], dout: &[f32]) {
     }
 }
 
-/// A table's gradient falls into at most so many pieces, since each reads all ids.
+/// The most pieces of a table's gradient: each reads all ids.
 const PIECES: usize = 16;
 /// Rows of a table that no piece has less of.
 const SMALLEST: usize = 16;
@@ -78,6 +79,7 @@ impl WithSimd for Forward<'_> {
                 let id = ids[(first_row + r) % ids.len()];
                 if id != NONE {
                     let row = &table[id as usize * width..][..width];
+                    // the first lookup copies: out needs no zeros, and the sum no addition to 0
                     if empty {
                         out.copy_from_slice(row);
                     } else {

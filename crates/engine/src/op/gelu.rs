@@ -8,7 +8,7 @@ use crate::dispatch;
 use pulp::{Simd, WithSimd};
 
 const CUBIC: f64 = 0.044715;
-/// Beyond it 2 u is cut off: the gate is 0 or 1 to the last place.
+/// Beyond it 2 u is clamped: the gate is 0 or 1 to the last place.
 const LIMIT: f32 = 87.0;
 /// 2 sqrt(2/pi).
 const SLOPE: f64 = 2.0 * std::f64::consts::FRAC_2_SQRT_PI * std::f64::consts::FRAC_1_SQRT_2;
@@ -33,7 +33,7 @@ pub fn forward_biased(out: &mut [f32], x: &mut [f32], bias: &[f32]) {
 }
 
 /// Turns `d`, the gradient of gelu(x), into that of `x`, and writes gelu(x) once more, which the gradient of the weights
-/// behind it needs: x is read once and its sigmoid computed once.
+/// after it needs: x is read once and its sigmoid computed once.
 ///
 /// # Panics
 /// Slices of different lengths.
@@ -58,6 +58,7 @@ impl WithSimd for Forward<'_> {
             *o = value(simd, *x);
         }
         if !x_tail.is_empty() {
+            // lanes beyond the tail are 0, whose gate is 1/2: no special case
             let x = simd.partial_load_f32s(x_tail);
             simd.partial_store_f32s(out_tail, value(simd, x));
         }

@@ -1,6 +1,6 @@
 //! Layer norm over rows of D numbers: y = (x - mean)/sd, out = y weight + bias, with the biased variance in two passes.
 //!
-//! What the backward pass needs of the sums is kept beside the rows: mean and 1/sd, two numbers a row. The gradient of x
+//! The backward pass needs two sums of each row, which `stats` stores: mean and 1/sd. The gradient of x
 //! is (g - mean(g) - y mean(g y))/sd where g = dy weight.
 
 use super::math::{lanes_below, sum};
@@ -162,6 +162,7 @@ impl<S: Simd> Stats<S> {
 fn moments<S: Simd>(simd: S, row: &[f32]) -> [f32; 2] {
     let n = row.len() as f32;
     let mean = deviations::<S, false>(simd, row, 0.0) / n;
+    // mean(x^2) - mean^2 in one pass would cancel where the mean is large beside the deviation
     let variance = deviations::<S, true>(simd, row, mean) / n;
     [mean, 1.0 / (variance + EPSILON).sqrt()]
 }
@@ -182,7 +183,7 @@ fn deviations<S: Simd, const SQUARE: bool>(simd: S, row: &[f32], mean: f32) -> f
         sums[0] = plus_deviation::<S, SQUARE>(simd, sums[0], simd.sub_f32s(*x, means));
     }
     if !tail.is_empty() {
-        // lanes behind the tail hold 0, and their "mean" is 0 too
+        // lanes after the tail hold 0, and their "mean" is 0 too
         let means = simd.select_f32s(lanes_below(simd, tail.len()), means, simd.splat_f32s(0.0));
         sums[1] = plus_deviation::<S, SQUARE>(simd, sums[1], simd.sub_f32s(simd.partial_load_f32s(tail), means));
     }
@@ -286,6 +287,7 @@ fn input_gradient<S: Simd>(
     let (dx, dx_tail) = S::as_mut_simd_f32s(dx);
     let ((x, x_tail), (w, w_tail), (dy, dy_tail)) = (S::as_simd_f32s(x), S::as_simd_f32s(weight), S::as_simd_f32s(dy));
     for (((dx, x), w), dy) in dx.iter_mut().zip(x).zip(w).zip(dy) {
+        // a second pass over the row: every number needs both means
         *dx = plus_gradient(simd, *dx, row, means, [*x, *w, *dy]);
     }
     if !x_tail.is_empty() {

@@ -2,8 +2,8 @@
 
 use pulp::Simd;
 
-/// 1.5 * 2^23 + 127: a float added to it is rounded to a whole number, which stands in its lowest bits as the exponent of
-/// a float does.
+/// 1.5 * 2^23 + 127: a float added to it is rounded to a whole number, in its lowest bits with the bias of a float's
+/// exponent.
 const ROUND: f32 = 12_583_039.0;
 /// Below -126.5 ln 2, powers of 2 end and e^x is 0; here the exponent's bits are 0.
 const LOWEST: f32 = -88.0;
@@ -27,6 +27,7 @@ pub(crate) fn exp_within<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let (round, one) = (simd.splat_f32s(ROUND), simd.splat_f32s(1.0));
     let shifted = simd.mul_add_e_f32s(x, simd.splat_f32s(std::f32::consts::LOG2_E), round);
     let n = simd.sub_f32s(shifted, round);
+    // x - n ln 2 in two steps: the first is exact, so what cancels costs no digits
     let r = simd.negate_mul_add_e_f32s(n, simd.splat_f32s(LN_2[0]), x);
     let r = simd.negate_mul_add_e_f32s(n, simd.splat_f32s(LN_2[1]), r);
     let mut p = simd.splat_f32s(P[0]);
@@ -34,6 +35,7 @@ pub(crate) fn exp_within<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
         p = simd.mul_add_e_f32s(p, r, simd.splat_f32s(*c));
     }
     let p = simd.mul_add_e_f32s(simd.mul_add_e_f32s(p, r, one), r, one);
+    // by 23 bits only the exponent remains; n = -127 gives the bits of 0, which makes the product 0
     let bits = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(shifted), simd.splat_u32s(23));
     simd.mul_f32s(p, simd.transmute_f32s_u32s(bits))
 }

@@ -1,6 +1,6 @@
-//! Products of matrices, on one thread: a left factor as it lies in memory times a right factor in panels.
+//! Products of matrices, on one thread: a left factor as it is in memory times a right factor in panels.
 //!
-//! Letters: m rows of the product, n columns, k the shared dimension. The right factor is laid out once, in panels of
+//! Letters: m rows of the product, n columns, k the shared dimension. The right factor is packed once, in panels of
 //! [`panel`] columns, and then read from front to back; a tile of `TILE` rows by one panel stays in registers over up to
 //! `DEPTH` steps of k. Source of the scheme: Goto and van de Geijn, "Anatomy of high-performance matrix
 //! multiplication" (2008); the left factor is not repacked where its rows are contiguous, because 64 rows of it fit the cache.
@@ -15,30 +15,31 @@ use std::sync::OnceLock;
 const TILE: usize = 6;
 const WIDE_TILE: usize = 8;
 
-/// Steps of k before a tile goes back to memory: a panel of so many rows fills half of a 32 KB cache on AVX2.
+/// Steps of k before a tile goes back to memory: a panel of 256 rows fills half of a 32 KB cache on AVX2.
 const DEPTH: usize = 256;
 
 /// Whole tiles, whatever their height.
+// a common multiple of TILE and WIDE_TILE
 pub(crate) const TILES: usize = 24;
 
 /// Rows of the left factor that are worked through before the next panel's turn.
 pub(crate) const ROWS: usize = 6 * TILES;
 
-/// Up to so many columns of the product, a transposed left factor is read where it lies: it is read so few times that
-/// turning it costs more.
+/// Up to this many columns of the product, a transposed left factor is read in place: it is read so few times that
+/// transposing it costs more.
 const DIRECT: usize = 64;
 
 /// The left factor.
 #[derive(Debug, Clone, Copy)]
 pub enum Left<'a> {
-    /// (m, k), rows `lda` apart.
+    /// (m, k), a row every `lda` numbers.
     Rows {
         /// Its numbers.
         a: &'a [f32],
         /// From a row to the next.
         lda: usize,
     },
-    /// Given transposed: (k, m), rows `lda` apart.
+    /// Given transposed: (k, m), a row every `lda` numbers.
     Columns {
         /// Its numbers.
         a: &'a [f32],
@@ -47,7 +48,7 @@ pub enum Left<'a> {
     },
 }
 
-/// What happens to the numbers that are there.
+/// What a product does with the numbers of its output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Store {
     /// They are overwritten.
@@ -85,7 +86,7 @@ pub fn panels_len(k: usize, n: usize) -> usize {
     n.next_multiple_of(panel()) * k
 }
 
-/// Lays `b` (k, n), rows `ldb` apart, out in panels; zeros fill the last one.
+/// Packs `b` (k, n), a row every `ldb` numbers, in panels; zeros fill the last one.
 ///
 /// # Panics
 /// Slices that are too short.
@@ -119,7 +120,7 @@ pub(crate) fn copy(to: &mut [f32], from: &[f32]) {
     }
 }
 
-/// As [`pack`], from `bt`, the transposed (n, k), rows `ldb` apart.
+/// As [`pack`], from `bt`, the transposed (n, k), a row every `ldb` numbers.
 ///
 /// # Panics
 /// Slices that are too short.
@@ -137,7 +138,7 @@ fn pack_transposed_width(width: usize, panels: &mut [f32], bt: &[f32], ldb: usiz
         if columns < width {
             panel.fill(0.0);
         }
-        // four rows at a time, four steps of each: squares of sixteen numbers are turned in registers
+        // four rows at a time, four steps of each: squares of sixteen numbers are transposed in registers
         let mut column = 0;
         while column + 4 <= columns {
             let row = |i: usize| pulp::as_arrays::<4, _>(&bt[(first + column + i) * ldb..][..k]);
@@ -163,7 +164,7 @@ fn pack_transposed_width(width: usize, panels: &mut [f32], bt: &[f32], ldb: usiz
     }
 }
 
-/// `c` (m, n), rows `ldc` apart, becomes (or grows by) `a` times the matrix in `panels`.
+/// `c` (m, n), a row every `ldc` numbers, becomes (or grows by) `a` times the matrix in `panels`.
 ///
 /// The sum over k has the same order for any m, so a row's product doesn't depend on the rows beside it.
 ///
@@ -229,7 +230,7 @@ impl Product<'_> {
                     turn::<HIGH>(self.turned, a, lda, first, rows, k0, depth);
                 }
                 self.block::<S, HIGH>(simd, first, rows, k0, depth, store);
-                // the parts of k behind the first grow what it has set
+                // the parts of k after the first add to what it has set
                 store = Store::Add;
             }
         }
@@ -238,8 +239,8 @@ impl Product<'_> {
 
 /// Rows `first..` of a transposed left factor, steps `k0..` of k, as tiles: `[tile][step][row of the tile]`.
 ///
-/// Step by step, so that a line of the factor is fetched once: its rows are often a power of two apart and push each other
-/// out of the cache.
+/// Step by step, so that a line of the factor is fetched once: the distance of its rows is often a power of two, and then
+/// they push each other out of the cache.
 #[inline(always)]
 fn turn<const HIGH: usize>(
     turned: &mut [f32],
@@ -297,11 +298,12 @@ impl Product<'_> {
         }
     }
 
-    /// Where step k of a panel lies, and how many steps up to `end` lie behind it, in one block of the panels.
+    /// Where step k of a panel begins, and how many steps up to `end` follow it in one block of the panels.
     #[inline(always)]
     fn steps(&self, width: usize, panel: usize, k: usize, end: usize) -> (usize, usize) {
         let (block, inside) = (k / self.panels.block, k % self.panels.block);
         let high = match self.panels.block >= self.k {
+            // one block may hold more rows than k, and its panels are as high as it is
             true => self.panels.block,
             false => self.panels.block.min(self.k - block * self.panels.block),
         };
@@ -347,23 +349,24 @@ impl Product<'_> {
     }
 }
 
-/// Where a tile lies.
+/// The place of a tile.
 #[derive(Clone, Copy)]
 struct Tile {
     row: usize,
-    /// Where its rows of a turned left factor begin.
+    /// Where its rows of a transposed left factor begin.
     turned: usize,
     column: usize,
     panel: usize,
     k0: usize,
     depth: usize,
-    /// Where its first steps of the panel lie, and how many lie there together.
+    /// Where its first steps of the panel begin, and how many are contiguous there.
     begin: usize,
     steps: usize,
 }
 
 #[inline(always)]
 fn by_rows<S: Simd, const M: usize>(simd: S, sums: &mut [[S::f32s; 2]; M], a: &[f32], lda: usize, b: &[[S::f32s; 2]]) {
+    // a copy: through the reference the sums would live in memory, not in registers
     let mut local = *sums;
     let (fours, rest) = pulp::as_arrays::<4, _>(b);
     // loops and no `map`: what the compiler leaves as a call costs as much as ten steps

@@ -57,7 +57,7 @@ impl Products {
         }
     }
 
-    /// Lays `b` (k, n), rows `ldb` apart, out in panels.
+    /// Packs `b` (k, n), a row every `ldb` numbers, in panels.
     ///
     /// # Panics
     /// Slices that are too short, here and below.
@@ -72,7 +72,7 @@ impl Products {
         }
     }
 
-    /// As [`Products::pack`], from `bt`, the transposed (n, k), rows `ldb` apart.
+    /// As [`Products::pack`], from `bt`, the transposed (n, k), a row every `ldb` numbers.
     pub fn pack_transposed(self, panels: &mut [f32], bt: &[f32], ldb: usize, k: usize, n: usize) {
         match self {
             Products::F32 => matmul::pack_transposed(panels, bt, ldb, k, n),
@@ -84,12 +84,13 @@ impl Products {
         }
     }
 
-    /// `c` (m, n), rows `ldc` apart, becomes (or grows by) `a` (m, k) times k rows of `b`.
+    /// `c` (m, n), a row every `ldc` numbers, becomes (or grows by) `a` (m, k) times k rows of `b`.
     pub fn product(self, c: &mut [f32], ldc: usize, (m, k, n): (usize, usize, usize), a: Left, b: Right, store: Store) {
         let Right { panels, block, first } = b;
         if self == Products::Bf16 {
             return bf16::product(c, ldc, (m, k, n), a, (&panels[bf16::row(first)..], block), store);
         }
+        // right for every panel of a block: their steps keep the distance `block`
         let panels = Panels { numbers: &panels[first * matmul::panel()..], block };
         match self {
             Products::Rounded => ROUNDED.with_borrow_mut(|rounded| {
@@ -103,6 +104,7 @@ impl Products {
 
 /// `a` (m, k) in rounded numbers, those in `rounded`.
 fn round_left<'a>(rounded: &'a mut Vec<f32>, a: Left, m: usize, k: usize) -> Left<'a> {
+    // grows only: after the first step nothing is allocated
     rounded.resize(rounded.len().max(m * k), 0.0);
     let rounded = &mut rounded[..m * k];
     let (from, lda, width) = match a {

@@ -1,5 +1,5 @@
-//! Rotary positions: queries and keys turned by angles that grow with the number of their word, in place. A head of d
-//! numbers has d/2 pairs (j, j + d/2); pair j turns by 10000^(-2j/d) radians a word.
+//! Rotary embedding: queries and keys rotated by angles that grow with the number of their word, in place. A head of d
+//! numbers has d/2 pairs (j, j + d/2); pair j rotates by 10000^(-2j/d) radians a word.
 //!
 //! Source: Su et al., "RoFormer" (2021).
 
@@ -29,6 +29,7 @@ impl Angles {
         for (word, row) in numbers.chunks_exact_mut(width).enumerate() {
             let (cosines, sines) = row.split_at_mut(width / 2);
             for (j, (cosine, sine)) in cosines.iter_mut().zip(sines).enumerate() {
+                // in f64: an f32 angle of word 1000 would be off by 6e-5
                 let (s, c) = (word as f64 * BASE.powf(-2.0 * j as f64 / width as f64)).sin_cos();
                 (*cosine, *sine) = (c as f32, s as f32);
             }
@@ -46,17 +47,17 @@ impl Angles {
     }
 }
 
-/// Which rows turn how far.
+/// The rotation of each row.
 #[derive(Clone, Copy)]
 pub struct Rope<'a> {
-    /// How far a word turns.
+    /// The angles of a word.
     pub angles: &'a Angles,
     /// The word of row r of the stream is `words[r % words.len()]`: N words, or T where every sequence has the same.
     pub words: &'a [u32],
 }
 
-/// Turns the queries and keys of `qkv` (n, 3D), rows `first_row..first_row + n` of the stream, each row q, k, v of `heads`
-/// heads; `back`: turns them back, as their gradients are.
+/// Rotates the queries and keys of `qkv` (n, 3D), rows `first_row..first_row + n` of the stream, each row q, k, v of `heads`
+/// heads; `back`: by the negative angles, as their gradients are.
 ///
 /// # Panics
 /// Shapes that don't fit; a word outside the angles.
@@ -65,8 +66,8 @@ pub fn turn(qkv: &mut [f32], heads: usize, first_row: usize, rope: Rope, back: b
     let stride = 3 * heads * width;
     let n = rows("queries, keys and values", qkv.len(), stride);
     assert!(n == 0 || !words.is_empty(), "no words for {n} rows");
-    let mut wanted = (first_row..first_row + n).map(|r| words[r % words.len()]);
-    if let Some(word) = wanted.find(|&word| (word as usize + 1) * width > numbers.len()) {
+    let mut named = (first_row..first_row + n).map(|r| words[r % words.len()]);
+    if let Some(word) = named.find(|&word| (word as usize + 1) * width > numbers.len()) {
         panic!("word {word} of {}", numbers.len() / width);
     }
     dispatch::run(Turn { qkv, stride, width: *width, first_row, numbers, words, back });
@@ -93,7 +94,7 @@ impl WithSimd for Turn<'_> {
             let (cosines, sines) = numbers[word * width..][..width].split_at(width / 2);
             for head in row[..stride / 3 * 2].chunks_exact_mut(width) {
                 let (a, b) = head.split_at_mut(width / 2);
-                // turning back is turning with the two halves in each other's place
+                // swapping the halves of a pair negates the angle
                 if back { turned(simd, b, a, cosines, sines) } else { turned(simd, a, b, cosines, sines) }
             }
         }

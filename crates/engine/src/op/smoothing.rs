@@ -29,7 +29,7 @@ impl Smoothing {
     /// Calls `take` with the columns that share the mass of `target`, and their shares, which sum to 1: round the circle, or
     /// cut at the ends.
     ///
-    /// A target among no bins keeps all.
+    /// A target among no bins gets all.
     pub fn shares(&self, target: u32, bins: Bins, mut take: impl FnMut(u32, f64)) {
         let Bins { first, count, circular } = bins;
         if count == 0 {
@@ -37,10 +37,11 @@ impl Smoothing {
         }
         let (at, reach) = (target - first, self.reach() as u32);
         let (down, up) = match circular {
-            // no bin twice
+            // the opposite bin of an even circle counts once, as an upper one
             true => (reach.min((count - 1) / 2), reach.min(count / 2)),
             false => (reach.min(at), reach.min(count - 1 - at)),
         };
+        // normalised per target: at an end, what falls outside goes to the bins inside
         let sum: f64 = self.weights[..=down as usize].iter().chain(&self.weights[1..=up as usize]).sum();
         for d in (1..=down).rev() {
             take(first + (at + count - d) % count, self.weights[d as usize] / sum);

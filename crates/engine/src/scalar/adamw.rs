@@ -1,4 +1,4 @@
-//! AdamW, number by number, in f32: the order of operations is what the fast form must keep, bit for bit.
+//! AdamW, number by number, in f32: the fast form has the same order of operations, bit for bit.
 
 use crate::op::adamw::Step;
 

@@ -2,7 +2,7 @@
 
 use crate::op::attention::{Mask, Shape};
 
-/// What [`forward`] keeps for [`backward`]: `out` (B, H, T, d) and `weights` (B, H, T, T), before dropout.
+/// What [`forward`] stores for [`backward`]: `out` (B, H, T, d) and `weights` (B, H, T, T), before dropout.
 pub struct Attended {
     /// The output of each head.
     pub out: Vec<f64>,
@@ -10,7 +10,7 @@ pub struct Attended {
     pub weights: Vec<f64>,
 }
 
-/// Where a number of qkv (N, 3 D) lies.
+/// The index of a number of qkv (N, 3 D).
 fn at(shape: Shape, sequence: usize, token: usize, part: usize, head: usize, i: usize) -> usize {
     (sequence * shape.tokens + token) * 3 * shape.columns() + part * shape.columns() + head * shape.width + i
 }

@@ -44,7 +44,7 @@ pub fn backward(shape: Shape, done: Done, rules: Rules, space: &Workspace, d_qkv
         let head = Piece { shape, products, done, rules, piece, d_queries, d_keys, d_values };
         space.scratch.with(|scratch| head.run(scratch));
         if shape.tokens == 1 {
-            // a single key's weight is 1 whatever its score, which rounding doesn't know
+            // a single key's weight is 1 whatever its score, but rounding leaves dw - mean near 0, not at it
             gradients[..2 * size].fill(0.0);
         }
     });
@@ -66,6 +66,7 @@ struct Piece<'a> {
 impl Piece<'_> {
     fn run(mut self, scratch: &mut Scratch) {
         let (d, t, stride) = (self.shape.width, self.shape.tokens, 3 * self.shape.columns());
+        // sum over keys of w dw = out . d_out: no need for the whole row of weights
         let (means, out) = (&mut scratch.sums[..t], &self.done.out[self.piece * t * d..][..t * d]);
         dispatch::run(Means { means, out, d_out: self.d_out(0), stride: self.shape.columns() });
         for key in (0..t).step_by(KEYS) {
@@ -78,6 +79,7 @@ impl Piece<'_> {
             // scores are of queries that are scaled, and so are their gradients by the keys
             self.shape.scale(&mut scratch.rows[..columns * d]);
             self.products.pack(&mut scratch.down, &scratch.rows, d, columns, d);
+            // earlier queries see none of these keys
             let first = if self.rules.is_causal() { key } else { 0 };
             for query in (first..t).step_by(QUERIES) {
                 let rows = QUERIES.min(t - query);
@@ -87,7 +89,7 @@ impl Piece<'_> {
         }
     }
 
-    /// The gradient of the output's rows, from token `query` on, rows D apart.
+    /// The gradient of the output's rows, from token `query` on, a row every D numbers.
     fn d_out(&self, query: usize) -> &[f32] {
         let Shape { tokens, heads, width, .. } = self.shape;
         let row = self.piece / heads * tokens + query;
@@ -108,7 +110,7 @@ impl Piece<'_> {
         for first in (0..rows).step_by(step) {
             self.step(scratch, tile.part(first, step.min(rows - first)), first, tile.columns);
         }
-        // keys in front of the tile's first query are seen by all its rows, later ones from their own step on
+        // keys up to the tile's first query are seen by all its rows, later ones from their own step on
         let all = if tile.causal { tile.columns.min(query - key) } else { tile.columns };
         let mut from = 0;
         while from < tile.visible(rows - 1) {
@@ -119,6 +121,7 @@ impl Piece<'_> {
             // the first queries that see a key begin its sums
             let store = if query + skip == if tile.causal { key + from } else { 0 } { Store::Set } else { Store::Add };
             let sum = |to: &mut [f32], a: &[f32], panels: &[f32]| {
+                // weights (queries, keys) as the transposed left factor: a sum over queries for each key
                 let left = Left::Columns { a: &a[skip * ROW + from..], lda: ROW };
                 let right = Right { panels, block: rows, first: skip };
                 let to = &mut to[(key + from) * d..];
@@ -154,6 +157,7 @@ impl Piece<'_> {
         let left = Left::Rows { a: changes, lda: ROW };
         let down = Right { panels: &scratch.down, block: packed, first: 0 };
         let store = if key == 0 { Store::Set } else { Store::Add };
+        // keys come in blocks, so a query's gradient grows over the outer loop; block 0 is seen by all
         self.products.product(&mut self.d_queries[query * d..], d, (rows, columns, d), left, down, store);
     }
 }

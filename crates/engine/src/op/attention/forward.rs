@@ -11,7 +11,7 @@ use std::ops::Range;
 /// Attention of all heads.
 ///
 /// `qkv` (N, 3 D), a row q, k, v; `out` (B, H, T, d); `log_sums` (B, H, T): the logarithm of the sum of e^score, which
-/// [`backward`](super::backward()) wants back, infinity where a query sees nothing.
+/// [`backward`](super::backward()) reads, infinity where a query sees nothing.
 ///
 /// # Panics
 /// Slices of other lengths, a mask of another, and a workspace of another shape.
@@ -40,11 +40,12 @@ pub fn forward(shape: Shape, qkv: &[f32], rules: Rules, space: &Workspace, out: 
 }
 
 /// Queries that a thread takes at a time: all of a head, but fewer where there are fewer heads than threads. Each span
-/// lays out its keys anew, which 8 steps' products outweigh.
+/// packs its keys anew, which the products of 8 steps outweigh.
 fn span(shape: Shape, step: usize) -> usize {
-    let wanted = (2 * rayon::current_num_threads()).div_ceil(shape.pieces());
+    // depends on the threads, but changes no bit: a query meets the same blocks of keys in every span
+    let spans = (2 * rayon::current_num_threads()).div_ceil(shape.pieces());
     match shape.pieces() < rayon::current_num_threads() {
-        true => shape.tokens.div_ceil(wanted).next_multiple_of(8 * step),
+        true => shape.tokens.div_ceil(spans).next_multiple_of(8 * step),
         false => shape.tokens,
     }
 }
@@ -64,6 +65,7 @@ struct Piece<'a> {
 impl Piece<'_> {
     fn run(mut self, scratch: &mut Scratch) {
         let (d, stride) = (self.shape.width, 3 * self.shape.columns());
+        // not the tokens: later queries, and their keys, are another span's
         let seen = if self.rules.is_causal() { self.queries.end } else { self.shape.tokens };
         for key in (0..seen).step_by(KEYS) {
             let columns = KEYS.min(seen - key);
@@ -108,7 +110,7 @@ impl Piece<'_> {
         let down = Right { panels: &scratch.down, block: packed, first: 0 };
         let store = if key == 0 { Store::Set } else { Store::Add };
         self.products.product(out, d, (rows, columns, d), left, down, store);
-        // once a row, behind the last keys that it sees, and not once a block
+        // once a row, after the last keys that it sees, and not once a block
         if key + packed >= if causal { query + rows } else { t } {
             divide(out, largest, sums);
         }
@@ -126,6 +128,7 @@ fn divide(out: &mut [f32], largest: &mut [f32], sums: &[f32]) {
         }
         let inverse = 1.0 / sum;
         out.iter_mut().for_each(|x| *x *= inverse);
+        // ln(sum e^s) = m + ln(sum e^(s - m)), which neither overflows nor vanishes
         *largest += sum.ln();
     }
 }

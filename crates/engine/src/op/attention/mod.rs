@@ -25,11 +25,12 @@ use std::ops::Range;
 /// Rows of queries that go through scores, softmax and weighted sum at a time, at most.
 const STEP: usize = 32;
 
-/// Queries of a tile of the backward pass: so many terms each addition to the gradients of keys and values sums.
+/// Queries of a tile of the backward pass: the terms that each addition to the gradients of keys and values sums.
 const QUERIES: usize = 96;
 
 /// Keys of a tile. A row of a tile is followed by a cache line's room, so that rows don't meet in the cache.
 const KEYS: usize = 2 * QUERIES;
+// 192 + 16 numbers are no power of two
 const ROW: usize = KEYS + 16;
 
 /// The sizes of an attention; D, the width of the model, is `heads * width`.
@@ -83,7 +84,7 @@ pub enum Mask<'a> {
     /// (B, T, T). Minus infinity hides a key; a query that sees none has output 0, and gives no gradient. Numbers below
     /// -2e38 count as minus infinity.
     Additive(&'a [f32]),
-    /// Those up to its own place, with numbers added as by `Additive`; what stands for later keys is never read, and costs
+    /// Those up to its own place, with numbers added as by `Additive`; the numbers of later keys are never read, and cost
     /// nothing.
     CausalAdditive(&'a [f32]),
 }
@@ -139,6 +140,7 @@ impl Rules<'_> {
     fn bias(&self, shape: Shape, piece: usize, tile: Tile) -> Option<Bias<'_>> {
         let mask = self.mask.numbers()?;
         let square = shape.tokens * shape.tokens;
+        // of one sequence both shapes have as many numbers, and sequence 0 is right for both
         let sequence = if mask.len() == square { 0 } else { piece / shape.heads };
         let first = sequence * square + tile.query * shape.tokens + tile.key;
         Some(Bias { numbers: &mask[first..], stride: shape.tokens })
@@ -189,6 +191,7 @@ impl Workspace {
     pub fn new(shape: Shape, products: Products) -> Workspace {
         let scratch = || {
             let (across, down) = (products.panels_len(shape.width, KEYS), products.panels_len(KEYS, shape.width));
+            // the forward pass needs a step of queries, at most 32; the backward pass a tile of 96
             let (rows, panels) = (QUERIES * shape.width, products.panels_len(QUERIES, shape.width));
             Scratch {
                 rows: Floats::new(KEYS * shape.width),
@@ -232,11 +235,12 @@ impl Tile {
     /// `rows` of the tile's queries from `first` on, against the keys that any of them sees.
     fn part(self, first: usize, rows: usize) -> Tile {
         let tile = Tile { query: self.query + first, rows, ..self };
+        // the last row sees most: keys after it cost no product
         Tile { columns: tile.visible(rows - 1), ..tile }
     }
 }
 
-/// What a piece reads of qkv: `part` 0 for q, 1 for k, 2 for v, from token `token` on, rows 3 D apart.
+/// The part of qkv that a piece reads: `part` 0 for q, 1 for k, 2 for v, from token `token` on, a row every 3 D numbers.
 fn part_of(qkv: &[f32], shape: Shape, piece: usize, part: usize, token: usize) -> &[f32] {
     let (sequence, head) = (piece / shape.heads, piece % shape.heads);
     let row = sequence * shape.tokens + token;
@@ -248,8 +252,8 @@ fn step(products: Products) -> usize {
     if products == Products::F32 { 24 } else { STEP }
 }
 
-/// Copies `rows` rows of `width` numbers, `stride` apart, to one behind the other. What is turned or read more than once
-/// goes through such a copy: many short reads wait for memory together.
+/// Copies `rows` rows of `width` numbers, one every `stride`, to one after the other. Rows that are transposed or read more
+/// than once go through such a copy: its many short reads wait for memory together.
 fn copy_rows(to: &mut [f32], from: &[f32], stride: usize, rows: usize, width: usize) {
     for (to, from) in to.chunks_exact_mut(width).zip(from.chunks(stride)).take(rows) {
         copy(to, &from[..width]);

@@ -4,7 +4,7 @@ use super::{ROW, STEP, Tile};
 use crate::op::{dropout, math};
 use pulp::{Simd, WithSimd};
 
-/// A tile of a mask: from the tile's first query and key on, rows `stride` apart.
+/// A tile of a mask: from the tile's first query and key on, a row every `stride` numbers.
 #[derive(Clone, Copy)]
 pub(super) struct Bias<'a> {
     pub numbers: &'a [f32],
@@ -62,6 +62,7 @@ impl WithSimd for Softmax<'_> {
         for (i, ((scores, base), sum)) in rows.enumerate() {
             let scores = S::as_mut_simd_f32s(&mut scores[..columns]).0;
             let total = weights(simd, scores, base);
+            // before the dropout: weights are normalised over all keys, then dropped
             *sum = if self.tile.key == 0 { total } else { *sum + total };
             if let Some(drops) = self.drops {
                 let factors = drops.row(i);
@@ -109,6 +110,7 @@ impl WithSimd for SoftmaxBack<'_> {
                 let (weight, factor) =
                     (math::exp_falling(simd, simd.sub_f32s(*score, log_sum)), factors.at(simd, vector));
                 *score = simd.mul_f32s(weight, factor);
+                // the mean has the factors in it already, as the output has from which `Means` takes it
                 *change = simd.mul_f32s(weight, simd.mul_add_e_f32s(*change, factor, simd.neg_f32s(mean)));
             }
         }
@@ -142,7 +144,7 @@ impl Factors {
 pub(super) struct Means<'a> {
     /// A number a row.
     pub means: &'a mut [f32],
-    /// (rows, d) each, the second's rows `stride` apart.
+    /// (rows, d) each, the second with a row every `stride` numbers.
     pub out: &'a [f32],
     pub d_out: &'a [f32],
     pub stride: usize,
@@ -158,6 +160,7 @@ impl WithSimd for Means<'_> {
         for (mean, (out, d_out)) in self.means.iter_mut().zip(rows) {
             let (out, out_rest) = S::as_simd_f32s(out);
             let (d_out, d_rest) = S::as_simd_f32s(&d_out[..d]);
+            // partial loads fill with 0: an empty rest begins the sum with 0
             let mut sum = simd.mul_f32s(simd.partial_load_f32s(out_rest), simd.partial_load_f32s(d_rest));
             for (x, slope) in out.iter().zip(d_out) {
                 sum = simd.mul_add_e_f32s(*x, *slope, sum);
@@ -171,6 +174,7 @@ impl WithSimd for Means<'_> {
 #[inline(always)]
 fn seen<'a, S: Simd>(simd: S, tile: Tile, row: usize, scores: &'a mut [f32], bias: Option<Bias>) -> &'a mut [S::f32s] {
     let (lanes, visible) = (S::F32_LANES, tile.visible(row));
+    // ROW has room for the last vector, and the product of earlier tiles may have left anything there
     let scores = &mut scores[..tile.columns.next_multiple_of(lanes)];
     scores[visible..].fill(f32::NEG_INFINITY);
     let scores = S::as_mut_simd_f32s(scores).0;
@@ -186,6 +190,7 @@ fn seen<'a, S: Simd>(simd: S, tile: Tile, row: usize, scores: &'a mut [f32], bia
 
 #[inline(always)]
 fn greatest<S: Simd>(simd: S, numbers: &[S::f32s]) -> f32 {
+    // four, as a maximum waits some cycles for the last one
     let mut greatest = [simd.splat_f32s(f32::NEG_INFINITY); 4];
     let (fours, rest) = pulp::as_arrays::<4, _>(numbers);
     for four in fours {

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 /// Largest difference over largest magnitude.
 const APART: f64 = 1e-5;
 
-/// A part's largest magnitude counts as at least so much of the whole's: where each query sees a single key, the gradients
+/// A part's largest magnitude counts as at least this share of the whole's: where each query sees a single key, the gradients
 /// of queries and keys are differences of equal numbers.
 const SMALL: f64 = 0.1;
 
@@ -83,6 +83,7 @@ fn check(shape: Shape, rules: Rules, seed: u64, range: f32) {
 /// Numbers with every third hidden, the second row and, if there is one, the last wholly.
 fn mask(seed: u64, shape: Shape, len: usize) -> Vec<f32> {
     let mut mask = numbers(seed, len, 2.0);
+    // of -2..2, a third
     mask.iter_mut().filter(|x| x.abs() < 0.66).for_each(|x| *x = f32::NEG_INFINITY);
     for row in [1, len / shape.tokens - 1] {
         mask.chunks_mut(shape.tokens).skip(row).take(1).for_each(|row| row.fill(f32::NEG_INFINITY));
@@ -206,7 +207,7 @@ fn threads_change_no_bit() {
 #[test]
 fn gather_brings_heads_back_into_rows() {
     let shape = Shape { batch: 2, tokens: 3, heads: 2, width: 2 };
-    // (B, H, P, T, d): each number tells its place
+    // (B, H, P, T, d): each number is its index
     let heads: Vec<f32> = (0..2 * 2 * 3 * 3 * 2).map(|i| i as f32).collect();
     let mut rows = vec![0.0; 2 * 3 * 2 * 2];
     gather(shape, 3, &heads, 2..4, &mut rows);

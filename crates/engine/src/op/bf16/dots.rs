@@ -18,8 +18,8 @@ pub(super) fn are_there() -> bool {
     false
 }
 
-/// `c`, [`SQUARE`] columns and up to [`ROWS`] rows, `ldc` apart, becomes (or, with `add`, grows by) the product of `a`, as
-/// many rows of bf16 pairs, [`LDA`] words apart, and `right`.
+/// `c`, [`SQUARE`] columns and up to [`ROWS`] rows, one every `ldc` numbers, becomes (or, with `add`, grows by) the product of `a`, as
+/// many rows of bf16 pairs, one every [`LDA`] words, and `right`.
 ///
 /// # Panics
 /// Slices that are too short; where [`are_there`] says no.
@@ -29,7 +29,7 @@ pub(super) fn multiply(c: &mut [f32], ldc: usize, rows: usize, a: &[u32], right:
     #[cfg(target_arch = "x86_64")]
     {
         let (c, a) = (c.as_mut_ptr(), a.as_ptr());
-        // SAFETY: the instruction is there (asserted), and every row that is read or written lies inside its slice
+        // SAFETY: the instruction is there (asserted), and every row that is read or written is inside its slice
         // (asserted above).
         unsafe {
             match rows {
@@ -66,7 +66,7 @@ mod x86 {
         let mut sums = [[_mm512_setzero_ps(); 2]; M];
         let mut at = 0;
         for block in 0..right.blocks {
-            let mut b = right.words[block * right.apart..].as_ptr();
+            let mut b = right.words[block * right.stride..].as_ptr();
             for _ in 0..right.steps * SIDE {
                 // SAFETY: the caller's promise; the vectors are the same bits, two bf16 a word.
                 unsafe {

@@ -32,7 +32,7 @@ thread_local! {
     static LEFT: RefCell<Floats> = RefCell::new(Floats::new(ROWS * LDA));
 }
 
-/// Rounds numbers where they stand.
+/// Rounds numbers in place.
 pub fn round_all(numbers: &mut [f32]) {
     struct Round<'a>(&'a mut [f32]);
     impl WithSimd for Round<'_> {
@@ -59,6 +59,7 @@ pub enum Instructions {
 impl Instructions {
     /// Those to use on this machine, if it has any.
     pub fn here() -> Option<Instructions> {
+        // once, since asking the kernel for AMX's state is a system call
         static HERE: OnceLock<Option<Instructions>> = OnceLock::new();
         *HERE.get_or_init(|| {
             let tiles = (dispatch::may_use_tiles() && tiles::are_there()).then_some(Instructions::Tiles);
@@ -74,7 +75,7 @@ impl Instructions {
         }
     }
 
-    /// Rows that are computed where `rows` are wanted.
+    /// Rows that are computed for `rows` rows: tiles are always whole.
     fn whole(self, rows: usize) -> usize {
         match self {
             Instructions::Tiles => rows.next_multiple_of(SIDE),
@@ -101,25 +102,25 @@ pub fn row(k: usize) -> usize {
     k / 2 * SQUARE
 }
 
-/// Lays `b` (k, n), rows `ldb` apart, out in panels; zeros fill the last one.
+/// Packs `b` (k, n), a row every `ldb` numbers, in panels; zeros fill the last one.
 ///
 /// # Panics
 /// Slices that are too short.
 pub fn pack(panels: &mut [f32], b: &[f32], ldb: usize, k: usize, n: usize) {
     let to = &mut bytemuck::cast_slice_mut(panels)[..panels_len(k, n)];
-    Pack { to, from: b, apart: ldb, k, n, how: How::Panels }.run();
+    Pack { to, from: b, stride: ldb, k, n, how: How::Panels }.run();
 }
 
-/// As [`pack`], from `bt`, the transposed (n, k), rows `ldb` apart.
+/// As [`pack`], from `bt`, the transposed (n, k), a row every `ldb` numbers.
 ///
 /// # Panics
 /// Slices that are too short.
 pub fn pack_transposed(panels: &mut [f32], bt: &[f32], ldb: usize, k: usize, n: usize) {
     let to = &mut bytemuck::cast_slice_mut(panels)[..panels_len(k, n)];
-    Pack { to, from: bt, apart: ldb, k, n, how: How::PanelsTransposed }.run();
+    Pack { to, from: bt, stride: ldb, k, n, how: How::PanelsTransposed }.run();
 }
 
-/// `c` (m, n), rows `ldc` apart, becomes (or grows by) `a` times the matrix in `panels`, packed in blocks of `block` rows.
+/// `c` (m, n), a row every `ldc` numbers, becomes (or grows by) `a` times the matrix in `panels`, packed in blocks of `block` rows.
 /// If all was packed in one block, a product may take fewer rows than it has.
 ///
 /// # Panics
@@ -169,7 +170,7 @@ struct Part {
     /// Words of a panel, in its block.
     panel: usize,
     /// Words of a block.
-    apart: usize,
+    block: usize,
 }
 
 impl Part {
@@ -177,23 +178,24 @@ impl Part {
         let (index, inside) = (k0 / block, k0 % block);
         // all in one block: it may have more rows than are multiplied
         let height = if block >= k { block } else { block.min(k - index * block) };
-        let apart = panels_len(block, n);
+        let words = panels_len(block, n);
         let (blocks, high) = match inside == 0 && block <= k - k0 && pairs(block) <= DEPTH {
             true => ((DEPTH / pairs(block)).min((k - k0) / block), block),
+            // a part of one block: each block is padded to 32 rows on its own, so none is crossed
             false => (1, (height - inside).min(2 * DEPTH).min(k - k0)),
         };
-        Part { blocks, high, begin: index * apart + inside / 2 * SQUARE, panel: pairs(height) * SQUARE, apart }
+        Part { blocks, high, begin: index * words + inside / 2 * SQUARE, panel: pairs(height) * SQUARE, block: words }
     }
 
     /// Rows `first..` of the left factor, from step `k0` on.
     fn round_left(&self, left: &mut [u32], a: Left, first: usize, rows: usize, k0: usize) {
         for i in 0..self.blocks {
             let begin = k0 + i * self.high;
-            let (from, apart, how) = match a {
+            let (from, stride, how) = match a {
                 Left::Rows { a, lda } => (&a[first * lda + begin..], lda, How::Rows(LDA)),
                 Left::Columns { a, lda } => (&a[begin * lda + first..], lda, How::RowsTransposed(LDA)),
             };
-            Pack { to: &mut left[i * pairs(self.high)..], from, apart, k: self.high, n: rows, how }.run();
+            Pack { to: &mut left[i * pairs(self.high)..], from, stride, k: self.high, n: rows, how }.run();
         }
     }
 
@@ -210,7 +212,7 @@ impl Part {
         let by = Instructions::here().expect("a processor that multiplies bf16");
         for (panel, column) in (0..n).step_by(SQUARE).enumerate() {
             let words = &words[self.begin + panel * self.panel..];
-            let right = Right { words, steps, blocks: self.blocks, apart: self.apart };
+            let right = Right { words, steps, blocks: self.blocks, stride: self.block };
             let columns = SQUARE.min(n - column);
             for row in (0..rows).step_by(by.rows()) {
                 let high = by.rows().min(rows - row);
@@ -221,6 +223,7 @@ impl Part {
                     by.multiply(c, ldc, whole, a, right, store == Store::Add);
                     continue;
                 }
+                // the kernels write whole squares: beside an edge they would write into the next row of c
                 let mut edge = [0.0; SQUARE * SQUARE];
                 by.multiply(&mut edge, SQUARE, whole, a, right, false);
                 for (c, sums) in c.chunks_mut(ldc).zip(edge.chunks(SQUARE)).take(high) {

@@ -1,4 +1,4 @@
-//! Numbers rounded to bf16 and laid out for the tiles.
+//! Numbers rounded to bf16 and packed for the tiles.
 //!
 //! A word holds two bf16: the lower half comes first. A left factor is rows of words, pairs of neighbours in k. A right
 //! factor is panels of [`SQUARE`] columns; a row of a panel holds pairs of rows of the matrix, column by column.
@@ -14,7 +14,9 @@ pub(super) const STEP: usize = 2 * SIDE;
 #[inline(always)]
 pub fn round(x: f32) -> u32 {
     let bits = x.to_bits();
+    // a half rounds up if the last remaining bit is 1; a carry into the exponent is right, up to infinity
     let nearest = bits.wrapping_add(0x7fff + (bits >> 16 & 1)) >> 16;
+    // cut off, a NaN with its payload in the lower bits would be infinity: the quiet bit is set
     if bits & 0x7fff_ffff > 0x7f80_0000 { bits >> 16 | 0x40 } else { nearest }
 }
 
@@ -33,12 +35,12 @@ pub(super) fn panels_len(k: usize, n: usize) -> usize {
     n.next_multiple_of(SQUARE) * pairs(k)
 }
 
-/// What is laid out, as a kernel.
+/// A packing, as a kernel.
 pub(super) struct Pack<'a> {
     pub to: &'a mut [u32],
     pub from: &'a [f32],
     /// From a row of `from` to the next.
-    pub apart: usize,
+    pub stride: usize,
     pub k: usize,
     pub n: usize,
     pub how: How,
@@ -50,7 +52,7 @@ pub(super) enum How {
     Panels,
     /// A right factor from its columns, (n, k).
     PanelsTransposed,
-    /// A left factor from its rows, (n, k); rows of the result are this many words apart.
+    /// A left factor from its rows, (n, k), and the words from a row of the result to the next.
     Rows(usize),
     /// A left factor from its columns, (k, n).
     RowsTransposed(usize),
@@ -79,12 +81,12 @@ impl WithSimd for Pack<'_> {
 impl Pack<'_> {
     #[inline(always)]
     fn panels(self) {
-        let Pack { to, from, apart, k, n, .. } = self;
+        let Pack { to, from, stride, k, n, .. } = self;
         let pairs = pairs(k);
         for (panel, first) in to.chunks_exact_mut(pairs * SQUARE).zip((0..n).step_by(SQUARE)) {
             let columns = SQUARE.min(n - first);
             for (p, to) in panel.chunks_exact_mut(SQUARE).enumerate() {
-                let row = |k: usize| &from[k * apart + first..][..columns];
+                let row = |k: usize| &from[k * stride + first..][..columns];
                 match (2 * p < k, 2 * p + 1 < k) {
                     (true, true) => {
                         let (upper, lower) = (row(2 * p), row(2 * p + 1));
@@ -114,7 +116,7 @@ impl Pack<'_> {
 
     #[inline(always)]
     fn panels_transposed(self) {
-        let Pack { to, from, apart, k, n, .. } = self;
+        let Pack { to, from, stride, k, n, .. } = self;
         let pairs = pairs(k);
         for (panel, first) in to.chunks_exact_mut(pairs * SQUARE).zip((0..n).step_by(SQUARE)) {
             let columns = SQUARE.min(n - first);
@@ -123,7 +125,8 @@ impl Pack<'_> {
             }
             for group in (0..columns).step_by(8) {
                 let high = 8.min(columns - group);
-                let row = |j: usize| &from[(first + group + j.min(high - 1)) * apart..][..k];
+                // eight rows always, so that the loop unrolls; the last one again where there are fewer
+                let row = |j: usize| &from[(first + group + j.min(high - 1)) * stride..][..k];
                 let rows: [&[f32]; 8] = [row(0), row(1), row(2), row(3), row(4), row(5), row(6), row(7)];
                 for (p, to) in panel.chunks_exact_mut(SQUARE).take(k / 2).enumerate() {
                     let mut words = [0; 8];
@@ -143,10 +146,10 @@ impl Pack<'_> {
 
     #[inline(always)]
     fn rows(self, lda: usize) {
-        let Pack { to, from, apart, k, n, .. } = self;
+        let Pack { to, from, stride, k, n, .. } = self;
         for i in 0..n {
             let halves: &mut [u16] = bytemuck::cast_slice_mut(&mut to[i * lda..][..pairs(k)]);
-            let from = &from[i * apart..][..k];
+            let from = &from[i * stride..][..k];
             let (some, rest) = halves.split_at_mut(k);
             for (to, x) in some.iter_mut().zip(from) {
                 *to = round(*x) as u16;
@@ -157,24 +160,24 @@ impl Pack<'_> {
 
     #[inline(always)]
     fn rows_transposed(self, lda: usize) {
-        let Pack { to, from, apart, k, n, .. } = self;
+        let Pack { to, from, stride, k, n, .. } = self;
         for first in (0..n).step_by(SIDE) {
             let high = SIDE.min(n - first);
             let mut p = 0;
             while p < pairs(k) {
-                // eight pairs of sixteen columns: turned in registers, stored as eight words a row
+                // eight pairs of sixteen columns: transposed in registers, stored as eight words a row
                 let mut square = [[0; SIDE]; 8];
                 for (q, words) in square.iter_mut().enumerate() {
                     let k0 = 2 * (p + q);
                     if k0 + 1 < k && high == SIDE {
-                        let upper = pulp::as_arrays::<SIDE, _>(&from[k0 * apart + first..][..SIDE]).0[0];
-                        let lower = pulp::as_arrays::<SIDE, _>(&from[(k0 + 1) * apart + first..][..SIDE]).0[0];
+                        let upper = pulp::as_arrays::<SIDE, _>(&from[k0 * stride + first..][..SIDE]).0[0];
+                        let lower = pulp::as_arrays::<SIDE, _>(&from[(k0 + 1) * stride + first..][..SIDE]).0[0];
                         for i in 0..SIDE {
                             words[i] = pair(upper[i], lower[i]);
                         }
                     } else {
                         for (i, word) in words.iter_mut().enumerate().take(high) {
-                            let at = |k0: usize| if k0 < k { round(from[k0 * apart + first + i]) } else { 0 };
+                            let at = |k0: usize| if k0 < k { round(from[k0 * stride + first + i]) } else { 0 };
                             *word = at(k0) | at(k0 + 1) << 16;
                         }
                     }

@@ -2,7 +2,7 @@
 //!
 //! A tile register holds 16 rows of 64 bytes. One instruction adds the product of a tile of 16 x 32 bf16 and one of
 //! 32 x 16, given as pairs of rows, to 16 x 16 sums in f32. Source: Intel, "Architecture Instruction Set Extensions
-//! Programming Reference", chapter 3. The standard library has no stable intrinsics for them, so they stand here as
+//! Programming Reference", chapter 3. The standard library has no stable intrinsics for them, so they are here as
 //! instructions.
 #![allow(unsafe_code)]
 
@@ -13,7 +13,7 @@ pub(super) const SIDE: usize = 16;
 /// Rows and columns of the sums that [`multiply`] computes: two tiles by two.
 pub(super) const SQUARE: usize = 2 * SIDE;
 
-/// Whether this processor multiplies bf16 tiles and the system lets this process use them. Asked once.
+/// Whether this processor multiplies bf16 tiles and the system lets this process use them. Requested once.
 pub(super) fn are_there() -> bool {
     static THERE: OnceLock<bool> = OnceLock::new();
     *THERE.get_or_init(|| amx::is_on_the_cpu() && amx::is_permitted())
@@ -22,18 +22,18 @@ pub(super) fn are_there() -> bool {
 /// Right factors: `blocks` blocks of panels, each with the same `steps` for the panel that is meant.
 #[derive(Clone, Copy)]
 pub(super) struct Right<'a> {
-    /// The panel's numbers in the first block, and all behind it: a step is 16 pairs of rows of [`SQUARE`] words.
+    /// The panel's numbers in the first block, and all after them: a step is 16 pairs of rows of [`SQUARE`] words.
     pub words: &'a [u32],
     /// Steps of 32 rows in a block.
     pub steps: usize,
     /// Blocks, 1 or more.
     pub blocks: usize,
     /// Words from a block's panel to the same panel of the next block.
-    pub apart: usize,
+    pub stride: usize,
 }
 
 impl Right<'_> {
-    /// Makes sure that all that a product of `rows` rows, 1 or more, reads and writes lies inside its slices.
+    /// Makes sure that a product of `rows` rows, 1 or more, reads and writes inside its slices alone.
     ///
     /// # Panics
     /// Slices that are too short; no steps.
@@ -42,13 +42,13 @@ impl Right<'_> {
         assert!(self.blocks > 0 && self.steps > 0, "a product of no steps");
         assert!(ldc >= SQUARE && c.len() >= (rows - 1) * ldc + SQUARE, "sums of {rows} rows in {} numbers", c.len());
         assert!(a.len() >= (rows - 1) * lda + depth, "{rows} rows of {depth} pairs in {} words", a.len());
-        let last = (self.blocks - 1) * self.apart + self.steps * SIDE * SQUARE;
+        let last = (self.blocks - 1) * self.stride + self.steps * SIDE * SQUARE;
         assert!(self.words.len() >= last, "{last} words of panels in {}", self.words.len());
     }
 }
 
-/// `c`, [`SQUARE`] columns and 16 or 32 rows, `ldc` apart, becomes (or, with `add`, grows by) the product of `a`, as many rows
-/// of bf16 pairs, `lda` words apart, and `right`.
+/// `c`, [`SQUARE`] columns and 16 or 32 rows, one every `ldc` numbers, becomes (or, with `add`, grows by) the product of `a`, as many rows
+/// of bf16 pairs, one every `lda` words, and `right`.
 ///
 /// # Panics
 /// Slices that are too short; where [`are_there`] says no.
@@ -57,7 +57,7 @@ pub(super) fn multiply(c: &mut [f32], ldc: usize, rows: usize, (a, lda): (&[u32]
     right.check((c, ldc), rows, (a, lda));
     amx::CONFIGURED.with(|_| {
         // SAFETY: the tiles are there and permitted (asserted), this thread has configured them as 16 rows of 64 bytes
-        // (`CONFIGURED` is alive), and every row that is read or written lies inside its slice (asserted above).
+        // (`CONFIGURED` is alive), and every row that is read or written is inside its slice (asserted above).
         unsafe { amx::multiply(c.as_mut_ptr(), ldc, rows == SQUARE, a.as_ptr(), lda, right, add) }
     });
 }
@@ -73,7 +73,7 @@ mod amx {
         __get_cpuid_max(0).0 >= 7 && __cpuid_count(7, 0).edx & bits == bits
     }
 
-    /// Asks Linux for the state of the tiles, which is 8 KB a thread and not given unasked.
+    /// Requests the state of the tiles from Linux, 8 KB a thread, which a process has only on request.
     pub fn is_permitted() -> bool {
         const ARCH_PRCTL: i64 = 158;
         const REQUEST: i64 = 0x1023; // ARCH_REQ_XCOMP_PERM
@@ -110,7 +110,7 @@ mod amx {
             let mut all = Palette { palette: 1, start_row: 0, reserved: [0; 14], bytes: [0; 16], rows: [0; 16] };
             all.bytes[..8].fill(64);
             all.rows[..8].fill(SIDE as u8);
-            // SAFETY: only called behind `are_there`; reads the 64 bytes of `all`, a valid palette.
+            // SAFETY: only called after `are_there`; reads the 64 bytes of `all`, a valid palette.
             unsafe { asm!("ldtilecfg [{}]", in(reg) &all, options(nostack, readonly)) }
             Configured
         }
@@ -128,8 +128,8 @@ mod amx {
     pub unsafe fn multiply(c: *mut f32, ldc: usize, two: bool, a: *const u32, lda: usize, right: Right, add: bool) {
         let (ldc, lda) = (4 * ldc, 4 * lda);
         let (steps, blocks, below) = (right.steps, right.blocks, right.words.as_ptr());
-        // from behind a block's last step to the panel in the next
-        let skip = 4 * right.apart.wrapping_sub(steps * SIDE * SQUARE) as isize;
+        // from after a block's last step to the panel in the next
+        let skip = 4 * right.stride.wrapping_sub(steps * SIDE * SQUARE) as isize;
         // Sums of two tiles by two: four loads for four products, which is what the caches feed. One asm block from the
         // first load to the last store, since no tile may be assumed to live between two.
         macro_rules! kernel {
@@ -157,6 +157,7 @@ mod amx {
                     "add {b}, 2048",
                     "dec {left}",
                     "jnz 22b",
+                    // also after the last block, where b is read no more
                     "add {b}, {skip}",
                     "dec {blocks}",
                     "jnz 21b",
@@ -190,6 +191,7 @@ mod amx {
                     "tilestored [{c2} + {ldc}*1], tmm2\ntilestored [{c2} + {ldc}*1 + 64], tmm3",
                     "tileloadd tmm5, [{a2} + {lda}*1]\ntdpbf16ps tmm2, tmm5, tmm6\ntdpbf16ps tmm3, tmm5, tmm7"
                 ),
+                // an operand that no line names is an error: one row of tiles names {c2} in a comment
                 false => kernel!("# {c2}", "", ""),
             }
         }

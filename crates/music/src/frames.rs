@@ -52,6 +52,7 @@ impl Frames {
     /// Calls `frame` with the windows that reach beyond the end.
     pub fn finish(&mut self, frame: &mut dyn FnMut(&[f32])) {
         let total = 1 + self.read / self.hop;
+        // for the last window, and the hop that `emit` takes off after it
         let missing = ((total - self.emitted) * self.hop + self.size).saturating_sub(self.waiting.len());
         self.waiting.extend(std::iter::repeat_n(0.0, missing));
         while self.emitted < total {
@@ -62,6 +63,7 @@ impl Frames {
     fn emit(&mut self, frame: &mut dyn FnMut(&[f32])) {
         frame(&self.waiting.make_contiguous()[..self.size]);
         self.emitted += 1;
+        // hop <= size, so there is that much
         self.waiting.drain(..self.hop);
     }
 }

@@ -73,6 +73,7 @@ impl Resampler {
     /// What `sink` refuses.
     pub fn finish(mut self, sink: Sink) -> Result<()> {
         let total = self.total();
+        // more than once where the delay is longer than the last block
         while self.fft.is_some() && self.written < total {
             let have = self.waiting.len();
             self.block(0, have, sink)?;
@@ -84,12 +85,14 @@ impl Resampler {
     /// Output samples of all input so far.
     fn total(&self) -> u64 {
         let (n, from, to) = (u128::from(self.read), u128::from(self.from), u128::from(self.to));
+        // n to / from, a half rounded up; 2^64 samples times a rate need more than 64 bits
         ((2 * n * to + from) / (2 * from)) as u64
     }
 
     /// Resamples `len` waiting samples from `start` on, padded with silence to a whole block.
     fn block(&mut self, start: usize, len: usize, sink: Sink) -> Result<()> {
         let Some(fft) = self.fft.as_mut() else { return Ok(()) };
+        // constant: FixedSync::Input
         let size = fft.input_frames_next();
         let mut input = self.waiting[start..start + len].to_vec();
         input.resize(size, 0.0);

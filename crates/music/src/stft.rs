@@ -22,7 +22,7 @@ const EXCERPT: usize = 1067;
 pub enum Form {
     /// As printed: 1,067 samples from the frame's time on, mirrored at both ends to fill the windows; magnitudes.
     Compat,
-    /// Six windows 12.5 ms apart around the frame's time, out of the whole sound; `ln(1 + 100 m)`.
+    /// Six windows, one every 12.5 ms, around the frame's time, out of the whole sound; `ln(1 + 100 m)`.
     Fixed,
 }
 
@@ -60,6 +60,7 @@ impl Stft {
     pub fn push(&mut self, samples: &[f32], each: &mut dyn FnMut(&[f32]) -> Result<()>) -> Result<()> {
         self.waiting.extend_from_slice(samples);
         self.read += samples.len();
+        // covers both forms: the last window reaches 500 + 1024 samples ahead, the excerpt 1067
         while self.at() + WINDOW + HOP * COLUMNS <= self.read {
             self.emit(each)?;
         }
@@ -79,6 +80,7 @@ impl Stft {
 
     /// The sample at the next frame's time.
     fn at(&self) -> usize {
+        // from the frame's number, not by adding: 533.3 samples a frame would drift
         (self.frame as f64 * f64::from(RATE) / self.fps).round() as usize
     }
 
@@ -109,6 +111,7 @@ impl Stft {
         }
         each(&self.numbers)?;
         self.frame += 1;
+        // `Fixed` looks back 500 + 1024 samples
         let needed = self.at().saturating_sub(WINDOW).min(self.read);
         self.waiting.drain(..needed.saturating_sub(self.start).min(self.waiting.len()));
         self.start = self.start.max(needed);

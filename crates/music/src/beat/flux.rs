@@ -64,6 +64,7 @@ impl Flux {
 
     /// Takes samples.
     pub fn push(&mut self, samples: &[f32]) {
+        // taken out: `frames` calls back into all of self
         let mut frames = std::mem::replace(&mut self.frames, Frames::new(2, 1));
         frames.push(samples, &mut |x| self.take(x));
         self.frames = frames;
@@ -92,6 +93,7 @@ impl Flux {
             let sum: f32 = weights.iter().zip(&magnitudes[*first..]).map(|(w, m)| w * m).sum();
             *to = (LOUDNESS * sum).ln_1p();
         }
+        // this frame is not in `past` yet: the last but one is two frames earlier
         let before = self.past.len().checked_sub(LAG).map(|i| self.past[i]);
         let rise = |b: usize| {
             before.map_or(0.0, |before| {
@@ -161,19 +163,22 @@ fn level(series: &mut [f32]) {
     let squares: Vec<f32> = series.iter().map(|x| x * x).collect();
     let around = moving_mean(&squares, (LEVELLED_S * FPS) as usize);
     for (x, square) in series.iter_mut().zip(around) {
+        // silence stays small instead of becoming 0 / 0
         *x /= square.sqrt() + 1e-3;
     }
 }
 
-/// The mean of the `n` (made odd) numbers around each number; of fewer at the ends.
+/// The mean of the `n` (made odd) numbers around each number, of fewer at the ends; for numbers that are 0 or more.
 pub fn moving_mean(x: &[f32], n: usize) -> Vec<f32> {
     let half = n / 2;
+    // prefix sums, in f64: their differences cancel over a long piece
     let mut sums = vec![0.0f64];
     for x in x {
         sums.push(sums[sums.len() - 1] + f64::from(*x));
     }
     let one = |i: usize| {
         let (from, to) = (i.saturating_sub(half), (i + half + 1).min(x.len()));
+        // what cancels may leave -1e-17, whose root is NaN; all series here are at least 0
         ((sums[to] - sums[from]) / (to - from) as f64).max(0.0) as f32
     };
     (0..x.len()).map(one).collect()

@@ -8,6 +8,7 @@ use super::weights::{ALTERNATION, MIDDLE, PROFILE, RETURN, TEMPO};
 use super::{FPS, Tempo, TempoRange};
 
 /// Subdivisions of a pulse.
+// halves, thirds and quarters of a pulse are whole
 const PARTS: usize = 12;
 /// Levels, in subdivisions per beat: from three beats per pulse to three pulses per beat.
 const LEVELS: [usize; 9] = [4, 6, 8, 9, 12, 16, 18, 24, 36];
@@ -56,6 +57,7 @@ impl Piece<'_> {
     fn frame(&self, part: f64) -> f64 {
         let (p, last) = (self.pulse, self.pulse.len() - 1);
         let at = part / PARTS as f64;
+        // beyond both ends the pulse goes on at the pace of its last step
         let i = (at.max(0.0) as usize).min(last - 1);
         p[i] + (at - i as f64) * (p[i + 1] - p[i])
     }
@@ -72,6 +74,7 @@ impl Piece<'_> {
     fn means(&self, from: usize, to: usize) -> [f32; SERIES] {
         let n = ((to - from) * PARTS) as f32;
         let mean = |s| (from * PARTS..to * PARTS).map(|part| self.flux(s, part as f64)).sum::<f32>() / n;
+        // divided by below: a silent series must not blow up
         std::array::from_fn(|s| mean(s) + 0.05)
     }
 
@@ -88,6 +91,7 @@ impl Piece<'_> {
             })
             .collect();
         let after = |lag: usize| {
+            // less than a pulse of overlap says nothing
             if lag + PARTS >= n {
                 return 0.0;
             }
@@ -112,8 +116,10 @@ impl Piece<'_> {
         let score = |count: &Count| {
             let beats: Vec<f64> = count.beats((from * PARTS) as f64, (to * PARTS) as f64).collect();
             if beats.is_empty() {
+                // a count without a beat in the stretch has no profile
                 return f32::NEG_INFINITY;
             }
+            // TEMPO was fitted around this tempo
             let octaves = (bpm(pace, count.parts) / 110.0).log2() as f32;
             let repeats = RETURNS.iter().zip(RETURN).map(|(n, w)| w * returns[n * count.parts]).sum::<f32>();
             let flux: f32 = (0..SERIES).map(|s| self.weigh(s, *count, &beats, means[s])).sum();
@@ -161,14 +167,17 @@ pub fn beats(series: &Series, pulse: &[f64], range: Option<TempoRange>) -> (Vec<
         return (pulse.to_vec(), Vec::new());
     }
     let (piece, counts) = (Piece { series, pulse }, Count::all());
+    // a shorter pulse is one stretch
     let last = pulse.len().saturating_sub(STRETCH);
     let stretches: Vec<(usize, usize)> =
         (0..=last).step_by(STEP).map(|from| (from, (from + STRETCH).min(pulse.len()))).collect();
     let mut scores: Vec<Vec<f32>> = stretches.iter().map(|(from, to)| piece.scores(&counts, *from, *to)).collect();
+    // before the range is applied: the tempi are what the piece suggests, not what the caller allows
     let tempi = tempi(&counts, &scores, piece.pace(0, pulse.len()));
     if let Some(range) = range {
         for ((from, to), row) in stretches.iter().zip(&mut scores) {
             let off = LEVELS.map(|parts| range.octaves_off(bpm(piece.pace(*from, *to), parts)));
+            // if no level is inside, the nearest: a range never leaves a piece without beats
             let least = off.iter().copied().fold(f64::INFINITY, f64::min);
             let is_out =
                 |count: &Count| LEVELS.iter().zip(off).any(|(parts, off)| *parts == count.parts && off > least);
@@ -177,12 +186,14 @@ pub fn beats(series: &Series, pulse: &[f64], range: Option<TempoRange>) -> (Vec<
     }
     let path = steadiest(&scores);
     let mut out: Vec<f64> = Vec::new();
+    // stretches overlap by 24 pulses: each has the pulses nearer to its own middle
     let middle = |i: usize| 0.5 * (stretches[i].0 + stretches[i].1 - STEP) as f64;
     for (i, count) in path.iter().enumerate() {
         let from = if i == 0 { 0.0 } else { middle(i) };
         let to = if i + 1 == path.len() { pulse.len() as f64 } else { middle(i + 1) };
         for part in counts[*count].beats(from * PARTS as f64, to * PARTS as f64) {
             let frame = piece.frame(part);
+            // where the count changes, both may have a beat at the seam
             if frame >= 0.0 && out.last().is_none_or(|last| frame - last > NEAREST) {
                 out.push(frame);
             }
@@ -197,6 +208,7 @@ fn tempi(counts: &[Count], scores: &[Vec<f32>], pace: f64) -> Vec<Tempo> {
     let mut odds = [0.0; LEVELS.len()];
     for row in scores {
         let most = row.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        // less the largest, as in any softmax: the ratios are the same and no power overflows
         let shares: Vec<f64> = row.iter().map(|x| f64::from(x - most).exp()).collect();
         let sum: f64 = shares.iter().sum();
         for (parts, odds) in LEVELS.iter().zip(&mut odds) {
@@ -215,6 +227,7 @@ fn steadiest(scores: &[Vec<f32>]) -> Vec<usize> {
     let greatest = |x: &[f32]| (0..x.len()).fold(0, |a, b| if x[b] > x[a] { b } else { a });
     let (mut total, mut back) = (scores[0].clone(), Vec::new());
     for row in &scores[1..] {
+        // changes all cost the same, so a change can only come from the best: n steps a row, not n^2
         let best = greatest(&total);
         let from: Vec<usize> =
             (0..total.len()).map(|i| if total[i] >= total[best] - CHANGE { i } else { best }).collect();

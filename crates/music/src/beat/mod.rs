@@ -71,6 +71,7 @@ impl TempoRange {
     /// Octaves by which a tempo is outside the range; 0 inside, and within rounding of it.
     fn octaves_off(self, bpm: f64) -> f64 {
         let off = (self.least / bpm).log2().max((bpm / self.most).log2());
+        // 2 %, about the error of a measured tempo
         if off < 0.03 { 0.0 } else { off }
     }
 }
@@ -85,6 +86,7 @@ impl Beats {
     pub fn tempi_bpm(&self) -> Vec<f64> {
         let (times, last) = (&self.times_s, self.times_s.len().saturating_sub(1));
         let around = |i: usize| {
+            // at both ends the eight intervals are those nearest, not fewer
             let from = i.saturating_sub(TEMPO_BEATS / 2).min(last.saturating_sub(TEMPO_BEATS));
             let to = (from + TEMPO_BEATS).min(last);
             if to > from { 60.0 * (to - from) as f64 / (times[to] - times[from]) } else { 0.0 }
@@ -138,6 +140,7 @@ impl Tracker {
         let periods = tempogram::periods(&change);
         let (found, tempi) = level::beats(&series, &pulse::pulse(&change, &periods), self.range);
         let audible = audible(&change, &found);
+        // a beat in the first 5 ms is at 0
         let time = |frame: &f64| (frame / FPS - LATE_S).max(0.0);
         Beats { times_s: found[audible].iter().map(time).filter(|t| *t <= seconds).collect(), seconds, tempi }
     }
@@ -216,6 +219,7 @@ mod tests {
         }
         let beats = beats_of(&clicks(&truth, 60.0));
         let (n, tempi) = (beats.times_s.len(), beats.tempi_bpm());
+        // 95 %: the tempo jumps, and the tracker may miss beats around it
         assert!(hits(&beats.times_s, &truth) * 20 > truth.len() * 19 && n.abs_diff(truth.len()) < 4, "{n}: {beats:?}");
         assert!((tempi[n / 5] - 100.0).abs() < 1.0 && (tempi[n * 4 / 5] - 126.0).abs() < 1.0, "{tempi:?}");
         assert!((beats.seconds - 60.0).abs() < 1e-9);

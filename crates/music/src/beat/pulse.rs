@@ -13,6 +13,7 @@ pub fn pulse(change: &[f32], periods: &[f64]) -> Vec<f64> {
     let n = change.len() as f64;
     let mean = change.iter().map(|x| f64::from(*x)).sum::<f64>() / n;
     let deviation = (change.iter().map(|x| (f64::from(*x) - mean).powi(2)).sum::<f64>() / n).sqrt();
+    // no frames give 0 / 0
     if deviation.is_nan() || deviation < 1e-6 {
         return Vec::new();
     }
@@ -22,13 +23,16 @@ pub fn pulse(change: &[f32], periods: &[f64]) -> Vec<f64> {
         at(i) + t * (at(i + 1) - at(i))
     };
     let longest = periods.iter().copied().fold(0.0, f64::max);
+    // a logarithm per step would be most of the time; steps are whole frames, up to two periods
     let logs: Vec<f32> = (0..=(2.0 * longest) as usize + 1).map(|i| (i as f32).ln()).collect();
     let mut score = vec![0.0f32; change.len()];
     let mut back: Vec<Option<u32>> = vec![None; change.len()];
     for f in 0..change.len() {
         let p = period(f);
         let log = p.ln() as f32;
+        // a frame may begin the pulse: no chain is continued below 0
         let mut best = (0.0, None);
+        // half to double the period; from 1, as ln 0 is -infinity
         let nearest = ((p / 2.0) as usize).max(1);
         for (i, of_step) in logs[nearest..=(2.0 * p) as usize].iter().enumerate() {
             let Some(from) = f.checked_sub(nearest + i) else { break };
@@ -42,6 +46,7 @@ pub fn pulse(change: &[f32], periods: &[f64]) -> Vec<f64> {
         score[f] = change[f] / deviation as f32 + best.0;
         back[f] = best.1;
     }
+    // scores add up along a chain, so the end of the best one is within the last period and a half
     let tail = (periods[periods.len() - 1] * 1.5) as usize;
     let from = change.len().saturating_sub(tail.max(1));
     let last = (from..change.len()).fold(from, |a, b| if score[b] >= score[a] { b } else { a });

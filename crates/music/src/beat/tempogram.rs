@@ -8,9 +8,11 @@ use std::f64::consts::TAU;
 /// Frames from one estimate to the next, a second.
 pub const STEP: usize = 86;
 /// Frames of an estimate's window, 12 s.
+// odd, so that a frame is its middle
 const WINDOW: usize = 1033;
 /// The slowest tempo, beats a minute; the number of tempi, 48 an octave.
 const SLOWEST: f64 = 40.0;
+// up to 40 * 2^(124 / 48) = 240 beats a minute
 const TEMPI: usize = 125;
 const PER_OCTAVE: f64 = 48.0;
 /// Multiples of a period that are added up, and the weight of each relative to the one before.
@@ -44,6 +46,7 @@ pub fn periods(change: &[f32]) -> Vec<f64> {
     };
     let costs: Vec<f32> = (0..TEMPI).map(|d| cost(d, 0)).collect();
     let mut best: Vec<f32> = rows[0].iter().zip(&prior).map(|(x, p)| x - p).collect();
+    // TEMPI fits a byte, and an hour has 3,600 rows
     let mut back: Vec<Vec<u8>> = Vec::new();
     for row in &rows[1..] {
         let from = |i: usize| {
@@ -67,12 +70,14 @@ pub fn periods(change: &[f32]) -> Vec<f64> {
 /// A row of the tempogram every [`STEP`] frames.
 fn tempogram(change: &[f32], periods: &[f64]) -> Vec<Vec<f32>> {
     let longest = periods[0] as usize * RETURNS + RETURNS + 2;
+    // zeros as long as the longest lag: a circular autocorrelation must not meet its own beginning
     let size = (WINDOW + longest).next_power_of_two();
     let mut planner = RealFftPlanner::<f32>::new();
     let (forward, backward) = (planner.plan_fft_forward(size), planner.plan_fft_inverse(size));
     let (mut x, mut spectrum) = (forward.make_input_vec(), forward.make_output_vec());
     let window: Vec<f32> =
         (0..WINDOW).map(|i| (0.5 - 0.5 * (TAU * i as f64 / (WINDOW - 1) as f64).cos()) as f32).collect();
+    // without its mean a series correlates by its ups and downs, not by being above 0
     let means = moving_mean(change, (2.0 * FPS) as usize);
     const MADE: &str = "the plans made these buffers";
     let mut rows = Vec::new();
@@ -86,6 +91,7 @@ fn tempogram(change: &[f32], periods: &[f64]) -> Vec<Vec<f32>> {
         forward.process(&mut x, &mut spectrum).expect(MADE);
         spectrum.iter_mut().for_each(|c| *c = c.norm_sqr().into());
         backward.process(&mut spectrum, &mut x).expect(MADE);
+        // at lag 0: the energy. Rows are shares of it, 0 in silence; the inverse transform is not normalised
         let whole = x[0] + 1e-9 * size as f32;
         let at = |lag: f64| {
             let (i, f) = (lag as usize, lag.fract() as f32);
@@ -113,6 +119,7 @@ mod tests {
         }
         let found = periods(&change);
         assert_eq!(found.len(), 8000 / STEP + 1);
+        // around the change, 12 s of window see both tempi
         assert!(found[10..40].iter().all(|p| (p - 40.0).abs() < 0.8), "{found:?}");
         assert!(found[55..80].iter().all(|p| (p - 46.0).abs() < 0.8), "{found:?}");
         assert_eq!(periods(&[]).len(), 1);

@@ -49,11 +49,13 @@ fn add(energies: &mut Vec<[f32; CLASSES]>, frame: usize, bin: usize, magnitude: 
     if energies.len() <= frame {
         energies.resize(frame + 1, [0.0; CLASSES]);
     }
+    // bin 3 n is semitone n, and 3 n - 1 and 3 n + 1 are its sides; bin 0 is a C
     energies[frame][(bin + 1) / (BINS_PER_OCTAVE / CLASSES) % CLASSES] += magnitude;
 }
 
 fn levels(classes: &mut [f32; CLASSES]) {
     let sum: f32 = classes.iter().sum();
+    // as librosa's `normalize`: what is almost 0 is divided by 1
     let sum = if sum < f32::MIN_POSITIVE { 1.0 } else { sum };
     for x in classes {
         let share = *x / sum;

@@ -33,8 +33,10 @@ impl ConstantQ {
     /// When the rate is too low for the highest octave (8,700 samples per second are enough), or `hop` can't be halved six
     /// times.
     pub fn new(rate: u32, hop: usize, tuning: f64) -> ConstantQ {
+        // bins follow the recording: a tone of a piece tuned high is in the middle of its bin
         let lowest = LOWEST_HZ * 2f64.powf(tuning / BINS_PER_OCTAVE as f64);
         let top = lowest * 2f64.powi(OCTAVES as i32);
+        // the main lobe of the highest bin, which is a bin below `top`, reaches 2 / Q = 3.9 % beyond it
         assert!(top * 1.02 <= f64::from(rate) / 2.0, "{rate} samples per second hold no octave up to {top} Hz");
         assert!(hop.is_multiple_of(1 << (OCTAVES - 1)), "a frame every {hop} samples");
         let octave = |o: usize| Octave::new(lowest, f64::from(rate), hop, OCTAVES - 1 - o);
@@ -56,6 +58,7 @@ impl ConstantQ {
     /// Emits the frames that reach beyond the end.
     pub fn finish(&mut self, bins: Bins) {
         let mut rest = Vec::new();
+        // the end of each rate comes after the tail of the low pass above it
         for (i, octave) in self.octaves.iter_mut().enumerate() {
             octave.push(&rest, bins);
             octave.frames.finish(&mut |x| octave.bank.emit(x, bins));
@@ -96,6 +99,7 @@ impl Octave {
         let rate_here = rate / f64::from(1u32 << down);
         let hz = |i: usize| lowest_hz * 2f64.powf(number as f64 + i as f64 / BINS_PER_OCTAVE as f64);
         let step = 2f64.powf(2.0 / BINS_PER_OCTAVE as f64);
+        // librosa's relative bandwidth: of the distance between both neighbours
         let q = (step + 1.0) / (step - 1.0);
         let hop = hop >> down;
         // at low rates the longest window is shorter than a hop
@@ -129,6 +133,7 @@ impl Bank {
 impl Kernel {
     /// A tone of `turns` cycles a sample under a Hann window of `length` samples, centred in `size` samples.
     fn new(turns: f64, length: f64, size: usize, weight: f64) -> Kernel {
+        // as librosa rounds it, so that the windows are the same samples
         let (start, end) = ((-length / 2.0).floor(), (length / 2.0).floor());
         let n = (end - start) as usize;
         let window: Vec<f64> = (0..n).map(|i| 0.5 - 0.5 * (TAU * i as f64 / n as f64).cos()).collect();
@@ -137,10 +142,12 @@ impl Kernel {
         let mut whole = vec![Complex::new(0.0f64, 0.0); size];
         for (i, w) in window.iter().enumerate() {
             let turn = TAU * turns * (start + i as f64);
+            // / size: the product of two spectra is `size` times that of the signals (Parseval)
             whole[lead + i] = Complex::from_polar(weight * w / total / size as f64, turn);
         }
         forward(&mut whole);
         let all: Vec<Complex<f32>> =
+            // conjugate, as in a scalar product with the tone; a tone has nothing above half the rate
             whole[..=size / 2].iter().map(|c| Complex::new(c.re as f32, -c.im as f32)).collect();
         let least = NEGLIGIBLE * all.iter().map(|c| c.norm()).fold(0.0, f32::max);
         let from = all.iter().position(|c| c.norm() > least).unwrap_or(0);
@@ -179,12 +186,14 @@ impl Halving {
     fn new() -> Halving {
         let tap = |i: usize| {
             let t = i as f64 - REACH as f64;
+            // sin(pi t / 2) / (pi t) at its limit
             let sinc = if t == 0.0 { 0.5 } else { (PI * t / 2.0).sin() / (PI * t) };
             // the four-term Blackman-Harris window
             let u = TAU * i as f64 / (2 * REACH) as f64;
             let window = 0.35875 - 0.48829 * u.cos() + 0.14128 * (2.0 * u).cos() - 0.01168 * (3.0 * u).cos();
             (sinc * window) as f32
         };
+        // zeros before the first sample, so that output 0 is centred on it: the filter has no delay
         Halving { taps: (0..=2 * REACH).map(tap).collect(), waiting: vec![0.0; REACH] }
     }
 

@@ -13,6 +13,7 @@ fn mel_of(hz: f64) -> f64 {
     if hz < 1000.0 { hz / STEP } else { 15.0 + (hz / 1000.0).ln() / (6.4f64.ln() / 27.0) }
 }
 
+// 1 kHz is mel 15, 27 mels are a factor of 6.4: the constants of the Auditory Toolbox
 fn hz_of(mel: f64) -> f64 {
     const STEP: f64 = 200.0 / 3.0;
     if mel < 15.0 { mel * STEP } else { 1000.0 * ((mel - 15.0) * (6.4f64.ln() / 27.0)).exp() }
@@ -38,6 +39,7 @@ impl Bank {
                 (up.min(down).max(0.0) * 2.0 / (high - low)) as f32
             };
             let all: Vec<f32> = (0..=size / 2).map(weight).collect();
+            // at low rates a band may fall between two bins and be empty, always -100 dB, as in librosa
             let first = all.iter().position(|w| *w > 0.0).unwrap_or(0);
             let end = all.iter().rposition(|w| *w > 0.0).map_or(first, |last| last + 1);
             (first, all[first..end].to_vec())
@@ -69,8 +71,8 @@ impl Cosines {
 
     /// The coefficients of bands, raised to at least `floor`.
     pub fn of(&self, decibels: &[f32; BANDS], floor: f32) -> impl Iterator<Item = f32> {
-        let kept = decibels.map(|d| d.max(floor));
-        self.0.iter().map(move |row| row.iter().zip(&kept).map(|(c, d)| c * d).sum())
+        let raised = decibels.map(|d| d.max(floor));
+        self.0.iter().map(move |row| row.iter().zip(&raised).map(|(c, d)| c * d).sum())
     }
 }
 

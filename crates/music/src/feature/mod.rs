@@ -1,6 +1,6 @@
 //! Music features, 35 numbers a frame: onset strength, 20 cepstral coefficients, 12 pitch classes, onset peaks, beats.
 //!
-//! Frames are 512 samples apart, so features at s frames per second come from the sound at 512 s samples per second.
+//! A frame begins every 512 samples, so features at s frames per second come from the sound at 512 s samples per second.
 //!
 //! Source: Li et al., "AI Choreographer" (2021), with librosa's functions; EDGE and Lodge use the same at 30 frames per
 //! second. Theirs start the beat tracker at the tempo in the name of AIST's file; here it is detected.
@@ -53,6 +53,7 @@ pub const BEAT: usize = 34;
 /// Bands this many decibels below the loudest one count as silent.
 const DYNAMIC_RANGE: f32 = 80.0;
 /// Lowest and highest rate, frames per second.
+// 17 * 512 = 8,704 samples per second, just enough for the highest octave of the constant-Q transform
 const FPS: std::ops::RangeInclusive<f64> = 17.0..=240.0;
 
 /// The 35 numbers of each frame.
@@ -92,6 +93,7 @@ pub fn rate_of(fps: f64) -> Result<u32> {
 /// Those of [`rate_of`] and of reading.
 pub fn features(path: &Path, fps: f64) -> Result<Features> {
     let rate = rate_of(fps)?;
+    // twice, since the floor and the tuning of the whole sound decide each frame, and a sound may be too long to hold
     let (mut first, mut tracker) = (FirstPass::new(rate), Tracker::new());
     let mut measure = |samples: &[f32]| {
         first.take(Some(samples));
@@ -180,6 +182,7 @@ impl FirstPass {
         let (loudest, tuning) = (&mut self.loudest, &mut self.tuning);
         self.spectra.take(samples, &mut |power, bands| {
             *loudest = bands.iter().copied().fold(*loudest, f32::max);
+            // in place: nothing reads the power after the bands
             power.iter_mut().for_each(|p| *p = p.sqrt());
             tuning.take(power);
         });
@@ -228,6 +231,7 @@ impl SecondPass {
         let (before, floor) = (&mut self.before, self.floor);
         let (cosines, rises, cepstra) = (&self.cosines, &mut self.rises, &mut self.cepstra);
         self.spectra.take(samples, &mut |_, bands| {
+            // one less than frames: the first has no frame before it
             rises.extend(before.as_ref().map(|before| onset::rise(before, bands, floor)));
             cepstra.extend(cosines.of(bands, floor));
             *before = Some(*bands);
@@ -250,6 +254,7 @@ impl SecondPass {
         }
         for time in &beats.times_s {
             let f = (time * fps).round() as usize;
+            // a beat in the last half frame rounds to one beyond the end
             if let Some(x) = numbers.get_mut(f * CHANNELS + BEAT) {
                 *x = 1.0;
             }
@@ -275,6 +280,7 @@ mod tests {
             assert!(found.numbers.iter().all(|x| x.is_finite()));
             let strength = |f: usize| found.numbers[f * CHANNELS + STRENGTH];
             let peaks = (0..found.frames()).filter(|f| found.numbers[f * CHANNELS + PEAK] == 1.0).count();
+            // 8 beats in 4 s, give or take the ends
             assert!((5..=9).contains(&peaks), "{fps}: {peaks} peaks");
             // strongest at a beat, half a window late at most
             let best = (1..found.frames() / 2).max_by(|a, b| strength(*a).total_cmp(&strength(*b))).unwrap();

@@ -10,6 +10,7 @@ const CENTRING: usize = super::WINDOW / (2 * super::HOP);
 /// `rises` are those of [`rise`] for each frame but the first. As in librosa's `onset_strength`, a rise is
 /// `1 + 2048 / (2 hop)` frames after the frame before it, so it is late by half a window.
 pub fn strength(rises: &[f32], frames: usize) -> Vec<f32> {
+    // at 2048 and 512: 1 + 2 frames
     let mut out = vec![0.0; (1 + CENTRING).min(frames)];
     out.extend(rises.iter().take(frames - out.len()));
     out.resize(frames, 0.0);
@@ -32,6 +33,7 @@ pub fn peaks(strength: &[f32], rate: u32) -> Vec<usize> {
     if high.is_nan() || high <= 0.0 {
         return Vec::new();
     }
+    // 0 to 1, as `onset_detect` normalises: the 7 % are of this range
     let x: Vec<f64> = strength.iter().map(|x| f64::from((x - low) / (high + f32::MIN_POSITIVE))).collect();
     // the maximum and the wait are over 30 ms before, the mean over 100 ms on both sides
     let frames = |seconds: f64| (seconds * f64::from(rate) / super::HOP as f64).floor() as usize;
@@ -44,6 +46,7 @@ pub fn peaks(strength: &[f32], rate: u32) -> Vec<usize> {
         let is_peak = greatest.iter().all(|y| *y <= x[n]) && x[n] >= mean + 0.07;
         if is_peak && n >= next {
             out.push(n);
+            // librosa's `wait`: more than that many frames after the last peak
             next = n + near + 1;
         }
     }

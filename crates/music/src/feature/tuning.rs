@@ -7,6 +7,7 @@ pub const BINS_PER_OCTAVE: usize = 36;
 const STEPS: usize = 100;
 /// Magnitude levels per octave, their number, and the lowest as a power of 2.
 const FINE: f64 = 64.0;
+// 2^-60 to 2^30, beyond any magnitude of 2,048 samples
 const LEVELS: usize = 90 * 64;
 const LOWEST: f64 = -60.0;
 /// Range of the peaks, hertz.
@@ -42,12 +43,14 @@ impl Tuning {
             }
             let (before, after) = (f64::from(s[i - 1]), f64::from(s[i + 1]));
             let (bend, slope) = (after + before - 2.0 * f64::from(now), 0.5 * (after - before));
+            // no top between the neighbours: a flank, or the parabola is a line
             let shift = if slope.abs() >= bend.abs() { 0.0 } else { -slope / bend };
             self.count((i as f64 + shift) * self.hz_per_bin, f64::from(now) + 0.5 * slope * shift);
         }
     }
 
     fn count(&mut self, hz: f64, magnitude: f64) {
+        // from A0, a whole number of bins below 440 Hz
         let bins = BINS_PER_OCTAVE as f64 * (hz / 27.5).log2();
         // -0.5 to 0.5
         let off = bins - (bins + 0.5).floor();
@@ -72,6 +75,7 @@ impl Tuning {
         let louder = |step: usize| -> u64 {
             self.counts[step * LEVELS + middle.min(LEVELS - 1)..(step + 1) * LEVELS].iter().map(|c| u64::from(*c)).sum()
         };
+        // `max_by_key` gives the last of equals: reversed, the lowest, as NumPy's argmax
         let commonest = (0..STEPS).rev().max_by_key(|step| louder(*step)).unwrap_or(0);
         commonest as f64 / STEPS as f64 - 0.5
     }

@@ -1,7 +1,10 @@
 //! Decodes music files, packet by packet.
 //!
 //! `bounds`: which decoded samples are the sound; stated by an mp3's first frame (`mp3`) or an mp4's edit list (`mp4`). `tags`:
-//! where the frames of an mp3 or aac stand.
+//! where the frames of an mp3 or aac begin and end.
+//!
+//! Limits: a file without a stated length is decoded to find its end; mp3 and aac without one may be cut unnoticed. Channels
+//! become their mean, so sound in opposite phase vanishes. Surround channels count as much as the front ones.
 
 mod bounds;
 mod mp3;
@@ -82,6 +85,7 @@ pub fn open(path: &Path) -> Result<Reader> {
     if path.is_dir() {
         return Err(fault(FaultKind::Unknown, "found a folder, expected a file", CONVERT));
     }
+    // recorded as an input; all later reads of it go through `peek`
     let file = input::open(path).map_err(Error::io(path))?;
     if file.metadata().is_ok_and(|about| about.len() == 0) {
         return Err(fault(FaultKind::Empty, "found 0 bytes, expected a sound", AGAIN));
@@ -97,6 +101,7 @@ pub fn open(path: &Path) -> Result<Reader> {
     let track = choose(path, &*format)?;
     let (id, samples) = (track.id, track.num_frames);
     let parameters = parameters(path, track)?;
+    // here, as the missing decoder below would only be an unknown coding
     if parameters.codec == CODEC_ID_OPUS {
         return Err(fault(FaultKind::Opus, "found sound coded by Opus, expected another coding", CONVERT));
     }
@@ -112,11 +117,14 @@ pub fn open(path: &Path) -> Result<Reader> {
         return Err(fault(FaultKind::Range, &what, CONVERT));
     }
     let channels = parameters.channels.as_ref().map_or(0, |c| c.count());
+    // a program that writes into a pipe can't go back to fill in the length: it leaves 0xffffffff
     let streamed = container == "wave" && ends(path).first().and_then(|head| head.get(4..8)) == Some(&[0xff; 4]);
+    // that many samples would count as a file that is cut
     let samples = samples.filter(|_| !streamed);
     let edited = || mp4::bounds(&mut input::peek(path).ok()?, id, rate, samples);
     let bounds = stated.or_else(|| edited().filter(|_| container == "isomp4"));
     let bounds = bounds.unwrap_or_else(|| Bounds { samples, ..Bounds::default() });
+    // a table can state years, and each sample of it would be resampled
     let silence_s = bounds.silence / u64::from(rate);
     if silence_s > MOST_SILENCE_S {
         let what = format!("found {silence_s} s of silence before the sound, expected {MOST_SILENCE_S} s at most");
@@ -222,6 +230,7 @@ fn ends(path: &Path) -> Vec<Vec<u8>> {
         file.seek(SeekFrom::Start(from)).and_then(|_| (&mut file).take(PIECE).read_to_end(&mut piece)).ok()?;
         Some(piece)
     };
+    // the table of an m4a is at the beginning or at the end, as its program pleased
     [0, length.saturating_sub(PIECE)].into_iter().filter_map(&mut piece).collect()
 }
 
@@ -248,6 +257,7 @@ impl Reader {
     /// decoded, [`FaultKind::Empty`] when it has no samples. An mp3 or aac that states no length may be cut unnoticed.
     pub fn next_block(&mut self) -> Result<Option<&[f32]>> {
         if self.silence > 0 {
+            // in blocks like packets: an hour at 192 kHz would be 2.8 GB
             let samples = self.silence.min(1 << 12);
             self.silence -= samples;
             self.emitted += samples;
@@ -260,6 +270,7 @@ impl Reader {
         }
         self.emitted += self.mono.len() as u64;
         self.planes.clear();
+        // `mono` is empty then, and the next call decodes; both keep their memory
         std::mem::swap(&mut self.planes, &mut self.mono);
         Ok(Some(&self.planes))
     }
@@ -274,6 +285,7 @@ impl Reader {
 
     fn end(&self) -> Result<()> {
         match self.info.samples {
+            // more than stated is no fault: headers are wrong more often than samples
             Some(stated) if stated > self.emitted + ROUNDED => {
                 let whole = stated as f64 / f64::from(self.info.rate);
                 let what = format!("ends after {:.2} s, expected {whole:.2} s of sound", self.seconds());
@@ -305,12 +317,14 @@ impl Reader {
                     return self.fault(FaultKind::Damaged, what, AGAIN);
                 }
             };
+            // video, or a second language
             if packet.track_id != self.track {
                 continue;
             }
             match self.decoder.decode(&packet) {
                 Ok(buffer) => {
                     let (channels, rate) = (buffer.spec().channels().count(), buffer.spec().rate());
+                    // the resamplers and the bounds are for one rate
                     if rate != self.info.rate {
                         let (was, at) = (self.info.rate, self.seconds());
                         let what = format!("found {rate} samples per second after {at:.2} s, expected {was} as before");
@@ -319,6 +333,7 @@ impl Reader {
                     if channels == 0 || buffer.frames() == 0 {
                         continue;
                     }
+                    // may change from packet to packet: the mean is still one channel
                     self.info.channels = channels;
                     self.planes.resize(buffer.samples_interleaved(), 0.0);
                     buffer.copy_to_slice_interleaved(&mut self.planes);
@@ -333,6 +348,7 @@ impl Reader {
                         return Ok(true);
                     }
                 }
+                // per call, that is in a row: a sound with scattered faults is still a sound
                 Err(Fault::DecodeError(_)) if failed < MOST_SKIPPED => {
                     failed += 1;
                     self.skipped += 1;
@@ -367,6 +383,7 @@ pub fn decode_at(path: &Path, sinks: &mut [(u32, Sink)]) -> Result<Info> {
     for (resampler, (_, sink)) in resamplers.into_iter().zip(sinks) {
         resampler.finish(sink)?;
     }
+    // what was decoded, whatever the header had
     Ok(Info { samples: Some(reader.emitted), ..reader.info })
 }
 

@@ -2,6 +2,8 @@
 //! first of several songs in one file.
 //!
 //! Source: ISO/IEC 11172-3, 2.4.1.3 and 13818-3 (frame headers); the tags Xing, Info, VBRI and LAME.
+//!
+//! Limits: layer 3 alone, no free bit rate; the checksums of frames and tags aren't verified.
 
 use super::bounds::Bounds;
 use super::tags;
@@ -21,7 +23,7 @@ const DECODER_DELAY: u64 = 529;
 pub struct Frames {
     file: Take<File>,
     at: u64,
-    /// Where the names of the tags after the first stand.
+    /// Positions of the names of the tags after the first.
     names: Vec<u64>,
 }
 
@@ -33,6 +35,7 @@ pub fn frames(mut file: File, range: &Range<u64>) -> Result<(Frames, Bounds)> {
     while let Some(start) = at {
         let frame = piece(&mut file, &(start..range.end), FRAME)?;
         let Some(header) = Header::parse(&frame) else { break };
+        // true also when the next song has no tag: its frames follow, so the first song's padding is inside
         goes_on = !parts.is_empty();
         let Some(tag) = header.tag(&frame) else { break };
         // a tag that states 0 bytes must not lead to itself
@@ -55,6 +58,7 @@ fn bounds(tags: &[Tag], goes_on: bool) -> Bounds {
     let silence: u64 = tags.iter().skip(1).map(|tag| tag.frame).sum();
     let all = tags.iter().map(|tag| tag.samples).sum::<Option<u64>>();
     let samples = all.map(|all| (all + silence).saturating_sub(first.delay + padding));
+    // no stated length: padding can't be found, and the end is beyond all samples
     let end = first.delay + samples.unwrap_or(u64::MAX >> 1);
     Bounds { samples, silence: 0, dropped: [0..first.delay, end..end + padding] }
 }
@@ -64,6 +68,7 @@ impl Read for Frames {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize> {
         let n = self.file.read(buffer)?;
         let range = self.at..self.at + n as u64;
+        // a name may be split between two reads: also those that begin before this one
         let from = self.names.partition_point(|name| name + 4 <= range.start);
         for byte in self.names[from..].iter().take_while(|name| **name < range.end).flat_map(|name| *name..name + 4) {
             if range.contains(&byte) {
@@ -89,6 +94,7 @@ fn first(bytes: &[u8]) -> Option<u64> {
     let is_first = |at: &usize| {
         let Some(header) = header_at(*at) else { return false };
         let next = at + header.size;
+        // 11 set bits and a few fields occur in any data: the next frame must be there too, or the bytes end
         next >= bytes.len() || header_at(next).is_some_and(|next| next.kind == header.kind)
     };
     (0..bytes.len()).find(is_first).map(|at| at as u64)
@@ -129,9 +135,11 @@ impl Header {
         const MPEG1: [usize; 14] = [32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320];
         const MPEG2: [usize; 14] = [8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 144, 160];
         let [sync, kind, rates, mode, ..] = *bytes else { return None };
+        // 11 bits of sync, then layer 3 (01)
         if sync != 0xff || kind & 0xe6 != 0xe2 {
             return None;
         }
+        // MPEG 2.5 (no standard), 2 and 1; 1 is reserved
         let (divisor, mpeg1) = match kind >> 3 & 3 {
             0 => (4, false),
             2 => (2, false),
@@ -139,10 +147,12 @@ impl Header {
             _ => return None,
         };
         let rate = [44_100, 48_000, 32_000].get(usize::from(rates >> 2 & 3))? / divisor;
+        // 0 is a free bit rate, 15 forbidden
         let bits = usize::from(rates >> 4).checked_sub(1).and_then(|i| if mpeg1 { &MPEG1 } else { &MPEG2 }.get(i))?;
         let mono = mode >> 6 == 3;
         Some(Header {
             kind: (kind & 0xfe, rates & 0x0c, mono),
+            // samples / 8 bits * kbit/s * 1000 / rate, and a byte of padding: 1152 / 8 = 144, 576 / 8 = 72
             size: if mpeg1 { 144_000 } else { 72_000 } * bits / rate + usize::from(rates >> 1 & 1),
             side: 4 + match (mpeg1, mono) {
                 (true, false) => 32,
@@ -186,10 +196,12 @@ impl Header {
             number(found)
         };
         let (frames, bytes) = (field(1, 4), field(2, 4));
+        // table of contents and quality are skipped; `at` is then the encoder's name
         let _ = (field(4, 100), field(8, 4));
         let is_lame = frame.get(at..at + 4).is_some_and(|name| [b"LAME", b"Lavf", b"Lavc"].iter().any(|n| name == *n));
         // whatever the tag's checksum: a program that cuts without coding again changes the delay only
         let trim = number(at + 20).filter(|_| is_lame).map(|n| u64::from(n & 0xff_ffff));
+        // 12 bits each: the encoder's delay, and its padding, which includes the decoder's
         let delay = trim.map_or(0, |trim| (trim >> 12) + DECODER_DELAY);
         let padding = trim.map_or(0, |trim| (trim & 0xfff).saturating_sub(DECODER_DELAY));
         Some(tag(self.side, bytes, frames, delay, padding))

@@ -29,6 +29,7 @@ pub fn bounds(file: &mut File, id: u32, rate: u32, samples: Option<u64>) -> Opti
     let list = find(file, &track, &[b"edts", b"elst"])?;
     let [version, ..] = bytes::<4>(file, list.start).ok()?;
     let count = bytes(file, list.start + 4).ok().map(u32::from_be_bytes)?;
+    // in u128, as a 64-bit time times a rate overflows; to the nearest sample
     let in_samples = |time: u64, scale: u32| {
         let scale = u128::from(scale.max(1));
         u64::try_from((u128::from(time) * u128::from(rate) + scale / 2) / scale).ok()
@@ -42,6 +43,7 @@ pub fn bounds(file: &mut File, id: u32, rate: u32, samples: Option<u64>) -> Opti
             let at = list.start + 8 + 20 * i;
             (bytes(file, at).ok().map(u64::from_be_bytes)?, bytes(file, at + 8).ok().map(i64::from_be_bytes)?)
         };
+        // a media time of -1 is an empty edit: silence of its duration, in the movie's scale
         match u64::try_from(time) {
             Ok(time) => {
                 let (lead, silence) = (in_samples(time, scale)?, in_samples(empty, movie_scale)?);
@@ -68,10 +70,12 @@ fn boxes(file: &mut File, range: &Range<u64>) -> Vec<([u8; 4], Range<u64>)> {
     while at < range.end && found.len() < MOST_BOXES {
         let Ok([s0, s1, s2, s3, k0, k1, k2, k3, large @ ..]) = bytes::<16>(file, at) else { break };
         let (head, size) = match u32::from_be_bytes([s0, s1, s2, s3]) {
+            // size 0: up to the end; size 1: 64 bits after the kind (4.2)
             0 => (8, range.end - at),
             1 => (16, u64::from_be_bytes(large)),
             size => (8, size.into()),
         };
+        // a size below its header would never advance
         if size < head || size > range.end - at {
             break;
         }

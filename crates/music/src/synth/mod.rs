@@ -51,6 +51,7 @@ pub fn render(score: &Score, rate: u32) -> Result<Vec<f32>> {
     check(score, rate)?;
     let mut out = vec![0.0f32; (score.seconds * f64::from(rate)).round() as usize];
     let mut noise = Noise::new(score.seed);
+    // F2 to C3
     let key = 41 + noise.below(8) as i32;
     let chords = score.style.chords(&mut noise);
     for (i, at) in score.beats_s.iter().enumerate() {
@@ -89,6 +90,7 @@ fn check(score: &Score, rate: u32) -> Result<()> {
 /// The length of a beat, seconds.
 fn step(beats: &[f64], i: usize) -> f64 {
     let between = |i: usize| Some(beats.get(i + 1)? - beats.get(i)?);
+    // 2 s at most: a note over a long pause would drone
     between(i).or_else(|| between(i.checked_sub(1)?)).unwrap_or(0.5).min(2.0)
 }
 
@@ -114,6 +116,7 @@ fn finish(out: &mut [f32], rate: u32) {
     }
     let peak = out.iter().fold(0.0f32, |a, x| a.max(x.abs()));
     if peak > 0.0 {
+        // -1 dB is 0.891
         let gain = 0.89 / peak;
         out.iter_mut().for_each(|x| *x *= gain);
     }

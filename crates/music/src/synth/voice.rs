@@ -22,11 +22,13 @@ impl Noise {
 
     /// Uniform in -1 to 1.
     pub fn next(&mut self) -> f32 {
+        // 24 bits, as many as a float has
         (self.bits() >> 40) as f32 / (1 << 23) as f32 - 1.0
     }
 
     /// Uniform below `n`.
     pub fn below(&mut self, n: usize) -> usize {
+        // n is below 10: the bias is 10^-18
         (self.bits() % n.max(1) as u64) as usize
     }
 }
@@ -59,6 +61,7 @@ pub fn add(out: &mut [f32], rate: u32, at_s: f64, loud: f32, sound: &Sound, nois
     match sound {
         Sound::Kick => {
             // the pitch falls from 160 to 45 Hz within 40 ms
+            // the integral of 45 + 115 e^(-t / 0.04) Hz: sin(2 pi f(t) t) would sweep too far
             let phase = |t: f64| 45.0 * t + 115.0 * 0.04 * (1.0 - (-t / 0.04).exp());
             for (to, t) in out.iter_mut().zip(each(0.4)) {
                 *to += loud * ((TAU * phase(t)).sin() * (-t / 0.11).exp() * attack(t)) as f32;
@@ -99,6 +102,7 @@ fn tone(out: &mut [f32], rate: u32, hz: f64, length: f64, decay: f64, loud: f32,
         let t = i as f64 / f64::from(rate);
         let damped = if t > length { 1.0 - (t - length) / 0.05 } else { 1.0 };
         let mut x = 0.0;
+        // below half the rate, or overtones alias
         for h in (1..=overtones).map(f64::from).take_while(|h| h * hz < 0.45 * f64::from(rate)) {
             x += (TAU * h * hz * t).sin() * (-t * h / decay).exp() / h;
         }

@@ -73,7 +73,7 @@ pub enum Error {
     },
 }
 
-/// What has an invalid value or can't be done: a parameter of the call, or what a file or an input holds.
+/// The subject of an error: a parameter of the call, or something in a file or an input.
 ///
 /// Text of the code itself names a parameter by its library name in backquotes, and becomes one. Text that is put together
 /// at run time never does, since names of files and joints may have backquotes too.
@@ -114,6 +114,7 @@ impl Subject {
     }
 }
 
+// only text of the code has this lifetime, so no name of a file or joint gets here
 impl From<&'static str> for Subject {
     fn from(text: &'static str) -> Subject {
         Subject { text: text.into(), parameter: text.split('`').nth(1).map(Into::into) }

@@ -100,12 +100,14 @@ impl PendingFolder {
     /// # Errors
     /// [`Error::Taken`] with `help` when anything else but an empty folder is there; I/O errors.
     pub fn commit(self, help: &str) -> Result<()> {
+        // not every system renames over an empty folder
         if is_empty(&self.place) {
             // another call may remove it, or fill it
             let _ = fs::remove_dir(&self.place);
         }
         let is_there = || fs::symlink_metadata(&self.place).is_ok();
         if !is_there() {
+            // before it has its name: after a power cut a named folder must not lack entries
             sync_folder(&self.path)?;
             match fs::rename(&self.path, &self.place) {
                 Ok(()) => return sync_folder(folder_of(&self.place)),
@@ -144,9 +146,11 @@ impl PendingFolder {
         if !self.place.is_dir() || is_empty(&self.place) || holds(&self.place, &self.path) {
             return self.commit("");
         }
+        // the first file has the hashes of the others: until it is replaced, a reader sees that they don't fit
         for name in layout.iter().rev() {
             let (new, old) = (self.path.join(name), self.place.join(name));
             let done = match (new.exists(), old.exists()) {
+                // it stays with its time, by which other programs notice changes
                 (true, true) if same_bytes(&old, &new) => Ok(()),
                 (true, _) => fs::rename(&new, &old),
                 (false, true) => fs::remove_file(&old),
@@ -170,6 +174,7 @@ impl Drop for PendingFolder {
 /// [`Error::Taken`] when something with that name was created in the meantime; I/O errors.
 pub fn rename_new(from: &Path, to: &Path) -> Result<()> {
     use std::io::ErrorKind::{AlreadyExists, DirectoryNotEmpty, NotADirectory};
+    // a rename replaces an empty folder, but none with files: that is the test for being new
     fs::rename(from, to).map_err(|e| match e.kind() {
         AlreadyExists | DirectoryNotEmpty | NotADirectory => {
             Error::taken(to, "was made by another call in the meantime; give another place, or remove it")
@@ -203,6 +208,7 @@ fn same_bytes(a: &Path, b: &Path) -> bool {
     m == n
         && loop {
             let (Ok(x), Ok(y)) = (a.fill_buf(), b.fill_buf()) else { break false };
+            // both readers may give pieces of different length
             let k = x.len().min(y.len());
             if k == 0 || x[..k] != y[..k] {
                 break x.is_empty() && y.is_empty();
@@ -227,6 +233,7 @@ pub fn sync_folder(folder: &Path) -> Result<()> {
 /// Whether this is a file name and not a path: without separators of any system, not `.` or `..`.
 pub fn is_plain(name: &str) -> bool {
     let path = Path::new(name);
+    // not the system's separators alone: a name from Windows may be read on Linux
     path.file_name().is_some_and(|file| file == name) && !name.contains(['/', '\\'])
 }
 
@@ -241,6 +248,7 @@ pub fn path_from(folder: &Path, path: &Path) -> PathBuf {
     // without links, because `..` of a link is elsewhere
     let found = match (path.canonicalize(), folder.canonicalize()) {
         (Ok(whole), Ok(folder)) => pathdiff::diff_paths(whole, folder),
+        // one of them isn't there and may be a link later: only the text is known
         _ => path.strip_prefix(folder).map(Path::to_owned).ok(),
     };
     found.unwrap_or_else(|| std::path::absolute(path).unwrap_or_else(|_| path.into()))
@@ -296,7 +304,7 @@ mod tests {
         assert_eq!(path_in(&at("b/runs/r"), &found), at("b/corpus"));
         assert_eq!(path_from(&at("b/runs/r"), &at("none")), at("none"));
         assert_eq!(path_in(&at("b/runs/r"), &at("none")), at("none"));
-        // what is gone keeps its name, however often a file is written anew
+        // a missing file has the same name in the folder, however often it is written again
         let gone = Path::new("../../gone");
         assert_eq!(path_from(&at("b/runs/r"), &path_in(&at("b/runs/r"), gone)), gone);
         assert!(path_from(&at("b/runs/r"), Path::new("gone")).is_absolute());

@@ -49,6 +49,7 @@ pub fn of(bytes: &[u8]) -> String {
 
 /// A finished hash as 64 hexadecimal digits.
 pub fn hex(hash: Sha256) -> String {
+    // lower case: hashes are compared as text
     hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }
 

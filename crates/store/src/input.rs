@@ -1,5 +1,7 @@
 //! Opens all inputs: refuses pipes, devices and text that isn't UTF-8, and records what a call reads, so that it doesn't
 //! overwrite its inputs.
+//!
+//! Limit: the record is the process's. Calls at the same time (Python, the studio) can't write over each other's inputs either.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -20,6 +22,7 @@ pub type Identity = PathBuf;
 pub struct Inputs(());
 
 /// How many calls live, and the path of each file that they have read.
+// of the process, since files are opened far below the call, on rayon's threads too
 static READ: Mutex<(usize, BTreeMap<Identity, PathBuf>)> = Mutex::new((0, BTreeMap::new()));
 
 fn read() -> MutexGuard<'static, (usize, BTreeMap<Identity, PathBuf>)> {
@@ -38,6 +41,7 @@ impl Drop for Inputs {
     fn drop(&mut self) {
         let mut read = read();
         read.0 -= 1;
+        // not before: a call that began later may still need what an earlier one read
         if read.0 == 0 {
             read.1.clear();
         }
@@ -78,6 +82,7 @@ pub fn peek(path: &Path) -> Result<File> {
 
 /// Records an input that is opened elsewhere.
 pub fn note(path: &Path) {
+    // not held while the file system answers
     let calls = read().0;
     if let Some(id) = identity(path).filter(|_| calls > 0 && path.is_file()) {
         read().1.insert(id, path.to_owned());
@@ -110,6 +115,7 @@ pub fn peek_bytes(path: &Path) -> Result<Vec<u8>> {
 fn all(mut file: File) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let length = file.metadata()?.len();
+    // a length that no memory has is an error here, not an abort in the allocator
     let length = usize::try_from(length).map_err(|_| ErrorKind::OutOfMemory)?;
     // one more, so that the end is found without growing the buffer
     bytes.try_reserve_exact(length.saturating_add(1))?;

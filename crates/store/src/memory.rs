@@ -1,5 +1,7 @@
 //! The memory still available to this process within the system, its control groups and its own limits.
 //!
+//! Limits: an estimate at one moment, which other processes may take; nothing is known without `/proc`, that is outside Linux.
+//!
 //! Sources: proc(5) (`meminfo`, `limits`, `status`), the kernel's documentation of control groups, versions 1 and 2.
 
 use crate::{Error, Result};
@@ -12,6 +14,7 @@ pub fn free() -> Option<u64> {
     let own =
         read("/proc/self/limits").zip(read("/proc/self/status")).and_then(|(limits, status)| own(&limits, &status));
     let groups = read("/proc/self/cgroup").and_then(|text| groups(&text, Path::new("/sys/fs/cgroup")));
+    // the tightest counts; one that can't be read says nothing
     [system, own, groups].into_iter().flatten().min()
 }
 
@@ -66,6 +69,7 @@ fn groups(text: &str, root: &Path) -> Option<u64> {
         let (root, names) = match kinds {
             "" => (root.to_path_buf(), ["memory.max", "memory.current", "inactive_file "]),
             kinds if kinds.split(',').any(|kind| kind == "memory") => {
+                // version 1 has a hierarchy of folders for each kind, and without a limit a number near 2^63
                 let names = ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file "];
                 (root.join("memory"), names)
             }
@@ -73,6 +77,7 @@ fn groups(text: &str, root: &Path) -> Option<u64> {
         };
         // in a container the group may have its outer name, for which there is no folder
         let group = root.join(group.trim_start_matches('/'));
+        // every group above limits this one too
         let all = group.ancestors().take_while(|folder| folder.starts_with(&root));
         least = all.filter_map(|folder| left_in(folder, names)).chain(least).min();
     }
@@ -84,6 +89,7 @@ fn left_in(folder: &Path, [limit, used, unused]: [&str; 3]) -> Option<u64> {
     let number = |name: &str| read(folder.join(name))?.trim().parse::<u64>().ok();
     let stat = read(folder.join("memory.stat")).unwrap_or_default();
     let files = stat.lines().find_map(|line| line.strip_prefix(unused)?.trim().parse::<u64>().ok());
+    // "max" is no number: such a group has no limit
     Some(number(limit)?.saturating_sub(number(used)?.saturating_sub(files.unwrap_or(0))))
 }
 

@@ -102,15 +102,18 @@ impl Outputs {
         let outputs: Vec<&Path> = outputs.into_iter().collect();
         let mut names = HashSet::new();
         for path in &outputs {
+            // of two names for one folder: `a/x` and `./a/x`
             let folder = files::folder_of(path);
             if !names.insert((folder.canonicalize().unwrap_or(folder.into()), path.file_name())) {
                 return Err(Error::taken(path, "would be written twice; give each output a name of its own"));
             }
             files::folder_is_there(path)?;
-            if self.standing(path)?.is_some() && (self.ours.is_marked)(path) {
+            // a dance may turn out to have the same bytes, which only `prepare` knows; a page's mark is known now
+            if self.existing(path)?.is_some() && (self.ours.is_marked)(path) {
                 self.check_replaceable(path, None)?;
             }
         }
+        // after all checks: a call that is refused changes nothing
         part::sweep(&outputs);
         Ok(())
     }
@@ -134,9 +137,9 @@ impl Outputs {
     /// # Errors
     /// [`Error::Taken`] then.
     pub fn check_replaceable(&self, path: &Path, sha256: Option<&str>) -> Result<()> {
-        let standing = self.standing(path)?;
-        let is_it = || sha256.is_some_and(|wanted| hash::of_file(path).is_ok_and(|found| found == wanted));
-        match standing.is_none() || self.force || is_it() || (self.ours.is_file)(path)? {
+        let existing = self.existing(path)?;
+        let is_it = || sha256.is_some_and(|expected| hash::of_file(path).is_ok_and(|found| found == expected));
+        match existing.is_none() || self.force || is_it() || (self.ours.is_file)(path)? {
             true => Ok(()),
             false => {
                 let what = "is there already, with other contents; give `force` to replace it, or another name";
@@ -158,19 +161,19 @@ impl Outputs {
     /// # Errors
     /// Those of [`Outputs::write`].
     pub fn prepare<'a>(&self, path: &'a Path, bytes: &[u8]) -> Result<Prepared<'a>> {
-        let standing = self.standing(path)?;
-        if let Some(file) = &standing {
+        let existing = self.existing(path)?;
+        if let Some(file) = &existing {
             if holds(path, file, bytes) {
                 return Ok(Prepared { path, part: None, written: Written::Same });
             }
             self.check_replaceable(path, None)?;
         }
-        let written = if standing.is_some() { Written::Replaced } else { Written::New };
+        let written = if existing.is_some() { Written::Replaced } else { Written::New };
         Ok(Prepared { path, part: Some(files::prepare(path, bytes)?), written })
     }
 
     /// The existing file at `path`, links followed; of a broken link the link itself.
-    fn standing(&self, path: &Path) -> Result<Option<Metadata>> {
+    fn existing(&self, path: &Path) -> Result<Option<Metadata>> {
         use std::io::ErrorKind::NotFound;
         if path.file_name().is_none() {
             return Err(Error::taken(path, "is no name for a file"));
@@ -194,6 +197,7 @@ impl Outputs {
             let path = path.canonicalize().ok()?;
             (self.ours.owner)(&path).map(|(folder, kind)| format!("{}, {kind}", folder.display()))
         });
+        // a dance that was written into a run's folder is still a dance of ours
         if let Some(part) = part.filter(|_| !(self.ours.is_file)(path).unwrap_or(false)) {
             return Err(Error::taken(path, format!("is one of the files of {part}; give another output")));
         }
@@ -202,6 +206,7 @@ impl Outputs {
 
     /// Whether this file or folder is an input so far.
     fn is_input(&self, path: &Path) -> bool {
+        // by identity: hard links and other spellings are the same file
         identity(path).is_some_and(|id| self.known().0.contains(&id)) || input::was_read(path)
     }
 }
@@ -223,6 +228,7 @@ fn part_of<'a>(path: &Path, folders: &'a [Folder]) -> Option<&'a Path> {
 
 /// Whether the file has exactly these bytes; `false` when it can't be read.
 fn holds(path: &Path, file: &Metadata, bytes: &[u8]) -> bool {
+    // the length first, which costs no read
     file.len() == bytes.len() as u64 && input::peek_bytes(path).is_ok_and(|found| found == bytes)
 }
 

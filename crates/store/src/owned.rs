@@ -1,8 +1,8 @@
-//! Folders that kinelm goes on with: runs, projects, trainings. One that comes from somebody else may hold links, pipes and
-//! files without end; nothing in it leads out of it, and nothing makes a call wait.
+//! Folders that kinelm continues: runs, projects, trainings. One from somebody else may hold links, pipes and files without
+//! end; here nothing in it leads out of it, and nothing makes a call wait.
 //!
 //! Such a folder is looked through once, when it is opened ([`refuse_links`]). A file in it that is locked, continued or read is
-//! then opened as what it is ([`open`]): no link is followed, no pipe waited for. New files are [`crate::part::PartFile`]s.
+//! then opened as itself ([`open`]): no link is followed, no pipe waited for. New files are [`crate::part::PartFile`]s.
 
 use crate::{Error, Result};
 use std::fs::{self, File, OpenOptions};
@@ -72,6 +72,7 @@ pub fn open(folder: &Path, name: impl AsRef<Path>, access: Access, most: u64) ->
         Access::Lock => options.read(true).write(true).truncate(false).create(true),
     };
     as_it_is(&mut options);
+    // O_NOFOLLOW gives ELOOP, which says nothing to a user: the link is named
     let file = options.open(&path).map_err(|e| if path.is_symlink() { is_link(&path) } else { Error::io(&path)(e) })?;
     let found = file.metadata().map_err(Error::io(&path))?;
     if is_reparse_point(&found) {
@@ -81,6 +82,7 @@ pub fn open(folder: &Path, name: impl AsRef<Path>, access: Access, most: u64) ->
         let what = if found.is_dir() { "a folder" } else { "a pipe or a device" };
         return Err(Error::file(&path, what, "a file", "move it away"));
     }
+    // of the open file: the path may be another one by now
     if found.len() > most {
         let (found, most) = (format!("{} bytes", found.len()), format!("{most} at most"));
         return Err(Error::file(&path, found, most, "make it shorter, or move it away"));
@@ -113,6 +115,7 @@ pub fn path(folder: &Path, name: impl AsRef<Path>) -> Result<PathBuf> {
     let mut path = folder.to_owned();
     let mut parts = name.components().peekable();
     while let Some(part) = parts.next() {
+        // `..`, a root, a drive
         let Component::Normal(part) = part else {
             return Err(Error::file(
                 name,
@@ -136,12 +139,14 @@ fn is_link(path: &Path) -> Error {
 /// Links aren't followed, and what has no other end yet isn't waited for.
 #[cfg(unix)]
 fn as_it_is(options: &mut OpenOptions) {
+    // O_NONBLOCK: opening a pipe that nobody writes to would wait for ever; on files it has no effect
     std::os::unix::fs::OpenOptionsExt::custom_flags(options, libc::O_NOFOLLOW | libc::O_NONBLOCK);
 }
 
 /// Links are opened as what they are.
 #[cfg(windows)]
 fn as_it_is(options: &mut OpenOptions) {
+    // winbase.h: opens a link of whatever kind as itself
     const FILE_FLAG_OPEN_REPARSE_POINT: u32 = 0x0020_0000;
     std::os::windows::fs::OpenOptionsExt::custom_flags(options, FILE_FLAG_OPEN_REPARSE_POINT);
 }

@@ -1,4 +1,7 @@
-//! Unfinished files: a new one has a temporary name until it is whole, and what killed processes left is found by that name.
+//! Unfinished files: a new one has a temporary name until it is whole, by which leftovers of killed processes are found.
+//!
+//! Limits: whether a process still runs is known by `/proc`; elsewhere, and on folders that machines share, an hour without
+//! changes decides. On file systems that can't sync a folder, a new name may be lost with the power.
 
 use crate::files::{folder_of, sync_folder};
 use crate::{Error, Result};
@@ -50,6 +53,7 @@ impl PartFile {
         #[cfg_attr(not(unix), allow(unused_mut))]
         let mut options = OpenOptions::new();
         #[cfg(unix)]
+        // from its creation: a chmod afterwards would leave a moment in which others open it
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
         PartFile::with(place, options)
     }
@@ -84,6 +88,7 @@ impl PartFile {
     /// # Errors
     /// I/O errors.
     pub fn name(self, place: &Path) -> Result<()> {
+        // before the rename: a crash must not leave the name with an empty file
         self.sync()?;
         fs::rename(&self.path, place).map_err(Error::io(place))?;
         // some file systems can't sync a folder; the file itself is synced
@@ -110,7 +115,7 @@ fn name_of(place: &Path) -> Result<&OsStr> {
     place.file_name().ok_or_else(|| Error::taken(place, "can't be written; expected a name to write to"))
 }
 
-/// What no other process or thread has in the names of its files: the process's id and 64 random bits.
+/// The part of a name that no other process or thread uses: the process's id and 64 random bits.
 fn own(place: &Path) -> Result<String> {
     let random = getrandom::u64().map_err(|e| Error::io(place)(std::io::Error::other(e.to_string())))?;
     Ok(format!("{}-{random:016x}", std::process::id()))
@@ -135,6 +140,7 @@ pub fn sweep(outputs: &[&Path]) {
             // without /proc, age alone decides
             let runs = |id: u32| Path::new("/proc").join(id.to_string()).exists();
             let left = found.to_str().and_then(left_over).filter(|(name, id)| names.contains(name) && !runs(*id));
+            // a folder's own time is that of its entries, not of what is written into them
             let inside = || fs::read_dir(&path).into_iter().flatten().flatten().all(|e| is_old(&e.path()));
             if left.is_some() && is_old(&path) && inside() {
                 let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
@@ -164,6 +170,7 @@ pub fn is_unfinished_file(name: &str) -> bool {
 /// The final name of an unfinished file or folder, and the id of its process.
 pub fn left_over(found: &str) -> Option<(&str, u32)> {
     let (name, own) = match found.strip_suffix(".part") {
+        // from the right, as names have dots themselves
         Some(rest) => rest.rsplit_once('.')?,
         None => found.strip_prefix('.')?.rsplit_once(".writing-")?,
     };

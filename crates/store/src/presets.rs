@@ -44,6 +44,7 @@ pub fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Resul
     if let Some((_, text)) = presets.iter().find(|(name, _)| Path::new(name) == name_or_path) {
         return Ok(Some(text));
     }
+    // a broken link too: reading it has the better message
     if std::fs::symlink_metadata(name_or_path).is_ok() {
         return Ok(None);
     }
@@ -62,6 +63,7 @@ pub fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Resul
 pub fn set_key(table: &mut Table, pair: &str, example: &str) -> Result<()> {
     let wrong = || Error::invalid("`set`", pair, format!("KEY=VALUE, such as {example}"));
     let (key, text) = pair.split_once('=').ok_or_else(wrong)?;
+    // one key alone: a text with a line break could set others
     let value = format!("v = {text}").parse::<Table>().ok().filter(|table| table.len() == 1);
     let value = value.and_then(|mut table| table.remove("v")).unwrap_or_else(|| text.into());
     let mut steps: Vec<&str> = key.trim().split('.').collect();
@@ -95,6 +97,7 @@ pub fn with_keys<T: Serialize + DeserializeOwned>(settings: &T, set: &[String], 
     // names in backquotes would be taken for parameters
     let wrong =
         |what: &str| Error::unsupported(Subject::of_parameter("set").with(set.join(" ")), what.replace('`', ""));
+    // through a table and back: keys are checked by the type itself, with its own messages
     let mut table = Table::try_from(settings).map_err(|e| wrong(&e.to_string()))?;
     set.iter().try_for_each(|pair| set_key(&mut table, pair, example))?;
     table.try_into().map_err(|e: toml::de::Error| wrong(e.message()))

@@ -17,7 +17,9 @@ use sha2::{Digest, Sha256};
 /// ```
 pub fn stream(seed: u64, purpose: &str, step: u64, index: u64) -> ChaCha8Rng {
     let mut hash = Sha256::new();
+    // the version of this derivation: another one would change all results
     hash.update(b"kinelm stream 1");
+    // lengths before texts: no two inputs are hashed as the same bytes
     for number in [seed, step, index, purpose.len() as u64] {
         hash.update(number.to_le_bytes());
     }
@@ -34,6 +36,7 @@ pub fn unit(rng: &mut impl RngCore) -> f64 {
 pub fn normal(rng: &mut impl RngCore) -> f64 {
     // 1 - u is above 0
     let radius = (-2.0 * (1.0 - unit(rng)).ln()).sqrt();
+    // the sine would be a second number, but a state between calls too
     radius * (std::f64::consts::TAU * unit(rng)).cos()
 }
 

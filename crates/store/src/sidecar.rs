@@ -48,6 +48,7 @@ pub fn name_of(path: &Path) -> String {
 /// [`Error::Io`] when the file can't be read.
 pub fn has_hash_of(file: &Path) -> Result<bool> {
     let hashes = |envelope: Value| -> Option<Vec<String>> {
+        // between the renames of sidecar and file, the sidecar is new and the file has the hash `replaces`
         let found = [&envelope["output"]["sha256"], &envelope["replaces"]].into_iter().filter_map(|hash| hash.as_str());
         (envelope["output"]["file"] == name_of(file)).then(|| found.map(str::to_owned).collect())
     };
@@ -94,7 +95,8 @@ pub fn check_finished(file: &Path) -> Result<()> {
 
 /// Writes the sidecar of `file`, and the file. Both are on the disk under temporary names before either has its own: what fails
 /// for want of space changes nothing, and if this is interrupted between both names, the sidecar has the hash of the old file
-/// too, as the one it replaces ([`check_finished`]). `text` builds the sidecar's text from the hash of the file being replaced; `sha256` is that of the new `bytes`.
+/// too, as the one it replaces ([`check_finished`]). `text` builds the sidecar's text from the hash of the file being replaced;
+/// `sha256` is that of the new `bytes`.
 ///
 /// # Errors
 /// Those of [`Outputs::write`]; a path that isn't UTF-8, which JSON can't hold.
@@ -112,6 +114,7 @@ pub fn write_beside(
     let path = path_of(file);
     part::sweep(&[file, &path]);
     let (new, sidecar) = (outputs.prepare(file, bytes)?, outputs.prepare(&path, (text + "\n").as_bytes())?);
+    // first: `replaces` covers a crash in between; a new file beside an old sidecar would look changed by hand
     sidecar.name()?;
     new.name()?;
     Ok(())

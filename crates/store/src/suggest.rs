@@ -15,6 +15,7 @@ pub fn did_you_mean<'a>(given: &str, names: impl IntoIterator<Item = &'a str>) -
 /// ```
 pub fn nearest<'a>(given: &str, names: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let given = plain(given);
+    // at least one edit, also for one letter
     let most = given.chars().count().div_ceil(3);
     // so long a text is no typing error
     if given.chars().count() > 64 {

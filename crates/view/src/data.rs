@@ -44,7 +44,7 @@ pub struct Drawn {
     /// The beats that it hits, if measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     hits: Option<Lit>,
-    /// (P) what each point shows, where that was requested.
+    /// (P) the joint that each point shows, where that was requested.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     joints: Vec<Option<PointJoint>>,
     /// When feet are in contact with the floor, where that was requested.
@@ -52,7 +52,7 @@ pub struct Drawn {
     contacts: Vec<PointContacts>,
 }
 
-/// The joint that a point shows: itself, or the one that its end site hangs on.
+/// The joint that a point shows: itself, or the parent of its end site.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct PointJoint {
     /// The rig's name.
@@ -104,8 +104,9 @@ impl Lit {
 }
 
 /// Clips with positions beyond this are refused, metres.
+// 1,000 km: a step of 16 bits is 15 m then, and any unit or scale that went wrong is beyond
 const LARGEST: f64 = 1e6;
-/// Sampling rate for keeping figures at a distance, a second.
+/// Moments a second at which figures are kept from overlapping.
 const SPACING_FPS: f64 = 20.0;
 
 /// All figures, side by side from left to right: each figure separately if all are of one world, else each world.
@@ -120,6 +121,7 @@ pub fn drawn(figures: &[Figure]) -> Result<Vec<Drawn>> {
         in_world(w).for_each(|n| tracks[n].places.iter_mut().for_each(|p| p.y -= floor));
     }
     let alone: Vec<Vec<usize>> = (0..tracks.len()).map(|n| vec![n]).collect();
+    // of one world, a single group would leave them overlaid
     let grouped = if worlds.len() == 1 { &alone } else { &worlds };
     let groups: Vec<Vec<&Track>> = grouped.iter().map(|group| group.iter().map(|&n| &tracks[n]).collect()).collect();
     let mut all: Vec<(usize, Drawn)> = Vec::new();
@@ -127,10 +129,12 @@ pub fn drawn(figures: &[Figure]) -> Result<Vec<Drawn>> {
         let z = tracks_of.iter().map(|track| track.middle_z()).sum::<f64>() / group.len() as f64;
         for &n in group {
             let world = worlds.iter().position(|world| world.contains(&n)).unwrap_or(n);
+            // one start for a world, its first figure's: relative positions stay
             let start = tracks[worlds[world][0]].places[0];
             all.push((n, tracks[n].drawn(&figures[n], world, [x, -z], [-start.x, -start.z])?));
         }
     }
+    // the groups are by world, the caller's order is that of the legend
     all.sort_by_key(|(n, _)| *n);
     Ok(all.into_iter().map(|(_, drawn)| drawn).collect())
 }
@@ -156,6 +160,7 @@ fn point_joints(clip: &Clip, body: &CapsuleBody, map: &SkeletonMap) -> Vec<Optio
     let (skeleton, ids) = (clip.skeleton(), joints::smpl_ids(clip.skeleton(), map));
     let (points, head) = (body.point_count, body.head_joint());
     let of_point = |point: usize| match point.checked_sub(skeleton.joints()) {
+        // points: joints, then end sites, then the top of the head (`CapsuleBody`)
         None => Some(point),
         Some(end) => skeleton.ends().get(end).map_or(head, |end| Some(end.parent)),
     };
@@ -196,7 +201,8 @@ const LIVE_BOX: f64 = 32.0;
 /// How much of it is below the floor.
 const LIVE_BELOW: f64 = 8.0;
 
-/// A figure whose frames are still sampled: its numbers are of a box around one of its frames, as its last isn't known.
+/// A figure whose frames are still sampled: its positions are in a box around one of its frames, as its extent isn't known
+/// yet.
 #[derive(Debug)]
 pub struct LiveFigure {
     body: CapsuleBody,
@@ -216,6 +222,7 @@ impl LiveFigure {
         let low = Vec3::new(at.x - LIVE_BOX / 2.0, -LIVE_BELOW, at.z - LIVE_BOX / 2.0);
         let step = LIVE_BOX / 65535.0;
         let body = track.body.clone();
+        // one frame is enough for a head without data, and its range of positions is replaced
         track.places.truncate(body.point_count);
         let mut head = track.drawn(figure, 0, [0.0; 2], [0.0; 2])?;
         (head.low, head.step, head.frames, head.data) = (low.to_array(), step, figure.clip.frames(), String::new());
@@ -230,6 +237,7 @@ impl LiveFigure {
             self.body.points(clip, frame, &mut pose, &mut points);
             for number in points.iter().flat_map(|p| ((*p - Vec3::Y * self.floor_m - self.low) / self.step).to_array())
             {
+                // NaN is in no range: it leaves the box too
                 if !(0.0..=65535.0).contains(&number) {
                     return None;
                 }
@@ -292,7 +300,9 @@ impl Track {
         let low = |p: &[Vec3]| p.iter().map(|p| p.y).fold(f64::INFINITY, f64::min);
         let mut lowest: Vec<f64> = self.places.chunks(self.body.point_count).map(low).collect();
         lowest.sort_unstable_by(f64::total_cmp);
+        // the 5 % quantile: a single frame below the floor, or a jump, decides nothing
         let usual = lowest[lowest.len() / 20];
+        // a floor that is meant to be 0 is left there, though feet sink in or a joint floats a little
         if usual.abs() < 0.15 * self.height { 0.0 } else { usual }
     }
 
@@ -319,6 +329,7 @@ impl Track {
     fn drawn(&self, figure: &Figure, world: usize, beside: [f64; 2], onto: [f64; 2]) -> Result<Drawn> {
         let low = self.places.iter().copied().reduce(Vec3::min).unwrap_or_default();
         let high = self.places.iter().copied().reduce(Vec3::max).unwrap_or_default();
+        // one step for all axes, so that the body isn't distorted by rounding; above 0 for a body that stands still
         let step = ((high - low).max_element() / 65535.0).max(1e-9);
         let mut bytes = Vec::with_capacity(self.places.len() * 6);
         for p in &self.places {
@@ -359,6 +370,7 @@ fn height(clip: &Clip) -> f64 {
         let ys = p.iter().map(|p| p.y);
         ys.clone().fold(f64::NEG_INFINITY, f64::max) - ys.fold(f64::INFINITY, f64::min)
     };
+    // a body that never stands up straight is still as tall as its bones
     let h = by_bones.unwrap_or_else(|| clip.positions().chunks(clip.joints()).map(measures).fold(0.0, f64::max));
     if h > 1e-6 { h } else { 1.0 }
 }
@@ -366,6 +378,7 @@ fn height(clip: &Clip) -> f64 {
 /// Shifts along x so that each group is always right of the previous one, and all are centred.
 fn beside(groups: &[Vec<&Track>]) -> Vec<f64> {
     let all = || groups.iter().flatten();
+    // a day at most: a wrong rate would make hours of moments
     let longest = all().map(|track| track.duration_s()).fold(0.0, f64::max).min(24.0 * 3600.0);
     let moments = (longest * SPACING_FPS) as usize + 1;
     let width = |group: &[&Track], time_s: f64| {
@@ -375,6 +388,7 @@ fn beside(groups: &[Vec<&Track>]) -> Vec<f64> {
     let height = |group: &[&Track]| group.iter().map(|track| track.height).fold(0.0, f64::max);
     let mut shifts: Vec<f64> = Vec::new();
     for (n, group) in groups.iter().enumerate() {
+        // each is moved by how far the one before reaches into it at any moment, not by its whole width
         let shift = match (n.checked_sub(1), shifts.last()) {
             (Some(before), Some(shift)) => {
                 let before = &groups[before];
@@ -404,6 +418,7 @@ pub fn base64(bytes: &[u8]) -> String {
     for three in bytes.chunks(3) {
         let bits = three.iter().enumerate().fold(0u32, |b, (i, &x)| b | u32::from(x) << (16 - 8 * i));
         for i in 0..4 {
+            // n bytes are n + 1 letters, and `=` up to four
             let letter = LETTERS[(bits >> (18 - 6 * i)) as usize & 63];
             text.push(if i <= three.len() { letter as char } else { '=' });
         }

@@ -142,9 +142,10 @@ pub fn page_with(figures: &[Figure], music: Option<&Music>) -> Result<String> {
         ("page", include_str!("page.js").into()),
         ("controls", include_str!("controls.js").into()),
         ("selftest", include_str!("selftest.js").into()),
-        // in JSON, `<` stands only inside strings: none is left that could end the element or open a comment
+        // in JSON, `<` is only inside strings: none is left that could end the element or open a comment
         ("data", data.replace('<', "\\u003c")),
         ("music", music.map_or("null".into(), Music::json).replace('<', "\\u003c")),
+        // the page's policy allows no sources at all but those listed here
         ("media", if music.is_some() { "; media-src 'self' data: file:".into() } else { String::new() }),
     ];
     Ok(filled(include_str!("page.html"), &parts))
@@ -162,8 +163,8 @@ pub fn write_page(path: &Path, figures: &[Figure]) -> Result<usize> {
 
 /// The modules of the page's player, each after those it imports, and its look. The page has them in one script and one
 /// style sheet, the studio loads them.
-/// An `import` or `export` stands at the beginning of its line, an `import` on one line alone, and no two modules have
-/// names in common, so that `script` needs no parser.
+/// An `import` or `export` begins its line, an `import` has one line alone, and no two modules have names in common, so that
+/// `script` needs no parser.
 pub const MODULES: &[(&str, &str)] = &[
     ("scene.js", include_str!("player/scene.js")),
     ("figure.js", include_str!("player/figure.js")),
@@ -186,6 +187,7 @@ fn script(sound: bool) -> String {
             if !in_types && !line.trim_start().starts_with("//") {
                 script.extend([line.strip_prefix("export ").unwrap_or(line), "\n"]);
             }
+            // after the line is judged: the last line of a block is still in it
             in_types &= !line.ends_with("*/");
         }
     }
@@ -196,13 +198,13 @@ fn script(sound: bool) -> String {
 fn filled(template: &str, parts: &[(&str, String)]) -> String {
     let mut page = String::new();
     let mut rest = template;
-    while let Some((before, behind)) = rest.split_once("{{") {
+    while let Some((before, after)) = rest.split_once("{{") {
         page.push_str(before);
-        let (name, behind) = behind.split_once("}}").unwrap_or((behind, ""));
+        let (name, after) = after.split_once("}}").unwrap_or((after, ""));
         if let Some((_, part)) = parts.iter().find(|(n, _)| *n == name) {
             page.push_str(part);
         }
-        rest = behind;
+        rest = after;
     }
     page + rest
 }

@@ -29,6 +29,7 @@ impl Music {
             "flac" => "audio/flac",
             "m4a" | "mp4" => "audio/mp4",
             "aac" => "audio/aac",
+            // browsers look into the file if the type is wrong
             _ => "audio/wav",
         };
         Music { src: format!("data:{kind};base64,{}", base64(bytes)), name: name(path), from_s, beats_s }
@@ -37,6 +38,7 @@ impl Music {
     /// A file beside the page.
     pub fn beside(path: &Path, from_s: f64, beats_s: Vec<f64>) -> Music {
         let coded = |b: u8| match b {
+            // the unreserved characters of RFC 3986 but `~`: a `#` or `%` in a name would end or change the address
             b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' => char::from(b).to_string(),
             _ => format!("%{b:02X}"),
         };
@@ -46,6 +48,7 @@ impl Music {
 
     /// The JSON for the page's script.
     pub(super) fn json(&self) -> String {
+        // 0.1 ms, far below a frame, saves half of the text
         let beats: Vec<f64> = self.beats_s.iter().map(|b| (b * 1e4).round() / 1e4).collect();
         json!({ "src": self.src, "name": self.name, "from": self.from_s, "beats": beats }).to_string()
     }

@@ -17,10 +17,12 @@ impl Axis {
         match scale {
             Scale::Log => {
                 // a single point needs a range, too
+                // 8 % of the range on each side, at most a factor of 1.15
                 let wider = if high > 1.001 * low { (high / low).powf(0.08).min(1.15) } else { 1.5 };
                 Axis { scale, low: low / wider, high: high * wider }
             }
             Scale::Linear => {
+                // a single value gets a range of its own size, 0 one of 1
                 let wider = if high > low { 0.04 * (high - low) } else { 0.5 * high.abs().max(1.0) };
                 Axis { scale, low: low - wider, high: high + wider }
             }
@@ -32,6 +34,7 @@ impl Axis {
         if high > low {
             Axis { scale: Scale::Linear, low, high }
         } else {
+            // `along` divides by the range
             Axis::around(Scale::Linear, [low].into_iter())
         }
     }
@@ -106,10 +109,12 @@ fn log_ticks(low: f64, high: f64) -> Vec<f64> {
 
 /// Multiples of 1, 2 or 5 of a power of ten inside the limits, at most eight.
 fn linear_ticks(low: f64, high: f64) -> Vec<f64> {
+    // the step is at least this, so eight steps cover the range
     let rough = (high - low) / 8.0;
     let power = 10f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|h| h * power).find(|s| *s >= rough).unwrap_or(10.0 * power);
     let (first, last) = ((low / step).ceil() as i64, (high / step).floor() as i64);
+    // multiples, not sums: 0.1 added ten times is not 1
     (first..=last).map(|i| i as f64 * step).collect()
 }
 
@@ -118,6 +123,7 @@ pub fn number(v: f64) -> String {
     match v.abs() {
         large if large >= 10_000.0 => format!("{}k", v / 1000.0),
         0.0 => "0".into(),
+        // 1e-12 of rounding: 3e-7, not 2.9999999999999997e-7
         small if small < 1e-3 => format!("{:e}", short(v, 1e12)),
         _ => short(v, 1e6).to_string(),
     }

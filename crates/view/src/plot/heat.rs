@@ -11,6 +11,7 @@ pub const WIDTH: i32 = 96;
 /// Pixels from the frame to the colour bar, and the bar's width.
 const BAR: [i32; 2] = [16, 16];
 /// The most columns that are drawn; of more, neighbours are averaged.
+// fewer than the pixels of a frame: narrower cells would round to none
 const MOST_COLUMNS: usize = 400;
 
 /// Ten colours of matplotlib's viridis (Smith and van der Walt 2015): perceptually uniform, also with red-green blindness.
@@ -58,6 +59,7 @@ impl Heat {
     fn drawn(&self) -> (usize, Vec<f64>) {
         let (rows, together) = (self.rows(), self.columns.div_ceil(MOST_COLUMNS));
         let column = |cells: &[f64]| -> Vec<f64> {
+            // the last group may have fewer columns
             let count = (cells.len() / rows) as f64;
             (0..rows).map(|r| cells.iter().skip(r).step_by(rows).sum::<f64>() / count).collect()
         };
@@ -102,6 +104,7 @@ fn scale<B: DrawingBackend>(area: &DrawingArea<B, Shift>, heat: &Heat, axes: &Ax
     let [_, top, right, bottom] = axes.frame;
     let (left, right) = (right + BAR[0], right + BAR[0] + BAR[1]);
     let [low, high] = heat.limits;
+    // a rectangle a pixel row: the backends have no gradients
     for py in top..bottom {
         let v = low + (high - low) * f64::from(bottom - py) / f64::from(bottom - top);
         area.draw(&Rectangle::new([(left, py), (right, py + 1)], heat.colour(v).filled()))?;

@@ -40,6 +40,7 @@ pub fn draw<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart, matr
     let names = (longest as f64 * LETTER) as i32 + 12;
     let (n, top) = (matrix.names.len() as i32, ABOVE);
     let wide = width as i32 - TITLE - names - RIGHT;
+    // square cells; names need the same room below as on the left
     let cell = (wide.min(height as i32 - top - names - TITLE) / n.max(1)).max(1);
     // centred
     let spare = (wide - n * cell).max(0) / 2;
@@ -54,6 +55,7 @@ pub fn draw<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart, matr
             if count == 0 || cell < READABLE {
                 continue;
             }
+            // viridis is light from there on
             let ink = if share > 0.6 { BLACK } else { WHITE };
             let middle = style(size, HPos::Center, VPos::Center).color(&ink);
             area.draw(&Text::new(count.to_string(), (x + cell / 2, y + cell / 2), middle))?;

@@ -163,7 +163,7 @@ pub fn to_bytes(path: &Path, charts: &[Chart]) -> Result<Option<Vec<u8>>> {
         Kind::Svg => {
             let mut text = String::new();
             picture::all(SVGBackend::with_string(&mut text, size).into_drawing_area(), &charts).map_err(failed)?;
-            let at = text.find('>').map_or(0, |i| i + 1); // behind the first tag, which an XML file begins with
+            let at = text.find('>').map_or(0, |i| i + 1); // after the first tag, with which an XML file must begin
             text.insert_str(at, TEXT_MARK);
             Ok(Some(text.into_bytes()))
         }
@@ -181,6 +181,7 @@ fn png((width, height): (u32, u32), pixels: &[u8]) -> std::result::Result<Vec<u8
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
+    // `PNG_MARK` is this chunk's type and content
     encoder.add_text_chunk("Software".into(), "kinelm".into())?;
     let mut writer = encoder.write_header()?;
     writer.write_image_data(pixels)?;
@@ -214,6 +215,7 @@ fn kind(path: &Path) -> Result<Kind> {
 fn with_font() {
     static REGISTERED: OnceLock<()> = OnceLock::new();
     REGISTERED.get_or_init(|| {
+        // built in, as a machine without fonts (a container) would draw none
         register_font("sans-serif", FontStyle::Normal, FONT).unwrap_or_else(|_| panic!("the built-in font is valid"))
     });
 }

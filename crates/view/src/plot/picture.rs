@@ -67,6 +67,7 @@ fn one<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn<
             continue;
         }
         let colour = series.colour.unwrap_or(next);
+        // references are grey and take no colour from the others
         next += usize::from(series.colour.is_none() && series.look != Look::Reference);
         draw_series(area, &points, series.look, colour)?;
         if !series.name.is_empty() {
@@ -134,7 +135,9 @@ fn blunt(points: &[(i32, i32)]) -> Vec<Vec<(i32, i32)>> {
         let last = pieces.len() - 1;
         let piece = &mut pieces[last];
         match piece[..] {
+            // two equal points have no direction, and the next turn would be missed
             [.., b] if b == (x, y) => continue,
+            // a scalar product below 0; in i64, as pixels of a wild axis may be near the ends of i32
             [.., a, b] if i64::from(b.0 - a.0) * i64::from(x - b.0) + i64::from(b.1 - a.1) * i64::from(y - b.1) < 0 => {
                 pieces.push(vec![b, (x, y)]);
             }

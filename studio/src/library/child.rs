@@ -1,9 +1,9 @@
-//! The process that reads a file: `kinelm studio-read`, started by the studio for every file that it is given, and for
-//! every figure of one.
+//! The process that reads a file: `kinelm studio-read`, started by the studio for each file of the library, and for each
+//! figure of one.
 //!
 //! Some parsers are C code, and any parser may take all memory or never end on a file that is made for it. In a process
-//! of its own, with limits, that is an error of one file, and the memory that a long clip takes is the system's again
-//! when it has been read.
+//! of its own, with limits, that is an error of one file, and the memory of a long clip goes back to the system afterwards.
+//! Only Linux limits its memory; on systems that aren't Unix, the clock is the only limit.
 
 use super::doubts::{Outcome, outcome};
 use super::figure::Wanted;
@@ -23,7 +23,7 @@ const MOST_BYTES: u64 = 1 << 20;
 pub struct Job {
     /// The file.
     pub file: PathBuf,
-    /// What of it.
+    /// Facts or a figure.
     pub work: Work,
     /// Where the answer goes.
     pub out: PathBuf,
@@ -31,23 +31,23 @@ pub struct Job {
     pub limits: Limits,
 }
 
-/// What is read of a file.
+/// The facts of a file, or its figure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Work {
-    /// All that the library keeps of it: the answer is an [`Outcome`].
+    /// The facts for the library: the answer is an [`Outcome`].
     Facts {
-        /// What the user states of it.
+        /// The user's own statements about it.
         reading: Box<Reading>,
         /// Where a clip of another format goes as a BVH.
         convert: PathBuf,
     },
-    /// What the stage shows: the answer is for [`figure_of`].
+    /// The figure for the stage: the answer is for [`figure_of`].
     Figure(Box<Wanted>),
 }
 
 /// The first line of an answer that is a figure, before its text.
 const FIGURE: &[u8] = b"figure\n";
-/// And that of one which says why there is none.
+/// The first line of an answer with the reason why there is no figure.
 const NONE: &[u8] = b"none\n";
 
 /// The text of a figure, or why there is none; the answer to [`Work::Figure`].
@@ -87,8 +87,9 @@ pub fn read_file() -> Result<()> {
     std::io::stdin().take(MOST_BYTES).read_to_string(&mut text).map_err(Error::io("standard input"))?;
     let wrong = |e: serde_json::Error| Error::invalid("the standard input", e, "a job that the studio wrote");
     let job: Job = serde_json::from_str(&text).map_err(wrong)?;
+    // before the file is opened: the job's text is the studio's own
     limit(job.limits)?;
-    // a panic is an error of this file too; what it printed nobody reads
+    // a panic is an error of this file too; its own text goes to a closed stderr
     let answer = match &job.work {
         Work::Facts { reading, convert } => {
             let found = Error::of_panics(|| Ok(outcome(&job.file, reading, convert)));
@@ -107,17 +108,19 @@ pub fn read_file() -> Result<()> {
 fn limit(limits: Limits) -> Result<()> {
     use nix::sys::resource::{Resource, getrlimit, setrlimit};
     let set = |resource: Resource, most: u64| {
-        // never above what holds already
+        // never above the limit that is set already: raising it is refused
         let (_, hard) = getrlimit(resource).map_err(std::io::Error::from)?;
         let most = most.min(hard);
         setrlimit(resource, most, most).map_err(std::io::Error::from)
     };
     let all = || {
+        // a crash is expected here, and a core dump could have 4 GB
         set(Resource::RLIMIT_CORE, 0)?;
         set(Resource::RLIMIT_CPU, limits.seconds)?;
         set(Resource::RLIMIT_FSIZE, limits.file)?;
+        // a file, its sidecar and skeleton, the answer
         set(Resource::RLIMIT_NOFILE, 64)?;
-        // macOS has the limit and doesn't keep to it
+        // macOS has the limit and ignores it
         if cfg!(target_os = "linux") { set(Resource::RLIMIT_AS, limits.memory) } else { Ok(()) }
     };
     all().map_err(Error::io("limits of the process"))

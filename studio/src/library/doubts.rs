@@ -1,8 +1,7 @@
-//! What reading a file found: the facts, and its doubts in plain words, each with what would settle it.
+//! The facts of a file, and its doubts in plain words, each with a button that settles it.
 //!
-//! The doubts are the library's own, those that `kinelm inspect` prints; here they get the words for somebody who
-//! doesn't
-//! know its options, and the option as a button.
+//! The doubts are the library's own, those that `kinelm inspect` prints; here they get words for somebody who doesn't know
+//! its options, and the option as a button.
 
 use crate::project::document::Reading;
 use crate::{Error, Result};
@@ -18,7 +17,7 @@ use kinelm_store::files;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What became of reading a file.
+/// The result of reading a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -56,7 +55,7 @@ pub struct Info {
     pub converted: bool,
     /// Beats of music, seconds.
     pub beats_s: Vec<f64>,
-    /// What the file says of its rate; nothing of music.
+    /// The file's own statements about its rate; empty for music.
     pub rate: FileRate,
     /// What looks wrong.
     pub doubts: Vec<Doubt>,
@@ -121,6 +120,7 @@ pub fn outcome(file: &Path, reading: &Reading, convert: &Path) -> Outcome {
 }
 
 /// Frames times joints of a clip: an hour and a half of 24 joints at 60 frames a second, some 2 GB where it is edited.
+// 8e6 rotations are 256 MB as f64 quaternions; an edit has several copies of them
 const MOST_POSES: usize = 8_000_000;
 
 /// The extensions of sound files.
@@ -160,16 +160,18 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
         return Err(Error::file(file, "no frames", "at least one", "export it again with its animation"));
     }
     let poses = motion.clip.frames() * motion.clip.joints();
+    // after reading: the limits of the process are there for what no header announces
     if poses > MOST_POSES {
         let limit = format!("{MOST_POSES} poses of a joint");
         return Err(Error::limit("the clip", format!("{poses} poses of a joint"), limit, "cut it into shorter ones"));
     }
     let is_bvh = matches!(motion.source, Source::Bvh(_));
     if !is_bvh {
-        // what the file has beyond its clip is no BVH's
+        // from the clip alone: what else the format holds has no place in a BVH
         let own = Motion { source: Source::Plain, path: convert.into(), ..motion.clone() };
         files::write_whole(convert, &format::to_bytes(convert, &own)?)?;
     }
+    // without a map the clip can still be watched, so it is a doubt and no error
     let map = map_of(&motion.clip, options.map.as_deref());
     let (mut floor_m, mut doubts) = (options.floor.unwrap_or(0.0), Vec::new());
     doubts.extend(of_rate(&motion));
@@ -290,6 +292,7 @@ fn of_floor(floor: &rig::Floor) -> Option<Doubt> {
     };
     let (taken, found) = (floor.height_m, floor.found_m);
     let text = format!("Where the floor is isn't sure: {why}. It is taken to be at {taken:.2} m.");
+    // the button offers the other of two candidates: the height found in the motion, or 0
     let other = if taken == found { 0.0 } else { (found * 1000.0).round() / 1000.0 };
     let body = Reading { floor: Some(other), ..Reading::default() };
     let doubt = Doubt::new("floor_doubted", text);
@@ -302,6 +305,7 @@ fn of_floor(floor: &rig::Floor) -> Option<Doubt> {
 
 /// Doubts of the report that have no words of their own here.
 fn others(report: &serde_json::Value) -> Vec<Doubt> {
+    // those above have words for the studio; `rig_recognised` is no doubt to somebody who sees the figure
     let own = ["rate_doubted", "up_unsure", "up_axis", "rest_frame", "rig_recognised", "mirrored"];
     let all = report["doubts"].as_array().into_iter().flatten();
     let text = |doubt: &serde_json::Value, key: &str| doubt[key].as_str().unwrap_or_default().to_owned();
@@ -320,6 +324,7 @@ fn units(file: &Path, reading: &Reading) -> Vec<Doubt> {
         standing_height_m(motion.clip.skeleton()).filter(|height| *height > 0.0)
     };
     let mut all: Vec<(f64, &str, Unit)> = named.filter_map(|(name, unit)| Some((height(unit)?, name, unit))).collect();
+    // as a ratio: 17 m is as far from a person as 17 cm
     let far = |height: f64| (height / 1.7).ln().abs();
     all.sort_by(|a, b| far(a.0).total_cmp(&far(b.0)));
     let of = |(height, name, unit): (f64, &str, Unit)| {

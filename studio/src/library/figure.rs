@@ -1,4 +1,4 @@
-//! What the stage shows of a clip or a dance: the data of the page's player.
+//! The figure of a clip or a dance on the stage: the data of the page's player.
 
 use super::{Library, Source};
 use crate::project::CACHE;
@@ -15,10 +15,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Bytes of figures that are kept in memory.
+/// Bytes of figures in memory.
 const MOST_BYTES: usize = 48 << 20;
 
-/// How much of a figure is wanted; a list shows small ones.
+/// The part of a figure that a page requests; a list shows small ones.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Part {
@@ -45,11 +45,12 @@ impl Figures {
         let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
         let at = recent.texts.iter().position(|(other, _)| other == key)?;
         let found = recent.texts.remove(at)?;
+        // to the end: the front is the one used longest ago
         recent.texts.push_back(found.clone());
         Some(found.1)
     }
 
-    fn keep(&self, key: String, text: &Arc<str>) {
+    fn insert(&self, key: String, text: &Arc<str>) {
         let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
         // one that takes all the room would drive out all others
         if text.len() > MOST_BYTES / 4 {
@@ -69,7 +70,7 @@ impl Figures {
     }
 }
 
-/// A figure and what of it is generated.
+/// A figure and its generated parts.
 #[derive(Serialize)]
 struct Shown {
     #[serde(flatten)]
@@ -101,17 +102,18 @@ impl Library {
         let dance = self.project().dance(id).ok();
         let file = std::fs::metadata(&source.path).map_err(Error::io(&source.path))?;
         let read = serde_json::to_string(&source.read).unwrap_or_default();
+        // all that the figure depends on: a changed file or reading has another key, and the old one falls out in time
         let key = format!("{id} {part:?} {} {:?} {read} {}", file.len(), file.modified().ok(), source.name);
         if let Some(text) = self.figures().find(&key) {
             return Ok(text);
         }
-        let wanted = Wanted::of(&source, dance.as_ref(), part);
-        let text: Arc<str> = self.reader.figure(&source.path, wanted, &self.figure_file(), &self.stop)?.into();
-        self.figures().keep(key, &text);
+        let request = Wanted::of(&source, dance.as_ref(), part);
+        let text: Arc<str> = self.reader.figure(&source.path, request, &self.figure_file(), &self.stop)?.into();
+        self.figures().insert(key, &text);
         Ok(text)
     }
 
-    /// Where a process leaves a figure: several may be drawn at once.
+    /// The file for a process's figure, a new one each time: several processes may work at once.
     fn figure_file(&self) -> PathBuf {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let name = format!("figure-{}.read", COUNT.fetch_add(1, Ordering::Relaxed));
@@ -119,7 +121,7 @@ impl Library {
     }
 }
 
-/// A figure that is wanted of a file, as the process that reads it gets it.
+/// The request for a figure of a file, as the process that reads it gets it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Wanted {
     name: String,
@@ -148,6 +150,7 @@ impl Wanted {
     /// Those of reading; a clip that isn't a body's.
     pub fn text(&self, file: &Path) -> Result<String> {
         let motion = format::read(file, &self.read)?;
+        // from the whole clip: a slice may lack what the rig is recognised by
         let map = map_of(&motion.clip, self.read.map.as_deref()).ok();
         let mut clip = motion.clip;
         if let Some(seconds) = self.part.seconds {
@@ -193,12 +196,12 @@ mod tests {
         let figures = Figures::default();
         let text: Arc<str> = "x".repeat(MOST_BYTES / 5).into();
         for n in 0..20 {
-            figures.keep(n.to_string(), &text);
+            figures.insert(n.to_string(), &text);
             assert!(figures.bytes() <= MOST_BYTES);
             assert!(figures.find("0").is_some(), "it was looked at lately");
         }
         assert!(figures.find("1").is_none() && figures.find("19").is_some());
-        figures.keep("large".into(), &"x".repeat(MOST_BYTES / 2).into());
+        figures.insert("large".into(), &"x".repeat(MOST_BYTES / 2).into());
         assert!(figures.find("large").is_none() && figures.find("19").is_some());
     }
 }

@@ -19,6 +19,7 @@ const MOST_MAPS: usize = 1000;
 pub fn names(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder.join(MAPS)).into_iter().flatten().flatten();
     let named = entries.filter_map(|entry| Some(format!("{MAPS}/{}", entry.file_name().to_str()?)));
+    // names that aren't plain, and links, are no maps: `own` opens nothing outside the folder
     let mut all: Vec<String> = named.filter(|name| own(folder, name).is_some()).take(MOST_MAPS).collect();
     all.sort();
     all
@@ -29,7 +30,7 @@ pub fn is_known(folder: &Path, map: &str) -> bool {
     SkeletonMap::builtin(map).is_some() || own(folder, map).is_some()
 }
 
-/// What reading takes: the name of a built-in map, or the text of one of the project.
+/// A map as the reader takes it: the name of a built-in one, or the text of one of the project.
 ///
 /// # Errors
 /// A map that is neither, or can't be read.
@@ -40,6 +41,7 @@ pub fn resolved(folder: &Path, map: &str) -> Result<String> {
     let path = own(folder, map).ok_or_else(|| unknown(map))?;
     let bytes = owned::bytes(folder, map, MOST_BYTES as u64)?.ok_or_else(|| unknown(map))?;
     let text = String::from_utf8(bytes).map_err(|_| no_text(&path))?;
+    // again, though `keep` has checked it: the user may have edited the file
     check(&path, &text)?;
     Ok(text)
 }
@@ -52,11 +54,12 @@ pub fn unknown(map: &str) -> Error {
     Error::invalid("`map`", plain_name(last), expected)
 }
 
-/// Keeps a map under the name that the page gives it; it replaces none. Its name, as [`names`] has it.
+/// Stores a map under the name that the page gives it; it replaces none. Its name, as [`names`] has it.
 ///
 /// # Errors
 /// A text that is no map, or a long one; I/O errors.
 pub fn keep(project: &Project, called: &str, bytes: &[u8]) -> Result<String> {
+    // either separator: a browser on another system may send a path
     let last = called.rsplit(['/', '\\']).next().unwrap_or_default();
     let stem = plain_name(last.rsplit_once('.').map_or(last, |(stem, _)| stem));
     let text = str::from_utf8(bytes).map_err(|_| no_text(Path::new(&stem)))?;

@@ -1,13 +1,13 @@
-//! The library: files that were given or uploaded, what is known of them, figures of them, and search among them.
+//! The library: the files of a project, their facts, their figures, and search among them.
 //!
-//! - [`doubts`]: what reading a file found.
+//! - [`doubts`]: the facts of a file, and what looks wrong in it.
 //! - [`child`], [`reader`]: the process that reads a file, and its parent's side.
 //! - [`upload`]: a file that comes in pieces.
 //! - `rates`: rates of a folder, judged together.
 //! - [`maps`]: skeleton maps of the project.
-//! - [`stated`]: what the timeline's text states of clips.
-//! - [`figure`]: what the stage shows of a clip.
-//! - [`search`]: what else moves like this.
+//! - [`stated`]: the readings of clips in the timeline's text.
+//! - [`figure`]: the figure of a clip for the stage.
+//! - [`search`]: clips that move alike.
 //!
 //! Files are read one after the other by a thread of their own; of each only a few facts stay in memory.
 
@@ -73,7 +73,7 @@ enum Known {
     Read(Arc<Outcome>),
 }
 
-/// A clip or a dance, as what is made of it needs it.
+/// A clip or a dance, with all that is needed to use it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Source {
     /// Its id.
@@ -84,7 +84,7 @@ pub struct Source {
     pub path: PathBuf,
     /// How it is read.
     pub read: ReadOptions,
-    /// What a timeline states of it.
+    /// Its reading as a timeline states it.
     pub stated: Reading,
     /// Frames per second.
     pub fps: f64,
@@ -120,10 +120,11 @@ impl Library {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Puts clips into the row of those that are read.
+    /// Puts clips into the queue of the reading thread.
     pub fn read_soon(&self, ids: impl IntoIterator<Item = String>) {
         let mut inner = self.inner();
         for id in ids {
+            // also for one in the queue: what was known of it is outdated
             inner.known.insert(id.clone(), Known::Reading);
             if !inner.waiting.contains(&id) {
                 inner.waiting.push_back(id);
@@ -132,7 +133,7 @@ impl Library {
         self.wake.notify_all();
     }
 
-    /// Reads clips as they come, until [`Library::end`]: the work of a thread. `done` is told of each.
+    /// Reads clips as they come, until [`Library::end`]: the work of a thread. `done` gets the id of each.
     pub fn read_on(&self, done: &dyn Fn(&str)) {
         loop {
             let mut inner = self.inner();
@@ -144,10 +145,11 @@ impl Library {
             }
             let Some(id) = inner.waiting.pop_front() else { continue };
             drop(inner);
+            // removed while it waited
             let Ok(record) = self.project.clip(&id) else { continue };
             let outcome = self.outcome(&record).unwrap_or_else(|e| Outcome::failed(&e));
             let mut inner = self.inner();
-            // it was put into the row again meanwhile: read otherwise
+            // put into the queue again meanwhile, with another reading: this outcome is outdated
             if !inner.waiting.contains(&id) {
                 inner.known.insert(id.clone(), Known::Read(Arc::new(outcome)));
                 drop(inner);
@@ -157,7 +159,7 @@ impl Library {
         }
     }
 
-    /// Waits while a clip is read, as it is when a project was just opened; `goes_on` is asked now and then.
+    /// Waits while a clip is read, as it is when a project was just opened; it checks `goes_on` now and then.
     pub fn wait_for(&self, id: &str, goes_on: &dyn Fn() -> bool) {
         let mut inner = self.inner();
         while matches!(inner.known.get(id), Some(Known::Reading)) && !self.stop.load(Ordering::Relaxed) && goes_on() {
@@ -175,6 +177,7 @@ impl Library {
     /// Ends the thread that reads.
     pub fn end(&self) {
         self.stop.store(true, Ordering::Relaxed);
+        // a thread between its check of `stop` and its wait holds the lock: after this it waits, and gets the wake
         drop(self.inner());
         self.wake.notify_all();
     }
@@ -202,6 +205,7 @@ impl Library {
         if let Some(cached) = before {
             let is_there = match &cached.outcome {
                 Outcome::Ready(info) => !info.converted || convert.is_file(),
+                // tried again at every start: a failure may be of the machine, such as too little memory
                 Outcome::Failed { .. } => false,
             };
             if cached.key == key && is_there {
@@ -212,13 +216,13 @@ impl Library {
         let outcome = self.reader.read(&file, &stated, (&convert, &out), &self.stop)?;
         let cached = Cached { key, outcome };
         if let Ok(text) = serde_json::to_vec(&cached) {
-            // it can be found again
+            // only a cache: without it the file is read again
             let _ = files::write_whole(&cache, &text);
         }
         Ok(cached.outcome)
     }
 
-    /// Where a clip of another format is as a BVH.
+    /// The BVH that a clip of another format was converted to.
     pub fn converted(&self, id: &str) -> PathBuf {
         self.project.folder().join(CONVERTED).join(format!("{id}.bvh"))
     }
@@ -243,6 +247,7 @@ impl Library {
     fn dance_options(&self, path: &Path) -> Result<Option<ReadOptions>> {
         let file = std::fs::metadata(path).map_err(Error::io(path))?;
         let key = (file.len(), file.modified().ok());
+        // not under the lock while the dance is hashed: two calls may do it, to the same end
         let known = self.inner().dances.get(path).filter(|(other, _)| *other == key).cloned();
         if let Some((_, options)) = known {
             return Ok(options);
@@ -284,6 +289,7 @@ impl Library {
             }
             true => {
                 let stated = stated::of_converted(reading);
+                // as for any BVH without a sidecar
                 let own = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
                 let read = self.resolved(stated.clone())?.options(Some(&own));
                 (self.converted(id), stated, read)
@@ -359,7 +365,7 @@ pub fn dataset(sources: &[Source]) -> Dataset {
         path: source.path.clone(),
         name: source.id.clone(),
         take: source.id.clone(),
-        // all of how it is read, whatever the options of what is built
+        // the whole reading, whatever options an index or a corpus is built with
         sidecar: Some(source.read.clone()),
         fps: source.read.fps_source,
         skip: Some(source.read.skip),
@@ -374,6 +380,7 @@ pub fn dataset(sources: &[Source]) -> Dataset {
 /// A text that other clips, other files, and files that are read otherwise don't have.
 pub fn fingerprint(sources: &[Source]) -> String {
     let of = |source: &Source| {
+        // by length and time, not by hash: this runs at every search
         let file = std::fs::metadata(&source.path).ok().map(|file| (file.len(), file.modified().ok()));
         let read = serde_json::to_string(&source.read).unwrap_or_default();
         format!("{} {} {file:?} {read}", source.id, source.path.display())
@@ -381,7 +388,7 @@ pub fn fingerprint(sources: &[Source]) -> String {
     hash::of(sources.iter().map(of).collect::<Vec<_>>().join("\n").as_bytes())
 }
 
-/// Removes the folders whose names begin so: what was built of a library that is another now.
+/// Removes the folders whose names begin with `beginning`, built from an earlier state of the library.
 pub fn remove_folders(inside: &Path, beginning: &str) {
     for entry in std::fs::read_dir(inside).into_iter().flatten().flatten() {
         if entry.file_name().to_string_lossy().starts_with(beginning) {

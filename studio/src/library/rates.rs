@@ -22,6 +22,7 @@ impl Library {
         }
         let likely = falls_not.into_iter().filter_map(|(id, group)| Some((id, doubts.likely_fps(&group)?)));
         let now: BTreeMap<String, f64> = likely.collect();
+        // compared as a whole: a clip that came may doubt others, one that went may settle them
         let before = std::mem::replace(&mut inner.doubted_rates, now.clone());
         let ids: BTreeSet<&String> = before.keys().chain(now.keys()).collect();
         ids.into_iter().filter(|id| before.get(*id) != now.get(*id)).cloned().collect()

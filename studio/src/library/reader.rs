@@ -63,6 +63,7 @@ impl Reader {
         let (found, status) = self.answer(file, work, out, stop)?;
         let found = found.and_then(|bytes| serde_json::from_slice(&bytes).ok());
         if found.is_none() {
+            // a BVH without its outcome would be half a clip
             let _ = std::fs::remove_file(convert);
         }
         Ok(found.unwrap_or_else(|| Outcome::Failed { text: self.why_none(file, status), doubts: Vec::new() }))
@@ -86,6 +87,7 @@ impl Reader {
         stop: &AtomicBool,
     ) -> Result<(Option<Vec<u8>>, Option<ExitStatus>)> {
         let job = Job { file: file.into(), work, out: out.into(), limits: self.limits };
+        // an earlier process that was killed may have left an answer to another job
         let _ = std::fs::remove_file(out);
         let status = self.run(&job, stop)?;
         let found = read_cached(out);
@@ -127,9 +129,11 @@ impl Reader {
             if stop.load(Ordering::Relaxed) {
                 return Err(kinelm_store::Error::stopped("the studio ends").into());
             }
+            // the limit of processor time doesn't end a process that sleeps
             if begun.elapsed() > Duration::from_secs(self.limits.seconds) {
                 return Ok(None);
             }
+            // most files take some milliseconds: short naps first
             std::thread::sleep(nap);
             nap = (nap * 2).min(Duration::from_millis(50));
         }

@@ -1,4 +1,4 @@
-//! What else moves like this: the library's own index of the clips, built where it is needed.
+//! Clips that move alike: the library's own index of the clips, built when a search needs it.
 
 use super::{Library, dataset, fingerprint, remove_folders};
 use crate::project::CACHE;
@@ -59,6 +59,7 @@ impl Library {
     /// Those of [`Library::source`]; a clip shorter than a window, and a library without another; those of the index.
     pub fn search(&self, looked: &Looked) -> Result<Vec<Match>> {
         let source = self.source(&looked.clip)?;
+        // NaN and infinities of either bound come through here, and are refused below
         let middle = (looked.from_s + looked.to_s) / 2.0;
         if !middle.is_finite() || looked.from_s > looked.to_s {
             return Err(Error::invalid("`from_s`", looked.from_s, "a time before `to_s`"));
@@ -96,6 +97,7 @@ impl Library {
         let key = fingerprint(sources);
         let cache = self.project().folder().join(CACHE);
         let out = cache.join(format!("index-{}", &key[..16]));
+        // only whole indices have their name (`PendingFolder`)
         if out.is_dir() {
             return Ok(out);
         }

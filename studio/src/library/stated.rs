@@ -1,5 +1,5 @@
-//! What the timeline's text states of how clips are read: it holds for the library too, so that a card, the stage and the
-//! dance that is made show one clip.
+//! The readings of clips in the timeline's text: they hold for the library too, so that a card, the stage and the generated
+//! dance show one clip.
 
 use super::doubts::{Outcome, is_music};
 use super::{Library, maps};
@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 
-/// Files, each with what is stated of it.
+/// Files, each with its stated reading.
 type Stated = Arc<Vec<(PathBuf, Reading)>>;
 
-/// What the text states that was looked at last.
+/// The last text, and its readings.
 #[derive(Debug, Default)]
 pub(super) struct Texts(Mutex<Option<(String, Stated)>>);
 
@@ -23,6 +23,7 @@ impl Texts {
     fn stated(&self, folder: &Path, text: Option<&str>) -> Stated {
         let Some(text) = text else { return Stated::default() };
         let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // every card needs it on every view: parsing once a text is enough
         if let Some((_, stated)) = last.as_ref().filter(|(other, _)| other == text) {
             return stated.clone();
         }
@@ -146,7 +147,7 @@ pub fn of_converted(reading: Reading) -> Reading {
     Reading { up: Some(Up::Y), unit: Some(Unit::CENTIMETRE), map, floor, ..Reading::default() }
 }
 
-/// What a text states of files. What can't be read of it is the timeline's trouble, and says nothing here.
+/// The readings of files in a text. Faults of the text are reported by the timeline, and state nothing here.
 fn stated(folder: &Path, text: &str) -> Vec<(PathBuf, Reading)> {
     let Ok(document) = text.parse::<DocumentMut>() else { return Vec::new() };
     let clips = document.get("clips").and_then(Item::as_table_like);
@@ -154,6 +155,7 @@ fn stated(folder: &Path, text: &str) -> Vec<(PathBuf, Reading)> {
         let table = item.as_table_like()?;
         let file = folder.join(table.get("file")?.as_str()?).canonicalize().ok()?;
         let reading = reading(table);
+        // a text may name any path as a map: none but known ones is opened
         let map = reading.map.filter(|map| SkeletonMap::builtin(map).is_some() || maps::is_known(folder, map));
         Some((file, Reading { map, ..reading }))
     };
@@ -170,6 +172,7 @@ fn reading(table: &dyn TableLike) -> Reading {
     };
     let one = |key: &str| {
         let value = json(table.get(key)?)?;
+        // one key at a time: one wrong value doesn't cost the others
         serde_json::from_value::<Reading>(serde_json::json!({ key: value })).ok()
     };
     Reading::KEYS.iter().filter_map(|key| one(key)).fold(Reading::default(), Reading::with)

@@ -1,4 +1,4 @@
-//! A file that comes in pieces: into a temporary one first, whole and synced before it has its name.
+//! An upload in pieces: into a temporary file first, which is whole and synced before it has its name.
 
 use super::doubts::SOUNDS;
 use super::is_taken;
@@ -15,7 +15,7 @@ use std::sync::Mutex;
 /// The most bytes of a file.
 pub const MOST_BYTES: u64 = 512 << 20;
 
-/// Keeps two uploads from taking one name.
+/// Held while a free name is found and taken, so that two uploads don't take one.
 static NAMING: Mutex<()> = Mutex::new(());
 
 /// A file that is coming. Dropped before it is whole, it leaves nothing.
@@ -74,13 +74,14 @@ impl Upload {
         if self.bytes == 0 {
             return Err(Error::file(&self.name, "no bytes", "a file", "upload it again"));
         }
-        // what takes long first; the name is taken at once then
+        // the slow part first, without the lock: the name is found and taken at once then
         self.part.sync()?;
         let folder = project.folder().join(CLIPS);
         let _naming = NAMING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let (stem, extension) = self.name.rsplit_once('.').unwrap_or((&self.name, ""));
         let name = free_name(stem, &format!(".{extension}"), |name| !folder.join(name).exists());
         self.part.name(&owned::path(project.folder(), Path::new(CLIPS).join(&name))?)?;
+        // AMC files find their skeleton beside them by name
         if extension == "asf" {
             return Ok(None);
         }

@@ -1,6 +1,6 @@
-//! The files of dances: `.studio/made/d3.bvh` until they are kept, then `dances/NAME.bvh`, each beside its sidecar.
+//! The files of dances: `.studio/made/d3.bvh` until the user keeps them, then `dances/NAME.bvh`, each beside its sidecar.
 //!
-//! A made file stays when its dance is kept, so that a step back loses nothing.
+//! The first file stays when its dance is kept, so that an undo loses nothing.
 
 use super::document::{Change, DanceRecord, Document};
 use super::history::History;
@@ -24,7 +24,7 @@ impl DanceRecord {
     }
 }
 
-/// What a studio may write over: dances that are as kinelm made them.
+/// The files that a studio may write over: dances as kinelm made them.
 pub fn outputs() -> Outputs {
     let is_file = |path: &Path| Ok(is_beside_its_file(path) || has_hash_of(path)?);
     Outputs::new(Ours { is_marked: |_| false, is_file, owner: |_| None }, Vec::<PathBuf>::new(), false)
@@ -35,6 +35,7 @@ pub fn file_for(folder: &Path, document: &Document, name: &str) -> PathBuf {
     let plain = plain_name(name);
     let taken = |file: &Path| document.dances.iter().any(|dance| dance.kept.as_deref() == Some(file));
     let of = |name: &str| Path::new(DANCES).join(name);
+    // also the names of dances whose file the user has moved away: it may come back
     let is_free = |file: &Path| !taken(file) && !folder.join(file).exists() && !path_of(&folder.join(file)).exists();
     of(&free_name(&plain, ".bvh", |name| is_free(&of(name))))
 }
@@ -60,6 +61,7 @@ pub fn plain_name(name: &str) -> String {
     let is_odd = |c: char| c.is_control() || "/\\:*?\"<>|".contains(c);
     let seen = name.chars().filter(|c| !DIRECTIONS.contains(c));
     let mut name: String = seen.map(|c| if is_odd(c) { '_' } else { c }).take(80).collect();
+    // whole characters, since 80 of them may be 320 bytes
     while name.len() > MOST_NAME {
         name.pop();
     }
@@ -82,7 +84,7 @@ pub fn plain_name(name: &str) -> String {
 pub fn write_made(folder: &Path, id: &str, bytes: &[u8], provenance: Provenance) -> Result<PathBuf> {
     let file = Path::new(MADE).join(format!("{id}.bvh"));
     let path = owned::path(folder, &file)?;
-    // what a process left behind that ended while it wrote
+    // a leftover of a process that ended while it wrote: its id was never in the journal, and is given again
     remove(&path)?;
     remove(&path_of(&path))?;
     provenance.write(&path, bytes, &outputs())?;
@@ -96,6 +98,7 @@ pub(super) fn settle(folder: &Path, before: Option<&DanceRecord>, after: Option<
     if old == new {
         return Ok(());
     }
+    // copied before the old one goes: a failure in between leaves one too many, not none
     if let (Some(file), Some(made)) = (&new, after.and_then(|dance| dance.made.as_deref())) {
         copy(&owned::path(folder, made)?, &owned::path(folder, file)?)?;
     }
@@ -113,6 +116,7 @@ pub(super) fn settle(folder: &Path, before: Option<&DanceRecord>, after: Option<
 
 /// Copies a dance with its sidecar, which gets the new name.
 fn copy(made: &Path, file: &Path) -> Result<()> {
+    // a call that was cut off may have copied it already
     if file.exists() && has_hash_of(file)? {
         return Ok(());
     }
@@ -143,6 +147,7 @@ pub(super) fn sweep(folder: &Path, document: &Document, history: &History) {
         let open: Vec<&str> = open.map(|dance| &*dance.id).collect();
         open.iter().take(open.len().saturating_sub(MOST_MADE)).copied().collect()
     };
+    // dances that others were made from: their files are needed to make those again
     let sources = document.dances.iter().flat_map(|dance| dance.source.iter().chain(&dance.rig));
     let sources: HashSet<&str> = sources.map(String::as_str).collect();
     let is_over = |dance: &&DanceRecord| dance.rejected || oldest.contains(&*dance.id);
@@ -150,6 +155,7 @@ pub(super) fn sweep(folder: &Path, document: &Document, history: &History) {
         |dance: &&DanceRecord| dance.kept.is_some() || sources.contains(&*dance.id) || history.has_dance(&dance.id);
     for dance in document.dances.iter().filter(is_over).filter(|dance| !is_needed(dance)) {
         for path in dance.made.iter().map(|made| folder.join(made)) {
+            // the sidecar first: a dance without one is of no use, a sidecar without a dance looks like a lost file
             let _ = fs::remove_file(path_of(&path)).and(fs::remove_file(&path));
         }
     }

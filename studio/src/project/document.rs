@@ -1,5 +1,5 @@
-//! What a project holds: clips, dances, the timeline's text, the music; and the changes that lead from one state to
-//! the next.
+//! The state of a project: clips, dances, the timeline's text, the music; and the changes that lead from one state to the
+//! next.
 
 use super::{DANCES, MADE};
 use kinelm_generate::best::Best;
@@ -18,7 +18,7 @@ pub struct Document {
     pub dances: Vec<DanceRecord>,
     /// The text of the timeline; `None`: there is none yet.
     pub timeline: Option<String>,
-    /// What is danced to on the stage.
+    /// The music of the stage.
     pub music: Option<Music>,
 }
 
@@ -37,7 +37,7 @@ pub struct ClipRecord {
     pub reading: Reading,
 }
 
-/// What a user states of a file. `None`: as the library finds it.
+/// A user's statements about a file. `None`: as the library finds it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Reading {
@@ -71,7 +71,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The names of what can be stated.
+    /// The keys that can be stated.
     pub const KEYS: [&str; 9] = ["up", "unit", "fps_source", "skip", "map", "floor", "root", "take", "mirror_axis"];
 
     /// As the library has it: over the options in a sidecar of the file, if it has one, else as a prompt is read.
@@ -138,7 +138,7 @@ pub struct DanceRecord {
     /// Height of the floor it dances on, metres.
     #[serde(default)]
     pub floor_m: f64,
-    /// What the user should know, a line each.
+    /// Notes for the user, a line each.
     #[serde(default)]
     pub note: String,
     /// The clip or dance that it was made from.
@@ -153,10 +153,10 @@ pub struct DanceRecord {
     /// The joints that are given throughout.
     #[serde(default)]
     pub given: String,
-    /// What was freed, as it was requested.
+    /// The freed joints and times, as they were requested.
     #[serde(default)]
     pub free: String,
-    /// Which joints are generated, and when.
+    /// The generated joints, and when.
     #[serde(default)]
     pub made_spans: Vec<MadeSpan>,
     /// Its rank, where the best was chosen.
@@ -192,7 +192,7 @@ impl MadeSpan {
     }
 }
 
-/// What is danced to on the stage.
+/// The music of the stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Music {
@@ -253,6 +253,7 @@ impl Change {
         let text = |text: &Option<String>| text.as_ref().map_or(0, String::len);
         match self {
             Change::Timeline { before, after } => 64 + text(before) + text(after),
+            // about a record with its names, twice
             _ => 1024,
         }
     }
@@ -307,6 +308,7 @@ impl DanceRecord {
         let made = Path::new(MADE).join(format!("{}.bvh", self.id));
         let is_kept = |file: &PathBuf| {
             let is_bvh = file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bvh"));
+            // exactly one folder deep: no `..`, no absolute path
             file.parent() == Some(Path::new(DANCES)) && file.file_name().is_some() && (is_bvh || self.made.is_none())
         };
         is_id(&self.id) && self.made.as_ref().is_none_or(|file| *file == made) && self.kept.as_ref().is_none_or(is_kept)
@@ -342,6 +344,7 @@ fn put<T: Clone>(all: &mut Vec<T>, before: Option<&T>, after: Option<&T>, id: fn
     match all.iter_mut().find(|record| id(record) == id(after)) {
         Some(record) => *record = after.clone(),
         None => {
+            // by number, so that a redo puts a record where it was
             let at = all.iter().position(|record| number(id(record)) > number(id(after))).unwrap_or(all.len());
             all.insert(at, after.clone());
         }

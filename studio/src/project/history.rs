@@ -3,7 +3,7 @@
 use super::document::Change;
 use serde::{Deserialize, Serialize};
 
-/// Steps that are kept, and their bytes.
+/// The most steps, and their bytes.
 const MOST_STEPS: usize = 200;
 const MOST_BYTES: usize = 32 << 20;
 
@@ -37,6 +37,7 @@ impl History {
         self.undone.clear();
         self.done.push(step);
         let mut bytes: usize = self.done.iter().map(Step::bytes).sum();
+        // the last step stays, whatever its size: what was just done can be undone
         while self.done.len() > MOST_STEPS || (bytes > MOST_BYTES && self.done.len() > 1) {
             bytes -= self.done.remove(0).bytes();
         }
@@ -45,6 +46,7 @@ impl History {
     /// Takes the last step back: the changes that do so.
     pub fn undo(&mut self) -> Option<Vec<Change>> {
         let step = self.done.pop()?;
+        // in reverse order: a later change may build on an earlier one of the step
         let changes = step.changes.iter().rev().map(Change::inverse).collect();
         self.undone.push(step);
         Some(changes)

@@ -1,4 +1,4 @@
-//! The journal: every change of a project as a line of JSON with a checksum, synced before anybody is told of it.
+//! The journal: every change of a project as a line of JSON with a checksum, synced before any page gets it.
 //!
 //! ```text
 //! {"crc32c":"9ae0daaf","line":{"begin":{"schema":2,..}}}
@@ -6,9 +6,9 @@
 //!
 //! The checksum of a line goes on from that of the line before, so that none can be missing, doubled or elsewhere.
 //!
-//! A process may end at any moment. A line without its end was told nobody and is dropped; one with it counts, and where
-//! its checksum is another, the file was damaged and nothing is guessed. When the journal has grown it is written anew,
-//! as one line with the state and the steps that can be taken back.
+//! A process may end at any moment. A line without its end was never reported to a page and is dropped; one with it counts, and
+//! where its checksum is another, the file was damaged and nothing is guessed. When the journal has grown it is written
+//! anew, as one line with the state and the steps that can be undone.
 
 use super::JOURNAL;
 use super::document::{Change, Document};
@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 const SCHEMA: u32 = 2;
 /// Bytes of a journal, at most.
 const MOST_BYTES: u64 = 1 << 30;
-/// What stands around a line and its checksum of 8 hexadecimal digits.
+/// The text around a line and its checksum of 8 hexadecimal digits.
 const AROUND: [&str; 3] = ["{\"crc32c\":\"", "\",\"line\":", "}\n"];
 /// Bytes that are added before a journal is written anew, at least; and as many as it had then.
 const GROWN: u64 = 4 << 20;
@@ -107,6 +107,7 @@ impl Replayed {
                 Change::Dance { after: Some(dance), .. } => &dance.id,
                 _ => continue,
             };
+            // an id is never given again, though its record may be gone
             self.next = self.next.max(super::document::number(id) + 1);
         }
         true
@@ -121,7 +122,7 @@ pub struct Journal {
     bytes: u64,
     /// The checksum of the last line.
     last: u32,
-    /// Whether nothing stood in it.
+    /// Whether it was empty.
     is_new: bool,
     /// Where it is written anew.
     limit: u64,
@@ -137,12 +138,13 @@ impl Journal {
         let bytes = owned::bytes(folder, JOURNAL, MOST_BYTES)?.unwrap_or_default();
         let (whole, last) = replay(&folder.join(JOURNAL), &bytes, &mut state)?;
         if whole == 0 && !bytes.is_empty() {
-            // no line of it is whole: it is begun anew, and what it was is kept
+            // no line of it is whole: it is begun anew, and the damaged one is stored beside it
             files::write_whole(&folder.join(DAMAGED), &bytes)?;
         }
         let file = owned::open(folder, JOURNAL, Access::Append, MOST_BYTES)?;
         let is_new = whole == 0;
         let mut journal = Journal { folder: folder.into(), file, bytes: whole, last, is_new, limit: GROWN };
+        // the unfinished line goes, or the next one would be appended to it
         journal.file.set_len(whole).map_err(Error::io(journal.path()))?;
         if is_new {
             files::sync_folder(files::folder_of(&journal.path()))?;
@@ -157,7 +159,7 @@ impl Journal {
         self.folder.join(JOURNAL)
     }
 
-    /// Whether nothing stood in it when it was opened: the project is new, or its journal is lost.
+    /// Whether it was empty when it was opened: the project is new, or its journal is lost.
     pub fn is_new(&self) -> bool {
         self.is_new
     }
@@ -169,6 +171,7 @@ impl Journal {
     pub fn append(&mut self, line: &Line) -> Result<()> {
         let (text, last) = to_text(line, self.last)?;
         if let Err(e) = self.file.write_all(&text).and_then(|()| self.file.sync_data()) {
+            // half a line may be there: the next line must not be appended to it
             let _ = self.file.set_len(self.bytes);
             return Err(Error::io(self.path())(e));
         }
@@ -191,8 +194,10 @@ impl Journal {
         let line = Line::Begin { schema: SCHEMA, document, history, next: state.next };
         let (text, last) = to_text(&line, 0)?;
         files::write_whole(&self.path(), &text)?;
+        // the old file has no name any more: lines that went there would be lost
         self.file = owned::open(&self.folder, JOURNAL, Access::Append, MOST_BYTES)?;
         (self.bytes, self.last) = (text.len() as u64, last);
+        // doubled, so that writing it anew costs each line a constant share
         self.limit = 2 * self.bytes + GROWN;
         Ok(())
     }
@@ -207,7 +212,7 @@ fn to_text(line: &Line, last: u32) -> Result<(Vec<u8>, u32)> {
     Ok(([before.as_bytes(), digits.as_bytes(), between.as_bytes(), &line, after.as_bytes()].concat(), checksum))
 }
 
-/// A line of a text that has its end, behind one with the checksum `last`, which becomes its own.
+/// Parses a line of a text that has its end, after one with the checksum `last`, which becomes its own.
 fn of_text(text: &[u8], last: &mut u32) -> std::result::Result<Line, String> {
     let [before, between, after] = AROUND;
     let line = (|| {
@@ -228,6 +233,7 @@ fn of_text(text: &[u8], last: &mut u32) -> std::result::Result<Line, String> {
 fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<(u64, u32)> {
     let (mut whole, mut last) = (0, 0);
     for (n, text) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
+        // only the last can lack its end; a checksum that is wrong before it is damage, not an interruption
         let line = text.ends_with(b"\n").then(|| of_text(text, &mut last));
         let help = "put back the file of a copy, or move it away: clips, dances and the timeline are files beside it";
         match line {
@@ -235,6 +241,7 @@ fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<(u64, u32)>
                 let (found, expected) = (format!("schema {schema}"), format!("schema {SCHEMA}"));
                 return Err(Error::file(path, found, expected, help));
             }
+            // checked line by line, before any is carried out: paths of a foreign project lead nowhere else
             Some(Ok(line)) if !line.is_sound() => {
                 let found = format!("line {}: an id or a file that a studio wouldn't write", n + 1);
                 return Err(Error::file(path, found, "files below the project's folder", help));
@@ -244,7 +251,7 @@ fn replay(path: &Path, bytes: &[u8], state: &mut Replayed) -> Result<(u64, u32)>
                 return Err(Error::file(path, format!("line {}: an undo of nothing", n + 1), "a step before it", help));
             }
             Some(Err(e)) => return Err(Error::file(path, format!("line {}: {e}", n + 1), "a change", help)),
-            // the process ended, or the power, while it was written: nobody was told of it
+            // the process ended, or the power, while it was written: no page has got it
             None => break,
         }
         whole += text.len();

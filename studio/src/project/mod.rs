@@ -1,4 +1,4 @@
-//! A project: a folder with the timeline, the clips and the kept dances, and a journal of what was done to them.
+//! A project: a folder with the timeline, the clips and the kept dances, and a journal of their changes.
 //!
 //! ```text
 //! timeline.toml   the timeline, a file like any other (docs/timelines.md)
@@ -13,8 +13,8 @@
 //! - [`journal`]: the file that both are in.
 //! - [`dances`]: the files of dances.
 //!
-//! One process has a project at a time. Files are written before the line of the journal that names them, so a line
-//! never promises what isn't there.
+//! One process has a project at a time. Files are written before the line of the journal that names them, so each file of a
+//! line exists.
 
 pub mod dances;
 pub mod document;
@@ -42,15 +42,15 @@ pub const CONVERTED: &str = "converted";
 pub const DANCES: &str = "dances";
 /// Skeleton maps of the user.
 pub const MAPS: &str = "maps";
-/// What the studio needs beside the user's files.
+/// The studio's own files.
 pub const OWN: &str = ".studio";
-/// What was done.
+/// The changes of a project.
 pub(crate) const JOURNAL: &str = ".studio/journal.jsonl";
 /// The file that one studio locks.
 const LOCK: &str = ".studio/lock";
 /// Dances that aren't kept yet.
 pub const MADE: &str = ".studio/made";
-/// What can be computed again.
+/// Files that can be computed again.
 pub const CACHE: &str = ".studio/cache";
 /// The most bytes of a timeline that are read, as the library has it.
 const MOST_TIMELINE: u64 = 1 << 20;
@@ -80,11 +80,13 @@ impl Project {
     pub fn open(folder: &Path) -> Result<Project> {
         fs::create_dir_all(folder).map_err(Error::io(folder))?;
         let help = "replace each by a copy of what it leads to; clips that are elsewhere come by `kinelm studio FILE`";
+        // before anything is written in it: a link named `dances` would lead new files elsewhere
         owned::refuse_links(folder, "a project", help)?;
         for part in [CLIPS, DANCES, OWN, MADE, CACHE] {
             let part = folder.join(part);
             fs::create_dir_all(&part).map_err(Error::io(&part))?;
         }
+        // absolute from here on, whatever the working folder becomes
         let folder = folder.canonicalize().map_err(Error::io(folder))?;
         let lock = lock(&folder)?;
         // under the lock nobody else writes here
@@ -144,6 +146,7 @@ impl Project {
     pub fn new_id(&self, kind: char) -> String {
         let mut inner = self.inner();
         let id = format!("{kind}{}", inner.state.next);
+        // not in the journal until a record has it: an id that was never used may be given again after a restart
         inner.state.next += 1;
         id
     }
@@ -194,6 +197,7 @@ impl Project {
     /// Nothing to take back; I/O errors.
     pub fn undo(&self) -> Result<Vec<Change>> {
         let mut inner = self.inner();
+        // on a copy: if the files or the journal fail, nothing was undone
         let changes = inner.state.history.clone().undo();
         let changes = changes.ok_or_else(|| Error::Conflict("there is nothing to undo".into()))?;
         self.carry_out(&mut inner, Line::Undo, &changes)?;
@@ -212,7 +216,7 @@ impl Project {
         Ok(changes)
     }
 
-    /// Files first, then the journal: a line never promises what isn't there.
+    /// Files first, then the journal: each file of a line exists.
     fn carry_out(&self, inner: &mut Inner, line: Line, changes: &[Change]) -> Result<()> {
         for (n, change) in changes.iter().enumerate() {
             if let Err(e) = self.settle(change) {
@@ -226,7 +230,7 @@ impl Project {
         }
         inner.state.apply(&line);
         if inner.journal.has_grown() {
-            // what was appended is on the disk; the longer file is no harm
+            // the line is on the disk already; a longer file does no harm
             let _ = inner.journal.rewrite(&inner.state);
         }
         Ok(())
@@ -289,6 +293,7 @@ impl Project {
             }
             return Ok(());
         }
+        // also what was edited while no studio ran: it becomes a step that can be undone
         self.timeline()?;
         let all = self.read(|document| document.dances.clone());
         let changes = all.iter().filter_map(|dance| dances::missing(&self.folder, dance)).collect::<Vec<_>>();
@@ -306,7 +311,7 @@ fn lock(folder: &Path) -> Result<File> {
         Err(TryLockError::WouldBlock) => {
             Err(Error::taken(folder, "is open in another studio; close that one, or name another project"))
         }
-        // file systems without locks can't tell
+        // some file systems have no locks: two studios there are the user's risk
         _ => Ok(file),
     }
 }

@@ -1,7 +1,7 @@
-//! Events for all open pages: numbered, kept for a while, so that a page that was away hears what it missed.
+//! Events for all open pages: numbered, in memory for a while, so that a page that was away gets what it missed.
 //!
-//! There is one ring for everybody and a cursor for each page: a slow page costs no memory, it is told to load the state
-//! again where the ring has moved on.
+//! There is one ring for everybody and a cursor for each page: a slow page costs no memory; where the ring has moved on, it
+//! has to load the state again.
 
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 use tokio::sync::watch;
 
-/// Events that are kept, and their bytes.
+/// The most events in memory, and their bytes.
 const MOST_EVENTS: usize = 8192;
 const MOST_BYTES: usize = 16 << 20;
 
@@ -38,6 +38,7 @@ impl Default for Hub {
     fn default() -> Hub {
         // a number of a server that ran earlier is below all of ours, so its page loads the state again
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        // room for 1,000 events in each millisecond until the next start
         let last = since.as_millis() as u64 * 1000;
         let ring = Ring { events: VecDeque::new(), bytes: 0, last };
         Hub { ring: Mutex::new(ring), last: watch::Sender::new(last) }
@@ -51,6 +52,7 @@ impl Hub {
 
     /// Sends an event to all pages.
     pub fn send(&self, name: &str, data: &impl Serialize) {
+        // one line: JSON has no raw line breaks, which would end the event
         let data = serde_json::to_string(data).unwrap_or_else(|_| "{}".into());
         let mut ring = self.ring();
         ring.last += 1;
@@ -62,6 +64,7 @@ impl Hub {
             let Some((_, gone)) = ring.events.pop_front() else { break };
             ring.bytes -= gone.len();
         }
+        // before pages wake: they take the lock at once
         drop(ring);
         self.last.send_replace(id);
     }
@@ -84,11 +87,11 @@ impl Hub {
         if id < first || id > ring.last {
             return None;
         }
-        let behind = ring.events.iter().skip((id - first) as usize);
-        Some((behind.map(|(_, text)| text.clone()).collect(), ring.last))
+        let after = ring.events.iter().skip((id - first) as usize);
+        Some((after.map(|(_, text)| text.clone()).collect(), ring.last))
     }
 
-    /// Is told the number of each new event.
+    /// Receives the number of each new event.
     pub fn watch(&self) -> watch::Receiver<u64> {
         self.last.subscribe()
     }

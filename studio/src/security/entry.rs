@@ -71,6 +71,7 @@ impl Entry {
             let what = "this address was used already, or is of another start; open the file again that kinelm named";
             return Err(Error::Refused(what.into()));
         }
+        // another secret than the token, which a browser has in its history
         let cookie = Secret::new()?;
         let header = format!("{}={}; HttpOnly; SameSite=Strict; Path=/", self.name, cookie.text());
         // the file has the next token before this one is used up
@@ -89,6 +90,7 @@ impl Entry {
         let own = header.split(';').filter_map(|pair| pair.trim().split_once('='));
         let mut own = own.filter(|(name, _)| *name == self.name);
         let state = self.state();
+        // all are compared, so that the time says nothing of which one fits
         own.any(|(_, value)| state.cookies.iter().fold(false, |known, cookie| known | cookie.is(value)))
     }
 

@@ -2,7 +2,7 @@
 
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 
-/// What the page may load: its own files alone, and nothing inline. Nobody may frame it.
+/// The page loads its own files alone, and nothing inline. No page may frame it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; \
                       media-src 'self' blob:; connect-src 'self'; worker-src 'self'; base-uri 'none'; \
                       form-action 'none'; frame-ancestors 'none'";
@@ -18,6 +18,7 @@ pub fn secure(headers: &mut HeaderMap) {
         (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
         (HeaderName::from_static("permissions-policy"), "camera=(), microphone=(), geolocation=()"),
     ];
+    // `insert` replaces: no route can weaken them
     for (name, value) in fixed {
         headers.insert(name, HeaderValue::from_static(value));
     }

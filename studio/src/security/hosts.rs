@@ -1,7 +1,7 @@
 //! The names under which the server answers, and whether a request comes from its own page.
 //!
 //! A page of another site reaches a local server by its address, or by a name that it points at it (DNS rebinding).
-//! Names that aren't ours are refused, and so is every request that a browser doesn't call the page's own.
+//! Names that aren't ours are refused, and so is every request that a browser doesn't mark as the page's own.
 
 use axum::http::{HeaderMap, Method, header};
 use std::net::IpAddr;
@@ -49,6 +49,7 @@ impl Hosts {
     pub fn refusal(&self, method: &Method, headers: &HeaderMap, is_page: bool) -> Option<&'static str> {
         let mut hosts = headers.get_all(header::HOST).iter();
         let host = hosts.next().and_then(|host| host.to_str().ok());
+        // one Host exactly: proxies and servers disagree on which of two counts
         if hosts.next().is_some() || !host.is_some_and(|host| self.has(host)) {
             return Some("the Host header names another server; open the address that kinelm printed");
         }
@@ -66,6 +67,7 @@ impl Hosts {
         };
         let is_navigation = is_page && *method == Method::GET && text("sec-fetch-mode") == Some("navigate");
         let is_typed = is_navigation && matches!(site, Some("none" | "same-origin"));
+        // a framed page could be clicked through; `frame-ancestors` forbids it too, in browsers that know it
         let is_framed =
             text("sec-fetch-dest").is_some_and(|dest| ["iframe", "frame", "embed", "object"].contains(&dest));
         (is_framed || !(is_own || is_typed)).then_some("the request comes from another page")

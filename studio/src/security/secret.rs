@@ -27,9 +27,10 @@ impl Secret {
         &self.0
     }
 
-    /// Whether `text` is this secret. It takes as long for every text of its length.
+    /// Whether `text` is this secret. It takes the same time for every text of one length.
     pub fn is(&self, text: &str) -> bool {
         let differences = self.0.bytes().zip(text.bytes()).fold(0, |all, (a, b)| all | (a ^ b));
+        // `zip` stops at the shorter: the lengths are no secret, the digits are
         text.len() == self.0.len() && std::hint::black_box(differences) == 0
     }
 }

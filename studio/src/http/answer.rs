@@ -15,7 +15,7 @@ const MOST_JSON: usize = 1 << 20;
 /// Time for a request's JSON.
 const JSON_TIME: Duration = Duration::from_secs(15);
 
-/// What a route gives.
+/// The result of a route.
 pub type Answer = std::result::Result<Response, Failure>;
 
 /// An error on its way out. [`super::guard`] writes its text, which names no folders.
@@ -42,6 +42,7 @@ impl IntoResponse for Failure {
         let fault = Fault { kind: kind_name(self.0.kind()), text: self.0.to_string() };
         let mut response = Response::new(Body::empty());
         *response.status_mut() = StatusCode::from_u16(self.0.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        // not written here: only the guard knows the project, whose folders the text must not name
         response.extensions_mut().insert(fault);
         response
     }
@@ -87,7 +88,7 @@ pub async fn body<T: DeserializeOwned>(body: Body) -> Result<T> {
     serde_json::from_slice(bytes).map_err(|e| Error::invalid("the request's `body`", e, "JSON as the page sends it"))
 }
 
-/// Runs what takes time off the runtime's thread.
+/// Runs slow work off the runtime's thread.
 ///
 /// # Errors
 /// Those of the work; a panic.

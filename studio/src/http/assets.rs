@@ -37,7 +37,7 @@ async fn served(app: Arc<App>, name: String, headers: HeaderMap) -> Answer {
     Ok(response)
 }
 
-/// It may be kept, if it is asked about each time.
+/// A browser may store it, if it checks the tag each time.
 fn stamp(response: &mut Response, tag: &str) {
     response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
     if let Ok(tag) = HeaderValue::from_str(tag) {
@@ -47,11 +47,12 @@ fn stamp(response: &mut Response, tag: &str) {
 
 fn find(app: &App, name: &str) -> Result<Cow<'static, [u8]>> {
     let unknown = || Error::unknown("file", name);
+    // axum decodes the name, so `..%2F..` arrives as `../..`
     if !files::is_plain(name) {
         return Err(unknown());
     }
     if let Some(folder) = &app.assets {
-        // what it lacks is the program's
+        // files that the folder lacks come from the program
         if let Ok(bytes) = std::fs::read(folder.join(name)) {
             return Ok(bytes.into());
         }

@@ -46,6 +46,7 @@ pub async fn upload(
         let (needs, limit) = (format!("{} MB", length >> 20), format!("{} MB", MOST_BYTES >> 20));
         return Err(Error::limit("the file", needs, limit, "cut it into shorter ones").into());
     }
+    // after the length was checked: a file that is refused doesn't wait
     let _turn = app.uploads.acquire().await.map_err(|_| Error::Conflict("the studio ends".into()))?;
     let studio = app.studio.clone();
     let mut upload = blocking(move || Upload::begin(studio.project(), &name)).await?;
@@ -54,6 +55,7 @@ pub async fn upload(
         let slow = |_| Error::Slow("no byte came for half a minute; upload it again".into());
         let Some(piece) = tokio::time::timeout(PIECE_TIME, pieces.next()).await.map_err(slow)? else { break };
         let piece = piece.map_err(|e| Error::Slow(format!("the upload broke off: {e}")))?;
+        // one piece in memory at a time, however fast the browser is
         upload = blocking(move || upload.write(&piece).map(|()| upload)).await?;
     }
     let studio = app.studio.clone();
@@ -69,6 +71,7 @@ pub async fn map(
 ) -> Answer {
     let Query(Named { name }) = name.map_err(|_| Error::missing("name of the file", "the page sends ?name=NAME"))?;
     let slow = |_| Error::Slow("the map took too long; drop it in again".into());
+    // one more than allowed, and the library says how large a map may be
     let whole = tokio::time::timeout(PIECE_TIME, to_bytes(request, maps::MOST_BYTES + 1)).await.map_err(slow)?;
     let limit = || format!("{} KB", maps::MOST_BYTES >> 10);
     let bytes = whole.map_err(|_| Error::limit("the map", format!("more than {}", limit()), limit(), ""))?;
@@ -108,7 +111,7 @@ pub async fn rename(State(app): State<Arc<App>>, Path(id): Path<String>, request
     done()
 }
 
-/// What else moves like this.
+/// Clips that move alike.
 pub async fn search(State(app): State<Arc<App>>, request: Body) -> Answer {
     let looked: Looked = body(request).await?;
     let matches = blocking(move || app.studio.library().search(&looked)).await?;
@@ -150,8 +153,8 @@ pub async fn sound(State(app): State<Arc<App>>, Path(id): Path<String>, headers:
         Ok((file, bytes, kind))
     })
     .await?;
-    let wanted = headers.get(header::RANGE).and_then(|range| range.to_str().ok());
-    let range = match wanted.map(|range| range_of(range, bytes)) {
+    let requested = headers.get(header::RANGE).and_then(|range| range.to_str().ok());
+    let range = match requested.map(|range| range_of(range, bytes)) {
         None | Some(Some(Range::All)) => None,
         Some(Some(Range::Part(from, to))) => Some((from, to)),
         Some(None) => {
@@ -178,7 +181,7 @@ fn set(response: &mut Response, name: header::HeaderName, text: &str) {
     }
 }
 
-/// What a `Range` header wants.
+/// The bytes that a `Range` header requests.
 #[derive(Debug, PartialEq)]
 enum Range {
     All,
@@ -192,8 +195,10 @@ fn range_of(header: &str, bytes: u64) -> Option<Range> {
         return Some(Range::All);
     };
     let (from, to) = match (from.parse::<u64>(), to.parse::<u64>()) {
+        // the header's end is inclusive (RFC 9110, 14.1.2)
         (Ok(from), Ok(to)) if from <= to => (from, to.saturating_add(1).min(bytes)),
         (Ok(from), Err(_)) if to.is_empty() => (from, bytes),
+        // `-500`: the last 500 bytes
         (Err(_), Ok(last)) if from.is_empty() => (bytes.saturating_sub(last), bytes),
         _ => return Some(Range::All),
     };
@@ -212,6 +217,7 @@ fn pieces(file: File, from: u64, length: u64) -> impl futures_util::Stream<Item 
             Ok((file, Bytes::from(piece)))
         });
         match read.await {
+            // the file got shorter meanwhile
             Ok((_, piece)) if piece.is_empty() => None,
             Ok((file, piece)) => {
                 let read = piece.len() as u64;

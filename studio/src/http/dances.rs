@@ -11,7 +11,7 @@ use serde::Deserialize;
 use serde_json::json as value;
 use std::sync::Arc;
 
-/// Puts a request into the row.
+/// Puts a request into the queue.
 pub async fn make(State(app): State<Arc<App>>, request: Body) -> Answer {
     let make: Make = body(request).await?;
     let job = blocking(move || app.studio.make(make)).await?;
@@ -51,7 +51,7 @@ pub async fn reject(State(app): State<Arc<App>>, Path(id): Path<String>, request
     done()
 }
 
-/// What an export is to be.
+/// The options of an export.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Export {

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// A word now and then, so that both ends know that the other is there.
+/// Time between comments that show both ends that the other is there.
 const ALIVE: Duration = Duration::from_secs(15);
 
 /// A page that listens.
@@ -26,7 +26,7 @@ struct Page {
     stop: watch::Receiver<bool>,
     /// The last event that it has.
     at: u64,
-    /// What it is told first.
+    /// The first event for it.
     first: Option<String>,
 }
 
@@ -72,8 +72,10 @@ fn hello(at: u64, resumed: bool) -> String {
 pub async fn stream(State(app): State<Arc<App>>, headers: HeaderMap) -> Answer {
     let hub = app.studio.hub().clone();
     let known = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse::<u64>().ok());
+    // an id of an earlier server, or one that the ring has lost: the page loads the state again
     let known = known.filter(|id| hub.since(*id).is_some());
     let at = known.unwrap_or_else(|| hub.last());
+    // a browser waits 1 s before it connects again, not its own few seconds
     let first = Some(format!("retry: 1000\n\n{}", hello(at, known.is_some())));
     let page = Page { changed: hub.watch(), hub, stop: app.stop.subscribe(), at, first };
     let chunks = unfold(page, |mut page| async {

@@ -1,4 +1,4 @@
-//! Who is refused, and what every answer carries.
+//! The refusal of requests, and the headers and fault texts of every answer.
 
 use super::App;
 use super::answer::{Answer, Fault, text_of};
@@ -27,6 +27,7 @@ pub async fn guard(State(app): State<Arc<App>>, request: Request, next: Next) ->
     let is_page = path == "/";
     let is_bounced = request.uri().query() == Some("in");
     let mut response = match refusal(&app, &method, headers, &path) {
+        // once: a browser without our cookie would bounce for ever
         Some(_) if is_page && method == Method::GET && !is_bounced && is_known_host(&app, headers) => {
             text_of(BOUNCE, "text/html; charset=utf-8")
         }
@@ -73,6 +74,7 @@ fn write_fault(app: &App, response: &mut Response, is_page: bool) {
         false => (json!({ "error": { "kind": fault.kind, "text": text } }).to_string(), "application/json"),
     };
     response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
+    // of the body that is replaced
     response.headers_mut().remove(header::CONTENT_LENGTH);
     *response.body_mut() = Body::from(text);
 }

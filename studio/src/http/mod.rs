@@ -1,13 +1,13 @@
 //! Requests to library calls, answers to what comes of them.
 //!
 //! - [`answer`]: bodies in, errors out.
-//! - [`guard`]: who is refused, and what every answer carries.
+//! - [`guard`]: refusals, and what every answer carries.
 //! - [`assets`]: the page's own files.
 //! - [`events`]: the stream of events.
 //! - [`clips`], [`timeline`], [`dances`]: the routes.
 //! - [`socket`], [`server`]: connections with their limits.
 //!
-//! The runtime has one thread, which nothing blocks: what takes time runs on others.
+//! The runtime has one thread, which nothing blocks: slow work runs on others.
 
 pub mod answer;
 pub mod assets;
@@ -49,7 +49,7 @@ pub struct App {
     pub stop: watch::Sender<bool>,
 }
 
-/// All routes, behind the guard.
+/// All routes, inside the guard.
 pub fn router(app: Arc<App>) -> Router {
     Router::new()
         .route("/", get(assets::page))
@@ -78,6 +78,7 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/dances/{id}/export", get(dances::export))
         .route("/api/stop", post(stop))
         .fallback(answer::nothing)
+        // layers run from the last: the guard is outermost, so it completes the answers of panics too
         .layer(CatchPanicLayer::custom(answer::panicked))
         .layer(from_fn_with_state(app.clone(), guard::guard))
         .with_state(app)

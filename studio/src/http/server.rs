@@ -1,4 +1,4 @@
-//! The server: where it listens, and how many it hears at a time.
+//! The server: its addresses, and its limits of connections.
 
 use super::socket::Socket;
 use super::{App, router};
@@ -62,6 +62,7 @@ impl Server {
     /// # Errors
     /// Those of [`Studio::open`]; a port that is taken, a host that isn't this machine's.
     pub fn open(options: &Options, listen: &Listen) -> Result<Server> {
+        // first, as a port that is taken is found before a project is locked
         let (listeners, port) = listeners(listen)?;
         let studio = Studio::open(options)?;
         let address = format!("http://127.0.0.1:{port}");
@@ -108,7 +109,7 @@ impl Server {
         let served = runtime.block_on(serve(self.app.clone(), self.listeners));
         self.app.entry.close();
         self.app.studio.end();
-        // what a page asked for last may still write
+        // the work of a page's last request may still write
         runtime.shutdown_timeout(Duration::from_secs(5));
         threads.into_iter().for_each(|thread| {
             let _ = thread.join();
@@ -121,6 +122,7 @@ impl Server {
 fn listeners(listen: &Listen) -> Result<(Vec<TcpListener>, u16)> {
     let bound = |address: SocketAddr| {
         let listener = TcpListener::bind(address).map_err(Error::io(address.to_string()))?;
+        // tokio takes a listener as it is, and a blocking one would stop its only thread
         listener.set_nonblocking(true).map_err(Error::io(address.to_string()))?;
         Ok::<_, Error>(listener)
     };
@@ -138,6 +140,7 @@ fn listeners(listen: &Listen) -> Result<(Vec<TcpListener>, u16)> {
             return Err(wrong(host.clone()));
         }
         let found = (host.as_str(), port).to_socket_addrs().map_err(|e| wrong(format!("{host}: {e}")))?;
+        // loopback has its listener already: binding it again would fail
         let found: Vec<SocketAddr> = found.filter(|address| !address.ip().is_loopback()).collect();
         for address in &found {
             all.push(bound(*address)?);
@@ -162,6 +165,7 @@ async fn serve(app: Arc<App>, listeners: Vec<TcpListener>) -> Result<()> {
 /// Takes connections as long as there is room.
 async fn accept(listener: tokio::net::TcpListener, router: axum::Router, room: Arc<Semaphore>) {
     loop {
+        // before accepting: connections beyond the limit wait in the system's queue, not in our memory
         let Ok(place) = room.clone().acquire_owned().await else { return };
         let Ok((stream, _)) = listener.accept().await else {
             // too many open files: some will be closed

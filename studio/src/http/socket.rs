@@ -33,6 +33,7 @@ impl Socket {
             return written;
         }
         let patience = self.patience.get_or_insert_with(|| Box::pin(sleep(WRITE_TIME)));
+        // also registers the waker: without it a write that never proceeds would never be looked at again
         ready!(patience.as_mut().poll(context));
         Poll::Ready(Err(Error::new(ErrorKind::TimedOut, "nobody takes the answer")))
     }
@@ -64,6 +65,7 @@ impl AsyncWrite for Socket {
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Result<()>> {
+        // a TCP stream has nothing to flush, so there is nothing to wait for
         Pin::new(&mut self.stream).poll_flush(context)
     }
 

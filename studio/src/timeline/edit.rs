@@ -1,4 +1,4 @@
-//! What a page may ask for of a timeline.
+//! The edits that a page may request of a timeline.
 
 use super::file::TimelineFile;
 use super::segments::{self, Cut};
@@ -20,7 +20,7 @@ const LONGEST_S: f64 = 3600.0;
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(tag = "op", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Edit {
-    /// Adds a segment behind the others.
+    /// Adds a segment after the others.
     Add {
         /// The segment.
         segment: NewSegment,
@@ -67,7 +67,7 @@ pub enum Edit {
         /// End.
         to: f64,
     },
-    /// Gives joints of a clip for a time, instead of whatever gives them there.
+    /// Gives joints of a clip for a time, instead of the segments that give them there.
     Give {
         /// A clip or a dance.
         clip: String,
@@ -175,6 +175,7 @@ pub(super) fn apply(timelines: &Timelines, file: &mut TimelineFile, edit: &Edit)
         }
         Edit::Remove { index } => file.remove(*index),
         Edit::SetTop { key, value } => match (&**key, value.as_str()) {
+            // a page names a clip by its id, a hand by its name in the text
             ("rig", Some(id)) => {
                 let is_name = file.clips().iter().any(|(name, _)| name == id);
                 let name = if is_name { id.to_owned() } else { file.name_of(&source(id)?) };
@@ -201,6 +202,7 @@ pub(super) fn apply(timelines: &Timelines, file: &mut TimelineFile, edit: &Edit)
             let cut = cuts
                 .get(*index)
                 .ok_or_else(|| Error::invalid("`index`", index, format!("one of the {count} segments, from 0")))?;
+            // both parts have a frame
             if !(cut.frames.start + 1..cut.frames.end).contains(&frame) {
                 return Err(Error::invalid("`at`", at, "a time inside the segment"));
             }
@@ -234,6 +236,7 @@ pub(super) fn apply(timelines: &Timelines, file: &mut TimelineFile, edit: &Edit)
                 frames: frames(*from, *to, fps)?,
                 at_s: *at,
                 labels: BTreeMap::new(),
+                // new, so all of it is written anyway
                 changed: [false; 3],
             };
             if !(0.0..=LONGEST_S).contains(at) {
@@ -242,6 +245,7 @@ pub(super) fn apply(timelines: &Timelines, file: &mut TimelineFile, edit: &Edit)
             segments::give(&mut cuts, new, fps);
             file.write(&cuts, fps)
         }
+        // `edited` has parsed it already
         Edit::Text { .. } => Ok(()),
     }
 }
@@ -259,6 +263,7 @@ fn check(from: f64, to: f64) -> Result<()> {
 
 fn frame(s: f64, fps: f64) -> Result<usize> {
     match (0.0..=LONGEST_S).contains(&s) {
+        // an hour at any rate fits a usize; NaN is in no range
         true => Ok((s * fps).round() as usize),
         false => Err(Error::invalid("`at`", s, "a time within an hour")),
     }
@@ -278,18 +283,18 @@ pub(super) fn cuts(timelines: &Timelines, file: &TimelineFile) -> Result<(Vec<Cu
     if file.is_empty() {
         return Err(Error::Conflict("the timeline is empty: use a clip first".into()));
     }
-    let laid = timelines.lay_out(&file.text())?;
-    let fps = laid.layout.fps;
+    let parsed = timelines.lay_out(&file.text())?;
+    let fps = parsed.layout.fps;
     let sources = timelines.sources();
-    let of = |(index, segment): (usize, &Segment)| cut(&laid, &sources, index, segment);
-    Ok((laid.timeline.segments.iter().enumerate().map(of).collect(), fps))
+    let of = |(index, segment): (usize, &Segment)| cut(&parsed, &sources, index, segment);
+    Ok((parsed.timeline.segments.iter().enumerate().map(of).collect(), fps))
 }
 
-fn cut(laid: &Laid, sources: &[Source], index: usize, segment: &Segment) -> Cut {
-    let fps = laid.layout.fps;
-    let placed = laid.layout.segments.iter().find(|placed| placed.index == index);
+fn cut(parsed: &Laid, sources: &[Source], index: usize, segment: &Segment) -> Cut {
+    let fps = parsed.layout.fps;
+    let placed = parsed.layout.segments.iter().find(|placed| placed.index == index);
     let frames = frames_of(segment, fps);
-    // what transitions have taken in front is the file's still
+    // transitions may have taken its first frames from the layout, but not from the file
     let at = |placed: &kinelm_generate::timeline::PlacedSegment| {
         (placed.at as f64 - (placed.frames.start as f64 - frames.start as f64)) / fps
     };
@@ -297,7 +302,7 @@ fn cut(laid: &Laid, sources: &[Source], index: usize, segment: &Segment) -> Cut 
         Moment::Seconds(s) => s,
         _ => placed.map_or(0.0, at),
     };
-    let clip_fps = segment.clip.as_ref().and_then(|name| rate(&laid.timeline, sources, name));
+    let clip_fps = segment.clip.as_ref().and_then(|name| rate(&parsed.timeline, sources, name));
     Cut {
         origin: Some(index),
         clip: segment.clip.clone(),
@@ -319,6 +324,7 @@ pub(super) fn frames_of(segment: &Segment, fps: f64) -> Range<usize> {
 /// The rate of a timeline's clip.
 pub(super) fn rate(timeline: &Timeline, sources: &[Source], name: &str) -> Option<f64> {
     let file = &timeline.clips.get(name)?.file;
+    // the paths first: links are followed only where they differ
     let same = |source: &&Source| source.path == *file || is_same(&source.path, file);
     sources.iter().find(same).map(|source| source.fps)
 }

@@ -33,6 +33,7 @@ impl TimelineFile {
         let wrong = |e: toml_edit::TomlError| {
             Error::in_text((path, text), e.span(), e.message(), "a timeline", "docs/timelines.md has examples")
         };
+        // toml_edit drops carriage returns: `text` puts them back
         let mut document: DocumentMut = text.parse().map_err(wrong)?;
         // `segment = [{ .. }, ..]` as tables, which can be cut
         if document.get("segment").is_some_and(|item| item.is_value())
@@ -108,6 +109,7 @@ impl TimelineFile {
         let taken: Vec<String> = self.clips().into_iter().map(|(name, _)| name).collect();
         let plain = key_of(&source.name);
         let name = free_name(&plain, "", |name| taken.iter().all(|other| other != name));
+        // a timeline can't be laid out without a rig, so the first clip lends its own
         if self.document.get("rig").is_none() {
             if self.document.is_empty() && self.document.trailing().as_str().is_none_or(str::is_empty) {
                 self.document.decor_mut().set_prefix(HEAD);
@@ -120,9 +122,11 @@ impl TimelineFile {
         table.insert("file", toml_edit::value(file.to_string_lossy().replace('\\', "/")));
         let clips = self.document.entry("clips").or_insert_with(|| {
             let mut clips = Table::new();
+            // no line `[clips]` above `[clips.walk]`
             clips.set_implicit(true);
             Item::Table(clips)
         });
+        // `clips = 3` is no table: laying out says so, with its line
         if let Some(clips) = clips.as_table_like_mut() {
             clips.insert(&name, Item::Table(table));
         }
@@ -196,7 +200,7 @@ impl TimelineFile {
         Ok(())
     }
 
-    /// Adds a segment behind the others.
+    /// Adds a segment after the others.
     ///
     /// # Errors
     /// None for a file that was parsed.
@@ -212,7 +216,7 @@ impl TimelineFile {
         Ok(())
     }
 
-    /// Makes the segments as they were cut: tables that the file has keep all but what has changed of them.
+    /// Writes the segments as they were cut: tables of the file stay, but for the keys whose values have changed.
     ///
     /// # Errors
     /// None for a file that was parsed.
@@ -220,6 +224,7 @@ impl TimelineFile {
         let before = std::mem::take(self.tables()?);
         let mut after = ArrayOfTables::new();
         for cut in cuts {
+            // the file's own table, with its comments; only the first part of a cut has it
             let own = cut.origin.and_then(|index| before.get(index)).cloned();
             let is_new = own.is_none();
             let mut table = own.unwrap_or_else(|| {
@@ -239,6 +244,7 @@ impl TimelineFile {
             if cut.clip.is_some() && (cut.changed[0] || (is_new && list != "all")) {
                 put(&mut table, "joints", list.into());
             }
+            // a time that wasn't changed stays as it was written, be it in frames or in seconds
             if is_new || cut.changed[1] {
                 put(&mut table, "from", seconds(cut.frames.start as f64 / fps));
             }
@@ -259,9 +265,10 @@ impl TimelineFile {
     }
 }
 
-/// A text whose lines end as those of the text that it was before: lines of its beginning and end that are the same
-/// keep theirs, others get the usual one.
+/// The text `after` with the line ends of `before`: equal lines at its beginning and end have the old ones, others the
+/// usual one.
 fn with_ends_of(before: &str, after: &str) -> String {
+    // almost always: nothing to put back
     if !before.contains('\r') {
         return after.into();
     }
@@ -270,6 +277,7 @@ fn with_ends_of(before: &str, after: &str) -> String {
     let (old, new): (Vec<&str>, Vec<&str>) =
         (before.split_inclusive('\n').collect(), after.split_inclusive('\n').collect());
     let front = old.iter().zip(&new).take_while(is_same).count();
+    // after the front, so that no line is in both
     let back = old[front..].iter().rev().zip(new[front..].iter().rev()).take_while(is_same).count();
     let windows = old.iter().filter(|line| line.ends_with("\r\n")).count();
     let usual = if 2 * windows > old.len() { "\r\n" } else { "\n" };
@@ -286,7 +294,7 @@ fn no_segment(index: usize, segments: usize) -> Error {
     Error::invalid("`index`", index, format!("one of the {segments} segments, from 0"))
 }
 
-/// Puts a value in place of another, whose blanks and comment it keeps.
+/// Puts a value in place of another; blanks and the comment around it stay.
 fn put(table: &mut dyn toml_edit::TableLike, key: &str, value: Value) {
     match table.get_mut(key).and_then(Item::as_value_mut) {
         Some(old) => {
@@ -302,6 +310,7 @@ fn put(table: &mut dyn toml_edit::TableLike, key: &str, value: Value) {
 
 /// Seconds as a timeline has them: whole ones without a point.
 fn seconds(s: f64) -> Value {
+    // a microsecond: 0.30000000000000004 is 0.3, and no rate has frames as short
     let s = (s * 1e6).round() / 1e6;
     if s.fract() == 0.0 { (s as i64).into() } else { s.into() }
 }

@@ -1,11 +1,11 @@
-//! The timeline: the file `timeline.toml` as a page shows it, and edits that leave all else of it as it is.
+//! The timeline: the file `timeline.toml` as a page shows it, and edits that change nothing else in it.
 //!
 //! - [`segments`]: its segments as numbers, cut and joined.
 //! - [`mod@file`]: its text, changed in place.
-//! - [`edit`]: what a page may ask for.
-//! - [`view`]: what a page shows.
+//! - [`edit`]: the edits that a page may request.
+//! - [`view`]: the view of a page.
 //! - [`raw`]: segments of a text that can't be laid out.
-//! - [`refit`]: segments of a clip that is read otherwise.
+//! - [`refit`]: segments of a clip whose reading changes.
 
 pub mod edit;
 pub mod file;
@@ -37,11 +37,11 @@ const MOST_SEGMENTS: usize = 1000;
 pub struct Timelines {
     project: Arc<Project>,
     library: Arc<Library>,
-    /// The last view, and of what.
+    /// The last view, by all that it depends on.
     seen: Mutex<Option<(String, Arc<Value>)>>,
 }
 
-/// A timeline that the library has read and laid out.
+/// A timeline that the library has parsed and laid out.
 pub struct Laid {
     /// As its text says.
     pub timeline: Timeline,
@@ -67,7 +67,7 @@ impl Timelines {
     /// names no other files.
     /// Those of [`Timeline::parse`].
     pub fn lay_out(&self, text: &str) -> Result<Laid> {
-        // what is no timeline is refused where it is read
+        // a text that isn't TOML has its own message below, with its line
         if let Ok(file) = TimelineFile::parse(&self.path(), text) {
             self.check(&file)?;
         }
@@ -75,7 +75,7 @@ impl Timelines {
         Ok(Laid { timeline, layout })
     }
 
-    /// Refuses what a page may not name, and more than can be laid out at every step.
+    /// Refuses files that a page may not name, and more segments than can be laid out at every step.
     fn check(&self, file: &TimelineFile) -> Result<()> {
         if file.segments() > MOST_SEGMENTS {
             let (needs, limit) = (format!("{} segments", file.segments()), format!("{MOST_SEGMENTS} segments"));
@@ -129,16 +129,17 @@ impl Timelines {
         Ok((self.view_of(text.as_deref(), None)?, changes))
     }
 
-    /// The view of a text, which is laid out already or not.
-    fn view_of(&self, text: Option<&str>, laid: Option<Laid>) -> Result<Arc<Value>> {
+    /// The view of a text; `parsed`, where it is laid out already.
+    fn view_of(&self, text: Option<&str>, parsed: Option<Laid>) -> Result<Arc<Value>> {
         let (sources, being_read) = (self.sources(), self.library.being_read());
         // what the layout depends on beside the text
         let key = format!("{}\n{sources:?}\n{being_read:?}", text.unwrap_or_default());
+        // held while the view is made: of two requests at once the second gets the first one's
         let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, view)) = seen.as_ref().filter(|(other, _)| *other == key) {
             return Ok(view.clone());
         }
-        let view = Arc::new(view::of(self, text, laid, (&sources, &being_read)));
+        let view = Arc::new(view::of(self, text, parsed, (&sources, &being_read)));
         *seen = Some((key, view.clone()));
         Ok(view)
     }
@@ -159,15 +160,16 @@ impl Timelines {
     /// nothing has changed then.
     pub fn edit(&self, edits: &[Edit], name: &str) -> Result<(Vec<Change>, Arc<Value>)> {
         let (before, mut changes) = self.project.timeline()?;
-        let (after, laid) = self.edited(before.as_deref(), edits)?;
+        let (after, parsed) = self.edited(before.as_deref(), edits)?;
         if before.as_deref() != Some(&after) {
             let step = |document: &crate::project::document::Document| match document.timeline == before {
+                // compared under the project's lock: laying out took time, and another page may have edited
                 true => Ok(vec![Change::Timeline { before: before.clone(), after: Some(after.clone()) }]),
                 false => Err(Error::Conflict("the timeline was changed meanwhile; try again".into())),
             };
             changes.extend(self.project.step(name, step)?);
         }
-        Ok((changes, self.view_of(Some(&after), laid)?))
+        Ok((changes, self.view_of(Some(&after), parsed)?))
     }
 
     /// The text after edits, laid out where it can be.
@@ -192,6 +194,7 @@ impl Timelines {
                     }
                     match TimelineFile::parse(&path, text) {
                         Ok(other) => file = Some(other),
+                        // alone it may be any text; with edits after it, those need tables
                         Err(_) if edits.len() == 1 => return Ok((text.clone(), None)),
                         Err(e) => return Err(e),
                     }
@@ -206,8 +209,8 @@ impl Timelines {
             return Ok((text, None));
         }
         match self.lay_out(&text) {
-            Ok(laid) => Ok((text, Some(laid))),
-            // what was wrong before may stay so, and what is written by hand
+            Ok(parsed) => Ok((text, Some(parsed))),
+            // a fault from before doesn't block other edits, and a text by hand may be wrong for a while
             Err(_) if is_written || before.is_some_and(|before| !self.is_fine(before)) => Ok((text, None)),
             Err(e) => Err(e),
         }
@@ -223,7 +226,7 @@ impl Timelines {
             file.clips().into_iter().filter(|(_, file)| is(file, &own) || is(file, &converted)).collect();
         let names: Vec<String> = named.iter().map(|(name, _)| name.clone()).collect();
         if let Some(reread) = reread.filter(|_| !names.is_empty()) {
-            // what can't be laid out stays as it is, and says so
+            // a timeline that can't be laid out stays as it is, and its view says why
             let _ = refit::refit(self, &mut file, &names, reread);
         }
         for (name, path) in &named {

@@ -1,4 +1,4 @@
-//! Segments of a text that can't be laid out, as a page draws them: whole, with what had to be assumed.
+//! Segments of a text that can't be laid out, as a page draws them: whole, with assumed values where the text has none.
 
 use super::edit::is_same;
 use super::file::TimelineFile;
@@ -49,6 +49,7 @@ fn segment(index: usize, keys: &Value, fps: f64, clip_fps: f64) -> Value {
     let from_s = time(&keys["from"], fps);
     let from = or("from", from_s.map(Value::from), json!(0.0));
     let from_s = from_s.unwrap_or(0.0);
+    // a segment that ends before it begins would have no width to grab
     let to = time(&keys["to"], fps).filter(|to| *to > from_s);
     let to = or("to", to.map(Value::from), json!(from_s + SHORT_S));
     let labels = or("labels", labels(keys.get("labels")), json!({}));
@@ -65,6 +66,7 @@ fn time(value: &Value, fps: f64) -> Option<f64> {
         Value::String(text) => text.parse().ok()?,
         _ => return None,
     };
+    // NaN and negative times aren't in it
     Some(moment.seconds(fps)).filter(|s| (0.0..=LONGEST_S).contains(s))
 }
 

@@ -42,6 +42,7 @@ impl Cut {
 
     /// Whether a part from this frame on continues where the part before it ends.
     fn continues_from(&self, frame: usize, fps: f64) -> bool {
+        // both are rounded to the clip's frames and then to the dance's: where rates differ, not every frame fits
         let parted = self.at(fps, self.at_frame(frame, fps)) - self.at(fps, self.at_s);
         parted == frame as i64 - self.frames.start as i64
     }
@@ -79,7 +80,7 @@ pub fn split(cuts: &mut Vec<Cut>, index: usize, frame: usize, fps: f64) {
     cuts.insert(index + 1, Cut { origin: None, ..whole.part(frame..whole.frames.end, fps) });
 }
 
-/// Frees joints in some frames: what gives them is cut, and gives the other joints alone there.
+/// Frees joints in some frames: segments that give them are cut, and give the other joints alone there.
 pub fn free(cuts: &mut Vec<Cut>, joints: &[usize], frames: Range<usize>, fps: f64) {
     let mut after = Vec::new();
     for cut in cuts.drain(..) {
@@ -109,7 +110,7 @@ pub fn free(cuts: &mut Vec<Cut>, joints: &[usize], frames: Range<usize>, fps: f6
     *cuts = after;
 }
 
-/// Gives joints of a clip in the segment's frames, instead of whatever gives them there.
+/// Gives joints of a clip in the segment's frames, instead of the segments that give them there.
 pub fn give(cuts: &mut Vec<Cut>, new: Cut, fps: f64) {
     free(cuts, &new.joints, new.frames.clone(), fps);
     // where the parts of a clip that is given again were cut
@@ -117,7 +118,7 @@ pub fn give(cuts: &mut Vec<Cut>, new: Cut, fps: f64) {
     cuts.insert(beside.map_or(cuts.len(), |at| at + 1), new);
     while let Some((into, from)) = joined(cuts, fps) {
         let other = cuts.remove(from);
-        // the part before keeps its place
+        // removing an earlier one moves it by one
         let into = if from < into { into - 1 } else { into };
         cuts[into] = join(cuts[into].clone(), other);
     }
@@ -129,8 +130,8 @@ fn joined(cuts: &[Cut], fps: f64) -> Option<(usize, usize)> {
     let mut pairs = pairs.filter(|&(a, b)| cuts[a].is_along(&cuts[b], fps));
     pairs.find(|&(a, b)| {
         let (a, b) = (&cuts[a], &cuts[b]);
-        let apart = !a.joints.iter().any(|joint| b.joints.contains(joint));
-        (a.frames == b.frames && apart) || (a.joints == b.joints && a.frames.end == b.frames.start)
+        let disjoint = !a.joints.iter().any(|joint| b.joints.contains(joint));
+        (a.frames == b.frames && disjoint) || (a.joints == b.joints && a.frames.end == b.frames.start)
     })
 }
 
@@ -144,6 +145,7 @@ fn join(a: Cut, b: Cut) -> Cut {
         a.changed[2] || a.frames.end < b.frames.end,
     ];
     let frames = a.frames.start.min(b.frames.start)..a.frames.end.max(b.frames.end);
+    // where the whole begins
     let at_s = if b.frames.start < a.frames.start { b.at_s } else { a.at_s };
     Cut { joints, frames, at_s, changed, origin: a.origin.or(b.origin), ..a }
 }

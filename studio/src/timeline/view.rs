@@ -1,4 +1,4 @@
-//! What a page shows of a timeline.
+//! The view of a timeline for a page.
 
 use super::edit::{frames_of, is_same, rate};
 use super::file::TimelineFile;
@@ -13,11 +13,11 @@ use serde_json::{Map, Value, json};
 use std::path::Path;
 
 /// A timeline as a page has it: its layout where it can be laid out, what is wrong where it can't, unless that is a clip
-/// that is being read. `laid`: it is laid out already.
+/// that is being read. `parsed`: it is laid out already.
 pub(super) fn of(
     timelines: &Timelines,
     text: Option<&str>,
-    laid: Option<Laid>,
+    parsed: Option<Laid>,
     (sources, being_read): (&[Source], &[String]),
 ) -> Value {
     let path = timelines.path();
@@ -42,18 +42,19 @@ pub(super) fn of(
         view["trouble"] = json!(wrong.as_slice());
         return view;
     }
-    match laid.map_or_else(|| timelines.lay_out(text), Ok) {
-        Ok(laid) => {
-            let layout = &laid.layout;
+    match parsed.map_or_else(|| timelines.lay_out(text), Ok) {
+        Ok(parsed) => {
+            let layout = &parsed.layout;
             view["fps"] = json!(layout.fps);
             view["seconds"] = json!(layout.frames as f64 / layout.fps);
-            view["transition"] = json!(laid.timeline.transition.0.seconds(layout.fps));
-            let segments = laid.timeline.segments.iter().enumerate();
-            view["segments"] = segments.map(|(index, segment)| placed(&laid, sources, index, segment)).collect();
-            view["rows"] = PARTS.iter().map(|part| row(&laid, part)).collect();
+            view["transition"] = json!(parsed.timeline.transition.0.seconds(layout.fps));
+            let segments = parsed.timeline.segments.iter().enumerate();
+            view["segments"] = segments.map(|(index, segment)| placed(&parsed, sources, index, segment)).collect();
+            view["rows"] = PARTS.iter().map(|part| row(&parsed, part)).collect();
             view["notes"] = json!(layout.notes);
         }
         Err(e) => {
+            // a clip that is being read is no fault of the text
             if !timelines.waits(&file, being_read) {
                 view["trouble"] = json!([trouble(&e)]);
             }
@@ -97,11 +98,11 @@ fn clips(file: &TimelineFile, sources: &[Source], folder: &Path) -> Value {
     Value::Object(file.clips().into_iter().map(of).collect::<Map<_, _>>())
 }
 
-fn placed(laid: &Laid, sources: &[Source], index: usize, segment: &Segment) -> Value {
-    let layout = &laid.layout;
+fn placed(parsed: &Laid, sources: &[Source], index: usize, segment: &Segment) -> Value {
+    let layout = &parsed.layout;
     let placed = layout.segments.iter().find(|placed| placed.index == index);
     let frames = frames_of(segment, layout.fps);
-    let clip_fps = segment.clip.as_ref().and_then(|name| rate(&laid.timeline, sources, name));
+    let clip_fps = segment.clip.as_ref().and_then(|name| rate(&parsed.timeline, sources, name));
     let at = match segment.at.0 {
         Moment::Seconds(s) => s,
         moment => moment.seconds(clip_fps.unwrap_or(layout.fps)),
@@ -112,7 +113,7 @@ fn placed(laid: &Laid, sources: &[Source], index: usize, segment: &Segment) -> V
         "to": seconds(frames.end), "at": at, "labels": segment.labels, "assumed": [],
     });
     if let Some(placed) = placed {
-        // what transitions leave of it, and how it is turned about the vertical and then moved
+        // the frames that transitions leave of it; it is turned about the vertical first, then moved
         view["given"] = json!([seconds(placed.frames.start), seconds(placed.frames.end)]);
         view["place"] = json!({
             "turn_rad": placed.turn, "x": placed.shift.x, "y": placed.shift.y, "z": placed.shift.z,
@@ -122,17 +123,17 @@ fn placed(laid: &Laid, sources: &[Source], index: usize, segment: &Segment) -> V
 }
 
 /// A group of joints and each of its joints.
-fn row(laid: &Laid, part: &str) -> Value {
+fn row(parsed: &Laid, part: &str) -> Value {
     let ids = joints::group(part);
-    let one = |id: &usize| json!({ "name": joints::list_of(&[*id]), "spans": spans(laid, &[*id]) });
-    json!({ "group": part, "joints": ids.iter().map(one).collect::<Vec<_>>(), "spans": spans(laid, ids) })
+    let one = |id: &usize| json!({ "name": joints::list_of(&[*id]), "spans": spans(parsed, &[*id]) });
+    json!({ "group": part, "joints": ids.iter().map(one).collect::<Vec<_>>(), "spans": spans(parsed, ids) })
 }
 
-fn spans(laid: &Laid, ids: &[usize]) -> Vec<Value> {
-    let fps = laid.layout.fps;
+fn spans(parsed: &Laid, ids: &[usize]) -> Vec<Value> {
+    let fps = parsed.layout.fps;
     let of = |span: GivenSpan| {
         let [from, to] = [span.frames.start, span.frames.end].map(|frame| frame as f64 / fps);
         json!({ "from": from, "to": to, "state": span.state, "segment": span.segment })
     };
-    laid.layout.spans(ids).into_iter().map(of).collect()
+    parsed.layout.spans(ids).into_iter().map(of).collect()
 }

@@ -20,7 +20,7 @@ use tokio::sync::{Semaphore, watch};
 const MOST_CONNECTIONS: usize = 256;
 /// Uploads at a time.
 const MOST_UPLOADS: usize = 4;
-/// Threads that wait for files and compute what pages ask for, beside those that sample.
+/// Threads that wait for files and compute for pages, beside those that sample.
 const MOST_THREADS: usize = 16;
 /// The longest time for the head of a request, and the most bytes of it.
 const HEAD_TIME: Duration = Duration::from_secs(10);

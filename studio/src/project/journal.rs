@@ -6,8 +6,8 @@
 //!
 //! The checksum of a line goes on from that of the line before, so that none can be missing, doubled or elsewhere.
 //!
-//! A process may end at any moment. A line without its end was never reported to a page and is dropped; one with it counts, and
-//! where its checksum is another, the file was damaged and nothing is guessed. When the journal has grown it is written
+//! A process may end at any moment. A line without its end was never reported to a page and is dropped; one with it counts,
+//! and where its checksum is another, the file was damaged and nothing is guessed. When the journal has grown it is written
 //! anew, as one line with the state and the steps that can be undone.
 
 use super::JOURNAL;
@@ -303,7 +303,7 @@ mod tests {
             journal.append(&step("c", None, "three")).unwrap();
             assert_eq!(open(&dir).document.timeline.as_deref(), Some("three"), "{cut}");
         }
-        // a line of zeros, as a file system may leave behind
+        // a line of zeros, as a file system may leave after a power cut
         fs::write(&path, [&whole[..], &[0; 100]].concat()).unwrap();
         assert_eq!(open(&dir).history.counts(), (1, 1));
     }
@@ -325,7 +325,7 @@ mod tests {
                 fs::write(&path, &flipped).unwrap();
                 let opened = Journal::open(dir.path()).map(|(_, state)| state.document.timeline);
                 match opened {
-                    // without its end the last line is one that was told nobody
+                    // without its end the last line was never reported to a page
                     Ok(timeline) => assert!(at == ends[1] && timeline.as_deref() == Some("one"), "{at} {bit}"),
                     Err(e) => {
                         let line = 1 + usize::from(at > ends[0]);

@@ -388,7 +388,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let project = Project::open(dir.path()).unwrap();
         edit(&project, "one");
-        // a folder stands where the file is to go
+        // a folder has the name of the file
         let path = dir.path().join(TIMELINE);
         fs::remove_file(&path).unwrap();
         fs::create_dir_all(path.join("in")).unwrap();

@@ -44,7 +44,7 @@ impl Hosts {
         origin.strip_prefix("http://").is_some_and(|host| self.has(host))
     }
 
-    /// Why a request is refused for where it comes from; `None` if it may pass. `is_page`: it asks for the page
+    /// Why a request is refused for where it comes from; `None` if it may pass. `is_page`: it is for the page
     /// itself, which a user may open by typing its address.
     pub fn refusal(&self, method: &Method, headers: &HeaderMap, is_page: bool) -> Option<&'static str> {
         let mut hosts = headers.get_all(header::HOST).iter();

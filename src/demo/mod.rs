@@ -28,7 +28,7 @@ use std::time::Instant;
 
 /// The name of the demo's training settings.
 const SETTINGS: &str = "demo";
-/// What the generated dance follows.
+/// The joints that the generated dance follows.
 const FOLLOWED: &str = "root,right_arm";
 const CLIPS: usize = 72;
 const SECONDS: f64 = 12.0;
@@ -70,6 +70,7 @@ impl Args {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let started = Instant::now();
+    // first: a device that isn't there must not cost the user a folder
     args.compute.get().device.open()?;
     if !(args.train || args.music || args.steps.is_some()) {
         return ready::run(&args, started, say);
@@ -89,6 +90,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let corpus = Corpus::open(at("corpus"))?;
     say.line("4/5 it dances: to a root and a right arm that it has not seen, and on from a first second");
     let test = corpus.split(Split::Test).next().context("the demo's corpus has no test clip")?;
+    // the corpus names clips without their extension
     let path = at("motion").join(&test.name).with_extension("bvh");
     let prompt = PromptClip::load(&path, &ReadOptions::default(), &tokenizer)?;
     let (frames, second) = (FRAMES.min(prompt.frames()), tokenizer.fps() as usize);
@@ -128,7 +130,7 @@ fn make_room(args: &Args) -> Result<()> {
     let (out, report) = (args.out.display(), args.out.join("report.md"));
     let holds_files = std::fs::read_dir(&args.out).is_ok_and(|mut entries| entries.next().is_some());
     if holds_files || args.out.is_file() {
-        // what is somebody's own is replaced by no --force
+        // files that are no demo's aren't replaced, even with --force
         if !kinelm_store::input::peek_bytes(&report).is_ok_and(|text| text.starts_with(MARK.as_bytes())) {
             let what = format!("{out} holds files that are no demo's; give a new or an empty folder with --out");
             return Err(WrongCall(what).into());
@@ -147,10 +149,11 @@ fn make_room(args: &Args) -> Result<()> {
         sweep(&args.out.join(folder), extensions)?;
     }
     std::fs::create_dir_all(&args.out).with_context(|| out.to_string())?;
+    // the mark first: a demo that is interrupted can be recognised, and replaced
     Ok(write_whole(&report, format!("{MARK}, seed {}\n\nIt isn't done.\n", args.seed).as_bytes())?)
 }
 
-/// Takes away the files of these kinds that another demo has left in a folder, whose dances would be taken for this one's.
+/// Removes the files of these kinds that another demo has left in a folder: its dances would be taken for this one's.
 fn sweep(folder: &Path, extensions: &[&str]) -> Result<()> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Ok(()) };
     for entry in entries {
@@ -179,6 +182,7 @@ fn compose(args: &Args) -> Result<()> {
 }
 
 fn write_dances(out: &Path, dances: &[Dance]) -> Result<()> {
+    // `synth::corpus` goes through all pairs before the next take
     let pairs = synth::genres().count() * synth::dancers().count();
     let mut labels = "clip,split,genre,dancer,take\n".to_string();
     for (i, dance) in dances.iter().enumerate() {
@@ -203,6 +207,7 @@ fn tokenize(args: &Args, music: Option<PathBuf>) -> Result<Tokenizer> {
     let read = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
     let options = BuildOptions { read, strict: true, force: args.force, music, ..BuildOptions::default() };
     let quiet = &mut |_: build::BuildEvent<'_>| std::ops::ControlFlow::Continue(());
+    // on the train split alone: the test dances must not decide the bins
     let (tokenizer, _) = build::fit(&dataset, TokenizerConfig::default(), &options, quiet)?;
     tokenizer.save(args.out.join("tokenizer.json"))?;
     build::tokenize(&dataset, &tokenizer, &args.out.join("corpus"), &options, quiet)?;
@@ -224,7 +229,7 @@ fn train(args: &Args, settings: &str, say: Say) -> Result<()> {
     Ok(())
 }
 
-/// A dance of the model that is given something of a test dance.
+/// A dance of the model to a prompt, a part of a test dance.
 fn generate(args: &Args, prompt: PromptRequest, frames: usize) -> Result<Clip> {
     let request = Request {
         prompt: Some(prompt),
@@ -240,13 +245,13 @@ fn generate(args: &Args, prompt: PromptRequest, frames: usize) -> Result<Clip> {
     Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
 }
 
-/// A clip that begins as the prompt does, where the prompt stands.
+/// The clip moved so that it begins in the prompt's place and heading.
 fn put(clip: &Clip, prompt: &PromptClip) -> Result<Clip> {
     let placement = Placement::of(&prompt.clip).context("the prompt has no frames")?;
     Ok(placement.put(clip, RootGiven { path: true, heading: true })?)
 }
 
-/// The prompt as the model sees it beside what it made of the root and the right arm, and of the first second.
+/// The prompt as the model reads it, beside the dances that follow its root and right arm, and its first second.
 fn page(path: &Path, name: &str, seen: &Clip, follows: &Clip, goes_on: &Clip) -> Result<()> {
     let followed = joints::parse(FOLLOWED)?.joints;
     let figures = [

@@ -27,10 +27,10 @@ const SETTINGS: &str = "demo-music";
 const CLIPS: usize = 84;
 const SECONDS: f64 = 20.0;
 const FPS: f64 = 30.0;
-/// Beats a minute of the dances that are learned from and validated on, in turn.
-const HEARD_BPM: [f64; 8] = [80.0, 84.0, 97.0, 103.0, 117.0, 123.0, 137.0, 141.0];
-/// Those of the test dances.
-const UNHEARD_BPM: [f64; 3] = [110.0, 90.0, 130.0];
+/// Beats a minute of the dances for training and validation, in turn.
+const TRAIN_BPM: [f64; 8] = [80.0, 84.0, 97.0, 103.0, 117.0, 123.0, 137.0, 141.0];
+/// Beats a minute of the test dances.
+const TEST_BPM: [f64; 3] = [110.0, 90.0, 130.0];
 
 pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     let at = |name: &str| args.out.join(name);
@@ -42,6 +42,7 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     train(args, SETTINGS, say)?;
     say.line("4/5 it dances to music of tempi outside its training data");
     let (run, corpus) = (load_run(&at("run"), CheckpointChoice::Auto)?, Corpus::open(at("corpus"))?);
+    // the last take of each pair, which `write_dances` gives to test
     let tests: Vec<&Dance> = dances.iter().skip(CLIPS - pairs()).collect();
     let pieces = tests.iter().map(|dance| piece(args, dance)).collect::<Result<Vec<_>>>()?;
     let all = |with_music: bool| -> Result<Vec<Clip>> {
@@ -62,6 +63,7 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
         let found = likelihood(&mut *model, &corpus, &clips, 0, conditions)?;
         Ok(found.context("the demo's corpus has no test frame")?.bits_per_frame)
     };
+    // the same model and frames: the difference is what the music is worth
     let bits = [bits(&conditions)?, bits(&conditions.unknown())?];
     let report = report(args, &table, bits, started.elapsed().as_secs_f64());
     write_whole(&at("report.md"), report.as_bytes())?;
@@ -79,9 +81,9 @@ fn pairs() -> usize {
 /// The dances, their labels and their music as files; the last take is for test and at tempi of its own.
 fn compose(args: &Args) -> Result<Vec<Dance>> {
     let tempo = |i: usize| match i + pairs() >= CLIPS {
-        true => UNHEARD_BPM[i % UNHEARD_BPM.len()],
+        true => TEST_BPM[i % TEST_BPM.len()],
         // another one of each pair in each take
-        false => HEARD_BPM[(i + i / pairs()) % HEARD_BPM.len()],
+        false => TRAIN_BPM[(i + i / pairs()) % TRAIN_BPM.len()],
     };
     let tempi: Vec<f64> = (0..CLIPS).map(tempo).collect();
     let dances = synth::corpus_at(args.seed, &tempi, SECONDS, FPS)?;
@@ -109,7 +111,7 @@ fn piece(args: &Args, dance: &Dance) -> Result<Piece> {
     Ok(Piece { path: music_of(args, dance), beats_s })
 }
 
-/// A dance to a piece, or to nothing; its number draws it.
+/// A dance to a piece, or without music; `number` decides its seed.
 fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
     let request = Request {
         guidance: piece.map(|_| MUSIC_GUIDANCE),
@@ -128,7 +130,7 @@ fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
     Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
 }
 
-/// How dances keep to the beats of their music, and of other music.
+/// The beat alignment of dances with their music, and with other music.
 fn table(
     (tests, made, free): (&[&Dance], &[Clip], &[Clip]),
     pieces: &[Piece],
@@ -141,6 +143,7 @@ fn table(
     };
     let [real, made, free] =
         [tests.iter().map(|dance| &dance.clip).collect(), made.iter().collect(), free.iter().collect()];
+    // these rows twice: as they are, and against shifted music
     let made = pairs(made)?;
     let mut rows: Vec<BeatMetrics> = BeatMetrics::of("the real test dances", &pairs(real)?, lag).into_iter().collect();
     rows.extend(BeatMetrics::of("the model's, with music", &made, lag));
@@ -167,8 +170,8 @@ fn report(args: &Args, table: &[BeatMetrics], bits: [f64; 2], seconds: f64) -> S
          beats a minute, which is outside its training data.\n\n\
          | against beats | dances | BA_motion | shifted music | z | BA_music | shifted music | z | in tempo |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|\n",
         args.seed,
-        HEARD_BPM.len(),
-        UNHEARD_BPM.map(|bpm| bpm.to_string()).join(", "),
+        TRAIN_BPM.len(),
+        TEST_BPM.map(|bpm| bpm.to_string()).join(", "),
     );
     for BeatMetrics { name, dances, legs: BeatScores { scores, shifted, z, .. }, in_tempo, .. } in table {
         let z = z.map_or(["n/a".into(), "n/a".into()], |z| z.map(|z| format!("{z:.1}")));
@@ -183,7 +186,7 @@ fn report(args: &Args, table: &[BeatMetrics], bits: [f64; 2], seconds: f64) -> S
             100.0 * in_tempo
         );
     }
-    let ([with_music, without], lag) = (bits, table.first().map_or(0.0, |kept| kept.lag));
+    let ([with_music, without], lag) = (bits, table.first().map_or(0.0, |row| row.lag));
     out + &format!(
         "\nBA, beat alignment of knees and ankles: 1 where they rest wherever the train dances would, {lag:.2} of a beat behind \
          each. *Shifted music* is what chance gives; z says how many standard deviations of chance the mean lies above it. In \

@@ -15,9 +15,9 @@ use std::time::Instant;
 
 /// Seconds that it dances by itself.
 const SECONDS: f64 = 20.0;
-/// What another dance follows.
+/// The joints that another dance follows.
 const FOLLOWED: &str = "root,torso,right_arm";
-/// What is danced anew in the first dance.
+/// The part of the first dance that is generated anew.
 const GAP: &str = "all@8s:10s";
 /// Seconds before a loop's end that lead to the pose of its beginning.
 const BACK_S: f64 = 2.0;
@@ -48,6 +48,7 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
         ("gap.bvh", Some(Edit::of(vec![gap]))),
         ("loop.bvh", Some(Edit { looping: Some(back), ..Edit::of(Vec::new()) })),
     ];
+    // each reads the first dance alone, and one stream of tokens doesn't fill the cores
     three.into_par_iter().try_for_each(|(name, edit)| dance(&of(Some(prompt(edit))), &at(name)))?;
     say.line("3/3 page");
     page(args)?;
@@ -78,7 +79,7 @@ fn page(args: &Args) -> Result<()> {
     };
     let [free, follows, gap, back] = ["free.bvh", "follows.bvh", "gap.bvh", "loop.bvh"].map(clip);
     let (free, follows, gap, back) = (free?, follows?, gap?, back?);
-    // a file's joints stand in another order than SMPL's
+    // joints of a file have another order than SMPL's
     let named = |id: &usize| free.skeleton().find(smpl::NAMES[*id]);
     let followed: Vec<usize> = joints::parse(FOLLOWED)?.joints.iter().filter_map(named).collect();
     let figures = [

@@ -62,7 +62,7 @@ pub struct ReadingArgs {
 }
 
 impl ReadingArgs {
-    /// As the library has it, for so many sequences.
+    /// As the library has it, for `streams` sequences.
     pub fn get(self, streams: usize) -> ReaderOptions {
         ReaderOptions { streams, weights: self.weights, kv: self.kv }
     }

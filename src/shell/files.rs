@@ -1,4 +1,4 @@
-//! Files of a call: several that are read, and what is written.
+//! Files of a call: inputs, of which some may fail, and outputs.
 
 use super::{Say, WrongCall, chain, print};
 use crate::view::plot;
@@ -24,7 +24,7 @@ pub fn writable(path: &Path) -> Result<String> {
     Ok(extension)
 }
 
-/// What a report of `file` fails with; with `json` it is printed as an object too, so that every file has a line.
+/// The result of a report on `file`; with `json` an error is printed as an object too, so that every file has a line.
 pub fn reported<T>(found: Result<T>, file: &Path, json: bool) -> Result<T> {
     if let Err(e) = &found
         && json
@@ -49,6 +49,7 @@ pub fn each_file<P: AsRef<Path>, T>(
     for (i, file) in files.iter().map(AsRef::as_ref).enumerate() {
         match each(i, file).map_err(|e| of_file(file, e)) {
             Ok(one) => done.push((i, one)),
+            // one file: its error decides the exit code, and "left out" would be odd
             Err(e) if files.len() == 1 => return Err(e),
             Err(e) => say.left_out(chain(&e)),
         }
@@ -70,13 +71,14 @@ pub fn written_as(out: &Path, motion: Motion, map: Option<&str>) -> Result<Motio
     if extension(out) != "npz" {
         return Ok(motion);
     }
-    let wanted = ConvertOptions { rig: Some(TargetRig::Smpl(smpl::neutral())), ..ConvertOptions::default() };
-    Ok(convert(motion, &wanted, map)?)
+    let options = ConvertOptions { rig: Some(TargetRig::Smpl(smpl::neutral())), ..ConvertOptions::default() };
+    Ok(convert(motion, &options, map)?)
 }
 
 /// An error that starts with the file that it is about.
 fn of_file(path: &Path, e: anyhow::Error) -> anyhow::Error {
     let path = path.display().to_string();
+    // errors of files begin with their path already; a wrong call is about no file
     match chain(&e).starts_with(&path) || e.is::<WrongCall>() {
         true => e,
         false => e.context(path),
@@ -97,7 +99,7 @@ pub fn picture(path: &Path, outputs: &Outputs) -> Result<()> {
     Ok(outputs.check([path])?)
 }
 
-/// Draws charts into a file; nothing where there is nothing to draw.
+/// Writes charts to a file; nothing if all are empty.
 pub fn draw_charts(path: &Path, charts: &[plot::Chart], outputs: &Outputs) -> Result<()> {
     if let Some(bytes) = plot::to_bytes(path, charts)? {
         outputs.write(path, &bytes)?;

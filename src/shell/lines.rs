@@ -38,6 +38,7 @@ impl<W: Write> Lines<W> {
 impl<W: Write> Progress for Lines<W> {
     fn step(&mut self, f: &StepMetrics, steps: u64, left: Duration) {
         let every = if self.live { LIVE_EVERY } else { PLAIN_EVERY };
+        // the last step is always shown
         if f.step < steps && self.last.is_some_and(|l| l.elapsed() < every) {
             return;
         }

@@ -1,4 +1,4 @@
-//! What commands and demos share: arguments, what is said, files, and what became of a call.
+//! Parts that commands and demos share: arguments, messages, files, and the end of a call.
 
 pub mod args;
 pub mod files;

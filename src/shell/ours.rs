@@ -1,4 +1,4 @@
-//! Which files and folders are this program's own, for what a call may write over.
+//! Recognises the program's own files and folders, which a call may write over.
 
 use crate::corpus::artifacts;
 use crate::corpus::music::beats;
@@ -11,7 +11,7 @@ use std::path::Path;
 /// How this program knows what it has made.
 pub const OURS: Ours = Ours { is_marked, is_file, owner: artifacts::owner };
 
-/// Where our marks stand in a page, a picture or a table, at the latest: bytes from the file's beginning.
+/// Bytes from a file's beginning within which pages, pictures and tables have our mark.
 const MARK_WITHIN: u64 = 4096;
 
 /// The first key of tables as JSON.
@@ -31,6 +31,7 @@ fn is_file(path: &Path) -> Result<bool> {
     match extension(path).as_str() {
         "html" => Ok(has(view::MARK.as_bytes())),
         "png" => Ok(has(&plot::PNG_MARK)),
+        // other JSON of ours has a sidecar or is one, as the last line checks
         "json" if JSON_MARKS.iter().any(|mark| head.starts_with(mark.as_bytes())) => Ok(true),
         "svg" | "md" => Ok(has(plot::TEXT_MARK.as_bytes())),
         // beats that somebody has corrected aren't ours any more

@@ -1,4 +1,4 @@
-//! How a call ends: its exit code, and its error as a line of text.
+//! The end of a call: its exit code, and its error as a line of text.
 
 use super::say::{plain, tell};
 use anyhow::Error;
@@ -26,7 +26,7 @@ pub(crate) use wrong_call;
 /// Long flags of the running command by the names that the library and the parser have for them: `top_p`, `labels`.
 type Flags = BTreeMap<String, String>;
 
-/// The process has one command.
+/// The flags of the process's one command. The library names parameters, and only the parser knows their flags.
 static FLAGS: OnceLock<Flags> = OnceLock::new();
 
 /// Parses a call, which `check` may refuse, and remembers its command's flags for [`chain`].
@@ -37,6 +37,7 @@ pub fn parse<Call: CommandFactory + FromArgMatches>(
     args: &[OsString],
     check: impl Fn(&Command, &ArgMatches) -> Result<(), clap::Error>,
 ) -> Result<Call, clap::Error> {
+    // a fresh command each time: clap builds it while it parses
     let parsed = |args: &[OsString]| {
         let mut command = Call::command();
         let matches = command.try_get_matches_from_mut(args)?;
@@ -62,6 +63,7 @@ fn flags(mut command: &Command, mut matches: &ArgMatches) -> Flags {
     }
     let names = |arg: &clap::Arg| {
         let long = arg.get_long()?.to_owned();
+        // by both: `--top-p` is `top_p` in the library, and an argument's own id may differ
         Some([(long.replace('-', "_"), long.clone()), (arg.get_id().to_string(), long)])
     };
     command.get_arguments().filter_map(names).flatten().collect()
@@ -88,7 +90,7 @@ fn with_flags(text: &str, flags: &Flags) -> String {
     out + rest
 }
 
-/// Prints what the parser has to say, help included. Returns the exit code: 0 after help that was requested and printed, 2
+/// Prints the parser's message, help included. Returns the exit code: 0 after help that was requested and printed, 2
 /// for a wrong call.
 pub fn refused(e: clap::Error) -> u8 {
     match e.print() {
@@ -114,6 +116,7 @@ pub fn exit_code(e: &Error) -> u8 {
 fn kind(e: &(dyn StdError + 'static)) -> Option<Kind> {
     let wrong = e.downcast_ref::<WrongCall>().map(|_| Kind::Call);
     wrong
+        // each crate's type, from the top: an error crosses anyhow as the type of the crate that returned it
         .or_else(|| e.downcast_ref().map(crate::Error::kind))
         .or_else(|| e.downcast_ref().map(crate::corpus::Error::kind))
         .or_else(|| e.downcast_ref().map(kinelm_motion::Error::kind))
@@ -131,6 +134,7 @@ pub fn chain(e: &Error) -> String {
     for cause in e.chain().map(|c| c.to_string()) {
         if text.is_empty() {
             text = cause;
+        // a transparent error has its source's own text
         } else if !text.ends_with(&cause) {
             text = format!("{text}: {cause}");
         }

@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What the call is waiting for, and when it was last reported.
+/// The wait of a call, and when it was last reported.
 #[derive(Debug)]
 struct Wait {
     what: String,
@@ -46,6 +46,7 @@ impl Wait {
             return None;
         }
         self.said = now;
+        // 2, 4, 8 .. 60 s: a short wait is quiet, a long one doesn't fill the log
         self.gap = (2 * self.gap).min(LAST_GAP);
         let (what, done, of, gone) = (&self.what, self.done, self.of, now.saturating_duration_since(self.since));
         Some(match (done, of) {
@@ -67,6 +68,7 @@ pub fn report_waits(say: Say) {
     std::thread::spawn(|| {
         loop {
             std::thread::sleep(Duration::from_millis(200));
+            // the lock is free again before stderr, which may block
             let line = wait().due(Instant::now());
             if let Some(line) = line {
                 // a closed stderr is no reason to stop
@@ -100,6 +102,7 @@ impl ProgressStderr {
 impl Write for ProgressStderr {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
         let mut wait = wait();
+        // on a terminal its own line is progress enough; elsewhere a line after half a minute of silence
         (wait.shown, wait.said, wait.gap) = (self.0.is_terminal(), Instant::now(), LAST_GAP / 2);
         drop(wait);
         self.0.write(bytes)
@@ -164,6 +167,7 @@ pub fn watch(say: Say, then: &'static str) -> Box<BuildProgress<'static>> {
         match event {
             BuildEvent::Done { done, of, .. } => {
                 shown.get_or_insert_with(|| bar(of as u64, "files", say)).set_position(done as u64);
+                // the bar goes when it is full, as the next stage has none
                 if done == of {
                     shown = None;
                     stage(then);

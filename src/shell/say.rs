@@ -1,4 +1,4 @@
-//! What is said on stderr, and data on stdout.
+//! Messages on stderr, and data on stdout.
 
 use super::outcome::by_flags;
 use super::progress;
@@ -10,7 +10,7 @@ use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Files that were left out of what the call did with all others.
+/// The number of files that the call has left out.
 static LEFT_OUT: AtomicUsize = AtomicUsize::new(0);
 
 /// The end of a call that has done what it could: a failure if files were left out.
@@ -20,7 +20,7 @@ pub fn all_read() -> Result<()> {
     Ok(())
 }
 
-/// Prints what is not data on stderr.
+/// Prints messages on stderr; data go to stdout ([`print`]).
 #[derive(Debug, Clone, Copy)]
 pub struct Say {
     pub(crate) quiet: bool,
@@ -68,13 +68,15 @@ fn clipped(text: &str) -> Cow<'_, str> {
     if characters <= LONGEST {
         return Cow::Borrowed(text);
     }
+    // at characters: a slice inside one would panic
     let at = |n: usize| text.char_indices().nth(n).map_or(text.len(), |(at, _)| at);
     let (head, tail) = (&text[..at(LONGEST / 2)], &text[at(characters - LONGEST / 2)..]);
     Cow::Owned(format!("{head} .. ({} characters) .. {tail}", characters - LONGEST))
 }
 
-/// A text without what a terminal would take as an order: control characters out of names and files.
+/// A text whose control characters are escaped: in names from files they would be orders to a terminal.
 pub fn plain(text: &str) -> Cow<'_, str> {
+    // also the C1 codes 80 to 9F, of which 9B begins an escape sequence alone
     let is_order = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
     if !text.contains(is_order) {
         return Cow::Borrowed(text);
@@ -83,12 +85,12 @@ pub fn plain(text: &str) -> Cow<'_, str> {
     Cow::Owned(text.chars().map(one).collect())
 }
 
-/// Says what was odd in a file that was read all the same.
+/// Reports the doubts of a file that was read all the same.
 pub fn warn(motion: &Motion, say: Say) {
     Odd::new(say).warn(motion, &ReadOptions::default());
 }
 
-/// What was odd in the files of a call: said file by file, but the doubts of their rates in one line at the end.
+/// The doubts of the files of a call, reported file by file, but those of their rates in one line at the end.
 pub struct Odd {
     say: Say,
     doubts: RefCell<RateDoubts>,
@@ -100,7 +102,7 @@ impl Odd {
         Odd { say, doubts: RefCell::default() }
     }
 
-    /// Says what was odd in a file as it was read with these options.
+    /// Reports the doubts of a file as it was read with these options.
     pub fn warn(&self, motion: &Motion, options: &ReadOptions) {
         let path = motion.path.display();
         for warning in motion.warnings.iter().filter(|warning| !RateDoubt::is_warning(warning)) {
@@ -109,7 +111,7 @@ impl Odd {
         self.rate(&path.to_string(), FileRate::of(motion, options));
     }
 
-    /// A file and what it says of its rate.
+    /// Adds a file with its own statements about its rate.
     pub fn rate(&self, name: &str, rate: FileRate) {
         self.doubts.borrow_mut().add(name, rate);
     }
@@ -124,6 +126,7 @@ impl Drop for Odd {
 /// Writes data to stdout; a terminal gets it [`plain`].
 pub fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
+    // a file or a pipe gets the bytes as they are
     let text = if out.is_terminal() { plain(text) } else { Cow::Borrowed(text) };
     out.write_all(text.as_bytes())?;
     Ok(out.flush()?)

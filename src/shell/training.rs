@@ -30,6 +30,7 @@ pub fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     ctrlc::set_handler(move || {
+        // the second time: 130 as a shell has it, 128 and the signal's number
         if flag.swap(true, Ordering::SeqCst) {
             std::process::exit(130);
         }

@@ -21,8 +21,8 @@ pub type Identity = PathBuf;
 #[derive(Debug)]
 pub struct Inputs(());
 
-/// How many calls live, and the path of each file that they have read.
-// of the process, since files are opened far below the call, on rayon's threads too
+/// How many calls live, and the path of each file that they have read. Of the process, since files are opened far below the
+/// call, on rayon's threads too.
 static READ: Mutex<(usize, BTreeMap<Identity, PathBuf>)> = Mutex::new((0, BTreeMap::new()));
 
 fn read() -> MutexGuard<'static, (usize, BTreeMap<Identity, PathBuf>)> {

@@ -104,8 +104,7 @@ impl Lit {
 }
 
 /// Clips with positions beyond this are refused, metres.
-// 1,000 km: a step of 16 bits is 15 m then, and any unit or scale that went wrong is beyond
-const LARGEST: f64 = 1e6;
+const LARGEST: f64 = 1e6; // 1,000 km: a step of 16 bits is 15 m then, and any unit or scale that went wrong is beyond
 /// Moments a second at which figures are kept from overlapping.
 const SPACING_FPS: f64 = 20.0;
 

@@ -120,8 +120,7 @@ pub fn outcome(file: &Path, reading: &Reading, convert: &Path) -> Outcome {
 }
 
 /// Frames times joints of a clip: an hour and a half of 24 joints at 60 frames a second, some 2 GB where it is edited.
-// 8e6 rotations are 256 MB as f64 quaternions; an edit has several copies of them
-const MOST_POSES: usize = 8_000_000;
+const MOST_POSES: usize = 8_000_000; // 8e6 rotations are 256 MB as f64 quaternions; an edit has several copies of them
 
 /// The extensions of sound files.
 pub const SOUNDS: [&str; 8] = ["mp3", "ogg", "oga", "flac", "wav", "m4a", "mp4", "aac"];

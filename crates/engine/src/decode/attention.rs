@@ -8,8 +8,7 @@ use crate::op::rope::Angles;
 use pulp::{Simd, WithSimd};
 
 /// Rows whose scores are in memory at a time.
-// four tiles of the kernel's six rows: each key is read once for all of them
-pub(super) const SCORE_ROWS: usize = 24;
+pub(super) const SCORE_ROWS: usize = 24; // four tiles of the kernel's six rows: each key is read once for all of them
 
 /// Rows of queries, and their places in the stream.
 pub(super) struct Queries<'a> {

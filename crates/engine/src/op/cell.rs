@@ -154,8 +154,7 @@ mod tests {
     use crate::scalar::lstm as scalar;
 
     /// Some roundings of numbers below 1 and one of e^x.
-    // sums of +-60 are among the cases: there e^x would overflow and e^-|x| does not
-    const BOUND: f64 = 4e-7;
+    const BOUND: f64 = 4e-7; // sums of +-60 are among the cases: there e^x would overflow and e^-|x| does not
 
     #[test]
     fn a_cell_is_what_plain_loops_give() {

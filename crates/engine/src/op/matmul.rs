@@ -19,8 +19,7 @@ const WIDE_TILE: usize = 8;
 const DEPTH: usize = 256;
 
 /// Whole tiles, whatever their height.
-// a common multiple of TILE and WIDE_TILE
-pub(crate) const TILES: usize = 24;
+pub(crate) const TILES: usize = 24; // a common multiple of TILE and WIDE_TILE
 
 /// Rows of the left factor that are worked through before the next panel's turn.
 pub(crate) const ROWS: usize = 6 * TILES;

@@ -8,8 +8,7 @@ use super::weights::{ALTERNATION, MIDDLE, PROFILE, RETURN, TEMPO};
 use super::{FPS, Tempo, TempoRange};
 
 /// Subdivisions of a pulse.
-// halves, thirds and quarters of a pulse are whole
-const PARTS: usize = 12;
+const PARTS: usize = 12; // halves, thirds and quarters of a pulse are whole
 /// Levels, in subdivisions per beat: from three beats per pulse to three pulses per beat.
 const LEVELS: [usize; 9] = [4, 6, 8, 9, 12, 16, 18, 24, 36];
 /// Positions at and between beats at which the flux is measured, in beats.

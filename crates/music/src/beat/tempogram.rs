@@ -8,8 +8,7 @@ use std::f64::consts::TAU;
 /// Frames from one estimate to the next, a second.
 pub const STEP: usize = 86;
 /// Frames of an estimate's window, 12 s.
-// odd, so that a frame is its middle
-const WINDOW: usize = 1033;
+const WINDOW: usize = 1033; // odd, so that a frame is its middle
 /// The slowest tempo, beats a minute; the number of tempi, 48 an octave.
 const SLOWEST: f64 = 40.0;
 // up to 40 * 2^(124 / 48) = 240 beats a minute

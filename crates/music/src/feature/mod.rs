@@ -53,8 +53,7 @@ pub const BEAT: usize = 34;
 /// Bands this many decibels below the loudest one count as silent.
 const DYNAMIC_RANGE: f32 = 80.0;
 /// Lowest and highest rate, frames per second.
-// 17 * 512 = 8,704 samples per second, just enough for the highest octave of the constant-Q transform
-const FPS: std::ops::RangeInclusive<f64> = 17.0..=240.0;
+const FPS: std::ops::RangeInclusive<f64> = 17.0..=240.0; // 17 * 512 = 8,704 Hz just hold the highest octave of `cqt`
 
 /// The 35 numbers of each frame.
 #[derive(Debug, Clone, PartialEq)]

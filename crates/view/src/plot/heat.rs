@@ -11,8 +11,7 @@ pub const WIDTH: i32 = 96;
 /// Pixels from the frame to the colour bar, and the bar's width.
 const BAR: [i32; 2] = [16, 16];
 /// The most columns that are drawn; of more, neighbours are averaged.
-// fewer than the pixels of a frame: narrower cells would round to none
-const MOST_COLUMNS: usize = 400;
+const MOST_COLUMNS: usize = 400; // fewer than the pixels of a frame: narrower cells would round to none
 
 /// Ten colours of matplotlib's viridis (Smith and van der Walt 2015): perceptually uniform, also with red-green blindness.
 const COLOURS: [[f64; 3]; 10] = [

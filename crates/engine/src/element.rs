@@ -4,7 +4,7 @@ use pulp::Simd;
 
 /// A number as matrices store it.
 pub(crate) trait Element: bytemuck::Pod + Send + Sync {
-    /// What the left operand is to be multiplied by, to make up for [`Element::pair`].
+    /// Factor of the left operand, which makes up for the division of [`Element::pair`].
     const LEFT: f32;
 
     /// Two vectors of numbers, divided by [`Element::LEFT`].
@@ -37,8 +37,8 @@ impl Element for u16 {
 
     #[inline(always)]
     fn pair<S: Simd>(numbers: &[u16]) -> [S::f32s; 2] {
-        // sign, exponent and mantissa have the same order: they are shifted, and the sign's copies masked out; subnormal
-        // halves need no branch of their own, infinity becomes 2^16 / LEFT, NaN a number beyond
+        // sign, exponent and mantissa have the same order: they are shifted, and the sign's copies masked out;
+        // subnormal halves need no branch of their own, infinity becomes 2^16 / LEFT, NaN a number beyond
         widened::<S, u16>(numbers, |bits| f32::from_bits((i32::from(bits as i16) << 13) as u32 & 0x8fff_e000))
     }
 }

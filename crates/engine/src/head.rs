@@ -41,7 +41,7 @@ struct Back {
     partial: Floats,
 }
 
-/// Where the head's gradients go.
+/// The destinations of the head's gradients.
 pub struct Gradients<'a> {
     /// (N, D), that of the head's input; overwritten.
     pub dx: &'a mut [f32],
@@ -92,7 +92,7 @@ impl Workspace {
 pub struct Targets<'a> {
     /// (N).
     pub targets: &'a [RowTarget],
-    /// How targets are smoothed, in the gradients alone.
+    /// The smoothing of targets, in the gradients alone.
     pub smoothing: Option<&'a Smoothing>,
     /// Factor of the gradients.
     pub scale: f32,

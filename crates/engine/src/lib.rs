@@ -8,11 +8,12 @@
 //! choose one. Sums are cut into pieces by shape alone and add up piece by piece, so the number of threads changes no bit of
 //! any result. Workspaces hold scratch memory for each thread of the pool that they are made in.
 //!
-//! **Explicit passes.** The engine works beside the tensor library's autograd, not inside it: a model calls `forward` and
-//! then `backward` of each part ([`block`], [`head`], [`op::embedding`]) itself. As custom operations of the library the
-//! parts would allocate new tensors for every output and gradient; that memory, not arithmetic, took most of a step.
-//! Explicit passes write into the caller's buffers, and a block's backward pass runs the attention beside the products that
-//! don't wait for it. The price, a backward pass by hand, is paid once: every model is made of the same blocks.
+//! **Explicit passes.** The engine works beside the tensor library's autograd, not inside it: a model calls `forward`
+//! and then `backward` of each part ([`block`], [`head`], [`op::embedding`]) itself. As custom operations of the
+//! library the parts would allocate new tensors for every output and gradient; that memory, not arithmetic, took most
+//! of a step. Explicit passes write into the caller's buffers, and a block's backward pass runs the attention beside
+//! the products that don't wait for it. The price, a backward pass by hand, is paid once: every model is made of the
+//! same blocks.
 //!
 //! **Kernels** are written once, over vectors of any width; [`dispatch`] picks their instructions when the program runs.
 //! Results agree between them to rounding.

@@ -102,7 +102,7 @@ mod tests {
     use crate::op::check;
     use crate::scalar;
 
-    /// Of the largest number, for k summed rows.
+    /// Error of a sum of k rows, as a share of the largest number.
     fn bound(k: usize) -> f64 {
         1e-6 * (k as f64 / 4096.0).sqrt().max(1.0)
     }

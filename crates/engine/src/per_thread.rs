@@ -6,12 +6,12 @@ use std::sync::{Mutex, PoisonError};
 pub struct PerThread<T>(Vec<Mutex<T>>);
 
 impl<T> PerThread<T> {
-    /// What `make` gives, for each thread of the pool this is called in.
+    /// A value of `make` for each thread of the pool that this is called in.
     pub fn new(make: impl Fn() -> T) -> PerThread<T> {
         PerThread((0..rayon::current_num_threads()).map(|_| Mutex::new(make())).collect())
     }
 
-    /// Hands `work` this thread's memory, whatever it holds. `work` must not wait for other pieces.
+    /// Calls `work` with this thread's memory, whose contents are arbitrary. `work` must not wait for other pieces.
     pub fn with<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
         // a pool with more threads than the one it was made in shares entries, and waits at the lock
         let thread = rayon::current_thread_index().unwrap_or(0) % self.0.len();

@@ -1,4 +1,4 @@
-//! How work falls into pieces that threads share.
+//! The division of work into pieces for threads.
 
 use crate::op::matmul::{ROWS, TILES};
 

@@ -1,4 +1,4 @@
-//! Errors: what is wrong, and where.
+//! Errors, with their place.
 
 use kinelm_store::Kind;
 use std::fmt;
@@ -30,7 +30,7 @@ impl Error {
         }
     }
 
-    /// Which fault of a music file this is, if it is one.
+    /// The fault of a music file, if this is one.
     pub fn fault(&self) -> Option<FaultKind> {
         match self {
             Error::File(e) => Some(e.kind),
@@ -46,9 +46,9 @@ pub struct FileError {
     pub path: PathBuf,
     /// The kind of fault; its name is printed.
     pub kind: FaultKind,
-    /// What was found and what was expected.
+    /// The found value and the expected one.
     pub what: String,
-    /// What the user can do.
+    /// The user's way out.
     pub help: String,
 }
 

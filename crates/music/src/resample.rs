@@ -50,7 +50,7 @@ impl Resampler {
     /// Takes samples and passes on those that are ready.
     ///
     /// # Errors
-    /// What `sink` refuses.
+    /// Errors of `sink`.
     pub fn push(&mut self, samples: &[f32], sink: Sink) -> Result<()> {
         self.read += samples.len() as u64;
         let Some(size) = self.fft.as_ref().map(|fft| fft.input_frames_next()) else {
@@ -70,7 +70,7 @@ impl Resampler {
     /// Passes on the rest. n samples give `round(n to / from)` in all.
     ///
     /// # Errors
-    /// What `sink` refuses.
+    /// Errors of `sink`.
     pub fn finish(mut self, sink: Sink) -> Result<()> {
         let total = self.total();
         // more than once where the delay is longer than the last block

@@ -17,7 +17,7 @@ const HOP: usize = 200;
 /// three columns, not six.
 const EXCERPT: usize = 1067;
 
-/// Which samples a frame's columns are computed from, and how they are scaled.
+/// The samples of a frame's columns, and their scale.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
     /// As printed: 1,067 samples from the frame's time on, mirrored at both ends to fill the windows; magnitudes.

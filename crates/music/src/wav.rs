@@ -3,7 +3,7 @@
 use hound::{SampleFormat, WavSpec, WavWriter};
 use std::io::Cursor;
 
-/// The bytes of a mono wav file: what is beyond full scale is cut.
+/// The bytes of a mono wav file; samples beyond full scale are clipped.
 ///
 /// # Panics
 /// More samples than the 4 GiB of a wav file hold.

@@ -16,7 +16,7 @@ pub enum Error {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// A file is wrong.
@@ -38,17 +38,17 @@ pub enum Error {
     Limit {
         /// The work, or the input that is too large.
         what: String,
-        /// What it needs, with the unit.
+        /// The need, with the unit.
         needs: String,
-        /// What is available or allowed, with the unit.
+        /// The available or allowed amount, with the unit.
         limit: String,
-        /// What the user can do; may be empty.
+        /// The user's way out; may be empty.
         help: String,
     },
     /// A parameter, a key of a file or an input has an invalid value.
     #[error("{name} is {found}; expected {expected}")]
     Invalid {
-        /// What has the value.
+        /// The owner of the value.
         name: Subject,
         /// Its value.
         found: String,
@@ -58,12 +58,12 @@ pub enum Error {
     /// The inputs lack what the work needs.
     #[error("no {what}; {help}")]
     Missing {
-        /// What is missing.
+        /// The missing thing.
         what: String,
         /// Why it is needed, or what to do.
         help: String,
     },
-    /// What was requested can't be done with this model, format or input.
+    /// The request can't be met with this model, format or input.
     #[error("{what}: {why}")]
     Unsupported {
         /// The parameter, or the work that was requested.
@@ -155,13 +155,13 @@ pub enum Kind {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{at}: found {found}, expected {expected}{}{help}", if help.is_empty() { "" } else { "; " })]
 pub struct Fault {
-    /// Where.
+    /// The place.
     pub at: SourcePos,
-    /// What was found.
+    /// The found value.
     pub found: String,
-    /// What was expected.
+    /// The expected value.
     pub expected: String,
-    /// What the user can do; may be empty.
+    /// The user's way out; may be empty.
     pub help: String,
 }
 
@@ -197,7 +197,7 @@ impl Error {
         Error::Limit { what: what.into(), needs: needs.to_string(), limit: limit.to_string(), help: help.into() }
     }
 
-    /// Which kind of error this is; the program's exit code follows from it.
+    /// The kind of the error, from which the program's exit code follows.
     pub fn kind(&self) -> Kind {
         match self {
             Error::Io { .. } => Kind::Io,

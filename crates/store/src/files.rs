@@ -150,7 +150,7 @@ impl PendingFolder {
         for name in layout.iter().rev() {
             let (new, old) = (self.path.join(name), self.place.join(name));
             let done = match (new.exists(), old.exists()) {
-                // it stays with its time, by which other programs notice changes
+                // unchanged, it is left with its modification time, by which other programs notice changes
                 (true, true) if same_bytes(&old, &new) => Ok(()),
                 (true, _) => fs::rename(&new, &old),
                 (false, true) => fs::remove_file(&old),

@@ -1,7 +1,8 @@
 //! Opens all inputs: refuses pipes, devices and text that isn't UTF-8, and records what a call reads, so that it doesn't
 //! overwrite its inputs.
 //!
-//! Limit: the record is the process's. Calls at the same time (Python, the studio) can't write over each other's inputs either.
+//! Limit: the record is the process's. Calls at the same time (Python, the studio) can't write over each other's inputs
+//! either.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -21,8 +22,8 @@ pub type Identity = PathBuf;
 #[derive(Debug)]
 pub struct Inputs(());
 
-/// How many calls live, and the path of each file that they have read. Of the process, since files are opened far below the
-/// call, on rayon's threads too.
+/// How many calls live, and the path of each file that they have read. Of the process, since files are opened far below
+/// the call, on rayon's threads too.
 static READ: Mutex<(usize, BTreeMap<Identity, PathBuf>)> = Mutex::new((0, BTreeMap::new()));
 
 fn read() -> MutexGuard<'static, (usize, BTreeMap<Identity, PathBuf>)> {
@@ -30,7 +31,7 @@ fn read() -> MutexGuard<'static, (usize, BTreeMap<Identity, PathBuf>)> {
 }
 
 impl Inputs {
-    /// Records what is read from now on.
+    /// Records the files that are read from now on.
     pub fn record() -> Inputs {
         read().0 += 1;
         Inputs(())

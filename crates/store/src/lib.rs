@@ -2,7 +2,8 @@
 //!
 //! This crate knows nothing of motion. All files are read through [`input`], so that no call overwrites its inputs
 //! ([`output`]); files that later steps depend on are written completely or not at all ([`files`], [`part`], [`sidecar`]); nothing
-//! in a folder that kinelm goes on with leads out of it ([`owned`]); every use of randomness has its own stream ([`random`]).
+//! in a folder that kinelm continues leads out of it ([`owned`]); every use of randomness has its own stream
+//! ([`random`]).
 #![forbid(unsafe_code)]
 
 pub mod error;

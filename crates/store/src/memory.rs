@@ -1,6 +1,7 @@
 //! The memory still available to this process within the system, its control groups and its own limits.
 //!
-//! Limits: an estimate at one moment, which other processes may take; nothing is known without `/proc`, that is outside Linux.
+//! Limits: an estimate at one moment, which other processes may take; nothing is known without `/proc`, that is outside
+//! Linux.
 //!
 //! Sources: proc(5) (`meminfo`, `limits`, `status`), the kernel's documentation of control groups, versions 1 and 2.
 

@@ -1,4 +1,5 @@
-//! Which files a call may overwrite: never its inputs, and without `force` only files that the program certainly made.
+//! The files that a call may overwrite: never its inputs, and without `force` only files that the program certainly
+//! made.
 //!
 //! | existing output | |
 //! |---|---|
@@ -23,7 +24,7 @@ use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-/// How the program recognises its own files.
+/// The tests by which the program recognises its own files.
 #[derive(Debug, Clone, Copy)]
 pub struct Ours {
     /// Whether files of this name contain the program's mark.
@@ -47,7 +48,7 @@ pub struct Outputs {
 /// A folder as it was given, and without links.
 type Folder = (PathBuf, PathBuf);
 
-/// What [`Outputs::write`] did.
+/// The result of [`Outputs::write`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Written {
     /// A new file was written.

@@ -1,5 +1,5 @@
-//! Folders that kinelm continues: runs, projects, trainings. One from somebody else may hold links, pipes and files without
-//! end; here nothing in it leads out of it, and nothing makes a call wait.
+//! Folders that kinelm continues: runs, projects, trainings. One from somebody else may hold links, pipes and files
+//! without end; here nothing in it leads out of it, and nothing makes a call wait.
 //!
 //! Such a folder is looked through once, when it is opened ([`refuse_links`]). A file in it that is locked, continued or read is
 //! then opened as itself ([`open`]): no link is followed, no pipe waited for. New files are [`crate::part::PartFile`]s.
@@ -12,7 +12,7 @@ use std::path::{Component, Path, PathBuf};
 /// Nesting of folders that are looked through.
 const DEEPEST: usize = 64;
 
-/// What a file of a folder is opened for.
+/// The purpose for which a file of a folder is opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Access {
     /// To read it; it is there.
@@ -106,7 +106,8 @@ pub fn bytes(folder: &Path, name: impl AsRef<Path>, most: u64) -> Result<Option<
     Ok(Some(bytes))
 }
 
-/// The path of `name` in a folder, once each folder on the way has been found to be no link: for what is written there.
+/// The path of `name` in a folder, once each folder on the way has been found to be no link: for a file that is written
+/// there.
 ///
 /// # Errors
 /// A link on the way; a name that leads out of the folder.
@@ -136,14 +137,14 @@ fn is_link(path: &Path) -> Error {
     Error::file(path, "a link", "a file or folder of its own", "replace it by a copy of what it leads to")
 }
 
-/// Links aren't followed, and what has no other end yet isn't waited for.
+/// Links aren't followed, and a pipe without another end isn't waited for.
 #[cfg(unix)]
 fn as_it_is(options: &mut OpenOptions) {
     // O_NONBLOCK: opening a pipe that nobody writes to would wait for ever; on files it has no effect
     std::os::unix::fs::OpenOptionsExt::custom_flags(options, libc::O_NOFOLLOW | libc::O_NONBLOCK);
 }
 
-/// Links are opened as what they are.
+/// Links are opened themselves.
 #[cfg(windows)]
 fn as_it_is(options: &mut OpenOptions) {
     // winbase.h: opens a link of whatever kind as itself

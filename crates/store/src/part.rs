@@ -1,7 +1,8 @@
-//! Unfinished files: a new one has a temporary name until it is whole, by which leftovers of killed processes are found.
+//! Unfinished files: a new one has a temporary name until it is whole, by which leftovers of killed processes are
+//! found.
 //!
-//! Limits: whether a process still runs is known by `/proc`; elsewhere, and on folders that machines share, an hour without
-//! changes decides. On file systems that can't sync a folder, a new name may be lost with the power.
+//! Limits: whether a process still runs is known by `/proc`; elsewhere, and on folders that machines share, an hour
+//! without changes decides. On file systems that can't sync a folder, a new name may be lost with the power.
 
 use crate::files::{folder_of, sync_folder};
 use crate::{Error, Result};
@@ -14,7 +15,7 @@ use std::time::Duration;
 
 /// A new file that is written beside its final path, as `NAME.PID-RANDOM.part`. Dropped before it has its name, it is removed.
 ///
-/// It never opens what is there already: a folder that comes from somebody else may hold links of all names that could be
+/// It never opens an existing file: a folder that comes from somebody else may hold links of all names that could be
 /// guessed, so the name has 64 random bits, and a name that is taken is an error.
 ///
 /// ```
@@ -62,7 +63,7 @@ impl PartFile {
         let mut name = name_of(place)?.to_owned();
         name.push(format!(".{}.part", own(place)?));
         let path = folder_of(place).join(name);
-        // what is there, a link too, is never opened
+        // an existing file, or a link, is never opened
         let file = options.write(true).create_new(true).open(&path).map_err(Error::io(place))?;
         Ok(PartFile { path, file })
     }
@@ -75,7 +76,7 @@ impl PartFile {
         self.file.write_all(bytes).map_err(Error::io(&self.path))
     }
 
-    /// Brings what was written to the disk.
+    /// Syncs the written bytes to the disk.
     ///
     /// # Errors
     /// I/O errors.
@@ -83,7 +84,8 @@ impl PartFile {
         self.file.sync_all().map_err(Error::io(&self.path))
     }
 
-    /// Gives the file its name, in place of what has it; a link is replaced, not followed. It is on the disk when this returns.
+    /// Gives the file its name, in place of any file that has it; a link is replaced, not followed. It is on the disk
+    /// when this returns.
     ///
     /// # Errors
     /// I/O errors.

@@ -95,7 +95,8 @@ pub fn check_finished(file: &Path) -> Result<()> {
 
 /// Writes the sidecar of `file`, and the file. Both are on the disk under temporary names before either has its own: what fails
 /// for want of space changes nothing, and if this is interrupted between both names, the sidecar has the hash of the old file
-/// too, as the one it replaces ([`check_finished`]). `text` builds the sidecar's text from the hash of the file being replaced;
+/// too, as the one it replaces ([`check_finished`]). `text` builds the sidecar's text from the hash of the file being
+/// replaced;
 /// `sha256` is that of the new `bytes`.
 ///
 /// # Errors

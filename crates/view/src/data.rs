@@ -197,11 +197,11 @@ fn point_contacts(clip: &Clip, floor_m: f64, map: &SkeletonMap) -> Vec<PointCont
 
 /// Sides of the box that a live figure is in, metres: a step of its 16 bits is half a millimetre.
 const LIVE_BOX: f64 = 32.0;
-/// How much of it is below the floor.
+/// The part of it below the floor, metres.
 const LIVE_BELOW: f64 = 8.0;
 
-/// A figure whose frames are still sampled: its positions are in a box around one of its frames, as its extent isn't known
-/// yet.
+/// A figure whose frames are still sampled: its positions are in a box around one of its frames, as its extent isn't
+/// known yet.
 #[derive(Debug)]
 pub struct LiveFigure {
     body: CapsuleBody,

@@ -49,7 +49,7 @@ pub struct Figure<'a> {
     pub world: Option<usize>,
     /// Regenerated spans, from and to in seconds, marked on the time bar.
     pub regenerated_s: Vec<[f64; 2]>,
-    /// Which beats of the page's music it hits, one mark per beat: these are highlighted. `None`: not measured.
+    /// A mark for each beat of the page's music: does it hit it? Hits are highlighted. `None`: not measured.
     pub hits: Option<BeatHits>,
 }
 
@@ -163,7 +163,8 @@ pub fn write_page(path: &Path, figures: &[Figure]) -> Result<usize> {
 
 /// The modules of the page's player, each after those it imports, and its look. The page has them in one script and one
 /// style sheet, the studio loads them.
-/// An `import` or `export` begins its line, an `import` has one line alone, and no two modules have names in common, so that
+/// An `import` or `export` begins its line, an `import` has one line alone, and no two modules have names in common, so
+/// that
 /// `script` needs no parser.
 pub const MODULES: &[(&str, &str)] = &[
     ("scene.js", include_str!("player/scene.js")),

@@ -1,7 +1,7 @@
 //! Events for all open pages: numbered, in memory for a while, so that a page that was away gets what it missed.
 //!
-//! There is one ring for everybody and a cursor for each page: a slow page costs no memory; where the ring has moved on, it
-//! has to load the state again.
+//! There is one ring for everybody and a cursor for each page: a slow page costs no memory; where the ring has moved
+//! on, it has to load the state again.
 
 use serde::Serialize;
 use std::collections::VecDeque;

@@ -14,8 +14,8 @@ use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;
 
-/// A page that opens the page: a browser sends a `SameSite=Strict` cookie only with requests of our own page, and not with
-/// those that follow a file's link.
+/// A page that opens the page: a browser sends a `SameSite=Strict` cookie only with requests of our own page, and not
+/// with those that follow a file's link.
 const BOUNCE: &str = "<!doctype html><meta charset=\"utf-8\"><title>kinelm studio</title>\
                       <link rel=\"icon\" href=\"/assets/icon.svg\">\
                       <meta http-equiv=\"refresh\" content=\"0; url=/?in\">\n";

@@ -1,9 +1,9 @@
-//! The process that reads a file: `kinelm studio-read`, started by the studio for each file of the library, and for each
-//! figure of one.
+//! The process that reads a file: `kinelm studio-read`, started by the studio for each file of the library, and for
+//! each figure of one.
 //!
 //! Some parsers are C code, and any parser may take all memory or never end on a file that is made for it. In a process
-//! of its own, with limits, that is an error of one file, and the memory of a long clip goes back to the system afterwards.
-//! Only Linux limits its memory; on systems that aren't Unix, the clock is the only limit.
+//! of its own, with limits, that is an error of one file, and the memory of a long clip goes back to the system
+//! afterwards. Only Linux limits its memory; on systems that aren't Unix, the clock is the only limit.
 
 use super::doubts::{Outcome, outcome};
 use super::figure::Wanted;

@@ -1,7 +1,7 @@
 //! The facts of a file, and its doubts in plain words, each with a button that settles it.
 //!
-//! The doubts are the library's own, those that `kinelm inspect` prints; here they get words for somebody who doesn't know
-//! its options, and the option as a button.
+//! The doubts are the library's own, those that `kinelm inspect` prints; here they get words for somebody who doesn't
+//! know its options, and the option as a button.
 
 use crate::project::document::Reading;
 use crate::{Error, Result};

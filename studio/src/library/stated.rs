@@ -1,5 +1,5 @@
-//! The readings of clips in the timeline's text: they hold for the library too, so that a card, the stage and the generated
-//! dance show one clip.
+//! The readings of clips in the timeline's text: they hold for the library too, so that a card, the stage and the
+//! generated dance show one clip.
 
 use super::doubts::{Outcome, is_music};
 use super::{Library, maps};

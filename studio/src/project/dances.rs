@@ -1,4 +1,5 @@
-//! The files of dances: `.studio/made/d3.bvh` until the user keeps them, then `dances/NAME.bvh`, each beside its sidecar.
+//! The files of dances: `.studio/made/d3.bvh` until the user keeps them, then `dances/NAME.bvh`, each beside its
+//! sidecar.
 //!
 //! The first file stays when its dance is kept, so that an undo loses nothing.
 

@@ -1,5 +1,5 @@
-//! The state of a project: clips, dances, the timeline's text, the music; and the changes that lead from one state to the
-//! next.
+//! The state of a project: clips, dances, the timeline's text, the music; and the changes that lead from one state to
+//! the next.
 
 use super::{DANCES, MADE};
 use kinelm_generate::best::Best;

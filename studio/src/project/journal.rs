@@ -6,9 +6,9 @@
 //!
 //! The checksum of a line goes on from that of the line before, so that none can be missing, doubled or elsewhere.
 //!
-//! A process may end at any moment. A line without its end was never reported to a page and is dropped; one with it counts,
-//! and where its checksum is another, the file was damaged and nothing is guessed. When the journal has grown it is written
-//! anew, as one line with the state and the steps that can be undone.
+//! A process may end at any moment. A line without its end was never reported to a page and is dropped; one with it
+//! counts, and where its checksum is another, the file was damaged and nothing is guessed. When the journal has grown
+//! it is written anew, as one line with the state and the steps that can be undone.
 
 use super::JOURNAL;
 use super::document::{Change, Document};

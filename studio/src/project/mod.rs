@@ -13,8 +13,8 @@
 //! - [`journal`]: the file that both are in.
 //! - [`dances`]: the files of dances.
 //!
-//! One process has a project at a time. Files are written before the line of the journal that names them, so each file of a
-//! line exists.
+//! One process has a project at a time. Files are written before the line of the journal that names them, so each file
+//! of a line exists.
 
 pub mod dances;
 pub mod document;

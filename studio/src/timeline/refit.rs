@@ -1,5 +1,5 @@
-//! Segments of a clip whose reading changes: they have the same frames of the clip as before, and become longer or shorter
-//! with it.
+//! Segments of a clip whose reading changes: they have the same frames of the clip as before, and become longer or
+//! shorter with it.
 //!
 //! At half the rate a clip lasts twice as long. Its segments do too then, and later segments are moved, so that nothing
 //! overlaps and a clip that was cut continues. A segment that had the clip's beginning or end has it afterwards.

@@ -14,8 +14,8 @@ use rayon::prelude::*;
 /// `saved` comes from the forward pass with the same `x`, weights and rules.
 ///
 /// # Panics
-/// Slices of other lengths than the workspace's shape has, a [`Saved`] of another shape, or a workspace without its backward
-/// part.
+/// Slices of other lengths than the workspace's shape has, a [`Saved`] of another shape, or a workspace without its
+/// backward part.
 #[allow(clippy::too_many_arguments)]
 pub fn backward(
     dx: &mut [f32],
@@ -41,8 +41,8 @@ pub fn backward(
     pass.gradients_before_attention(gradients, back);
 }
 
-/// The inputs of all parts of the pass. Rows fall into pieces that threads work on; sums over rows are taken piece by piece
-/// and then over the pieces, so that the number of threads changes no bit.
+/// The inputs of all parts of the pass. Rows fall into pieces that threads work on; sums over rows are taken piece by
+/// piece and then over the pieces, so that the number of threads changes no bit.
 struct Pass<'a> {
     shape: Shape,
     products: Products,
@@ -136,8 +136,8 @@ impl Pass<'_> {
         sums.take(gradients.out.bias);
     }
 
-    /// Back through the attention, from `d_heads` to `dqkv_heads`. Beside it run the products for the gradients of
-    /// the weights after it, which wait for nothing: they fill the threads that the attention's uneven pieces leave idle.
+    /// Back through the attention, from `d_heads` to `dqkv_heads`. Beside it run the products for the gradients of the
+    /// weights after it, which wait for nothing: they fill the threads that the attention's uneven pieces leave idle.
     fn attention(&self, gradients: &mut Gradients, space: &mut attention::Workspace, back: &mut Back) {
         let Pass { shape, products, piece, store, saved, .. } = *self;
         let (n, d, m) = (shape.rows(), shape.width, shape.hidden);

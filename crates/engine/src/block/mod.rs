@@ -4,7 +4,8 @@
 //! token, and the log-sums of the softmax. Normalised rows, GELU and attention weights are computed a second time, which
 //! costs less than reading them back.
 //!
-//! Dropout and masks are the caller's keys and numbers: a pass has no random state. All sequences of a batch have T tokens.
+//! Dropout and masks are the caller's keys and numbers: a pass has no random state. All sequences of a batch have T
+//! tokens.
 //!
 //! Letters: B batch, T tokens, N = B T rows, D width, H heads, M width of the hidden layer, R rows of a piece.
 //!
@@ -163,7 +164,7 @@ pub type Weights<'a> = Tensors<&'a [f32]>;
 /// Gradients of a block.
 pub type Gradients<'a> = Tensors<&'a mut [f32]>;
 
-/// What is dropped in training: [`crate::op::dropout`].
+/// The dropout of a block in training: [`crate::op::dropout`].
 #[derive(Debug, Clone, Copy)]
 pub struct Dropout<'a> {
     /// Share of the numbers that is dropped, in `0.0..1.0`.
@@ -179,7 +180,7 @@ pub struct Dropout<'a> {
 /// Mask, dropout and rotary positions of a pass.
 #[derive(Clone, Copy)]
 pub struct Rules<'a> {
-    /// Which tokens a token attends to.
+    /// The tokens that a token attends to.
     pub mask: attention::Mask<'a>,
     /// Dropout, in training.
     pub dropout: Option<Dropout<'a>>,

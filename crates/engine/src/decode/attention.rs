@@ -1,4 +1,4 @@
-//! Attention of a block's tokens over what one stream has read, one head at a time.
+//! Attention of a block's tokens over all tokens of their stream so far, one head at a time.
 
 use super::cache::{Stored, Unit};
 use super::kernel::{Left, Product};
@@ -22,8 +22,8 @@ pub(super) struct Queries<'a> {
     pub rotary: Option<(&'a Angles, &'a [u32])>,
 }
 
-/// Stores the keys, rotated, and values of `queries` (m rows) in the `unit` of the cache, and writes to `out` (m, padded) what
-/// each row takes from all up to its own. `scores` has [`SCORE_ROWS`] rows of T, whole panels.
+/// Stores the keys, rotated, and values of `queries` (m rows) in the `unit` of the cache, and writes the attention of
+/// each row over all places up to its own to `out` (m, padded). `scores` has [`SCORE_ROWS`] rows of T, whole panels.
 pub(super) fn attend<E: Stored>(out: &mut [f32], queries: Queries, cache: &mut [E], unit: Unit, scores: &mut [f32]) {
     let Unit { tokens, d, padded, panel } = unit;
     let Queries { qkv, stride, place, rotary } = queries;
@@ -77,8 +77,8 @@ pub(super) fn attend<E: Stored>(out: &mut [f32], queries: Queries, cache: &mut [
     }
 }
 
-/// Rows of scores become e^(score - largest) times `factor`, 0 after the row's own place; `sums` gets the sums without the
-/// factor. Row i sees `first + i + 1` columns of `columns`, which are whole panels.
+/// Rows of scores become e^(score - largest) times `factor`, 0 after the row's own place; `sums` gets the sums without
+/// the factor. Row i sees `first + i + 1` columns of `columns`, which are whole panels.
 struct Softmax<'a> {
     scores: &'a mut [f32],
     stride: usize,

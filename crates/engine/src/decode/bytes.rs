@@ -2,8 +2,8 @@
 //!
 //! One instruction adds, to each of 16 sums, the products of four unsigned bytes with four signed ones. So a row is rounded
 //! to bytes by a scale of its own, and the sums are whole numbers: a row's product is the same bits whatever rows are
-//! computed with it. Sources: Intel, "Architecture Instruction Set Extensions Programming Reference", chapter 2; a scale a row and
-//! a column: Dettmers et al., "LLM.int8()" (2022), section 2.
+//! computed with it. Sources: Intel, "Architecture Instruction Set Extensions Programming Reference", chapter 2; a
+//! scale a row and a column: Dettmers et al., "LLM.int8()" (2022), section 2.
 #![allow(unsafe_code)]
 
 use super::kernel::Left;
@@ -41,7 +41,7 @@ pub(super) fn words(k: usize) -> usize {
 pub(super) struct Rows {
     /// [tile][word][row of the tile]: four bytes a word, each [`ZERO`] higher than its number.
     numbers: Vec<u32>,
-    /// (m): what a byte is to be multiplied with.
+    /// (m): the factor of a row's bytes.
     scales: Vec<f32>,
     /// The bytes of a row.
     line: Vec<u8>,
@@ -106,8 +106,8 @@ impl WithSimd for Round<'_> {
         let scale = if all.is_finite() { most / MOST } else { f32::NAN };
         // infinite for the smallest `most`, and then the bytes are arbitrary: a scale below 3e-39 makes them nothing
         let inverse = if most > 0.0 && scale > 0.0 { MOST / most } else { 0.0 };
-        // 1.5 * 2^23: added to it, a number is rounded to a whole one, which is in the last bits; the half keeps negative
-        // ones in the same binade
+        // 1.5 * 2^23: added to it, a number is rounded to a whole one, which is in the last bits; the half keeps
+        // negative ones in the same binade
         const WHOLE: f32 = 12_582_912.0;
         for (at, part) in parts() {
             for (to, x) in self.to[at..].iter_mut().zip(part) {
@@ -130,7 +130,7 @@ pub(super) struct Product<'a> {
     pub k: usize,
     /// [panel][word of k][column][number of the word].
     pub panels: &'a [i8],
-    /// Of the columns of these panels, as are the next two: what a sum is to be multiplied with.
+    /// A factor for each column of these panels; `excess` and `bias` have a number for each, too.
     pub scale: &'a [f32],
     /// The sums of the columns times [`ZERO`], to be taken off.
     pub excess: &'a [i32],
@@ -144,7 +144,7 @@ pub(super) fn excess(column: impl Iterator<Item = i8>) -> i32 {
 
 impl Product<'_> {
     /// # Panics
-    /// Slices that are too short; where [`are_there`] says no.
+    /// Slices that are too short; a processor for which [`are_there`] is false.
     pub fn run(self) {
         let (words, columns) = (words(self.k), self.scale.len());
         let Product { m, ldc, .. } = self;
@@ -219,7 +219,7 @@ mod x86 {
     }
 
     /// # Safety
-    /// That of [`tile`].
+    /// As [`tile`].
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
     unsafe fn one_by_one<const M: usize>(rows: *const u32, right: *const __m512i, words: usize) -> [[__m512i; 2]; M] {
@@ -234,7 +234,7 @@ mod x86 {
     /// As [`one_by_one`], with four sums of each column, one after the other.
     ///
     /// # Safety
-    /// That of [`tile`].
+    /// As [`tile`].
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
     unsafe fn in_four<const M: usize>(rows: *const u32, right: *const __m512i, words: usize) -> [[__m512i; 2]; M] {
@@ -255,7 +255,7 @@ mod x86 {
     }
 
     /// # Safety
-    /// That of [`tile`].
+    /// As [`tile`].
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
     unsafe fn step<const M: usize>(sums: &mut [[__m512i; 2]; M], rows: *const u32, right: *const __m512i) {

@@ -1,7 +1,8 @@
-//! The keys and values of what was read, in one allocation.
+//! The keys and values of the tokens read so far, in one allocation.
 //!
-//! [layer][head][stream], each unit the keys, then the values. Keys are stored in panels of tokens, [T / panel][d][panel], and
-//! values in panels of their numbers, [d / panel][T][panel]: both are right factors of the products that attention takes.
+//! [layer][head][stream], each unit the keys, then the values. Keys are stored in panels of tokens,
+//! [T / panel][d][panel], and values in panels of their numbers, [d / panel][T][panel]: both are right factors of the
+//! products of attention.
 
 use crate::arena::Floats;
 use crate::element::Element;
@@ -9,7 +10,7 @@ use crate::op::matmul::panel;
 use half::f16;
 use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 
-/// How keys and values are stored.
+/// The format of keys and values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum KvKind {

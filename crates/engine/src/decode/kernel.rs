@@ -1,10 +1,10 @@
 //! The one product of decoding: rows times a matrix that is streamed from memory.
 //!
-//! The matrix is stored in panels of two vectors' columns, [panel][k][2 vectors], as f32, as signed bytes or as half floats;
-//! narrower numbers are widened in registers. All rows take their share of a panel while it is in the nearest cache, so
-//! they cost one pass through memory; one row reads four panels side by side and two rows two, since one stream does not
-//! keep memory busy. Each sum runs over k in order in one accumulator, whatever rows are computed beside it: reading a
-//! block of tokens gives the bits that reading them one by one gives.
+//! The matrix is stored in panels of two vectors' columns, [panel][k][2 vectors], as f32, as signed bytes or as half
+//! floats; narrower numbers are widened in registers. All rows take their share of a panel while it is in the nearest
+//! cache, so they cost one pass through memory; one row reads four panels side by side and two rows two, since one
+//! stream does not keep memory busy. Each sum runs over k in order in one accumulator, whatever rows are computed
+//! beside it: reading a block of tokens gives the bits that reading them one by one gives.
 
 use crate::element::Element;
 use pulp::{Simd, WithSimd};
@@ -97,8 +97,8 @@ impl<E: Element> Product<'_, E> {
         1
     }
 
-    /// M rows from `first` on, P panels from `panel` on: `steps` numbers of k from `done` on are added to what `c` holds.
-    /// Panels or rows, whichever the caller counts: the larger number.
+    /// M rows from `first` on, P panels from `panel` on: adds the products of `steps` numbers of k from `done` on
+    /// to `c`. Returns the larger of M and P: the rows or panels that the caller counts.
     #[inline(always)]
     fn tile<S: Simd, const M: usize, const P: usize>(
         &mut self,
@@ -167,7 +167,8 @@ impl<E: Element> Product<'_, E> {
     }
 }
 
-/// `sums` plus the products of the numbers of `left` with the rows of `right`; `fetch`: nobody has read these yet.
+/// `sums` plus the products of the numbers of `left` with the rows of `right`; `fetch`: these panels aren't in the
+/// cache yet.
 #[inline(always)]
 fn run<S: Simd, E: Element, const M: usize, const P: usize>(
     simd: S,

@@ -7,7 +7,7 @@ use crate::dispatch;
 use crate::element::Element;
 use crate::op::matmul::panel;
 
-/// How weights are stored.
+/// The format of weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum WeightKind {
@@ -19,7 +19,7 @@ pub enum WeightKind {
     Int8,
 }
 
-/// Columns of a piece, a whole number of panels: what one thread computes at a time.
+/// Columns of a piece, a whole number of panels; one thread computes a piece at a time.
 pub(super) const PIECE: usize = 64;
 
 /// A (k, n) matrix with its bias, packed for streaming.
@@ -109,7 +109,7 @@ impl Matrix {
         self.k * self.piece / if self.meets_bytes() { bytes::WORD } else { 1 }
     }
 
-    /// Whether rows are to be rounded to bytes for it.
+    /// Whether its left operands must be rounded to bytes.
     pub(super) fn meets_bytes(&self) -> bool {
         !self.excess.is_empty()
     }

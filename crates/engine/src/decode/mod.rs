@@ -8,8 +8,9 @@
 //! nothing. It is for causal models without dropout: a row never sees a later one, and a place that is read again is
 //! overwritten from there on.
 //!
-//! The products of a row are the same bits whatever rows are computed with it, so a block of rows gives the numbers that its
-//! rows give one by one. A speculated block can therefore be verified without any change to what is sampled.
+//! The products of a row are the same bits whatever rows are computed with it, so a block of rows gives the numbers
+//! that its rows give one by one. A speculated block can therefore be verified without any change to the sampled
+//! tokens.
 //!
 //! ```
 //! use kinelm_engine::decode::{BlockParts, KvKind, Run, Stack, StackDecoder, StackWeights, WeightKind};

@@ -18,10 +18,10 @@ const ROWS: usize = 192;
 /// Multiply-adds that are worth another thread.
 const WORTH: usize = 1 << 17;
 
-/// Reads of fewer multiply-adds stay on the thread they are called on, if it is none of a pool's.
+/// Reads of fewer multiply-adds aren't worth entering a pool from outside.
 const ALONE: usize = 1 << 21;
 
-/// How large a stack of blocks is.
+/// The size of a stack of blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stack {
     /// L.
@@ -50,16 +50,15 @@ pub struct Run {
     pub rows: usize,
 }
 
-/// Streams that go through a stack of blocks, with the keys and values of the rows that went through, and the rows that
-/// go next. Each row attends to the rows at earlier places of its stream, whatever stood there last: how far a stream
-/// has come is the caller's to know.
+/// Streams of rows through a stack of blocks: the keys and values of earlier rows, and the rows of the next pass. Each
+/// row attends to the last rows at all earlier places of its stream; the caller knows how far a stream has come.
 ///
 /// A pass: [`push`](Self::push) a run, write its rows into [`rows_mut`](Self::rows_mut), [`forward`](Self::forward),
 /// [`norm`](Self::norm), [`product`](Self::product) with the head, [`clear`](Self::clear).
 pub struct StackDecoder {
     cache: KvCache,
     width: usize,
-    /// The next rows by stream. Taken in this order, so a stream can begin anew among them.
+    /// The rows of the next pass by stream, processed in this order: a stream can begin anew among them.
     runs: Vec<Run>,
     rows: usize,
     /// The most rows of a pass.
@@ -78,7 +77,7 @@ struct Scratch {
     scores: Floats,       // (H, SCORE_ROWS, T)
     pieces: Floats,       // (n / PIECE, m, PIECE) for the widest n
     hidden: Floats,       // (4 D / PIECE, m, PIECE)
-    rounded: bytes::Rows, // what is multiplied, as bytes, where a matrix meets bytes
+    rounded: bytes::Rows, // left operands as bytes, for matrices that need them
 }
 
 impl StackDecoder {
@@ -134,7 +133,7 @@ impl StackDecoder {
         first
     }
 
-    /// (m, D): the rows of the next pass from `first` on; after [`Self::forward`], what came out.
+    /// (m, D): the rows of the next pass from `first` on; after [`Self::forward`], its output.
     pub fn rows_mut(&mut self, first: usize) -> &mut [f32] {
         &mut self.scratch.x[first * self.width..self.rows * self.width]
     }
@@ -175,8 +174,8 @@ impl StackDecoder {
         }
     }
 
-    /// Norms some rows, given in ascending order: they are the first rows of what [`Self::product`] multiplies. The rows
-    /// themselves are used up.
+    /// Normalises some rows, given in ascending order, as the rows 0, 1, .. of [`Self::product`]. The rows themselves
+    /// are overwritten.
     pub fn norm(&mut self, norm: &Norm, rows: impl Iterator<Item = usize>) {
         let (width, mut n) = (self.width, 0);
         for row in rows {
@@ -320,18 +319,18 @@ fn round(rounded: &mut bytes::Rows, matrix: &Matrix, left: Left) {
     }
 }
 
-/// Pieces of `work` multiply-adds that one thread takes at least.
+/// The least number of pieces of `work` multiply-adds for one thread.
 fn worth(work: usize) -> usize {
     WORTH.div_ceil(work.max(1))
 }
 
-/// Rows of a few additions a number that one thread takes.
+/// Rows that one thread takes where each number costs a few additions.
 fn rows_at_once(width: usize) -> usize {
     (WORTH / 8).div_ceil(width.max(1))
 }
 
-/// Runs `read` in the current rayon pool if its number of multiply-adds is worth it, else on this thread: entering the pool
-/// once is cheaper than for every product.
+/// Runs `read` in the current rayon pool if its number of multiply-adds is worth it, else on this thread: entering the
+/// pool once is cheaper than for every product.
 pub fn in_pool(multiply_adds: usize, read: impl FnOnce() + Send) {
     if multiply_adds < ALONE || rayon::current_thread_index().is_some() {
         read();

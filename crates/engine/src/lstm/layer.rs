@@ -22,7 +22,7 @@ pub struct Layer {
 /// Teacher forcing: rows that replace a layer's own previous output at some steps.
 #[derive(Debug, Clone, Copy)]
 pub struct TeacherForcing<'a> {
-    /// Which steps of a pass are forced; steps after the last are not.
+    /// For each step of a pass: is it forced? Later steps aren't.
     pub steps: &'a [bool],
     /// (T, B, D), read at forced steps alone.
     pub rows: &'a [f32],

@@ -48,7 +48,7 @@ pub use single::Single;
 /// Units of a layer that a thread computes at a time.
 pub const UNITS: usize = 64;
 
-/// How layers are connected.
+/// The connection between layers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Wiring {
     /// A layer's input is the output of the one below at the same step.
@@ -67,7 +67,7 @@ pub struct Shape {
     pub width: usize,
     /// L.
     pub layers: usize,
-    /// How layers are connected.
+    /// The connection between layers.
     pub wiring: Wiring,
 }
 
@@ -183,8 +183,8 @@ impl Lstm {
         self.layers.iter_mut().for_each(|layer| layer.rest());
     }
 
-    /// The next pass goes on where the last one ended: called after [`Lstm::forward`], before a backward pass, which forgets how
-    /// many steps that had.
+    /// The next pass goes on where the last one ended: called after [`Lstm::forward`], before a backward pass, which
+    /// forgets how many steps that had.
     pub fn carry(&mut self) {
         let (steps, row) = (self.given.len(), self.batch * self.shape.channels);
         self.y.copy_within(steps * row..(steps + 1) * row, 0);

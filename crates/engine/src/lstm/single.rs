@@ -1,6 +1,6 @@
 //! One layer, whose outputs are its units, with teacher forcing: at some steps other rows replace its own previous output.
 //!
-//! The state goes on through such a step; the gradient of the replaced output ends there.
+//! The state continues through such a step; the gradient of the replaced output ends there.
 
 use super::layer::{Layer, TeacherForcing};
 use super::{Floats, Sums};
@@ -61,8 +61,8 @@ impl Single {
         self.layer.rest();
     }
 
-    /// The next pass goes on where the last one ended: called after [`Single::forward`], before a backward pass, which forgets
-    /// how many steps that had.
+    /// The next pass goes on where the last one ended: called after [`Single::forward`], before a backward pass, which
+    /// forgets how many steps that had.
     pub fn carry(&mut self) {
         self.layer.carry(self.forced.len());
     }

@@ -13,9 +13,9 @@ pub const CHUNK: usize = 65_536;
 /// The numbers of one update.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step {
-    /// What gradients are multiplied with first.
+    /// Factor of the gradients, before all else.
     pub share: f32,
-    /// How much of each moment stays.
+    /// Decay factors of both moments.
     pub betas: [f32; 2],
     /// The learning rate over the first moment's correction.
     pub step: f32,
@@ -23,7 +23,7 @@ pub struct Step {
     pub root: f32,
     /// Added to the root of the second moment.
     pub epsilon: f32,
-    /// What parameters are multiplied with: 1 - rate * decay.
+    /// Factor of the parameters: 1 - rate * decay.
     pub keep: f32,
 }
 

@@ -1,4 +1,4 @@
-//! Rows (N, D) and a bias (D): adding it, its gradient, and what comes after a product in a residual stream.
+//! Rows (N, D) and a bias (D): adding it, its gradient, and the addition to a residual stream.
 
 use super::dropout::{self, Mask};
 use super::rows;
@@ -37,8 +37,8 @@ pub fn residual(x: &mut [f32], y: &[f32], bias: &[f32], mask: Mask) {
     }
 }
 
-/// The way back: writes `dy` = dropout(dx), rows of `width` numbers, with the mask that [`residual`] had. Without dropout
-/// it is a copy, and `dx` itself will do.
+/// The backward pass of [`residual`]: writes `dy` = dropout(dx), rows of `width` numbers, with the same mask. Without
+/// dropout it is a copy, and `dx` itself will do.
 ///
 /// # Panics
 /// Shapes that don't fit; a share outside `0.0..1.0`.

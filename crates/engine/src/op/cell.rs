@@ -19,7 +19,7 @@ pub fn forward(gates: &mut [f32], bias: &[f32], before: &[f32], c: &mut [f32], h
     dispatch::run(Forward { gates, bias, before, c, h, width });
 }
 
-/// The way back through [`forward`]: the gates (B, 4P) become the gradients of the sums at them.
+/// The backward pass of [`forward`]: the gates (B, 4P) become the gradients of the sums at them.
 ///
 /// `dh` (B, P) is the gradient of the output; `dc` (B, P) that of the state from the next step, which becomes that of
 /// the state `before`.

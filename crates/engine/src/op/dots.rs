@@ -1,9 +1,8 @@
-//! Dot products of one vector with many rows of signed bytes, streamed from memory: what a search reads first.
+//! Dot products of one vector with many rows of signed bytes, streamed from memory: the first stage of a search.
 //!
-//! A byte a number is a quarter of what floats take, and reading is all that such a product waits for. The vector is
-//! rounded to 16 bits, so that a product is whole numbers alone and exact: it is the same with all instructions, in every
-//! order. What the vector's rounding leaves out is measured ([`Query::error`]). Rows are padded with zeros to whole
-//! [`PAD`]s.
+//! A byte a number is a quarter of a float, and memory bandwidth alone decides the speed of such a product. The vector
+//! is rounded to 16 bits, so that a product is whole numbers alone and exact: it is the same with all instructions, in
+//! every order. The vector's rounding error is known ([`Query::error`]). Rows are padded with zeros to whole [`PAD`]s.
 //!
 //! Rows are read one after the other, front to back: four side by side share the vector's numbers in registers, but memory
 //! then delivers 23 GB/s to two cores of an AMD EPYC (Zen 4) instead of 35. From the cache, a core multiplies 60 GB/s.
@@ -15,7 +14,7 @@ use pulp::{Arch, NullaryFnOnce};
 /// Rows have a multiple of 64 numbers: a cache line.
 pub const PAD: usize = 64;
 
-/// What is added to a length, since the square of a number below 1e-154 is 0.
+/// Added to a length, since the square of a number below 1e-154 is 0.
 const VANISHING: f64 = 1e-150;
 
 /// A vector that rows are multiplied with.
@@ -28,10 +27,10 @@ pub struct Query {
 }
 
 impl Query {
-    /// Of finite numbers, which are rounded to multiples of [`Query::step`].
+    /// The query of finite numbers, which are rounded to multiples of [`Query::step`].
     ///
     /// # Panics
-    /// When they are more than 2^23.
+    /// For more than 2^23 numbers.
     pub fn new(numbers: &[f64]) -> Query {
         let padded = numbers.len().next_multiple_of(PAD);
         assert!(padded <= 1 << 23, "{padded} numbers");
@@ -55,12 +54,12 @@ impl Query {
         self.numbers.len()
     }
 
-    /// What a product is to be multiplied with.
+    /// Factor of a product.
     pub fn step(&self) -> f64 {
         self.step
     }
 
-    /// The length of what rounding leaves out of the vector: a product times the step is off by at most this times the
+    /// The length of the vector's rounding error: a product times the step is off by at most this times the
     /// row's length.
     pub fn error(&self) -> f64 {
         self.error

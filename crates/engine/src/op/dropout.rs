@@ -16,11 +16,11 @@ const STEP: u32 = 0x9E37_79B9;
 /// The mask of rows that begin with `first_row`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mask {
-    /// Of all rows, those of other calls too: another key is another mask.
+    /// The key of the mask, for all rows of all calls: another key is another mask.
     pub key: u64,
     /// The number of the first row, so that pieces of a whole have the whole's mask.
     pub first_row: u64,
-    /// What share is dropped, 0 to below 1; at 0 nothing is computed.
+    /// The share that is dropped, 0 to below 1; at 0 nothing is computed.
     pub share: f64,
 }
 
@@ -29,7 +29,7 @@ impl Mask {
     pub const NONE: Mask = Mask { key: 0, first_row: 0, share: 0.0 };
 }
 
-/// What a row of a mask is made from.
+/// The key of a row of a mask.
 pub fn row_key(key: u64, row: u64) -> u32 {
     (mix(mix(key).wrapping_add(row)) >> 32) as u32
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// The id of no row: nothing is added here.
 pub const NONE: u32 = u32::MAX;
 
-/// A table and which of its rows go where.
+/// A table, and the row of it for each row of the stream.
 #[derive(Debug, Clone, Copy)]
 pub struct Lookup<'a> {
     /// (rows, D).
@@ -95,7 +95,7 @@ impl WithSimd for Forward<'_> {
     }
 }
 
-/// What the rows `first_id..` of a table, as many as `dtable` holds, get.
+/// Adds to the rows `first_id..` of a table, as many as `dtable` has.
 struct Backward<'a> {
     dtable: &'a mut [f32],
     width: usize,

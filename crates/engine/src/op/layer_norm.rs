@@ -38,7 +38,7 @@ pub fn normalised(out: &mut [f32], x: &[f32], stats: &[f32], width: usize) {
     dispatch::run(Normalised { out, x, stats, width });
 }
 
-/// What the backward pass reads.
+/// The inputs of the backward pass from [`forward`].
 #[derive(Debug, Clone, Copy)]
 pub struct Saved<'a> {
     /// (N, D), the rows that [`forward`] got.
@@ -236,7 +236,7 @@ impl WithSimd for Backward<'_> {
     }
 }
 
-/// The sums of g and of g y over a row; what the row adds to the gradients of weight and bias goes there.
+/// The sums of g and of g y over a row; adds the row's part to the gradients of weight and bias.
 #[inline(always)]
 fn gradient_sums<S: Simd>(
     simd: S,

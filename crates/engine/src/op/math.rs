@@ -1,4 +1,4 @@
-//! What several kernels share: the exponential function, sums and maxima over a vector's lanes.
+//! Parts that several kernels share: the exponential function, sums and maxima over a vector's lanes.
 
 use pulp::Simd;
 
@@ -49,7 +49,7 @@ pub(crate) fn sum<S: Simd>(simd: S, x: S::f32s) -> f32 {
 /// The numbers of the lanes.
 static LANES: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// Which lanes hold the numbers of a tail of `len`.
+/// The lanes that hold the numbers of a tail of `len`.
 #[inline(always)]
 pub(crate) fn lanes_below<S: Simd>(simd: S, len: usize) -> S::m32s {
     simd.less_than_u32s(lane_numbers(simd), simd.splat_u32s(len as u32))

@@ -18,8 +18,8 @@ const WIDE_TILE: usize = 8;
 /// Steps of k before a tile goes back to memory: a panel of 256 rows fills half of a 32 KB cache on AVX2.
 const DEPTH: usize = 256;
 
-/// Whole tiles, whatever their height.
-pub(crate) const TILES: usize = 24; // a common multiple of TILE and WIDE_TILE
+/// A multiple of both tile heights.
+pub(crate) const TILES: usize = 24; // 4 of 6 rows, 3 of 8
 
 /// Rows of the left factor that are worked through before the next panel's turn.
 pub(crate) const ROWS: usize = 6 * TILES;
@@ -238,8 +238,8 @@ impl Product<'_> {
 
 /// Rows `first..` of a transposed left factor, steps `k0..` of k, as tiles: `[tile][step][row of the tile]`.
 ///
-/// Step by step, so that a line of the factor is fetched once: the distance of its rows is often a power of two, and then
-/// they push each other out of the cache.
+/// Step by step, so that a line of the factor is fetched once: the distance of its rows is often a power of two, and
+/// then they push each other out of the cache.
 #[inline(always)]
 fn turn<const HIGH: usize>(
     turned: &mut [f32],

@@ -24,7 +24,7 @@ mod speed;
 /// How many rows of `width` numbers `len` numbers are.
 ///
 /// # Panics
-/// Where they are no whole rows.
+/// If they aren't whole rows.
 #[track_caller]
 fn rows(what: &str, len: usize, width: usize) -> usize {
     assert!(width > 0 && len.is_multiple_of(width), "{what}: {len} numbers are no rows of {width}");

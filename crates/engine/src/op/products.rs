@@ -1,10 +1,10 @@
-//! In which numbers products are computed: a right factor in panels, and what is multiplied with it.
+//! Products in f32 or bf16: a right factor in panels, and left factors for it.
 
 use super::bf16::{self, Instructions};
 use super::matmul::{self, Left, Panels, Store};
 use std::cell::RefCell;
 
-/// In which numbers the products of layers and of attention are computed. All else, and the sums of the products, are f32.
+/// The number format of the products of layers and of attention. All else, and the sums of the products, are f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Products {
     /// The factors as they are.
@@ -12,8 +12,8 @@ pub enum Products {
     F32,
     /// Factors rounded to bf16, by the instructions that this processor has for it ([`Instructions::here`]).
     Bf16,
-    /// Factors rounded to bf16 and multiplied as f32: what [`Products::Bf16`] computes, up to the order of its sums, on
-    /// any machine, and slower than [`Products::F32`].
+    /// Factors rounded to bf16 and multiplied as f32: the results of [`Products::Bf16`], up to the order of its sums,
+    /// on any machine, and slower than [`Products::F32`].
     Rounded,
 }
 
@@ -25,7 +25,7 @@ thread_local! {
 /// Rows `first..` of a right factor that was packed in blocks of `block` rows; from elsewhere than 0, of one block.
 #[derive(Debug, Clone, Copy)]
 pub struct Right<'a> {
-    /// What [`Products::pack`] made.
+    /// From [`Products::pack`].
     pub panels: &'a [f32],
     /// Rows of a block.
     pub block: usize,

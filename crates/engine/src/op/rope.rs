@@ -19,7 +19,7 @@ pub struct Angles {
 }
 
 impl Angles {
-    /// Of words `0..words`, for heads of `width` numbers.
+    /// The angles of words `0..words`, for heads of `width` numbers.
     ///
     /// # Panics
     /// If the width is 0 or odd.
@@ -56,8 +56,8 @@ pub struct Rope<'a> {
     pub words: &'a [u32],
 }
 
-/// Rotates the queries and keys of `qkv` (n, 3D), rows `first_row..first_row + n` of the stream, each row q, k, v of `heads`
-/// heads; `back`: by the negative angles, as their gradients are.
+/// Rotates the queries and keys of `qkv` (n, 3D), rows `first_row..first_row + n` of the stream, each row q, k, v of
+/// `heads` heads; `back`: by the negative angles, as their gradients are.
 ///
 /// # Panics
 /// Shapes that don't fit; a word outside the angles.

@@ -1,8 +1,8 @@
-//! Targets of cross-entropy that know their neighbours: a bin's mass is shared out over the bins around it.
+//! Smoothed targets of cross-entropy: a bin's mass is spread over the bins around it.
 
 use crate::bins::Bins;
 
-/// How much of a target's mass its neighbours get: w_d ~ exp(-d^2 / (2 width^2)) at distance d, up to three widths.
+/// The shares of a target's mass for its neighbours: w_d ~ exp(-d^2 / (2 width^2)) at distance d, up to three widths.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Smoothing {
     /// By distance, not yet brought to a sum of 1.

@@ -1,4 +1,4 @@
-//! How fast the operations are on one thread: `cargo test --release -p kinelm-engine speed -- --ignored --nocapture`.
+//! The speed of the operations on one thread: `cargo test --release -p kinelm-engine speed -- --ignored --nocapture`.
 
 use super::check::numbers;
 use super::dropout::Mask;

@@ -2,7 +2,7 @@
 
 use crate::op::attention::{Mask, Shape};
 
-/// What [`forward`] stores for [`backward`]: `out` (B, H, T, d) and `weights` (B, H, T, T), before dropout.
+/// The numbers that [`backward`] needs from [`forward`]: `out` (B, H, T, d) and `weights` (B, H, T, T), before dropout.
 pub struct Attended {
     /// The output of each head.
     pub out: Vec<f64>,

@@ -15,7 +15,7 @@ pub fn residual(x: &[f32], y: &[f32], bias: &[f32], mask: Mask) -> Vec<f64> {
     x.iter().zip(masked(&sums, bias.len(), mask)).map(|(&x, y)| x as f64 + y).collect()
 }
 
-/// What a mask leaves of rows of `width` numbers.
+/// Rows of `width` numbers after a mask.
 pub fn masked(x: &[f64], width: usize, mask: Mask) -> Vec<f64> {
     let (threshold, growth) = (threshold(mask.share), growth(mask.share) as f64);
     let factor = |i: usize| match kept(mask.key, mask.first_row + (i / width) as u64, (i % width) as u32, threshold) {

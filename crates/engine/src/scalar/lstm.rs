@@ -1,4 +1,4 @@
-//! Layers of LSTM as plain loops in f64: what [`crate::lstm`] computes, one number at a time.
+//! Layers of LSTM as plain loops in f64: the results of [`crate::lstm`], one number at a time.
 
 use crate::lstm::{Shape, Wiring};
 

@@ -1,6 +1,7 @@
 //! Music features, 35 numbers a frame: onset strength, 20 cepstral coefficients, 12 pitch classes, onset peaks, beats.
 //!
-//! A frame begins every 512 samples, so features at s frames per second come from the sound at 512 s samples per second.
+//! A frame begins every 512 samples, so features at s frames per second come from the sound at 512 s samples per
+//! second.
 //!
 //! Source: Li et al., "AI Choreographer" (2021), with librosa's functions; EDGE and Lodge use the same at 30 frames per
 //! second. Theirs start the beat tracker at the tempo in the name of AIST's file; here it is detected.

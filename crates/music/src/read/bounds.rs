@@ -1,8 +1,8 @@
-//! Which of the decoded samples are the sound.
+//! The part of the decoded samples that is the sound.
 
 use std::ops::Range;
 
-/// What a file states of its sound, in samples per channel.
+/// The statements of a file about its sound, in samples per channel.
 #[derive(Debug, Default, Clone, PartialEq, Eq)]
 pub struct Bounds {
     /// Length of the sound, if it is stated.

@@ -3,8 +3,8 @@
 //! `bounds`: which decoded samples are the sound; stated by an mp3's first frame (`mp3`) or an mp4's edit list (`mp4`). `tags`:
 //! where the frames of an mp3 or aac begin and end.
 //!
-//! Limits: a file without a stated length is decoded to find its end; mp3 and aac without one may be cut unnoticed. Channels
-//! become their mean, so sound in opposite phase vanishes. Surround channels count as much as the front ones.
+//! Limits: a file without a stated length is decoded to find its end; mp3 and aac without one may be cut unnoticed.
+//! Channels become their mean, so sound in opposite phase vanishes. Surround channels count as much as the front ones.
 
 mod bounds;
 mod mp3;

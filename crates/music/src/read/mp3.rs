@@ -1,5 +1,5 @@
-//! What an mp3 states: symphonia guesses a length where none is stated, ignores a delay whose checksum is wrong, and ends with the
-//! first of several songs in one file.
+//! Length, delay and padding of an mp3: symphonia guesses a length where none is stated, ignores a delay whose checksum
+//! is wrong, and ends with the first of several songs in one file.
 //!
 //! Source: ISO/IEC 11172-3, 2.4.1.3 and 13818-3 (frame headers); the tags Xing, Info, VBRI and LAME.
 //!
@@ -27,7 +27,7 @@ pub struct Frames {
     names: Vec<u64>,
 }
 
-/// The frames in a range of a file, and what their tags state.
+/// The frames in a range of a file, and the bounds that their tags state.
 pub fn frames(mut file: File, range: &Range<u64>) -> Result<(Frames, Bounds)> {
     let mut parts = Vec::new();
     let mut goes_on = false;
@@ -88,7 +88,7 @@ fn piece(file: &mut File, range: &Range<u64>, most: u64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Where the first frame begins that a like one follows.
+/// The position of the first frame that is followed by one of its kind.
 fn first(bytes: &[u8]) -> Option<u64> {
     let header_at = |at: usize| bytes.get(at..).and_then(Header::parse);
     let is_first = |at: &usize| {
@@ -100,7 +100,7 @@ fn first(bytes: &[u8]) -> Option<u64> {
     (0..bytes.len()).find(is_first).map(|at| at as u64)
 }
 
-/// What the first frame of a song states, in samples per channel.
+/// The tag in the first frame of a song, in samples per channel.
 #[derive(Debug)]
 struct Tag {
     /// Bytes of the frame before the tag's name.

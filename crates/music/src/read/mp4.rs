@@ -1,4 +1,4 @@
-//! Where the sound of an mp4 begins: the edit list of its own track.
+//! The beginning of the sound in an mp4, from the edit list of its own track.
 //!
 //! Source: ISO/IEC 14496-12: 4.2 (boxes), 8.2.2 (mvhd), 8.3.2 (tkhd), 8.4.2 (mdhd), 8.6.6 (elst).
 
@@ -12,7 +12,7 @@ const MOST_BOXES: usize = 1 << 20;
 /// Edits that are looked at: empty ones, then the first that has sound.
 const MOST_EDITS: u32 = 16;
 
-/// Where track `id` begins, of this many samples at `rate` per second; `None` without an edit list.
+/// The bounds of track `id`, which has `samples` samples at `rate` per second; `None` without an edit list.
 pub fn bounds(file: &mut File, id: u32, rate: u32, samples: Option<u64>) -> Option<Bounds> {
     let all = 0..file.metadata().ok()?.len();
     let moov = find(file, &all, &[b"moov"])?;

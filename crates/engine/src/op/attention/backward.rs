@@ -7,7 +7,7 @@ use crate::op::matmul::{Left, Store};
 use crate::op::products::{Products, Right};
 use rayon::prelude::*;
 
-/// What [`forward`](super::forward()) read and gave, and the gradient of its output as rows.
+/// The input and output of [`forward`](super::forward()), and the gradient of its output as rows.
 #[derive(Clone, Copy)]
 pub struct Done<'a> {
     /// (N, 3 D).

@@ -57,7 +57,7 @@ impl Shape {
         self.heads * self.width
     }
 
-    /// B H: what can be done side by side.
+    /// B H: the independent pieces of work.
     fn pieces(self) -> usize {
         self.batch * self.heads
     }
@@ -66,14 +66,14 @@ impl Shape {
         self.rows() * self.columns() == 0
     }
 
-    /// Multiplies numbers with what the scores q k^T are multiplied with.
+    /// Multiplies numbers with 1/sqrt(d), the factor of the scores q k^T.
     fn scale(self, numbers: &mut [f32]) {
         let scale = 1.0 / (self.width as f32).sqrt();
         numbers.iter_mut().for_each(|x| *x *= scale);
     }
 }
 
-/// Which keys a query sees.
+/// The keys that a query sees.
 #[derive(Debug, Clone, Copy)]
 pub enum Mask<'a> {
     /// Those up to its own place.
@@ -84,8 +84,8 @@ pub enum Mask<'a> {
     /// (B, T, T). Minus infinity hides a key; a query that sees none has output 0, and gives no gradient. Numbers below
     /// -2e38 count as minus infinity.
     Additive(&'a [f32]),
-    /// Those up to its own place, with numbers added as by `Additive`; the numbers of later keys are never read, and cost
-    /// nothing.
+    /// Those up to its own place, with numbers added as by `Additive`; the numbers of later keys are never read, and
+    /// cost nothing.
     CausalAdditive(&'a [f32]),
 }
 
@@ -111,10 +111,10 @@ pub struct Dropout<'a> {
     pub share: f64,
 }
 
-/// How attention goes: which keys are seen, which weights are dropped.
+/// The mask and the dropout of attention.
 #[derive(Debug, Clone, Copy)]
 pub struct Rules<'a> {
-    /// Which keys a query sees.
+    /// The keys that a query sees.
     pub mask: Mask<'a>,
     /// None, or of a share of 0: none.
     pub dropout: Option<Dropout<'a>>,
@@ -240,7 +240,8 @@ impl Tile {
     }
 }
 
-/// The part of qkv that a piece reads: `part` 0 for q, 1 for k, 2 for v, from token `token` on, a row every 3 D numbers.
+/// The part of qkv that a piece reads: `part` 0 for q, 1 for k, 2 for v, from token `token` on, a row every 3 D
+/// numbers.
 fn part_of(qkv: &[f32], shape: Shape, piece: usize, part: usize, token: usize) -> &[f32] {
     let (sequence, head) = (piece / shape.heads, piece % shape.heads);
     let row = sequence * shape.tokens + token;
@@ -252,8 +253,8 @@ fn step(products: Products) -> usize {
     if products == Products::F32 { 24 } else { STEP }
 }
 
-/// Copies `rows` rows of `width` numbers, one every `stride`, to one after the other. Rows that are transposed or read more
-/// than once go through such a copy: its many short reads wait for memory together.
+/// Copies `rows` rows of `width` numbers, one every `stride`, to one after the other. Rows that are transposed or read
+/// more than once go through such a copy: its many short reads wait for memory together.
 fn copy_rows(to: &mut [f32], from: &[f32], stride: usize, rows: usize, width: usize) {
     for (to, from) in to.chunks_exact_mut(width).zip(from.chunks(stride)).take(rows) {
         copy(to, &from[..width]);

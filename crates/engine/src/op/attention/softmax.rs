@@ -32,7 +32,7 @@ pub(super) struct Softmax<'a> {
     /// A number a row, as earlier keys left it; -infinity and 0 before the first.
     pub largest: &'a mut [f32],
     pub sums: &'a mut [f32],
-    /// (rows, d): earlier keys' weighted values, here brought down to what is the largest now.
+    /// (rows, d): earlier keys' weighted values, here scaled to the new largest score.
     pub out: &'a mut [f32],
 }
 
@@ -74,7 +74,7 @@ impl WithSimd for Softmax<'_> {
     }
 }
 
-/// A tile's scores become weights (what dropout leaves of them), and what were the weights' gradients the scores'.
+/// A tile's scores become weights after dropout, and the gradients of weights those of scores.
 pub(super) struct SoftmaxBack<'a> {
     pub tile: Tile,
     /// (rows, ROW).
@@ -124,7 +124,7 @@ impl Drops {
     }
 }
 
-/// What the weights of a row are multiplied with.
+/// The factors of a row's weights: 0 or the growth.
 #[derive(Clone, Copy)]
 struct Factors {
     row_key: u32,
@@ -170,7 +170,7 @@ impl WithSimd for Means<'_> {
     }
 }
 
-/// The row up to the last vector in which it sees something, what it doesn't see hidden, the mask added.
+/// A row of scores in whole vectors, hidden keys at -infinity, the mask added.
 #[inline(always)]
 fn seen<'a, S: Simd>(simd: S, tile: Tile, row: usize, scores: &'a mut [f32], bias: Option<Bias>) -> &'a mut [S::f32s] {
     let (lanes, visible) = (S::F32_LANES, tile.visible(row));

@@ -8,8 +8,8 @@ use proptest::prelude::*;
 /// Largest difference over largest magnitude.
 const APART: f64 = 1e-5;
 
-/// A part's largest magnitude counts as at least this share of the whole's: where each query sees a single key, the gradients
-/// of queries and keys are differences of equal numbers.
+/// A part's largest magnitude counts as at least this share of the whole's: where each query sees a single key, the
+/// gradients of queries and keys are differences of equal numbers.
 const SMALL: f64 = 0.1;
 
 #[track_caller]

@@ -18,11 +18,11 @@ pub(super) fn are_there() -> bool {
     false
 }
 
-/// `c`, [`SQUARE`] columns and up to [`ROWS`] rows, one every `ldc` numbers, becomes (or, with `add`, grows by) the product of `a`, as
-/// many rows of bf16 pairs, one every [`LDA`] words, and `right`.
+/// `c`, [`SQUARE`] columns and up to [`ROWS`] rows, one every `ldc` numbers, becomes (or, with `add`, grows by) the
+/// product of `a`, as many rows of bf16 pairs, one every [`LDA`] words, and `right`.
 ///
 /// # Panics
-/// Slices that are too short; where [`are_there`] says no.
+/// Slices that are too short; a processor for which [`are_there`] is false.
 pub(super) fn multiply(c: &mut [f32], ldc: usize, rows: usize, a: &[u32], right: Right, add: bool) {
     assert!(are_there() && (1..=ROWS).contains(&rows), "{rows} rows of sums");
     right.check((c, ldc), rows, (a, LDA));

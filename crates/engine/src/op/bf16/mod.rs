@@ -57,7 +57,7 @@ pub enum Instructions {
 }
 
 impl Instructions {
-    /// Those to use on this machine, if it has any.
+    /// The best instructions of this machine, if it has any.
     pub fn here() -> Option<Instructions> {
         // once, since asking the kernel for AMX's state is a system call
         static HERE: OnceLock<Option<Instructions>> = OnceLock::new();
@@ -120,8 +120,8 @@ pub fn pack_transposed(panels: &mut [f32], bt: &[f32], ldb: usize, k: usize, n: 
     Pack { to, from: bt, stride: ldb, k, n, how: How::PanelsTransposed }.run();
 }
 
-/// `c` (m, n), a row every `ldc` numbers, becomes (or grows by) `a` times the matrix in `panels`, packed in blocks of `block` rows.
-/// If all was packed in one block, a product may take fewer rows than it has.
+/// `c` (m, n), a row every `ldc` numbers, becomes (or grows by) `a` times the matrix in `panels`, packed in blocks of
+/// `block` rows. If all was packed in one block, a product may take fewer rows than it has.
 ///
 /// # Panics
 /// Slices that are too short for (m, k, n); where this machine has none of [`Instructions`].

@@ -47,11 +47,11 @@ impl Right<'_> {
     }
 }
 
-/// `c`, [`SQUARE`] columns and 16 or 32 rows, one every `ldc` numbers, becomes (or, with `add`, grows by) the product of `a`, as many rows
-/// of bf16 pairs, one every `lda` words, and `right`.
+/// `c`, [`SQUARE`] columns and 16 or 32 rows, one every `ldc` numbers, becomes (or, with `add`, grows by) the product
+/// of `a`, as many rows of bf16 pairs, one every `lda` words, and `right`.
 ///
 /// # Panics
-/// Slices that are too short; where [`are_there`] says no.
+/// Slices that are too short; a processor for which [`are_there`] is false.
 pub(super) fn multiply(c: &mut [f32], ldc: usize, rows: usize, (a, lda): (&[u32], usize), right: Right, add: bool) {
     assert!(are_there() && (rows == SIDE || rows == SQUARE), "{rows} rows of tiles");
     right.check((c, ldc), rows, (a, lda));
@@ -89,13 +89,13 @@ mod amx {
     }
 
     thread_local! {
-        /// That this thread's tiles are configured, until it ends.
+        /// Alive while this thread's tiles are configured, until it ends.
         pub static CONFIGURED: Configured = Configured::new();
     }
 
     pub struct Configured;
 
-    /// What `ldtilecfg` reads: Intel's palette 1.
+    /// The operand of `ldtilecfg`: Intel's palette 1.
     #[repr(C, align(64))]
     struct Palette {
         palette: u8,

@@ -79,7 +79,7 @@ pub async fn map(
     Ok(json(&value!({ "map": name })))
 }
 
-/// What the stage shows of a clip or a dance.
+/// The figure of a clip or a dance.
 pub async fn figure(
     State(app): State<Arc<App>>,
     Path(id): Path<String>,

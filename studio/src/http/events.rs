@@ -88,7 +88,7 @@ pub async fn stream(State(app): State<Arc<App>>, headers: HeaderMap) -> Answer {
     Ok(response)
 }
 
-/// Where a page's catching up begins.
+/// The event after which a page catches up.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Since {

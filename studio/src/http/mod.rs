@@ -32,7 +32,7 @@ use std::sync::Arc;
 use tokio::sync::{Semaphore, watch};
 use tower_http::catch_panic::CatchPanicLayer;
 
-/// What requests share.
+/// The state that requests share.
 #[derive(Debug)]
 pub struct App {
     /// The studio.
@@ -41,7 +41,7 @@ pub struct App {
     pub entry: Entry,
     /// The names of the server.
     pub hosts: Hosts,
-    /// Where the page's files are read from instead of the program, for those who write them.
+    /// A folder with the page's files, for those who write them; `None`: the program's own.
     pub assets: Option<PathBuf>,
     /// Uploads at a time.
     pub uploads: Semaphore,

@@ -26,7 +26,7 @@ const MOST_THREADS: usize = 16;
 const HEAD_TIME: Duration = Duration::from_secs(10);
 const HEAD_BYTES: usize = 64 << 10;
 
-/// Where a studio listens.
+/// The addresses of a studio.
 #[derive(Debug, Clone, Default)]
 pub struct Listen {
     /// The port; 0: a free one.
@@ -79,7 +79,7 @@ impl Server {
         &self.file
     }
 
-    /// Where it listens: `http://127.0.0.1:PORT`.
+    /// Its address: `http://127.0.0.1:PORT`.
     pub fn address(&self) -> &str {
         &self.address
     }
@@ -89,7 +89,7 @@ impl Server {
         &self.app.studio
     }
 
-    /// What ends it.
+    /// A handle that ends it.
     pub fn stopper(&self) -> Stopper {
         Stopper(self.app.stop.clone())
     }

@@ -26,7 +26,7 @@ impl Socket {
         Socket { stream, patience: None }
     }
 
-    /// What a write came to, unless it waits for too long.
+    /// The result of a write, or an error if it waits for too long.
     fn watched(&mut self, context: &mut Context<'_>, written: Poll<Result<usize>>) -> Poll<Result<usize>> {
         if written.is_ready() {
             self.patience = None;

@@ -32,12 +32,12 @@ pub async fn edit(State(app): State<Arc<App>>, request: Body) -> Answer {
     Ok(json(&blocking(move || app.studio.edit(&edits)).await?))
 }
 
-/// The last step back.
+/// Undoes the last step.
 pub async fn undo(State(app): State<Arc<App>>) -> Answer {
     Ok(json(&blocking(move || app.studio.undo()).await?))
 }
 
-/// And on again.
+/// Carries out again the step that was undone last.
 pub async fn redo(State(app): State<Arc<App>>) -> Answer {
     Ok(json(&blocking(move || app.studio.redo()).await?))
 }

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 /// Bytes of a job's text.
 const MOST_BYTES: u64 = 1 << 20;
 
-/// What is to be read, as the process gets it on its standard input.
+/// A job of the process, on its standard input.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Job {
@@ -25,7 +25,7 @@ pub struct Job {
     pub file: PathBuf,
     /// Facts or a figure.
     pub work: Work,
-    /// Where the answer goes.
+    /// The file for the answer.
     pub out: PathBuf,
     /// The limits.
     pub limits: Limits,
@@ -38,7 +38,7 @@ pub enum Work {
     Facts {
         /// The user's own statements about it.
         reading: Box<Reading>,
-        /// Where a clip of another format goes as a BVH.
+        /// The file for the BVH of a clip of another format.
         convert: PathBuf,
     },
     /// The figure for the stage: the answer is for [`figure_of`].
@@ -60,7 +60,7 @@ pub fn figure_of(answer: Vec<u8>) -> Option<Result<String>> {
     }
 }
 
-/// What the process may take.
+/// The limits of the process.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {

@@ -27,12 +27,12 @@ pub enum Outcome {
     Failed {
         /// Why.
         text: String,
-        /// What may help.
+        /// Doubts that may settle it.
         doubts: Vec<Doubt>,
     },
 }
 
-/// What is known of a file.
+/// The facts of a file.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Info {
     /// `BVH`, `FBX`, `MP3`, ..
@@ -57,7 +57,7 @@ pub struct Info {
     pub beats_s: Vec<f64>,
     /// The file's own statements about its rate; empty for music.
     pub rate: FileRate,
-    /// What looks wrong.
+    /// Things that look wrong.
     pub doubts: Vec<Doubt>,
 }
 
@@ -66,9 +66,9 @@ pub struct Info {
 pub struct Doubt {
     /// A stable name.
     pub kind: String,
-    /// What, in plain words.
+    /// The doubt in plain words.
     pub text: String,
-    /// What would settle it.
+    /// A button that settles it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fix: Option<Fix>,
 }
@@ -76,9 +76,9 @@ pub struct Doubt {
 /// A button.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Fix {
-    /// What it says.
+    /// Its text.
     pub label: String,
-    /// What it states of the file.
+    /// The reading of the file that it states.
     pub body: Reading,
 }
 

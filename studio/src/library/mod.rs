@@ -46,7 +46,7 @@ pub struct Library {
     /// Wakes the thread that reads.
     wake: Condvar,
     stop: AtomicBool,
-    /// Where the index of a search is built, one at a time.
+    /// Held while the index of a search is built, one at a time.
     searching: Mutex<()>,
     figures: figure::Figures,
     texts: stated::Texts,
@@ -59,14 +59,14 @@ struct Inner {
     waiting: VecDeque<String>,
     /// Likely rates of clips that are doubted because of others in their folder, frames per second, by id.
     doubted_rates: BTreeMap<String, f64>,
-    /// How dances are read, each of a length and a time of change.
+    /// The options by which dances are read, each for a length and a time of change.
     dances: BTreeMap<PathBuf, DanceRead>,
 }
 
-/// How a dance is read, as it was when it had this length and time of change.
+/// The options by which a dance is read, while it has this length and time of change.
 type DanceRead = ((u64, Option<SystemTime>), Option<ReadOptions>);
 
-/// What is known of a clip.
+/// The state of a clip's facts.
 #[derive(Debug, Clone)]
 enum Known {
     Reading,
@@ -82,7 +82,7 @@ pub struct Source {
     pub name: String,
     /// The file that library calls read: the clip's own where it is a BVH.
     pub path: PathBuf,
-    /// How it is read.
+    /// The options by which it is read.
     pub read: ReadOptions,
     /// Its reading as a timeline states it.
     pub stated: Reading,
@@ -227,7 +227,7 @@ impl Library {
         self.project.folder().join(CONVERTED).join(format!("{id}.bvh"))
     }
 
-    /// What is known of a clip that was read.
+    /// The facts of a clip that was read.
     ///
     /// # Errors
     /// An unknown clip, one that is still read, and one that can't be.
@@ -243,7 +243,8 @@ impl Library {
         }
     }
 
-    /// How a dance is read by its sidecar, which hashes it: once for each file as it is.
+    /// The options by which a dance is read, from its sidecar. That hashes the dance, so it happens once for each state
+    /// of the file.
     fn dance_options(&self, path: &Path) -> Result<Option<ReadOptions>> {
         let file = std::fs::metadata(path).map_err(Error::io(path))?;
         let key = (file.len(), file.modified().ok());

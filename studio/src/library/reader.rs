@@ -14,7 +14,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How a file is read in a process of its own.
+/// Reads files, each in a process of its own.
 #[derive(Debug, Clone)]
 pub struct Reader {
     /// The program, which then calls [`super::child::read_file`].
@@ -23,14 +23,14 @@ pub struct Reader {
     pub args: Vec<OsString>,
     /// Its environment, beside this process's.
     pub env: Vec<(OsString, OsString)>,
-    /// What the process may take.
+    /// The limits of the process.
     pub limits: Limits,
 }
 
-/// Bytes of what is known of a file, at most: a figure of 8 million poses of a joint takes 8 bytes for each coordinate.
+/// The most bytes of an answer: a figure of 8 million poses of a joint takes 8 bytes for each coordinate.
 const MOST_BYTES: u64 = 256 << 20;
 
-/// The bytes of what reading a file found; none where there is no such file.
+/// The bytes of a cached outcome; `None` if there is no such file.
 pub(super) fn read_cached(path: &Path) -> Option<Vec<u8>> {
     owned::bytes(folder_of(path), path.file_name()?, MOST_BYTES).ok()?
 }
@@ -46,8 +46,8 @@ impl Drop for Guarded {
 }
 
 impl Reader {
-    /// Reads a file. `convert` is where a clip of another format goes as a BVH, `out` where the process leaves its
-    /// outcome, which is removed.
+    /// Reads a file. `convert` is where a clip of another format goes as a BVH, `out` the file of its
+    /// outcome, which is removed afterwards.
     ///
     /// # Errors
     /// A process that can't be started; [`kinelm_store::Error::Stopped`] where `stop` is set. A process that crashes or
@@ -69,7 +69,7 @@ impl Reader {
         Ok(found.unwrap_or_else(|| Outcome::Failed { text: self.why_none(file, status), doubts: Vec::new() }))
     }
 
-    /// The figure of a clip as text; `out` is where the process leaves it, which is removed.
+    /// The figure of a clip as text; `out` is the file for it, which is removed afterwards.
     ///
     /// # Errors
     /// Those of [`Reader::read`], those of [`Wanted::text`], and a process that crashes or takes too long.
@@ -78,7 +78,7 @@ impl Reader {
         found.and_then(figure_of).unwrap_or_else(|| Err(Error::Conflict(self.why_none(file, status))))
     }
 
-    /// Starts a process, and reads what it has left; with how it ended, `None` where it took too long.
+    /// Runs a process and reads its answer. Returns its exit status too; `None` if it took too long.
     fn answer(
         &self,
         file: &Path,

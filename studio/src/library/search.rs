@@ -15,7 +15,7 @@ use std::sync::atomic::Ordering;
 /// The most matches.
 const MOST: usize = 100;
 
-/// What a page looks for.
+/// A page's search.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Looked {

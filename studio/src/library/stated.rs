@@ -34,7 +34,7 @@ impl Texts {
 }
 
 impl Library {
-    /// How a clip is read: as its card says, and over that as the timeline states it.
+    /// The reading of a clip: its card's, and over that the timeline's.
     pub fn reading(&self, record: &ClipRecord) -> Reading {
         let stated =
             self.project.read(|document| self.texts.stated(self.project.folder(), document.timeline.as_deref()));
@@ -80,7 +80,7 @@ impl Library {
         Ok(Reading { map, ..reading })
     }
 
-    /// What reading a file that is no clip of the library finds; nothing of it stays. One at a time.
+    /// The outcome of reading a file that is no clip of the library, without a trace. One at a time.
     ///
     /// # Errors
     /// I/O errors.
@@ -88,7 +88,7 @@ impl Library {
         self.read_aside("looked-at", file, &Reading::default())
     }
 
-    /// What reading a clip so would find; nothing of it stays. One at a time: the caller sees to it.
+    /// The outcome of a clip with another reading, without a trace. The caller makes sure that only one runs at a time.
     ///
     /// # Errors
     /// I/O errors.
@@ -141,7 +141,8 @@ impl Library {
 /// The highest floor, and the lowest, metres.
 const HIGHEST_M: f64 = 1000.0;
 
-/// What is stated of the BVH that a clip was converted to: all else is in its numbers, but for what a BVH can't say.
+/// The reading of the BVH that a clip was converted to: map and floor, and the axes and unit that a BVH can't state.
+/// All else is in its numbers.
 pub fn of_converted(reading: Reading) -> Reading {
     let Reading { map, floor, .. } = reading;
     Reading { up: Some(Up::Y), unit: Some(Unit::CENTIMETRE), map, floor, ..Reading::default() }

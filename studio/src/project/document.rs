@@ -32,7 +32,7 @@ pub struct ClipRecord {
     pub name: String,
     /// The file: absolute, or in the project's folder.
     pub file: PathBuf,
-    /// How it is read where the user knows better than the file.
+    /// The user's own statements about it, over the file's.
     #[serde(default)]
     pub reading: Reading,
 }
@@ -180,7 +180,7 @@ pub struct MadeSpan {
 }
 
 impl MadeSpan {
-    /// Of spans in frames.
+    /// From spans in frames.
     pub fn of(spans: &[FreeSpan], fps: f64) -> Vec<MadeSpan> {
         let seconds = |frame: usize| frame as f64 / fps;
         let of = |span: &FreeSpan| MadeSpan {

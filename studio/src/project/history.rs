@@ -1,4 +1,4 @@
-//! Steps that can be taken back, and those that were.
+//! Steps that can be undone, and undone ones.
 
 use super::document::Change;
 use serde::{Deserialize, Serialize};
@@ -11,9 +11,9 @@ const MOST_BYTES: usize = 32 << 20;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Step {
-    /// What, in a few plain words.
+    /// A name in a few plain words.
     pub name: String,
-    /// What it changed.
+    /// Its changes.
     pub changes: Vec<Change>,
 }
 

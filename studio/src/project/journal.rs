@@ -29,7 +29,7 @@ const MOST_BYTES: u64 = 1 << 30;
 const AROUND: [&str; 3] = ["{\"crc32c\":\"", "\",\"line\":", "}\n"];
 /// Bytes that are added before a journal is written anew, at least; and as many as it had then.
 const GROWN: u64 = 4 << 20;
-/// Where a journal goes of which no line is whole.
+/// The file for a journal without a whole line.
 const DAMAGED: &str = ".studio/journal.damaged";
 
 /// A line.
@@ -49,11 +49,11 @@ pub enum Line {
     },
     /// A step of the user.
     Step(Step),
-    /// Changes that aren't taken back: a dance was made.
+    /// Changes that can't be undone: a dance was made.
     Plain(Vec<Change>),
-    /// The last step is taken back.
+    /// The last step is undone.
     Undo,
-    /// And carried out again.
+    /// The step that was undone last is carried out again.
     Redo,
 }
 
@@ -124,7 +124,7 @@ pub struct Journal {
     last: u32,
     /// Whether it was empty.
     is_new: bool,
-    /// Where it is written anew.
+    /// The bytes at which it is written anew.
     limit: u64,
 }
 

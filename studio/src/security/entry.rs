@@ -17,7 +17,7 @@ const MOST_COOKIES: usize = 16;
 #[derive(Debug)]
 pub struct Entry {
     file: PathBuf,
-    /// Where the server is: `http://127.0.0.1:PORT`.
+    /// The server's address: `http://127.0.0.1:PORT`.
     address: String,
     name: String,
     state: Mutex<State>,

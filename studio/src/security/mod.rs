@@ -1,4 +1,4 @@
-//! Who may talk to the studio: one browser of the user who started it. docs/studio.md, "Threats".
+//! The studio answers the browser of the user who started it alone. docs/studio.md, "Threats".
 //!
 //! - [`secret`]: random numbers that nobody can guess, compared in constant time.
 //! - [`entry`]: the single-use token in a file that only the user can read, and the cookie that it is exchanged for.

@@ -43,7 +43,7 @@ pub enum Edit {
     Split {
         /// The segment, from 0.
         index: usize,
-        /// Where.
+        /// The time of the cut.
         at: f64,
     },
     /// Sets a key at the top; `null` removes it.
@@ -128,7 +128,7 @@ impl Edit {
         }
     }
 
-    /// What it does, in a few plain words.
+    /// A name of the step in a few plain words.
     pub fn words(&self) -> String {
         let shown = |joints: &str| if joints == "all" { "the whole body".into() } else { joints.replace('_', " ") };
         match self {

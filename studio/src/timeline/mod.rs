@@ -55,7 +55,7 @@ impl Timelines {
         Timelines { project, library, seen: Mutex::default() }
     }
 
-    /// Where its file is.
+    /// Its file.
     pub fn path(&self) -> PathBuf {
         self.project.folder().join(TIMELINE)
     }
@@ -120,7 +120,7 @@ impl Timelines {
             && file.clips().iter().any(|(_, path)| record(path).is_some_and(waits) || is_converted(path))
     }
 
-    /// What a page shows, and the changes that another program made to the file.
+    /// The view of a page, and the changes that another program made to the file.
     ///
     /// # Errors
     /// A file that can't be read.

@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// The longest time that is drawn, seconds.
 const LONGEST_S: f64 = 3600.0;
-/// How long a segment without an end is drawn, seconds.
+/// The drawn length of a segment without an end, seconds.
 const SHORT_S: f64 = 1.0;
 /// The rate of a dance whose rig has none, frames per second.
 const USUAL_FPS: f64 = 30.0;

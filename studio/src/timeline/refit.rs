@@ -75,7 +75,7 @@ fn span(cut: &Cut, fps: f64) -> (f64, f64) {
     (cut.frames.start as f64 / fps, cut.frames.end as f64 / fps)
 }
 
-/// How times of the dance are moved: spans of the clip's segments are stretched with it.
+/// Moves times of the dance: spans of the clip's segments are stretched with it.
 struct Warp {
     stretch: f64,
     /// Disjoint and ascending.

@@ -18,7 +18,7 @@ pub struct Cut {
     pub joints: Vec<usize>,
     /// Frames of the dance.
     pub frames: Range<usize>,
-    /// Where it begins in the clip, seconds.
+    /// Its beginning in the clip, seconds.
     pub at_s: f64,
     /// Labels.
     pub labels: BTreeMap<String, String>,
@@ -26,7 +26,7 @@ pub struct Cut {
     pub changed: [bool; 3],
 }
 
-/// How far a cut may be moved so that both parts continue, frames.
+/// The most frames by which a cut may be moved so that both parts continue.
 const NEAR: usize = 12;
 
 impl Cut {
@@ -35,7 +35,7 @@ impl Cut {
         ((at_s * self.clip_fps).round() / self.clip_fps * fps).round() as i64
     }
 
-    /// Where the clip is at a frame of the dance, seconds.
+    /// The clip's time at a frame of the dance, seconds.
     fn at_frame(&self, frame: usize, fps: f64) -> f64 {
         self.at_s + (frame as f64 - self.frames.start as f64) / fps
     }

@@ -72,7 +72,7 @@ fn is_only_begun(text: &str) -> bool {
     text.strip_prefix("found ").is_some_and(|text| text.starts_with(NO_SEGMENT))
 }
 
-/// Where something is wrong, and what.
+/// A fault with its place.
 fn trouble(e: &Error) -> Value {
     let file = match e {
         Error::Library(kinelm_model::Error::Store(kinelm_store::Error::File(fault))) => Some(fault),

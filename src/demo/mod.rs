@@ -62,7 +62,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Where its model computes.
+    /// The device and form of its model.
     fn computing(&self) -> Computing {
         Computing::new(self.compute.get(), WeightKind::F32, KvKind::F32)
     }

@@ -34,7 +34,7 @@ pub struct TrustArgs {
 }
 
 impl TrustArgs {
-    /// Of a corpus that is read again and again: in memory, where there is room.
+    /// Options of a corpus that is read again and again: in memory, where there is room.
     pub fn opening(self) -> CorpusOptions {
         CorpusOptions { trust: self.trust, streamed: false, progress: progress::stage }
     }
@@ -68,7 +68,7 @@ impl ReadingArgs {
     }
 }
 
-/// What a command may overwrite.
+/// The permission of a command to overwrite files.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct ForceArgs {
     /// Overwrite an output that kinelm didn't write itself; never an input of the call

@@ -8,7 +8,7 @@ use kinelm_store::{Result, input, sidecar};
 use std::io::Read;
 use std::path::Path;
 
-/// How this program knows what it has made.
+/// The tests by which this program recognises its own files.
 pub const OURS: Ours = Ours { is_marked, is_file, owner: artifacts::owner };
 
 /// Bytes from a file's beginning within which pages, pictures and tables have our mark.

@@ -92,7 +92,7 @@ pub fn stage(what: &str) {
 pub struct ProgressStderr(std::io::Stderr);
 
 impl ProgressStderr {
-    /// Of `what`.
+    /// Stderr for the progress of `what`.
     pub fn of(what: &str) -> ProgressStderr {
         stage(what);
         ProgressStderr(std::io::stderr())

@@ -97,7 +97,7 @@ pub struct Odd {
 }
 
 impl Odd {
-    /// Of no file yet.
+    /// No file yet.
     pub fn new(say: Say) -> Odd {
         Odd { say, doubts: RefCell::default() }
     }

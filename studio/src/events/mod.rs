@@ -80,7 +80,8 @@ impl Hub {
         id.clamp(ring.first(), ring.last)
     }
 
-    /// The events after `id`, and the number of the last; `None` where some of them are gone, or `id` is none of ours.
+    /// The events after `id`, and the number of the last; `None` if some of them are no longer in memory, or `id` isn't
+    /// one of ours.
     pub fn since(&self, id: u64) -> Option<(Vec<Arc<str>>, u64)> {
         let ring = self.ring();
         let first = ring.first();

@@ -91,7 +91,7 @@ pub async fn figure(
     Ok(text_of(text.to_string(), "application/json"))
 }
 
-/// Reads a clip otherwise.
+/// Changes the reading of a clip.
 pub async fn reading(State(app): State<Arc<App>>, Path(id): Path<String>, request: Body) -> Answer {
     let reading: Reading = body(request).await?;
     blocking(move || app.studio.restate(&id, &reading)).await?;
@@ -127,7 +127,7 @@ struct MusicOf {
     from_s: f64,
 }
 
-/// Sets what is danced to on the stage.
+/// Sets the music of the stage.
 pub async fn music(State(app): State<Arc<App>>, request: Body) -> Answer {
     let MusicOf { clip, from_s } = body(request).await?;
     let music = clip.map(|clip| Music { clip, from_s });
@@ -189,7 +189,8 @@ enum Range {
     Part(u64, u64),
 }
 
-/// A header's range of a file; `None`: none of its bytes. Several ranges, and what is no range, are all of it.
+/// A header's range of a file; `None`: none of its bytes. Several ranges, or a header that can't be parsed, are all of
+/// it.
 fn range_of(header: &str, bytes: u64) -> Option<Range> {
     let Some((from, to)) = header.strip_prefix("bytes=").and_then(|range| range.split_once('-')) else {
         return Some(Range::All);

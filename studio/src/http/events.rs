@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// Time between comments that show both ends that the other is there.
+/// Time between comments, by which both ends notice that the other is gone.
 const ALIVE: Duration = Duration::from_secs(15);
 
 /// A page that listens.
@@ -40,7 +40,7 @@ impl Page {
             if *self.stop.borrow() {
                 return None;
             }
-            // seen before it is looked at, so that none is missed in between
+            // marked as seen before the events are read, so that none is missed in between
             self.changed.borrow_and_update();
             match self.hub.since(self.at) {
                 Some((events, last)) if !events.is_empty() => {

@@ -62,7 +62,7 @@ fn refusal(app: &App, method: &Method, headers: &HeaderMap, path: &str) -> Optio
     (!is_known).then_some("this browser wasn't let in; open the file again that kinelm named when it began")
 }
 
-/// Writes what is wrong, without folders: as text where a person reads it.
+/// Writes the fault without folders: as text for the page, which a person reads, else as JSON.
 fn write_fault(app: &App, response: &mut Response, is_page: bool) {
     let fault = response.extensions_mut().remove::<Fault>().unwrap_or_else(|| {
         let text = response.status().canonical_reason().unwrap_or("refused").to_lowercase();

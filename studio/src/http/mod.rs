@@ -1,4 +1,4 @@
-//! Requests to library calls, answers to what comes of them.
+//! Turns requests into library calls, and their results into answers.
 //!
 //! - [`answer`]: bodies in, errors out.
 //! - [`guard`]: refusals, and what every answer carries.

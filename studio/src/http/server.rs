@@ -177,7 +177,7 @@ async fn accept(listener: tokio::net::TcpListener, router: axum::Router, room: A
         tokio::spawn(async move {
             let mut http = http1::Builder::new();
             http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).max_buf_size(HEAD_BYTES);
-            // what a client does wrong is its own matter
+            // errors of a client end its own connection only
             let _ = http.serve_connection(TokioIo::new(Socket::new(stream)), service).await;
             drop(place);
         });

@@ -12,7 +12,7 @@ use tokio::time::{Sleep, sleep};
 /// The longest time in which nothing of an answer is taken.
 const WRITE_TIME: Duration = Duration::from_secs(30);
 
-/// A connection that ends where nobody takes what is written to it.
+/// A connection that ends if its other end doesn't take an answer.
 #[derive(Debug)]
 pub struct Socket {
     stream: TcpStream,

@@ -50,7 +50,7 @@ const FIGURE: &[u8] = b"figure\n";
 /// The first line of an answer with the reason why there is no figure.
 const NONE: &[u8] = b"none\n";
 
-/// The text of a figure, or why there is none; the answer to [`Work::Figure`].
+/// The text of a figure, or the reason why there is none, from an answer to [`Work::Figure`].
 pub fn figure_of(answer: Vec<u8>) -> Option<Result<String>> {
     let text = |of: &[u8]| String::from_utf8(of.to_vec()).ok();
     match (answer.strip_prefix(FIGURE), answer.strip_prefix(NONE)) {
@@ -81,7 +81,7 @@ impl Default for Limits {
 /// Reads the file of the job on the standard input.
 ///
 /// # Errors
-/// A job that is none; an outcome that can't be written. What is wrong with the file is the outcome.
+/// A text that isn't a job; an answer that can't be written. Faults of the file are an answer.
 pub fn read_file() -> Result<()> {
     let mut text = String::new();
     std::io::stdin().take(MOST_BYTES).read_to_string(&mut text).map_err(Error::io("standard input"))?;

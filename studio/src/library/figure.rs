@@ -91,7 +91,7 @@ impl Library {
     /// The figure of a clip or a dance, as JSON.
     ///
     /// # Errors
-    /// Those of [`Library::source`] and of reading; a rate or a length that is none.
+    /// Those of [`Library::source`] and of reading; a rate or a length that isn't a number above 0.
     pub fn figure(&self, id: &str, part: Part) -> Result<Arc<str>> {
         for (name, number) in [("`fps`", part.fps), ("`seconds`", part.seconds)] {
             if let Some(number) = number.filter(|number| !(*number > 0.0 && number.is_finite())) {

@@ -84,7 +84,7 @@ fn check(path: &Path, text: &str) -> Result<()> {
     Ok(())
 }
 
-/// The file of a map of the project; a link is none.
+/// The file of a map of the project; `None` for a link.
 fn own(folder: &Path, map: &str) -> Option<PathBuf> {
     let name = map.strip_prefix(MAPS)?.strip_prefix('/')?;
     let is_plain = files::is_plain(name) && name.ends_with(".toml");

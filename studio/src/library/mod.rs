@@ -1,6 +1,6 @@
 //! The library: the files of a project, their facts, their figures, and search among them.
 //!
-//! - [`doubts`]: the facts of a file, and what looks wrong in it.
+//! - [`doubts`]: the facts of a file, and its doubts.
 //! - [`child`], [`reader`]: the process that reads a file, and its parent's side.
 //! - [`upload`]: a file that comes in pieces.
 //! - `rates`: rates of a folder, judged together.
@@ -37,7 +37,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
-/// The files of a project and what is known of them.
+/// The files of a project and their facts.
 #[derive(Debug)]
 pub struct Library {
     project: Arc<Project>,
@@ -94,7 +94,7 @@ pub struct Source {
     pub floor_m: f64,
 }
 
-/// An outcome that was found earlier, and of what.
+/// An earlier outcome, with a key of all that it depends on.
 #[derive(Debug, Serialize, Deserialize)]
 struct Cached {
     key: String,
@@ -124,7 +124,7 @@ impl Library {
     pub fn read_soon(&self, ids: impl IntoIterator<Item = String>) {
         let mut inner = self.inner();
         for id in ids {
-            // also for one in the queue: what was known of it is outdated
+            // also for one in the queue: its facts are outdated
             inner.known.insert(id.clone(), Known::Reading);
             if !inner.waiting.contains(&id) {
                 inner.waiting.push_back(id);
@@ -159,7 +159,8 @@ impl Library {
         }
     }
 
-    /// Waits while a clip is read, as it is when a project was just opened; it checks `goes_on` now and then.
+    /// Waits while a clip is read, as long as `goes_on` says so. Clips of a project that was just opened are still
+    /// read.
     pub fn wait_for(&self, id: &str, goes_on: &dyn Fn() -> bool) {
         let mut inner = self.inner();
         while matches!(inner.known.get(id), Some(Known::Reading)) && !self.stop.load(Ordering::Relaxed) && goes_on() {
@@ -188,7 +189,7 @@ impl Library {
         self.stop.store(false, Ordering::Relaxed);
     }
 
-    /// Reads a clip, or finds what reading it found before.
+    /// The outcome of a clip, from the cache or by reading it.
     fn outcome(&self, record: &ClipRecord) -> Result<Outcome> {
         let file = self.project.path(&record.file);
         let found = std::fs::metadata(&file).map_err(Error::io(&file))?;
@@ -378,7 +379,7 @@ pub fn dataset(sources: &[Source]) -> Dataset {
     Dataset { items, sources: vec![String::new()], ..Dataset::default() }
 }
 
-/// A text that other clips, other files, and files that are read otherwise don't have.
+/// A hash of clips with their files and readings: another one for any other of these.
 pub fn fingerprint(sources: &[Source]) -> String {
     let of = |source: &Source| {
         // by length and time, not by hash: this runs at every search

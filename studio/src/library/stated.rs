@@ -60,7 +60,7 @@ impl Library {
         }
     }
 
-    /// The clips that are read otherwise once the timeline has another text.
+    /// The clips whose readings differ between two texts of the timeline.
     pub fn read_otherwise(&self, before: Option<&str>, after: Option<&str>) -> Vec<ClipRecord> {
         let of = |text: Option<&str>| text.map(|text| stated(self.project.folder(), text)).unwrap_or_default();
         let (before, after) = (of(before), of(after));
@@ -120,7 +120,7 @@ impl Library {
         Ok(vec![Change::Clip { before: Some(Box::new(before)), after: Some(Box::new(after)) }])
     }
 
-    /// Refuses what no clip can be read with.
+    /// Refuses a reading that fits no clip.
     ///
     /// # Errors
     /// A map that is neither built in nor the project's; numbers that are none.

@@ -26,7 +26,7 @@ pub struct Upload {
     name: String,
 }
 
-/// The name that an upload gets, from what the page calls it: its last part, of a kind that is taken.
+/// The name of an upload, from the page's name for it: its last part, with the extension of a known kind.
 ///
 /// # Errors
 /// A kind of file that isn't read.

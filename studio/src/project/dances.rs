@@ -31,7 +31,7 @@ pub fn outputs() -> Outputs {
     Outputs::new(Ours { is_marked: |_| false, is_file, owner: |_| None }, Vec::<PathBuf>::new(), false)
 }
 
-/// A free file for a dance that is to be kept under a name.
+/// A free file for a dance that the user keeps under a name.
 pub fn file_for(folder: &Path, document: &Document, name: &str) -> PathBuf {
     let plain = plain_name(name);
     let taken = |file: &Path| document.dances.iter().any(|dance| dance.kept.as_deref() == Some(file));
@@ -127,7 +127,8 @@ fn copy(made: &Path, file: &Path) -> Result<()> {
     Ok(Provenance { output, replaces: None, ..provenance }.write(file, &bytes, &outputs())?)
 }
 
-/// The change that a dance needs whose file is gone: it isn't kept any more, or it is no more.
+/// The change for a dance whose file is missing: it isn't kept any more, or it is removed. `None` if its files are
+/// there.
 pub(super) fn missing(folder: &Path, dance: &DanceRecord) -> Option<Change> {
     let is_there = |file: &PathBuf| folder.join(file).is_file();
     let kept = dance.kept.clone().filter(is_there);
@@ -140,8 +141,8 @@ pub(super) fn missing(folder: &Path, dance: &DanceRecord) -> Option<Change> {
     Some(Change::Dance { before: Some(Box::new(dance.clone())), after })
 }
 
-/// Removes the made files of dances that nobody can come back to: rejected ones and the oldest of too many, unless a
-/// step or a kept dance needs them.
+/// Removes the files of dances that can't be reached any more: rejected ones and the oldest of too many, unless a step
+/// or another dance needs them.
 pub(super) fn sweep(folder: &Path, document: &Document, history: &History) {
     let open = document.dances.iter().filter(|dance| dance.kept.is_none() && !dance.rejected);
     let oldest: HashSet<&str> = {

@@ -16,7 +16,7 @@ pub struct Document {
     pub clips: Vec<ClipRecord>,
     /// In the order in which they were made.
     pub dances: Vec<DanceRecord>,
-    /// The text of the timeline; `None`: there is none yet.
+    /// The text of the timeline; `None` before the first one.
     pub timeline: Option<String>,
     /// The music of the stage.
     pub music: Option<Music>,
@@ -92,7 +92,7 @@ impl Reading {
         }
     }
 
-    /// This reading with what `other` states.
+    /// This reading with the statements of `other` over it.
     pub fn with(self, other: Reading) -> Reading {
         Reading {
             up: other.up.or(self.up),
@@ -316,14 +316,14 @@ impl DanceRecord {
 }
 
 impl Document {
-    /// Whether its ids and files are such as a studio writes.
+    /// Whether a studio could have written its ids and files.
     pub fn is_sound(&self) -> bool {
         self.clips.iter().all(ClipRecord::is_sound) && self.dances.iter().all(DanceRecord::is_sound)
     }
 }
 
 impl Change {
-    /// Whether its ids and files are such as a studio writes.
+    /// Whether a studio could have written its ids and files.
     pub fn is_sound(&self) -> bool {
         match self {
             Change::Clip { before, after } => [before, after].into_iter().flatten().all(|clip| clip.is_sound()),

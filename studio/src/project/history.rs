@@ -32,7 +32,7 @@ pub struct History {
 }
 
 impl History {
-    /// Adds a step. Those that were taken back are gone, and so are the oldest beyond the limits.
+    /// Adds a step. Undone steps are dropped, and so are the oldest beyond the limits.
     pub fn push(&mut self, step: Step) {
         self.undone.clear();
         self.done.push(step);
@@ -43,7 +43,7 @@ impl History {
         }
     }
 
-    /// Takes the last step back: the changes that do so.
+    /// Undoes the last step: the changes that do so.
     pub fn undo(&mut self) -> Option<Vec<Change>> {
         let step = self.done.pop()?;
         // in reverse order: a later change may build on an earlier one of the step
@@ -52,7 +52,7 @@ impl History {
         Some(changes)
     }
 
-    /// Carries out again what was taken back last: the changes.
+    /// Carries out the last undone step again: the changes.
     pub fn redo(&mut self) -> Option<Vec<Change>> {
         let step = self.undone.pop()?;
         let changes = step.changes.clone();
@@ -65,7 +65,7 @@ impl History {
         self.done.iter().chain(&self.undone)
     }
 
-    /// Steps that can be taken back, and carried out again.
+    /// Steps that can be undone, and redone.
     pub fn counts(&self) -> (usize, usize) {
         (self.done.len(), self.undone.len())
     }

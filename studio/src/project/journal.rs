@@ -4,7 +4,7 @@
 //! {"crc32c":"9ae0daaf","line":{"begin":{"schema":2,..}}}
 //! ```
 //!
-//! The checksum of a line goes on from that of the line before, so that none can be missing, doubled or elsewhere.
+//! The checksum of a line continues that of the line before: a missing, doubled or moved line doesn't fit.
 //!
 //! A process may end at any moment. A line without its end was never reported to a page and is dropped; one with it
 //! counts, and where its checksum is another, the file was damaged and nothing is guessed. When the journal has grown
@@ -27,7 +27,7 @@ const SCHEMA: u32 = 2;
 const MOST_BYTES: u64 = 1 << 30;
 /// The text around a line and its checksum of 8 hexadecimal digits.
 const AROUND: [&str; 3] = ["{\"crc32c\":\"", "\",\"line\":", "}\n"];
-/// Bytes that are added before a journal is written anew, at least; and as many as it had then.
+/// The least number of bytes that are added before a journal is rewritten, beside as many as it had.
 const GROWN: u64 = 4 << 20;
 /// The file for a journal without a whole line.
 const DAMAGED: &str = ".studio/journal.damaged";
@@ -58,7 +58,7 @@ pub enum Line {
 }
 
 impl Line {
-    /// Whether its ids and files are such as a studio writes, so that a project of somebody else leads to no other file.
+    /// Whether a studio could have written its ids and files: a foreign project must lead to no other file.
     fn is_sound(&self) -> bool {
         let all = |changes: &[Change]| changes.iter().all(Change::is_sound);
         match self {
@@ -124,7 +124,7 @@ pub struct Journal {
     last: u32,
     /// Whether it was empty.
     is_new: bool,
-    /// The bytes at which it is written anew.
+    /// The bytes at which it is rewritten.
     limit: u64,
 }
 
@@ -132,7 +132,7 @@ impl Journal {
     /// Reads the journal of a project's folder, or begins one.
     ///
     /// # Errors
-    /// A line that is none, but for the last; I/O errors.
+    /// A line that can't be parsed, except for the last; I/O errors.
     pub fn open(folder: &Path) -> Result<(Journal, Replayed)> {
         let mut state = Replayed { next: 1, ..Replayed::default() };
         let bytes = owned::bytes(folder, JOURNAL, MOST_BYTES)?.unwrap_or_default();
@@ -180,12 +180,12 @@ impl Journal {
         Ok(())
     }
 
-    /// Whether it is time to write it anew.
+    /// Whether it is time to rewrite it.
     pub fn has_grown(&self) -> bool {
         self.bytes > self.limit
     }
 
-    /// Writes it anew, as the state that it leads to.
+    /// Replaces it by one line with its state.
     ///
     /// # Errors
     /// I/O errors.
@@ -352,7 +352,7 @@ mod tests {
             let said = Journal::open(dir.path()).unwrap_err().to_string();
             assert!(said.contains(&format!("line {line}: CRC-32C")), "{order:?}: {said}");
         }
-        // what has no whole line is begun anew, and kept
+        // a journal without a whole line is begun anew, and stored beside it
         fs::write(&path, &lines[0][..40]).unwrap();
         assert!(Journal::open(dir.path()).unwrap().0.is_new());
         assert_eq!(fs::read_to_string(dir.path().join(DAMAGED)).unwrap(), lines[0][..40]);

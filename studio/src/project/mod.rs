@@ -8,7 +8,7 @@
 //! .studio/        journal.jsonl, jobs.jsonl, made/ (dances that aren't kept yet), cache/, open.html, lock
 //! ```
 //!
-//! - [`document`]: what a project holds, and changes of it.
+//! - [`document`]: the state of a project, and its changes.
 //! - [`history`]: steps back and on.
 //! - [`journal`]: the file that both are in.
 //! - [`dances`]: the files of dances.
@@ -164,8 +164,7 @@ impl Project {
         (inner.state.history.counts(), (undo.map(str::to_owned), redo.map(str::to_owned)))
     }
 
-    /// Carries out a step of the user: what `of` makes of the state. Returns the changes, none where nothing is to be
-    /// done.
+    /// Carries out a step of the user, the changes that `of` makes of the state. Returns them; none if nothing changes.
     ///
     /// # Errors
     /// Those of `of`; I/O errors. Nothing has changed then.
@@ -180,7 +179,7 @@ impl Project {
         Ok(changes)
     }
 
-    /// As [`Project::step`], for what isn't taken back.
+    /// As [`Project::step`], for changes that can't be undone.
     ///
     /// # Errors
     /// Those of [`Project::step`].
@@ -191,10 +190,10 @@ impl Project {
         Ok(changes)
     }
 
-    /// Takes the last step back.
+    /// Undoes the last step.
     ///
     /// # Errors
-    /// Nothing to take back; I/O errors.
+    /// Nothing to undo; I/O errors.
     pub fn undo(&self) -> Result<Vec<Change>> {
         let mut inner = self.inner();
         // on a copy: if the files or the journal fail, nothing was undone
@@ -204,10 +203,10 @@ impl Project {
         Ok(changes)
     }
 
-    /// Carries out again what was taken back last.
+    /// Carries out the last undone step again.
     ///
     /// # Errors
-    /// Nothing that was taken back; I/O errors.
+    /// Nothing to redo; I/O errors.
     pub fn redo(&self) -> Result<Vec<Change>> {
         let mut inner = self.inner();
         let changes = inner.state.history.clone().redo();
@@ -283,8 +282,8 @@ impl Project {
         String::from_utf8(bytes).map(Some).map_err(wrong)
     }
 
-    /// Brings the state in line with the files that are there: a process may have ended between both, and files may
-    /// have been moved.
+    /// Adapts the state to the existing files: a process may have ended between writing files and journal, and the user
+    /// may have moved files.
     fn reconcile(&self) -> Result<()> {
         if self.is_new {
             let found = self.timeline_file()?;
@@ -293,7 +292,7 @@ impl Project {
             }
             return Ok(());
         }
-        // also what was edited while no studio ran: it becomes a step that can be undone
+        // an edit while no studio ran becomes a step, which can be undone
         self.timeline()?;
         let all = self.read(|document| document.dances.clone());
         let changes = all.iter().filter_map(|dance| dances::missing(&self.folder, dance)).collect::<Vec<_>>();

@@ -61,8 +61,8 @@ impl Hosts {
         }
         let is_own = match site {
             Some(site) => site == "same-origin",
-            // there a page of another site has no cookie of ours, and one of the same host can't read what it is answered;
-            // what changes anything is a POST, which has an origin
+            // there a page of another site has no cookie of ours, and one of the same host can't read the answer; only
+            // a POST changes anything, and has an origin
             None => origin.is_some() || (*method == Method::GET && host.is_some_and(|host| self.is_bound(host))),
         };
         let is_navigation = is_page && *method == Method::GET && text("sec-fetch-mode") == Some("navigate");

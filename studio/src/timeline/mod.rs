@@ -132,7 +132,7 @@ impl Timelines {
     /// The view of a text; `parsed`, where it is laid out already.
     fn view_of(&self, text: Option<&str>, parsed: Option<Laid>) -> Result<Arc<Value>> {
         let (sources, being_read) = (self.sources(), self.library.being_read());
-        // what the layout depends on beside the text
+        // the layout depends on these beside the text
         let key = format!("{}\n{sources:?}\n{being_read:?}", text.unwrap_or_default());
         // held while the view is made: of two requests at once the second gets the first one's
         let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
@@ -153,7 +153,7 @@ impl Timelines {
         ids.iter().filter_map(|id| self.library.source(id).ok()).collect()
     }
 
-    /// Carries out edits as one step. Returns what changed, and the view afterwards.
+    /// Carries out edits as one step. Returns the changes, and the view afterwards.
     ///
     /// # Errors
     /// An edit that can't be carried out, or after which the timeline couldn't be danced though it could before:
@@ -186,7 +186,7 @@ impl Timelines {
             match (edit, &mut file) {
                 (Edit::Text { text }, _) => {
                     is_written = true;
-                    // what is written by hand may be wrong for a while, but it is a text of moderate length
+                    // a text by hand may be wrong for a while, but not longer than a timeline
                     let most = kinelm_generate::timeline::MOST_BYTES;
                     if text.len() > most {
                         let (needs, limit) = (format!("{} bytes", text.len()), format!("{most} bytes"));
@@ -216,8 +216,9 @@ impl Timelines {
         }
     }
 
-    /// The text after a clip is read otherwise: it states so, and the clip's segments are fitted to it. `reread`: what
-    /// became of its length, where both are known. `None`: the text doesn't have the clip.
+    /// The text after the reading of a clip has changed: it states the reading, and the clip's segments are fitted to
+    /// it.
+    /// `reread`: its lengths before and after, if both are known. `None` if the text doesn't have the clip.
     pub fn reread(&self, record: &ClipRecord, text: &str, reading: &Reading, reread: Option<Reread>) -> Option<String> {
         let mut file = TimelineFile::parse(&self.path(), text).ok()?;
         let (own, converted) = (self.project.path(&record.file), self.library.converted(&record.id));

@@ -40,7 +40,7 @@ fn segment(index: usize, keys: &Value, fps: f64, clip_fps: f64) -> Value {
             else_
         })
     };
-    // what may be left out has a value of its own then
+    // an optional key that is missing has its default
     let optional = |key: &str, value: Value| if keys.get(key).is_none() { Some(value) } else { None };
     let text = |key: &str| keys[key].as_str().map(|text| json!(text));
     let clip = or("clip", text("clip").or(optional("clip", Value::Null)), Value::Null);

@@ -33,7 +33,7 @@ fn an_edit_touches_its_own_bytes_alone() {
     assert_eq!((view["text"].as_str(), &view["trouble"]), (Some(TEXT), &json!([])));
     assert_eq!((view["seconds"].as_f64(), view["fps"].as_f64()), (Some(8.0), Some(30.0)));
     assert_eq!(view["clips"], json!({"a": {"clip": "c1", "file": "a.bvh"}, "b b": {"clip": "c2", "file": "b.bvh"}}));
-    // the file stays as it is where nothing changes
+    // the file is unchanged if nothing changes
     edited(&timelines, &[json!({"op": "set", "index": 0, "key": "to", "value": 4})]).unwrap();
     assert_eq!(std::fs::read_to_string(timelines.path()).unwrap(), TEXT);
     let view = edited(&timelines, &[json!({"op": "set", "index": 0, "key": "to", "value": 3.5})]).unwrap();
@@ -168,7 +168,7 @@ fn times(view: &Value) -> Vec<[f64; 3]> {
     view["segments"].as_array().unwrap().iter().map(of).collect()
 }
 
-/// The timeline after its first clip, of 6 s at 30 frames per second, is read otherwise.
+/// The timeline after the reading of its first clip, 6 s at 30 frames per second, has changed.
 fn reread(timelines: &Timelines, stated: Value, (fps, frames): (f64, usize)) -> Value {
     let reading: Reading = serde_json::from_value(stated).unwrap();
     let record = timelines.project().clip("c1").unwrap();
@@ -193,7 +193,7 @@ fn segments_are_extended_with_their_clip_and_others_make_room() {
     let spans = view["rows"][0]["spans"].as_array().unwrap();
     let spans: Vec<_> =
         spans.iter().map(|span| (span["to"].as_f64().unwrap(), span["state"].as_str().unwrap())).collect();
-    // it goes on where it was cut
+    // it continues where it was cut
     assert_eq!(spans, [(2.0, "given"), (8.0, "given"), (10.0, "generated"), (12.0, "given"), (13.0, "generated")]);
     // back at its own rate it is as it was
     let record = timelines.project().clip("c1").unwrap();
@@ -236,7 +236,7 @@ fn a_text_without_segments_that_is_wrong_says_so() {
         let found = trouble(&format!("{begun}{more}"));
         assert!(found.len() == 1 && found[0].contains(what), "{more}: {found:?}");
     }
-    // one that is only begun is fine, and so is none
+    // a timeline that is only begun is fine, and so is an empty one
     for text in [begun, "", "# to come\n"] {
         assert_eq!(trouble(text), Vec::<String>::new(), "{text:?}");
     }
@@ -278,7 +278,7 @@ fn what_the_text_states_of_a_clip_holds_for_the_library() {
         library.read_otherwise(Some(TEXT), Some(&text)).into_iter().map(|clip| clip.id).collect();
     assert_eq!(changed, ["c1"]);
     edited(&timelines, &[json!({"op": "text", "text": text})]).unwrap();
-    // what is wrong in it is the timeline's trouble alone
+    // faults of the text are reported by the timeline alone
     assert_eq!(reading(), Reading { fps_source: Some(60.0), skip: Some(2), ..Reading::default() });
     timelines.project().undo().unwrap();
     assert_eq!(reading(), Reading::default());

@@ -12,8 +12,8 @@ use kinelm_motion::moment::Moment;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// A timeline as a page has it: its layout where it can be laid out, what is wrong where it can't, unless that is a clip
-/// that is being read. `parsed`: it is laid out already.
+/// The view of a timeline: its layout if it can be laid out, else its fault, unless that is only a clip that is being
+/// read. `parsed`: it is laid out already.
 pub(super) fn of(
     timelines: &Timelines,
     text: Option<&str>,

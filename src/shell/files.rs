@@ -14,7 +14,7 @@ pub fn with_extensions(text: &str) -> String {
     text.replace("READ", &Format::read_list())
 }
 
-/// The extension of a motion file to write; refuses, before any work, what no motion is written as.
+/// The extension of a motion file to write; refuses, before any work, other kinds of files.
 pub fn writable(path: &Path) -> Result<String> {
     let extension = extension(path);
     if !Format::WRITTEN.contains(&extension.as_str()) {
@@ -93,7 +93,7 @@ pub fn page(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a picture under another name than a picture's, and what must not be written over, before any work.
+/// Refuses, before any work, a picture under another name than a picture's, and a file that must not be written over.
 pub fn picture(path: &Path, outputs: &Outputs) -> Result<()> {
     plot::check(path).map_err(|e| WrongCall(e.to_string()))?;
     Ok(outputs.check([path])?)

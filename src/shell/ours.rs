@@ -25,7 +25,7 @@ fn is_marked(path: &Path) -> bool {
 /// Whether this program made the file, beyond doubt.
 fn is_file(path: &Path) -> Result<bool> {
     let mut head = Vec::new();
-    // what can't be read is nobody's
+    // a file that can't be read isn't ours
     let _ = input::peek(path).and_then(|file| file.take(MARK_WITHIN).read_to_end(&mut head));
     let has = |mark: &[u8]| head.windows(mark.len()).any(|w| w == mark);
     match extension(path).as_str() {

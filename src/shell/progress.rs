@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 struct Wait {
     what: String,
     done: u64,
-    /// 0: nobody knows.
+    /// 0 if unknown.
     of: u64,
     since: Instant,
     said: Instant,
@@ -88,7 +88,8 @@ pub fn stage(what: &str) {
     *wait() = Wait::new(what, 0, Instant::now());
 }
 
-/// Stderr for what prints its own progress: waits are not reported on a terminal, and elsewhere only after a long silence.
+/// Stderr for work that prints its own progress: waits are not reported on a terminal, and elsewhere only after a long
+/// silence.
 pub struct ProgressStderr(std::io::Stderr);
 
 impl ProgressStderr {
@@ -202,7 +203,7 @@ mod tests {
         assert_eq!(lines_of(&mut Wait::new("steps", 300, start))[0].1, "0 of 300 steps, 2 s so far");
         assert_eq!(lines_of(&mut Wait::new("at work", 0, start))[3].1, "at work, 30 s so far");
         assert_eq!(lines_of(&mut Wait { shown: true, ..Wait::new("steps", 300, start) }), []);
-        // what was said in between puts the next line off
+        // a message in between postpones the next line
         let said = start + Duration::from_secs(50);
         assert_eq!(lines_of(&mut Wait { said, ..Wait::new("steps", 300, start) })[0].0, 52);
     }

@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// The number of files that the call has left out.
 static LEFT_OUT: AtomicUsize = AtomicUsize::new(0);
 
-/// The end of a call that has done what it could: a failure if files were left out.
+/// The end of a call that has processed all usable files: a failure if files were left out.
 pub fn all_read() -> Result<()> {
     let left_out = LEFT_OUT.load(Ordering::Relaxed);
     anyhow::ensure!(left_out == 0, "{} could not be used; the rest is done", kinelm_store::counted(left_out, "files"));
@@ -40,7 +40,7 @@ impl Say {
         progress::said();
     }
 
-    /// Names a file that is left out of what is done with the others; in the end the call has failed.
+    /// Names a file that is left out; in the end the call has failed.
     pub fn left_out(self, text: impl std::fmt::Display) {
         LEFT_OUT.fetch_add(1, Ordering::Relaxed);
         self.error(text);
@@ -59,7 +59,7 @@ pub fn tell(text: impl std::fmt::Display) {
     let _ = writeln!(std::io::stderr(), "kinelm: {}", plain(&clipped(&text)));
 }
 
-/// The characters of a message at most: what a file or a call holds may be quoted in it, whatever its length.
+/// The most characters of a message: it may quote a file or a call, whose texts have any length.
 const LONGEST: usize = 8000;
 
 /// A message without its middle, where it is too long.

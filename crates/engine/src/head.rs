@@ -157,7 +157,7 @@ pub fn loss(
                 let (normal, rest) = scratch.split_at_mut(x.len());
                 let d_normal = &mut rest[..x.len()];
                 layer_norm::forward(normal, stats, x, norm.weight, norm.bias);
-                // for the head's gradient, after the logits have become their own gradient in place
+                // right factor of the head's gradient, packed now: the next piece of this thread overwrites `normal`
                 products.pack(panels, normal, d, targets.len(), d);
                 products.times(logits, normal, d, across, v);
                 *nats = cross_entropy::forward_backward(logits, targets, smoothing, scale);

@@ -38,7 +38,7 @@ impl Default for Hub {
     fn default() -> Hub {
         // a number of a server that ran earlier is below all of ours, so its page loads the state again
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        // room for 1,000 events in each millisecond until the next start
+        // room for 1,000 events in each millisecond until the next start, and exact in a page's numbers (below 2^53)
         let last = since.as_millis() as u64 * 1000;
         let ring = Ring { events: VecDeque::new(), bytes: 0, last };
         Hub { ring: Mutex::new(ring), last: watch::Sender::new(last) }

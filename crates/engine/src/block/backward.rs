@@ -111,7 +111,7 @@ impl Pass<'_> {
                     products.times(d_normal, d_hidden, m, &panels.up, d);
                     // computed again rather than saved: the rows are in the cache, N D more numbers are not
                     layer_norm::again(normal, middle, stats, weights.norm2.weight, weights.norm2.bias);
-                    // adds to dx, which already holds the gradient that passes by the hidden layer
+                    // adds to dx, which is the gradient of the path around the hidden layer already
                     let normed = layer_norm::Saved { x: middle, stats, weight: weights.norm2.weight };
                     layer_norm::backward(dx, dw_norm, db_norm, normed, d_normal);
                     dropped(shape, first, rows, dropout.map(|p| (p.share, p.out)), &mut |rows, mask| {

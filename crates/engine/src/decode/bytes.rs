@@ -56,7 +56,7 @@ impl Rows {
         scales.resize(scales.len().max(left.rows), 0.0);
         line.resize(line.len().max(words * WORD), 0);
         let line = &mut line[..words * WORD];
-        // any byte would do, as the panels have zeros there, but memory that changes would not be reproducible
+        // padding of the last word: the panels have zeros there, so any byte would do
         line[k..].fill(ZERO as u8);
         for (row, scale) in scales.iter_mut().take(left.rows).enumerate() {
             *scale = dispatch::run(Round { left, row, to: &mut line[..k] });

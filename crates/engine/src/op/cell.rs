@@ -154,7 +154,7 @@ mod tests {
     use crate::scalar::lstm as scalar;
 
     /// Some roundings of numbers below 1 and one of e^x.
-    const BOUND: f64 = 4e-7; // sums of +-60 are among the cases: there e^x would overflow and e^-|x| does not
+    const BOUND: f64 = 4e-7; // sums of +-60 are among the cases: tanh's e^120 would overflow, e^-120 doesn't
 
     #[test]
     fn a_cell_is_what_plain_loops_give() {

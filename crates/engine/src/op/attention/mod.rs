@@ -30,7 +30,6 @@ const QUERIES: usize = 96;
 
 /// Keys of a tile. A row of a tile is followed by a cache line's room, so that rows don't meet in the cache.
 const KEYS: usize = 2 * QUERIES;
-// 192 + 16 numbers are no power of two
 const ROW: usize = KEYS + 16;
 
 /// The sizes of an attention; D, the width of the model, is `heads * width`.

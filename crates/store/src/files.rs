@@ -1,4 +1,8 @@
 //! Writes files and folders that later steps depend on: complete, or not at all.
+//!
+//! Limits: new files and folders are whole or absent, existing folders aren't replaced at once. A crash in
+//! [`PendingFolder::commit_instead`] may leave no folder, one in [`PendingFolder::commit_over`] new files beside the old
+//! first one.
 
 use crate::part::{self, PartFile};
 use crate::{Error, Result, input};

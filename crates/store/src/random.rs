@@ -1,6 +1,7 @@
 //! Random streams: one seed, and a separate stream for every use.
 //!
-//! No generator is shared, so results don't depend on the number of threads, on resuming, or on other uses.
+//! No generator is shared, so results don't depend on the number of threads, on resuming, or on other uses. Streams are
+//! for results that can be made again, never for secrets: seeds are in files.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};

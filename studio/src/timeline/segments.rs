@@ -1,6 +1,8 @@
 //! Segments of a timeline as numbers: joints and frames, which can be cut, freed and given.
 //!
-//! A clip that is cut in two continues exactly where it was cut, so that nothing is generated between the parts.
+//! A clip that is cut in two continues exactly where it was cut, so that nothing is generated between the parts. Where
+//! the rates of clip and dance differ, not every frame allows that: a cut is moved by up to 12 frames, and if none of
+//! them does, it stays, and a transition is generated.
 
 use std::collections::BTreeMap;
 use std::ops::Range;

@@ -4,6 +4,9 @@
 //! A key and a row become 32 bits by two rounds of splitmix64's mix, columns step from there by the golden ratio, and
 //! murmur3's last mix makes the 32 bits that are compared with the share.
 //!
+//! Limits: a row's key has 32 bits, so among 77,000 rows of one key two have the same mask with probability 1/2. A
+//! share is rounded to 2^-32.
+//!
 //! Source: Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014); Appleby, MurmurHash3 (2011).
 
 use super::math::lane_numbers;

@@ -3,6 +3,10 @@
 //! Stages: [`flux`] (change per band), [`tempogram`] (tempo over time), [`pulse`] (dynamic programming through the flux),
 //! [`level`] (which multiple and phase of the pulse is the beat).
 //!
+//! Limits: no downbeats and no metre. Any sound whose flux isn't constant gets a pulse, through pauses too. The usual
+//! errors are half and double tempo and the off-beat; weights and measurements are of pieces mostly with drums
+//! (docs/results/music.md).
+//!
 //! ```
 //! use kinelm_music::beat::{RATE, beats_of};
 //! use kinelm_music::synth::{Score, Style, render};

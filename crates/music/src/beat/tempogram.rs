@@ -1,4 +1,7 @@
 //! The tempo of a sound over time.
+//!
+//! Limits: 40 to 240 beats a minute, in steps of 1.5 %. A window has 12 s, so quicker changes of tempo are left to the
+//! pulse, which may deviate from the period.
 
 use super::FPS;
 use super::flux::moving_mean;

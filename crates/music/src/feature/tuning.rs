@@ -1,4 +1,6 @@
 //! The deviation of a recording's tuning from 440 Hz.
+//!
+//! Limits: one number for the whole sound, in steps of 1/100 bin, modulo a third of a semitone.
 
 /// Bins of the constant-Q transform in an octave: the unit of a tuning.
 pub const BINS_PER_OCTAVE: usize = 36;

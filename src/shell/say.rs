@@ -20,7 +20,7 @@ pub fn all_read() -> Result<()> {
     Ok(())
 }
 
-/// Prints messages on stderr; data go to stdout ([`print`]).
+/// Prints messages on stderr; data go to stdout ([`print()`]).
 #[derive(Debug, Clone, Copy)]
 pub struct Say {
     pub(crate) quiet: bool,

@@ -324,7 +324,6 @@ fn no_input_of_any_kind_may_be_a_pipe() {
         "music inspect p/a.wav",
         "music beats p/a.wav --out o.txt",
         "view data/d0.bvh --music p/a.wav --out o.html",
-        "evaluate baselines --tokens p/a.npz",
         "convert data/d0.bvh o.bvh --skeleton p/a.bvh",
         "convert data/d0.bvh o.bvh --skeleton p/a.npz",
         "inspect data/d0.bvh --map p/a.toml",

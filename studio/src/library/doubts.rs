@@ -6,6 +6,7 @@
 
 use crate::project::document::Reading;
 use crate::{Error, Result};
+use kinelm_corpus::music::library::EXTENSIONS;
 use kinelm_corpus::sidecar;
 use kinelm_motion::capsules::standing_height_m;
 use kinelm_motion::format::{
@@ -123,13 +124,10 @@ pub fn outcome(file: &Path, reading: &Reading, convert: &Path) -> Outcome {
 /// Frames times joints of a clip: an hour and a half of 24 joints at 60 frames a second, some 2 GB where it is edited.
 const MOST_POSES: usize = 8_000_000;
 
-/// The extensions of sound files.
-pub const SOUNDS: [&str; 8] = ["mp3", "ogg", "oga", "flac", "wav", "m4a", "mp4", "aac"];
-
 /// Whether a file is music by its name.
 pub fn is_music(file: &Path) -> bool {
     let extension = file.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-    extension.is_some_and(|extension| SOUNDS.contains(&&*extension))
+    extension.is_some_and(|extension| EXTENSIONS.contains(&&*extension))
 }
 
 fn music(file: &Path) -> Result<Info> {

@@ -1,11 +1,11 @@
 //! A file that comes in pieces: into a temporary one first, whole and synced before it has its name.
 
-use super::doubts::SOUNDS;
 use super::is_taken;
 use crate::project::dances::{free_name, plain_name};
 use crate::project::document::{Change, ClipRecord, Reading};
 use crate::project::{CLIPS, Project};
 use crate::{Error, Result};
+use kinelm_corpus::music::library::EXTENSIONS as SOUNDS;
 use kinelm_motion::format::Format;
 use kinelm_store::owned;
 use kinelm_store::part::PartFile;

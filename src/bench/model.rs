@@ -108,7 +108,7 @@ impl BenchModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::config::TRAIN;
+    use crate::train::train_file::TRAIN;
 
     fn args(config: &str) -> ModelArgs {
         ModelArgs { config: config.into(), context: None, vocabulary: 400, dropout: 0.0 }

@@ -1,6 +1,6 @@
 //! Metrics of classification: accuracy, balanced accuracy, macro F1, confusion, calibration, intervals.
 
-use super::scores::likeliest;
+use super::class_scores::likeliest;
 use kinelm_store::random;
 use serde::Serialize;
 

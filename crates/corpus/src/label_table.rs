@@ -1,9 +1,9 @@
 //! A label CSV: a header with the column `clip`, then a row per clip, or several with time ranges.
 
+use super::clip_info::{ClipInfo, RESERVED};
 use super::csv::{ClipTable, Row};
-use super::labels::{ClipInfo, RESERVED};
+use super::item::TimedLabels;
 use super::pattern::without_extension;
-use super::segments::TimedLabels;
 use crate::{Error, Result};
 use kinelm_store::input;
 use std::collections::HashMap;

@@ -1,7 +1,7 @@
 //! Where the words of clips stand in the token file.
 
 use super::record::{ClipRecord, Manifest};
-use super::store::Tokens;
+use super::tokens::Tokens;
 use crate::{Error, Result};
 use kinelm_tokenizer::SPACE;
 use std::path::Path;

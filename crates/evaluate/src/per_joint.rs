@@ -2,7 +2,8 @@
 
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus};
-use kinelm_model::likelihood::{Likelihood, likelihood_by_token};
+use kinelm_model::likelihood::likelihood_by_token;
+use kinelm_model::scored_windows::Likelihood;
 use kinelm_model::{ModelKind, Scores};
 use kinelm_motion::smpl;
 use kinelm_tokenizer::{Channel, Tokenizer};

@@ -1,7 +1,6 @@
 //! For the tests: models of every form, and batches as their tokenizers would make them.
 
-use super::architecture::{Architecture, DecoderConfig};
-use super::config::{HeadKind, ModelConfig, ModelKind, Positions, SlotRun, TokenLayout};
+use super::config::{Architecture, DecoderConfig, HeadKind, ModelConfig, ModelKind, Positions, SlotRun, TokenLayout};
 use super::frames::Frames;
 use super::goal::{self, Conditioning};
 use super::gpt::Gpt;

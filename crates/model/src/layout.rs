@@ -1,6 +1,6 @@
 //! The tensors of a model: names, shapes, and how they begin.
 
-use super::architecture::Architecture;
+use super::config::Architecture;
 use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use super::frames::{BACK, Frames, SPELT};
 use super::goal;

@@ -3,8 +3,9 @@
 use crate::{Error, Result};
 use kinelm_corpus::conditions::{Conditions, with_labels};
 use kinelm_corpus::{ClipRecord, Corpus, CorpusOptions, Split, each_eval_window};
-use kinelm_model::likelihood::{Likelihood, likelihood, room};
+use kinelm_model::likelihood::likelihood;
 use kinelm_model::music::features::{Scale, Scaling};
+use kinelm_model::scored_windows::{Likelihood, room};
 use kinelm_model::{Scores, TokenLayout};
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};

@@ -10,6 +10,7 @@ pub mod batches;
 pub mod config;
 pub mod data;
 pub mod ema;
+mod factory;
 pub mod fast;
 #[cfg(any(test, feature = "fixtures"))]
 #[doc(hidden)]
@@ -41,15 +42,17 @@ pub mod schedule;
 mod shapes;
 pub mod stages;
 mod tensorboard;
+pub mod train_file;
 pub mod trainer;
 pub mod window;
 
-pub use config::{TrainConfig, TrainFile};
+pub use config::{Schedule, TrainConfig};
 pub use data::{CorpusPart, Data};
+pub use factory::learner;
 pub use kinelm_model::{Error, Result};
-pub use learner::{BatchLoss, Learner, learner};
+pub use learner::{BatchLoss, Learner};
 pub use precision::Precision;
 pub use pretrain::{PretrainOptions, RESUMABLE, Summary, finetune, pretrain};
 pub use progress::{NoProgress, Progress};
-pub use schedule::Schedule;
+pub use train_file::TrainFile;
 pub use trainer::{Task, Trainer};

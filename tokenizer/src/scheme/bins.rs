@@ -170,8 +170,8 @@ pub(crate) fn quantile(sorted: &[f64], q: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::angle::Angles;
+    use super::super::angle::Form;
     use super::super::line::Line;
-    use super::super::uniform::Form;
     use super::*;
     use kinelm_motion::Vec3;
     use kinelm_motion::rotation::exp_map;

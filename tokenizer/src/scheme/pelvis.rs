@@ -120,7 +120,7 @@ impl Turns {
 #[cfg(test)]
 mod tests {
     use super::super::angle::Angles;
-    use super::super::uniform::Form;
+    use super::super::angle::Form;
     use super::*;
     use kinelm_motion::rotation::angle_between;
     use proptest::prelude::*;

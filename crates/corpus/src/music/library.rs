@@ -2,7 +2,7 @@
 
 use super::tempo;
 use super::track::Track;
-use crate::dataset::Item;
+use crate::item::Item;
 use crate::{Error, Result};
 use kinelm_music::beat::Beats;
 use rayon::prelude::*;
@@ -190,7 +190,8 @@ mod tests {
 
     #[test]
     fn a_segment_has_the_beats_of_its_own_time() {
-        use crate::segments::{TimedLabels, split_items};
+        use crate::item::TimedLabels;
+        use crate::segments::split_items;
         let timed = |from_s, to_s| TimedLabels { from_s, to_s, labels: BTreeMap::new(), line: 2 };
         let item = Item {
             name: "a/b".into(),

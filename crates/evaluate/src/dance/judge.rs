@@ -5,7 +5,7 @@ use super::copying::Track;
 use super::freeze::{Freezing, Threshold, energy};
 use super::percentile;
 use super::positions::JointPositions;
-use super::report::Reference;
+use super::reference::Reference;
 use crate::Result;
 use crate::floors::codes::frames;
 use kinelm_corpus::Split;

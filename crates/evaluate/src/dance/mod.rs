@@ -19,6 +19,7 @@ pub mod positions;
 mod print;
 pub mod prompt;
 pub mod real;
+mod reference;
 pub mod repetition;
 mod report;
 #[cfg(test)]
@@ -27,7 +28,8 @@ mod tests;
 pub use coded::Dance;
 pub use load::requested_label;
 pub use metrics::GroupMetrics;
-pub use report::{Copied, Reference, Report};
+pub use reference::Reference;
+pub use report::{Copied, Report};
 
 /// The p-quantile of ascending numbers, linear between ranks.
 fn percentile(sorted: &[f64], p: f64) -> Option<f64> {

@@ -1,6 +1,7 @@
 //! Labels of a timeline.
 
-use super::layout::{Fault, times};
+use super::fault::Fault;
+use super::times::times;
 use crate::request::{Segment, TimedLabel};
 use kinelm_corpus::labels::parse_pair;
 use kinelm_motion::moment::Moment;

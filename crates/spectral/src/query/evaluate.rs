@@ -3,10 +3,11 @@
 
 use super::build::no_window;
 use super::database::Database;
+use super::distance::{Distance, SearchOptions};
 use super::exclude::{Exclude, Exclusion, Origin};
 use super::options::{FeatureKind, IndexOptions};
 use super::record::ClipEntry;
-use super::search::{Cosines, Distance, SearchOptions};
+use super::search::Cosines;
 use super::vote::{Tally, vote};
 use crate::{Error, Result, WindowSpec};
 pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};

@@ -1,10 +1,10 @@
 //! What else moves like this.
 
+use super::distance::{Distance, SearchOptions};
 use super::exclude::{Exclude, Exclusion, Origin};
 use super::extract::FeatureExtractor;
 use super::index::Index;
 use super::record::ClipEntry;
-use super::search::{Distance, SearchOptions};
 use crate::{Error, Result};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use kinelm_corpus::load::{ClipSpec, ModelClip};

@@ -9,6 +9,7 @@
 pub mod build;
 pub mod candidates;
 pub mod database;
+pub mod distance;
 pub mod embedding;
 pub mod evaluate;
 pub mod exclude;
@@ -29,9 +30,10 @@ pub mod writer;
 
 pub use build::{BuildReport, IndexRequest};
 pub use database::Database;
+pub use distance::{Distance, SearchOptions};
 pub use evaluate::{EvaluateOptions, Report, evaluate};
 pub use exclude::Exclude;
 pub use find::{Match, Query, SearchResult};
 pub use index::Index;
 pub use options::{FeatureKind, IndexOptions, joint_names};
-pub use search::{Distance, Hit, SearchOptions};
+pub use search::Hit;

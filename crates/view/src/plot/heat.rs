@@ -1,7 +1,7 @@
 //! Heat maps.
 
 use super::axes::{Axes, Axis, number};
-use super::picture::{Drawn, GREY, style};
+use super::text::{Drawn, GREY, style};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, VPos};

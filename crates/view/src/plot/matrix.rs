@@ -2,7 +2,7 @@
 
 use super::Chart;
 use super::heat::colour;
-use super::picture::{Drawn, GREY, LETTER, style};
+use super::text::{Drawn, GREY, LETTER, style};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};

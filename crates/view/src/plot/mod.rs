@@ -14,6 +14,7 @@ mod axes;
 mod heat;
 mod matrix;
 mod picture;
+mod text;
 
 pub use heat::Heat;
 pub use matrix::Matrix;

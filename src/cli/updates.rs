@@ -5,7 +5,7 @@ use crate::baselines::Changes;
 use crate::baselines::data::Sources;
 use crate::baselines::sidecar::{Request, Sidecar};
 use crate::baselines::train::{Event, Summary};
-use crate::classify::LabelFilter;
+use crate::corpus::labels::LabelFilter;
 use crate::model::CheckpointChoice;
 use crate::store::{self, sidecar};
 use anyhow::Result;

@@ -3,8 +3,8 @@
 use crate::FPS;
 use crate::rig::Rig;
 use crate::{Error, Result};
-use kinelm_classify::LabelFilter;
 use kinelm_corpus::Split;
+use kinelm_corpus::labels::LabelFilter;
 use kinelm_corpus::{Dataset, Item};
 use kinelm_motion::format::{FileRate, RateDoubts, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
@@ -94,7 +94,7 @@ impl Recordings {
     /// no multiple of the network's.
     pub fn load(sources: &Sources, margin: usize, rig: Option<&Rig>) -> Result<Recordings> {
         let Dataset { items, mut notes, .. } = Dataset::find(&sources.data, &sources.labels)?;
-        let meets = |item: &&Item| sources.only.iter().all(|o| item.labels.get(&o.field) == Some(&o.value));
+        let meets = |item: &&Item| sources.only.iter().all(|label| label.allows(&item.labels));
         let items: Vec<&Item> = items.iter().filter(meets).collect();
         let (mut loaded, mut doubts): (Option<Recordings>, _) = (None, RateDoubts::default());
         for item in &items {
@@ -122,7 +122,7 @@ impl Recordings {
         }
         notes.extend(doubts.line());
         loaded.map(|loaded| Recordings { notes, ..loaded }).ok_or_else(|| {
-            let labels: Vec<String> = sources.only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();
+            let labels: Vec<String> = sources.only.iter().map(LabelFilter::to_string).collect();
             Error::missing(format!("clip with {}", labels.join(", ")), "see the labels' columns")
         })
     }

@@ -2,11 +2,12 @@
 
 use super::class_scores::{ClassScores, of_clips};
 use super::features::{self, Motion};
-use super::fields::{Fields, LabelFilter};
+use super::fields::Fields;
 use super::fusion::{Fusion, fuse};
 use super::learner::heads;
 use super::scores::{Source, read_windows};
 use crate::{Error, Result};
+use kinelm_corpus::labels::LabelFilter;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_engine::arena::Floats;
 use kinelm_model::class_windows::{Layout, Window};

@@ -9,6 +9,7 @@
 
 mod batches;
 pub mod class_scores;
+pub mod embedding;
 pub mod evaluate;
 pub mod features;
 pub mod fields;
@@ -30,7 +31,7 @@ mod unfinished;
 
 pub use class_scores::ClassScores;
 pub use evaluate::Comparison;
-pub use fields::{Field, Fields, LabelFilter};
+pub use fields::{Field, Fields};
 pub use folder::Classifier;
 pub use kinelm_model::{Error, Result};
 pub use metrics::{Metrics, Outcome};

@@ -1,7 +1,7 @@
 //! What a classifier learns, and from what.
 
-use super::fields::LabelFilter;
 use crate::{Error, Result};
+use kinelm_corpus::labels::LabelFilter;
 use kinelm_train::{Schedule, TrainConfig};
 use serde::{Deserialize, Serialize};
 

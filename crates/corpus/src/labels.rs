@@ -5,22 +5,51 @@ use super::clip_info::ClipInfo;
 use super::label_table::LabelTable;
 use super::pattern::{self, Pattern, without_extension};
 use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fmt;
 use std::path::Path;
+use std::str::FromStr;
 use std::sync::LazyLock;
 
-/// Parses a label `FIELD=VALUE`.
-///
-/// # Errors
-/// [`kinelm_store::Error::Invalid`] for text of another form.
+/// A label that clips must have, `field=value`.
 ///
 /// ```
-/// assert_eq!(kinelm_corpus::labels::parse_pair("genre=salsa")?, ("genre".into(), "salsa".into()));
-/// # Ok::<(), kinelm_corpus::Error>(())
+/// let filter: kinelm_corpus::labels::LabelFilter = "genre=salsa".parse()?;
+/// assert_eq!((filter.field.as_str(), filter.value.as_str()), ("genre", "salsa"));
+/// # kinelm_corpus::Result::Ok(())
 /// ```
-pub fn parse_pair(text: &str) -> Result<(String, String)> {
-    match text.split_once('=') {
-        Some((field, value)) if !field.is_empty() && !value.is_empty() => Ok((field.into(), value.into())),
-        _ => Err(Error::invalid("a label", format!("`{text}`"), "FIELD=VALUE, such as genre=salsa")),
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LabelFilter {
+    /// The field.
+    pub field: String,
+    /// Its value.
+    pub value: String,
+}
+
+impl FromStr for LabelFilter {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<LabelFilter> {
+        match text.split_once('=') {
+            Some((field, value)) if !field.is_empty() && !value.is_empty() => {
+                Ok(LabelFilter { field: field.into(), value: value.into() })
+            }
+            _ => Err(Error::invalid("a label", format!("`{text}`"), "FIELD=VALUE, such as genre=salsa")),
+        }
+    }
+}
+
+impl fmt::Display for LabelFilter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.field, self.value)
+    }
+}
+
+impl LabelFilter {
+    /// Whether these labels have it.
+    pub fn allows(&self, labels: &BTreeMap<String, String>) -> bool {
+        labels.get(&self.field) == Some(&self.value)
     }
 }
 
@@ -131,6 +160,14 @@ mod tests {
         Some((labels.join(" "), k.take, rule))
     }
 
+    #[test]
+    fn label_filters_are_parsed() {
+        let only: LabelFilter = "genre=salsa".parse().unwrap();
+        assert_eq!((only.field.as_str(), only.value.as_str()), ("genre", "salsa"));
+        for wrong in ["genre", "=salsa", "genre="] {
+            assert!(wrong.parse::<LabelFilter>().unwrap_err().to_string().contains("expected FIELD=VALUE"));
+        }
+    }
     #[test]
     fn known_names_need_no_pattern() {
         let auto = Labels::parse("").unwrap();

@@ -24,7 +24,7 @@ pub mod windows;
 
 pub use dct::LowDct;
 pub use feature::Transform;
-pub use kinelm_model::{Error, Result};
+pub use kinelm_corpus::{Error, Result};
 pub use pca::PcaBasis;
 pub use series::Series;
 pub use stft::Stft;

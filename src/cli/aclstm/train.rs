@@ -3,11 +3,11 @@
 use crate::baselines::Settings;
 use crate::baselines::aclstm::train::{Start, train};
 use crate::baselines::aclstm::{Config, Form};
-use crate::classify::LabelFilter;
 use crate::cli::Say;
 use crate::cli::read::ReadArgs;
 use crate::cli::updates::{self, ResumeArgs, set};
 use crate::cli::values::positive;
+use crate::corpus::labels::LabelFilter;
 use anyhow::Result;
 use kinelm_engine::lstm::Wiring;
 use kinelm_motion::format::RestFrame;

@@ -31,6 +31,7 @@ pub mod writer;
 pub use build::{BuildReport, IndexRequest};
 pub use database::Database;
 pub use distance::{Distance, SearchOptions};
+pub use embedding::{Models, WindowEmbedding};
 pub use evaluate::{EvaluateOptions, Report, evaluate};
 pub use exclude::Exclude;
 pub use find::{Match, Query, SearchResult};

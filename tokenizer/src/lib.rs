@@ -30,7 +30,7 @@
 
 pub mod alphabet;
 mod artifact;
-pub mod channel;
+mod channel;
 mod config;
 #[cfg(test)]
 mod contract;

@@ -148,13 +148,13 @@ impl Recordings {
 }
 
 /// SHA-256 of files by their paths.
-pub type Hashes = BTreeMap<String, String>;
+pub(crate) type Hashes = BTreeMap<String, String>;
 
 /// Refuses other files than those that a run has learned from, by the hash of all and those of each.
 ///
 /// # Errors
 /// [`kinelm_store::Error::File`] that names the first that has changed, is gone or is new; if none has, what else may have.
-pub fn check_files(run: &Path, all: [&str; 2], each: [&Hashes; 2]) -> Result<()> {
+pub(crate) fn check_files(run: &Path, all: [&str; 2], each: [&Hashes; 2]) -> Result<()> {
     let ([then, now], [then_each, now_each]) = (all, each);
     if then == now {
         return Ok(());

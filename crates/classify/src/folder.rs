@@ -139,7 +139,7 @@ impl Classifier {
     ///
     /// # Errors
     /// A corpus of another tokenizer.
-    pub fn classify_windows(&mut self, corpus: &Corpus, clips: &[&ClipRecord]) -> Result<Vec<ClassScores>> {
+    pub(crate) fn classify_windows(&mut self, corpus: &Corpus, clips: &[&ClipRecord]) -> Result<Vec<ClassScores>> {
         same_tokenizer(&self.manifest.tokenizer, corpus)?;
         self.read(&Source::of(corpus, clips))
     }
@@ -148,7 +148,7 @@ impl Classifier {
     ///
     /// # Errors
     /// A corpus that doesn't hold together.
-    pub fn classify_clips(
+    pub(crate) fn classify_clips(
         &self,
         corpus: &Corpus,
         clips: &[&ClipRecord],
@@ -163,7 +163,7 @@ impl Classifier {
     ///
     /// # Errors
     /// What the model refuses.
-    pub fn classify_words(&mut self, words: &Words) -> Result<(Vec<ClassScores>, Option<ClassScores>)> {
+    pub(crate) fn classify_words(&mut self, words: &Words) -> Result<(Vec<ClassScores>, Option<ClassScores>)> {
         let ids = self.tokenizer.ids_of_words(words)?;
         let word = self.manifest.tokens.word;
         let ids_of = |w: &Window| Ok(ids[w.word * word..(w.word + w.words) * word].to_vec());

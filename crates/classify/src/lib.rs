@@ -8,7 +8,7 @@
 #![forbid(unsafe_code)]
 
 mod batches;
-pub mod class_scores;
+mod class_scores;
 pub mod embedding;
 pub mod evaluate;
 pub mod features;
@@ -20,10 +20,10 @@ mod learner;
 pub mod metrics;
 pub mod options;
 mod plain;
-pub mod predict;
+mod predict;
 mod report;
 mod scores;
-pub mod state;
+mod state;
 #[cfg(test)]
 mod tests;
 pub mod train;

@@ -46,7 +46,7 @@ impl<T: Pod + Send + Sync> ArrayFile<T> {
     ///
     /// # Errors
     /// As [`ArrayFile::open`].
-    pub fn open_within(path: &Path, expected: u64, help: &'static str, room: u64) -> Result<ArrayFile<T>> {
+    pub(crate) fn open_within(path: &Path, expected: u64, help: &'static str, room: u64) -> Result<ArrayFile<T>> {
         let file = input::open(path).map_err(Error::io(path))?;
         let found = file.metadata().map_err(Error::io(path))?.len();
         if found != expected {

@@ -64,7 +64,7 @@ pub enum TokenType {
 
 impl TokenType {
     /// The narrowest type for ids below `vocabulary`.
-    pub fn of_vocabulary(vocabulary: usize) -> Self {
+    pub(crate) fn of_vocabulary(vocabulary: usize) -> Self {
         if vocabulary <= 1 << 16 { TokenType::U16 } else { TokenType::U32 }
     }
 

@@ -74,7 +74,7 @@ pub fn by_slot(
 }
 
 /// The bits of each part of the body, in the order in which they come first.
-pub fn by_part(slots: &[SlotBits]) -> Vec<(String, f64)> {
+pub(crate) fn by_part(slots: &[SlotBits]) -> Vec<(String, f64)> {
     let mut parts: Vec<(String, f64)> = Vec::new();
     for slot in slots {
         match parts.iter_mut().find(|(part, _)| *part == slot.part) {

@@ -21,7 +21,7 @@ const SEED_S: f64 = 2.0;
 const TARGET_S: f64 = 0.4;
 const STRIDE_S: f64 = 2.0;
 /// Up to when figures are summed, milliseconds.
-pub const TIMES_MS: [u32; 4] = [100, 200, 300, 400];
+pub(crate) const TIMES_MS: [u32; 4] = [100, 200, 300, 400];
 
 /// A seed and what follows it.
 #[derive(Debug, Clone)]
@@ -71,12 +71,12 @@ fn no_window() -> Error {
 }
 
 /// The last pose, for as long as the target takes.
-pub fn zero_velocity(window: &Window) -> Result<Clip> {
+pub(crate) fn zero_velocity(window: &Window) -> Result<Clip> {
     extrapolate(window, |_, last, _| last)
 }
 
 /// The last step of every joint, again and again.
-pub fn constant_velocity(window: &Window) -> Result<Clip> {
+pub(crate) fn constant_velocity(window: &Window) -> Result<Clip> {
     extrapolate(window, |before, last, n| {
         let step = before.conjugate() * last;
         (0..n).fold(last, |q, _| (q * step).normalize())

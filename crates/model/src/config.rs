@@ -230,7 +230,7 @@ impl ModelConfig {
 
     /// Whether the inputs tell of the frame before: as `previous_frame` says; left out, in causal models of words whose
     /// places are of one kind each.
-    pub fn reads_previous(&self, tokens: &TokenLayout) -> bool {
+    pub(crate) fn reads_previous(&self, tokens: &TokenLayout) -> bool {
         self.previous_frame.unwrap_or(self.knows_frame_before(tokens))
     }
 

@@ -19,14 +19,14 @@ mod frames;
 pub mod goal;
 #[cfg(test)]
 mod golden;
-pub mod gpt;
+mod gpt;
 mod head_groups;
 pub mod layout;
 pub mod lead_in;
 pub mod likelihood;
 pub mod music;
 mod net;
-pub mod ops;
+mod ops;
 mod position;
 mod previous;
 mod pseudo_likelihood;

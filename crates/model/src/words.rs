@@ -47,7 +47,7 @@ impl Words {
     }
 
     /// Whether the slot that follows input `i` has a word before its own.
-    pub fn has_word_before(&self, i: usize) -> bool {
+    pub(crate) fn has_word_before(&self, i: usize) -> bool {
         i + 1 >= self.front + self.length()
     }
 
@@ -138,7 +138,7 @@ impl Steps {
 
     /// The row of a step of `by` bins, fewer than the slot has, in the table of its kind: by mod count in the circular one,
     /// by + Sl - 1 in the other.
-    pub fn column_by(self, bins: Bins, by: i64) -> usize {
+    pub(crate) fn column_by(self, bins: Bins, by: i64) -> usize {
         if bins.circular { around(bins, by) } else { (self.clamped as i64 - 1 + by) as usize }
     }
 
@@ -148,7 +148,7 @@ impl Steps {
     }
 
     /// The row of a step of `by` bins in a table of all steps, circular ones first.
-    pub fn row_by(self, bins: Bins, by: i64) -> usize {
+    pub(crate) fn row_by(self, bins: Bins, by: i64) -> usize {
         self.column_by(bins, by) + if bins.circular { 0 } else { self.circular }
     }
 

@@ -106,7 +106,7 @@ impl Series {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Invalid`] for a clip of another length or of fewer joints, or for numbers that are not finite.
-    pub fn apply_to(&self, clip: &Clip) -> Result<Clip> {
+    pub(crate) fn apply_to(&self, clip: &Clip) -> Result<Clip> {
         check(&self.joints, clip)?;
         let clip = resample(clip, self.fps, Method::Auto)?;
         if clip.frames() != self.frames {

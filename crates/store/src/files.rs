@@ -239,7 +239,7 @@ pub fn path_in(folder: &Path, path: &Path) -> PathBuf {
 ///
 /// # Errors
 /// [`Error::Taken`] then.
-pub fn folder_is_there(path: &Path) -> Result<()> {
+pub(crate) fn folder_is_there(path: &Path) -> Result<()> {
     match folder_of(path).ancestors().find(|folder| folder.exists()) {
         Some(folder) if !folder.is_dir() => {
             Err(Error::taken(path, format!("can't be written: {} is a file, no folder", folder.display())))

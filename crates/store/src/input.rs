@@ -58,7 +58,7 @@ pub fn note(path: &Path) {
 }
 
 /// Whether the file at `path` was read as an input, under any name.
-pub fn was_read(path: &Path) -> bool {
+pub(crate) fn was_read(path: &Path) -> bool {
     let Some(id) = identity(path) else { return false };
     let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
     // if the input was deleted, another file may have its inode

@@ -180,7 +180,7 @@ impl TrainConfig {
     }
 
     /// Whether `train.patience` measurements up to `step` were no better than that after step `best`.
-    pub fn is_patience_out(&self, step: u64, best: Option<u64>) -> bool {
+    pub(crate) fn is_patience_out(&self, step: u64, best: Option<u64>) -> bool {
         let measured = |step: u64| step / self.eval_every.max(1);
         self.patience > 0 && best.is_some_and(|best| measured(step) >= measured(best) + self.patience)
     }

@@ -137,7 +137,7 @@ pub fn not_finite(loss: f64, clips: &[String]) -> Error {
 }
 
 /// The error of a moving average for a configuration without one.
-pub fn no_average() -> Error {
+pub(crate) fn no_average() -> Error {
     Error::invalid("train.ema", 0, "a decay above 0: there is a moving average of the weights")
 }
 

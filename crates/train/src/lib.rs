@@ -4,8 +4,8 @@
 //! [`finetune`](fn@finetune)), the learning-rate range test, and the classifiers and LSTMs of other crates.
 #![forbid(unsafe_code)]
 
-pub mod adamw;
-pub mod augment;
+mod adamw;
+mod augment;
 pub mod batches;
 pub mod config;
 pub mod data;
@@ -18,18 +18,18 @@ pub mod fixture;
 pub mod folder;
 mod gaps;
 pub mod import;
-pub mod lead_ins;
+mod lead_ins;
 pub mod learner;
 pub mod lr_find;
-pub mod memory;
+mod memory;
 pub mod metrics;
 mod music;
 pub mod optimizer;
 pub mod order;
 #[cfg(test)]
 mod parity;
-pub mod plain;
-pub mod precision;
+mod plain;
+mod precision;
 pub mod pretrain;
 pub mod progress;
 pub mod provenance;
@@ -40,11 +40,11 @@ pub mod sample;
 pub mod schedule;
 #[cfg(test)]
 mod shapes;
-pub mod stages;
+mod stages;
 mod tensorboard;
 pub mod train_file;
 pub mod trainer;
-pub mod window;
+mod window;
 
 pub use config::{Schedule, TrainConfig};
 pub use data::{CorpusPart, Data};

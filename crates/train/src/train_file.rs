@@ -91,7 +91,7 @@ impl TrainFile {
     }
 
     /// An error of settings that don't fit a corpus, with the file that they stand in.
-    pub fn located(&self, error: Error) -> Error {
+    pub(crate) fn located(&self, error: Error) -> Error {
         match &self.path {
             Some(path) => in_file(path, error),
             None => error,

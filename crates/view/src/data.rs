@@ -54,7 +54,7 @@ pub struct Drawn {
 
 /// The joint that a point shows: itself, or the one that its end site hangs on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct PointJoint {
+pub(crate) struct PointJoint {
     /// The rig's name.
     label: String,
     /// As lists of joints name it.
@@ -70,7 +70,7 @@ pub struct PointJoint {
 
 /// When a point is in contact with the floor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct PointContacts {
+pub(crate) struct PointContacts {
     point: usize,
     /// Seconds, from and to.
     spans: Vec<[f64; 2]>,

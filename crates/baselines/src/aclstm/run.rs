@@ -64,7 +64,7 @@ impl RunFile {
     ///
     /// # Errors
     /// Orders of angles that are none.
-    pub fn coder(&self) -> Result<Coder> {
+    pub(crate) fn coder(&self) -> Result<Coder> {
         Coder::new(self.config.form, &self.rig)
     }
 }

@@ -4,7 +4,7 @@
 //! input of the network, x and z are the displacement to the next frame, so that they don't depend on the place of a dance.
 
 mod angles;
-pub mod fit;
+mod fit;
 mod points;
 mod quaternions;
 #[cfg(test)]
@@ -170,7 +170,7 @@ pub fn frames_of_steps(steps: &[f64], channels: usize, [mut x, mut z]: [f64; 2])
 ///
 /// # Errors
 /// [`Error::NotFinite`] with the frame and the channel.
-pub fn check_finite(frames: &[f64], channels: usize) -> Result<()> {
+pub(crate) fn check_finite(frames: &[f64], channels: usize) -> Result<()> {
     match frames.iter().position(|x| !x.is_finite()) {
         None => Ok(()),
         Some(at) => {

@@ -19,7 +19,7 @@ const SLACK_S: f64 = 0.5;
 
 /// The music of the clips of a dataset. Each file is analysed once.
 #[derive(Debug, Default)]
-pub struct MusicLibrary {
+pub(crate) struct MusicLibrary {
     /// Music files by the name of the clip.
     files: BTreeMap<String, PathBuf>,
     /// `None` for a file that can't be used.
@@ -28,7 +28,7 @@ pub struct MusicLibrary {
 
 /// The music of a clip, in the time of the clip.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct AlignedMusic {
+pub(crate) struct AlignedMusic {
     /// Beats in seconds from the clip's first frame; some may lie before it or after its last.
     pub beats_s: Vec<f64>,
     /// (N, 35) features at each frame and for one more second, as far as the music goes; empty at rates without features.

@@ -216,7 +216,7 @@ pub fn of_corpus(corpus: &Corpus, joints: &[usize]) -> Result<(Vec<BeatMetrics>,
 ///
 /// # Errors
 /// Those of resampling.
-pub fn of_dances(
+pub(crate) fn of_dances(
     dances: &[Dance],
     music_s: &[Option<Vec<f64>>],
     joints: &[usize],

@@ -40,7 +40,7 @@ pub fn threshold(mut energies: Vec<f64>) -> Option<f64> {
 
 /// The threshold of frames that come in pieces: only as many are held as it needs, a hundredth or two.
 #[derive(Debug)]
-pub struct Threshold {
+pub(crate) struct Threshold {
     /// How many of the lowest are needed.
     needed: usize,
     all: usize,

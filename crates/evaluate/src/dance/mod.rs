@@ -4,13 +4,13 @@
 //! the joints that it doesn't code at rest.
 
 pub mod beats;
-pub mod coded;
+mod coded;
 pub mod compare;
-pub mod coordination;
-pub mod copying;
+mod coordination;
+mod copying;
 pub mod features;
 pub mod fidelity;
-pub mod frechet;
+mod frechet;
 pub mod freeze;
 pub mod judge;
 mod load;
@@ -20,7 +20,7 @@ mod print;
 pub mod prompt;
 pub mod real;
 mod reference;
-pub mod repetition;
+mod repetition;
 mod report;
 #[cfg(test)]
 mod tests;

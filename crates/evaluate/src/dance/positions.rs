@@ -31,7 +31,7 @@ impl JointPositions {
     ///
     /// # Panics
     /// As [`JointPositions::of`].
-    pub fn of_pose(clip: &Clip, joints: &[usize]) -> JointPositions {
+    pub(crate) fn of_pose(clip: &Clip, joints: &[usize]) -> JointPositions {
         let all = clip.positions();
         let mut heading = 0.0;
         let positions = all.chunks(clip.joints()).flat_map(|frame| {
@@ -61,7 +61,7 @@ impl JointPositions {
 /// Where a body on SMPL-24 faces, radians from +z towards +x; `None` where it has no direction on the ground.
 ///
 /// From hips and shoulders together: docs/measures.md, "Space and heading".
-pub fn heading_of(frame: &[Vec3]) -> Option<f64> {
+pub(crate) fn heading_of(frame: &[Vec3]) -> Option<f64> {
     let across = ACROSS.iter().fold(Vec3::ZERO, |sum, &(left, right)| sum + (frame[left] - frame[right]));
     let forward = across.cross(Vec3::Y);
     let forward = Vec3::new(forward.x, 0.0, forward.z);

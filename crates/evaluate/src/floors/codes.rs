@@ -14,7 +14,7 @@ use zip::ZipArchive;
 use zip::read::ZipFile;
 
 /// Clips of codes, frame after frame: a clip is (F, C), the channel running fastest.
-pub type CodeClips = Vec<Vec<u16>>;
+pub(crate) type CodeClips = Vec<Vec<u16>>;
 
 /// What the floors are fitted and measured on.
 #[derive(Debug, Clone, PartialEq)]

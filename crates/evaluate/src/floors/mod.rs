@@ -1,10 +1,10 @@
 //! The static floors that suit a corpus.
 
-pub mod channels;
+mod channels;
 pub mod codes;
-pub mod kernels;
-pub mod sample;
-pub mod tokens;
+mod kernels;
+mod sample;
+mod tokens;
 mod xz;
 
 pub use channels::{ChannelFloors, figure_row};

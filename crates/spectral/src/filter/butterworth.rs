@@ -55,7 +55,7 @@ impl Butterworth {
     ///
     /// # Errors
     /// A series not longer than [`Butterworth::padding`].
-    pub fn filtfilt(&self, series: &[f64]) -> Result<Vec<f64>> {
+    pub(crate) fn filtfilt(&self, series: &[f64]) -> Result<Vec<f64>> {
         let (n, pad) = (series.len(), self.padding());
         if n <= pad {
             let order = self.order;

@@ -34,7 +34,7 @@ pub trait WindowEmbedding: Send + Sync {
 }
 
 /// Opens the model of a run's folder if its weights have this SHA-256.
-pub type OpenModel = fn(run: &Path, weights: &str) -> Result<Box<dyn WindowEmbedding>>;
+pub(crate) type OpenModel = fn(run: &Path, weights: &str) -> Result<Box<dyn WindowEmbedding>>;
 
 /// How the model of [`super::FeatureKind::Model`] is opened; by default not at all.
 #[derive(Debug, Clone, Copy)]

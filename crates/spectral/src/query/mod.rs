@@ -7,26 +7,26 @@
 //! **Letters**: N windows, D numbers of a feature, Q queries, k neighbours.
 
 pub mod build;
-pub mod candidates;
-pub mod database;
-pub mod distance;
+mod candidates;
+mod database;
+mod distance;
 pub mod embedding;
 pub mod evaluate;
-pub mod exclude;
-pub mod extract;
-pub mod find;
-pub mod index;
-pub mod options;
-pub mod part;
-pub mod quantize;
-pub mod record;
-pub mod search;
+mod exclude;
+mod extract;
+mod find;
+mod index;
+mod options;
+mod part;
+mod quantize;
+pub(crate) mod record;
+mod search;
 pub mod synthetic;
 pub mod tables;
 #[cfg(test)]
 mod tests;
 mod vote;
-pub mod writer;
+mod writer;
 
 pub use build::{BuildReport, IndexRequest};
 pub use database::Database;

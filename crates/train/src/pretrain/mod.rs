@@ -209,7 +209,7 @@ pub fn begin(run: &Path, file: &RunFile, data: &Data, weights: Option<Tensors>) 
 ///
 /// # Errors
 /// As [`pretrain`].
-pub fn continue_run(
+pub(crate) fn continue_run(
     run: &RunFolder,
     file: RunFile,
     data: &Data,

@@ -31,7 +31,7 @@ pub struct Sources {
 
 impl Sources {
     /// With other paths of motion and labels.
-    pub fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> Sources {
+    pub(crate) fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> Sources {
         let label = |text: &String| match text.is_empty() || text.contains(['{', '}']) {
             true => text.clone(), // known names, or a pattern
             false => path(Path::new(text)).to_string_lossy().into_owned(),
@@ -65,7 +65,7 @@ impl Recording {
     ///
     /// # Errors
     /// None for a recording that was read.
-    pub fn at_rate(&self) -> Result<Clip> {
+    pub(crate) fn at_rate(&self) -> Result<Clip> {
         Ok(resample(&self.clip, FPS, Method::Stride)?)
     }
 
@@ -188,7 +188,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<(Motion, String)> {
 }
 
 /// A clip without `margin` frames at both ends.
-pub fn inner(clip: &Clip, margin: usize) -> Clip {
+pub(crate) fn inner(clip: &Clip, margin: usize) -> Clip {
     let end = clip.frames().saturating_sub(margin);
     clip.slice(margin.min(end)..end)
 }
@@ -197,7 +197,7 @@ pub fn inner(clip: &Clip, margin: usize) -> Clip {
 ///
 /// # Errors
 /// A rate that is no multiple of the network's.
-pub fn stride(path: &Path, fps: f64) -> Result<usize> {
+pub(crate) fn stride(path: &Path, fps: f64) -> Result<usize> {
     let stride = (fps / FPS).round();
     if stride >= 1.0 && (fps / FPS - stride).abs() <= 1e-6 * stride {
         return Ok(stride as usize);

@@ -15,7 +15,7 @@ pub struct ClassScores {
 
 impl ClassScores {
     /// The most likely class of a field; of equals the first.
-    pub fn likeliest(&self, field: usize) -> usize {
+    pub(crate) fn likeliest(&self, field: usize) -> usize {
         likeliest(&self.log_p[field])
     }
 }

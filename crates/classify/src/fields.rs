@@ -85,7 +85,7 @@ impl Fields {
     }
 
     /// n: the number of fields.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.0.len()
     }
 

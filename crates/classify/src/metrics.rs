@@ -53,7 +53,7 @@ impl Metrics {
     /// assert_eq!(metrics.balanced_accuracy, 0.75);
     /// assert_eq!(metrics.confusion, [[1, 0], [1, 1]]);
     /// ```
-    pub fn of(outcomes: &[Outcome], classes: usize, seed: u64) -> Option<Metrics> {
+    pub(crate) fn of(outcomes: &[Outcome], classes: usize, seed: u64) -> Option<Metrics> {
         if outcomes.is_empty() {
             return None;
         }

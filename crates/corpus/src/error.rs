@@ -35,7 +35,7 @@ kinelm_store::constructors!(Error);
 
 impl Error {
     /// Wraps an error with the clip that it is about.
-    pub fn in_clip(clip: impl ToString) -> impl FnOnce(Error) -> Error {
+    pub(crate) fn in_clip(clip: impl ToString) -> impl FnOnce(Error) -> Error {
         let clip = clip.to_string();
         move |source| Error::Clip { clip, source: Box::new(source) }
     }

@@ -43,7 +43,7 @@ pub struct Item {
 
 impl Item {
     /// The clip's name, without the range of a segment.
-    pub fn clip_name(&self) -> &str {
+    pub(crate) fn clip_name(&self) -> &str {
         let of_segment = self.segment.and_then(|_| self.name.rsplit_once('@'));
         of_segment.map_or(&self.name, |(name, _)| name)
     }

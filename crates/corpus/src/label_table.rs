@@ -97,7 +97,7 @@ impl LabelTable {
     }
 
     /// The clips for which `is_used` is false, each as `clip (line n)`.
-    pub fn unused(&self, is_used: impl Fn(usize) -> bool) -> Vec<String> {
+    pub(crate) fn unused(&self, is_used: impl Fn(usize) -> bool) -> Vec<String> {
         let clips = self.clips.iter().enumerate().filter(|(i, _)| !is_used(*i));
         clips.map(|(_, clip)| format!("{} (line {})", clip.name, clip.line)).collect()
     }

@@ -121,7 +121,7 @@ const GENRE_FOLDER: &str = "{genre}/{take}.bvh";
 
 impl Rule {
     /// The rule in the user's terms.
-    pub fn describe(self) -> &'static str {
+    pub(crate) fn describe(self) -> &'static str {
         match self {
             Rule::Row(_) => "the CSV",
             Rule::Pattern => "the pattern",

@@ -383,7 +383,7 @@ pub struct Coding {
 
 impl Coding {
     /// What a tokenizer says.
-    pub fn of(tokenizer: &Tokenizer) -> Self {
+    pub(crate) fn of(tokenizer: &Tokenizer) -> Self {
         Coding {
             tokenizer: tokenizer.hash(),
             frames_per_word: tokenizer.frames_per_word(),
@@ -396,7 +396,7 @@ impl Coding {
 
 impl Manifest {
     /// What all tokens share.
-    pub fn coding(&self) -> Coding {
+    pub(crate) fn coding(&self) -> Coding {
         Coding {
             tokenizer: self.tokenizer.clone(),
             frames_per_word: self.frames_per_word,

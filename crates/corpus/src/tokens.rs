@@ -18,7 +18,7 @@ pub struct Tokens {
 
 impl Tokens {
     /// How many there are.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.bytes.len() / self.kind.width()
     }
 

@@ -105,7 +105,7 @@ impl Index {
     }
 
     /// The words of the clip of this number.
-    pub fn of<'a>(&'a self, number: usize, words: usize, clip: &ClipRecord) -> ClipWords<'a> {
+    pub(crate) fn of<'a>(&'a self, number: usize, words: usize, clip: &ClipRecord) -> ClipWords<'a> {
         match self {
             Index::Fixed(word) => ClipWords::Fixed { word: *word, words },
             Index::Varying { starts, before } => {

@@ -126,7 +126,7 @@ pub struct Predictor<'a> {
 
 impl Predictor<'_> {
     /// Words of a seed that the model sees, of those that it has: as many of the last as fit beside the target's.
-    pub fn seen(&self, seed_words: usize, words: usize) -> usize {
+    pub(crate) fn seen(&self, seed_words: usize, words: usize) -> usize {
         let Some(word) = self.tokenizer.tokens_per_word() else { return seed_words };
         let room = (self.greedy.context() + 1).saturating_sub(self.conditions.len()) / word;
         seed_words.min(room.saturating_sub(words - seed_words).max(room / 2).max(1))

@@ -26,7 +26,7 @@ impl ModelConfig {
     }
 
     /// The table whose rows answer for all ids.
-    pub fn ids_table(&self) -> &'static str {
+    pub(crate) fn ids_table(&self) -> &'static str {
         match self.architecture.is_flat() && self.tied_head {
             true => "token.weight",
             false => "head.weight",

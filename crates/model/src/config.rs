@@ -251,7 +251,7 @@ impl ModelConfig {
     }
 
     /// Whether frames can have conditioning beside their characters.
-    pub fn is_conditioned(&self) -> bool {
+    pub(crate) fn is_conditioned(&self) -> bool {
         self.goal || !self.music.is_none()
     }
 

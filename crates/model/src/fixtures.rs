@@ -15,7 +15,7 @@ pub const TOKENS: TokenLayout =
     TokenLayout { vocabulary: 16, word: 7, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
 
 /// Words of two angles of 7 bins, one of 5, heights of 6 and of 4 that share ids, and a space; three tokens in front.
-pub fn placed() -> TokenLayout {
+pub(crate) fn placed() -> TokenLayout {
     let kind = |number, first, count, circular| SlotRun { number, kind: SlotIds { first, count, circular } };
     TokenLayout {
         vocabulary: 26,

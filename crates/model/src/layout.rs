@@ -164,7 +164,7 @@ fn stack(all: &mut Vec<Parameter>, prefix: &str, layers: usize, d: usize) {
 ///
 /// # Errors
 /// A configuration that doesn't hold; tensors that are missing, not the model's, or of another shape: each is named.
-pub fn checked(
+pub(crate) fn checked(
     config: &ModelConfig,
     tokens: &TokenLayout,
     mut tensors: BTreeMap<String, Tensor>,

@@ -60,7 +60,7 @@ impl Mask {
     ///
     /// # Errors
     /// More queries than keys; what the device refuses.
-    pub fn hiding(&self, queries: usize, keys: usize, dtype: DType, device: &Device) -> Result<Option<Hiding>> {
+    pub(crate) fn hiding(&self, queries: usize, keys: usize, dtype: DType, device: &Device) -> Result<Option<Hiding>> {
         if queries > keys {
             candle_core::bail!("{queries} queries over {keys} keys; expected as many keys or more");
         }

@@ -27,7 +27,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
 ///
 /// # Errors
 /// Those of [`write_whole`].
-pub fn prepare(path: &Path, bytes: &[u8]) -> Result<PartFile> {
+pub(crate) fn prepare(path: &Path, bytes: &[u8]) -> Result<PartFile> {
     let folder = folder_of(path);
     fs::create_dir_all(folder).map_err(Error::io(folder))?;
     let mut part = PartFile::create(path)?;

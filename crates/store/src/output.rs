@@ -157,7 +157,7 @@ impl Outputs {
     ///
     /// # Errors
     /// Those of [`Outputs::write`].
-    pub fn prepare<'a>(&self, path: &'a Path, bytes: &[u8]) -> Result<Prepared<'a>> {
+    pub(crate) fn prepare<'a>(&self, path: &'a Path, bytes: &[u8]) -> Result<Prepared<'a>> {
         let standing = self.standing(path)?;
         if let Some(file) = &standing {
             if holds(path, file, bytes) {

@@ -132,7 +132,7 @@ impl Masking {
     ///
     /// # Errors
     /// As [`SpanMasking::of`].
-    pub fn spans(self, tokenizer: &Tokenizer) -> Result<Option<SpanMasking>> {
+    pub(crate) fn spans(self, tokenizer: &Tokenizer) -> Result<Option<SpanMasking>> {
         (self == Masking::Spans).then(|| Ok(SpanMasking::of(tokenizer)?)).transpose()
     }
 }
@@ -186,7 +186,7 @@ impl TrainConfig {
     }
 
     /// Deviation of smoothed targets, in bins; `None`: targets aren't smoothed.
-    pub fn smoothing(&self) -> Option<f64> {
+    pub(crate) fn smoothing(&self) -> Option<f64> {
         (self.loss == Loss::Ordinal).then_some(self.ordinal_width)
     }
 
@@ -195,7 +195,7 @@ impl TrainConfig {
     /// # Errors
     /// As [`Self::validate`]; `ordinal` for words whose slots have no bins of one kind each; those of
     /// [`validate_stages_for`].
-    pub fn validate_for(&self, model: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
+    pub(crate) fn validate_for(&self, model: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
         self.validate()?;
         validate_stages_for(&self.stages, model, tokens)?;
         if self.gaps > 0.0 && !model.goal {

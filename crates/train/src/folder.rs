@@ -104,7 +104,7 @@ impl RunFolder {
 }
 
 /// Whether a process is writing this run.
-pub fn is_written(run: &Path) -> bool {
+pub(crate) fn is_written(run: &Path) -> bool {
     let lock = owned::open(run, LOCK, Access::Read, MOST_LOCK);
     lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }

@@ -90,7 +90,7 @@ pub struct Fit<'a> {
 
 impl<'a> Fit<'a> {
     /// `learner` on these windows.
-    pub fn new(stages: Stages<'a>, learner: Box<dyn Learner>, train: &TrainConfig) -> Fit<'a> {
+    pub(crate) fn new(stages: Stages<'a>, learner: Box<dyn Learner>, train: &TrainConfig) -> Fit<'a> {
         Fit { stages, learner, clip_norm: train.clip_norm }
     }
 

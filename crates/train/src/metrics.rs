@@ -91,7 +91,7 @@ impl Metrics {
     ///
     /// # Errors
     /// What the system refuses.
-    pub fn valid(&mut self, step: u64, found: &Likelihood) -> Result<()> {
+    pub(crate) fn valid(&mut self, step: u64, found: &Likelihood) -> Result<()> {
         #[derive(Serialize)]
         struct Valid<'a> {
             step: u64,

@@ -46,7 +46,7 @@ impl Coder {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Invalid`] for orders of angles that are none.
-    pub fn new(form: Form, rig: &Rig) -> Result<Coder> {
+    pub(crate) fn new(form: Form, rig: &Rig) -> Result<Coder> {
         Ok(Coder { form, joints: rig.joints(), points: rig.points(), orders: rig.angles()? })
     }
 
@@ -83,7 +83,7 @@ impl Coder {
     }
 
     /// Turns a frame by `angle` radians about the world's y axis.
-    pub fn turn(&self, frame: &mut [f64], angle: f64) {
+    pub(crate) fn turn(&self, frame: &mut [f64], angle: f64) {
         let by = Quat::from_rotation_y(angle);
         let hip = by * Vec3::from_slice(frame);
         hip.write_to_slice(frame);

@@ -65,7 +65,7 @@ impl MusicLibrary {
     ///
     /// # Errors
     /// Music that can't be read, has no beats, or doesn't cover the clip.
-    pub fn align(&self, item: &Item, (frames, fps): (usize, f64)) -> Result<Option<AlignedMusic>> {
+    pub(crate) fn align(&self, item: &Item, (frames, fps): (usize, f64)) -> Result<Option<AlignedMusic>> {
         let Some(path) = self.files.get(&item.name) else { return Ok(None) };
         let again;
         let track = match &self.tracks[path] {

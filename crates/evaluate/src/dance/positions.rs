@@ -21,7 +21,7 @@ impl JointPositions {
     ///
     /// # Panics
     /// If the clip lacks one of the joints.
-    pub fn of(clip: &Clip, joints: &[usize]) -> JointPositions {
+    pub(crate) fn of(clip: &Clip, joints: &[usize]) -> JointPositions {
         let all = clip.positions();
         let positions = all.chunks(clip.joints()).flat_map(|frame| joints.iter().map(|&j| frame[j])).collect();
         JointPositions { positions, joints: joints.len(), fps: clip.fps() }
@@ -48,7 +48,7 @@ impl JointPositions {
     }
 
     /// Mean speed of the joints from every frame to the next, (F - 1), m/s.
-    pub fn speeds(&self) -> Vec<f64> {
+    pub(crate) fn speeds(&self) -> Vec<f64> {
         let frames: Vec<&[Vec3]> = self.positions.chunks(self.joints.max(1)).collect();
         let step = |pair: &[&[Vec3]]| {
             let moved: f64 = pair[0].iter().zip(pair[1]).map(|(p, q)| (*q - *p).length()).sum();

@@ -1,13 +1,13 @@
 //! The static floors that suit a corpus.
 
-mod channels;
+pub(crate) mod channels;
 pub mod codes;
 mod kernels;
 mod sample;
 mod tokens;
 mod xz;
 
-pub use channels::{ChannelFloors, figure_row};
+pub use channels::ChannelFloors;
 pub use codes::CodeSplits;
 pub use sample::Extent;
 pub use tokens::TokenFloors;
@@ -47,7 +47,7 @@ impl Floors {
     }
 
     /// The lowest of the static models.
-    pub fn best(&self) -> f64 {
+    pub(crate) fn best(&self) -> f64 {
         match self {
             Floors::Channels(floors) => floors.best(),
             Floors::Tokens(floors) => floors.best(),
@@ -55,7 +55,7 @@ impl Floors {
     }
 
     /// Bits a frame of order 0: every character by its frequency.
-    pub fn order0(&self) -> f64 {
+    pub(crate) fn order0(&self) -> f64 {
         match self {
             Floors::Channels(floors) => floors.bits_per_frame[0],
             Floors::Tokens(floors) => floors.bits_per_frame[0],
@@ -63,7 +63,7 @@ impl Floors {
     }
 
     /// Bits a frame under `xz -9`, the better order of the numbers; `None` where there is no `xz` program.
-    pub fn xz(&self) -> Option<f64> {
+    pub(crate) fn xz(&self) -> Option<f64> {
         match self {
             Floors::Channels(floors) => floors.xz.map(|[frame, channel]| frame.min(channel)),
             Floors::Tokens(floors) => floors.xz,

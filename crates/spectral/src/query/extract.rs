@@ -100,7 +100,7 @@ impl Database {
     ///
     /// # Errors
     /// Those of [`FeatureExtractor`] and of fitting a basis.
-    pub fn of_clips(options: &IndexOptions, clips: Vec<(&Clip, ClipEntry)>, models: Models) -> Result<Database> {
+    pub(crate) fn of_clips(options: &IndexOptions, clips: Vec<(&Clip, ClipEntry)>, models: Models) -> Result<Database> {
         let basis = match options.transform {
             FeatureKind::Pca { keep } => {
                 let mut all = PcaFit::new(options.windows.frames);

@@ -50,7 +50,7 @@ impl Index {
     }
 
     /// `index.json`.
-    pub fn manifest(&self) -> &Manifest {
+    pub(crate) fn manifest(&self) -> &Manifest {
         &self.manifest
     }
 
@@ -60,7 +60,7 @@ impl Index {
     }
 
     /// The basis of a fitted transform.
-    pub fn basis(&self) -> Option<&PcaBasis> {
+    pub(crate) fn basis(&self) -> Option<&PcaBasis> {
         self.basis.as_ref()
     }
 

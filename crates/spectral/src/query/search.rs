@@ -94,7 +94,7 @@ impl Database {
     ///
     /// # Errors
     /// As [`Database::nearest`].
-    pub fn cosines(&self, windows: &[usize]) -> Result<(Vec<f32>, f64)> {
+    pub(crate) fn cosines(&self, windows: &[usize]) -> Result<(Vec<f32>, f64)> {
         let (k, count) = (self.numbers(), windows.len());
         let mut queries: Vec<f32> = Vec::with_capacity(k * count);
         for &window in windows {

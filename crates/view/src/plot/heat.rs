@@ -46,7 +46,7 @@ pub struct Heat {
 
 impl Heat {
     /// Whether there is no cell to draw.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.columns == 0 || self.rows() == 0 || self.values.iter().all(|v| !v.is_finite())
     }
 

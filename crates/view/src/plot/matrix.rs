@@ -27,7 +27,7 @@ pub struct Matrix {
 
 impl Matrix {
     /// Whether there is nothing to draw.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.counts.iter().flatten().sum::<usize>() == 0
     }
 }

@@ -231,11 +231,6 @@ impl Reader {
         &self.info
     }
 
-    /// Undecodable packets that were skipped, as players skip them.
-    pub fn skipped(&self) -> usize {
-        self.skipped
-    }
-
     /// The next samples, at most a packet; `None` at the end.
     ///
     /// # Errors

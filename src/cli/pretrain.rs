@@ -2,7 +2,7 @@
 
 use super::{ComputeArgs, Say, TrustArgs};
 use crate::store::{self, presets};
-use crate::train::config::TRAIN;
+use crate::train::train_file::TRAIN;
 use crate::train::{CorpusPart, Precision, PretrainOptions, RESUMABLE, Summary, TrainFile};
 use anyhow::Result;
 use std::path::PathBuf;

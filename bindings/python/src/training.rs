@@ -6,7 +6,7 @@ use crate::json::python;
 use crate::model::Model;
 use crate::options::{Paths, parsed};
 use crate::pool::detach;
-use kinelm::model::likelihood::Likelihood;
+use kinelm::model::scored_windows::Likelihood;
 use kinelm::train::metrics::StepMetrics;
 use kinelm::train::{self, CorpusPart, Precision, PretrainOptions, Progress, Summary, TrainFile};
 use pyo3::prelude::*;

@@ -24,7 +24,7 @@ pub struct Rig {
 
 impl Rig {
     /// The rig of a motion. Orders are those of its file's channels; of joints without three rotations `ZXY`.
-    pub fn of(motion: &Motion) -> Rig {
+    pub(crate) fn of(motion: &Motion) -> Rig {
         let skeleton = motion.clip.skeleton();
         let own = |joint: usize| match &motion.source {
             Source::Bvh(source) => {
@@ -59,7 +59,7 @@ impl Rig {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Invalid`] for letters that are no order.
-    pub fn angles(&self) -> Result<Vec<EulerOrder>> {
+    pub(crate) fn angles(&self) -> Result<Vec<EulerOrder>> {
         self.orders.iter().map(|letters| order(letters)).collect()
     }
 

@@ -3,7 +3,8 @@
 //! Files are worked on in blocks, in parallel inside a block, and their results are used in the order of the files, so the
 //! number of threads changes neither a tokenizer nor a corpus. A bad file is reported, counted and skipped.
 
-use super::dataset::{Dataset, Item};
+use super::dataset::Dataset;
+use super::item::Item;
 use super::load::{ClipSpec, ItemClip};
 use super::record::{BeatSource, ClipBeats, ClipRecord, ExcludedRange, Failure, Manifest, Shard, Split};
 use super::segments::split_items;

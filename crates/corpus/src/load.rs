@@ -1,6 +1,6 @@
 //! A motion file as a clip that a tokenizer takes: on the model's body, at the model's rate.
 
-use super::dataset::Item;
+use super::item::Item;
 use super::segments::{past_end_warning, segment_of};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, FileRate, ReadOptions, resolve_floor};

@@ -291,7 +291,7 @@ impl Provenance {
              this is {this} with {now}. Nothing was written",
             self.output.sha256,
         );
-        Err(Error::Different(what))
+        Err(Error::Failed(what))
     }
 
     /// The sidecar of the same dance at `out`, written at a rate.

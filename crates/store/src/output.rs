@@ -102,7 +102,7 @@ impl Outputs {
         let outputs: Vec<&Path> = outputs.into_iter().collect();
         let mut names = HashSet::new();
         for path in &outputs {
-            let folder = files::folder_of(path);
+            let folder = part::folder_of(path);
             if !names.insert((folder.canonicalize().unwrap_or(folder.into()), path.file_name())) {
                 return Err(Error::taken(path, "would be written twice; give each output a name of its own"));
             }
@@ -157,7 +157,7 @@ impl Outputs {
     ///
     /// # Errors
     /// Those of [`Outputs::write`].
-    pub fn prepare<'a>(&self, path: &'a Path, bytes: &[u8]) -> Result<Prepared<'a>> {
+    pub(crate) fn prepare<'a>(&self, path: &'a Path, bytes: &[u8]) -> Result<Prepared<'a>> {
         let standing = self.standing(path)?;
         if let Some(file) = &standing {
             if holds(path, file, bytes) {

@@ -16,6 +16,7 @@ use super::history::{History, Step};
 use crate::{Error, Result};
 use kinelm_store::files;
 use kinelm_store::owned::{self, Access};
+use kinelm_store::part;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::Write;
@@ -145,7 +146,7 @@ impl Journal {
         let mut journal = Journal { folder: folder.into(), file, bytes: whole, last, is_new, limit: GROWN };
         journal.file.set_len(whole).map_err(Error::io(journal.path()))?;
         if is_new {
-            files::sync_folder(files::folder_of(&journal.path()))?;
+            part::sync_folder(part::folder_of(&journal.path()))?;
         }
         if whole > GROWN {
             journal.rewrite(&state)?;

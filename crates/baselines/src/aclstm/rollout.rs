@@ -20,7 +20,12 @@ impl Trained {
     ///
     /// # Panics
     /// Seeds of different lengths, or shorter than 2 frames.
-    pub fn roll_out(&self, seeds: &[&[f64]], frames: usize, progress: &mut dyn FnMut(usize)) -> Result<Vec<Vec<f64>>> {
+    pub(crate) fn roll_out(
+        &self,
+        seeds: &[&[f64]],
+        frames: usize,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Vec<Vec<f64>>> {
         let (c, b) = (self.shape.channels, seeds.len());
         let seeds: Vec<Vec<f64>> = seeds.iter().map(|seed| steps(seed, c)).collect();
         let Some(length) = seeds.first().map(|seed| seed.len() / c) else { return Ok(Vec::new()) };

@@ -76,7 +76,7 @@ pub struct Generated {
 
 impl Request {
     /// The music's time at the first frame: [`Request::from_s`], rounded to a frame.
-    pub fn begins_s(&self) -> f64 {
+    pub(crate) fn begins_s(&self) -> f64 {
         (self.from_s * FPS).round() / FPS
     }
 

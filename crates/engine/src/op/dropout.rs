@@ -30,7 +30,7 @@ impl Mask {
 }
 
 /// What a row of a mask is made from.
-pub fn row_key(key: u64, row: u64) -> u32 {
+pub(crate) fn row_key(key: u64, row: u64) -> u32 {
     (mix(mix(key).wrapping_add(row)) >> 32) as u32
 }
 

@@ -5,7 +5,7 @@ use super::copying::Track;
 use super::freeze::{Freezing, Threshold, energy};
 use super::percentile;
 use super::positions::JointPositions;
-use super::report::Reference;
+use super::reference::Reference;
 use crate::Result;
 use crate::floors::codes::frames;
 use kinelm_corpus::Split;
@@ -109,7 +109,7 @@ impl<'a> Judge<'a> {
     ///
     /// # Errors
     /// Clips that can't be mirrored.
-    pub fn ranked(&self, dances: &[Dance], wanted: usize) -> Result<Vec<(usize, Verdict)>> {
+    pub(crate) fn ranked(&self, dances: &[Dance], wanted: usize) -> Result<Vec<(usize, Verdict)>> {
         let mut all: Vec<(usize, Verdict)> = dances.iter().map(|dance| self.verdict(dance)).enumerate().collect();
         let order = |a: &(usize, Verdict), b: &(usize, Verdict)| {
             let key = |v: &Verdict| (v.doubt().is_some(), v.score);

@@ -1,6 +1,6 @@
 //! The corpus of real dances that the dances of a request are compared with.
 
-use super::report::Reference;
+use super::reference::Reference;
 use crate::{Error, Result};
 use kinelm_corpus::{Corpus, CorpusOptions};
 use kinelm_generate::open::OpenRequest;

@@ -6,7 +6,7 @@ use kinelm_corpus::{Corpus, Split};
 use kinelm_tokenizer::WordLength;
 
 /// Clips of codes, frame after frame: a clip is (F, C), the channel running fastest.
-pub type CodeClips = Vec<Vec<u16>>;
+pub(crate) type CodeClips = Vec<Vec<u16>>;
 
 /// What the floors are fitted and measured on.
 #[derive(Debug, Clone, PartialEq)]

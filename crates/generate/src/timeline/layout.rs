@@ -1,6 +1,8 @@
 //! The clips of a timeline read and placed: which of their frames go where, turned and moved how.
 
+use super::fault::Fault;
 use super::labels::timed_labels;
+use super::times::{LONGEST_S, border, times};
 use crate::Error;
 use crate::request::{At, Segment, TimedLabel, Timeline, TimelineClip};
 use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::BvhSource, resolve_floor};
@@ -20,50 +22,6 @@ const MOVES_ON_S: f64 = 1.0;
 const FASTEST_M_S: f64 = 1.5;
 /// The time over which an end's speed is measured, seconds.
 const SPEED_S: f64 = 0.2;
-/// The longest timeline, seconds.
-const LONGEST_S: f64 = 3600.0;
-
-/// What is wrong with a timeline, and where.
-pub(super) enum Fault {
-    /// A segment, counted from 0: found, expected.
-    Segment(usize, String, String),
-    /// A clip, by its name.
-    Clip(String, String, String),
-    /// The clip that lends its rig.
-    Rig(String, String),
-    /// The whole.
-    Timeline(String, String),
-    /// A file that can't be read.
-    Read(Error),
-}
-
-impl From<Error> for Fault {
-    fn from(e: Error) -> Fault {
-        Fault::Read(e)
-    }
-}
-
-impl From<kinelm_motion::Error> for Fault {
-    fn from(e: kinelm_motion::Error) -> Fault {
-        Fault::Read(e.into())
-    }
-}
-
-impl From<Fault> for Error {
-    fn from(fault: Fault) -> Error {
-        match fault {
-            Fault::Segment(n, found, expected) => {
-                Error::invalid(format!("segment {} of the timeline", n + 1), found, expected)
-            }
-            Fault::Clip(name, found, expected) => {
-                Error::invalid(format!("clip {name} of the timeline"), found, expected)
-            }
-            Fault::Rig(found, expected) => Error::invalid("the timeline's rig", found, expected),
-            Fault::Timeline(found, expected) => Error::invalid("the timeline", found, expected),
-            Fault::Read(e) => e,
-        }
-    }
-}
 
 /// A clip of a timeline on the rig that is written, at its rate.
 pub(super) struct ReadClip {
@@ -324,23 +282,6 @@ fn place(
     }
     let (clip, frames) = (clip.to_owned(), from..to);
     Ok(PlacedSegment { index, clip, joints, list, frames, at, turn: 0.0, shift: Vec3::ZERO })
-}
-
-/// The frames of the dance over which a segment holds; found and expected where there are none.
-pub(super) fn times(segment: &Segment, fps: f64) -> Result<Range<usize>, (String, String)> {
-    let scale = Timebase { frames: (LONGEST_S * fps) as usize, fps, left_out: 0, model_fps: None };
-    let counted = || "seconds or frames (40f) from the beginning of the dance".to_owned();
-    let (from, to) = (border("from", segment.from, scale, counted())?, border("to", segment.to, scale, counted())?);
-    if from >= to {
-        return Err((format!("from {} to {}", segment.from.0, segment.to.0), "an end after the beginning".into()));
-    }
-    Ok(from..to)
-}
-
-/// The frame of a moment that a key states, not counted from the end.
-fn border(key: &str, at: At, scale: Timebase, expected: String) -> Result<usize, (String, String)> {
-    let negative = matches!(at.0, Moment::Seconds(n) | Moment::Frames(n) | Moment::Model(n) if n.is_sign_negative());
-    at.0.boundary(scale).filter(|_| !negative).ok_or_else(|| (format!("{key} = {}", at.0), expected))
 }
 
 /// Refuses joints that two segments give at a time, and shortens segments to make room for transitions.

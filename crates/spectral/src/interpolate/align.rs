@@ -55,7 +55,7 @@ impl Alignment {
     ///
     /// # Errors
     /// A window that is out of all bounds or that a clip is too short for; rigs of which one can't be put on the other.
-    pub fn of(&self, a: &Motion, b: &Motion) -> Result<Aligned> {
+    pub(crate) fn of(&self, a: &Motion, b: &Motion) -> Result<Aligned> {
         let mut notes = Vec::new();
         let at_rate = |motion: &Motion, notes: &mut Vec<String>| -> Result<Clip> {
             let (name, fps) = (motion.path.display(), motion.clip.fps());

@@ -121,6 +121,7 @@ fn question(data: &Data, clip: usize) -> Query {
         distance: Distance::Cosine,
         exclude: Exclude::Take,
         one_per_clip: false,
+        models: Models::default(),
     }
 }
 
@@ -168,9 +169,9 @@ fn what_came_before_a_window_does_not_matter() {
             FeatureKind::Pca { keep } => Some(extract::fit_of(&clip, &starts, &options).unwrap().finish(keep).unwrap()),
             _ => None,
         };
-        let (extractor, mut embedder) = extract::FeatureExtractor::new(&options, basis.as_ref()).unwrap();
-        let mut features = |clip: &kinelm_motion::Clip, starts: &[usize]| {
-            embedder.embed(extractor.extract(clip, starts).unwrap()).unwrap()
+        let extractor = extract::FeatureExtractor::new(&options, basis.as_ref(), Models::default()).unwrap();
+        let features = |clip: &kinelm_motion::Clip, starts: &[usize]| {
+            extractor.embed(extractor.extract(clip, starts).unwrap()).unwrap()
         };
         let whole = features(&clip, &starts);
         for (feature, &start) in whole.chunks(whole.len() / starts.len()).zip(&starts) {
@@ -296,6 +297,7 @@ fn an_evaluation_has_all_ways_and_says_what_lacks() {
         only: vec![],
         exclude: Exclude::Take,
         k: 3,
+        models: Models::default(),
     };
     let dataset = data.dataset(&[0, 1, 2, 3, 4, 5]);
     let report = evaluate(&dataset, &options, &mut go).unwrap();
@@ -315,7 +317,7 @@ fn an_evaluation_has_all_ways_and_says_what_lacks() {
     let error = |options: EvaluateOptions| evaluate(&dataset, &options, &mut go).unwrap_err().to_string();
     let e = error(EvaluateOptions { fields: vec!["mood".into()], ..options.clone() });
     assert!(e.contains("no label `mood` on 5 of 5 clips") && e.contains("genre"), "{e}");
-    let only = |value: &str| vec![("genre".to_string(), value.to_string())];
+    let only = |value: &str| vec![format!("genre={value}").parse().unwrap()];
     assert!(error(EvaluateOptions { only: only("polka"), ..options.clone() }).contains("genre=polka"));
     let e = error(EvaluateOptions { only: only("salsa"), fields: vec!["genre".into()], ..options.clone() });
     assert!(e.contains("one value"), "{e}");

@@ -9,6 +9,7 @@
 
 use super::{Axes, ReadOptions, Up};
 use crate::error::{FaultKind, FileError};
+use crate::rig::map_if_any;
 use crate::{Clip, EndSite, Error, Motion, Quat, Result, Skeleton, Source, Vec3};
 use kinelm_store::SourcePos;
 use serde::{Deserialize, Serialize};
@@ -74,11 +75,12 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         .map_err(|e| bad(e.to_string(), "a clip"))?;
     let mirror = options.mirror_axis;
     let clip = Axes::OWN.mirrored(mirror).to_y_up(clip)?;
-    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options)?;
+    let found = map_if_any(&clip, options.map.as_deref())?;
+    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options, found.as_ref());
     let clip = axes.to_y_up(clip)?;
     let is_plain = axes.up == Up::Y && mirror.is_none();
     let source = if is_plain { Source::Plain } else { Source::Json(axes.mirrored(mirror)) };
-    Ok(Motion { path: path.to_owned(), clip, source, warnings: doubt.into_iter().collect() })
+    Ok(Motion::read(path, clip, source, doubt.into_iter().collect(), found))
 }
 
 /// A clip as JSON, one line per field and per frame.

@@ -45,6 +45,7 @@ mod stand;
 mod up;
 
 pub use extension::Format;
+pub(crate) use floor::known_floor;
 pub use floor::{floor_height, resolve_floor};
 pub use importer::Importer;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
@@ -59,8 +60,8 @@ pub use up::{Axes, Up, UpSource};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS, check_fps};
-use crate::rig::{self, map_if_any};
-use crate::{Clip, Error, FaultKind, FileError, Result};
+use crate::rig::{self, Humanoid};
+use crate::{Error, FaultKind, FileError, Result};
 use kinelm_store::Subject;
 use kinelm_store::{SourcePos, files, input};
 use options::{check_skip, is_rate};
@@ -131,10 +132,12 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         Format::Glb => skipped(glb::read(path, bytes, options)?, options)?,
     };
     if matches!(format, Format::Amc | Format::Glb | Format::Fbx) {
-        motion.clip = Axes::OWN.mirrored(options.mirror_axis).to_y_up(motion.clip)?;
+        let (clip, found) = (motion.clip.clone(), motion.found().cloned());
+        let clip = Axes::OWN.mirrored(options.mirror_axis).to_y_up(clip)?;
+        motion = motion.with_clip(clip).with_found(found);
     }
     if matches!(format, Format::Amc | Format::Json | Format::Npz | Format::Pickle) {
-        motion.clip = rooted(motion.clip, path, options)?;
+        motion = rooted(motion, options)?;
     }
     let fps = motion.clip.fps();
     if !is_rate(fps) {
@@ -144,12 +147,9 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         return Err(fault.help("give the true rate as `fps_source`").into());
     }
     let mut motion = rest::handle_rest_frame(motion, options);
-    let found = match rig::find_map(&motion.clip, options.map.as_deref()) {
-        Err(e) if options.map.is_some() => return Err(e),
-        found => found.ok(),
-    };
-    if let Some(found) = &found {
-        motion.warnings.extend(rig::warnings(&motion.clip, found));
+    let humanoid = motion.known().cloned();
+    if let Some(humanoid) = &humanoid {
+        motion.warnings.extend(rig::warnings(&motion.clip, humanoid));
     }
     let unit_m = match &motion.source {
         Source::Bvh(bvh) => Some(bvh.rig.unit_m),
@@ -158,7 +158,7 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         _ => Some(options.unit.metres().unwrap_or(1.0)),
     };
     if let Some(unit_m) = unit_m {
-        motion.warnings.extend(size::doubt(&motion.clip, found.as_ref().map(|found| &found.map), unit_m));
+        motion.warnings.extend(size::doubt(&motion.clip, humanoid.as_ref().map(Humanoid::map), unit_m));
     }
     // their bones are SMPL's, whatever the unit of the path
     if let (Format::Npz | Format::Pickle, Some(unit_m)) = (format, unit_m) {
@@ -172,23 +172,27 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     Ok(motion)
 }
 
-/// A clip whose joints are in the file as they are, from the joint that `root` of the options names, else from its motion
+/// A motion whose joints are in the file as they are, from the joint that `root` of the options names, else from its motion
 /// root.
-fn rooted(clip: Clip, path: &Path, options: &ReadOptions) -> Result<Clip> {
-    let rig = clip.skeleton();
-    let map = options.map.as_deref();
-    let joint = match &options.root {
-        Some(name) => {
-            let joint = rig.find(name).ok_or_else(|| {
-                let found = format!("no joint {name:?}");
-                FileError::new(SourcePos::file(path), FaultKind::RootUnknown, found, "a joint of the file")
-                    .help(format!("there are {}", rig.names().join(", ")))
-            })?;
-            motion_root::named(&clip, joint, map)?
-        }
-        None => map_if_any(rig, Some(&clip), map)?.and_then(|map| motion_root::of_map(rig, &map)).unwrap_or(0),
+fn rooted(motion: Motion, options: &ReadOptions) -> Result<Motion> {
+    let (rig, given) = (motion.clip.skeleton(), options.map.as_deref());
+    let named = |name: &String| {
+        let unknown = || {
+            let found = format!("no joint {name:?}");
+            FileError::new(SourcePos::file(&motion.path), FaultKind::RootUnknown, found, "a joint of the file")
+                .help(format!("there are {}", rig.names().join(", ")))
+        };
+        rig.find(name).ok_or_else(unknown)
     };
-    if joint == 0 { Ok(clip) } else { motion_root::from_joint(&clip, joint, motion_root::path_of(&clip, joint)) }
+    let joint = options.root.as_ref().map(named).transpose()?;
+    let mut found = motion.found().cloned();
+    let joint = motion_root::choose(&motion.clip, joint, &mut found, given, |_| false)?;
+    if joint == 0 {
+        return Ok(motion);
+    }
+    let clip = motion_root::from_joint(&motion.clip, joint, motion_root::path_of(&motion.clip, joint))?;
+    let found = motion_root::map_below(&clip, found, given)?;
+    Ok(motion.with_clip(clip).with_found(found))
 }
 
 /// The error of a format that this build doesn't include.

@@ -189,16 +189,7 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
     }
     let report: serde_json::Value = serde_json::from_str(&report(&motion, Some(floor_m)).json()).unwrap_or_default();
     doubts.extend(others(&report));
-    let format = match Format::of_name(file) {
-        Some(Format::Amc) => "AMC",
-        Some(Format::Bvh) => "BVH",
-        Some(Format::Npz) => "AMASS",
-        Some(Format::Pickle) => "AIST++",
-        Some(Format::Json) => "JSON",
-        Some(Format::Glb) => "GLB",
-        Some(Format::Fbx) => "FBX",
-        None => "",
-    };
+    let format = Format::of_name(file).map_or("", |format| format.info().name);
     Ok(Info {
         format: format.into(),
         seconds: motion.clip.duration_s(),

@@ -13,11 +13,11 @@ pub mod array;
 pub mod body_model;
 pub mod bvh;
 mod contact;
-mod extension;
 #[cfg(feature = "fbx")]
 pub mod fbx;
 mod figure;
 mod floor;
+mod formats;
 pub mod glb;
 mod importer;
 pub mod json;
@@ -44,9 +44,9 @@ pub mod source;
 mod stand;
 mod up;
 
-pub use extension::Format;
 pub(crate) use floor::known_floor;
 pub use floor::{floor_height, resolve_floor};
+pub use formats::{FORMATS, Format, FormatInfo};
 pub use importer::Importer;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
 pub use rate::RateDoubt;
@@ -62,8 +62,8 @@ use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS, check_fps};
 use crate::rig::{self, Humanoid};
 use crate::{Error, FaultKind, FileError, Result};
-use kinelm_store::Subject;
-use kinelm_store::{SourcePos, files, input};
+use formats::Step;
+use kinelm_store::{SourcePos, Subject, files, input};
 use options::{check_skip, is_rate};
 use positions::Positions;
 use std::io::Read;
@@ -93,8 +93,7 @@ use std::path::Path;
 /// ```
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path).map_err(|e| with_content_kind(e, path))?;
-    check_rate(options)?;
-    check_mirror(path, format, options)?;
+    check(path, format.info(), options)?;
     parse(path, &input::bytes(path).map_err(Error::io(path))?, options)
 }
 
@@ -103,40 +102,19 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
 /// # Errors
 /// Those of [`read`] except for I/O errors.
 pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
-    let format = Format::of(path)?;
-    check_rate(options)?;
-    check_mirror(path, format, options)?;
-    let mut motion = match format {
-        Format::Amc => skipped(amc::read(path, bytes, options)?, options)?,
-        Format::Bvh => bvh::read(path, bytes, options)?,
-        #[cfg(feature = "amass")]
-        Format::Npz => skipped(amass::read(path, bytes, options)?, options)?,
-        #[cfg(not(feature = "amass"))]
-        Format::Npz => return Err(left_out(path, "amass")),
-        #[cfg(feature = "aist")]
-        Format::Pickle => skipped(aist::read(path, bytes, options)?, options)?,
-        #[cfg(not(feature = "aist"))]
-        Format::Pickle => return Err(left_out(path, "aist")),
-        #[cfg(feature = "fbx")]
-        Format::Fbx => skipped(fbx::read(path, bytes, options)?, options)?,
-        #[cfg(not(feature = "fbx"))]
-        Format::Fbx => return Err(left_out(path, "fbx")),
-        Format::Json => match sniff(bytes) {
-            "JSON" | "text" => skipped(json::read(path, bytes, options)?, options)?,
-            other => {
-                return Err(
-                    FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, other, "a clip as JSON").into()
-                );
-            }
-        },
-        Format::Glb => skipped(glb::read(path, bytes, options)?, options)?,
-    };
-    if matches!(format, Format::Amc | Format::Glb | Format::Fbx) {
+    let info = Format::of(path)?.info();
+    check(path, info, options)?;
+    let read = info.read.ok_or_else(|| left_out(path, info))?;
+    let mut motion = read(path, bytes, options)?;
+    if info.then.contains(&Step::Skip) {
+        motion = skipped(motion, options)?;
+    }
+    if info.then.contains(&Step::Mirror) {
         let (clip, found) = (motion.clip.clone(), motion.found().cloned());
         let clip = Axes::OWN.mirrored(options.mirror_axis).to_y_up(clip)?;
         motion = motion.with_clip(clip).with_found(found);
     }
-    if matches!(format, Format::Amc | Format::Json | Format::Npz | Format::Pickle) {
+    if info.then.contains(&Step::Root) {
         motion = rooted(motion, options)?;
     }
     let fps = motion.clip.fps();
@@ -151,18 +129,15 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     if let Some(humanoid) = &humanoid {
         motion.warnings.extend(rig::warnings(&motion.clip, humanoid));
     }
-    let unit_m = match &motion.source {
-        Source::Bvh(bvh) => Some(bvh.rig.unit_m),
-        // their readers know what the file states
-        _ if matches!(format, Format::Glb | Format::Fbx) => None,
-        _ => Some(options.unit.metres().unwrap_or(1.0)),
-    };
-    if let Some(unit_m) = unit_m {
+    if info.then.contains(&Step::Size) {
+        let unit_m = match &motion.source {
+            Source::Bvh(bvh) => bvh.rig.unit_m,
+            _ => options.unit.metres().unwrap_or(1.0),
+        };
         motion.warnings.extend(size::doubt(&motion.clip, humanoid.as_ref().map(Humanoid::map), unit_m));
-    }
-    // their bones are SMPL's, whatever the unit of the path
-    if let (Format::Npz | Format::Pickle, Some(unit_m)) = (format, unit_m) {
-        motion.warnings.extend(size::path_doubt(&motion.clip, unit_m));
+        // its bones are SMPL's, whatever the unit of the path
+        let path_doubt = info.is_smpl.then(|| size::path_doubt(&motion.clip, unit_m));
+        motion.warnings.extend(path_doubt.flatten());
     }
     // a body of a wrong size falls at a wrong rate too
     let is_doubted = motion.warnings.iter().any(|w| w.kind == "size_doubted");
@@ -196,9 +171,8 @@ fn rooted(motion: Motion, options: &ReadOptions) -> Result<Motion> {
 }
 
 /// The error of a format that this build doesn't include.
-#[cfg(not(all(feature = "amass", feature = "aist", feature = "fbx")))]
-fn left_out(path: &Path, feature: &str) -> Error {
-    let expected = format!("a build of kinelm-motion with its feature `{feature}`");
+fn left_out(path: &Path, info: &FormatInfo) -> Error {
+    let expected = format!("a build of kinelm-motion with its feature `{}`", info.feature);
     FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, "a format that this build leaves out", expected)
         .into()
 }
@@ -220,9 +194,8 @@ fn with_content_kind(error: Error, path: &Path) -> Error {
 /// # Errors
 /// Those of [`read`].
 pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
-    check_rate(options)?;
     let format = Format::of(path)?;
-    check_mirror(path, format, options)?;
+    check(path, format.info(), options)?;
     match format {
         Format::Bvh => bvh::positions(path, &input::bytes(path).map_err(Error::io(path))?, options),
         _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
@@ -239,22 +212,19 @@ fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
     Ok(motion.slice(options.skip..frames))
 }
 
-/// Checks that the source rate is in range.
-fn check_rate(options: &ReadOptions) -> Result<()> {
+/// Checks that the source rate is in range, and that no mirror is given for bones that are SMPL's own, which no program
+/// mirrors.
+fn check(path: &Path, info: &FormatInfo, options: &ReadOptions) -> Result<()> {
     if let Some(fps) = options.fps_source.filter(|f| !is_rate(*f)) {
         let (found, expected) = (compact(fps), format!("frames per second, {FEWEST_FPS} to {MOST_FPS}"));
         return Err(Error::invalid("`fps_source`", found, expected));
     }
-    Ok(())
-}
-
-/// Refuses `mirror_axis` for formats whose bones are SMPL's own, which no program mirrors.
-fn check_mirror(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
-    if options.mirror_axis.is_none() || !matches!(format, Format::Npz | Format::Pickle) {
-        return Ok(());
+    if options.mirror_axis.is_some() && info.is_smpl {
+        let why = "its bones are SMPL's, whose left is left; `mirror_axis` is for files with bones of their own";
+        let what = Subject::of_parameter("mirror_axis").with(format!("of {}", path.display()));
+        return Err(Error::unsupported(what, why));
     }
-    let why = "its bones are SMPL's, whose left is left; `mirror_axis` is for files with bones of their own";
-    Err(Error::unsupported(Subject::of_parameter("mirror_axis").with(format!("of {}", path.display())), why))
+    Ok(())
 }
 
 /// Writes a motion file in the format of its extension, atomically.
@@ -272,30 +242,13 @@ pub fn write(path: &Path, motion: &Motion) -> Result<()> {
 /// that the format can't hold, or whose rate no reader takes.
 pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
     check_fps(motion.clip.fps())?;
-    match Format::of(path)? {
-        Format::Bvh => bvh::to_bytes(motion),
-        #[cfg(feature = "amass")]
-        Format::Npz => amass::write(&motion.clip),
-        #[cfg(not(feature = "amass"))]
-        Format::Npz => Err(left_out(path, "amass")),
-        Format::Json => match motion.source {
-            Source::Json(axes) => Ok(json::write(axes.restored(&motion.clip)?.as_ref())),
-            _ => Ok(json::write(&motion.clip)),
-        },
-        Format::Glb if !is_vrm(path) => {
-            glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)])
-        }
-        Format::Amc | Format::Pickle | Format::Fbx | Format::Glb => {
-            let found = format!("the extension .{}", path.extension().unwrap_or_default().to_string_lossy());
-            let expected = format!("a {} to write", extension::listed(Format::WRITTEN));
-            Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into())
-        }
+    let (info, extension) = (Format::of(path)?.info(), path.extension().unwrap_or_default());
+    if !info.written.iter().any(|name| extension.eq_ignore_ascii_case(name)) {
+        let (found, expected) = (extension.to_string_lossy(), formats::listed(Format::WRITTEN));
+        let (found, expected) = (format!("the extension .{found}"), format!("a {expected} to write"));
+        return Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into());
     }
-}
-
-/// A VRM is a GLB with an avatar that we don't make.
-fn is_vrm(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("vrm"))
+    info.write.ok_or_else(|| left_out(path, info))?(path, motion)
 }
 
 #[cfg(test)]

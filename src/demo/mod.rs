@@ -8,7 +8,7 @@ use crate::corpus::{Corpus, Dataset, Split};
 use crate::evaluate::{ChannelFloors, CodeSplits, Extent};
 use crate::generate::open::OpenRequest;
 use crate::generate::output::RootGiven;
-use crate::generate::prompt::{self, PromptClip};
+use crate::generate::prompt::PromptClip;
 use crate::generate::request::{Computing, Length, Placement, PromptRequest, Request, Seeding, UncodedJoints};
 use crate::generate::sampling::Sampling;
 use crate::generate::unwatched;
@@ -20,7 +20,7 @@ use anyhow::{Context, Result};
 use kinelm_model::{KvKind, WeightKind};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::synth::Dance;
-use kinelm_motion::{Clip, joints, synth};
+use kinelm_motion::{Clip, Motion, joints, synth};
 use kinelm_store::files::write_whole;
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use std::path::{Path, PathBuf};
@@ -103,7 +103,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let follows = generate(&args, given(Some(FOLLOWED), None), frames)?;
     let goes_on = generate(&args, given(None, Some(second)), frames)?;
     for (name, dance) in [("dance.bvh", &follows), ("free.bvh", &goes_on)] {
-        format::write(&at(name), &prompt::on_model_rig(&at(name), dance.clone()))?;
+        format::write(&at(name), &Motion::new(&at(name), dance.clone()))?;
     }
     say.line("5/5 page and report");
     let seen = prompt.decode(&tokenizer, &prompt.words, UncodedJoints::Prompt, prompt.frames())?;
@@ -186,7 +186,7 @@ fn write_dances(out: &Path, dances: &[Dance]) -> Result<()> {
         std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
         let name = dance.name();
         let path = folder.join(&name).with_extension("bvh");
-        format::write(&path, &prompt::on_model_rig(&path, dance.clip.clone()))?;
+        format::write(&path, &Motion::new(&path, dance.clip.clone()))?;
         let split = match (dances.len() - 1 - i) / pairs {
             0 => "test",
             1 => "valid",

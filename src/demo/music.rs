@@ -16,7 +16,7 @@ use crate::view::music::Music;
 use crate::view::{Figure, page_with};
 use anyhow::{Context, Result};
 use kinelm_motion::synth::{self, Dance};
-use kinelm_motion::{Clip, format};
+use kinelm_motion::{Clip, Motion, format};
 use kinelm_music::beat::{RATE, beats_of};
 use kinelm_music::wav;
 use kinelm_store::files::write_whole;
@@ -49,7 +49,7 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
         pieces.iter().enumerate().map(dance).collect()
     };
     let (made, free) = (all(true)?, all(false)?);
-    format::write(&at("dance.bvh"), &crate::generate::prompt::on_model_rig(&at("dance.bvh"), made[0].clone()))?;
+    format::write(&at("dance.bvh"), &Motion::new(&at("dance.bvh"), made[0].clone()))?;
     say.line("5/5 page and report");
     let joints = tokenizer.channels().joints().to_vec();
     let (_, lag) = of_corpus(&corpus, &joints)?;

@@ -1,11 +1,11 @@
 //! Tokenizers.
 
-use crate::clip::Clip;
+use crate::clip::{Clip, mapped};
 use crate::error::library;
 use crate::options::free;
 use kinelm::corpus::load::ModelClip;
 use kinelm::motion::format::ReadOptions;
-use kinelm::motion::{Motion, Source, joints};
+use kinelm::motion::{Motion, joints};
 use kinelm::tokenizer::TokenizerConfig;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
@@ -21,7 +21,8 @@ fn taken(
     config: &TokenizerConfig,
     (map, floor): (Option<String>, Option<f64>),
 ) -> PyResult<kinelm::motion::Clip> {
-    let options = ReadOptions { map, floor, ..ReadOptions::default() };
+    let motion = mapped(motion, map.as_deref()).map_err(crate::error::motion)?;
+    let options = ReadOptions { floor, ..ReadOptions::default() };
     ModelClip::of(motion, &options, config.into()).map(|clip| clip.lowered()).map_err(library)
 }
 
@@ -87,7 +88,7 @@ impl Tokenizer {
             let words = self.0.words_of_ids(&ids).words;
             self.0.decode(&words, self.0.uncoded_pose()).map_err(library)
         })?;
-        Ok(Clip(Motion { path: "decoded.json".into(), clip, source: Source::Plain, warnings: Vec::new() }))
+        Ok(Clip(Motion::new("decoded.json", clip)))
     }
 
     /// How many ids there are.

@@ -126,7 +126,7 @@ mod tests {
     #[test]
     fn another_rig_is_refused_by_its_joints() {
         let clip = Clip::new(smpl::neutral(), 30.0, vec![Vec3::Y], vec![Quat::IDENTITY; 24]).unwrap();
-        let motion = Motion { path: "a.npz".into(), clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new("a.npz", clip);
         let rig = Rig::of(&motion);
         assert_eq!((rig.joints(), rig.orders[3].as_str()), (24, "ZXY"));
         rig.check(Path::new("a.npz"), motion.clip.skeleton()).unwrap();

@@ -49,7 +49,7 @@ impl Dataset {
     /// them. `labels` has a source of labels ([`Labels::parse`]) for each of `data`, or one for all, or none: then the names
     /// of known data sets are tried.
     ///
-    /// Files are taken by their extensions ([`Format::EXTENSIONS`]); hidden files and folders are skipped. An
+    /// Files are taken by their extensions ([`Format::extensions`]); hidden files and folders are skipped. An
     /// `ignore_list.txt`, as AIST++ has one, leaves out the names that it lists from its folder and all folders below; one
     /// beside a folder of `data` counts too.
     ///

@@ -9,9 +9,7 @@ use std::sync::LazyLock;
 /// A path without the extension of a motion file.
 pub(crate) fn without_extension(path: &str) -> &str {
     match path.rsplit_once('.') {
-        Some((stem, e)) if !stem.is_empty() && Format::EXTENSIONS.iter().any(|(x, _)| e.eq_ignore_ascii_case(x)) => {
-            stem
-        }
+        Some((stem, e)) if !stem.is_empty() && Format::extensions().any(|x| e.eq_ignore_ascii_case(x)) => stem,
         _ => path,
     }
 }

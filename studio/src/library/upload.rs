@@ -128,8 +128,7 @@ mod tests {
     fn the_page_looks_for_the_same_kinds_in_folders() {
         let page = include_str!("../../web/drop.js");
         let list = page.split("const READ = /\\.(").nth(1).unwrap().split(')').next().unwrap();
-        let mut known: Vec<&str> =
-            Format::EXTENSIONS.iter().map(|(name, _)| *name).chain(SOUNDS).chain(["asf"]).collect();
+        let mut known: Vec<&str> = Format::extensions().chain(SOUNDS).chain(["asf"]).collect();
         let mut found: Vec<&str> = list.split('|').collect();
         known.sort_unstable();
         found.sort_unstable();

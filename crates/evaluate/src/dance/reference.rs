@@ -11,7 +11,7 @@ use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_motion::feet::leg::Leg;
 use kinelm_motion::metric::{Balance, FootContact, Ground, Skate, jitter_of};
-use kinelm_motion::rig::{Feet, map_for};
+use kinelm_motion::rig::{Feet, Humanoid};
 use kinelm_motion::{Clip, smpl};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -48,8 +48,8 @@ impl<'a> Reference<'a> {
         let joints = corpus.tokenizer().channels().joints().to_vec();
         let (fps, frames_per_word) = (corpus.tokenizer().fps(), corpus.tokenizer().frames_per_word());
         let (held, thresholds) = (BTreeMap::new(), [0.0; 2]);
-        let (body, feet) = (smpl::neutral(), feet(&joints)?);
-        let legs = Leg::of_rig(&body, &map_for(&body, None)?)?;
+        let feet = feet(&joints)?;
+        let legs = Leg::of_rig(&smpl::neutral(), Humanoid::neutral().map())?;
         let mut real = Reference { corpus, held, feet, legs, joints, fps, frames_per_word, thresholds };
         if frames(corpus, Split::Train) + frames(corpus, Split::Valid) <= HELD_FRAMES {
             let held = |split| Ok((split, real.each(split, |_, dance| Ok(dance.clone()))?));
@@ -181,8 +181,7 @@ impl<'a> Reference<'a> {
 
 /// The feet of the model's body as far as they are coded: of the thirteen joints the ankles. Where none is, the ankles.
 pub(super) fn feet(joints: &[usize]) -> Result<Feet> {
-    let map = map_for(&smpl::neutral(), None)?;
-    let mut feet = Feet::new(&smpl::neutral(), &map)?;
+    let mut feet = Humanoid::neutral().feet()?;
     let coded = feet.joints.iter().any(|(j, _)| joints.contains(j));
     feet.joints.retain(|(j, _)| if coded { joints.contains(j) } else { matches!(j, 7 | 8) });
     Ok(feet)

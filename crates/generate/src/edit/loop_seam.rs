@@ -9,7 +9,7 @@ use crate::request::{Loop, LoopKind, Span};
 use crate::{Error, Result};
 use kinelm_motion::moment::Moment;
 use kinelm_motion::rotation::heading;
-use kinelm_motion::{Clip, Motion, Quat, Vec3};
+use kinelm_motion::{Clip, Quat, Vec3};
 use kinelm_tokenizer::Tokenizer;
 use std::ops::Range;
 
@@ -42,12 +42,7 @@ impl LoopSeam {
 ///
 /// # Errors
 /// A clip that is not longer than the gap and a second; what coding fails with.
-pub fn lengthen(
-    looping: Loop,
-    prompt: PromptClip,
-    map: Option<&str>,
-    tokenizer: &Tokenizer,
-) -> Result<(PromptClip, LoopSeam)> {
+pub fn lengthen(looping: Loop, prompt: PromptClip, tokenizer: &Tokenizer) -> Result<(PromptClip, LoopSeam)> {
     let clip = &prompt.motion.clip;
     let (frames, fps) = (clip.frames(), clip.fps());
     let [over, appended] = [looping.over_s, APPENDED_S].map(|s| (s * fps).round().max(1.0) as usize);
@@ -64,8 +59,8 @@ pub fn lengthen(
         LoopKind::Pose => heading_change(&prompt.clip),
     };
     let long = with_beginning(clip, &seam, looping.kind, turn)?;
-    let motion = Motion { clip: long, ..prompt.motion.clone() };
-    Ok((prompt.with_motion(motion, map, tokenizer)?, seam))
+    let motion = prompt.motion.clone().with_clip(long);
+    Ok((prompt.with_motion(motion, tokenizer)?, seam))
 }
 
 /// The change of heading of a clip on SMPL-24 from its first frame to its last, radians; 0 where it has none.

@@ -4,7 +4,7 @@ use crate::request::Span;
 use crate::{Error, Result};
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::moment::Timebase;
-use kinelm_motion::{Skeleton, smpl};
+use kinelm_motion::{Motion, smpl};
 use kinelm_store::Subject;
 use kinelm_tokenizer::Tokenizer;
 use std::ops::Range;
@@ -55,9 +55,10 @@ impl Mask {
         (given, free): (&[Span], &[Span]),
         scale: Timebase,
         tokenizer: &Tokenizer,
-        (rig, map): (&Skeleton, Option<&str>),
+        motion: &Motion,
     ) -> Result<ResolvedSpans> {
         let coded = bits(tokenizer.channels().joints());
+        let (rig, map) = (motion.clip.skeleton(), motion.map());
         let resolve = |name: &'static str, span: &Span| -> Result<ResolvedSpan> {
             let wrong = |why: String| Error::unsupported(Subject::from(name).with(span), why);
             let list = joints::to_smpl_names(&span.joints, rig, map).map_err(|e| wrong(e.to_string()))?;

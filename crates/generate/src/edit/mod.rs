@@ -90,13 +90,12 @@ impl PreparedEdit {
         let appended = seam.as_ref().map_or(0, |seam| seam.appended);
         let left_out = whole.clip.frames().saturating_sub(clip.frames() - appended);
         let scale = Timebase { frames: clip.frames(), fps: clip.fps(), left_out, model_fps: Some(fps) };
-        let rig = (&**clip.skeleton(), request.read.map.as_deref());
         let of_loop = seam.as_ref().map(|seam| seam.span(left_out));
         let (given, free) = match &of_loop {
             Some(gap) => (&[][..], std::slice::from_ref(gap)),
             None => (&edit.given[..], &edit.free[..]),
         };
-        let spans = Mask::resolve((given, free), scale, tokenizer, rig)?;
+        let spans = Mask::resolve((given, free), scale, tokenizer, &prompt.motion)?;
         // frames of the model within these of the file
         let within = |frames: usize| ((frames - 1) as f64 * fps / clip.fps() + 1e-9) as usize + 1;
         let known = seam.as_ref().map_or(prompt.frames(), |seam| within(seam.frames()));
@@ -206,10 +205,10 @@ impl PreparedEdit {
     pub fn on_own_rig(
         &self,
         closed: &Clip,
-        (prompt, map): (&PromptClip, Option<&str>),
+        prompt: &PromptClip,
         fps: Option<f64>,
     ) -> Result<(Motion, Option<Changed>)> {
-        let retarget = prompt.retarget(map)?;
+        let retarget = prompt.retarget()?;
         let rig = RigJoints::of(&retarget);
         let own = prompt.at_rate()?;
         let base = gap::bridge(&extended(&own, self.frames)?, &rig.others(), &self.gaps(), &mean_pose(&own))?;
@@ -220,7 +219,7 @@ impl PreparedEdit {
         let (clip, mut changed) = splice(clips, (&self.spans.mask, &rig), self.written + appended, self.blend_s)?;
         if let (Some(fps), Some(_)) = (fps, &self.seam) {
             let clip = self.at_rate(&clip, self.written, fps)?;
-            return Ok((Motion { clip, ..self.whole.clone() }, None));
+            return Ok((self.whole.clone().with_clip(clip), None));
         }
         let clip = clip.slice(0..self.written);
         changed.root.truncate(self.written);
@@ -231,7 +230,7 @@ impl PreparedEdit {
             None => self.after_left_out(&clip, changed)?,
         };
         let clip = fps.map_or(Ok(clip.clone()), |fps| resample_held(&clip, fps, Method::Smooth))?;
-        Ok((Motion { clip, ..self.whole.clone() }, Some(changed).filter(|_| fps.is_none())))
+        Ok((self.whole.clone().with_clip(clip), Some(changed).filter(|_| fps.is_none())))
     }
 
     /// The first `frames` of a dance at another rate. The last one is held; of a loop it leads into the beginning, which is

@@ -8,7 +8,7 @@ use crate::{Error, Result};
 use kinelm_motion::Source;
 use kinelm_motion::format::Format;
 use kinelm_motion::joints::{self, Selection};
-use kinelm_motion::rig::{FoundMap, find_map};
+use kinelm_motion::rig::Humanoid;
 use kinelm_store::Subject;
 use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
@@ -47,19 +47,17 @@ impl PreparedPrompt {
         let text = bytes(request, layout)?;
         let mut clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
         // map, floor and up axis are settled here, so that they aren't estimated again, least of all from the dance
-        let found = find_map(&clip.motion.clip, request.read.map.as_deref()).ok();
-        if let Some(found) = found.filter(FoundMap::is_of_clip) {
-            request.read.map = Some(found.map.to_toml());
+        let found = clip.motion.humanoid().ok().map(Humanoid::found).filter(|found| found.is_of_clip());
+        if let Some(map) = found.map(|found| found.map.to_toml()) {
             // what the sidecar says gives the same bits again
-            let motion = clip.motion;
-            clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
-            clip.motion = motion;
+            clip = clip.with_map(&map, &request.read, tokenizer)?;
+            request.read.map = Some(map);
         }
         request.read.floor = clip.floor_m.or(request.read.floor);
         if let Source::Bvh(_) | Source::Json(_) = clip.motion.source {
             request.read.up = clip.motion.source.axes().up;
         }
-        let (rig, map) = (clip.motion.clip.skeleton(), request.read.map.as_deref());
+        let (rig, map) = (clip.motion.clip.skeleton(), clip.motion.map());
         let wrong = |list: &str, e: &dyn std::fmt::Display| {
             Error::unsupported(Subject::of_parameter("joints").with(list), e.to_string())
         };
@@ -74,7 +72,7 @@ impl PreparedPrompt {
         let mut edit = request.edit.take();
         let mut seam = None;
         if let Some(looping) = edit.as_ref().and_then(|edit| edit.looping) {
-            let (long, at) = lengthen(looping, clip, request.read.map.as_deref(), tokenizer)?;
+            let (long, at) = lengthen(looping, clip, tokenizer)?;
             (clip, seam) = (long, Some(at));
         }
         let prepare = |edit| PreparedEdit::load(edit, frames, (request, &text), (&clip, seam), tokenizer);

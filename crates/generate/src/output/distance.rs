@@ -84,13 +84,8 @@ fn parent(joint: usize) -> usize {
 ///
 /// # Errors
 /// A rig that no skeleton map knows.
-pub fn given_distance(
-    tokenizer: &Tokenizer,
-    prompt: &PreparedPrompt,
-    map: Option<&str>,
-    dance: &Clip,
-) -> Result<Option<GivenDistance>> {
-    let (own, retarget) = (prompt.clip.at_rate()?, prompt.clip.retarget(map)?);
+pub fn given_distance(tokenizer: &Tokenizer, prompt: &PreparedPrompt, dance: &Clip) -> Result<Option<GivenDistance>> {
+    let (own, retarget) = (prompt.clip.at_rate()?, prompt.clip.retarget()?);
     let tree = |rig: &Skeleton| (rig.names().to_vec(), rig.parents().to_vec());
     if tree(own.skeleton()) != tree(dance.skeleton()) {
         return Ok(None);

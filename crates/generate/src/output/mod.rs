@@ -16,7 +16,7 @@ pub use placement::RootGiven;
 use crate::Result;
 use crate::edit::{ClosedGaps, ClosingError, PreparedEdit};
 use crate::open::{OpenRequest, PreparedPrompt};
-use crate::prompt::{on_model_rig, uncoded};
+use crate::prompt::uncoded;
 use crate::request::{FootMode, Placement, Rig, UncodedJoints};
 use kinelm_motion::feet::FootLock;
 use kinelm_motion::format::{self, Format, ReadOptions, RestFrame, bvh::Changed};
@@ -65,8 +65,9 @@ impl OpenRequest {
         if let Some((prompt, edit)) = self.edit() {
             return self.edited(words, (prompt, edit), out);
         }
-        let mut motion = self.decoded(words, out)?;
-        motion.clip = resample_held(&motion.clip, self.resolved.fps, Method::Smooth)?;
+        let motion = self.decoded(words, out)?;
+        let clip = resample_held(&motion.clip, self.resolved.fps, Method::Smooth)?;
+        let motion = motion.with_clip(clip);
         let generated = |motion: Motion, locked: Vec<FootLock>| {
             let locked_fps = motion.clip.fps();
             Generated { motion, locked, locked_fps, errors: Vec::new(), changed: None }
@@ -74,14 +75,13 @@ impl OpenRequest {
         if self.resolved.feet == FootMode::Off {
             return Ok(generated(motion, Vec::new()));
         }
-        let map = self.on_own_rig().and_then(|(_, request)| request.read.map.as_deref());
         let floor_m = Some(0.0).filter(|_| self.tokenizer.config().above_floor());
         let continued = self.resolved.prompt.as_ref().and_then(|p| p.from_frame).unwrap_or(0);
         // the frames up to the prompt's last, at the rate that is written
         let at_rate = |last: usize| (last as f64 * motion.clip.fps() / self.tokenizer.fps()) as usize + 1;
         let continued = continued.checked_sub(1).map_or(0, at_rate);
         let selection = self.prompt.as_ref().and_then(|prompt| prompt.selection.as_ref());
-        let (motion, locked) = lock_feet(motion, map, floor_m, feet::fixed(selection, continued))?;
+        let (motion, locked) = lock_feet(motion, floor_m, feet::fixed(selection, continued))?;
         Ok(generated(motion, vec![locked]))
     }
 
@@ -105,11 +105,8 @@ impl OpenRequest {
         let clips = (&prompt.clip, self.resolved.lead_in);
         let ClosedGaps { clip, errors, locked } = edit.close(words, clips, &self.tokenizer, lock)?;
         let (motion, changed) = match self.on_own_rig() {
-            Some((prompt, request)) => {
-                let map = request.read.map.as_deref();
-                edit.on_own_rig(&clip, (&prompt.clip, map), self.resampled_fps())?
-            }
-            None => (on_model_rig(out, edit.at_rate(&clip, self.frames, self.resolved.fps)?), None),
+            Some((prompt, _)) => edit.on_own_rig(&clip, &prompt.clip, self.resampled_fps())?,
+            None => (Motion::new(out, edit.at_rate(&clip, self.frames, self.resolved.fps)?), None),
         };
         let changed = changed.map(|changed| (changed, edit.text.clone()));
         Ok(Generated { motion, locked, locked_fps: self.tokenizer.fps(), errors, changed })
@@ -118,12 +115,11 @@ impl OpenRequest {
     /// The motion of words, at the model's rate.
     fn decoded(&self, words: &Words, out: &Path) -> Result<Motion> {
         let clip = self.clip(words)?;
-        let Some((prompt, request)) = self.on_own_rig() else { return Ok(on_model_rig(out, clip)) };
+        let Some((prompt, _)) = self.on_own_rig() else { return Ok(Motion::new(out, clip)) };
         let follows = self.resolved.uncoded_joints == UncodedJoints::Follow;
         let base = follows.then(|| uncoded::settle(&prompt.clip.at_rate()?, prompt.frames)).transpose()?;
-        let map = request.read.map.as_deref();
-        let about_m = prompt.clip.about_m(RootGiven::by(prompt).path, map)?;
-        prompt.clip.on_own_rig(&clip, about_m, map, base.as_ref())
+        let about_m = prompt.clip.about_m(RootGiven::by(prompt).path)?;
+        prompt.clip.on_own_rig(&clip, about_m, base.as_ref())
     }
 
     /// The clip of words on the model's rig, where it is to stand: on y = 0, unless it is an edit.

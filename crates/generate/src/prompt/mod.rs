@@ -9,7 +9,7 @@ use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::joints::Selection;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::rig::{SkeletonMap, floor, map_of};
+use kinelm_motion::rig::Humanoid;
 use kinelm_motion::{Clip, Motion, Source, Warning, smpl};
 use kinelm_tokenizer::{Encoded, Tokenizer, UncodedPose, WordLength, Words};
 use std::path::Path;
@@ -63,12 +63,23 @@ impl PromptClip {
         Ok(PromptClip { motion, clip, floor_m, under_m, words: coded.words, clipped, sha256 })
     }
 
+    /// The same prompt with this skeleton map of its rig.
+    ///
+    /// # Errors
+    /// Those of [`PromptClip::load`].
+    pub fn with_map(self, map: &str, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<PromptClip> {
+        let (warnings, motion) = (self.motion.warnings.clone(), self.motion.with_map(map)?);
+        let mut again = PromptClip::of(ModelClip::of(motion, options, tokenizer.config().into())?, tokenizer)?;
+        again.motion.warnings = warnings;
+        Ok(PromptClip { sha256: self.sha256, ..again })
+    }
+
     /// The same prompt with another motion of the same rig, rate and first frame.
     ///
     /// # Errors
     /// What retargeting and coding fail with.
-    pub fn with_motion(self, motion: Motion, map: Option<&str>, tokenizer: &Tokenizer) -> Result<PromptClip> {
-        let clip = resample(&retarget::to_smpl(&motion, map)?, tokenizer.fps(), Method::Auto)?;
+    pub fn with_motion(self, motion: Motion, tokenizer: &Tokenizer) -> Result<PromptClip> {
+        let clip = resample(&retarget::to_smpl(&motion)?, tokenizer.fps(), Method::Auto)?;
         let words = tokenizer.encode(&clip.clone().raised(-self.under_m))?.words;
         Ok(PromptClip { motion, clip, words, ..self })
     }
@@ -85,7 +96,7 @@ impl PromptClip {
     pub fn ground_m(&self) -> Result<f64> {
         match self.floor_m {
             Some(_) => Ok(self.under_m),
-            None => Ok(floor(&self.clip, &SkeletonMap::by_name_or_file("smpl")?)?.height_m),
+            None => Ok(Humanoid::neutral().floor(&self.clip)?.height_m),
         }
     }
 
@@ -159,9 +170,9 @@ impl PromptClip {
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn on_own_rig(&self, dance: &Clip, about_m: f64, map: Option<&str>, base: Option<&Clip>) -> Result<Motion> {
-        let clip = self.retarget(map)?.with_floor(about_m).to_rig_over(dance, base)?;
-        Ok(Motion { clip, source: self.motion.source.clone(), ..self.motion.clone() })
+    pub fn on_own_rig(&self, dance: &Clip, about_m: f64, base: Option<&Clip>) -> Result<Motion> {
+        let clip = self.retarget()?.with_floor(about_m).to_rig_over(dance, base)?;
+        Ok(self.motion.clone().with_clip(clip))
     }
 
     /// The height about which the path of a dance on y = 0 is scaled to the prompt's own rig, metres: a path that it follows
@@ -169,21 +180,20 @@ impl PromptClip {
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn about_m(&self, follows_path: bool, map: Option<&str>) -> Result<f64> {
+    pub fn about_m(&self, follows_path: bool) -> Result<f64> {
         if !follows_path {
             return Ok(0.0);
         }
-        Ok(format::floor_height(&self.motion, map)? - self.ground_m()?)
+        Ok(format::floor_height(&self.motion)? - self.ground_m()?)
     }
 
     /// The retargeting between the prompt's own rig, on its own floor, and SMPL-24.
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn retarget(&self, map: Option<&str>) -> Result<Retarget> {
-        let rig = self.motion.clip.skeleton();
-        let floor_m = format::floor_height(&self.motion, map)?;
-        Ok(Retarget::new(rig, &map_of(&self.motion.clip, map)?, smpl::neutral())?.with_floor(floor_m))
+    pub fn retarget(&self) -> Result<Retarget> {
+        let floor_m = format::floor_height(&self.motion)?;
+        Ok(Retarget::of(self.motion.humanoid()?, smpl::neutral())?.with_floor(floor_m))
     }
 }
 
@@ -215,14 +225,14 @@ pub fn read_back(
     let options = request.read_back(dance);
     let mut motion = format::read(dance, &options)?;
     match resample(&motion.clip, tokenizer.fps(), Method::Stride) {
-        Ok(sampled) => motion.clip = sampled,
+        Ok(sampled) => motion = motion.with_clip(sampled),
         Err(_) => return Ok(None),
     }
-    let (map, follows_path) = (options.map.as_deref(), request.prompt.as_ref().is_some_and(PromptRequest::gives_path));
+    let follows_path = request.prompt.as_ref().is_some_and(PromptRequest::gives_path);
     // the way back has the floor of the way there, not one that the dance's own feet show
-    let floor_m = if request.rig == Rig::Prompt { prompt.about_m(follows_path, map)? } else { 0.0 };
-    let known = Motion { source: Source::Retargeted { floor_m }, ..motion.clone() };
-    let mut clip = retarget::to_smpl(&known, map)?;
+    let floor_m = if request.rig == Rig::Prompt { prompt.about_m(follows_path)? } else { 0.0 };
+    let known = motion.clone().with_source(Source::Retargeted { floor_m });
+    let mut clip = retarget::to_smpl(&known)?;
     if let Some(first) = clip.root().first().filter(|_| follows_path && prompt.floor_m.is_none()) {
         let rise = prompt.clip.root()[0].y - first.y;
         clip = clip.raised(rise);
@@ -262,11 +272,6 @@ pub fn given_characters(tokenizer: &Tokenizer, selection: &Selection) -> Result<
         return Err(Error::unsupported("given joints", why));
     }
     Ok(given)
-}
-
-/// A clip on the model's own rig as a motion to be written to `path`.
-pub fn on_model_rig(path: &Path, clip: Clip) -> Motion {
-    Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: Vec::new() }
 }
 
 #[cfg(test)]

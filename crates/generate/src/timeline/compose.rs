@@ -10,7 +10,6 @@ use kinelm_motion::format::bvh::{BvhSource, Changed, Piece, parse_header};
 use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_motion::moment::Moment;
 use kinelm_motion::retarget::Retarget;
-use kinelm_motion::rig::map_of;
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
 use std::path::Path;
 
@@ -56,7 +55,7 @@ impl TimelineLayout {
     pub fn compose(&self) -> Result<Vec<u8>> {
         let (own, motion, source) = &self.rig;
         let skeleton = motion.clip.skeleton();
-        let retarget = Retarget::new(skeleton, &map_of(&motion.clip, own.map.as_deref())?, smpl::neutral())?;
+        let retarget = Retarget::of(motion.humanoid()?, smpl::neutral())?;
         let owners = owners(&retarget);
         // (F, J) the segment that gives a joint
         let j = skeleton.joints();

@@ -10,7 +10,6 @@ use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::rig::map_of;
 use kinelm_motion::rotation::heading;
 use kinelm_motion::{Clip, Motion, Quat, Source, Vec3, smpl};
 use std::collections::BTreeMap;
@@ -156,7 +155,7 @@ impl TimelineLayout {
             let read = clips
                 .get(clip)
                 .ok_or_else(|| Fault::Segment(n, format!("clip = \"{clip}\""), format!("one of the clips: {known}")))?;
-            let place = place((n, clip, segment), read, (&motion, own), &mut notes);
+            let place = place((n, clip, segment), read, &motion, &mut notes);
             placed.push((n, place.map_err(|(found, expected)| Fault::Segment(n, found, expected))?));
         }
         placed.sort_by_key(|(n, p)| (p.frames.start, *n));
@@ -229,7 +228,7 @@ impl ClipFile {
         notes.extend(motion.warnings.iter().map(|warning| format!("{}: {}", clip.file.display(), warning.what)));
         let left_out = all.clip.frames() - motion.clip.frames();
         let scale = Timebase { frames: motion.clip.frames(), fps: motion.clip.fps(), left_out, model_fps: None };
-        let on_smpl = resample(&retarget::to_smpl(&motion, clip.map.as_deref())?, fps, Method::Auto)?;
+        let on_smpl = resample(&retarget::to_smpl(&motion)?, fps, Method::Auto)?;
         let mut last = 0.0;
         let headings = (0..on_smpl.frames()).map(|f| {
             last = heading(on_smpl.pose(f)[0]).unwrap_or(last);
@@ -244,11 +243,8 @@ impl ClipFile {
             let exact = Some(((**other).clone(), self.bytes));
             return Ok(ReadClip { clip: motion.clip, exact, left_out, scale, above_m, headings });
         }
-        let skeleton = rig.clip.skeleton();
-        let retarget = Retarget::new(skeleton, &map_of(&rig.clip, own.map.as_deref())?, smpl::neutral())?;
-        let retargeted =
-            retarget.with_floor(format::floor_height(rig, own.map.as_deref())?).to_rig_over(&on_smpl, None)?;
-        let mut on_rig = Motion { clip: retargeted, ..rig.clone() };
+        let retarget = Retarget::of(rig.humanoid()?, smpl::neutral())?.with_floor(format::floor_height(rig)?);
+        let mut on_rig = rig.clone().with_clip(retarget.to_rig_over(&on_smpl, None)?);
         let above_m = resolve_floor(&mut on_rig, &own.options())? - floor_m;
         Ok(ReadClip { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })
     }
@@ -258,14 +254,14 @@ impl ClipFile {
 fn place(
     (index, clip, segment): (usize, &str, &Segment),
     read: &ReadClip,
-    (rig, own): (&Motion, &TimelineClip),
+    rig: &Motion,
     notes: &mut Vec<String>,
 ) -> Result<PlacedSegment, (String, String)> {
     let fps = rig.clip.fps();
     let wrong =
         |e: kinelm_motion::Error| (format!("joints = \"{}\": {e}", segment.joints), "joints of the rig".to_owned());
-    let list = joints::to_smpl_names(&segment.joints, rig.clip.skeleton(), own.map.as_deref()).map_err(wrong)?;
-    let twice = joints::ambiguous_names(&segment.joints, rig.clip.skeleton(), own.map.as_deref());
+    let list = joints::to_smpl_names(&segment.joints, rig.clip.skeleton(), rig.map()).map_err(wrong)?;
+    let twice = joints::ambiguous_names(&segment.joints, rig.clip.skeleton(), rig.map());
     notes.extend(twice.iter().map(|(part, own)| joints::ambiguity_note(part, own)));
     let Selection { mut joints, .. } = joints::parse(&list).map_err(wrong)?;
     joints.sort_unstable();

@@ -11,7 +11,7 @@ use crate::WindowSpec;
 use kinelm_corpus::build::{BuildEvent, BuildOptions};
 use kinelm_corpus::{Dataset, samples};
 use kinelm_motion::format::ReadOptions;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use std::collections::BTreeMap;
 use std::fs;
 use std::ops::ControlFlow;
@@ -75,12 +75,7 @@ impl Data {
         for (i, dance) in synth::corpus(9, 6, 5.0, 30.0).unwrap().into_iter().enumerate() {
             let frames = if i == 5 { 40 } else { dance.clip.frames() };
             let path = dir.path().join(format!("data/d{i}.bvh"));
-            let motion = Motion {
-                path: path.clone(),
-                clip: dance.clip.slice(0..frames),
-                source: Source::Plain,
-                warnings: vec![],
-            };
+            let motion = Motion::new(&path, dance.clip.slice(0..frames));
             format::write(&path, &motion).unwrap();
             csv += &format!("d{i},{},t{}\n", ["salsa", "waltz"][i % 2], i / 2);
         }

@@ -5,6 +5,7 @@ use super::best::BestArgs;
 use crate::cli::draw::DrawArgs;
 use crate::cli::values::{length, length_in_frames, rate, run_folder, time};
 use crate::cli::{ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
+use crate::generate::open::SEED;
 use crate::generate::request::{
     Computing, Edit, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel, UncodedJoints,
 };
@@ -55,7 +56,7 @@ pub struct DanceArgs {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16))]
     variations: u8,
     /// Random seed; the same seed gives the same dance
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = SEED)]
     seed: u64,
     /// First-frame candidates, where later joints of the first frame are given: the dance continues from the one under which
     /// these are most likely. No truncation applies to them [default: 64; 1 where --tries chooses among whole dances]
@@ -80,7 +81,7 @@ pub struct DanceArgs {
     #[arg(long, value_enum)]
     feet: Option<FootMode>,
     /// Seconds of cross-fade where generated frames meet given ones: 0.2s, 0.2 or 12f (frames of the file); 0 to 60
-    #[arg(long, value_name = "S", default_value = "0.2s", value_parser = time)]
+    #[arg(long, value_name = "S", default_value_t = Moment::Seconds(Edit::BLEND_S), value_parser = time)]
     pub blend: Moment,
     /// Samples of a gap, of which the one that ends nearest to the given frames is used
     #[arg(long, value_name = "N", default_value_t = Edit::TRIES, value_parser = clap::value_parser!(u8).range(1..=64))]
@@ -138,7 +139,7 @@ impl DanceArgs {
             prompt,
             labels,
             timed_labels,
-            music: self.music.clone().map(|path| MusicRequest { path, from_s: music_from.unwrap_or_default().0 }),
+            music: self.music.clone().map(|path| MusicRequest::of(path, music_from.map(|(from_s, _)| from_s))),
             guidance: self.guidance,
             goal_guidance: self.goal_guidance,
             length: self.frames.or(self.seconds).map(|length| match length {
@@ -149,12 +150,12 @@ impl DanceArgs {
             lead_in: self.lead_in,
             first_frames: self.first_frames.map(usize::from),
             passes: self.passes.map(usize::from),
-            seed: self.seed,
+            seed: Some(self.seed),
             sampling: self.draw.requested()?,
             rig: self.rig,
             uncoded_joints: self.uncoded_joints,
             feet: self.feet,
-            computing: Computing::new(self.compute.get(), reading.weights, reading.kv),
+            computing: Some(Computing::new(self.compute.get(), reading.weights, reading.kv)),
             ..Request::of(self.run()?)
         })
     }

@@ -50,9 +50,10 @@ pub fn lengthen(
 ) -> Result<(PromptClip, LoopSeam)> {
     let clip = &prompt.motion.clip;
     let (frames, fps) = (clip.frames(), clip.fps());
-    let [over, appended] = [looping.over_s, APPENDED_S].map(|s| (s * fps).round().max(1.0) as usize);
+    let over_s = looping.over_s.ok_or_else(|| Error::missing("`over_s`", "say how many seconds are generated"))?;
+    let [over, appended] = [over_s, APPENDED_S].map(|s| (s * fps).round().max(1.0) as usize);
     if frames < over + appended + 1 {
-        let (s, least, over_s) = (frames as f64 / fps, looping.over_s + APPENDED_S, looping.over_s);
+        let (s, least) = (frames as f64 / fps, over_s + APPENDED_S);
         let why = format!(
             "the clip has {s:.2} s; with {over_s} s generated it needs {least} and a frame; generate less (`loop_over`)"
         );

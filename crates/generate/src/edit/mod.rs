@@ -16,7 +16,7 @@ pub use mask::{Mask, ResolvedSpan, ResolvedSpans};
 
 use crate::prompt::PromptClip;
 use crate::prompt::uncoded::mean_pose;
-use crate::request::{Edit, PromptRequest, UncodedJoints};
+use crate::request::{Edit, PromptRequest};
 use crate::{Error, Result};
 use kinelm_motion::feet::FootLock;
 use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::Changed};
@@ -24,7 +24,7 @@ use kinelm_motion::joints::Selection;
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::{Method, held_frames, resample, resample_held};
 use kinelm_motion::{Clip, Motion};
-use kinelm_tokenizer::{Tokenizer, WordLength, Words};
+use kinelm_tokenizer::{Tokenizer, UncodedPose, WordLength, Words};
 use splice::{RigJoints, extended, merge, splice};
 use std::ops::Range;
 use std::sync::Arc;
@@ -125,7 +125,8 @@ impl PreparedEdit {
         let own = seam.as_ref().map_or(clip.frames(), LoopSeam::frames);
         let written = longer.map_or(own, |n| held_frames(n, fps, clip.fps()));
         let mask = spans.mask.at_model_rate(frames, reach);
-        let (text, blend_s) = (text.clone(), edit.blend_s);
+        let blend_s = edit.blend_s.ok_or_else(|| Error::missing("`blend_s`", "say over how many seconds ends fade"))?;
+        let text = text.clone();
         Ok(PreparedEdit { spans, whole, text, left_out, frames, written, mask, joints, blend_s, seam, known })
     }
 
@@ -154,11 +155,6 @@ impl PreparedEdit {
         joints.flat_map(|joint| self.mask.free_runs(joint)).any(|gap| gap.start > 0 && gap.end < self.frames)
     }
 
-    /// Whether nothing is given in the first frame.
-    pub fn begins_free(&self) -> bool {
-        self.mask.is_all_free(0)
-    }
-
     /// Decodes words after `lead_in` frames, sampled ones in gaps and look-ahead ones after them, and closes the gaps.
     ///
     /// # Errors
@@ -166,14 +162,15 @@ impl PreparedEdit {
     pub fn close(
         &self,
         words: &Words,
-        (prompt, lead_in): (&PromptClip, usize),
+        prompt: &PromptClip,
+        lead_in: usize,
         tokenizer: &Tokenizer,
         lock_feet: bool,
     ) -> Result<ClosedGaps> {
         let uncoded: Vec<usize> = (0..24).filter(|&joint| !self.mask.is_coded(joint)).collect();
         let truth = extended(&prompt.clip, self.frames)?;
         let truth = gap::bridge(&truth, &uncoded, &self.gaps(), &mean_pose(&prompt.clip))?;
-        let dance = prompt.decode(tokenizer, words, UncodedJoints::Prompt, 0)?.raised(prompt.under_m);
+        let dance = tokenizer.decode(words, UncodedPose::Clip(&prompt.clip))?.raised(prompt.under_m);
         let dance = dance.slice(lead_in.min(dance.frames())..dance.frames());
         let dance = extended(&dance, self.frames)?;
         let dance = merge(&truth, &dance, |_, joint| self.mask.is_coded(joint))?;

@@ -11,21 +11,6 @@ use kinelm_model::LoadedRun;
 use kinelm_store::Subject;
 use kinelm_store::hash;
 
-/// The guidance scale of a model conditioned on beats, where a request has none: at 1 the music is followed little
-/// (docs/results/music.md).
-pub const MUSIC_GUIDANCE: f64 = 3.0;
-/// The same of a model conditioned on sound features: at higher scales some dances fly apart.
-const FEATURE_GUIDANCE: f64 = 2.0;
-
-/// The guidance scale that suits a model's music conditioning; 1 where its tempo label is all it knows of music.
-pub fn music_guidance(conditioning: kinelm_model::music::Music) -> f64 {
-    match conditioning {
-        music if music.has_features() => FEATURE_GUIDANCE,
-        music if music.has_beats() => MUSIC_GUIDANCE,
-        _ => 1.0,
-    }
-}
-
 /// A piece of music with its beats and features.
 pub struct OpenMusic {
     request: MusicRequest,

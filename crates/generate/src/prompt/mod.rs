@@ -10,7 +10,7 @@ use kinelm_motion::joints::Selection;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::rig::{SkeletonMap, floor, map_of};
-use kinelm_motion::{Clip, Motion, Source, Warning, smpl};
+use kinelm_motion::{Clip, Motion, Quat, Source, Warning, smpl};
 use kinelm_tokenizer::{Encoded, Tokenizer, UncodedPose, WordLength, Words};
 use std::path::Path;
 
@@ -31,6 +31,35 @@ pub struct PromptClip {
     pub clipped: u64,
     /// SHA-256 of the file.
     pub sha256: String,
+}
+
+/// What the joints do that the tokenizer doesn't code.
+pub enum Rest {
+    /// A constant pose.
+    Pose([Quat; 24]),
+    /// As in a clip, frame by frame; after its end as in its last frame.
+    Clip(Clip),
+}
+
+impl Rest {
+    /// As decoding takes it.
+    pub fn pose(&self) -> UncodedPose<'_> {
+        match self {
+            Rest::Pose(pose) => UncodedPose::Pose(pose),
+            Rest::Clip(clip) => UncodedPose::Clip(clip),
+        }
+    }
+
+    /// The same for `frames` frames from the frame `first` on.
+    pub(crate) fn from(&self, first: usize, frames: usize) -> Rest {
+        match self {
+            Rest::Pose(pose) => Rest::Pose(*pose),
+            Rest::Clip(clip) => {
+                let first = first.min(clip.frames().saturating_sub(1));
+                Rest::Clip(clip.slice(first..(first + frames).min(clip.frames())))
+            }
+        }
+    }
 }
 
 impl PromptClip {
@@ -129,28 +158,22 @@ impl PromptClip {
         Ok(tokenizer.ids_of_words(&tokenizer.encode(&clip)?.words.slice(0..whole - unsettled))?)
     }
 
-    /// The clip of a dance's words, at the heights that are coded: above y = 0 where the tokenizer subtracts the floor. `uncoded`
-    /// says what the other joints do; of the prompt `given` frames count for [`UncodedJoints::Follow`].
+    /// What the joints do that the tokenizer doesn't code, as `uncoded` says; of the prompt `given` frames count for
+    /// [`UncodedJoints::Follow`].
     ///
     /// # Errors
-    /// Words that are not this tokenizer's.
-    pub fn decode(&self, tokenizer: &Tokenizer, words: &Words, uncoded: UncodedJoints, given: usize) -> Result<Clip> {
-        let (mean, settled);
-        let rest = match uncoded {
-            UncodedJoints::Identity => UncodedPose::Identity,
-            UncodedJoints::Training => tokenizer.uncoded_pose(),
-            UncodedJoints::Prompt => UncodedPose::Clip(&self.clip),
+    /// None for a clip that was read.
+    pub fn rest(&self, tokenizer: &Tokenizer, uncoded: UncodedJoints, given: usize) -> Result<Rest> {
+        Ok(match uncoded {
+            UncodedJoints::Identity => Rest::Pose([Quat::IDENTITY; 24]),
+            UncodedJoints::Training => Rest::Pose(*tokenizer.mean_pose()),
+            UncodedJoints::Prompt => Rest::Clip(self.clip.clone()),
             UncodedJoints::Mean => {
                 let pose = uncoded::mean_pose(&self.clip);
-                mean = std::array::from_fn(|j| pose[j]);
-                UncodedPose::Pose(&mean)
+                Rest::Pose(std::array::from_fn(|j| pose[j]))
             }
-            UncodedJoints::Follow => {
-                settled = uncoded::settle(&self.clip, given)?;
-                UncodedPose::Clip(&settled)
-            }
-        };
-        Ok(tokenizer.decode(words, rest)?)
+            UncodedJoints::Follow => Rest::Clip(uncoded::settle(&self.clip, given)?),
+        })
     }
 
     /// A dance on SMPL-24 that stands on y = 0, retargeted to the prompt's own rig, as it will be written: about the height

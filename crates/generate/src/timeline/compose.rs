@@ -37,15 +37,13 @@ impl TimelineLayout {
     }
 
     /// The prompt of a dance that generates what the clips leave free. Blend and tries as in [`Edit`].
-    pub fn prompt(&self, timeline: Timeline, blend_s: f64, tries: usize) -> PromptRequest {
-        let edit = Edit { given: self.given(), free: Vec::new(), blend_s, tries, looping: None };
+    pub fn prompt(&self, timeline: Timeline, blend_s: Option<f64>, tries: Option<usize>) -> PromptRequest {
+        let edit = Edit { given: self.given(), blend_s, tries, ..Edit::default() };
         PromptRequest {
-            path: self.path().to_owned(),
             read: self.read(),
-            joints: None,
-            from_frame: None,
             timeline: Some(timeline),
             edit: Some(edit),
+            ..PromptRequest::of(self.path())
         }
     }
 

@@ -41,12 +41,12 @@ impl Preview {
     }
 
     /// Takes up the ids of a word.
-    pub fn push(&mut self, tokenizer: &Tokenizer, word: &[u32]) {
+    pub(crate) fn push(&mut self, tokenizer: &Tokenizer, word: &[u32]) {
         tokenizer.words_of_ids(word).words.iter().for_each(|word| self.words.push(word));
     }
 
     /// Frames that are out.
-    pub fn shown(&self) -> usize {
+    pub(crate) fn shown(&self) -> usize {
         self.done.saturating_sub(self.lead_in)
     }
 

@@ -9,9 +9,8 @@ use crate::evaluate::{ChannelFloors, CodeSplits, Extent};
 use crate::generate::open::OpenRequest;
 use crate::generate::output::RootGiven;
 use crate::generate::prompt::PromptClip;
-use crate::generate::request::{Computing, Length, Placement, PromptRequest, Request, Seeding, UncodedJoints};
+use crate::generate::request::{Computing, Length, Placement, PromptRequest, Request, Seeding};
 use crate::generate::sampling::Sampling;
-use crate::generate::unwatched;
 use crate::model::{CheckpointChoice, load_run};
 use crate::shell::{ComputeArgs, Say, WrongCall};
 use crate::train::{CorpusPart, PretrainOptions, TrainFile};
@@ -22,7 +21,7 @@ use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::synth::Dance;
 use kinelm_motion::{Clip, Motion, joints, synth};
 use kinelm_store::files::write_whole;
-use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig, UncodedPose};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -93,12 +92,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let prompt = PromptClip::load(&path, &ReadOptions::default(), &tokenizer)?;
     let (frames, second) = (FRAMES.min(prompt.frames()), tokenizer.fps() as usize);
     let given = |joints: Option<&str>, from_frame| PromptRequest {
-        path: path.clone(),
         read: ReadOptions::default(),
         joints: joints.map(str::to_owned),
         from_frame,
-        timeline: None,
-        edit: None,
+        ..PromptRequest::of(&path)
     };
     let follows = generate(&args, given(Some(FOLLOWED), None), frames)?;
     let goes_on = generate(&args, given(None, Some(second)), frames)?;
@@ -106,7 +103,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         format::write(&at(name), &Motion::new(&at(name), dance.clone()))?;
     }
     say.line("5/5 page and report");
-    let seen = prompt.decode(&tokenizer, &prompt.words, UncodedJoints::Prompt, prompt.frames())?;
+    let seen = tokenizer.decode(&prompt.words, UncodedPose::Clip(&prompt.clip))?;
     let seen = put(&seen, &prompt)?.slice(0..frames);
     page(&at("page.html"), &test.name, &seen, &follows, &goes_on)?;
     let model = run.likelihood(&corpus, Split::Test, args.compute.get())?;
@@ -229,15 +226,13 @@ fn generate(args: &Args, prompt: PromptRequest, frames: usize) -> Result<Clip> {
     let request = Request {
         prompt: Some(prompt),
         length: Some(Length::Frames(frames)),
-        seed: args.seed,
-        seeding: Seeding::Seed,
+        seed: Some(args.seed),
+        seeding: Some(Seeding::Seed),
         sampling: Sampling { top_p: Some(CALM), ..Sampling::default() },
-        computing: args.computing(),
+        computing: Some(args.computing()),
         ..Request::of(args.out.join("run"))
     };
-    let ready = OpenRequest::open(&request)?;
-    let danced = ready.sample(1, None, &mut unwatched)?;
-    Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
+    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.motion.clip)
 }
 
 /// A clip that begins as the prompt does, where the prompt stands.

@@ -8,7 +8,7 @@ use crate::evaluate::dance::beats::{BeatMetrics, BeatPair, BeatScores, controls,
 use crate::generate::open::{MUSIC_GUIDANCE, OpenRequest};
 use crate::generate::request::{LeadInKind, Length, MusicRequest, Request, Seeding};
 use crate::generate::sampling::Sampling;
-use crate::generate::{unwatched, variation_seed};
+use crate::generate::variation_seed;
 use crate::model::likelihood::likelihood;
 use crate::model::{CheckpointChoice, load_run};
 use crate::shell::Say;
@@ -113,19 +113,17 @@ fn piece(args: &Args, dance: &Dance) -> Result<Piece> {
 fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
     let request = Request {
         guidance: piece.map(|_| MUSIC_GUIDANCE),
-        music: piece.map(|piece| MusicRequest { path: piece.path.clone(), from_s: 0.0 }),
+        music: piece.map(|piece| MusicRequest::of(&piece.path, None)),
         length: Some(Length::Seconds(SECONDS)),
         lead_in: Some(LeadInKind::None),
-        seed: variation_seed(args.seed, number),
+        seed: Some(variation_seed(args.seed, number)),
         // dances with and without music share their random numbers
-        seeding: Seeding::Seed,
+        seeding: Some(Seeding::Seed),
         sampling: Sampling { top_p: Some(super::CALM), ..Sampling::default() },
-        computing: args.computing(),
+        computing: Some(args.computing()),
         ..Request::of(args.out.join("run"))
     };
-    let ready = OpenRequest::open(&request)?;
-    let danced = ready.sample(1, None, &mut unwatched)?;
-    Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
+    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.motion.clip)
 }
 
 /// How dances keep to the beats of their music, and of other music.

@@ -91,7 +91,7 @@ impl Studio {
             self.publish(&changes);
             Ok(())
         };
-        let ended = guarded(|| self.maker.carry_out((job, running), &progress, &made));
+        let ended = guarded(|| self.maker.carry_out(job, running, &progress, &made));
         let (state, text) = match ended {
             Ok(()) => (State::Done, None),
             // the studio ends, or the user has stopped it

@@ -3,6 +3,7 @@
 use crate::edit::{PreparedEdit, lengthen};
 use crate::prompt::{PromptClip, given_characters};
 use crate::request::PromptRequest;
+use crate::sampler::has_given_after_free;
 use crate::timeline::TimelineLayout;
 use crate::{Error, Result};
 use kinelm_motion::Source;
@@ -34,6 +35,35 @@ impl PreparedPrompt {
     /// Whether nothing is given: the clip lends its rig and its rate.
     pub fn lends(&self) -> bool {
         self.given.is_empty() && self.beginning.is_empty() && self.edit.is_none()
+    }
+
+    /// Whether nothing of the first frame is given: the clip only lends, or its edit frees all of it.
+    pub(crate) fn begins_free(&self) -> bool {
+        self.lends() || self.edit.as_ref().is_some_and(|edit| edit.mask().is_all_free(0))
+    }
+
+    /// Whether some joints are given in the first frame after free ones, and it doesn't continue from frames before it.
+    pub(crate) fn begins_in_part(&self) -> bool {
+        self.beginning.is_empty() && has_given_after_free(&self.first_given())
+    }
+
+    /// Whether a gap ends where the clip continues, so that one way through it may be better than another.
+    pub(crate) fn has_ends(&self) -> bool {
+        self.edit.as_ref().is_some_and(PreparedEdit::has_ends)
+    }
+
+    /// Whether every frame of a dance of `frames` that isn't given whole has joints given after free ones.
+    pub(crate) fn is_given_throughout(&self, frames: usize) -> bool {
+        let (known, first) = (self.clip.frames(), self.first_given());
+        let given = self.edit.as_ref().map_or_else(|| first.clone(), |edit| edit.given(known).0);
+        let is_whole = |frame: &[bool]| frame.iter().all(|is_given| *is_given);
+        let mut sampled = given.chunks(first.len().max(1)).filter(|frame| !is_whole(frame)).peekable();
+        frames <= known && sampled.peek().is_some() && sampled.all(has_given_after_free)
+    }
+
+    /// (C) which characters of the first word are given; empty: none.
+    fn first_given(&self) -> Vec<bool> {
+        self.edit.as_ref().map_or_else(|| self.given.clone(), |edit| edit.given(1).0)
     }
 
     /// Reads a prompt. Writes into the request what was decided on reading: joints in SMPL's names, the floor, the up axis.
@@ -75,7 +105,7 @@ impl PreparedPrompt {
             let (long, at) = lengthen(looping, clip, tokenizer)?;
             (clip, seam) = (long, Some(at));
         }
-        let prepare = |edit| PreparedEdit::load(edit, frames, (request, &text), (&clip, seam), tokenizer);
+        let prepare = |edit| PreparedEdit::load(edit, frames, request, &text, &clip, seam, tokenizer);
         let prepared = edit.as_mut().map(prepare).transpose()?;
         request.edit = edit;
         let frames = match request.from_frame {

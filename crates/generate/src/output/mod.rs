@@ -1,6 +1,6 @@
 //! Dances decoded: words become a motion on a rig, at a rate, with feet locked, and a file with its sidecar.
 
-pub mod distance;
+mod distance;
 mod feet;
 mod free_spans;
 mod likelihood;
@@ -16,13 +16,13 @@ pub use placement::RootGiven;
 use crate::Result;
 use crate::edit::{ClosedGaps, ClosingError, PreparedEdit};
 use crate::open::{OpenRequest, PreparedPrompt};
-use crate::prompt::uncoded;
+use crate::prompt::{Rest, uncoded};
 use crate::request::{FootMode, Placement, Rig, UncodedJoints};
 use kinelm_motion::feet::FootLock;
 use kinelm_motion::format::{self, Format, ReadOptions, RestFrame, bvh::Changed};
 use kinelm_motion::resample::{Method, resample_held};
-use kinelm_motion::{Clip, Motion, Source};
-use kinelm_tokenizer::{UncodedPose, Words};
+use kinelm_motion::{Clip, Motion, Quat, Source};
+use kinelm_tokenizer::Words;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -63,7 +63,7 @@ impl OpenRequest {
     /// Words that are not this tokenizer's; a rig that no skeleton map knows; a rate that is none.
     pub fn motion(&self, words: &Words, out: &Path) -> Result<Generated> {
         if let Some((prompt, edit)) = self.edit() {
-            return self.edited(words, (prompt, edit), out);
+            return self.edited(words, prompt, edit, out);
         }
         let motion = self.decoded(words, out)?;
         let clip = resample_held(&motion.clip, self.resolved.fps, Method::Smooth)?;
@@ -85,13 +85,9 @@ impl OpenRequest {
         Ok(generated(motion, vec![locked]))
     }
 
-    /// The first words of a dance on the model's rig, to watch while the others are sampled: no foot is locked, and the ends
-    /// of gaps are not closed.
-    ///
-    /// # Errors
-    /// Words that are not this tokenizer's.
-    pub fn preview(&self, words: &Words) -> Result<Clip> {
-        let clip = self.clip(words)?;
+    /// Decoded frames from the first on, lead-in included, where the dance stands that is watched while it is sampled.
+    pub(crate) fn standing(&self, clip: Clip) -> Result<Clip> {
+        let clip = self.placed(clip)?;
         let Some((prompt, edit)) = self.edit() else { return Ok(clip) };
         let clip = clip.raised(prompt.clip.under_m);
         let Some(placement) = Placement::of(&prompt.clip.clip) else { return Ok(clip) };
@@ -100,10 +96,10 @@ impl OpenRequest {
     }
 
     /// An edited clip.
-    fn edited(&self, words: &Words, (prompt, edit): (&PreparedPrompt, &PreparedEdit), out: &Path) -> Result<Generated> {
+    fn edited(&self, words: &Words, prompt: &PreparedPrompt, edit: &PreparedEdit, out: &Path) -> Result<Generated> {
         let lock = self.resolved.feet == FootMode::Lock;
-        let clips = (&prompt.clip, self.resolved.lead_in);
-        let ClosedGaps { clip, errors, locked } = edit.close(words, clips, &self.tokenizer, lock)?;
+        let lead_in = self.resolved.lead_in;
+        let ClosedGaps { clip, errors, locked } = edit.close(words, &prompt.clip, lead_in, &self.tokenizer, lock)?;
         let (motion, changed) = match self.on_own_rig() {
             Some((prompt, _)) => edit.on_own_rig(&clip, &prompt.clip, self.resampled_fps())?,
             None => (Motion::new(out, edit.at_rate(&clip, self.frames, self.resolved.fps)?), None),
@@ -124,13 +120,19 @@ impl OpenRequest {
 
     /// The clip of words on the model's rig, where it is to stand: on y = 0, unless it is an edit.
     fn clip(&self, words: &Words) -> Result<Clip> {
-        let clip = match &self.prompt {
-            Some(prompt) => prompt.clip.decode(&self.tokenizer, words, self.resolved.uncoded_joints, prompt.frames)?,
-            None if self.resolved.uncoded_joints == UncodedJoints::Training => {
-                self.tokenizer.decode(words, self.tokenizer.uncoded_pose())?
-            }
-            None => self.tokenizer.decode(words, UncodedPose::Identity)?,
-        };
+        self.placed(self.tokenizer.decode(words, self.rest()?.pose())?)
+    }
+
+    /// What the joints do that the model doesn't code.
+    pub(crate) fn rest(&self) -> Result<Rest> {
+        match (&self.prompt, self.resolved.uncoded_joints) {
+            (Some(prompt), uncoded) => prompt.clip.rest(&self.tokenizer, uncoded, prompt.frames),
+            (None, UncodedJoints::Training) => Ok(Rest::Pose(*self.tokenizer.mean_pose())),
+            (None, _) => Ok(Rest::Pose([Quat::IDENTITY; 24])),
+        }
+    }
+
+    fn placed(&self, clip: Clip) -> Result<Clip> {
         let clip = self.without_lead_in(&clip)?;
         let clip = clip.slice(0..self.frames.min(clip.frames()));
         match (&self.prompt, self.resolved.placement) {

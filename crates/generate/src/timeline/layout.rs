@@ -82,13 +82,21 @@ pub struct TimelineLayout {
     pub labels: Vec<TimedLabel>,
     /// What the user should know.
     pub notes: Vec<String>,
-    /// The name of the clip that lends its rig.
-    pub(super) rig_name: String,
-    /// That clip, and how its file is read.
-    pub(super) rig: (TimelineClip, Motion, BvhSource),
-    /// The floor of that clip, metres.
-    pub(super) floor_m: f64,
+    /// The clip that lends its rig.
+    pub(super) rig: TimelineRig,
     pub(super) clips: BTreeMap<String, ReadClip>,
+}
+
+/// The clip that lends a timeline its rig.
+pub(super) struct TimelineRig {
+    /// Its name.
+    pub name: String,
+    /// Its file, and how it is read.
+    pub own: TimelineClip,
+    pub motion: Motion,
+    pub source: BvhSource,
+    /// Its floor, metres.
+    pub floor_m: f64,
 }
 
 /// What a timeline without segments is found to have: one that is only begun.
@@ -116,14 +124,14 @@ impl TimelineLayout {
         };
         let source = (**source).clone();
         let floor_m = resolve_floor(&mut motion, &own.options()).map_err(|e| unread(&timeline.rig, &e))?;
-        let rig = (own, &motion, &source, floor_m);
+        let rig = TimelineRig { name: timeline.rig.clone(), own: own.clone(), motion, source, floor_m };
         let mut file = Some(file);
         let mut clips = BTreeMap::new();
         for (name, clip) in &timeline.clips {
             if *name == timeline.rig || timeline.segments.iter().any(|segment| segment.clip.as_ref() == Some(name)) {
                 let own_file = if *name == timeline.rig { file.take() } else { None };
                 let on_rig = own_file.map_or_else(|| ClipFile::read(clip), Ok);
-                let on_rig = on_rig.map_err(Fault::Read).and_then(|file| file.on_rig(clip, rig, &mut notes));
+                let on_rig = on_rig.map_err(Fault::Read).and_then(|file| file.on_rig(clip, &rig, &mut notes));
                 let on_rig = on_rig.map_err(|fault| match fault {
                     Fault::Read(e) => unread(name, &e),
                     fault => fault,
@@ -135,7 +143,7 @@ impl TimelineLayout {
                 clips.insert(name.clone(), on_rig);
             }
         }
-        let fps = motion.clip.fps();
+        let fps = rig.motion.clip.fps();
         let transition = timeline.transition.0.seconds(fps);
         if !(0.0..=10.0).contains(&transition) {
             return Err(Fault::Timeline(format!("transition = {}", timeline.transition.0), "0 to 10 seconds".into()));
@@ -155,13 +163,12 @@ impl TimelineLayout {
             let read = clips
                 .get(clip)
                 .ok_or_else(|| Fault::Segment(n, format!("clip = \"{clip}\""), format!("one of the clips: {known}")))?;
-            let place = place((n, clip, segment), read, &motion, &mut notes);
-            placed.push((n, place.map_err(|(found, expected)| Fault::Segment(n, found, expected))?));
+            placed.push(place(n, clip, segment, read, &rig.motion, &mut notes)?);
         }
-        placed.sort_by_key(|(n, p)| (p.frames.start, *n));
+        placed.sort_by_key(|p| (p.frames.start, p.index));
         make_room(&mut placed, (transition * fps).round() as usize, fps)?;
         let (mut labels, labelled) = timed_labels(&timeline.segments, fps)?;
-        let last = placed.iter().map(|(_, p)| p.frames.end).chain([labelled]).max().unwrap_or(0);
+        let last = placed.iter().map(|p| p.frames.end).chain([labelled]).max().unwrap_or(0);
         let frames = length.map_or(last, |s| (s * fps).round() as usize);
         if frames < last {
             let found = format!("a segment up to {:.2} s", last as f64 / fps);
@@ -171,11 +178,8 @@ impl TimelineLayout {
         for label in labels.iter_mut().filter(|_| labelled == frames) {
             label.to = label.to.filter(|to| *to != Moment::Seconds(frames as f64 / fps));
         }
-        let mut segments: Vec<PlacedSegment> = placed.into_iter().map(|(_, p)| p).collect();
-        join(&mut segments, &clips, fps);
-        let rig_name = timeline.rig.clone();
-        let rig = (own.clone(), motion, source);
-        Ok(TimelineLayout { segments, frames, fps, labels, notes, rig_name, rig, floor_m, clips })
+        join(&mut placed, &clips, fps);
+        Ok(TimelineLayout { segments: placed, frames, fps, labels, notes, rig, clips })
     }
 }
 
@@ -216,12 +220,8 @@ impl ClipFile {
     }
 
     /// The clip on the rig that is written.
-    fn on_rig(
-        self,
-        clip: &TimelineClip,
-        (own, rig, source, floor_m): (&TimelineClip, &Motion, &BvhSource, f64),
-        notes: &mut Vec<String>,
-    ) -> Result<ReadClip, Fault> {
+    fn on_rig(self, clip: &TimelineClip, rig: &TimelineRig, notes: &mut Vec<String>) -> Result<ReadClip, Fault> {
+        let TimelineRig { own, motion: rig, source, floor_m, .. } = rig;
         let (options, fps) = (clip.options(), rig.clip.fps());
         let all = self.whole(clip)?;
         let mut motion = self.motion;
@@ -250,49 +250,53 @@ impl ClipFile {
     }
 }
 
-/// A segment in frames; found and expected where it can't be.
+/// A segment in frames.
 fn place(
-    (index, clip, segment): (usize, &str, &Segment),
+    index: usize,
+    clip: &str,
+    segment: &Segment,
     read: &ReadClip,
     rig: &Motion,
     notes: &mut Vec<String>,
-) -> Result<PlacedSegment, (String, String)> {
+) -> Result<PlacedSegment, Fault> {
     let fps = rig.clip.fps();
-    let wrong =
-        |e: kinelm_motion::Error| (format!("joints = \"{}\": {e}", segment.joints), "joints of the rig".to_owned());
+    let wrong = |e: kinelm_motion::Error| {
+        Fault::Segment(index, format!("joints = \"{}\": {e}", segment.joints), "joints of the rig".into())
+    };
     let list = joints::to_smpl_names(&segment.joints, rig.clip.skeleton(), rig.map()).map_err(wrong)?;
     let twice = joints::ambiguous_names(&segment.joints, rig.clip.skeleton(), rig.map());
     notes.extend(twice.iter().map(|(part, own)| joints::ambiguity_note(part, own)));
     let Selection { mut joints, .. } = joints::parse(&list).map_err(wrong)?;
     joints.sort_unstable();
     joints.dedup();
-    let Range { start: from, end: to } = times(segment, fps)?;
+    let Range { start: from, end: to } = times(index, segment, fps)?;
     let has = read.clip.frames();
-    let at =
-        border("at", segment.at, read.scale, format!("a moment of the clip, which has {:.2} s", has as f64 / fps))?;
+    let expected = format!("a moment of the clip, which has {:.2} s", has as f64 / fps);
+    let at = border(index, "at", segment.at, read.scale, expected)?;
     let at = (at as f64 / read.scale.fps * fps).round() as usize;
     if at + (to - from) > has {
         let (long, left) = ((to - from) as f64 / fps, (has - at) as f64 / fps);
         let found = format!("{long:.2} s from {} of {} on", segment.at.0, clip);
-        return Err((found, format!("{left:.2} s at most, which the clip still has there")));
+        let expected = format!("{left:.2} s at most, which the clip still has there");
+        return Err(Fault::Segment(index, found, expected));
     }
     let (clip, frames) = (clip.to_owned(), from..to);
     Ok(PlacedSegment { index, clip, joints, list, frames, at, turn: 0.0, shift: Vec3::ZERO })
 }
 
 /// Refuses joints that two segments give at a time, and shortens segments to make room for transitions.
-fn make_room(placed: &mut [(usize, PlacedSegment)], transition: usize, fps: f64) -> Result<(), Fault> {
+fn make_room(placed: &mut [PlacedSegment], transition: usize, fps: f64) -> Result<(), Fault> {
     // frames cut at the beginning and at the end of each
     let mut cuts = vec![(0, 0); placed.len()];
     for second in 1..placed.len() {
         for first in 0..second {
-            let ((n, a), (m, b)) = (&placed[first], &placed[second]);
+            let (a, b) = (&placed[first], &placed[second]);
             let Some(&joint) = a.joints.iter().find(|joint| b.joints.contains(joint)) else { continue };
             if b.frames.start < a.frames.end {
                 let [from, to] = [b.frames.start, a.frames.end.min(b.frames.end)].map(|f| f as f64 / fps);
                 let name = smpl::NAMES[joint];
-                let found = format!("{name} from {from:.2} to {to:.2} s, which segment {} gives too", *n + 1);
-                return Err(Fault::Segment(*m, found, "every joint once at a time".into()));
+                let found = format!("{name} from {from:.2} to {to:.2} s, which segment {} gives too", a.index + 1);
+                return Err(Fault::Segment(b.index, found, "every joint once at a time".into()));
             }
             let room = transition.saturating_sub(b.frames.start - a.frames.end);
             if room == 0 || b.continues(a) {
@@ -302,12 +306,12 @@ fn make_room(placed: &mut [(usize, PlacedSegment)], transition: usize, fps: f64)
             cuts[second].0 = cuts[second].0.max(room / 2);
         }
     }
-    for ((n, segment), (front, back)) in placed.iter_mut().zip(cuts) {
+    for (segment, (front, back)) in placed.iter_mut().zip(cuts) {
         if segment.frames.len() <= front + back {
             let found = format!("{:.2} s", segment.frames.len() as f64 / fps);
             let cut = (front + back) as f64 / fps;
             let expected = format!("more than the {cut:.2} s of it that transitions take (transition)");
-            return Err(Fault::Segment(*n, found, expected));
+            return Err(Fault::Segment(segment.index, found, expected));
         }
         segment.frames = segment.frames.start + front..segment.frames.end - back;
         segment.at += front;

@@ -130,7 +130,7 @@ impl Timeline {
     ///
     /// # Errors
     /// As [`Timeline::load`], without lines.
-    pub fn lay_out(&self) -> Result<TimelineLayout> {
+    pub(crate) fn lay_out(&self) -> Result<TimelineLayout> {
         TimelineLayout::of(self).map_err(Error::from)
     }
 }

@@ -8,7 +8,7 @@ use kinelm_baselines::music_lstm::config::MUSIC_LSTM;
 use kinelm_corpus::settings::TOKENIZER;
 use kinelm_store::presets::Presets;
 use kinelm_store::suggest::did_you_mean;
-pub use kinelm_train::config::TRAIN;
+pub use kinelm_train::train_file::TRAIN;
 
 /// All of them, by the folder that a name may be given with.
 const KINDS: [(&str, &Presets); 4] =

@@ -95,7 +95,7 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
             let read = |name| files("crates/motion/tests/golden", name).concat();
             vec![[read("asf"), vec![0], read("amc")].concat()]
         }
-        "amass" | "codes" => files("crates/motion/tests/golden/amass", "npz"),
+        "amass" => files("crates/motion/tests/golden/amass", "npz"),
         "body_model" => files("crates/motion/tests/golden/body", "npz"),
         "aist" => files("crates/motion/tests/golden/aist", "pkl"),
         "glb" => dances().iter().map(|c| glb::to_bytes(&[("dance", c)]).unwrap()).collect(),

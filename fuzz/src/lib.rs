@@ -7,7 +7,6 @@
 use kinelm::corpus::music::beats;
 use kinelm::corpus::settings::Settings;
 use kinelm::corpus::{Corpus, label_table};
-use kinelm::evaluate::{CodeSplits, Extent};
 use kinelm::generate::provenance::Provenance;
 use kinelm::model::{CheckpointChoice, load_run, weights};
 use kinelm::spectral::query::Index;
@@ -27,7 +26,7 @@ use std::sync::LazyLock;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All readers; each has a file of its name in `fuzz_targets/`.
-pub const TARGETS: [Target; 20] = [
+pub const TARGETS: [Target; 19] = [
     ("amc", amc),
     ("bvh", bvh),
     ("glb", glb),
@@ -43,7 +42,6 @@ pub const TARGETS: [Target; 20] = [
     ("labels", labels),
     ("train_file", train_file),
     ("weights", weights),
-    ("codes", codes),
     ("sidecar", sidecar),
     ("folders", folders),
     ("music", music),
@@ -167,11 +165,6 @@ pub fn train_file(data: &[u8]) {
 /// A safetensors file.
 pub fn weights(data: &[u8]) {
     let _ = weights::from_bytes(Path::new("model.safetensors"), data);
-}
-
-/// The codes of `evaluate baselines --tokens`.
-pub fn codes(data: &[u8]) {
-    in_folder("codes.npz", data, |folder| drop(CodeSplits::load_npz(&folder.join("codes.npz"), 360, Extent::Sample)));
 }
 
 /// The sidecar of a dance.

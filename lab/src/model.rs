@@ -108,7 +108,7 @@ impl BenchModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinelm::train::config::TRAIN;
+    use kinelm::train::train_file::TRAIN;
 
     fn args(config: &str) -> ModelArgs {
         ModelArgs { config: config.into(), context: None, vocabulary: 400, dropout: 0.0 }

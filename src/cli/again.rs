@@ -6,6 +6,7 @@ use super::{ForceArgs, Say, convert, extension, writable, wrong_call};
 use crate::baselines::aclstm::dance::Request as Continued;
 use crate::baselines::music_lstm::dance::Request as Danced;
 use crate::baselines::sidecar::{Request, Sidecar};
+use crate::generate::make::Making;
 use crate::generate::provenance::{Moved, Provenance};
 use crate::model::CheckpointChoice;
 use anyhow::Result;
@@ -101,15 +102,18 @@ impl Args {
         let (run, prompt) = (self.run.clone(), self.prompt.clone());
         let (timeline, music) = (self.timeline.clone(), self.music.clone());
         let request = first.request_at(&Moved { run, prompt, timeline, music })?;
-        let inputs = (&*request.run, request.prompt.as_ref(), request.music.as_ref());
         let more = [self.sidecar.clone()].into_iter().chain(self.timeline.clone());
-        let outputs = make::outputs(self.force, inputs, more);
+        let (prompt, music) = (request.prompt.as_ref(), request.music.as_ref());
+        let outputs = make::outputs(self.force, &request.run, prompt, music, more);
         self.check(&outputs, &out, &first.output.sha256)?;
         let open = first.open(request)?;
         make::report(&open, say)?;
-        let guesses = self.guesses.map(usize::from);
-        let made = make::with_bar(&open, say, |progress| first.regenerate(&open, &out, guesses, progress));
-        let (generated, bytes) = made?;
+        let outs = [out.clone()];
+        let making = Making { guesses: self.guesses.map(usize::from), ..Making::of(&outs) };
+        let mut dances = make::with_bar(say, |watch| open.make(&making, watch))?;
+        let generated = dances.chosen.remove(0).decode(&open)?.generated;
+        let bytes = generated.bytes(&out)?;
+        first.check_bytes(&bytes)?;
         match self.has_sidecar(&out) {
             true => outputs.write(&out, &bytes).map(|_| ())?,
             false => first.copied_to(&out, &open, generated.motion.clip.fps()).write(&out, &bytes, &outputs)?,

@@ -4,11 +4,9 @@ use super::many::InOut;
 use super::{ForceArgs, Odd, Say, print, read::ReadArgs};
 use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth};
 use anyhow::Result;
-use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, lock};
 use kinelm_motion::format::{self, ReadOptions, RestFrame, resolve_floor};
 use kinelm_motion::metric::jitter;
-use kinelm_motion::rig::map_of;
 use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};
 
@@ -83,8 +81,8 @@ fn one(
     };
     let mut locked = None;
     if let Some(floor_m) = floor_m {
-        let map = map_of(&motion.clip, options.map.as_deref())?;
-        let (clip, found) = lock(&done.clip, &map, floor_m, FixedParts::default())?;
+        let map = motion.humanoid()?.map();
+        let (clip, found) = lock(&done.clip, map, floor_m, FixedParts::default())?;
         (done.clip, locked) = (clip, Some(found));
     }
     let before = jitter(&motion.clip);
@@ -98,7 +96,7 @@ fn one(
         ));
     }
     let after = jitter(&done.clip);
-    let filtered = super::written_as(out, Motion { clip: done.clip, ..motion }, options.map.as_deref())?;
+    let filtered = super::written_as(out, motion.with_clip(done.clip))?;
     outputs.write(out, &format::to_bytes(out, &filtered)?)?;
     let clip = &filtered.clip;
     if args.json {

@@ -4,7 +4,6 @@ use super::{ForceArgs, Say, each_file, motion_files, print, read::ReadArgs, repo
 use anyhow::{Error, Result, ensure};
 use kinelm_motion::format::{self, ReadOptions, RestFrame, Unit, resolve_floor};
 use kinelm_motion::inspect::report;
-use kinelm_motion::rig::map_of;
 use kinelm_motion::{FaultKind, Motion, Warning};
 use std::path::{Path, PathBuf};
 
@@ -35,11 +34,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         // without a map for the rig there are no feet to find the floor by; the report names the rig as unknown
         let floor = resolve_floor(&mut motion, &options[i]).ok();
         if let Some(out) = &args.map_out {
-            let map = map_of(&motion.clip, options[i].map.as_deref())?;
-            outputs.write(out, map.to_toml().as_bytes())?;
+            outputs.write(out, motion.humanoid()?.map().to_toml().as_bytes())?;
             say.line(format_args!("{}: skeleton map written", out.display()));
         }
-        let report = report(&motion, floor, options[i].map.as_deref());
+        let report = report(&motion, floor);
         print(&if args.json { report.json() + "\n" } else { report.text() })
     })?;
     Ok(())

@@ -8,7 +8,6 @@ use crate::spectral::interpolate::{
 };
 use crate::view::{Figure, page};
 use anyhow::Result;
-use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::moment::Moment;
 use std::path::{Path, PathBuf};
@@ -111,11 +110,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let [a, b] = motions;
     super::progress::stage("blending the dances");
     let at_s = [args.what.at_a.seconds(a.clip.fps()), args.what.at_b.seconds(b.clip.fps())];
-    let [map_a, map_b] = [0, 1].map(|i| options[i].map.clone());
-    let done = interpolate(&a, &b, &args.settings(at_s, [map_a.clone(), map_b]))?;
+    let done = interpolate(&a, &b, &args.settings(at_s))?;
     done.notes.iter().for_each(|line| say.line(line));
-    let between = Motion { path: args.out.clone(), clip: done.clips[2].clone(), ..a };
-    let between = super::written_as(&args.out, between, map_a.as_deref())?;
+    let between = super::written_as(&args.out, a.with_clip(done.clips[2].clone()))?;
     outputs.write(&args.out, &format::to_bytes(&args.out, &between)?)?;
     if let Some(path) = &args.page {
         outputs.write(path, page(&figures(paths, &args.out, at_s, &done))?.as_bytes())?;
@@ -157,11 +154,11 @@ fn check(args: &Args) -> Result<()> {
 }
 
 impl Args {
-    fn settings(&self, at_s: [f64; 2], maps: [Option<String>; 2]) -> InterpolateOptions {
+    fn settings(&self, at_s: [f64; 2]) -> InterpolateOptions {
         let WindowArgs { window, whole, fps, keep_heading, .. } = self.what;
         let HowArgs { strength, amount, plain, rate, steps } = self.how;
         InterpolateOptions {
-            alignment: Alignment { frames: (!whole).then_some(window), fps, at_s, keep_heading, maps },
+            alignment: Alignment { frames: (!whole).then_some(window), fps, at_s, keep_heading },
             coordinates: self.coordinates,
             spectrum: self.transform,
             keep: self.keep,

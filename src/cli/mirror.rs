@@ -4,10 +4,8 @@ use super::many::InOut;
 use super::{ForceArgs, Odd, Say, read::ReadArgs};
 use crate::corpus::in_out::Pair;
 use anyhow::Result;
-use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::mirror::Mirror;
-use kinelm_motion::rig::map_of;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -30,9 +28,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let Pair { output, .. } = &pairs[i];
         let motion = format::read(path, &options[i])?;
         odd.warn(&motion, &options[i]);
-        let (rig, map) = (motion.clip.skeleton(), options[i].map.as_deref());
-        let clip = Mirror::new(rig, &map_of(&motion.clip, map)?)?.apply(&motion.clip)?;
-        let mirrored = super::written_as(output, Motion { clip, ..motion }, map)?;
+        let clip = Mirror::of(motion.humanoid()?)?.apply(&motion.clip)?;
+        let mirrored = super::written_as(output, motion.with_clip(clip))?;
         outputs.write(output, &format::to_bytes(output, &mirrored)?)?;
         super::convert::report_written(output, &mirrored, say);
         Ok(())

@@ -2,7 +2,7 @@
 
 use super::{ComputeArgs, Say, TrustArgs};
 use crate::store::{self, presets};
-use crate::train::config::TRAIN;
+use crate::train::train_file::TRAIN;
 use crate::train::{CorpusPart, Precision, PretrainOptions, RESUMABLE, Summary, TrainFile};
 use anyhow::Result;
 use std::path::PathBuf;
@@ -12,6 +12,16 @@ use std::path::PathBuf;
 pub struct Args {
     #[command(subcommand)]
     resume: Option<Resume>,
+    /// Start from the weights of this run or exported folder, with a new optimizer
+    #[arg(long, value_name = "RUN|DIR")]
+    from: Option<PathBuf>,
+    #[command(flatten)]
+    train: TrainArgs,
+}
+
+/// A new run: what it learns from, and its settings.
+#[derive(Debug, clap::Args)]
+pub struct TrainArgs {
     #[arg(long, value_name = "NAME|FILE", required = true, help = config_help())]
     config: Option<PathBuf>,
     /// A corpus folder; may be repeated. The windows of each corpus come WEIGHT times an epoch [default weight: 1]
@@ -24,15 +34,13 @@ pub struct Args {
     /// given them at the start
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
-    /// Seed of the first weights, the order of windows and dropout
+    /// Seed of new weights, the order of windows, dropout and augmentation
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Label fields that the model is conditioned on, such as genre,dancer; overrides the file
+    /// Label fields that the model is conditioned on (fine-tuned: besides its own), such as genre,dancer; overrides the
+    /// file
     #[arg(long, value_name = "FIELDS", value_delimiter = ',')]
     conditions: Option<Vec<String>>,
-    /// Start from the weights of this run or exported folder, with a new optimizer
-    #[arg(long, value_name = "RUN|DIR")]
-    from: Option<PathBuf>,
     /// Number format of matrix products: f32, bf16, or auto, the quicker one here; overrides the file
     #[arg(long, value_name = "f32|bf16|auto")]
     precision: Option<Precision>,
@@ -44,6 +52,26 @@ pub struct Args {
     compute: ComputeArgs,
     #[command(flatten)]
     trust: TrustArgs,
+}
+
+impl TrainArgs {
+    /// As the library has them, for a run that starts `from` other weights or from none.
+    pub fn options(self, from: Option<PathBuf>) -> Result<PretrainOptions> {
+        Ok(PretrainOptions {
+            file: self.config.as_deref().map(TrainFile::find).transpose()?,
+            set: self.set,
+            corpora: self.corpus,
+            run: self.run,
+            steps: self.steps,
+            seed: self.seed,
+            conditions: self.conditions,
+            from,
+            resume: false,
+            precision: self.precision,
+            compute: self.compute.get(),
+            opening: self.trust.opening(),
+        })
+    }
 }
 
 #[derive(Debug, clap::Subcommand)]
@@ -86,20 +114,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if let Some(Resume::Resume(args)) = args.resume {
         return resume(args, "pretrain", say);
     }
-    let options = PretrainOptions {
-        file: args.config.as_deref().map(TrainFile::find).transpose()?,
-        set: args.set,
-        corpora: args.corpus,
-        run: args.run,
-        steps: args.steps,
-        seed: args.seed,
-        conditions: args.conditions,
-        from: args.from,
-        resume: false,
-        precision: args.precision,
-        compute: args.compute.get(),
-        opening: args.trust.opening(),
-    };
+    let options = args.train.options(args.from)?;
     report(&super::training::watched(&options, say)?, "pretrain", say)
 }
 

@@ -3,8 +3,8 @@
 use super::{ForceArgs, Say, print, read::ReadArgs};
 use crate::corpus::ModelClip;
 use anyhow::{Context, Result};
+use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::{Motion, Source};
 use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
@@ -112,7 +112,7 @@ fn decode(args: DecodeArgs, say: Say) -> Result<()> {
     anyhow::ensure!(!words.is_empty() && !blank, "{}: no words, nothing to decode", args.words.display());
     let clip = tokenizer.decode(&words, tokenizer.uncoded_pose())?;
     let clip = if tokenizer.config().above_floor() { clip.raised(args.floor) } else { clip };
-    let motion = Motion { path: args.out.clone(), clip, source: Source::Plain, warnings: Vec::new() };
+    let motion = Motion::new(args.out.clone(), clip);
     outputs.write(&args.out, &format::to_bytes(&args.out, &motion)?)?;
     super::convert::report_written(&args.out, &motion, say);
     Ok(())

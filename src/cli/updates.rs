@@ -6,7 +6,7 @@ use crate::baselines::data::Sources;
 use crate::baselines::sidecar::{Request, Sidecar};
 use crate::baselines::train::{Event, Summary};
 use crate::baselines::{Changes, Settings};
-use crate::classify::LabelFilter;
+use crate::corpus::labels::LabelFilter;
 use crate::model::CheckpointChoice;
 use crate::store::{self, sidecar};
 use anyhow::Result;

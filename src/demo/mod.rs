@@ -8,10 +8,9 @@ use crate::corpus::{Corpus, Dataset, Split};
 use crate::evaluate::{ChannelFloors, CodeSplits, Extent};
 use crate::generate::open::OpenRequest;
 use crate::generate::output::RootGiven;
-use crate::generate::prompt::{self, PromptClip};
-use crate::generate::request::{Computing, Length, Placement, PromptRequest, Request, Seeding, UncodedJoints};
+use crate::generate::prompt::PromptClip;
+use crate::generate::request::{Computing, Length, Placement, PromptRequest, Request, Seeding};
 use crate::generate::sampling::Sampling;
-use crate::generate::unwatched;
 use crate::model::{CheckpointChoice, load_run};
 use crate::shell::{ComputeArgs, Say, WrongCall};
 use crate::train::{CorpusPart, PretrainOptions, TrainFile};
@@ -20,9 +19,9 @@ use anyhow::{Context, Result};
 use kinelm_model::{KvKind, WeightKind};
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
 use kinelm_motion::synth::Dance;
-use kinelm_motion::{Clip, joints, synth};
+use kinelm_motion::{Clip, Motion, joints, synth};
 use kinelm_store::files::write_whole;
-use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
+use kinelm_tokenizer::{Tokenizer, TokenizerConfig, UncodedPose};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -95,20 +94,18 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let prompt = PromptClip::load(&path, &ReadOptions::default(), &tokenizer)?;
     let (frames, second) = (FRAMES.min(prompt.frames()), tokenizer.fps() as usize);
     let given = |joints: Option<&str>, from_frame| PromptRequest {
-        path: path.clone(),
         read: ReadOptions::default(),
         joints: joints.map(str::to_owned),
         from_frame,
-        timeline: None,
-        edit: None,
+        ..PromptRequest::of(&path)
     };
     let follows = generate(&args, given(Some(FOLLOWED), None), frames)?;
     let goes_on = generate(&args, given(None, Some(second)), frames)?;
     for (name, dance) in [("dance.bvh", &follows), ("free.bvh", &goes_on)] {
-        format::write(&at(name), &prompt::on_model_rig(&at(name), dance.clone()))?;
+        format::write(&at(name), &Motion::new(&at(name), dance.clone()))?;
     }
     say.line("5/5 page and report");
-    let seen = prompt.decode(&tokenizer, &prompt.words, UncodedJoints::Prompt, prompt.frames())?;
+    let seen = tokenizer.decode(&prompt.words, UncodedPose::Clip(&prompt.clip))?;
     let seen = put(&seen, &prompt)?.slice(0..frames);
     page(&at("page.html"), &test.name, &seen, &follows, &goes_on)?;
     let model = run.likelihood(&corpus, Split::Test, args.compute.get())?;
@@ -190,7 +187,7 @@ fn write_dances(out: &Path, dances: &[Dance]) -> Result<()> {
         std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
         let name = dance.name();
         let path = folder.join(&name).with_extension("bvh");
-        format::write(&path, &prompt::on_model_rig(&path, dance.clip.clone()))?;
+        format::write(&path, &Motion::new(&path, dance.clip.clone()))?;
         let split = match (dances.len() - 1 - i) / pairs {
             0 => "test",
             1 => "valid",
@@ -234,15 +231,13 @@ fn generate(args: &Args, prompt: PromptRequest, frames: usize) -> Result<Clip> {
     let request = Request {
         prompt: Some(prompt),
         length: Some(Length::Frames(frames)),
-        seed: args.seed,
-        seeding: Seeding::Seed,
+        seed: Some(args.seed),
+        seeding: Some(Seeding::Seed),
         sampling: Sampling { top_p: Some(CALM), ..Sampling::default() },
-        computing: args.computing(),
+        computing: Some(args.computing()),
         ..Request::of(args.out.join("run"))
     };
-    let ready = OpenRequest::open(&request)?;
-    let danced = ready.sample(1, None, &mut unwatched)?;
-    Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
+    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.motion.clip)
 }
 
 /// The clip moved so that it begins in the prompt's place and heading.

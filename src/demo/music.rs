@@ -8,7 +8,7 @@ use crate::evaluate::dance::beats::{BeatMetrics, BeatPair, BeatScores, controls,
 use crate::generate::open::{MUSIC_GUIDANCE, OpenRequest};
 use crate::generate::request::{LeadInKind, Length, MusicRequest, Request, Seeding};
 use crate::generate::sampling::Sampling;
-use crate::generate::{unwatched, variation_seed};
+use crate::generate::variation_seed;
 use crate::model::likelihood::likelihood;
 use crate::model::{CheckpointChoice, load_run};
 use crate::shell::Say;
@@ -16,7 +16,7 @@ use crate::view::music::Music;
 use crate::view::{Figure, page_with};
 use anyhow::{Context, Result};
 use kinelm_motion::synth::{self, Dance};
-use kinelm_motion::{Clip, format};
+use kinelm_motion::{Clip, Motion, format};
 use kinelm_music::beat::{RATE, beats_of};
 use kinelm_music::wav;
 use kinelm_store::files::write_whole;
@@ -50,7 +50,7 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
         pieces.iter().enumerate().map(dance).collect()
     };
     let (made, free) = (all(true)?, all(false)?);
-    format::write(&at("dance.bvh"), &crate::generate::prompt::on_model_rig(&at("dance.bvh"), made[0].clone()))?;
+    format::write(&at("dance.bvh"), &Motion::new(&at("dance.bvh"), made[0].clone()))?;
     say.line("5/5 page and report");
     let joints = tokenizer.channels().joints().to_vec();
     let (_, lag) = of_corpus(&corpus, &joints)?;
@@ -115,19 +115,17 @@ fn piece(args: &Args, dance: &Dance) -> Result<Piece> {
 fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
     let request = Request {
         guidance: piece.map(|_| MUSIC_GUIDANCE),
-        music: piece.map(|piece| MusicRequest { path: piece.path.clone(), from_s: 0.0 }),
+        music: piece.map(|piece| MusicRequest::of(&piece.path, None)),
         length: Some(Length::Seconds(SECONDS)),
         lead_in: Some(LeadInKind::None),
-        seed: variation_seed(args.seed, number),
+        seed: Some(variation_seed(args.seed, number)),
         // dances with and without music share their random numbers
-        seeding: Seeding::Seed,
+        seeding: Some(Seeding::Seed),
         sampling: Sampling { top_p: Some(super::CALM), ..Sampling::default() },
-        computing: args.computing(),
+        computing: Some(args.computing()),
         ..Request::of(args.out.join("run"))
     };
-    let ready = OpenRequest::open(&request)?;
-    let danced = ready.sample(1, None, &mut unwatched)?;
-    Ok(ready.motion(&ready.words(&danced, 0), Path::new("dance.bvh"))?.motion.clip)
+    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.motion.clip)
 }
 
 /// The beat alignment of dances with their music, and with other music.

@@ -26,17 +26,15 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     let run = kinelm_ready::run()?;
     make_room(args)?;
     let at = |name: &str| args.out.join(name);
-    let of = |prompt| Request { prompt, seed: args.seed, computing: args.computing(), ..Request::of(&run) };
+    let of = |prompt| Request { prompt, seed: Some(args.seed), computing: Some(args.computing()), ..Request::of(&run) };
     let prompt = |edit: Option<Edit>| PromptRequest {
-        path: at("free.bvh"),
         read: ReadOptions { up: Up::Y, ..ReadOptions::default() },
         joints: edit.is_none().then(|| FOLLOWED.into()),
-        from_frame: None,
-        timeline: None,
         edit,
+        ..PromptRequest::of(at("free.bvh"))
     };
     let gap = GAP.parse::<Span>().map_err(Error::msg)?;
-    let back = Loop { kind: LoopKind::Pose, over_s: BACK_S };
+    let back = Loop { kind: LoopKind::Pose, over_s: Some(BACK_S) };
     say.line(format_args!("1/3 it dances by itself for {SECONDS} s"));
     let free = Request { length: Some(Length::Seconds(SECONDS)), ..of(None) };
     dance(&free, &at("free.bvh"))?;

@@ -67,12 +67,12 @@ pub fn motion_files(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 /// A motion on the rig that its format is written for: an .npz is on SMPL's.
-pub fn written_as(out: &Path, motion: Motion, map: Option<&str>) -> Result<Motion> {
+pub fn written_as(out: &Path, motion: Motion) -> Result<Motion> {
     if extension(out) != "npz" {
         return Ok(motion);
     }
     let options = ConvertOptions { rig: Some(TargetRig::Smpl(smpl::neutral())), ..ConvertOptions::default() };
-    Ok(convert(motion, &options, map)?)
+    Ok(convert(motion, &options)?)
 }
 
 /// An error that starts with the file that it is about.

@@ -1,6 +1,6 @@
 //! The progress of a training as lines for people.
 
-use crate::model::likelihood::Likelihood;
+use crate::model::scored_windows::Likelihood;
 use crate::train::Progress;
 use crate::train::metrics::StepMetrics;
 use crate::train::progress::time;

@@ -3,11 +3,13 @@
 pub mod args;
 pub mod files;
 pub mod lines;
+mod message;
 pub mod ours;
 pub mod outcome;
 pub mod progress;
 pub mod say;
 pub mod training;
+mod wait;
 
 pub use args::{ComputeArgs, ForceArgs, ReadingArgs, TrustArgs};
 pub use files::{

@@ -1,7 +1,7 @@
 //! Messages on stderr, and data on stdout.
 
-use super::outcome::by_flags;
-use super::progress;
+use super::message::{by_flags, clipped, plain};
+use super::wait;
 use anyhow::Result;
 use kinelm_motion::Motion;
 use kinelm_motion::format::{FileRate, RateDoubt, RateDoubts, ReadOptions};
@@ -37,7 +37,7 @@ impl Say {
     /// One line, always.
     pub fn error(self, text: impl std::fmt::Display) {
         tell(text);
-        progress::said();
+        wait::said();
     }
 
     /// Names a file that is left out; in the end the call has failed.
@@ -57,32 +57,6 @@ pub fn tell(text: impl std::fmt::Display) {
     let text = by_flags(&text.to_string());
     // a closed stderr is no reason to stop
     let _ = writeln!(std::io::stderr(), "kinelm: {}", plain(&clipped(&text)));
-}
-
-/// The most characters of a message: it may quote a file or a call, whose texts have any length.
-const LONGEST: usize = 8000;
-
-/// A message without its middle, where it is too long.
-fn clipped(text: &str) -> Cow<'_, str> {
-    let characters = text.chars().count();
-    if characters <= LONGEST {
-        return Cow::Borrowed(text);
-    }
-    // at characters: a slice inside one would panic
-    let at = |n: usize| text.char_indices().nth(n).map_or(text.len(), |(at, _)| at);
-    let (head, tail) = (&text[..at(LONGEST / 2)], &text[at(characters - LONGEST / 2)..]);
-    Cow::Owned(format!("{head} .. ({} characters) .. {tail}", characters - LONGEST))
-}
-
-/// A text whose control characters are escaped: in names from files they would be orders to a terminal.
-pub fn plain(text: &str) -> Cow<'_, str> {
-    // also the C1 codes 80 to 9F, of which 9B begins an escape sequence alone
-    let is_order = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
-    if !text.contains(is_order) {
-        return Cow::Borrowed(text);
-    }
-    let one = |c: char| if is_order(c) { c.escape_default().to_string() } else { c.to_string() };
-    Cow::Owned(text.chars().map(one).collect())
 }
 
 /// Reports the doubts of a file that was read all the same.

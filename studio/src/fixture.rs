@@ -6,7 +6,7 @@ use crate::library::reader::Reader;
 use crate::library::upload::added;
 use crate::project::Project;
 use crate::project::document::Change;
-use kinelm_motion::{Clip, Motion, Source, format, synth};
+use kinelm_motion::{Clip, Motion, format, synth};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -47,7 +47,7 @@ pub fn dance(seed: u64, seconds: f64, fps: f64) -> Clip {
 
 /// Writes a clip.
 pub fn save(path: &Path, clip: &Clip) {
-    let motion = Motion { path: path.into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(path, clip.clone());
     format::write(path, &motion).unwrap();
 }
 

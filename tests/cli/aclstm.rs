@@ -3,7 +3,7 @@
 use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
 use kinelm_motion::format::ReadOptions;
-use kinelm_motion::{Clip, Motion, Source, format, synth};
+use kinelm_motion::{Clip, Motion, format, synth};
 use predicates::prelude::*;
 use predicates::str::contains;
 use std::fs;
@@ -41,7 +41,7 @@ fn place() -> &'static Place {
         let mut labels = "clip,split,genre\n".to_string();
         for (i, dance) in synth::corpus(3, 4, 6.0, 60.0).unwrap().into_iter().enumerate() {
             let path = place.at(&format!("data/{i}.bvh"));
-            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, dance.clip);
             format::write(&path, &motion).unwrap();
             labels += &format!("{i},{},salsa\n", ["train", "train", "valid", "test"][i]);
         }
@@ -155,7 +155,7 @@ fn dance(place: &Place, seed: &Clip, name: &str, frames: impl Iterator<Item = us
     let clip = Clip::new(seed.skeleton().clone(), seed.fps(), root, rotations).unwrap();
     let path = place.at(name);
     fs::create_dir_all(path.parent().unwrap()).unwrap();
-    format::write(&path, &Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] }).unwrap();
+    format::write(&path, &Motion::new(&path, clip)).unwrap();
 }
 
 #[test]
@@ -226,7 +226,7 @@ fn clips_that_have_changed_are_named() {
     fs::create_dir(place.at("data")).unwrap();
     for (i, dance) in synth::corpus(3, 2, 6.0, 60.0).unwrap().into_iter().enumerate() {
         let path = place.at(&format!("data/{i}.bvh"));
-        let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, dance.clip);
         format::write(&path, &motion).unwrap();
     }
     fs::write(place.at("c.toml"), CONFIG).unwrap();

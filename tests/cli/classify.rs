@@ -2,7 +2,7 @@
 
 use crate::support::json;
 use assert_cmd::Command;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use std::fs;
@@ -21,7 +21,7 @@ impl Data {
         let mut csv = "clip,split,genre,dancer,skip\n".to_string();
         for (i, dance) in synth::corpus(4, 8, 2.0, 30.0).unwrap().into_iter().enumerate() {
             let path = data.at(&format!("data/d{i}.bvh"));
-            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, dance.clip);
             format::write(&path, &motion).unwrap();
             let split = ["train", "train", "train", "train", "valid", "valid", "test", "test"][i];
             csv += &format!("d{i},{split},{},one,{}\n", ["salsa", "waltz"][i % 2], ["0", "12"][i % 2]);

@@ -1,7 +1,7 @@
 //! Clips that are not clean, from the list of what is wrong to a corpus that does without.
 
 use assert_cmd::Command;
-use kinelm_motion::{Clip, Motion, Quat, Source, format, synth};
+use kinelm_motion::{Clip, Motion, Quat, format, synth};
 use predicates::str::contains;
 use std::fs;
 use std::path::Path;
@@ -23,7 +23,7 @@ fn data(dir: &Path) {
         }
         let clip = Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations).unwrap();
         let path = dir.join(format!("data/{i}.json"));
-        format::write(&path, &Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] }).unwrap();
+        format::write(&path, &Motion::new(&path, clip)).unwrap();
     }
     fs::write(dir.join("l.csv"), "clip,split\n0,train\n1,train\n2,valid\n").unwrap();
 }

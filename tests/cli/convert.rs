@@ -1,7 +1,7 @@
 //! `inspect`, `convert` and `view` as a user runs them.
 
 use crate::support::kinelm;
-use kinelm_motion::{Clip, Motion, Source, Vec3, format, synth};
+use kinelm_motion::{Clip, Motion, Vec3, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use std::fs;
@@ -54,7 +54,7 @@ fn options_may_stand_between_and_positions_go_with_a_rate_and_a_rig() {
     let dir = tempfile::tempdir().unwrap();
     let dance = synth::corpus(1, 1, 2.0, 60.0).unwrap().remove(0).clip;
     let path = dir.path().join("a.bvh");
-    let motion = Motion { path: path.clone(), clip: dance, source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(&path, dance);
     format::write(&path, &motion).unwrap();
     let call = |words: &str| kinelm().current_dir(dir.path()).args(words.split_whitespace()).assert();
     call("convert a.bvh --fps 30 b.bvh").success();
@@ -75,7 +75,7 @@ fn a_clip_and_the_rig_that_it_goes_to_have_options_of_their_own() {
     let dir = tempfile::tempdir().unwrap();
     let dance = synth::corpus(1, 1, 2.0, 60.0).unwrap().remove(0).clip;
     let path = dir.path().join("a.bvh");
-    let motion = Motion { path: path.clone(), clip: dance, source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(&path, dance);
     format::write(&path, &motion).unwrap();
     two(dir.path());
     let call = |words: &str| kinelm().current_dir(dir.path()).args(words.split_whitespace()).assert();
@@ -228,7 +228,7 @@ fn falling(path: &Path) {
     let root = (0..120).map(|f| Vec3::new(0.0, height(f as f64 / 60.0), 0.0)).collect();
     let rotations = vec![kinelm_motion::Quat::IDENTITY; 120 * 24];
     let clip = Clip::new(kinelm_motion::smpl::neutral(), 120.0, root, rotations).unwrap();
-    let motion = Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(path, clip);
     format::write(path, &motion).unwrap();
 }
 
@@ -240,8 +240,7 @@ fn a_doubted_rate_is_said_once_a_call_by_all_that_reads() {
     falling(&at("data/falls.bvh"));
     for (i, dance) in synth::corpus(1, 2, 4.0, 60.0).unwrap().into_iter().enumerate() {
         let path = at(&format!("data/{i}.bvh"));
-        format::write(&path, &Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] })
-            .unwrap();
+        format::write(&path, &Motion::new(&path, dance.clip)).unwrap();
     }
     fs::write(at("labels.csv"), "clip,split\nfalls,train\n0,train\n1,train\n").unwrap();
     fs::write(at("stated.csv"), "clip,split,fps\nfalls,train,120\n0,train,\n1,train,\n").unwrap();
@@ -379,7 +378,7 @@ fn up_is_said_in_one_line_and_refused_where_the_format_says_it() {
 fn dance(dir: &Path) -> std::path::PathBuf {
     let clip = synth::corpus(3, 1, 3.0, 30.0).unwrap().remove(0).clip;
     let path = dir.join("dance.bvh");
-    let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(&path, clip);
     format::write(&path, &motion).unwrap();
     path
 }

@@ -40,7 +40,7 @@ fn set() -> &'static Set {
         let mut labels = "clip,split,skip\n".to_string();
         for (i, d) in synth::corpus(3, 6, 3.0, 60.0).unwrap().iter().enumerate() {
             let path = set.at(&format!("data/{i}.bvh"));
-            let motion = Motion { path: path.clone(), clip: d.clip.clone(), source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, d.clip.clone());
             format::write(&path, &motion).unwrap();
             labels += &format!("{i},{}\n", ["train,", "train,", "train,", "train,6", "valid,", "test,"][i]);
         }

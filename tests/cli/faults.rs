@@ -2,7 +2,7 @@
 
 use assert_cmd::Command;
 use kinelm_motion::format::npz::{Values, Writer};
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use predicates::str::contains;
 use std::fs;
 use std::path::PathBuf;
@@ -53,7 +53,7 @@ fn data() -> &'static Data {
         fs::create_dir(data.at("data")).unwrap();
         for (i, dance) in synth::corpus(3, 4, 3.0, 20.0).unwrap().into_iter().enumerate() {
             let path = data.at(&format!("data/d{i}.bvh"));
-            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, dance.clip);
             format::write(&path, &motion).unwrap();
         }
         data.write("labels.csv", "clip,split\nd0,train\nd1,train\nd2,valid\nd3,test\n");
@@ -324,7 +324,6 @@ fn no_input_of_any_kind_may_be_a_pipe() {
         "music inspect p/a.wav",
         "music beats p/a.wav --out o.txt",
         "view data/d0.bvh --music p/a.wav --out o.html",
-        "evaluate baselines --tokens p/a.npz",
         "convert data/d0.bvh o.bvh --skeleton p/a.bvh",
         "convert data/d0.bvh o.bvh --skeleton p/a.npz",
         "inspect data/d0.bvh --map p/a.toml",

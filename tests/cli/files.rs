@@ -2,7 +2,7 @@
 
 use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use std::collections::BTreeMap;
@@ -92,7 +92,7 @@ fn copy(from: &Path, to: &Path) {
 }
 
 fn save(path: &Path, clip: kinelm_motion::Clip) {
-    let motion = Motion { path: path.into(), clip, source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(path, clip);
     format::write(path, &motion).unwrap();
 }
 

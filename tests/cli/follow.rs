@@ -119,7 +119,7 @@ fn way() -> &'static Way {
 fn read(path: &Path, options: &ReadOptions) -> [Clip; 2] {
     let motion = format::read(path, options).unwrap();
     let at_rate = |clip: &Clip| resample(clip, 20.0, Method::Auto).unwrap();
-    [at_rate(&retarget::to_smpl(&motion, None).unwrap()), at_rate(&motion.clip)]
+    [at_rate(&retarget::to_smpl(&motion).unwrap()), at_rate(&motion.clip)]
 }
 
 /// What a rotation turns about the vertical, radians.

@@ -3,7 +3,7 @@
 use assert_cmd::Command;
 use kinelm::corpus::record::ClipRecord;
 use kinelm::corpus::{CorpusWriter, NewClip, Split};
-use kinelm_motion::{Clip, Motion, Source, format, synth};
+use kinelm_motion::{Clip, Motion, format, synth};
 use kinelm_tokenizer::{Tokenizer, TokenizerConfig};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -107,7 +107,7 @@ fn four_hours_take_hardly_more_memory_than_one() {
     (splits[3], splits[7]) = (Split::Valid, Split::Test);
     write(&at("one"), &tokenizer, &all[..60], &splits);
     write(&at("four"), &tokenizer, &all, &splits);
-    let motion = Motion { path: at("a.bvh"), clip: all[3].slice(0..200), source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(at("a.bvh"), all[3].slice(0..200));
     format::write(&at("a.bvh"), &motion).unwrap();
     for line in [
         "corpus stats CORPUS --threads 2",
@@ -169,7 +169,7 @@ fn a_file_of_many_pieces_is_read_once() {
     let dance = dances(1, 60.0).remove(0);
     let tokenizer = small_tokenizer(std::slice::from_ref(&dance));
     fs::create_dir(at("data")).unwrap();
-    let motion = Motion { path: at("data/a.bvh"), clip: dance, source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(at("data/a.bvh"), dance);
     format::write(&at("data/a.bvh"), &motion).unwrap();
     fs::write(at("tokenizer.json"), tokenizer.to_json()).unwrap();
     // between the frames, each of which becomes a clip

@@ -1,7 +1,7 @@
 //! `kinelm music`, as a user runs it.
 
 use assert_cmd::Command;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use kinelm_music::synth::{Score, Style, render};
 use kinelm_music::wav;
 use predicates::prelude::*;
@@ -130,7 +130,7 @@ fn a_page_has_its_music() {
     song(dir.path());
     let dance = kinelm_motion::synth::corpus(1, 1, 4.0, 30.0).unwrap().remove(0);
     let path = dir.path().join("d.bvh");
-    let motion = kinelm::generate::prompt::on_model_rig(&path, dance.clip);
+    let motion = Motion::new(&path, dance.clip);
     kinelm_motion::format::write(&path, &motion).unwrap();
     let view = |more: &[&str]| {
         let mut call = kinelm(dir.path());
@@ -193,7 +193,7 @@ fn heard(dir: &Path) {
     let mut labels = "clip,split,music,music_from\n".to_owned();
     for (i, dance) in dances.iter().enumerate() {
         let path = dir.join(format!("data/{i}.bvh"));
-        let motion = Motion { path: path.clone(), clip: dance.clip.clone(), source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, dance.clip.clone());
         format::write(&path, &motion).unwrap();
         let samples = kinelm::corpus::music::synth::music(dance, 3, 22_050).unwrap();
         let later = [vec![0.0; 22_050], samples.clone()].concat();

@@ -4,7 +4,7 @@ use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
 use kinelm::corpus::music::synth::music;
 use kinelm_motion::format::ReadOptions;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use kinelm_music::wav;
 use predicates::prelude::*;
 use predicates::str::contains;
@@ -54,7 +54,7 @@ fn own_place() -> Place {
         let path = place.at(&format!("data/{i}.bvh"));
         let sound = music(&dance, 3, 16_000).unwrap();
         fs::write(place.at(&format!("songs/song{i}.wav")), wav::bytes(&sound, 16_000)).unwrap();
-        let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, dance.clip);
         format::write(&path, &motion).unwrap();
         labels += &format!("{i},{},{},song{i},0\n", ["train", "train", "test", "test"][i], dance.genre);
     }

@@ -6,7 +6,7 @@ use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::rig::{Feet, SkeletonMap, floor, map_for};
 use kinelm_motion::rotation::angle_between;
-use kinelm_motion::{Clip, Motion, Skeleton, smpl, synth};
+use kinelm_motion::{Clip, Skeleton, smpl, synth};
 use predicates::str::contains;
 use serde_json::Value;
 use std::fs;
@@ -110,7 +110,7 @@ fn new_and_following_dances_stand_on_y_0() {
     assert!((floor_of(&mine) - FLOOR_M).abs() < 0.03, "{}", floor_of(&mine));
     let on_smpl = {
         let motion = format::read(&at("mine.bvh"), &ReadOptions::default()).unwrap();
-        retarget::to_smpl(&motion, None).unwrap()
+        retarget::to_smpl(&motion).unwrap()
     };
     for (words, out, follows) in [
         ("--seconds 2", "y-free.bvh", None),
@@ -218,15 +218,10 @@ fn a_new_dance_is_put_on_the_rig_of_a_clip() {
     assert!(is_made_again("new.bvh"));
     // the same dance as on SMPL's body: the rig is nothing that is given
     let (bare, _) = danced("--seconds 2 --feet off --fps 48", "new-smpl.bvh");
-    let motion = Motion {
-        source: kinelm_motion::Source::Retargeted { floor_m: 0.0 },
-        ..format::read(&at("new.bvh"), &ReadOptions::default()).unwrap()
-    };
-    let back = retarget::to_smpl(&motion, None).unwrap();
-    let bare = {
-        let motion = Motion { clip: bare, ..motion.clone() };
-        retarget::to_smpl(&motion, None).unwrap()
-    };
+    let motion = format::read(&at("new.bvh"), &ReadOptions::default()).unwrap();
+    let motion = motion.with_source(kinelm_motion::Source::Retargeted { floor_m: 0.0 });
+    let back = retarget::to_smpl(&motion).unwrap();
+    let bare = retarget::to_smpl(&motion.with_clip(bare)).unwrap();
     for f in (0..96).step_by(5) {
         assert!(back.root()[f].distance(bare.root()[f]) < 1e-3, "frame {f}");
         let apart = back.pose(f).iter().zip(bare.pose(f)).map(|(&p, &q)| angle_between(p, q).to_degrees());

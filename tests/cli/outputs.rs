@@ -3,7 +3,7 @@
 use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
 use kinelm::corpus::music::synth::music;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use kinelm_music::wav;
 use std::collections::BTreeSet;
 use std::fs;
@@ -53,7 +53,7 @@ fn place() -> &'static Place {
             let sound = music(&dance, 3, 16_000).unwrap();
             fs::write(place.at(&format!("songs/song{i}.wav")), wav::bytes(&sound, 16_000)).unwrap();
             let path = place.at(&format!("data/{i}.bvh"));
-            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, dance.clip);
             format::write(&path, &motion).unwrap();
             let (split, genre) = (["train", "test", "train", "valid", "train"][i], ["salsa", "waltz"][i / 2 % 2]);
             labels += &format!("{i},{split},{genre},song{i},0\n");

@@ -3,7 +3,7 @@
 use crate::support::{kinelm_in, read};
 use assert_cmd::Command;
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use predicates::str::contains;
 use std::fs;
 use std::path::PathBuf;
@@ -42,7 +42,7 @@ fn set() -> &'static Set {
         fs::create_dir(set.at("data")).unwrap();
         let write = |name: &str, clip| {
             let path = set.at(name);
-            let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, clip);
             format::write(&path, &motion).unwrap();
         };
         let mut labels = "clip,split,genre\n".to_string();

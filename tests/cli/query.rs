@@ -2,7 +2,7 @@
 
 use crate::support::{json, kinelm};
 use assert_cmd::Command;
-use kinelm_motion::{Clip, Motion, Quat, Source, format, synth};
+use kinelm_motion::{Clip, Motion, Quat, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use serde_json::Value;
@@ -23,7 +23,7 @@ impl Data {
         for (i, dance) in synth::corpus(4, 7, 4.0, 30.0).unwrap().into_iter().enumerate() {
             let path = data.at(&format!("data/d{i}.bvh"));
             let clip = if i == 6 { dance.clip.slice(0..30) } else { dance.clip };
-            let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, clip);
             format::write(&path, &motion).unwrap();
             let split = ["train", "train", "valid", "test"][i % 4];
             csv += &format!("d{i},{split},{},t{}\n", ["salsa", "waltz"][i % 2], i / 2);
@@ -140,7 +140,7 @@ fn a_window_cut_out_finds_itself() {
     }
     let clip = Clip::new(dance.skeleton().clone(), 60.0, dance.root().to_vec(), rotations).unwrap();
     let path = dir.path().join("turning.bvh");
-    let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(&path, clip);
     format::write(&path, &motion).unwrap();
     for start in [0, 128, 192, 256, 384] {
         finds_itself(&path, start, &["--fps-source", "60"]);

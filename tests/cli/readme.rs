@@ -1,7 +1,7 @@
 //! The first block of README.md as a stranger runs it: eight loose files, no labels.
 
 use assert_cmd::Command;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use predicates::str::contains;
 use std::fs;
 use std::path::Path;
@@ -21,7 +21,7 @@ fn loose_files(folder: &Path) {
     fs::create_dir(folder).unwrap();
     for (i, dance) in synth::corpus(5, 8, 4.0, 30.0).unwrap().into_iter().enumerate() {
         let path = folder.join(format!("{:02}.bvh", i + 1));
-        let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, dance.clip);
         format::write(&path, &motion).unwrap();
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::support::kinelm;
 use assert_cmd::Command;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use serde_json::Value;
@@ -45,7 +45,7 @@ fn data() -> &'static Data {
         let mut csv = "clip,split\n".to_string();
         for (i, d) in synth::corpus(5, 10, 4.0, 30.0).unwrap().into_iter().enumerate() {
             let path = data.at(&format!("data/{}.bvh", d.name()));
-            let motion = Motion { path: path.clone(), clip: d.clip.clone(), source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, d.clip.clone());
             format::write(&path, &motion).unwrap();
             csv += &format!("{},{}\n", d.name(), ["train", "train", "test", "train", "valid"][i % 5]);
         }

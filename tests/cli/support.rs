@@ -1,7 +1,7 @@
 //! What several modules of tests share: calls of the program, and motion files.
 
 use assert_cmd::Command;
-use kinelm_motion::{Clip, Motion, Source, format};
+use kinelm_motion::{Clip, Motion, format};
 use serde_json::Value;
 use std::path::Path;
 
@@ -34,7 +34,7 @@ pub fn json(command: &mut Command) -> Value {
 /// Writes a clip to a file, whose folder is made.
 pub fn save(path: &Path, clip: &Clip) {
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-    let motion = Motion { path: path.into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(path, clip.clone());
     format::write(path, &motion).unwrap();
 }
 

@@ -2,7 +2,7 @@
 
 use crate::support::{kinelm_in, stdout};
 use assert_cmd::Command;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use predicates::str::contains;
 use std::fs;
 use std::path::PathBuf;
@@ -41,7 +41,7 @@ fn place() -> &'static Place {
         fs::create_dir(place.at("data")).unwrap();
         for (i, dance) in synth::corpus(3, 12, 3.0, 30.0).unwrap().into_iter().enumerate() {
             let path = place.at(&format!("data/{i:02}.bvh"));
-            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, dance.clip);
             format::write(&path, &motion).unwrap();
         }
         fs::write(place.at("c.toml"), CONFIG).unwrap();

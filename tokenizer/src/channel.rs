@@ -75,11 +75,6 @@ impl Channels {
         Channels { joints, root_rotation }
     }
 
-    /// How the pelvis's rotation is coded.
-    pub fn root_rotation(&self) -> RootRotation {
-        self.root_rotation
-    }
-
     /// Whether the pelvis is coded as a turn and a tilt.
     pub fn has_turn(&self) -> bool {
         self.root_rotation == RootRotation::HeadingDelta && self.joints.first() == Some(&0)

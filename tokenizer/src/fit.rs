@@ -149,6 +149,19 @@ impl Fit {
     }
 }
 
+impl Tokenizer {
+    /// Fits a tokenizer to training clips on the 24 SMPL joints at the tokenizer's rate. [`Fit`] takes a corpus that doesn't
+    /// fit into memory.
+    ///
+    /// # Errors
+    /// Those of [`Fit::new`], [`Fit::add`] and [`Fit::finish`].
+    pub fn fit<'a>(clips: impl IntoIterator<Item = &'a Clip>, config: TokenizerConfig) -> Result<Self> {
+        let mut fit = Fit::new(config)?;
+        clips.into_iter().try_for_each(|clip| fit.add(clip))?;
+        fit.finish()
+    }
+}
+
 /// Adds the merges, and the longest word of the training clips.
 fn learn_from_words(tokenizer: Tokenizer, sample: &[Clip], merges: u32) -> Result<Tokenizer> {
     let mut words = Words::new();

@@ -30,7 +30,7 @@
 
 pub mod alphabet;
 mod artifact;
-pub mod channel;
+mod channel;
 mod config;
 #[cfg(test)]
 mod contract;
@@ -61,11 +61,12 @@ pub use error::{Error, Result};
 #[cfg(feature = "fit")]
 pub use fit::Fit;
 pub use grammar::{Grammar, Slot, SlotIds};
+pub use scheme::angle::Form;
 pub use scheme::dct::{DctConfig, Quantizer, Steps};
 pub use scheme::lapped::{Lapped, LappedConfig, LappedMix};
 pub use scheme::mix::JointTransform;
 pub use scheme::quantile::{Pooled, QuantileConfig};
-pub use scheme::uniform::{Form, Height, Travel, UniformConfig};
+pub use scheme::uniform::{Height, Travel, UniformConfig};
 pub use scheme::{Encoded, Scheme, SchemeConfig, UncodedPose, WordLength};
 pub use tokenizer::Tokenizer;
 pub use vocab::{SPACE, Special, Vocabulary};

@@ -1,7 +1,5 @@
 //! The tokenizer: settings, the fitted scheme, and the vocabulary.
 
-#[cfg(feature = "fit")]
-use crate::Fit;
 use crate::merges::Merges;
 use crate::scheme::quantile::Quantile;
 use crate::scheme::uniform::Uniform;
@@ -68,18 +66,6 @@ impl Tokenizer {
         let vocabulary = Vocabulary::new(symbols).with_merges(merges)?;
         let merges = Merges::new(vocabulary.merge_table());
         Ok(Tokenizer { config, fitted, vocabulary, merges, longest_word, mean_pose, height_range, channels })
-    }
-
-    /// Fits a tokenizer to training clips on the 24 SMPL joints at the tokenizer's rate. [`Fit`] takes a corpus that doesn't
-    /// fit into memory.
-    ///
-    /// # Errors
-    /// Those of [`Fit::new`], [`Fit::add`] and [`Fit::finish`].
-    #[cfg(feature = "fit")]
-    pub fn fit<'a>(clips: impl IntoIterator<Item = &'a Clip>, config: TokenizerConfig) -> Result<Self> {
-        let mut fit = Fit::new(config)?;
-        clips.into_iter().try_for_each(|clip| fit.add(clip))?;
-        fit.finish()
     }
 
     /// Range of the heights above the floor, metres: that of the training clips, 10 % wider on each side. `None` when heights

@@ -2,7 +2,7 @@
 
 use kinelm_motion::format::{ReadOptions, read, write};
 use kinelm_motion::rotation::exp_map;
-use kinelm_motion::{Clip, Motion, Source, Vec3, retarget, smpl};
+use kinelm_motion::{Clip, Motion, Vec3, retarget, smpl};
 use kinelm_tokenizer::{
     JointTransform, QuantileConfig, RootRotation, SchemeConfig, Tokenizer, TokenizerConfig, UncodedPose,
 };
@@ -28,10 +28,10 @@ fn check(clip: &Clip, config: TokenizerConfig) {
     let words = t.encode(clip).expect("a good clip").words;
     let made = t.decode(&words, UncodedPose::Clip(clip)).expect("words of an encoder");
     let path = dir.path().join("made.bvh");
-    let motion = Motion { path: path.clone(), clip: made, source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(&path, made);
     write(&path, &motion).expect("written");
     let back = read(&path, &ReadOptions::default()).expect("our own file");
-    let back = retarget::to_smpl(&back, None).expect("our own rig");
+    let back = retarget::to_smpl(&back).expect("our own rig");
     let again = t.encode(&back).expect("the same rate and rig").words;
     let differ = again.codes().iter().zip(words.codes()).filter(|(a, b)| a != b).count();
     assert_eq!((again.len(), differ), (words.len(), 0), "{what}");

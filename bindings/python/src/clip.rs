@@ -2,10 +2,10 @@
 
 use crate::error::{library, motion, wrong};
 use crate::options::{Reading, free};
-use kinelm::motion::convert::{ConvertOptions, RigOptions, TargetRig, convert};
-use kinelm::motion::format;
+use kinelm::motion::convert::{ConvertOptions, TargetRig, convert};
+use kinelm::motion::format::{self, ReadOptions};
 use kinelm::motion::resample::check_fps;
-use kinelm::motion::{Motion, Quat, Skeleton, Source, Vec3};
+use kinelm::motion::{Motion, Quat, Skeleton, Vec3};
 use kinelm::store::files::write_whole;
 use kinelm::view::{Figure, page};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
@@ -50,7 +50,7 @@ impl Clip {
         let skeleton = Skeleton::new(names, parents, vectors("offsets", &offsets)?, Vec::new()).map_err(motion)?;
         let clip =
             kinelm::motion::Clip::new(Arc::new(skeleton), fps, vectors("root", &root)?, turns).map_err(motion)?;
-        Ok(Clip(Motion { path: "clip.json".into(), clip, source: Source::Plain, warnings: Vec::new() }))
+        Ok(Clip(Motion::new("clip.json", clip)))
     }
 
     /// Reads a motion file: .bvh .amc .fbx .glb .vrm .npz .pkl .json. `fps_source` is its true rate where the file's is wrong,
@@ -85,21 +85,21 @@ impl Clip {
         rig_map: Option<String>,
     ) -> PyResult<Clip> {
         let rig = match rig.extract::<Clip>() {
-            Ok(clip) => TargetRig::of_motion(clip.0, rig_map.as_deref()),
+            Ok(clip) => mapped(clip.0, rig_map.as_deref()).and_then(TargetRig::of_motion),
             Err(_) => {
                 let name: PathBuf = rig.extract()?;
-                TargetRig::load(&name.to_string_lossy(), &RigOptions { map: rig_map, ..RigOptions::default() })
+                TargetRig::load(&name.to_string_lossy(), &ReadOptions { map: rig_map, ..ReadOptions::default() })
             }
         }
         .map_err(motion)?;
         let options = ConvertOptions { rig: Some(rig), ..ConvertOptions::default() };
-        py.detach(|| convert(self.0.clone(), &options, map.as_deref())).map(Clip).map_err(motion)
+        py.detach(|| convert(mapped(self.0.clone(), map.as_deref())?, &options)).map(Clip).map_err(motion)
     }
 
     /// The clip at another rate, interpolated smoothly and low-passed where it gets slower.
     fn resample(&self, py: Python<'_>, fps: f64) -> PyResult<Clip> {
         let options = ConvertOptions { fps: Some(fps), ..ConvertOptions::default() };
-        py.detach(|| convert(self.0.clone(), &options, None)).map(Clip).map_err(motion)
+        py.detach(|| convert(self.0.clone(), &options)).map(Clip).map_err(motion)
     }
 
     /// Frames `start` to `stop`, exclusive.
@@ -108,7 +108,7 @@ impl Clip {
         if start > stop || stop > frames {
             return Err(wrong(format!("frames {start} to {stop} of a clip that has {frames}")));
         }
-        Ok(Clip(Motion { clip: self.0.clip.slice(start..stop), ..self.0.clone() }))
+        Ok(Clip(self.0.clone().with_clip(self.0.clip.slice(start..stop))))
     }
 
     #[getter]
@@ -189,6 +189,11 @@ impl Clip {
         let clip = &self.0.clip;
         format!("<kinelm.Clip: {} frames of {} joints at {} fps>", clip.frames(), clip.joints(), clip.fps())
     }
+}
+
+/// A motion with its skeleton map, if one is given.
+pub fn mapped(motion: Motion, map: Option<&str>) -> kinelm::motion::Result<Motion> {
+    map.map_or(Ok(motion.clone()), |map| motion.with_map(map))
 }
 
 /// (F, J, 3) positions of a clip's joints.

@@ -5,6 +5,7 @@ use crate::interrupt::Interrupt;
 use crate::json::python;
 use crate::options::{Paths, Reading, named, size};
 use crate::pool::detach;
+use kinelm::classify::embedding::MODELS;
 use kinelm::corpus::{BuildOptions, Dataset};
 use kinelm::motion::format::{ReadOptions, RestFrame};
 use kinelm::spectral::query::{Distance, Exclude, IndexRequest, Query};
@@ -44,7 +45,7 @@ impl Index {
     ) -> PyResult<Index> {
         let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
         let options = BuildOptions { read, ..BuildOptions::default() };
-        let request = IndexRequest { frames: window, hop, fps, ..IndexRequest::default() };
+        let request = IndexRequest { frames: window, hop, fps, models: MODELS, ..IndexRequest::default() };
         let data: Vec<PathBuf> = data.into();
         detach(py, || {
             let dataset = Dataset::find(&data, &labels.unwrap_or_default()).map_err(library)?;
@@ -77,7 +78,7 @@ impl Index {
         let exclude: Exclude = named(exclude, "exclude", &exclusions)?;
         let as_indexed = reading.is_none_or(|reading| reading.is_empty());
         let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
-        let query = Query { clip, read, as_indexed, at_s: at, k, distance, exclude, one_per_clip };
+        let query = Query { clip, read, as_indexed, at_s: at, k, distance, exclude, one_per_clip, models: MODELS };
         let found = detach(py, || self.0.find(&query).map_err(library))?;
         python(py, &found.matches)
     }

@@ -7,10 +7,9 @@ use crate::interrupt::Interrupt;
 use crate::json::python;
 use crate::options::{Reading, named, parsed};
 use crate::pool::detach;
+use kinelm::generate::make::{Making, Preview};
 use kinelm::generate::open::OpenRequest;
-use kinelm::generate::request::{
-    Edit, FootMode, Length, Loop, LoopKind, MusicRequest, PromptRequest, Request, Rig, Span,
-};
+use kinelm::generate::request::{Edit, FootMode, Length, Loop, MusicRequest, PromptRequest, Request, Rig, Span};
 use kinelm::generate::sampler::{NextToken, Sampler};
 use kinelm::generate::sampling::Sampling;
 use kinelm::model::{CheckpointChoice, Compute, load_run};
@@ -19,7 +18,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 /// A trained model: its run folder.
@@ -71,7 +70,7 @@ impl Model {
         let read = Reading { fps_source, skip, up, unit, map, root, take, mirror_axis }.options()?;
         let free = asked.free.iter().map(|span| span.parse::<Span>()).collect::<Result<Vec<_>, _>>();
         let free = free.map_err(|e| wrong(e.to_string()))?;
-        let looping = asked.r#loop.then_some(Loop { kind: LoopKind::Back, over_s: 2.0 });
+        let looping = asked.r#loop.then(Loop::default);
         let is_edited = !free.is_empty() || looping.is_some();
         let edit = is_edited.then(|| Edit { looping, ..Edit::of(free) });
         let rig = asked.rig.as_deref().map(|rig| named(rig, "rig", &["model", "prompt"])).transpose()?;
@@ -81,18 +80,14 @@ impl Model {
         }
         let usual = Sampling::default();
         Ok(Request {
-            prompt: prompt.map(|path| PromptRequest { path, read, joints, from_frame, timeline: None, edit }),
+            prompt: prompt.map(|path| PromptRequest { read, joints, from_frame, edit, ..PromptRequest::of(path) }),
             labels: asked.labels,
             guidance: asked.guidance,
             length: asked.frames.map(Length::Frames).or(asked.seconds.map(Length::Seconds)),
             fps: asked.fps,
-            music: asked.music.map(|path| MusicRequest { path, from_s: 0.0 }),
-            seed: asked.seed.unwrap_or(1),
-            sampling: Sampling {
-                temperature: asked.temperature.unwrap_or(usual.temperature),
-                top_p: asked.top_p,
-                ..usual
-            },
+            music: asked.music.map(|path| MusicRequest::of(path, None)),
+            seed: asked.seed,
+            sampling: Sampling { top_p: asked.top_p, ..asked.temperature.map_or(usual, Sampling::temperature) },
             rig,
             feet: asked.lock_feet.map(|lock| if lock { FootMode::Lock } else { FootMode::Off }),
             ..Request::of(&self.run)
@@ -150,10 +145,10 @@ impl Model {
         detach(py, || {
             let open = OpenRequest::open(&request).map_err(library)?;
             let mut interrupt = Interrupt::default();
-            let sampled = open.sample(count, None, &mut |_, _| interrupt.check());
-            let sampled = interrupt.result(sampled)?;
-            let motion = |dance| open.motion(&open.words(&sampled, dance), Path::new("dance.bvh"));
-            (0..count).map(|dance| Ok(Clip(motion(dance).map_err(library)?.motion))).collect()
+            let outs = vec![PathBuf::from("dance.bvh"); count];
+            let dances = open.make(&Making::of(&outs), &mut |_| interrupt.check());
+            let chosen = interrupt.result(dances)?.chosen.into_iter();
+            chosen.map(|dance| Ok(Clip(dance.decode(&open).map_err(library)?.generated.motion))).collect()
         })
     }
 
@@ -166,7 +161,8 @@ impl Model {
         detach(py, || {
             let open = OpenRequest::open(&request).map_err(library)?;
             let sampler = open.sampler(1).map_err(library)?;
-            Ok(Frames(Mutex::new(SamplingState { open, sampler, ids: Vec::new(), clip: None, yielded: 0 })))
+            let preview = Preview::new(&open).map_err(library)?;
+            Ok(Frames(Mutex::new(SamplingState { open, sampler, preview, new: None, yielded: 0 })))
         })
     }
 
@@ -204,9 +200,9 @@ pub struct Frames(Mutex<SamplingState>);
 struct SamplingState {
     open: OpenRequest,
     sampler: Sampler<Box<dyn NextToken>>,
-    ids: Vec<u32>,
-    /// All of it so far.
-    clip: Option<kinelm::motion::Clip>,
+    preview: Preview,
+    /// The frames that were decoded last, and how many of them were yielded.
+    new: Option<kinelm::motion::Clip>,
     yielded: usize,
 }
 
@@ -214,13 +210,13 @@ impl SamplingState {
     /// The next frame, as a clip of one.
     fn next(&mut self) -> kinelm::Result<Option<kinelm::motion::Clip>> {
         loop {
-            if let Some(clip) = self.clip.as_ref().filter(|clip| clip.frames() > self.yielded) {
+            if let Some(clip) = self.new.as_ref().filter(|clip| clip.frames() > self.yielded) {
                 self.yielded += 1;
                 return Ok(Some(clip.slice(self.yielded - 1..self.yielded)));
             }
             let Some(word) = self.sampler.next() else { return Ok(None) };
-            self.ids.extend(&word?[0]);
-            self.clip = Some(self.open.preview(&self.open.tokenizer.words_of_ids(&self.ids).words)?);
+            self.preview.push(&self.open.tokenizer, &word?[0]);
+            (self.new, self.yielded) = (self.preview.next(&self.open)?, 0);
         }
     }
 }

@@ -1,11 +1,11 @@
 //! Tokenizers.
 
-use crate::clip::Clip;
+use crate::clip::{Clip, mapped};
 use crate::error::library;
 use crate::options::free;
 use kinelm::corpus::load::ModelClip;
 use kinelm::motion::format::ReadOptions;
-use kinelm::motion::{Motion, Source, joints};
+use kinelm::motion::{Motion, joints};
 use kinelm::tokenizer::TokenizerConfig;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
@@ -19,9 +19,11 @@ pub struct Tokenizer(pub kinelm::tokenizer::Tokenizer);
 fn taken(
     motion: Motion,
     config: &TokenizerConfig,
-    (map, floor): (Option<String>, Option<f64>),
+    map: Option<String>,
+    floor: Option<f64>,
 ) -> PyResult<kinelm::motion::Clip> {
-    let options = ReadOptions { map, floor, ..ReadOptions::default() };
+    let motion = mapped(motion, map.as_deref()).map_err(crate::error::motion)?;
+    let options = ReadOptions { floor, ..ReadOptions::default() };
     ModelClip::of(motion, &options, config.into()).map(|clip| clip.lowered()).map_err(library)
 }
 
@@ -44,7 +46,7 @@ impl Tokenizer {
         py.detach(|| {
             let clips = clips
                 .into_iter()
-                .map(|clip| taken(clip.0, &config, (map.clone(), floor)))
+                .map(|clip| taken(clip.0, &config, map.clone(), floor))
                 .collect::<PyResult<Vec<_>>>()?;
             kinelm::tokenizer::Tokenizer::fit(&clips, config).map(Tokenizer).map_err(library)
         })
@@ -73,7 +75,7 @@ impl Tokenizer {
         floor: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let ids = py.detach(|| {
-            let clip = taken(clip.0.clone(), self.0.config(), (map, floor))?;
+            let clip = taken(clip.0.clone(), self.0.config(), map, floor)?;
             let encoded = self.0.encode(&clip).map_err(library)?;
             self.0.ids_of_words(&encoded.words).map_err(library)
         })?;
@@ -87,7 +89,7 @@ impl Tokenizer {
             let words = self.0.words_of_ids(&ids).words;
             self.0.decode(&words, self.0.uncoded_pose()).map_err(library)
         })?;
-        Ok(Clip(Motion { path: "decoded.json".into(), clip, source: Source::Plain, warnings: Vec::new() }))
+        Ok(Clip(Motion::new("decoded.json", clip)))
     }
 
     /// How many ids there are.

@@ -3,8 +3,8 @@
 use crate::FPS;
 use crate::rig::Rig;
 use crate::{Error, Result};
-use kinelm_classify::LabelFilter;
 use kinelm_corpus::Split;
+use kinelm_corpus::labels::LabelFilter;
 use kinelm_corpus::{Dataset, Item};
 use kinelm_motion::format::{FileRate, RateDoubts, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
@@ -31,7 +31,7 @@ pub struct Sources {
 
 impl Sources {
     /// With other paths of motion and labels.
-    pub fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> Sources {
+    pub(crate) fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> Sources {
         let label = |text: &String| match text.is_empty() || text.contains(['{', '}']) {
             true => text.clone(), // known names, or a pattern
             false => path(Path::new(text)).to_string_lossy().into_owned(),
@@ -65,7 +65,7 @@ impl Recording {
     ///
     /// # Errors
     /// None for a recording that was read.
-    pub fn at_rate(&self) -> Result<Clip> {
+    pub(crate) fn at_rate(&self) -> Result<Clip> {
         Ok(resample(&self.clip, FPS, Method::Stride)?)
     }
 
@@ -94,7 +94,7 @@ impl Recordings {
     /// no multiple of the network's.
     pub fn load(sources: &Sources, margin: usize, rig: Option<&Rig>) -> Result<Recordings> {
         let Dataset { items, mut notes, .. } = Dataset::find(&sources.data, &sources.labels)?;
-        let meets = |item: &&Item| sources.only.iter().all(|o| item.labels.get(&o.field) == Some(&o.value));
+        let meets = |item: &&Item| sources.only.iter().all(|label| label.allows(&item.labels));
         let items: Vec<&Item> = items.iter().filter(meets).collect();
         let (mut loaded, mut doubts): (Option<Recordings>, _) = (None, RateDoubts::default());
         for item in &items {
@@ -122,7 +122,7 @@ impl Recordings {
         }
         notes.extend(doubts.line());
         loaded.map(|loaded| Recordings { notes, ..loaded }).ok_or_else(|| {
-            let labels: Vec<String> = sources.only.iter().map(|o| format!("{}={}", o.field, o.value)).collect();
+            let labels: Vec<String> = sources.only.iter().map(LabelFilter::to_string).collect();
             Error::missing(format!("clip with {}", labels.join(", ")), "see the labels' columns")
         })
     }
@@ -148,13 +148,13 @@ impl Recordings {
 }
 
 /// SHA-256 of files by their paths.
-pub type Hashes = BTreeMap<String, String>;
+pub(crate) type Hashes = BTreeMap<String, String>;
 
 /// Refuses other files than those that a run has learned from, by the hash of all and those of each.
 ///
 /// # Errors
 /// [`kinelm_store::Error::File`] that names the first that has changed, is gone or is new; if none has, what else may have.
-pub fn check_files(run: &Path, all: [&str; 2], each: [&Hashes; 2]) -> Result<()> {
+pub(crate) fn check_files(run: &Path, all: [&str; 2], each: [&Hashes; 2]) -> Result<()> {
     let ([then, now], [then_each, now_each]) = (all, each);
     if then == now {
         return Ok(());
@@ -188,7 +188,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<(Motion, String)> {
 }
 
 /// A clip without `margin` frames at both ends.
-pub fn inner(clip: &Clip, margin: usize) -> Clip {
+pub(crate) fn inner(clip: &Clip, margin: usize) -> Clip {
     let end = clip.frames().saturating_sub(margin);
     clip.slice(margin.min(end)..end)
 }
@@ -197,7 +197,7 @@ pub fn inner(clip: &Clip, margin: usize) -> Clip {
 ///
 /// # Errors
 /// A rate that is no multiple of the network's.
-pub fn stride(path: &Path, fps: f64) -> Result<usize> {
+pub(crate) fn stride(path: &Path, fps: f64) -> Result<usize> {
     let stride = (fps / FPS).round();
     if stride >= 1.0 && (fps / FPS - stride).abs() <= 1e-6 * stride {
         return Ok(stride as usize);

@@ -7,7 +7,7 @@
 pub mod aclstm;
 pub mod data;
 pub mod form;
-pub mod mean;
+mod mean;
 pub mod music_lstm;
 pub mod rig;
 pub mod run;

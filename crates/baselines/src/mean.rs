@@ -19,7 +19,7 @@ impl Mean {
     /// let parts = [("a", 3.0, 1.0), ("b", 1.0, 1.0)];
     /// assert_eq!(kinelm_baselines::Mean::of(parts.iter().copied()).mean, 2.0);
     /// ```
-    pub fn of<'a>(all: impl Iterator<Item = (&'a str, f64, f64)> + Clone) -> Mean {
+    pub(crate) fn of<'a>(all: impl Iterator<Item = (&'a str, f64, f64)> + Clone) -> Mean {
         let (sum, count) = all.clone().fold((0.0, 0.0), |(s, n), (_, sum, count)| (s + sum, n + count));
         Mean { mean: sum / count, over_takes: interval(all) }
     }

@@ -24,7 +24,7 @@ pub struct Rig {
 
 impl Rig {
     /// The rig of a motion. Orders are those of its file's channels; of joints without three rotations `ZXY`.
-    pub fn of(motion: &Motion) -> Rig {
+    pub(crate) fn of(motion: &Motion) -> Rig {
         let skeleton = motion.clip.skeleton();
         let own = |joint: usize| match &motion.source {
             Source::Bvh(source) => {
@@ -59,7 +59,7 @@ impl Rig {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Invalid`] for letters that are no order.
-    pub fn angles(&self) -> Result<Vec<EulerOrder>> {
+    pub(crate) fn angles(&self) -> Result<Vec<EulerOrder>> {
         self.orders.iter().map(|letters| order(letters)).collect()
     }
 
@@ -126,7 +126,7 @@ mod tests {
     #[test]
     fn another_rig_is_refused_by_its_joints() {
         let clip = Clip::new(smpl::neutral(), 30.0, vec![Vec3::Y], vec![Quat::IDENTITY; 24]).unwrap();
-        let motion = Motion { path: "a.npz".into(), clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new("a.npz", clip);
         let rig = Rig::of(&motion);
         assert_eq!((rig.joints(), rig.orders[3].as_str()), (24, "ZXY"));
         rig.check(Path::new("a.npz"), motion.clip.skeleton()).unwrap();

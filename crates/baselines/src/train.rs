@@ -50,7 +50,7 @@ pub struct Parameters {
 
 impl Parameters {
     /// Before the first update.
-    pub fn new(list: Vec<Parameter>, weights: Vec<Floats>) -> Parameters {
+    pub(crate) fn new(list: Vec<Parameter>, weights: Vec<Floats>) -> Parameters {
         Parameters { optimizer: Optimizer::new(list.clone()), list, weights }
     }
 

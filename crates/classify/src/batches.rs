@@ -2,7 +2,7 @@
 
 use super::fields::{Field, Fields};
 use super::learner::Batch;
-use super::train::TrainOptions;
+use super::options::TrainOptions;
 use crate::Result;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_model::class_windows::{Layout, Window, mask};

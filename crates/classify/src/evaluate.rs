@@ -1,10 +1,10 @@
 //! A classifier's metrics on a split, beside those of plain classifiers on the same clips.
 
 use super::Classifier;
+use super::class_scores::{ClassScores, of_clips};
 use super::fields::{self, Field, Fields};
 use super::metrics::{Metrics, Outcome};
 use super::plain::Plain;
-use super::scores::{ClassScores, of_clips};
 use super::train::training_clips;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};

@@ -37,7 +37,7 @@ impl Motion {
     ///
     /// # Errors
     /// A corpus that doesn't hold together.
-    pub fn of(corpus: &Corpus, record: &ClipRecord) -> Result<Motion> {
+    pub(crate) fn of(corpus: &Corpus, record: &ClipRecord) -> Result<Motion> {
         Motion::of_words(corpus.tokenizer(), &corpus.clip_words(record)?)
     }
 
@@ -45,7 +45,7 @@ impl Motion {
     ///
     /// # Errors
     /// Words of another tokenizer.
-    pub fn of_words(tokenizer: &Tokenizer, words: &Words) -> Result<Motion> {
+    pub(crate) fn of_words(tokenizer: &Tokenizer, words: &Words) -> Result<Motion> {
         Motion::new(tokenizer, tokenizer.decode(words, UncodedPose::Identity)?)
     }
 
@@ -86,7 +86,7 @@ impl Motion {
     }
 
     /// What doesn't move: the logarithm of the number of frames, and the first pose.
-    pub fn start(&self) -> Vec<f64> {
+    pub(crate) fn start(&self) -> Vec<f64> {
         let pose = self.series.window(0, 1).into_iter().chain(self.steps.iter().map(|steps| steps[0]));
         std::iter::once((self.clip.frames() as f64).ln()).chain(pose).collect()
     }

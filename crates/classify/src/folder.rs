@@ -1,17 +1,22 @@
 //! A classifier's folder: `classifier.json`, the weights it names, `tokenizer.json`, `metrics.jsonl`.
 
-use super::features;
-use super::fields::{Fields, LabelFilter};
-use super::fusion::Fusion;
+use super::class_scores::{ClassScores, of_clips};
+use super::features::{self, Motion};
+use super::fields::Fields;
+use super::fusion::{Fusion, fuse};
 use super::learner::heads;
+use super::scores::{Source, read_windows};
 use crate::{Error, Result};
+use kinelm_corpus::labels::LabelFilter;
+use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_engine::arena::Floats;
-use kinelm_model::class_windows::Layout;
+use kinelm_model::class_windows::{Layout, Window};
 use kinelm_model::fast::Fast;
 use kinelm_model::{Architecture, ModelConfig, TokenLayout, weights};
 use kinelm_store::{FileRecord, files, input};
-use kinelm_tokenizer::Tokenizer;
+use kinelm_tokenizer::{Tokenizer, Words};
 use kinelm_train::optimizer::floats;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -125,6 +130,49 @@ impl Classifier {
         let model = Fast::from_tensors(&config, &tokens, tensors)?;
         Ok(Classifier { manifest, tokenizer, model, heads, fusions, layout })
     }
+
+    fn read(&mut self, source: &Source) -> Result<Vec<ClassScores>> {
+        read_windows(&mut self.model, &self.heads, &self.layout, self.manifest.compat, source)
+    }
+
+    /// The classes of every window of these clips of a corpus, in their order, by class tokens alone.
+    ///
+    /// # Errors
+    /// A corpus of another tokenizer.
+    pub(crate) fn classify_windows(&mut self, corpus: &Corpus, clips: &[&ClipRecord]) -> Result<Vec<ClassScores>> {
+        same_tokenizer(&self.manifest.tokenizer, corpus)?;
+        self.read(&Source::of(corpus, clips))
+    }
+
+    /// The classes of clips of a corpus by the scores of their windows together with the discriminants.
+    ///
+    /// # Errors
+    /// A corpus that doesn't hold together.
+    pub(crate) fn classify_clips(
+        &self,
+        corpus: &Corpus,
+        clips: &[&ClipRecord],
+        windows: &[ClassScores],
+    ) -> Result<Vec<ClassScores>> {
+        let one = |s: &ClassScores| Ok(fuse(&self.fusions, s, &Motion::of(corpus, clips[s.clip])?));
+        of_clips(windows).par_iter().map(one).collect()
+    }
+
+    /// The classes of every window of a clip in words of its tokenizer, all of one length, by class tokens alone, and of the
+    /// clip, together with the discriminants; none of a clip without a word.
+    ///
+    /// # Errors
+    /// What the model refuses.
+    pub(crate) fn classify_words(&mut self, words: &Words) -> Result<(Vec<ClassScores>, Option<ClassScores>)> {
+        let ids = self.tokenizer.ids_of_words(words)?;
+        let word = self.manifest.tokens.word;
+        let ids_of = |w: &Window| Ok(ids[w.word * word..(w.word + w.words) * word].to_vec());
+        let source = Source { most: 0, stop: None, words: vec![ids.len() / word], ids: Box::new(ids_of) };
+        let windows = self.read(&source)?;
+        let Some(tokens) = of_clips(&windows).pop() else { return Ok((windows, None)) };
+        let clip = fuse(&self.fusions, &tokens, &Motion::of_words(&self.tokenizer, words)?);
+        Ok((windows, Some(clip)))
+    }
 }
 
 /// A model with a class token per field after its tokens, or with as many class rows.
@@ -135,4 +183,15 @@ pub(super) fn extended(config: &ModelConfig, tokens: &TokenLayout, fields: &Fiel
         }
         Architecture::TwoLevel => (ModelConfig { classes: fields.len(), ..config.clone() }, tokens.clone()),
     }
+}
+
+/// Refuses a corpus of another tokenizer.
+pub(super) fn same_tokenizer(expected: &str, corpus: &Corpus) -> Result<()> {
+    let found = corpus.tokenizer().base_hash();
+    if found == expected {
+        return Ok(());
+    }
+    let help = "make the corpus with the model's tokenizer.json: kinelm tokenize DATA --tokenizer FILE";
+    let (found, expected) = (format!("a corpus of tokenizer {found}"), format!("that of the model, {expected}"));
+    Err(Error::file(corpus.dir(), found, expected, help))
 }

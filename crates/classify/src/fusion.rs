@@ -3,10 +3,10 @@
 //! The discriminant reads windows longer than the class tokens'. The weights are those of the lowest -ln p on the validation clips:
 //! docs/classification.md, "A clip's class".
 
+use super::class_scores::{ClassScores, mean_log_p, normalised, of_clips};
 use super::features::Motion;
 use super::fields::{Field, Fields};
 use super::lda::{COMPONENTS, Lda};
-use super::scores::{ClassScores, mean_log_p, normalised, of_clips};
 use crate::Result;
 use candle_core::{Device, Tensor};
 use kinelm_corpus::{ClipRecord, Corpus};

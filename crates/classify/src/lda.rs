@@ -82,7 +82,7 @@ impl Lda {
         let standard: Vec<f64> = row.iter().zip(&self.mean).zip(&self.scale).map(|((x, m), s)| (x - m) / s).collect();
         let point = project(&self.basis, &standard);
         let logits = self.weights.chunks(point.len()).zip(&self.intercepts).map(|(w, b)| dot(w, &point) + b).collect();
-        super::scores::normalised(logits)
+        super::class_scores::normalised(logits)
     }
 }
 

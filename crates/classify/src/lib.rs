@@ -8,6 +8,8 @@
 #![forbid(unsafe_code)]
 
 mod batches;
+mod class_scores;
+pub mod embedding;
 pub mod evaluate;
 pub mod features;
 pub mod fields;
@@ -16,20 +18,23 @@ mod fusion;
 pub mod lda;
 mod learner;
 pub mod metrics;
+pub mod options;
 mod plain;
-pub mod predict;
+mod predict;
 mod report;
-pub mod scores;
+mod scores;
+mod state;
 #[cfg(test)]
 mod tests;
 pub mod train;
 mod unfinished;
 
+pub use class_scores::ClassScores;
 pub use evaluate::Comparison;
-pub use fields::{Field, Fields, LabelFilter};
+pub use fields::{Field, Fields};
 pub use folder::Classifier;
 pub use kinelm_model::{Error, Result};
 pub use metrics::{Metrics, Outcome};
+pub use options::TrainOptions;
 pub use predict::Prediction;
-pub use scores::ClassScores;
-pub use train::{TrainOptions, train};
+pub use train::train;

@@ -1,6 +1,6 @@
 //! Metrics of classification: accuracy, balanced accuracy, macro F1, confusion, calibration, intervals.
 
-use super::scores::likeliest;
+use super::class_scores::likeliest;
 use kinelm_store::random;
 use serde::Serialize;
 
@@ -53,7 +53,7 @@ impl Metrics {
     /// assert_eq!(metrics.balanced_accuracy, 0.75);
     /// assert_eq!(metrics.confusion, [[1, 0], [1, 1]]);
     /// ```
-    pub fn of(outcomes: &[Outcome], classes: usize, seed: u64) -> Option<Metrics> {
+    pub(crate) fn of(outcomes: &[Outcome], classes: usize, seed: u64) -> Option<Metrics> {
         if outcomes.is_empty() {
             return None;
         }

@@ -1,8 +1,9 @@
 //! Plain classifiers, as baselines for a trained one.
 
+use super::class_scores::{ClassScores, normalised};
 use super::features::Motion;
 use super::lda::{COMPONENTS, Lda};
-use super::scores::{ClassScores, Source, normalised, pooled};
+use super::scores::{Source, pooled};
 use crate::Result;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_model::LoadedRun;

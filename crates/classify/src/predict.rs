@@ -1,7 +1,7 @@
 //! Classes of a motion file, as a whole and second by second.
 
 use super::Classifier;
-use super::scores::{ClassScores, likeliest, normalised};
+use super::class_scores::{ClassScores, likeliest, normalised};
 use crate::{Error, Result};
 use kinelm_corpus::load::ModelClip;
 use kinelm_motion::Motion;

@@ -176,7 +176,7 @@ fn a_share_of_the_labels_and_a_filter_choose_the_clips() {
     };
     let (third, half) = (some(0.3), some(0.5));
     assert!(third.len() == 8 && half.len() == 12 && third.iter().all(|k| half.contains(k)), "{third:?} {half:?}");
-    let only = vec!["place=high".parse::<LabelFilter>().unwrap()];
+    let only = vec!["place=high".parse::<kinelm_corpus::labels::LabelFilter>().unwrap()];
     let high = TrainOptions { only, fields: vec!["way".into()], steps: 2, scratch: true, ..options() };
     assert_eq!(trained(dir.path(), &run, &corpus, &high, "high").unwrap().clips, 12);
     assert!(Classifier::load(&dir.path().join("high")).unwrap().manifest.from.is_none());

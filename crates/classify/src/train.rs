@@ -1,17 +1,20 @@
 //! Training of a classifier from a pre-trained run, or from nothing.
 
 use super::batches::Batches;
-use super::fields::{self, Field, Fields, LabelFilter};
-use super::folder::{Manifest, SCHEMA, extended};
+use super::class_scores::ClassScores;
+use super::fields::{self, Field, Fields};
+use super::folder::{Manifest, SCHEMA, extended, same_tokenizer};
 use super::fusion::Discriminants;
 use super::learner::{Learner, first_heads, heads};
-use super::scores::{ClassScores, Source, read_windows};
+use super::options::{TrainOptions, check};
+use super::scores::{Source, read_windows};
+use super::state::{EvalMetrics, TrainState};
 use super::unfinished::{Call, Saved, Unfinished};
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_model::checkpoint::State;
 use kinelm_model::class_windows::Layout;
-use kinelm_model::fast::{Fast, Losses};
+use kinelm_model::fast::Fast;
 use kinelm_model::{Dropout, LoadedRun, layout};
 use kinelm_store::{FileRecord, random};
 use kinelm_tokenizer::Tokenizer;
@@ -19,96 +22,10 @@ use kinelm_train::optimizer::{Tensors, floats};
 use kinelm_train::resize::{Inputs, resize};
 use kinelm_train::schedule::rate;
 use kinelm_train::trainer::{Cadence, Files};
-use kinelm_train::{Schedule, Task, TrainConfig, Trainer};
+use kinelm_train::{Task, TrainConfig, Trainer};
 use rand_chacha::rand_core::RngCore;
-use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// What to learn, from what.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct TrainOptions {
-    /// The label fields to classify by.
-    pub fields: Vec<String>,
-    /// Labels that clips must have.
-    pub only: Vec<LabelFilter>,
-    /// The run's shape with random weights instead of its own.
-    pub scratch: bool,
-    /// The share of the training clips that are used, above 0 up to 1: of each class at least one clip.
-    pub share: f64,
-    /// Class tokens attend to those before them.
-    pub compat: bool,
-    /// Classes are weighted by their shares of the windows, instead of equally.
-    pub unbalanced: bool,
-    /// Updates.
-    pub steps: u64,
-    /// Windows of a step.
-    pub batch: usize,
-    /// The learning rate of the pretrained weights.
-    pub rate: f64,
-    /// That of the heads and the class tokens, which are new.
-    pub head_rate: f64,
-    /// Updates between measurements on the validation clips.
-    pub eval_every: u64,
-    /// Largest number of validation windows of a measurement, evenly spread; 0: all.
-    pub eval_windows: usize,
-    /// Measurements without improvement after which training ends; 0: never.
-    pub patience: u64,
-    /// The seed of all random numbers.
-    pub seed: u64,
-}
-
-impl Default for TrainOptions {
-    /// The thesis's where it states them (docs/classification.md).
-    fn default() -> Self {
-        TrainOptions {
-            fields: Vec::new(),
-            only: Vec::new(),
-            scratch: false,
-            share: 1.0,
-            compat: false,
-            unbalanced: false,
-            steps: 1000,
-            batch: 16,
-            rate: 2e-5,
-            head_rate: 1e-3,
-            eval_every: 100,
-            eval_windows: 512,
-            patience: 0,
-            seed: 1,
-        }
-    }
-}
-
-impl TrainOptions {
-    /// 5 % of warm-up, then a cosine.
-    fn schedule(&self) -> TrainConfig {
-        TrainConfig {
-            batch: self.batch,
-            steps: self.steps,
-            learning_rate: self.rate,
-            schedule: Schedule::Cosine,
-            warmup: (self.steps / 20).max(1),
-            seed: self.seed,
-            ..TrainConfig::default()
-        }
-    }
-}
-
-/// Metrics of a measurement, as `metrics.jsonl` has them.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct EvalMetrics {
-    /// Updates done.
-    pub step: u64,
-    /// Mean -ln p of the motion's tokens over the updates since the last measurement.
-    pub token_nats: f64,
-    /// Mean weighted -ln p of the classes, summed over the fields.
-    pub class_nats: f64,
-    /// The same on the validation windows, unweighted.
-    pub valid_nats: Option<f64>,
-    /// Share of the validation windows that are classified right, averaged over the fields.
-    pub valid_accuracy: Option<f64>,
-}
 
 /// How training ended.
 #[derive(Debug, Clone, PartialEq)]
@@ -127,23 +44,6 @@ pub struct Summary {
     pub valid_nats: Option<f64>,
     /// Whether it was stopped.
     pub stopped: bool,
-}
-
-/// The state of a training after an update.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub(super) struct TrainState {
-    /// Updates done.
-    pub step: u64,
-    /// Lines of `metrics.jsonl`.
-    pub lines: usize,
-    /// Whether the measurement after the last update was interrupted: it comes before the next.
-    pub due: bool,
-    /// The best measurement's step and -ln p.
-    best: u64,
-    valid_nats: Option<f64>,
-    /// Measurements since.
-    worse: u64,
-    averages: Averages,
 }
 
 /// Trains a classifier and writes it to the new folder `out`. Of the weights at all measurements those with the lowest -ln p
@@ -343,78 +243,11 @@ fn absolute(dir: &Path) -> Result<PathBuf> {
     std::path::absolute(dir).map_err(Error::io(dir))
 }
 
-/// Sums of the losses since the last measurement.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-struct Averages {
-    updates: u32,
-    tokens: f64,
-    classes: f64,
-}
-
-impl Averages {
-    /// Adds an update's losses, the motion's over `counted` tokens.
-    fn add(&mut self, found: Losses, counted: usize) {
-        self.updates += 1;
-        self.tokens += found.tokens / counted.max(1) as f64;
-        self.classes += found.classes;
-    }
-}
-
-impl TrainState {
-    /// The metrics of a measurement. It is the best if it is better than those before; without validation clips every one
-    /// is.
-    fn measured(&mut self, measured: Option<(f64, f64)>) -> EvalMetrics {
-        let Averages { updates, tokens, classes } = std::mem::take(&mut self.averages);
-        let updates = f64::from(updates.max(1));
-        let (valid_nats, valid_accuracy) = measured.unzip();
-        self.lines += 1;
-        let better = match (valid_nats, self.valid_nats) {
-            (Some(now), Some(before)) => now < before,
-            _ => true,
-        };
-        match better {
-            true => (self.best, self.valid_nats, self.worse) = (self.step, valid_nats, 0),
-            false => self.worse += 1,
-        }
-        let (token_nats, class_nats) = (tokens / updates, classes / updates);
-        EvalMetrics { step: self.step, token_nats, class_nats, valid_nats, valid_accuracy }
-    }
-}
-
-/// The most windows of an update.
-const MOST_BATCH: usize = 1 << 16;
-
-fn check(options: &TrainOptions) -> Result<()> {
-    let TrainOptions { share, steps, batch, rate, head_rate, .. } = *options;
-    let positive = |x: f64| x > 0.0 && x.is_finite();
-    match () {
-        () if !(share > 0.0 && share <= 1.0) => Err(Error::invalid("`share`", share, "above 0, at most 1")),
-        () if steps == 0 => Err(Error::invalid("`steps`", steps, "1 or more")),
-        () if !(1..=MOST_BATCH).contains(&batch) => {
-            Err(Error::invalid("`batch`", batch, format!("1 to {MOST_BATCH} windows")))
-        }
-        () if !positive(rate) => Err(Error::invalid("`rate`", rate, "a number above 0")),
-        () if !positive(head_rate) => Err(Error::invalid("`head_rate`", head_rate, "a number above 0")),
-        () => Ok(()),
-    }
-}
-
 /// The run's tokenizer, which must be the corpus's except for labels.
 pub(super) fn run_tokenizer(run: &LoadedRun, corpus: &Corpus) -> Result<Tokenizer> {
     let tokenizer = run.load_tokenizer()?;
     same_tokenizer(&tokenizer.base_hash(), corpus)?;
     Ok(tokenizer)
-}
-
-/// Refuses a corpus of another tokenizer.
-pub(super) fn same_tokenizer(expected: &str, corpus: &Corpus) -> Result<()> {
-    let found = corpus.tokenizer().base_hash();
-    if found == expected {
-        return Ok(());
-    }
-    let help = "make the corpus with the model's tokenizer.json: kinelm tokenize DATA --tokenizer FILE";
-    let (found, expected) = (format!("a corpus of tokenizer {found}"), format!("that of the model, {expected}"));
-    Err(Error::file(corpus.dir(), found, expected, help))
 }
 
 /// The run's weights, or random ones, with rows for the class tokens.

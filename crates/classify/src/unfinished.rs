@@ -4,11 +4,12 @@
 //! is renamed at the end, so that nothing has the final name before.
 
 use super::folder::{MANIFEST, METRICS, Manifest, TOKENIZER};
-use super::train::{TrainOptions, TrainState};
+use super::options::TrainOptions;
+use super::state::TrainState;
 use crate::{Error, Result};
 use kinelm_model::checkpoint::{Checkpoints, refuse_links};
 use kinelm_model::weights;
-use kinelm_store::{FileRecord, files, input};
+use kinelm_store::{FileRecord, files, input, part};
 use kinelm_tokenizer::Tokenizer;
 use kinelm_train::folder::RunFolder;
 use kinelm_train::optimizer::Tensors;
@@ -155,7 +156,7 @@ impl Unfinished {
     /// What the system refuses.
     pub fn finish(&self) -> Result<()> {
         files::rename_new(self.folder.path(), &self.out)?;
-        files::sync_folder(files::folder_of(&self.out))?;
+        part::sync_folder(part::folder_of(&self.out))?;
         let dir = self.out.join("checkpoints");
         fs::remove_dir_all(&dir).map_err(Error::io(&dir))?;
         for name in [CALL, "latest", ".lock"] {

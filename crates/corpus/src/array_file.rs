@@ -3,14 +3,12 @@
 
 use crate::{Error, Result};
 use bytemuck::Pod;
-use kinelm_engine::arena::Floats;
 use kinelm_store::hash::hex;
 use kinelm_store::{FileRecord, input, memory};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::borrow::Cow;
 use std::fs::File;
-use std::marker::PhantomData;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -30,8 +28,7 @@ pub struct ArrayFile<T> {
 
 #[derive(Debug)]
 enum Held<T> {
-    /// In large pages where there are some: it is the pages that cost the time.
-    Memory(Floats, PhantomData<T>),
+    Memory(Vec<T>),
     File(File),
 }
 
@@ -49,7 +46,7 @@ impl<T: Pod + Send + Sync> ArrayFile<T> {
     ///
     /// # Errors
     /// As [`ArrayFile::open`].
-    pub fn open_within(path: &Path, expected: u64, help: &'static str, room: u64) -> Result<ArrayFile<T>> {
+    pub(crate) fn open_within(path: &Path, expected: u64, help: &'static str, room: u64) -> Result<ArrayFile<T>> {
         let file = input::open(path).map_err(Error::io(path))?;
         let found = file.metadata().map_err(Error::io(path))?.len();
         if found != expected {
@@ -58,11 +55,11 @@ impl<T: Pod + Send + Sync> ArrayFile<T> {
         let numbers = (expected / size_of::<T>() as u64) as usize;
         let mut stored = ArrayFile { path: path.to_owned(), numbers, held: Held::File(file), help };
         if expected <= room {
-            let mut all = Floats::new((expected as usize).div_ceil(size_of::<f32>()));
+            let mut all = vec![T::zeroed(); numbers];
             let block = stored.block();
-            let blocks = of_bytes(&mut all, numbers).par_chunks_mut(block).enumerate();
+            let blocks = all.par_chunks_mut(block).enumerate();
             blocks.try_for_each(|(i, numbers)| stored.fill(i * block, numbers))?;
-            stored.held = Held::Memory(all, PhantomData);
+            stored.held = Held::Memory(all);
         }
         Ok(stored)
     }
@@ -109,9 +106,7 @@ impl<T: Pod + Send + Sync> ArrayFile<T> {
     /// # Panics
     /// If the range leaves the file.
     pub fn read(&self, range: Range<usize>) -> Result<Cow<'_, [T]>> {
-        if let Held::Memory(all, _) = &self.held {
-            let all: &[T] =
-                bytemuck::cast_slice(&bytemuck::cast_slice::<f32, u8>(all)[..self.numbers * size_of::<T>()]);
+        if let Held::Memory(all) = &self.held {
             return Ok(Cow::Borrowed(&all[range]));
         }
         assert!(range.end <= self.numbers, "numbers {range:?} of {}", self.numbers);
@@ -138,11 +133,6 @@ impl<T: Pod + Send + Sync> ArrayFile<T> {
             }
         })
     }
-}
-
-/// So many numbers in memory, which is aligned to a page and so to any of them.
-fn of_bytes<T: Pod>(all: &mut Floats, numbers: usize) -> &mut [T] {
-    bytemuck::cast_slice_mut(&mut bytemuck::cast_slice_mut::<f32, u8>(all)[..numbers * size_of::<T>()])
 }
 
 #[cfg(unix)]

@@ -39,7 +39,7 @@ fn find(folder: &Path) -> Option<&'static Kind> {
 }
 
 /// What the folder is, where it is one of ours.
-pub fn kind(folder: &Path) -> Option<&'static str> {
+pub(crate) fn kind(folder: &Path) -> Option<&'static str> {
     find(folder).map(|(kind, ..)| *kind)
 }
 

@@ -3,7 +3,8 @@
 //! Files are worked on in blocks, in parallel inside a block, and their results are used in the order of the files, so the
 //! number of threads changes neither a tokenizer nor a corpus. A bad file is reported, counted and skipped.
 
-use super::dataset::{Dataset, Item};
+use super::dataset::Dataset;
+use super::item::Item;
 use super::load::{ClipSpec, ItemClip};
 use super::record::{BeatSource, ClipBeats, ClipRecord, ExcludedRange, Failure, Manifest, Shard, Split};
 use super::segments::split_items;
@@ -153,8 +154,7 @@ impl Summary {
 /// # std::fs::create_dir(&data)?;
 /// # for dance in kinelm_motion::synth::corpus(1, 4, 4.0, 20.0)? {
 /// #     let path = data.join(dance.name() + ".bvh");
-/// #     let source = kinelm_motion::Source::Plain;
-/// #     let motion = kinelm_motion::Motion { path: path.clone(), clip: dance.clip, source, warnings: vec![] };
+/// #     let motion = kinelm_motion::Motion::new(&path, dance.clip);
 /// #     kinelm_motion::format::write(&path, &motion)?;
 /// # }
 /// let (dataset, options) = (Dataset::find(&[data], &[])?, BuildOptions::default());
@@ -402,7 +402,7 @@ impl SegmentedFiles {
 mod tests {
     use super::*;
     use crate::{Corpus, merge, samples};
-    use kinelm_motion::{Clip, Motion, Quat, Source, Vec3, format};
+    use kinelm_motion::{Clip, Motion, Quat, Vec3, format};
     use std::fs;
     use std::path::PathBuf;
 
@@ -414,8 +414,7 @@ mod tests {
         let mut csv = "clip,split,kind\n".to_string();
         for i in 0..7 {
             let path = dir.join(format!("walk{i}.bvh"));
-            let motion =
-                Motion { path: path.clone(), clip: samples::walk(3 + i), source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, samples::walk(3 + i));
             format::write(&path, &motion).unwrap();
             csv += &format!("walk{i},{},walk\n", ["train", "train", "test", "valid"][i % 4]);
         }
@@ -436,8 +435,7 @@ mod tests {
             let y = |f: usize| if falls { 30.0 - 4.9 * (f as f64 / 60.0).powi(2) } else { 0.97 };
             let root = walk.root().iter().enumerate().map(|(f, p)| Vec3::new(p.x, y(f), p.z)).collect();
             let clip = Clip::new(walk.skeleton().clone(), 120.0, root, walk.rotations().to_vec()).unwrap();
-            format::write(&path, &Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] })
-                .unwrap();
+            format::write(&path, &Motion::new(&path, clip)).unwrap();
         }
         let csv = tmp.path().join("labels.csv");
         fs::write(&csv, "clip,split,fps\nfalls,train,\nwalks,train,\nstated,train,120\n").unwrap();
@@ -458,7 +456,7 @@ mod tests {
         let rotation = |i: usize| if i < clip.joints() || i % clip.joints() != 16 { Quat::IDENTITY } else { turned };
         let rotations = (0..40 * clip.joints()).map(rotation).collect();
         let clip = Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations).unwrap();
-        let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, clip);
         format::write(&path, &motion).unwrap();
         let csv = tmp.path().join("labels.csv");
         fs::write(&csv, "clip,split,kind,from_s,to_s\nw,train,a,0,0.5\nw,train,b,0.5,\n").unwrap();

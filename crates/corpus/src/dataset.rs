@@ -1,108 +1,20 @@
 //! The motion files of a dataset, with what is known of each.
 
 use super::artifacts;
-use super::exclude::TimeRange;
-use super::labels::{ClipInfo, Labels, Rule};
+use super::clip_info::ClipInfo;
+use super::item::Item;
+use super::labels::{Labels, Rule};
 use super::pattern::without_extension;
 use super::record::Split;
-use super::segments::{Segment, TimedLabels};
 use super::sidecar;
 use super::splits::{self, abbreviated};
 use crate::{Error, Result};
-use kinelm_motion::format::{Format, ReadOptions};
+use kinelm_motion::format::Format;
 use kinelm_store::input;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-
-/// A motion file, or a segment of one, and what is known of it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Item {
-    /// The file.
-    pub path: PathBuf,
-    /// The path below its source without extension, `/` between parts; unique in the dataset.
-    pub name: String,
-    /// Values by field.
-    pub labels: BTreeMap<String, String>,
-    /// Labels of parts of the clip; [`super::segments::split_items`] splits by them.
-    pub timed: Vec<TimedLabels>,
-    /// Ranges that a corpus does without.
-    pub excluded: Vec<TimeRange>,
-    /// The part of the file that the item is; `None` for all of it.
-    pub segment: Option<Segment>,
-    /// The recording; the name if nothing else is known.
-    pub take: String,
-    /// The split.
-    pub split: Split,
-    /// The true source rate, if labels state it.
-    pub fps: Option<f64>,
-    /// Source frames to skip at the start, if labels state it.
-    pub skip: Option<usize>,
-    /// The height of the floor in metres, if labels state it.
-    pub floor: Option<f64>,
-    /// How the file is read by its sidecar, if it is a dance that has one.
-    pub sidecar: Option<ReadOptions>,
-    /// The time of its music at which it begins, in seconds, if labels state it.
-    pub music_from_s: Option<f64>,
-    /// Its number among all items.
-    pub key: usize,
-    /// Index into [`Dataset::sources`].
-    pub source: usize,
-}
-
-impl Item {
-    /// The clip's name, without the range of a segment.
-    pub fn clip_name(&self) -> &str {
-        let of_segment = self.segment.and_then(|_| self.name.rsplit_once('@'));
-        of_segment.map_or(&self.name, |(name, _)| name)
-    }
-
-    /// The path below the source, for messages.
-    pub fn file_name(&self) -> String {
-        let name = self.clip_name();
-        match self.path.extension().map(|e| e.to_string_lossy()) {
-            Some(extension) if !name.ends_with(&format!(".{extension}")) => format!("{name}.{extension}"),
-            _ => name.to_owned(),
-        }
-    }
-
-    /// How the file is read: as its labels state, else its sidecar, else `options`.
-    pub fn read_options(&self, options: &ReadOptions) -> ReadOptions {
-        let options = match &self.sidecar {
-            Some(sidecar) => sidecar::combined(sidecar.clone(), options),
-            None => options.clone(),
-        };
-        ReadOptions {
-            fps_source: self.fps.or(options.fps_source),
-            skip: self.skip.unwrap_or(options.skip),
-            floor: self.floor.or(options.floor),
-            ..options
-        }
-    }
-}
-
-impl Default for Item {
-    fn default() -> Self {
-        Item {
-            path: PathBuf::new(),
-            name: String::new(),
-            labels: BTreeMap::new(),
-            timed: Vec::new(),
-            excluded: Vec::new(),
-            segment: None,
-            take: String::new(),
-            split: Split::Train,
-            fps: None,
-            skip: None,
-            floor: None,
-            sidecar: None,
-            music_from_s: None,
-            key: 0,
-            source: 0,
-        }
-    }
-}
 
 /// The motion files below some folders.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -137,7 +49,7 @@ impl Dataset {
     /// them. `labels` has a source of labels ([`Labels::parse`]) for each of `data`, or one for all, or none: then the names
     /// of known data sets are tried.
     ///
-    /// Files are taken by their extensions ([`Format::EXTENSIONS`]); hidden files and folders are skipped. An
+    /// Files are taken by their extensions ([`Format::extensions`]); hidden files and folders are skipped. An
     /// `ignore_list.txt`, as AIST++ has one, leaves out the names that it lists from its folder and all folders below; one
     /// beside a folder of `data` counts too.
     ///

@@ -26,13 +26,16 @@ pub enum Error {
         /// The reason.
         source: Box<Error>,
     },
+    /// A caller's model failed, which reads windows of the clips.
+    #[error("{0}")]
+    Failed(String),
 }
 
 kinelm_store::constructors!(Error);
 
 impl Error {
     /// Wraps an error with the clip that it is about.
-    pub fn in_clip(clip: impl ToString) -> impl FnOnce(Error) -> Error {
+    pub(crate) fn in_clip(clip: impl ToString) -> impl FnOnce(Error) -> Error {
         let clip = clip.to_string();
         move |source| Error::Clip { clip, source: Box::new(source) }
     }
@@ -45,6 +48,7 @@ impl Error {
             Error::Music(e) => e.kind(),
             Error::Tokenizer(e) => e.kind(),
             Error::Clip { source, .. } => source.kind(),
+            Error::Failed(_) => kinelm_store::Kind::Failed,
         }
     }
 }

@@ -5,6 +5,7 @@
 
 use super::csv::{ClipTable, FROM, TO};
 use super::dataset::Dataset;
+use super::item::TimeRange;
 use super::record::ExcludedRange;
 use super::splits::abbreviated;
 use crate::{Error, Result};
@@ -14,17 +15,6 @@ use std::path::Path;
 
 /// The columns; all but `clip` may be missing.
 const COLUMNS: [&str; 4] = ["clip", FROM, TO, "why"];
-
-/// A range of an item in seconds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TimeRange {
-    /// The first second, 0 or more.
-    pub from_s: f64,
-    /// The second after the last; infinite for the clip's end.
-    pub to_s: f64,
-    /// The line of the CSV that states it.
-    pub line: usize,
-}
 
 /// A row and its line.
 type Row = (ExcludedRange, usize);

@@ -1,9 +1,9 @@
 //! A label CSV: a header with the column `clip`, then a row per clip, or several with time ranges.
 
+use super::clip_info::{ClipInfo, RESERVED};
 use super::csv::{ClipTable, Row};
-use super::labels::{ClipInfo, RESERVED};
+use super::item::TimedLabels;
 use super::pattern::without_extension;
-use super::segments::TimedLabels;
 use crate::{Error, Result};
 use kinelm_store::input;
 use std::collections::HashMap;
@@ -97,7 +97,7 @@ impl LabelTable {
     }
 
     /// The clips for which `is_used` is false, each as `clip (line n)`.
-    pub fn unused(&self, is_used: impl Fn(usize) -> bool) -> Vec<String> {
+    pub(crate) fn unused(&self, is_used: impl Fn(usize) -> bool) -> Vec<String> {
         let clips = self.clips.iter().enumerate().filter(|(i, _)| !is_used(*i));
         clips.map(|(_, clip)| format!("{} (line {})", clip.name, clip.line)).collect()
     }

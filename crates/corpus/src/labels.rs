@@ -1,106 +1,55 @@
 //! What is known of a clip beside its motion: labels, split, take and how its file is read. It comes from a CSV, from a
 //! pattern over names, or from the names of known data sets.
 
-use super::csv::{FROM, TO};
+use super::clip_info::ClipInfo;
 use super::label_table::LabelTable;
 use super::pattern::{self, Pattern, without_extension};
-use super::record::Split;
-use super::segments::TimedLabels;
 use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 use std::sync::LazyLock;
 
-/// Columns and pattern fields that are no labels.
-pub(super) const RESERVED: [&str; 9] = ["clip", "split", "take", "fps", "skip", "floor", "music_from", FROM, TO];
-
-/// Pattern fields that name a file and nothing that could be learned.
-const NO_LABEL: [&str; 2] = ["set", "id"];
-
-/// Parses a label `FIELD=VALUE`.
-///
-/// # Errors
-/// [`kinelm_store::Error::Invalid`] for text of another form.
+/// A label that clips must have, `field=value`.
 ///
 /// ```
-/// assert_eq!(kinelm_corpus::labels::parse_pair("genre=salsa")?, ("genre".into(), "salsa".into()));
-/// # Ok::<(), kinelm_corpus::Error>(())
+/// let filter: kinelm_corpus::labels::LabelFilter = "genre=salsa".parse()?;
+/// assert_eq!((filter.field.as_str(), filter.value.as_str()), ("genre", "salsa"));
+/// # kinelm_corpus::Result::Ok(())
 /// ```
-pub fn parse_pair(text: &str) -> Result<(String, String)> {
-    match text.split_once('=') {
-        Some((field, value)) if !field.is_empty() && !value.is_empty() => Ok((field.into(), value.into())),
-        _ => Err(Error::invalid("a label", format!("`{text}`"), "FIELD=VALUE, such as genre=salsa")),
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LabelFilter {
+    /// The field.
+    pub field: String,
+    /// Its value.
+    pub value: String,
+}
+
+impl FromStr for LabelFilter {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<LabelFilter> {
+        match text.split_once('=') {
+            Some((field, value)) if !field.is_empty() && !value.is_empty() => {
+                Ok(LabelFilter { field: field.into(), value: value.into() })
+            }
+            _ => Err(Error::invalid("a label", format!("`{text}`"), "FIELD=VALUE, such as genre=salsa")),
+        }
     }
 }
 
-/// What is known of one clip.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct ClipInfo {
-    /// Values by field; empty values are left out.
-    pub labels: BTreeMap<String, String>,
-    /// The split, if stated.
-    pub split: Option<Split>,
-    /// The recording, if stated.
-    pub take: Option<String>,
-    /// The true source rate, if stated.
-    pub fps: Option<f64>,
-    /// Source frames to skip at the start, if stated.
-    pub skip: Option<usize>,
-    /// The height of the floor in metres, if stated.
-    pub floor: Option<f64>,
-    /// The time of its music at which the clip begins, in seconds, if stated.
-    pub music_from_s: Option<f64>,
-    /// Labels of parts of the clip.
-    pub timed: Vec<TimedLabels>,
+impl fmt::Display for LabelFilter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.field, self.value)
+    }
 }
 
-impl ClipInfo {
-    /// Sets one value; an empty one says nothing. The error is what was expected.
-    pub(super) fn set(&mut self, field: &str, value: &str) -> std::result::Result<(), &'static str> {
-        fn number<T: FromStr>(
-            value: &str,
-            is_valid: impl Fn(&T) -> bool,
-            expected: &'static str,
-        ) -> std::result::Result<Option<T>, &'static str> {
-            value.parse().ok().filter(is_valid).map(Some).ok_or(expected)
-        }
-        if value.is_empty() {
-            return Ok(());
-        }
-        let is_rate = |f: &f64| f.is_finite() && *f > 0.0;
-        let is_time = |s: &f64| s.is_finite() && *s >= 0.0;
-        match field {
-            "clip" | FROM | TO => {}
-            "split" => self.split = number(value, |_| true, "train, valid or test")?,
-            "take" => self.take = Some(value.to_owned()),
-            "fps" => self.fps = number(value, is_rate, "a positive number of frames per second")?,
-            "floor" => self.floor = number(value, |m: &f64| m.is_finite(), "a height in metres")?,
-            "music_from" => self.music_from_s = number(value, is_time, "seconds, 0 or more")?,
-            "skip" => self.skip = number(value, |_| true, "a whole number of frames")?,
-            _ => {
-                self.labels.insert(field.to_owned(), value.to_owned());
-            }
-        }
-        Ok(())
-    }
-
-    /// What the fields of a pattern say of the file at `path`.
-    fn from_fields(fields: BTreeMap<String, String>, path: &str) -> Result<ClipInfo> {
-        let mut info = ClipInfo::default();
-        for (field, value) in fields {
-            let wrong = |expected| {
-                let found = format!("`{value}` by the pattern");
-                Error::in_clip(path)(Error::invalid(format!("the {field}"), found, expected))
-            };
-            if [FROM, TO].contains(&field.as_str()) {
-                return Err(wrong("a column of a CSV"));
-            }
-            if !NO_LABEL.contains(&field.as_str()) {
-                info.set(&field, &value).map_err(wrong)?;
-            }
-        }
-        Ok(info)
+impl LabelFilter {
+    /// Whether these labels have it.
+    pub fn allows(&self, labels: &BTreeMap<String, String>) -> bool {
+        labels.get(&self.field) == Some(&self.value)
     }
 }
 
@@ -172,7 +121,7 @@ const GENRE_FOLDER: &str = "{genre}/{take}.bvh";
 
 impl Rule {
     /// The rule in the user's terms.
-    pub fn describe(self) -> &'static str {
+    pub(crate) fn describe(self) -> &'static str {
         match self {
             Rule::Row(_) => "the CSV",
             Rule::Pattern => "the pattern",
@@ -203,6 +152,7 @@ fn auto(path: &str) -> Result<Option<(ClipInfo, Rule)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::Split;
 
     fn known(labels: &Labels, path: &str) -> Option<(String, Option<String>, Rule)> {
         let (k, rule) = labels.find(path).unwrap()?;
@@ -210,6 +160,14 @@ mod tests {
         Some((labels.join(" "), k.take, rule))
     }
 
+    #[test]
+    fn label_filters_are_parsed() {
+        let only: LabelFilter = "genre=salsa".parse().unwrap();
+        assert_eq!((only.field.as_str(), only.value.as_str()), ("genre", "salsa"));
+        for wrong in ["genre", "=salsa", "genre="] {
+            assert!(wrong.parse::<LabelFilter>().unwrap_err().to_string().contains("expected FIELD=VALUE"));
+        }
+    }
     #[test]
     fn known_names_need_no_pattern() {
         let auto = Labels::parse("").unwrap();

@@ -1,12 +1,12 @@
 //! A motion file as a clip that a tokenizer takes: on the model's body, at the model's rate.
 
-use super::dataset::Item;
+use super::item::Item;
 use super::segments::{past_end_warning, segment_of};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, FileRate, ReadOptions, resolve_floor};
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::retarget::is_on_neutral;
-use kinelm_motion::{Clip, Motion, Warning, retarget};
+use kinelm_motion::retarget::OntoNeutral;
+use kinelm_motion::{Clip, Motion, Warning};
 use kinelm_store::FileRecord;
 use kinelm_tokenizer::TokenizerConfig;
 use std::path::Path;
@@ -59,8 +59,7 @@ impl ModelClip {
     /// # let dir = tempfile::tempdir()?;
     /// # let path = dir.path().join("sway.json");
     /// # let dance = kinelm_motion::synth::corpus(1, 1, 4.0, 60.0)?.remove(0).clip;
-    /// # let source = kinelm_motion::Source::Plain;
-    /// # let motion = kinelm_motion::Motion { path: path.clone(), clip: dance, source, warnings: vec![] };
+    /// # let motion = kinelm_motion::Motion::new(&path, dance);
     /// # kinelm_motion::format::write(&path, &motion)?;
     /// let loaded = ModelClip::load(&path, &Default::default(), ClipSpec::in_world(20.0))?;
     /// assert_eq!((loaded.clip.fps(), loaded.clip.joints()), (20.0, 24));
@@ -86,18 +85,25 @@ impl ModelClip {
     ///
     /// # Errors
     /// Those of retargeting and resampling.
-    pub fn of(mut motion: Motion, options: &ReadOptions, spec: ClipSpec) -> Result<ModelClip> {
-        let on_body = |motion: &Motion| retarget::to_smpl(motion, options.map.as_deref());
-        let clip = on_body(&motion)?;
+    pub fn of(motion: Motion, options: &ReadOptions, spec: ClipSpec) -> Result<ModelClip> {
+        let own = ModelClip::at_own_rate(motion, options, spec.above_floor)?;
+        Ok(ModelClip { clip: resample(&own.clip, spec.fps, Method::Auto)?, ..own })
+    }
+
+    /// [`ModelClip::of`] a motion at the rate that it has.
+    ///
+    /// # Errors
+    /// Those of retargeting.
+    pub fn at_own_rate(mut motion: Motion, options: &ReadOptions, above_floor: bool) -> Result<ModelClip> {
+        let way = OntoNeutral::of(&motion)?;
+        let clip = way.clip(&motion.clip)?;
         let (mut floor_m, mut clip_floor_m) = (None, 0.0);
-        if let Some(first) = clip.root().first().filter(|_| spec.above_floor) {
+        if let Some(first) = clip.root().first().filter(|_| above_floor) {
             let floor = resolve_floor(&mut motion, options)?;
             // retargeting scales heights about a floor of its own: the difference tells where this one comes to lie
-            let shown = if is_on_neutral(motion.clip.skeleton()) { 1 } else { motion.clip.frames() };
-            let lowered = Motion { clip: motion.clip.slice(0..shown).raised(-floor), ..motion.clone() };
-            (floor_m, clip_floor_m) = (Some(floor), first.y - on_body(&lowered)?.root()[0].y);
+            let lowered = way.when_lowered(floor).clip(&motion.clip.slice(0..1).raised(-floor))?;
+            (floor_m, clip_floor_m) = (Some(floor), first.y - lowered.root()[0].y);
         }
-        let clip = resample(&clip, spec.fps, Method::Auto)?;
         Ok(ModelClip { motion, clip, floor_m, clip_floor_m, sha256: String::new() })
     }
 
@@ -156,20 +162,16 @@ impl ItemClip {
     }
 }
 
-/// The clip of a dataset's file on the model's body at the file's own rate, lowered onto its floor if `spec` says so,
+/// The clip of a dataset's file on the model's body at the file's own rate, lowered onto its floor if that is to be at y = 0,
 /// with what it says of its rate.
 ///
 /// # Errors
 /// The errors of reading and retargeting.
-pub fn load_at_own_rate(item: &Item, options: &ReadOptions, spec: ClipSpec) -> Result<(Clip, FileRate)> {
+pub fn load_at_own_rate(item: &Item, options: &ReadOptions, above_floor: bool) -> Result<(Clip, FileRate)> {
     let options = item.read_options(options);
-    let mut motion = format::read(&item.path, &options)?;
+    let motion = format::read(&item.path, &options)?;
     let rate = FileRate::of(&motion, &options);
-    if spec.above_floor {
-        let floor = resolve_floor(&mut motion, &options)?;
-        motion.clip = motion.clip.raised(-floor);
-    }
-    Ok((retarget::to_smpl(&motion, options.map.as_deref())?, rate))
+    Ok((ModelClip::at_own_rate(motion, &options, above_floor)?.lowered(), rate))
 }
 
 #[cfg(test)]
@@ -199,11 +201,11 @@ mod tests {
     #[test]
     fn the_floor_is_taken_off_once() {
         use kinelm_motion::rig::{Feet, SkeletonMap};
-        use kinelm_motion::{Source, smpl, synth};
+        use kinelm_motion::{smpl, synth};
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("high.bvh");
         let dance = synth::corpus(3, 1, 4.0, 60.0).unwrap().remove(0).clip.raised(0.4);
-        let motion = Motion { path: path.clone(), clip: dance, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, dance);
         format::write(&path, &motion).unwrap();
         let (options, wanted) = (ReadOptions::default(), ClipSpec { fps: 20.0, above_floor: true });
         let loaded = ModelClip::load(&path, &options, wanted).unwrap();

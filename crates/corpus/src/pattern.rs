@@ -7,11 +7,9 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 /// A path without the extension of a motion file.
-pub fn without_extension(path: &str) -> &str {
+pub(crate) fn without_extension(path: &str) -> &str {
     match path.rsplit_once('.') {
-        Some((stem, e)) if !stem.is_empty() && Format::EXTENSIONS.iter().any(|(x, _)| e.eq_ignore_ascii_case(x)) => {
-            stem
-        }
+        Some((stem, e)) if !stem.is_empty() && Format::extensions().any(|x| e.eq_ignore_ascii_case(x)) => stem,
         _ => path,
     }
 }
@@ -108,7 +106,7 @@ impl Pattern {
 ///
 /// Genres and situations of the table in the data set's paper get their names (`gBR` is `break`, `sBM` is `basic`), other
 /// codes stay. The take is the name without its camera, since all cameras recorded one dance.
-pub fn aist_name(stem: &str) -> Option<(BTreeMap<String, String>, String)> {
+pub(crate) fn aist_name(stem: &str) -> Option<(BTreeMap<String, String>, String)> {
     static NAME: LazyLock<Regex> = LazyLock::new(|| {
         let parts = "(g[A-Z0-9]+)_(s[A-Z0-9]+)_(c[A-Za-z0-9]+)_(d[0-9]+)_(m[A-Z0-9]+)_(ch[0-9]+)";
         Regex::new(&format!("(?:^|_){parts}(?:_|$)")).expect("a fixed pattern")

@@ -64,7 +64,7 @@ pub enum TokenType {
 
 impl TokenType {
     /// The narrowest type for ids below `vocabulary`.
-    pub fn of_vocabulary(vocabulary: usize) -> Self {
+    pub(crate) fn of_vocabulary(vocabulary: usize) -> Self {
         if vocabulary <= 1 << 16 { TokenType::U16 } else { TokenType::U32 }
     }
 
@@ -85,7 +85,7 @@ impl TokenType {
     }
 
     /// Decodes bytes of the file.
-    pub fn ids_of(self, bytes: &[u8]) -> impl ExactSizeIterator<Item = u32> + '_ {
+    pub(crate) fn ids_of(self, bytes: &[u8]) -> impl ExactSizeIterator<Item = u32> + '_ {
         bytes.chunks_exact(self.width()).map(|b| match *b {
             [a, b] => u16::from_le_bytes([a, b]).into(),
             [a, b, c, d] => u32::from_le_bytes([a, b, c, d]),
@@ -114,7 +114,7 @@ pub struct Shard {
 
 impl Shard {
     /// Whether the item with this key belongs to the shard. Keys are dealt in turn, so that shards are of similar size.
-    pub fn holds(&self, key: usize) -> bool {
+    pub(crate) fn holds(&self, key: usize) -> bool {
         key % self.of == self.index
     }
 }
@@ -150,7 +150,7 @@ pub struct Count {
 
 impl Count {
     /// Counts one more clip.
-    pub fn add(&mut self, frames: usize) {
+    pub(crate) fn add(&mut self, frames: usize) {
         self.clips += 1;
         self.frames += frames;
     }
@@ -242,7 +242,7 @@ impl Manifest {
     }
 
     /// The number of words of a clip of `frames`.
-    pub fn words_of(&self, frames: usize) -> usize {
+    pub(crate) fn words_of(&self, frames: usize) -> usize {
         frames.div_ceil(self.frames_per_word.max(1))
     }
 }

@@ -4,46 +4,10 @@
 //! own, of the same take and split. Times are seconds of the clip as it is read, half-open: a frame at second t has the
 //! labels with `from_s <= t < to_s`. Where no row states a label, it is unknown.
 
-use super::dataset::Item;
-use super::exclude::TimeRange;
+use super::item::{Item, Segment, TimeRange, TimedLabels};
 use crate::{Error, Result};
 use kinelm_motion::{Clip, Warning};
-use std::collections::{BTreeMap, HashMap};
-
-/// Labels of a part of a clip.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TimedLabels {
-    /// The first second, 0 or more.
-    pub from_s: f64,
-    /// The second after the last, more than `from_s`; infinite for the clip's end.
-    pub to_s: f64,
-    /// Values by field.
-    pub labels: BTreeMap<String, String>,
-    /// The line of the CSV that states them.
-    pub line: usize,
-}
-
-impl TimedLabels {
-    /// Whether both hold at some time.
-    pub(super) fn overlaps(&self, other: &TimedLabels) -> bool {
-        self.from_s < other.to_s && other.from_s < self.to_s
-    }
-}
-
-/// A part of a clip.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Segment {
-    /// The first second.
-    pub from_s: f64,
-    /// The second after the last; infinite for the clip's end.
-    pub to_s: f64,
-    /// Whether a row has labels for it; then the clip must not end before it.
-    pub labelled: bool,
-    /// The line of the CSV that states its beginning or end.
-    pub line: usize,
-    /// Whether that CSV is the one of excluded ranges; else it is that of the labels.
-    pub beside_excluded: bool,
-}
+use std::collections::HashMap;
 
 impl Segment {
     /// The first frame, counted in the whole clip at `fps`.
@@ -161,6 +125,7 @@ pub(super) fn segment_of(item: &Item, clip: &Clip) -> Result<Clip> {
 mod tests {
     use super::*;
     use crate::samples::walk;
+    use std::collections::BTreeMap;
 
     fn timed(from_s: f64, to_s: f64, field: &str, value: &str) -> TimedLabels {
         TimedLabels { from_s, to_s, labels: BTreeMap::from([(field.into(), value.into())]), line: 2 }

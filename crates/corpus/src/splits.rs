@@ -1,6 +1,6 @@
 //! Splits by recording: all clips of a take serve one part of the experiment.
 
-use super::dataset::Item;
+use super::item::Item;
 use super::record::Split;
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};

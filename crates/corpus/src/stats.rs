@@ -15,10 +15,10 @@ use std::fmt;
 
 /// A root faster than this is a glitch if it stands out, metres a second: 17 cm in a frame at 20 fps. Sprints reach it,
 /// but not from one frame to the next and back.
-pub const ROOT_GLITCH_M_S: f64 = 3.0;
+pub(crate) const ROOT_GLITCH_M_S: f64 = 3.0;
 
 /// A joint that turns faster than this is a glitch if it stands out, degrees a second: 60 degrees in a frame at 20 fps.
-pub const JOINT_GLITCH_DEG_S: f64 = 1200.0;
+pub(crate) const JOINT_GLITCH_DEG_S: f64 = 1200.0;
 
 /// The places of the translation in a word.
 const TRANSLATION: std::ops::Range<usize> = 0..3;

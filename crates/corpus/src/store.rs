@@ -1,7 +1,8 @@
 //! The token store, read with its hashes checked.
 
 use super::array_file::ArrayFile;
-use super::record::{ClipRecord, MUSIC, Manifest, Split, TokenType, VERSION};
+use super::record::{ClipRecord, MUSIC, Manifest, Split, VERSION};
+use super::tokens::Tokens;
 use super::words::{ClipWords, Index};
 use crate::music::clip_music::{ClipMusic, FeatureRows};
 use crate::{Error, Result};
@@ -33,55 +34,6 @@ pub struct CorpusOptions {
 impl Default for CorpusOptions {
     fn default() -> Self {
         CorpusOptions { trust: false, streamed: false, progress: |_| () }
-    }
-}
-
-/// The tokens of all clips.
-#[derive(Debug)]
-pub struct Tokens {
-    bytes: ArrayFile<u8>,
-    kind: TokenType,
-    path: PathBuf,
-    /// Ids are below this.
-    vocabulary: usize,
-}
-
-impl Tokens {
-    /// How many there are.
-    pub fn len(&self) -> usize {
-        self.bytes.len() / self.kind.width()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// The ids of a range of places.
-    ///
-    /// # Errors
-    /// A token file that was cut while it was in use; an id that the tokenizer hasn't.
-    ///
-    /// # Panics
-    /// If the range leaves the file.
-    pub fn ids(&self, places: Range<usize>) -> Result<Vec<u32>> {
-        let width = self.kind.width();
-        let bytes = self.bytes.read(places.start * width..places.end * width)?;
-        self.check(&bytes)?;
-        Ok(self.kind.ids_of(&bytes).collect())
-    }
-
-    /// Refuses ids that the tokenizer hasn't: a model has no row for them.
-    fn check(&self, bytes: &[u8]) -> Result<()> {
-        let largest = self.kind.ids_of(bytes).max();
-        largest.filter(|id| *id as usize >= self.vocabulary).map_or(Ok(()), |id| {
-            let expected = format!("ids below {}, those of its tokenizer.json", self.vocabulary);
-            Err(Error::file(&self.path, format!("id {id}"), expected, "make the corpus again"))
-        })
-    }
-
-    fn check_all(&self) -> Result<()> {
-        self.bytes.blocks().try_for_each(|block| self.check(&self.bytes.read(block)?))
     }
 }
 
@@ -431,7 +383,7 @@ pub struct Coding {
 
 impl Coding {
     /// What a tokenizer says.
-    pub fn of(tokenizer: &Tokenizer) -> Self {
+    pub(crate) fn of(tokenizer: &Tokenizer) -> Self {
         Coding {
             tokenizer: tokenizer.hash(),
             frames_per_word: tokenizer.frames_per_word(),
@@ -444,7 +396,7 @@ impl Coding {
 
 impl Manifest {
     /// What all tokens share.
-    pub fn coding(&self) -> Coding {
+    pub(crate) fn coding(&self) -> Coding {
         Coding {
             tokenizer: self.tokenizer.clone(),
             frames_per_word: self.frames_per_word,

@@ -1,7 +1,7 @@
 //! Where the words of clips stand in the token file.
 
 use super::record::{ClipRecord, Manifest};
-use super::store::Tokens;
+use super::tokens::Tokens;
 use crate::{Error, Result};
 use kinelm_tokenizer::SPACE;
 use std::path::Path;
@@ -105,7 +105,7 @@ impl Index {
     }
 
     /// The words of the clip of this number.
-    pub fn of<'a>(&'a self, number: usize, words: usize, clip: &ClipRecord) -> ClipWords<'a> {
+    pub(crate) fn of<'a>(&'a self, number: usize, words: usize, clip: &ClipRecord) -> ClipWords<'a> {
         match self {
             Index::Fixed(word) => ClipWords::Fixed { word: *word, words },
             Index::Varying { starts, before } => {

@@ -174,12 +174,12 @@ impl CorpusWriter {
     }
 
     /// Records a file that was skipped.
-    pub fn fail(&mut self, failure: Failure) {
+    pub(crate) fn fail(&mut self, failure: Failure) {
         self.manifest.failed.push(failure);
     }
 
     /// Records the ranges that clips were taken without.
-    pub fn exclude(&mut self, ranges: &[ExcludedRange]) {
+    pub(crate) fn exclude(&mut self, ranges: &[ExcludedRange]) {
         self.manifest.excluded = ranges.to_vec();
     }
 

@@ -30,8 +30,9 @@ pub mod linear;
 pub mod lstm;
 pub mod op;
 mod per_thread;
-pub mod pieces;
-pub mod scalar;
+mod pieces;
+#[cfg(test)]
+mod scalar;
 
 /// The examples of the README are tested with those of the code.
 #[cfg(doctest)]

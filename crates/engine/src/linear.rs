@@ -25,7 +25,7 @@ impl Products {
     }
 
     /// The same of a transposed weight, (n, k).
-    pub fn pack_transposed_parallel(self, panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
+    pub(crate) fn pack_transposed_parallel(self, panels: &mut [f32], weight: &[f32], k: usize, n: usize) {
         self.in_parts(panels, k, n, |part, first, columns| {
             self.pack_transposed(part, &weight[first * k..], k, k, columns);
         });
@@ -53,7 +53,7 @@ impl Products {
 
     /// The gradient (k, n) of a weight: the transposed `x` (N, k) times the gradient (N, n) of the output in `panels`, in
     /// blocks of `block` rows.
-    pub fn weight_gradient(
+    pub(crate) fn weight_gradient(
         self,
         gradient: &mut [f32],
         x: &[f32],
@@ -73,7 +73,7 @@ impl Products {
 }
 
 /// Sums over the pieces, taken from rows of `width` numbers from left to right.
-pub struct Sums<'a> {
+pub(crate) struct Sums<'a> {
     /// A row of sums for each piece.
     pub partial: &'a [f32],
     /// Numbers of a row.

@@ -18,7 +18,7 @@ pub fn interval<'a>(parts: impl IntoIterator<Item = (&'a str, f64, f64)>) -> [f6
 
 /// The same of the difference of two means, the second's less the first's. Where both have the same takes these are drawn once
 /// for both.
-pub fn difference<'a>(parts: [impl IntoIterator<Item = (&'a str, f64, f64)>; 2]) -> [f64; 2] {
+pub(crate) fn difference<'a>(parts: [impl IntoIterator<Item = (&'a str, f64, f64)>; 2]) -> [f64; 2] {
     let [mut a, mut b] = parts.map(by_take);
     a.sort_by_key(|take| take.0);
     b.sort_by_key(|take| take.0);

@@ -15,7 +15,7 @@ use kinelm_generate::edit::splice::extended;
 use kinelm_generate::sampling::Sampling;
 use kinelm_generate::{RunModel, SamplingPlan, unwatched, variation_seed};
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
-use kinelm_model::likelihood::room;
+use kinelm_model::scored_windows::room;
 use kinelm_model::{LoadedRun, ModelKind};
 use kinelm_motion::metric::{InBetween, PositionScale, TrueGap};
 use kinelm_motion::rotation::slerp;

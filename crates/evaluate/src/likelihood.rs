@@ -1,11 +1,11 @@
 //! What the likelihood of a model on a split is printed with: static floors, joints, gaps.
 
 use crate::Floors;
-use crate::floors::figure_row;
+use crate::floors::channels::figure_row;
 use crate::gap_bits::GapBits;
 use crate::per_joint::{SlotBits, by_part};
 use kinelm_corpus::Split;
-use kinelm_model::likelihood::Likelihood;
+use kinelm_model::scored_windows::Likelihood;
 use serde_json::{Map, Value, json};
 
 /// The likelihood of a model on a split.

@@ -2,7 +2,8 @@
 
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus};
-use kinelm_model::likelihood::{Likelihood, likelihood_by_token};
+use kinelm_model::likelihood::likelihood_by_token;
+use kinelm_model::scored_windows::Likelihood;
 use kinelm_model::{ModelKind, Scores};
 use kinelm_motion::smpl;
 use kinelm_tokenizer::{Channel, Tokenizer};
@@ -73,7 +74,7 @@ pub fn by_slot(
 }
 
 /// The bits of each part of the body, in the order in which they come first.
-pub fn by_part(slots: &[SlotBits]) -> Vec<(String, f64)> {
+pub(crate) fn by_part(slots: &[SlotBits]) -> Vec<(String, f64)> {
     let mut parts: Vec<(String, f64)> = Vec::new();
     for slot in slots {
         match parts.iter_mut().find(|(part, _)| *part == slot.part) {

@@ -21,7 +21,7 @@ const SEED_S: f64 = 2.0;
 const TARGET_S: f64 = 0.4;
 const STRIDE_S: f64 = 2.0;
 /// Up to when figures are summed, milliseconds.
-pub const TIMES_MS: [u32; 4] = [100, 200, 300, 400];
+pub(crate) const TIMES_MS: [u32; 4] = [100, 200, 300, 400];
 
 /// A seed and what follows it.
 #[derive(Debug, Clone)]
@@ -71,12 +71,12 @@ fn no_window() -> Error {
 }
 
 /// The last pose, for as long as the target takes.
-pub fn zero_velocity(window: &Window) -> Result<Clip> {
+pub(crate) fn zero_velocity(window: &Window) -> Result<Clip> {
     extrapolate(window, |_, last, _| last)
 }
 
 /// The last step of every joint, again and again.
-pub fn constant_velocity(window: &Window) -> Result<Clip> {
+pub(crate) fn constant_velocity(window: &Window) -> Result<Clip> {
     extrapolate(window, |before, last, n| {
         let step = before.conjugate() * last;
         (0..n).fold(last, |q, _| (q * step).normalize())
@@ -126,7 +126,7 @@ pub struct Predictor<'a> {
 
 impl Predictor<'_> {
     /// Words of a seed that the model sees, of those that it has: as many of the last as fit beside the target's.
-    pub fn seen(&self, seed_words: usize, words: usize) -> usize {
+    pub(crate) fn seen(&self, seed_words: usize, words: usize) -> usize {
         let Some(word) = self.tokenizer.tokens_per_word() else { return seed_words };
         let room = (self.greedy.context() + 1).saturating_sub(self.conditions.len()) / word;
         seed_words.min(room.saturating_sub(words - seed_words).max(room / 2).max(1))

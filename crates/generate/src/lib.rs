@@ -3,7 +3,7 @@
 //! ```no_run
 //! use kinelm_generate::{Length, OpenRequest, Request};
 //!
-//! let request = Request { length: Some(Length::Seconds(10.0)), seed: 7, ..Request::of("run") };
+//! let request = Request { length: Some(Length::Seconds(10.0)), seed: Some(7), ..Request::of("run") };
 //! OpenRequest::open(&request)?.write("dance.bvh")?; // and dance.bvh.kinelm.json, from which it can be made again
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -12,6 +12,7 @@
 //!
 //! ```text
 //! Request --open--> OpenRequest (Resolved, model, prompt) --sampler--> words --output--> Motion --provenance--> file
+//!                       +------------------------------ make ------------------------------+
 //! ```
 //!
 //! - [`sampling`]: which of the allowed tokens comes next, one file per rule.
@@ -23,6 +24,7 @@
 //! - [`edit`]: parts of a clip generated, and their ends closed.
 //! - [`timeline`]: several clips arranged into one to be edited.
 //! - [`open`]: a request with everything that it names read, and every option decided.
+//! - [`make`]: the way from an open request to files, with progress, a preview and a choice of the best.
 //! - [`output`]: words decoded to a motion on a rig.
 //! - [`best`]: what is known of a dance chosen among several.
 //! - [`provenance`]: the file beside a dance, from which it can be made again.
@@ -30,6 +32,7 @@
 
 pub mod best;
 pub mod edit;
+pub mod make;
 pub mod masked;
 pub mod open;
 pub mod output;

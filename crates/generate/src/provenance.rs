@@ -5,14 +5,13 @@
 
 use crate::best::Best;
 use crate::open::OpenRequest;
-use crate::output::Generated;
 use crate::request::{Resolved, Timeline};
-use crate::sampler::{SamplingProgress, unwatched, variation_seed};
+use crate::sampler::variation_seed;
 use crate::{Error, Result};
 use kinelm_model::CheckpointChoice;
 use kinelm_motion::format::ReadOptions;
 use kinelm_store::Subject;
-use kinelm_store::output::{Ours, Outputs};
+use kinelm_store::output::Outputs;
 use kinelm_store::sidecar::{self, FileHash, name_of, path_of};
 use kinelm_store::{FileRecord, files, hash, input};
 use serde::{Deserialize, Serialize};
@@ -46,7 +45,7 @@ pub struct Provenance {
     /// Its rank among them, where the best was chosen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub best: Option<Best>,
-    /// The request that makes it. Its frames are never left out.
+    /// The request that makes it.
     pub request: Resolved,
     /// Training updates of the model's checkpoint.
     pub step: u64,
@@ -115,30 +114,11 @@ pub struct Moved {
     pub music: Option<PathBuf>,
 }
 
-impl OpenRequest {
-    /// Samples one dance and writes it with its sidecar. The extension says the format.
-    ///
-    /// # Errors
-    /// What sampling and decoding fail with; a file in the way that is no dance with its sidecar, see [`Outputs::write`].
-    pub fn write(&self, out: impl AsRef<Path>) -> Result<()> {
-        let out = out.as_ref();
-        let generated = self.motion(&self.words(&self.sample(1, None, &mut unwatched)?, 0), out)?;
-        let bytes = generated.bytes(out)?;
-        let is_file = |path: &Path| Ok(sidecar::is_beside_its_file(path) || sidecar::has_hash_of(path)?);
-        let dances = Ours { is_marked: |_| false, is_file, owner: |_| None };
-        let request = &self.resolved;
-        let prompt = request.prompt.iter().flat_map(|prompt| prompt.files());
-        let music = request.music.iter().map(|music| music.path.clone());
-        let outputs = Outputs::new(dances, prompt.chain(music).chain([request.run.clone()]), false);
-        Provenance::of(self, 1, (out, generated.motion.clip.fps()), &bytes).write(out, &bytes, &outputs)
-    }
-}
-
 impl Provenance {
     /// The sidecar of a variation that is to be written to `dance` at a rate, with these bytes.
-    pub fn of(open: &OpenRequest, variation: usize, (dance, fps): (&Path, f64), bytes: &[u8]) -> Provenance {
+    pub fn of(open: &OpenRequest, variation: usize, dance: &Path, fps: f64, bytes: &[u8]) -> Provenance {
         let lead_in_from = open.lead_in(variation.saturating_sub(1)).map(|lead_in| lead_in.from.clone());
-        let request = Resolved { frames: Some(open.frames), lead_in_from, ..open.resolved.clone() };
+        let request = Resolved { lead_in_from, ..open.resolved.clone() };
         Provenance {
             schema: SCHEMA,
             kinelm: env!("CARGO_PKG_VERSION").into(),
@@ -266,23 +246,14 @@ impl Provenance {
         Ok(open)
     }
 
-    /// Makes the dance again, to be written to `out`: the same bytes. `open` is of [`Provenance::open`]; `guesses` and
-    /// `progress` as in [`OpenRequest::sample`].
+    /// Refuses the bytes of a dance that was made again and came out different, as other processors or devices may give them.
     ///
     /// # Errors
-    /// What sampling and decoding fail with; other bytes, as other processors or devices may give.
-    pub fn regenerate(
-        &self,
-        open: &OpenRequest,
-        out: &Path,
-        guesses: Option<usize>,
-        progress: &mut SamplingProgress<'_>,
-    ) -> Result<(Generated, Vec<u8>)> {
-        let generated = open.motion(&open.words(&open.sample(1, guesses, progress)?, 0), out)?;
-        let bytes = generated.bytes(out)?;
-        let found = FileRecord::of(&bytes).sha256;
+    /// Both hashes.
+    pub fn check_bytes(&self, bytes: &[u8]) -> Result<()> {
+        let found = FileRecord::of(bytes).sha256;
         if found == self.output.sha256 {
-            return Ok((generated, bytes));
+            return Ok(());
         }
         let (then, now) = (&self.request.computing.kernels, kinelm_engine::dispatch::name());
         let (version, this) = (&self.kinelm, env!("CARGO_PKG_VERSION"));
@@ -291,7 +262,7 @@ impl Provenance {
              this is {this} with {now}. Nothing was written",
             self.output.sha256,
         );
-        Err(Error::Different(what))
+        Err(Error::Failed(what))
     }
 
     /// The sidecar of the same dance at `out`, written at a rate.

@@ -5,47 +5,8 @@
 //! after MEGABYTE (Yu et al. 2023) and the RQ-Transformer (Lee et al. 2022). `layers`, `heads` and `width` are the trunk's
 //! then.
 
-use super::config::{HeadKind, ModelConfig, ModelKind, Positions, TokenLayout};
+use super::config::{Architecture, DecoderConfig, HeadKind, ModelConfig, ModelKind, Positions, TokenLayout};
 use crate::{Error, Result};
-use serde::{Deserialize, Serialize};
-
-/// What a model is built of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Architecture {
-    /// One stack of blocks, in which every token is a row.
-    #[default]
-    Flat,
-    /// A trunk in which every frame is a row, and a decoder inside the frame.
-    TwoLevel,
-}
-
-impl Architecture {
-    /// Whether it is the one that files don't name.
-    pub fn is_flat(&self) -> bool {
-        *self == Architecture::Flat
-    }
-}
-
-/// The `[model.decoder]` table: the decoder inside the frame.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DecoderConfig {
-    /// Blocks, 1..=96. Default 2.
-    pub layers: usize,
-    /// Attention heads; divides `width`. Default 4.
-    pub heads: usize,
-    /// d: numbers a character is described by, 1..=8192. Default 128.
-    pub width: usize,
-    /// e: numbers of each character in what the trunk reads of a frame, 1..=512. Default 24.
-    pub character_width: usize,
-}
-
-impl Default for DecoderConfig {
-    fn default() -> Self {
-        DecoderConfig { layers: 2, heads: 4, width: 128, character_width: 24 }
-    }
-}
 
 /// Frames of a window, where the file doesn't say.
 const WINDOW: usize = 128;
@@ -65,7 +26,7 @@ impl ModelConfig {
     }
 
     /// The table whose rows answer for all ids.
-    pub fn ids_table(&self) -> &'static str {
+    pub(crate) fn ids_table(&self) -> &'static str {
         match self.architecture.is_flat() && self.tied_head {
             true => "token.weight",
             false => "head.weight",

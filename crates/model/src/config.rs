@@ -1,6 +1,5 @@
 //! What a model is: the `[model]` table of a training file, and what its tokenizer adds to it.
 
-use super::architecture::{Architecture, DecoderConfig};
 use super::music::Music;
 use super::music::features::Scale;
 use crate::{Error, Result};
@@ -58,6 +57,44 @@ pub struct ModelConfig {
     /// file: the classifier sets it.
     #[serde(skip)]
     pub classes: usize,
+}
+
+/// What a model is built of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Architecture {
+    /// One stack of blocks, in which every token is a row.
+    #[default]
+    Flat,
+    /// A trunk in which every frame is a row, and a decoder inside the frame.
+    TwoLevel,
+}
+
+impl Architecture {
+    /// Whether it is the one that files don't name.
+    pub fn is_flat(&self) -> bool {
+        *self == Architecture::Flat
+    }
+}
+
+/// The `[model.decoder]` table: the decoder inside the frame.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DecoderConfig {
+    /// Blocks, 1..=96. Default 2.
+    pub layers: usize,
+    /// Attention heads; divides `width`. Default 4.
+    pub heads: usize,
+    /// d: numbers a character is described by, 1..=8192. Default 128.
+    pub width: usize,
+    /// e: numbers of each character in what the trunk reads of a frame, 1..=512. Default 24.
+    pub character_width: usize,
+}
+
+impl Default for DecoderConfig {
+    fn default() -> Self {
+        DecoderConfig { layers: 2, heads: 4, width: 128, character_width: 24 }
+    }
 }
 
 /// What a token may see.
@@ -193,7 +230,7 @@ impl ModelConfig {
 
     /// Whether the inputs tell of the frame before: as `previous_frame` says; left out, in causal models of words whose
     /// places are of one kind each.
-    pub fn reads_previous(&self, tokens: &TokenLayout) -> bool {
+    pub(crate) fn reads_previous(&self, tokens: &TokenLayout) -> bool {
         self.previous_frame.unwrap_or(self.knows_frame_before(tokens))
     }
 
@@ -214,7 +251,7 @@ impl ModelConfig {
     }
 
     /// Whether frames can have conditioning beside their characters.
-    pub fn is_conditioned(&self) -> bool {
+    pub(crate) fn is_conditioned(&self) -> bool {
         self.goal || !self.music.is_none()
     }
 

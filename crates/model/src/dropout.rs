@@ -36,7 +36,7 @@ impl Dropout {
     /// Purposes: `embedding`, and of every block `block.00 attention` (the weights, row = head * T + query, column = key),
     /// `block.00 attention out` and `block.00 mlp` (row = token, column = feature, as for the embedding). The mask is a
     /// function of (seed, purpose, step, sequence, row, column): it doesn't matter how a batch is cut up or who computes.
-    pub fn key(&self, purpose: &Purpose, sequence: usize) -> u64 {
+    pub(crate) fn key(&self, purpose: &Purpose, sequence: usize) -> u64 {
         random::stream(self.seed, &purpose.0, self.step, self.first + sequence as u64).next_u64()
     }
 

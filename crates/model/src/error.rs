@@ -31,9 +31,9 @@ pub enum Error {
     /// A clip of a dataset or corpus can't be used.
     #[error(transparent)]
     Clip(Box<kinelm_corpus::Error>),
-    /// A dance that is made again came out different.
+    /// Work failed otherwise, such as a dance that is made again and comes out different.
     #[error("{0}")]
-    Different(String),
+    Failed(String),
 }
 
 impl From<kinelm_corpus::Error> for Error {
@@ -45,6 +45,22 @@ impl From<kinelm_corpus::Error> for Error {
             Corpus::Music(e) => Error::Music(e),
             Corpus::Tokenizer(e) => Error::Tokenizer(e),
             e @ Corpus::Clip { .. } => Error::Clip(Box::new(e)),
+            Corpus::Failed(what) => Error::Failed(what),
+        }
+    }
+}
+
+/// For a model that reads windows of clips in a crate that knows none.
+impl From<Error> for kinelm_corpus::Error {
+    fn from(e: Error) -> kinelm_corpus::Error {
+        use kinelm_corpus::Error as Corpus;
+        match e {
+            Error::Store(e) => Corpus::Store(e),
+            Error::Motion(e) => Corpus::Motion(e),
+            Error::Music(e) => Corpus::Music(e),
+            Error::Tokenizer(e) => Corpus::Tokenizer(e),
+            Error::Clip(e) => *e,
+            e => Corpus::Failed(e.to_string()),
         }
     }
 }
@@ -60,9 +76,7 @@ impl Error {
             Error::Music(e) => e.kind(),
             Error::Tokenizer(e) => e.kind(),
             Error::Clip(e) => e.kind(),
-            Error::Tensor(_) | Error::NotFinite(_) | Error::Weights(_) | Error::Different(_) => {
-                kinelm_store::Kind::Failed
-            }
+            Error::Tensor(_) | Error::NotFinite(_) | Error::Weights(_) | Error::Failed(_) => kinelm_store::Kind::Failed,
         }
     }
 }

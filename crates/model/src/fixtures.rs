@@ -1,7 +1,6 @@
 //! For the tests: models of every form, and batches as their tokenizers would make them.
 
-use super::architecture::{Architecture, DecoderConfig};
-use super::config::{HeadKind, ModelConfig, ModelKind, Positions, SlotRun, TokenLayout};
+use super::config::{Architecture, DecoderConfig, HeadKind, ModelConfig, ModelKind, Positions, SlotRun, TokenLayout};
 use super::frames::Frames;
 use super::goal::{self, Conditioning};
 use super::gpt::Gpt;
@@ -16,7 +15,7 @@ pub const TOKENS: TokenLayout =
     TokenLayout { vocabulary: 16, word: 7, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
 
 /// Words of two angles of 7 bins, one of 5, heights of 6 and of 4 that share ids, and a space; three tokens in front.
-pub fn placed() -> TokenLayout {
+pub(crate) fn placed() -> TokenLayout {
     let kind = |number, first, count, circular| SlotRun { number, kind: SlotIds { first, count, circular } };
     TokenLayout {
         vocabulary: 26,

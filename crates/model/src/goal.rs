@@ -141,12 +141,12 @@ impl GoalEncoder {
     }
 
     /// The root's state before the first word.
-    pub fn start(&self) -> RootState {
+    pub(crate) fn start(&self) -> RootState {
         self.root_path.start()
     }
 
     /// Advances the root by a word's codes (C).
-    pub fn follow(&self, stand: &mut RootState, word: &[u16]) {
+    pub(crate) fn follow(&self, stand: &mut RootState, word: &[u16]) {
         self.root_path.follow(stand, word);
     }
 }

@@ -2,8 +2,8 @@
 //! over steps from the previous frame.
 
 use super::config::{HeadKind, ModelConfig, ModelKind, TokenLayout};
-use super::previous::{Basis, PreviousFrames};
-use crate::{Error, Result};
+use super::previous::{Basis, PreviousFrames, no_bin};
+use crate::Result;
 use kinelm_engine::bins::Bins;
 use kinelm_engine::op::cross_entropy::RowTarget;
 
@@ -125,13 +125,6 @@ fn step(previous_frames: &PreviousFrames, bins: Bins, from: usize, bin: usize) -
     let column = |to| previous_frames.steps().column(bins, from, to) as u32;
     let (first, count) = (if bins.circular { 0 } else { column(0) }, bins.count);
     RowTarget { target: column(bin), first, count, bins: Bins { first, ..bins } }
-}
-
-pub(super) fn no_bin(what: &str, id: u32, bins: Bins, i: usize) -> Error {
-    let (first, last) = (bins.first, bins.ids().end - 1);
-    let expected =
-        format!("a bin of its slot, {first} to {last}, or <pad> as its target: a relative head counts from bins");
-    Error::invalid(format!("{what} of input {i}"), format!("id {id}"), expected)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! The tensors of a model: names, shapes, and how they begin.
 
-use super::architecture::Architecture;
+use super::config::Architecture;
 use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use super::frames::{BACK, Frames, SPELT};
 use super::goal;
@@ -164,7 +164,7 @@ fn stack(all: &mut Vec<Parameter>, prefix: &str, layers: usize, d: usize) {
 ///
 /// # Errors
 /// A configuration that doesn't hold; tensors that are missing, not the model's, or of another shape: each is named.
-pub fn checked(
+pub(crate) fn checked(
     config: &ModelConfig,
     tokens: &TokenLayout,
     mut tensors: BTreeMap<String, Tensor>,

@@ -1,7 +1,7 @@
 //! The models: their configuration, the plain form, weights.
 #![forbid(unsafe_code)]
 
-pub mod architecture;
+mod architecture;
 mod cache;
 pub mod checkpoint;
 pub mod class_windows;
@@ -19,26 +19,26 @@ mod frames;
 pub mod goal;
 #[cfg(test)]
 mod golden;
-pub mod gpt;
+mod gpt;
 mod head_groups;
 pub mod layout;
 pub mod lead_in;
 pub mod likelihood;
 pub mod music;
 mod net;
-pub mod ops;
+mod ops;
 mod position;
 mod previous;
 mod pseudo_likelihood;
 pub mod run;
+pub mod scored_windows;
 mod scores;
 pub mod weights;
 pub mod words;
 
-pub use architecture::{Architecture, DecoderConfig};
 pub use cache::Cache;
 pub use checkpoint::CheckpointChoice;
-pub use config::{HeadKind, ModelConfig, ModelKind, Positions, TokenLayout};
+pub use config::{Architecture, DecoderConfig, HeadKind, ModelConfig, ModelKind, Positions, TokenLayout};
 pub use decode::{FrameConditioning, KvKind, Logits, Reader, ReaderOptions, WeightKind};
 pub use device::{Compute, DeviceName, Form};
 pub use dropout::Dropout;

@@ -60,7 +60,7 @@ impl Mask {
     ///
     /// # Errors
     /// More queries than keys; what the device refuses.
-    pub fn hiding(&self, queries: usize, keys: usize, dtype: DType, device: &Device) -> Result<Option<Hiding>> {
+    pub(crate) fn hiding(&self, queries: usize, keys: usize, dtype: DType, device: &Device) -> Result<Option<Hiding>> {
         if queries > keys {
             candle_core::bail!("{queries} queries over {keys} keys; expected as many keys or more");
         }
@@ -149,20 +149,8 @@ fn mean_of_neighbours(x: &Tensor, targets: &[RowTarget], smoothing: &Smoothing) 
 #[cfg(any(test, feature = "fixtures"))]
 #[doc(hidden)]
 pub mod check {
-    use candle_core::{Device, Result, Tensor};
-    use kinelm_engine::bins::Bins;
-    use kinelm_engine::op::cross_entropy::RowTarget;
+    use candle_core::{Device, Tensor};
     use rand_chacha::rand_core::RngCore;
-
-    /// Sum of -ln p(target) over the rows of `logits` (N, V) whose target isn't `ignored`.
-    pub fn loss_sum(logits: &Tensor, targets: &[u32], ignored: u32) -> Result<Tensor> {
-        let count = logits.dim(1)? as u32;
-        let counted = (0..).zip(targets).filter(|(_, t)| **t != ignored);
-        let target_of = |(row, &target): (u32, &u32)| (row, RowTarget { target, first: 0, count, bins: Bins::NONE });
-        let (rows, targets): (Vec<u32>, Vec<RowTarget>) = counted.map(target_of).unzip();
-        let rows = Tensor::new(rows, logits.device())?;
-        super::nats(&logits.index_select(&rows, 0)?, &targets, None)?.sum_all()
-    }
 
     /// Random f64 tensor of `shape` in -range..range.
     pub fn random(purpose: &str, shape: &[usize], range: f64) -> Tensor {

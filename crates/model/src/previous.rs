@@ -5,9 +5,8 @@
 //! the id one frame back in that slot, b the one two frames back.
 
 use super::config::TokenLayout;
-use super::head_groups::no_bin;
-use crate::Result;
 use crate::words::{Steps, Words};
+use crate::{Error, Result};
 use kinelm_engine::bins::Bins;
 
 /// What the logits of a row stand for.
@@ -90,6 +89,13 @@ impl PreviousFrames {
             Some(id) => Err(no_bin("what stands a frame before the target", id, bins, i)),
         }
     }
+}
+
+pub(super) fn no_bin(what: &str, id: u32, bins: Bins, i: usize) -> Error {
+    let (first, last) = (bins.first, bins.ids().end - 1);
+    let expected =
+        format!("a bin of its slot, {first} to {last}, or <pad> as its target: a relative head counts from bins");
+    Error::invalid(format!("{what} of input {i}"), format!("id {id}"), expected)
 }
 
 #[cfg(test)]

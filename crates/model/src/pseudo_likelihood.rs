@@ -1,6 +1,6 @@
 //! What a masked model makes of clips: a figure of its own kind (docs/measures.md, "Bits a frame").
 
-use super::likelihood::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
+use super::scored_windows::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
 use crate::{Error, Result, Scores};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_masked};
 use kinelm_store::random;

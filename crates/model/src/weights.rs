@@ -99,7 +99,7 @@ impl Gpt {
     ///
     /// # Errors
     /// A model that isn't in f32.
-    pub fn weight_bytes(&self) -> Result<Vec<u8>> {
+    pub(crate) fn weight_bytes(&self) -> Result<Vec<u8>> {
         to_bytes(self.vars().iter().map(|(n, v)| (n.as_str(), v.as_tensor())))
     }
 

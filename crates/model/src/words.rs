@@ -20,7 +20,7 @@ impl Words {
     ///
     /// # Panics
     /// If there are no slots or no front.
-    pub fn new(front: usize, places: Vec<Bins>) -> Words {
+    pub(crate) fn new(front: usize, places: Vec<Bins>) -> Words {
         assert!(front > 0 && !places.is_empty(), "{front} tokens in front of words of {} places", places.len());
         Words { front, steps: Steps::of(&places), places }
     }
@@ -41,13 +41,13 @@ impl Words {
     }
 
     /// The bins of the slot that follows input `i`; `None` for the end of a word, and in the front.
-    pub fn follows(&self, i: usize) -> Option<Bins> {
+    pub(crate) fn follows(&self, i: usize) -> Option<Bins> {
         let k = (i + 1).checked_sub(self.front)?;
         self.places.get(k % self.length()).copied()
     }
 
     /// Whether the slot that follows input `i` has a word before its own.
-    pub fn has_word_before(&self, i: usize) -> bool {
+    pub(crate) fn has_word_before(&self, i: usize) -> bool {
         i + 1 >= self.front + self.length()
     }
 
@@ -58,14 +58,14 @@ impl Words {
     }
 
     /// The bins of the slot that follows input `i` of `ids`, and its bin so many `words` back.
-    pub fn bin(&self, ids: &[u32], i: usize, words: usize) -> Option<(Bins, usize)> {
+    pub(crate) fn bin(&self, ids: &[u32], i: usize, words: usize) -> Option<(Bins, usize)> {
         let bins = self.follows(i)?;
         Some((bins, bins.bin(self.back(ids, i, words)?)?))
     }
 
     /// The token one word before the slot that follows input `i`, and its step from two words back, mod the bins; S where there
     /// is no such step.
-    pub fn previous(&self, ids: &[u32], i: usize) -> (Option<u32>, usize) {
+    pub(crate) fn previous(&self, ids: &[u32], i: usize) -> (Option<u32>, usize) {
         let step =
             self.bin(ids, i, 1).zip(self.bin(ids, i, 2)).map(|((bins, a), (_, b))| around(bins, a as i64 - b as i64));
         (self.back(ids, i, 1), step.unwrap_or(self.steps.most()))
@@ -73,7 +73,7 @@ impl Words {
 
     /// The rows of a table of bins, S + 1 per slot, that a trunk reads for word `word` of a sequence whose front is one token:
     /// C of the previous word, then C of the one before; the last row of a slot stands for a missing bin.
-    pub fn seen(&self, ids: &[u32], word: usize) -> impl Iterator<Item = usize> {
+    pub(crate) fn seen(&self, ids: &[u32], word: usize) -> impl Iterator<Item = usize> {
         debug_assert_eq!(self.front, 1, "a sequence whose front is one token");
         let rows = self.steps.most() + 1;
         let row = move |back, place| {
@@ -86,7 +86,7 @@ impl Words {
     /// The rows of the four tables whose sum is a frame decoder's row for input `i` of a sequence whose front is one token: the
     /// step to the token just read (R + 1 + bin where there is no previous word; R at the beginning of a word), the slot, the
     /// bin one word back in the slot that follows (S: missing), and its step from two words back (R: none).
-    pub fn spelt(&self, ids: &[u32], i: usize) -> [usize; 4] {
+    pub(crate) fn spelt(&self, ids: &[u32], i: usize) -> [usize; 4] {
         debug_assert_eq!(self.front, 1, "a sequence whose front is one token");
         let (none, place) = (self.steps.all(), i % self.length());
         let (one, two) = (self.bin(ids, i, 1), self.bin(ids, i, 2));
@@ -138,7 +138,7 @@ impl Steps {
 
     /// The row of a step of `by` bins, fewer than the slot has, in the table of its kind: by mod count in the circular one,
     /// by + Sl - 1 in the other.
-    pub fn column_by(self, bins: Bins, by: i64) -> usize {
+    pub(crate) fn column_by(self, bins: Bins, by: i64) -> usize {
         if bins.circular { around(bins, by) } else { (self.clamped as i64 - 1 + by) as usize }
     }
 
@@ -148,12 +148,12 @@ impl Steps {
     }
 
     /// The row of a step of `by` bins in a table of all steps, circular ones first.
-    pub fn row_by(self, bins: Bins, by: i64) -> usize {
+    pub(crate) fn row_by(self, bins: Bins, by: i64) -> usize {
         self.column_by(bins, by) + if bins.circular { 0 } else { self.circular }
     }
 
     /// The row of the step from bin `from` to bin `to` there.
-    pub fn row(self, bins: Bins, from: usize, to: usize) -> usize {
+    pub(crate) fn row(self, bins: Bins, from: usize, to: usize) -> usize {
         self.row_by(bins, to as i64 - from as i64)
     }
 }

@@ -14,7 +14,7 @@ fn clip() -> kinelm_motion::Result<Clip> {
         Some(file) => {
             let motion = format::read(Path::new(&file), &ReadOptions::default())?;
             motion.warnings.iter().for_each(|w| eprintln!("{w}"));
-            retarget::to_smpl(&motion, None)
+            retarget::to_smpl(&motion)
         }
         None => Ok(synth::corpus(1, 1, 10.0, 60.0)?.remove(0).clip),
     }

@@ -9,7 +9,7 @@
 mod rigs;
 
 use kinelm_motion::format::{self, ReadOptions};
-use kinelm_motion::{Motion, Source, retarget};
+use kinelm_motion::{Motion, retarget};
 use std::error::Error;
 use std::path::Path;
 
@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [dance, out, fps @ ..] = &args[..] else { return Err("expected DANCE OUT [FPS]".into()) };
     let fps_source = fps.first().map(|fps| fps.parse()).transpose()?;
     let motion = format::read(Path::new(dance), &ReadOptions { fps_source, ..Default::default() })?;
-    let dance = retarget::to_smpl(&motion, None)?;
+    let dance = retarget::to_smpl(&motion)?;
     for (i, tree) in rigs::all().into_iter().enumerate() {
         let mut random = rigs::random(1 + i as u64);
         let body = rigs::varied(0.1, &mut random);
@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             _ => rigs::tilted(&on_rig, &rigs::turns(rig.joints(), &mut random)),
         };
         let path = Path::new(out).join(format!("{}.bvh", tree.rig));
-        format::write(&path, &Motion { path: path.clone(), clip, source: Source::Plain, warnings: Vec::new() })?;
+        format::write(&path, &Motion::new(&path, clip))?;
         println!("{}", path.display());
     }
     Ok(())

@@ -2,11 +2,11 @@
 
 #[cfg(feature = "amass")]
 use crate::format::body_model::BodyModel;
-use crate::format::{self, ReadOptions, Unit};
+use crate::format::{self, ReadOptions};
 use crate::joints::Selection;
 use crate::resample::{Method, resample};
 use crate::retarget::{self, Retarget};
-use crate::rig::{ReferencePose, SkeletonMap, map_for, map_of};
+use crate::rig::{Humanoid, SkeletonMap};
 use crate::{Clip, Error, Motion, Quat, Result, Skeleton, Source, Vec3, smpl};
 use std::path::Path;
 use std::sync::Arc;
@@ -16,28 +16,18 @@ use std::sync::Arc;
 pub enum TargetRig {
     /// SMPL's 24 joints with these offsets.
     Smpl(Arc<Skeleton>),
-    /// The rig of a motion file, with its skeleton map; see [`TargetRig::of_motion`].
-    OfFile(Box<Motion>, Box<SkeletonMap>),
-}
-
-/// How the file of a [`TargetRig`] is read.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct RigOptions {
-    /// Its skeleton map by name or path, or its TOML; `None` finds it.
-    pub map: Option<String>,
-    /// The unit of its lengths.
-    pub unit: Unit,
-    /// The root to read, if it has several.
-    pub root: Option<String>,
+    /// The rig of a motion file; see [`TargetRig::of_motion`].
+    OfFile(Box<Motion>),
 }
 
 impl TargetRig {
-    /// Resolves the name `smpl` (the neutral body), or reads a body model (`SMPL_*.npz`) or the rig of a motion file.
+    /// Resolves the name `smpl` (the neutral body), or reads a body model (`SMPL_*.npz`) or the rig of a motion file, which
+    /// `options` are for.
     ///
     /// # Errors
     /// [`Unsupported`](kinelm_store::Error::Unsupported) when it is none of these; errors of reading the file, and those of
     /// [`TargetRig::of_motion`].
-    pub fn load(name_or_path: &str, options: &RigOptions) -> Result<TargetRig> {
+    pub fn load(name_or_path: &str, options: &ReadOptions) -> Result<TargetRig> {
         if name_or_path == "smpl" {
             return Ok(TargetRig::Smpl(smpl::neutral()));
         }
@@ -55,22 +45,17 @@ impl TargetRig {
         if let Ok(body) = BodyModel::parse(path, &bytes).and_then(|model| model.body(&[])) {
             return Ok(TargetRig::Smpl(body.skeleton));
         }
-        let RigOptions { map, unit, root } = options.clone();
-        let read = ReadOptions { map, unit, root, ..ReadOptions::default() };
-        TargetRig::of_motion(format::parse(path, &bytes, &read)?, options.map.as_deref())
+        TargetRig::of_motion(format::parse(path, &bytes, options)?)
     }
 
-    /// The rig of a motion, with the given map, else the one that is found for it.
+    /// The rig of a motion.
     ///
     /// # Errors
     /// [`Error::Clip`] with the motion's name for a rig that no map fits or that stands in no reference pose.
-    pub fn of_motion(motion: Motion, map: Option<&str>) -> Result<TargetRig> {
-        let found = map_of(&motion.clip, map).and_then(|map| {
-            ReferencePose::new(motion.clip.skeleton(), &map)?;
-            Ok(map)
-        });
-        let map = found.map_err(|e| e.in_clip(&motion.path))?;
-        Ok(TargetRig::OfFile(Box::new(motion), Box::new(map)))
+    pub fn of_motion(motion: Motion) -> Result<TargetRig> {
+        let stands = motion.humanoid().and_then(Humanoid::pose).map(drop);
+        stands.map_err(|e| e.in_clip(&motion.path))?;
+        Ok(TargetRig::OfFile(Box::new(motion)))
     }
 }
 
@@ -113,7 +98,7 @@ impl Place {
     }
 }
 
-/// Converts a motion, `map` being its skeleton map by name or path. Without any option set it is returned unchanged.
+/// Converts a motion. Without any option set it is returned unchanged.
 ///
 /// Joints are selected on the SMPL body, so `joints` without a rig puts the motion on the neutral SMPL body.
 ///
@@ -122,33 +107,34 @@ impl Place {
 ///
 /// ```
 /// use kinelm_motion::convert::{ConvertOptions, convert};
-/// use kinelm_motion::{Motion, Source, joints, synth};
+/// use kinelm_motion::{Motion, joints, synth};
 ///
 /// let clip = synth::corpus(1, 1, 2.0, 60.0)?.remove(0).clip;
-/// let dance = Motion { path: "dance.json".into(), clip, source: Source::Plain, warnings: vec![] };
 /// let arms = joints::parse("root,arms")?;
-/// let slow = convert(dance, &ConvertOptions { fps: Some(20.0), joints: Some(arms), ..Default::default() }, None)?;
+/// let options = ConvertOptions { fps: Some(20.0), joints: Some(arms), ..Default::default() };
+/// let slow = convert(Motion::new("dance.json", clip), &options)?;
 /// assert_eq!((slow.clip.fps(), slow.clip.frames()), (20.0, 40));
 /// assert_eq!(slow.clip.pose(7)[4], kinelm_motion::Quat::IDENTITY, "the knee is at rest");
 /// # Ok::<(), kinelm_motion::Error>(())
 /// ```
-pub fn convert(motion: Motion, options: &ConvertOptions, map: Option<&str>) -> Result<Motion> {
-    let mut motion = motion;
+pub fn convert(mut motion: Motion, options: &ConvertOptions) -> Result<Motion> {
     let rest = motion.warnings.iter().any(|w| w.kind == "rest_frame") && format::has_rest_frame(&motion);
     let neutral = options.joints.is_some().then(|| TargetRig::Smpl(smpl::neutral()));
     if let Some(selection) = &options.joints {
-        let floor_m = format::floor_height(&motion, map)?;
-        motion.clip = keep_joints(&retarget::to_smpl(&motion, map)?, selection)?;
-        motion.source = Source::Retargeted { floor_m };
+        let floor_m = format::floor_height(&motion)?;
+        let clip = keep_joints(&retarget::to_smpl(&motion)?, selection)?;
+        motion = motion.with_clip(clip).with_source(Source::Retargeted { floor_m });
     }
     if let Some(rig) = options.rig.as_ref().or(neutral.as_ref()) {
-        motion = on_rig(motion, rig, map)?;
+        motion = on_rig(motion, rig)?;
     }
     if let Some(fps) = options.fps {
-        motion.clip = if rest { after_rest(&motion.clip, fps)? } else { resample(&motion.clip, fps, Method::Smooth)? };
+        let clip = if rest { after_rest(&motion.clip, fps)? } else { resample(&motion.clip, fps, Method::Smooth)? };
+        motion = motion.with_clip(clip);
     }
     if options.place != Place::Own {
-        motion.clip = options.place.put(&motion.clip)?;
+        let clip = options.place.put(&motion.clip)?;
+        motion = motion.with_clip(clip);
     }
     Ok(motion)
 }
@@ -161,35 +147,32 @@ fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
     Clip::new(clip.skeleton().clone(), fps, root, [rest.rotations(), moving.rotations()].concat())
 }
 
-/// Puts a motion on another rig, by way of SMPL-24; `map` is the motion's skeleton map by name or path.
+/// Puts a motion on another rig, by way of SMPL-24.
 ///
 /// # Errors
 /// Errors of retargeting: no skeleton map fits the motion's rig.
-pub fn on_rig(motion: Motion, rig: &TargetRig, map: Option<&str>) -> Result<Motion> {
-    let floor_m = format::floor_height(&motion, map)?;
+pub fn on_rig(motion: Motion, rig: &TargetRig) -> Result<Motion> {
+    let floor_m = format::floor_height(&motion)?;
+    let clip = retarget::to_smpl(&motion)?;
     match rig {
         TargetRig::Smpl(body) => {
-            let clip = retarget::to_smpl(&motion, map)?;
             let clip = if clip.skeleton() == body {
                 clip
             } else {
                 // the path scales with the legs, as between any two rigs
-                let neutral = map_for(clip.skeleton(), Some("smpl"))?;
-                Retarget::new(clip.skeleton(), &neutral, body.clone())?.with_floor(floor_m).to_smpl(&clip)?
+                Retarget::of(Humanoid::neutral(), body.clone())?.with_floor(floor_m).to_smpl(&clip)?
             };
-            Ok(Motion { clip, source: Source::Retargeted { floor_m }, ..motion })
+            Ok(motion.with_clip(clip).with_source(Source::Retargeted { floor_m }))
         }
-        TargetRig::OfFile(like, to_map) => {
-            let clip = retarget::to_smpl(&motion, map)?;
-            let to = like.clip.skeleton();
-            let back = Retarget::new(to, to_map, clip.skeleton().clone())?.with_floor(floor_m);
+        TargetRig::OfFile(like) => {
+            let back = Retarget::of(like.humanoid()?, clip.skeleton().clone())?.with_floor(floor_m);
             let mut source = like.source.clone();
             match &mut source {
                 Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),
                 Source::Plain | Source::Turned(_) => source = Source::Retargeted { floor_m },
                 _ => {}
             }
-            Ok(Motion { clip: back.to_rig(&clip)?, source, ..motion })
+            Ok(motion.with_clip(back.to_rig(&clip)?).with_source(source))
         }
     }
 }
@@ -231,12 +214,12 @@ mod tests {
             "a.npz",
         ] {
             let path = folder.path().join(name);
-            let motion = Motion { path: path.clone(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&*path, clip.clone());
             format::write(&path, &motion).unwrap();
             let motion = format::read(&path, &ReadOptions { rest: RestFrame::Keep, ..Default::default() }).unwrap();
             assert!(motion.warnings.iter().any(|w| w.kind == "rest_frame"), "{name}: {:?}", motion.warnings);
             let options = ConvertOptions { fps: Some(20.0), ..Default::default() };
-            let slow = convert(motion.clone(), &options, None).unwrap().clip;
+            let slow = convert(motion.clone(), &options).unwrap().clip;
             assert_eq!((slow.root()[0], slow.pose(0)), (motion.clip.root()[0], motion.clip.pose(0)), "{name}");
             let without = resample(&motion.clip.slice(1..motion.clip.frames()), 20.0, Method::Auto).unwrap();
             assert_eq!(slow.slice(1..slow.frames()), without, "{name}");
@@ -248,8 +231,8 @@ mod tests {
         let clip = crate::synth::corpus(1, 1, 2.0, 20.0).unwrap().remove(0).clip;
         let far: Vec<Vec3> = clip.root().iter().map(|p| *p + Vec3::new(3.0, 0.0, -2.0)).collect();
         let clip = Clip::new(clip.skeleton().clone(), 20.0, far, clip.rotations().to_vec()).unwrap();
-        let motion = Motion { path: "a.json".into(), clip, source: Source::Plain, warnings: vec![] };
-        let put = |place| convert(motion.clone(), &ConvertOptions { place, ..Default::default() }, None).unwrap().clip;
+        let motion = Motion::new("a.json", clip);
+        let put = |place| convert(motion.clone(), &ConvertOptions { place, ..Default::default() }).unwrap().clip;
         let (own, origin, still) = (put(Place::Own), put(Place::AtOrigin), put(Place::InPlace));
         assert_eq!(own, motion.clip);
         let first = own.root()[0];

@@ -1,6 +1,6 @@
 //! Named groups and selections of the SMPL joints.
 
-use crate::rig::{SkeletonMap, map::without_namespace, map_for};
+use crate::rig::{SkeletonMap, map::without_namespace};
 use crate::{Error, Result, Skeleton, smpl};
 use kinelm_store::suggest::did_you_mean;
 
@@ -148,8 +148,8 @@ fn rig_name(part: &str) -> Option<&str> {
 const RIG: &str = "rig:";
 
 /// The names of the rig's joints with the ids of the SMPL joints that they map to.
-fn rig_joints<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, Option<usize>)>> {
-    let ids = smpl_ids(rig, &map_for(rig, map).ok()?);
+fn rig_joints<'a>(rig: &'a Skeleton, map: Option<&SkeletonMap>) -> Option<Vec<(&'a str, Option<usize>)>> {
+    let ids = smpl_ids(rig, map?);
     Some(rig.names().iter().map(String::as_str).zip(ids).collect())
 }
 
@@ -161,7 +161,7 @@ fn rig_joints<'a>(rig: &'a Skeleton, map: Option<&str>) -> Option<Vec<(&'a str, 
 ///
 /// # Errors
 /// As [`parse`]; a joint of the rig that maps to no SMPL joint; a name that fits two joints.
-pub fn to_smpl_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Result<String> {
+pub fn to_smpl_names(list: &str, rig: &Skeleton, map: Option<&SkeletonMap>) -> Result<String> {
     let is_plain = matches!(list.trim(), "13" | "18" | "24") || parts(list).all(|part| by_exact_name(part).is_some());
     let own = match rig_joints(rig, map) {
         Some(own) if !is_plain => own,
@@ -267,7 +267,7 @@ fn by_exact_name(part: &str) -> Option<Selection> {
 
 /// The parts of a list that name both an SMPL joint or group and a different joint of the rig, as
 /// `(part, SMPL name of the rig's joint)`.
-pub fn ambiguous_names(list: &str, rig: &Skeleton, map: Option<&str>) -> Vec<(String, &'static str)> {
+pub fn ambiguous_names(list: &str, rig: &Skeleton, map: Option<&SkeletonMap>) -> Vec<(String, &'static str)> {
     let own = rig_joints(rig, map).unwrap_or_default();
     let other = |part: &str| {
         let (_, id) = own.iter().find(|(name, _)| *name == part)?;
@@ -296,6 +296,11 @@ fn unknown(part: &str, own: &[&str]) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rig::map_for;
+
+    fn translated(list: &str, rig: &Skeleton) -> Result<String> {
+        to_smpl_names(list, rig, map_for(rig, None).ok().as_ref())
+    }
 
     #[test]
     fn lists() {
@@ -354,7 +359,7 @@ mod tests {
             ("LowerLeg_R", Some(15)),
             ("Foot_R", Some(16)),
         ]);
-        let of = |list: &str| to_smpl_names(list, &bandai, None);
+        let of = |list: &str| translated(list, &bandai);
         assert_eq!(of("root, UpperArm_R,LowerArm_R").unwrap(), "root,right_shoulder,right_elbow");
         // a group wins over a joint of the same name; parts without need of a rig stay as they are
         assert_eq!([of("head,Hand_R").unwrap(), of("13").unwrap()], ["head,right_wrist", "13"]);
@@ -370,12 +375,15 @@ mod tests {
             message.contains("did you mean UpperArm_R?") && message.contains("joints of the rig are Hips"),
             "{message}"
         );
-        assert!(to_smpl_names("tail", &rig(&[("a", None)]), None).is_err());
-        assert_eq!(to_smpl_names("legs", &rig(&[("a", None)]), None).unwrap(), "legs");
+        assert!(translated("tail", &rig(&[("a", None)])).is_err());
+        assert_eq!(translated("legs", &rig(&[("a", None)])).unwrap(), "legs");
         // on the smpl rig `head` is a joint and a group
         let smpl = smpl::neutral();
-        assert_eq!(ambiguous_names("head,left_knee,legs", &smpl, None), [("head".to_owned(), "head")]);
-        assert_eq!(to_smpl_names("rig:head,left_knee", &smpl, None).unwrap(), "15,left_knee");
+        assert_eq!(
+            ambiguous_names("head,left_knee,legs", &smpl, map_for(&smpl, None).ok().as_ref()),
+            [("head".to_owned(), "head")]
+        );
+        assert_eq!(translated("rig:head,left_knee", &smpl).unwrap(), "15,left_knee");
     }
 
     #[test]
@@ -390,7 +398,7 @@ mod tests {
             rig(&all.enumerate().map(|(i, name)| (name, i.checked_sub(1))).collect::<Vec<_>>())
         };
         let mixamo = named("mixamorig:", &[]);
-        let of = |list: &str| to_smpl_names(list, &mixamo, None).unwrap();
+        let of = |list: &str| translated(list, &mixamo).unwrap();
         assert_eq!(of("LeftArm,mixamorig:LeftArm,leftarm"), "left_shoulder,left_shoulder,left_shoulder");
         assert_eq!(
             [of("Head"), of("HEAD"), of("head")],
@@ -401,7 +409,7 @@ mod tests {
         assert_eq!(find_in_rig(&mixamo, "leftARM").unwrap(), 7);
         // an exact name wins; two joints that fit equally well are named
         let two = named("", &["HEAD", "leftarm", "Bob:Prop", "Tom:Prop"]);
-        let of = |list: &str| to_smpl_names(list, &two, None);
+        let of = |list: &str| translated(list, &two);
         assert_eq!(of("LeftArm").unwrap(), "left_shoulder");
         assert_eq!(find_in_rig(&two, "leftarm").unwrap(), 23);
         for (name, message) in
@@ -411,7 +419,7 @@ mod tests {
         }
         assert!(of("leftarm").unwrap_err().to_string().contains("joint leftarm: maps to no SMPL joint"));
         let both = named("", &["Left_Knee"]);
-        assert_eq!(to_smpl_names("left_knee", &both, None).unwrap(), "left_knee");
+        assert_eq!(translated("left_knee", &both).unwrap(), "left_knee");
         let smpl: Vec<_> = smpl::NAMES.iter().enumerate().map(|(i, name)| (*name, i.checked_sub(1))).collect();
         let loud = rig(&smpl
             .iter()
@@ -420,7 +428,7 @@ mod tests {
             .iter()
             .map(|(name, parent)| (name.as_str(), *parent))
             .collect::<Vec<_>>());
-        assert_eq!(to_smpl_names("Left_Knee,LEFT_ANKLE", &loud, None).unwrap(), "left_knee,left_ankle");
+        assert_eq!(translated("Left_Knee,LEFT_ANKLE", &loud).unwrap(), "left_knee,left_ankle");
     }
 
     #[test]

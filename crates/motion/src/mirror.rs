@@ -1,6 +1,6 @@
 //! Mirroring: reflection of a motion in the plane x = 0.
 
-use crate::rig::{ReferencePose, SkeletonMap};
+use crate::rig::{Humanoid, ReferencePose, SkeletonMap};
 use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 
 /// Mirrors a clip on the SMPL-24 rig: left and right are exchanged, a rotation (w, x, y, z) becomes (w, x, -y, -z), and
@@ -58,9 +58,19 @@ impl Mirror {
     /// # Errors
     /// Those of [`ReferencePose::new`].
     pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
-        let reference = ReferencePose::new(rig, map)?;
-        let partners = partners(rig, &reference);
-        Ok(Mirror { rig: rig.clone(), reference, partners })
+        Ok(Mirror::with_pose(rig, ReferencePose::new(rig, map)?))
+    }
+
+    /// [`Mirror::new`] of a rig of which everything is known.
+    ///
+    /// # Errors
+    /// Those of [`Humanoid::pose`].
+    pub fn of(humanoid: &Humanoid) -> Result<Self> {
+        Ok(Mirror::with_pose(humanoid.rig(), humanoid.pose()?.into_owned()))
+    }
+
+    fn with_pose(rig: &Skeleton, reference: ReferencePose) -> Self {
+        Mirror { rig: rig.clone(), partners: partners(rig, &reference), reference }
     }
 
     /// The joint on the other side: a middle joint itself; `None` if the rig has no counterpart.

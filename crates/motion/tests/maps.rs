@@ -3,11 +3,11 @@
 #[allow(dead_code, reason = "other tests use the rest")]
 mod rigs;
 
-use kinelm_motion::convert::{ConvertOptions, RigOptions, TargetRig, convert};
+use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
 use kinelm_motion::format::{self, MirrorAxis, ReadOptions, Unit};
-use kinelm_motion::rig::{FoundBy, ReferencePose, SkeletonMap, find_map, fit, map_for, map_of};
+use kinelm_motion::rig::{FoundBy, ReferencePose, SkeletonMap, find_map, fit, map_for};
 use kinelm_motion::rotation::angle_between;
-use kinelm_motion::{Clip, GlobalPose, Motion, Quat, Skeleton, Source, Vec3, smpl};
+use kinelm_motion::{Clip, GlobalPose, Motion, Quat, Skeleton, Vec3, smpl};
 use rigs::{Tree, from_pose, random, tilted, turns};
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -132,7 +132,7 @@ fn trunks_of_any_length_are_mapped_from_end_to_end() {
             let names = trunk_of(count, words);
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let clip = bowing(words, &names, body(words, &names, [1.0; 2]));
-            let map = map_of(&clip, None).unwrap();
+            let map = find_map(&clip, None).unwrap().map;
             let spine = [3, 6, 9].map(|id| map.joint(id));
             match names[..] {
                 [only] => assert!(spine.contains(&Some(only)), "{only}: {spine:?}"),
@@ -166,7 +166,7 @@ fn metres() -> ReadOptions {
 }
 
 fn plain(clip: &Clip) -> Motion {
-    Motion { path: "a.json".into(), clip: clip.clone(), source: Source::Plain, warnings: Vec::new() }
+    Motion::new("a.json", clip.clone())
 }
 
 /// A clip as a BVH in metres.
@@ -200,7 +200,9 @@ fn apart(a: &Clip, b: &Clip) -> f64 {
 
 fn on_smpl(clip: &Clip, map: Option<&str>) -> Clip {
     let options = ConvertOptions { rig: Some(TargetRig::Smpl(smpl::neutral())), ..ConvertOptions::default() };
-    convert(plain(clip), &options, map).unwrap().clip
+    let motion = plain(clip);
+    let motion = map.map_or(Ok(motion.clone()), |map| motion.with_map(map)).unwrap();
+    convert(motion, &options).unwrap().clip
 }
 
 #[test]
@@ -240,7 +242,7 @@ fn an_own_map_without_a_reference_pose_gets_one_from_the_clip() {
     let trunk = ["Spine", "Chest"];
     let clip = bowing(&MOTION_BUILDER, &trunk, body(&MOTION_BUILDER, &trunk, [1.0; 2]));
     let moved = from_pose(&clip, 20);
-    let text = map_of(&clip, None).unwrap().to_toml();
+    let text = find_map(&clip, None).unwrap().map.to_toml();
     assert!(!text.contains("[reference]"), "{text}");
     let found = find_map(&moved, Some(&text)).unwrap();
     assert!(found.made && found.is_of_clip());
@@ -299,7 +301,7 @@ fn a_body_in_a_mirror_is_doubted_and_taken_out_of_it() {
             }
             // an unchanged clip is the file again, a changed one is mirrored again
             assert_eq!(format::to_bytes(&file, &motion).unwrap(), std::fs::read(&file).unwrap());
-            let raised = Motion { clip: motion.clip.clone().raised(0.1), ..motion.clone() };
+            let raised = motion.clone().with_clip(motion.clip.clone().raised(0.1));
             let out = path(&format!("out.{}", file.extension().unwrap().to_str().unwrap()));
             format::write(&out, &raised).unwrap();
             let again = format::read(&out, &ReadOptions { mirror_axis: Some(axis), ..metres() }).unwrap().clip;
@@ -321,10 +323,10 @@ fn exchanged_sides_are_right_with_a_map_that_exchanges_them() {
     let swapped = Words { sides: ["Right", "Left"], ..MOTION_BUILDER };
     let right = bowing(&MOTION_BUILDER, &trunk, body(&MOTION_BUILDER, &trunk, [1.0; 2]));
     let clip = bowing(&swapped, &trunk, body(&swapped, &trunk, [1.0; 2]));
-    let map = map_of(&clip, None).unwrap();
+    let map = find_map(&clip, None).unwrap().map;
     assert!(fit(&clip, &map).toes_ahead.unwrap() < -0.9);
     let toml = map.to_toml().replace("left_", "new_").replace("right_", "left_").replace("new_", "right_");
-    assert!(fit(&clip, &map_of(&clip, Some(&toml)).unwrap()).toes_ahead.unwrap() > 0.9);
+    assert!(fit(&clip, &find_map(&clip, Some(&toml)).unwrap().map).toes_ahead.unwrap() > 0.9);
     assert!(apart(&on_smpl(&clip, Some(&toml)), &on_smpl(&right, None)) < 1e-9);
 }
 
@@ -339,24 +341,24 @@ fn a_target_rig_is_read_by_its_own_options() {
     let still = Clip::new(Arc::new(rig), 30.0, clip.root()[..1].to_vec(), clip.pose(0).to_vec()).unwrap();
     let file = written(folder.path(), "rig.bvh", &still);
     let name = file.to_str().unwrap();
-    let mut map = map_of(&clip, None).unwrap().to_toml();
+    let mut map = find_map(&clip, None).unwrap().map.to_toml();
     for (old, new) in own.names().iter().zip(&numbered) {
         map = map.replace(&format!("\"{old}\""), &format!("\"{new}\""));
     }
-    let options = RigOptions { unit: Unit::METRE, ..RigOptions::default() };
+    let options = ReadOptions { unit: Unit::METRE, ..ReadOptions::default() };
     // one frame of numbered bones tells too little, and the message is about that file
     if let Err(e) = TargetRig::load(name, &options) {
         assert!(e.to_string().starts_with(name), "{e}");
     }
-    let rig = TargetRig::load(name, &RigOptions { map: Some(map), ..options }).unwrap();
+    let rig = TargetRig::load(name, &ReadOptions { map: Some(map), ..options }).unwrap();
     let options = ConvertOptions { rig: Some(rig), ..ConvertOptions::default() };
     // the clip's map is not the rig's
-    let clips_map = map_of(&clip, None).unwrap().to_toml();
-    let on = convert(plain(&clip), &options, Some(&clips_map)).unwrap().clip;
+    let clips_map = find_map(&clip, None).unwrap().map.to_toml();
+    let on = convert(plain(&clip).with_map(&clips_map).unwrap(), &options).unwrap().clip;
     assert_eq!((on.skeleton().names()[0].as_str(), on.frames()), ("q0", 60));
     let named = Skeleton::new(numbered, own.parents().to_vec(), own.offsets().to_vec(), Vec::new()).unwrap();
     assert!(off(&on, &clip.clone().with_skeleton(Arc::new(named)).unwrap()) < 1e-5);
-    let e = TargetRig::load(name, &RigOptions { map: Some("cmu".into()), unit: Unit::METRE, root: None }).unwrap_err();
+    let e = TargetRig::load(name, &ReadOptions { map: Some("cmu".into()), ..metres() }).unwrap_err();
     assert!(e.to_string().starts_with(name) && e.to_string().contains("finds no pelvis"), "{e}");
 }
 
@@ -369,7 +371,7 @@ fn unreal_s_names_are_known_with_short_legs() {
         assert_eq!((found.map.joint(1), found.map.joint(12)), (Some("thigh_l"), Some("neck_01")));
     }
     let clip = bowing(&UNREAL, &trunk, body(&UNREAL, &trunk, [0.5, 1.0]));
-    let question = map_of(&clip, None).unwrap_err().to_string();
+    let question = find_map(&clip, None).unwrap_err().to_string();
     for line in ["left_hip = \"thigh_l\"", "left_knee = \"calf_l\"", "left_ankle = \"foot_l\"", "neck = \"neck_01\""] {
         assert!(question.contains(line), "{question}");
     }

@@ -44,7 +44,7 @@ fn same_places(clip: &Clip, wanted: &[Vec3], tolerance: f64) {
 
 /// A BVH in centimetres whose ROOT carries the dance's pelvis; with two IK targets beside the pelvis if `beside`.
 fn bvh_text(dance: &Clip, beside: bool) -> String {
-    let motion = Motion { path: "a.bvh".into(), clip: dance.clone(), source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new("a.bvh", dance.clone());
     let text = String::from_utf8(bvh::to_bytes(&motion).unwrap()).unwrap();
     let (tree, rows) = text.split_once("MOTION\n").unwrap();
     let body = tree.replace("HIERARCHY\nROOT", "JOINT");
@@ -155,9 +155,9 @@ fn a_dance_goes_onto_a_rig_with_a_root_above() {
     let dance = dance();
     let rig = read("rig.bvh", bvh_text(&dance, true).as_bytes(), &ReadOptions::default()).unwrap();
     let other = synth::corpus(9, 1, 2.0, FPS).unwrap().remove(0).clip;
-    let motion = Motion { path: "o.json".into(), clip: other.clone(), source: Source::Plain, warnings: vec![] };
-    let options = ConvertOptions { rig: Some(TargetRig::of_motion(rig, None).unwrap()), ..Default::default() };
-    let on_rig = convert(motion, &options, None).unwrap();
+    let motion = Motion::new("o.json", other.clone());
+    let options = ConvertOptions { rig: Some(TargetRig::of_motion(rig).unwrap()), ..Default::default() };
+    let on_rig = convert(motion, &options).unwrap();
     let bytes = format::to_bytes(Path::new("o.bvh"), &on_rig).unwrap();
     let again = read("o.bvh", &bytes, &ReadOptions::default()).unwrap().clip;
     same_places(&again, &other.positions(), 1e-5);
@@ -419,8 +419,8 @@ fn a_body_that_faces_between_the_axes_at_rest_keeps_its_pose() {
         let root = dance.root().iter().map(|p| turn * *p).collect();
         let rotations = dance.rotations().iter().map(turned).collect();
         let clip = Clip::new(Arc::new(rig), FPS, root, rotations).unwrap();
-        let motion = Motion { path: "y.json".into(), clip, source: Source::Plain, warnings: vec![] };
-        let found = to_smpl(&motion, Some("smpl")).or_else(|_| to_smpl(&motion, None)).unwrap();
+        let motion = Motion::new("y.json", clip);
+        let found = to_smpl(&motion.clone().with_map("smpl").unwrap()).or_else(|_| to_smpl(&motion)).unwrap();
         for (a, b) in found.positions().iter().zip(&expected) {
             // the path is turned with the world, the pose too
             assert!((turn.inverse() * *a).distance(*b) < 1e-3, "{degrees}: {a} {b}");

@@ -7,9 +7,9 @@ use kinelm_motion::joints::EIGHTEEN;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{Retarget, to_smpl};
 use kinelm_motion::rig::recognise::SURE;
-use kinelm_motion::rig::{Recognised, SkeletonMap, find_map, fit, map_of, recognise};
+use kinelm_motion::rig::{Recognised, SkeletonMap, find_map, fit, recognise};
 use kinelm_motion::rotation::angle_between;
-use kinelm_motion::{Clip, GlobalPose, Motion, Skeleton, Source, smpl, synth};
+use kinelm_motion::{Clip, GlobalPose, Motion, Skeleton, smpl, synth};
 use rigs::{Tree, from_pose, random, tilted, turns, varied};
 
 /// Pelvis, hips, knees, ankles, shoulders, elbows, wrists.
@@ -44,7 +44,7 @@ fn wrong(tree: &Tree, found: &Recognised, ids: &[usize]) -> Vec<String> {
 
 /// A rig's clip as commands have it: written as a BVH and read again, everything found out.
 fn read(clip: Clip) -> Motion {
-    let motion = Motion { path: "a.bvh".into(), clip, source: Source::Plain, warnings: Vec::new() };
+    let motion = Motion::new("a.bvh", clip);
     let bytes = format::to_bytes(&motion.path, &motion).unwrap();
     format::parse(&motion.path, &bytes, &ReadOptions::default()).unwrap()
 }
@@ -192,7 +192,7 @@ fn rest_poses_of_any_kind_are_calibrated() {
     let body = smpl::neutral();
     let options = ReadOptions { skip: 10, fps_source: Some(60.0), ..Default::default() };
     let motion = format::read(&folder.join("salsa/03.bvh"), &options).unwrap();
-    let whole = to_smpl(&motion, None).unwrap();
+    let whole = to_smpl(&motion).unwrap();
     let clip = resample(&whole.slice(0..whole.frames().min(900)), 10.0, Method::Smooth).unwrap();
     for tree in rigs::all().iter().filter(|t| ["lafan1", "vrm_humanoid", "ue4_mannequin"].contains(&t.rig.as_str())) {
         let rig = tree.skeleton(&body);
@@ -206,7 +206,7 @@ fn rest_poses_of_any_kind_are_calibrated() {
             ("tilted frames", tilted(&on_rig, &turns), 8.0),
         ] {
             // lafan1's names are those of the built-in map mixamo, which has no reference pose
-            for map in [recognise(moved.skeleton(), Some(&moved)).unwrap().map, map_of(&moved, None).unwrap()] {
+            for map in [recognise(moved.skeleton(), Some(&moved)).unwrap().map, find_map(&moved, None).unwrap().map] {
                 let [limbs, feet, trunk] = off(&clip, &moved, &map);
                 println!("{} {what}: limbs {limbs:.2}, feet {feet:.2}, trunk {trunk:.2} degrees", tree.rig);
                 assert!(limbs < 0.01 && feet < most && trunk < most, "{} {what}: {limbs} {feet} {trunk}", tree.rig);

@@ -200,7 +200,7 @@ fn a_dance_survives_a_file_on_its_own_rig() {
             // other arms than the file's, as in a generated dance
             let mixed = mirror::mirror(&x).unwrap();
             let file = folder.path().join("out.bvh");
-            let out = Motion { clip: retarget.to_rig(&mixed).unwrap(), ..motion.clone() };
+            let out = motion.clone().with_clip(retarget.to_rig(&mixed).unwrap());
             format::write(&file, &out).unwrap();
             // the same retargeting, because a written file doesn't give its floor to the last digit
             let again = retarget.to_smpl(&format::read(&file, &ReadOptions::default()).unwrap().clip).unwrap();
@@ -268,7 +268,7 @@ fn feet_stay_on_the_ground_from_and_to_every_rig() {
     let sets = [("cmu-dance", 9), ("bandai-1", 45), ("bandai-2", 300)];
     let paths: Vec<_> = sets.into_iter().flat_map(|(set, nth)| clips(set, test, nth)).collect();
     let first = |set: &str| {
-        paths.iter().find(|p| p.to_string_lossy().contains(set)).map(|p| TargetRig::of_motion(read(p), None).unwrap())
+        paths.iter().find(|p| p.to_string_lossy().contains(set)).map(|p| TargetRig::of_motion(read(p)).unwrap())
     };
     let mut rigs: Vec<TargetRig> = sets.iter().filter_map(|(set, _)| first(set)).collect();
     rigs.push(TargetRig::Smpl(smpl::neutral()));
@@ -284,18 +284,19 @@ fn feet_stay_on_the_ground_from_and_to_every_rig() {
     let mut worst: f64 = 0.0;
     for path in &paths {
         let motion = read(path);
-        let motion = Motion { clip: thin(&motion.clip, 10), ..motion };
-        let floor_m = format::floor_height(&motion, None).unwrap();
+        let thin = thin(&motion.clip, 10);
+        let motion = motion.with_clip(thin);
+        let floor_m = format::floor_height(&motion).unwrap();
         let before = heights(&motion.clip, None, floor_m);
         for (i, rig) in rigs.iter().enumerate() {
-            let on = convert::on_rig(motion.clone(), rig, None).unwrap();
+            let on = convert::on_rig(motion.clone(), rig).unwrap();
             let after = heights(&on.clip, None, floor_m);
             let moved = (0..2).map(|q| (after[q] - before[q]).abs()).fold(0.0, f64::max);
             assert!(moved <= 0.03, "{} on rig {i}: {before:?} m above the floor became {after:?}", path.display());
             worst = worst.max(moved);
             // and back: the floor is known from before
-            assert_eq!(format::floor_height(&on, None).unwrap(), floor_m);
-            let back = convert::on_rig(on, &TargetRig::of_motion(motion.clone(), None).unwrap(), None).unwrap();
+            assert_eq!(format::floor_height(&on).unwrap(), floor_m);
+            let back = convert::on_rig(on, &TargetRig::of_motion(motion.clone()).unwrap()).unwrap();
             let pelvis = retarget(&motion).joint(0).unwrap();
             let joints = motion.clip.joints();
             for (a, b) in motion.clip.positions().chunks(joints).zip(back.clip.positions().chunks(joints)) {

@@ -141,7 +141,7 @@ fn every_shared_file_stands_however_it_is_turned() {
             assert_same(&own.clip, &m.clip, 1e-9, 1e-9, &what);
             assert_eq!(read(&file, &options(*up)).clip, m.clip, "{what}");
 
-            let lies = Motion { clip: turned(&own.clip, rotation(turn)), ..own.clone() };
+            let lies = own.clone().with_clip(turned(&own.clip, rotation(turn)));
             let lies = bvh::to_bytes(&lies).unwrap();
             // by the feet, or, in a clip that hardly leaves its place, not for sure
             let m = read(&lies, &options(Up::Auto));
@@ -162,7 +162,7 @@ fn every_shared_file_stands_however_it_is_turned() {
 /// A synthetic dance as a y-up BVH on SMPL's rig.
 fn dance() -> Motion {
     let clip = synth::corpus(3, 1, 2.0, 30.0).unwrap().remove(0).clip;
-    let plain = Motion { path: "x".into(), clip, source: Source::Plain, warnings: vec![] };
+    let plain = Motion::new("x", clip);
     read(&bvh::to_bytes(&plain).unwrap(), &options(Up::Auto))
 }
 
@@ -177,7 +177,7 @@ fn what_was_read_is_written_in_its_own_axes() {
         // changed: other numbers, the same axes
         let moved = m.clip.root().iter().map(|p| *p + Vec3::new(0.5, 0.01, -0.25)).collect();
         let clip = Clip::new(m.clip.skeleton().clone(), 30.0, moved, m.clip.rotations().to_vec()).unwrap();
-        let bytes = bvh::to_bytes(&Motion { clip: clip.clone(), ..m.clone() }).unwrap();
+        let bytes = bvh::to_bytes(&m.clone().with_clip(clip.clone())).unwrap();
         let back = read(&bytes, &options(Up::Auto));
         assert_eq!(source(&back).rig.axes.up, *up);
         assert_eq!(source(&back).head.nodes, source(&m).head.nodes);
@@ -191,10 +191,10 @@ fn what_was_read_is_written_in_its_own_axes() {
         assert!(points.positions[hips].distance(clip.root()[0]) < 1e-6, "{up}");
 
         // the motion alone, with the axis given
-        let lies = Motion { clip: turned(&own.clip, rotation(turn)), ..own.clone() };
+        let lies = own.clone().with_clip(turned(&own.clip, rotation(turn)));
         let m = read(&bvh::to_bytes(&lies).unwrap(), &options(*up));
         let clip = turned(&m.clip, Quat::from_rotation_y(0.3));
-        let back = read(&bvh::to_bytes(&Motion { clip: clip.clone(), ..m }).unwrap(), &options(*up));
+        let back = read(&bvh::to_bytes(&m.with_clip(clip.clone())).unwrap(), &options(*up));
         assert_same(&clip, &back.clip, 1e-5, 1e-6, &format!("{up}, motion alone"));
     }
 }
@@ -228,7 +228,7 @@ fn lying() -> Clip {
 }
 
 fn as_bvh(clip: Clip) -> Vec<u8> {
-    bvh::to_bytes(&Motion { path: "x".into(), clip, source: Source::Plain, warnings: vec![] }).unwrap()
+    bvh::to_bytes(&Motion::new("x", clip)).unwrap()
 }
 
 #[test]
@@ -272,7 +272,7 @@ fn the_axis_of_a_format_is_doubted_by_the_feet_and_replaced_on_demand() {
     let folder = tempfile::tempdir().unwrap();
     let saved = |name: &str, clip: &Clip| {
         let path = folder.path().join(name);
-        let plain = Motion { path: "x".into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
+        let plain = Motion::new("x", clip.clone());
         format::write(&path, &plain).unwrap();
         path
     };
@@ -321,7 +321,7 @@ fn joints_that_no_map_knows_are_left_as_they_are() {
 fn a_json_is_turned_on_demand() {
     let folder = tempfile::tempdir().unwrap();
     let (clip, path) = (dance().clip, folder.path().join("a.json"));
-    let plain = |clip| Motion { path: "x".into(), clip, source: Source::Plain, warnings: vec![] };
+    let plain = |clip| Motion::new("x", clip);
     format::write(&path, &plain(turned(&clip, rotation(&TURNS[0].1)))).unwrap();
     let lies = format::read(&path, &options(Up::Auto)).unwrap();
     assert!(lies.clip != clip, "unasked a JSON has y up");
@@ -366,7 +366,7 @@ fn a_dance_through_blender_and_back_is_the_same() {
         let message = if source(&m).rig.axes.up == Up::Y { vec![] } else { vec!["up_axis"] };
         let floor = format::resolve_floor(&mut m, &options(Up::Auto)).unwrap();
         assert_eq!(m.warnings.iter().map(|w| w.kind).collect::<Vec<_>>(), message, "{:?}", m.warnings);
-        let report = inspect::report(&m, None, None).text();
+        let report = inspect::report(&m, None).text();
         assert!(report.contains("no doubts"), "{report}");
         floor
     });

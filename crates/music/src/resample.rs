@@ -5,16 +5,16 @@ use rubato::audioadapter_buffers::direct::SequentialSlice;
 use rubato::{Fft, FixedSync, Indexing, Resampler as _, WindowFunction};
 
 /// Supported rates, samples per second.
-pub const RATES: std::ops::RangeInclusive<u32> = 1_000..=768_000;
+pub(crate) const RATES: std::ops::RangeInclusive<u32> = 1_000..=768_000;
 
 /// Receives samples as they become available.
-pub type Sink<'a> = &'a mut dyn FnMut(&[f32]) -> Result<()>;
+pub(crate) type Sink<'a> = &'a mut dyn FnMut(&[f32]) -> Result<()>;
 
 /// Samples per block, about. A longer block has a sharper filter.
 const BLOCK: usize = 4096;
 
 /// Resamples a stream, without delay; the output is as long as the sound.
-pub struct Resampler {
+pub(crate) struct Resampler {
     from: u32,
     to: u32,
     /// `None` when the rates are equal.

@@ -55,7 +55,7 @@ impl LowDct {
     ///
     /// # Panics
     /// When there are not N.
-    pub fn inverse(&self, coefficients: &[f64]) -> Vec<f64> {
+    pub(crate) fn inverse(&self, coefficients: &[f64]) -> Vec<f64> {
         let mut numbers = coefficients.to_vec();
         self.all.inverse(&mut numbers, &mut vec![0.0; self.all.scratch_len()]);
         numbers
@@ -75,7 +75,7 @@ impl LowDct {
     ///
     /// # Panics
     /// When there are not as many as are kept.
-    pub fn low_back(&self, coefficients: &[f64]) -> Vec<f64> {
+    pub(crate) fn low_back(&self, coefficients: &[f64]) -> Vec<f64> {
         assert_eq!(coefficients.len(), self.keep, "other than the kept coefficients");
         let mut all = vec![0.0; self.length()];
         all[..self.keep].copy_from_slice(coefficients);

@@ -48,7 +48,7 @@ impl Transform {
     ///
     /// # Panics
     /// When window or gradient have another shape.
-    pub fn feature_back(&self, window: &[f64], channels: usize, gradient: &[f64]) -> Vec<f64> {
+    pub(crate) fn feature_back(&self, window: &[f64], channels: usize, gradient: &[f64]) -> Vec<f64> {
         assert_eq!(gradient.len(), channels * self.kept(), "a gradient of another shape");
         self.each(window, channels, |series, channel| {
             let gradient = &gradient[channel * self.kept()..][..self.kept()];

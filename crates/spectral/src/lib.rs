@@ -11,20 +11,20 @@
 #![forbid(unsafe_code)]
 
 pub mod clean;
-pub mod dct;
-pub mod feature;
+mod dct;
+mod feature;
 pub mod filter;
 pub mod interpolate;
-pub mod pca;
+mod pca;
 pub mod picture;
 pub mod query;
 pub mod series;
-pub mod stft;
+mod stft;
 pub mod windows;
 
 pub use dct::LowDct;
 pub use feature::Transform;
-pub use kinelm_model::{Error, Result};
+pub use kinelm_corpus::{Error, Result};
 pub use pca::PcaBasis;
 pub use series::Series;
 pub use stft::Stft;

@@ -47,7 +47,7 @@ impl PcaBasis {
     ///
     /// # Panics
     /// When there are not K.
-    pub fn adjoint(&self, coordinates: &[f64]) -> Vec<f64> {
+    pub(crate) fn adjoint(&self, coordinates: &[f64]) -> Vec<f64> {
         assert_eq!(coordinates.len(), self.kept(), "other than the kept components");
         let mut series = vec![0.0; self.length()];
         for (x, row) in coordinates.iter().zip(self.components.chunks_exact(self.length())) {

@@ -58,7 +58,7 @@ impl Series {
     ///
     /// # Panics
     /// If there is no such channel.
-    pub fn channel(&self, channel: usize) -> &[f64] {
+    pub(crate) fn channel(&self, channel: usize) -> &[f64] {
         assert!(channel < self.channels.len(), "channel {channel} of {}", self.channels.len());
         &self.numbers[channel * self.frames..][..self.frames]
     }
@@ -85,7 +85,7 @@ impl Series {
     ///
     /// # Panics
     /// As [`Series::window`].
-    pub fn slice(&self, start: usize, frames: usize) -> Series {
+    pub(crate) fn slice(&self, start: usize, frames: usize) -> Series {
         let (joints, channels) = (self.joints.clone(), self.channels.clone());
         Series { fps: self.fps, frames, joints, channels, numbers: self.window(start, frames), raw: true }
     }
@@ -106,7 +106,7 @@ impl Series {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Invalid`] for a clip of another length or of fewer joints, or for numbers that are not finite.
-    pub fn apply_to(&self, clip: &Clip) -> Result<Clip> {
+    pub(crate) fn apply_to(&self, clip: &Clip) -> Result<Clip> {
         check(&self.joints, clip)?;
         let clip = resample(clip, self.fps, Method::Auto)?;
         if clip.frames() != self.frames {

@@ -28,7 +28,7 @@ impl Stft {
     ///
     /// # Panics
     /// When the series is shorter than a window.
-    pub fn new(length: usize, no_dc: bool) -> Stft {
+    pub(crate) fn new(length: usize, no_dc: bool) -> Stft {
         Stft::with(length, Stft::WINDOW, Stft::HOP, no_dc)
     }
 
@@ -91,7 +91,7 @@ impl Stft {
     ///
     /// # Panics
     /// When there are not T times B of each part.
-    pub fn adjoint(&self, real: &[f64], imaginary: &[f64]) -> Vec<f64> {
+    pub(crate) fn adjoint(&self, real: &[f64], imaginary: &[f64]) -> Vec<f64> {
         let count = self.frames() * self.bins();
         assert_eq!((real.len(), imaginary.len()), (count, count), "parts of another shape");
         let mut series = vec![0.0; self.length];
@@ -110,7 +110,7 @@ impl Stft {
     ///
     /// # Panics
     /// When the series has another length.
-    pub fn magnitudes(&self, series: &[f64]) -> Vec<f64> {
+    pub(crate) fn magnitudes(&self, series: &[f64]) -> Vec<f64> {
         let (real, imaginary) = self.forward(series);
         let all = real.iter().zip(&imaginary).map(|(re, im)| re.hypot(*im));
         all.enumerate().filter(|(i, _)| self.keeps(*i)).map(|(_, x)| x).collect()
@@ -121,7 +121,7 @@ impl Stft {
     ///
     /// # Panics
     /// When the series has another length, or there are not [`Stft::kept`] numbers.
-    pub fn magnitudes_back(&self, series: &[f64], gradient: &[f64]) -> Vec<f64> {
+    pub(crate) fn magnitudes_back(&self, series: &[f64], gradient: &[f64]) -> Vec<f64> {
         assert_eq!(gradient.len(), self.kept(), "a gradient of another shape");
         let (mut real, mut imaginary) = self.forward(series);
         let mut gradient = gradient.iter();

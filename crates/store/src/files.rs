@@ -1,10 +1,10 @@
 //! Writes files and folders that later steps depend on: complete, or not at all.
 //!
 //! Limits: new files and folders are whole or absent, existing folders aren't replaced at once. A crash in
-//! [`PendingFolder::commit_instead`] may leave no folder, one in [`PendingFolder::commit_over`] new files beside the old
-//! first one.
+//! [`PendingFolder::commit_instead`] may leave no folder, one in [`PendingFolder::commit_over`] new files beside the
+//! old first one.
 
-use crate::part::{self, PartFile};
+use crate::part::{self, PartFile, folder_of, sync_folder};
 use crate::{Error, Result, input};
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Write};
@@ -31,7 +31,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
 ///
 /// # Errors
 /// Those of [`write_whole`].
-pub fn prepare(path: &Path, bytes: &[u8]) -> Result<PartFile> {
+pub(crate) fn prepare(path: &Path, bytes: &[u8]) -> Result<PartFile> {
     let folder = folder_of(path);
     fs::create_dir_all(folder).map_err(Error::io(folder))?;
     let mut part = PartFile::create(path)?;
@@ -222,28 +222,11 @@ fn same_bytes(a: &Path, b: &Path) -> bool {
         }
 }
 
-/// Syncs renames and new names in `folder`.
-///
-/// # Errors
-/// [`Error::Io`] when the system refuses.
-pub fn sync_folder(folder: &Path) -> Result<()> {
-    // only Unix opens folders
-    if cfg!(unix) {
-        File::open(folder).and_then(|f| f.sync_all()).map_err(Error::io(folder))?;
-    }
-    Ok(())
-}
-
 /// Whether this is a file name and not a path: without separators of any system, not `.` or `..`.
 pub fn is_plain(name: &str) -> bool {
     let path = Path::new(name);
     // not the system's separators alone: a name from Windows may be read on Linux
     path.file_name().is_some_and(|file| file == name) && !name.contains(['/', '\\'])
-}
-
-/// The folder of `path`; `.` for a bare name.
-pub fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// A path relative to `folder`, so that both can be moved together; absolute when there is no relative path. A path that
@@ -268,7 +251,7 @@ pub fn path_in(folder: &Path, path: &Path) -> PathBuf {
 ///
 /// # Errors
 /// [`Error::Taken`] then.
-pub fn folder_is_there(path: &Path) -> Result<()> {
+pub(crate) fn folder_is_there(path: &Path) -> Result<()> {
     match folder_of(path).ancestors().find(|folder| folder.exists()) {
         Some(folder) if !folder.is_dir() => {
             Err(Error::taken(path, format!("can't be written: {} is a file, no folder", folder.display())))

@@ -58,7 +58,7 @@ pub fn identity(path: &Path) -> Option<Identity> {
 
 /// The identity of the file at `path`, links followed; `None` without a file.
 #[cfg(not(unix))]
-pub fn identity(path: &Path) -> Option<Identity> {
+pub(crate) fn identity(path: &Path) -> Option<Identity> {
     path.canonicalize().ok()
 }
 

@@ -104,7 +104,7 @@ impl Outputs {
         let mut names = HashSet::new();
         for path in &outputs {
             // of two names for one folder: `a/x` and `./a/x`
-            let folder = files::folder_of(path);
+            let folder = part::folder_of(path);
             if !names.insert((folder.canonicalize().unwrap_or(folder.into()), path.file_name())) {
                 return Err(Error::taken(path, "would be written twice; give each output a name of its own"));
             }
@@ -161,7 +161,7 @@ impl Outputs {
     ///
     /// # Errors
     /// Those of [`Outputs::write`].
-    pub fn prepare<'a>(&self, path: &'a Path, bytes: &[u8]) -> Result<Prepared<'a>> {
+    pub(crate) fn prepare<'a>(&self, path: &'a Path, bytes: &[u8]) -> Result<Prepared<'a>> {
         let existing = self.existing(path)?;
         if let Some(file) = &existing {
             if holds(path, file, bytes) {

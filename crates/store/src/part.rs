@@ -4,7 +4,6 @@
 //! Limits: whether a process still runs is known by `/proc`; elsewhere, and on folders that machines share, an hour
 //! without changes decides. On file systems that can't sync a folder, a new name may be lost with the power.
 
-use crate::files::{folder_of, sync_folder};
 use crate::{Error, Result};
 use std::collections::{BTreeSet, HashSet};
 use std::ffi::{OsStr, OsString};
@@ -185,6 +184,23 @@ pub fn left_over(found: &str) -> Option<(&str, u32)> {
 fn is_old(path: &Path) -> bool {
     let modified = fs::symlink_metadata(path).and_then(|m| m.modified());
     modified.is_ok_and(|m| m.elapsed().is_ok_and(|age| age > ABANDONED))
+}
+
+/// The folder of `path`; `.` for a bare name.
+pub fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Syncs renames and new names in `folder`.
+///
+/// # Errors
+/// [`Error::Io`] when the system refuses.
+pub fn sync_folder(folder: &Path) -> Result<()> {
+    // only Unix opens folders
+    if cfg!(unix) {
+        File::open(folder).and_then(|f| f.sync_all()).map_err(Error::io(folder))?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// The end of a sidecar's name.
-pub const ENDING: &str = "kinelm.json";
+pub(crate) const ENDING: &str = "kinelm.json";
 
 /// A file in the same folder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -98,7 +98,7 @@ impl<'a> Batches<'a> {
     /// # Errors
     /// A corpus without a training clip that has a frame; a context shorter than a word, where all words have one length;
     /// more than 2^32 windows a pass.
-    pub fn new(data: &'a Data, context: usize, train: &TrainConfig) -> Result<Batches<'a>> {
+    pub(crate) fn new(data: &'a Data, context: usize, train: &TrainConfig) -> Result<Batches<'a>> {
         let room = (context + 1).saturating_sub(data.conditions().len());
         whole_words(room, 1)?;
         let (mut clips, mut ends, mut shares, mut total) = (Vec::new(), Vec::new(), Vec::new(), 0);
@@ -157,7 +157,7 @@ impl<'a> Batches<'a> {
     ///
     /// # Errors
     /// As [`Batches::new`] and [`Augment::new`].
-    pub fn of_run(run: &RunFile, data: &'a Data) -> Result<Batches<'a>> {
+    pub(crate) fn of_run(run: &RunFile, data: &'a Data) -> Result<Batches<'a>> {
         let masked = run.model.kind == ModelKind::Masked;
         // a masked model's last input predicts no next token: the window is one shorter
         let context = run.model.context - usize::from(masked);

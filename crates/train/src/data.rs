@@ -3,8 +3,9 @@
 use crate::{Error, Result};
 use kinelm_corpus::conditions::{Conditions, with_labels};
 use kinelm_corpus::{ClipRecord, Corpus, CorpusOptions, Split, each_eval_window};
-use kinelm_model::likelihood::{Likelihood, likelihood, room};
+use kinelm_model::likelihood::likelihood;
 use kinelm_model::music::features::{Scale, Scaling};
+use kinelm_model::scored_windows::{Likelihood, room};
 use kinelm_model::{Scores, TokenLayout};
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
@@ -104,7 +105,7 @@ impl Data {
     ///
     /// # Errors
     /// As [`Data::open`].
-    pub fn of(parts: Vec<Part>, tokenizer: Option<&Tokenizer>, fields: &[String]) -> Result<Data> {
+    pub(crate) fn of(parts: Vec<Part>, tokenizer: Option<&Tokenizer>, fields: &[String]) -> Result<Data> {
         let Some(first) = parts.first() else {
             return Err(Error::missing("corpus", "give `corpus`, or `corpus` in the training file"));
         };
@@ -148,7 +149,7 @@ impl Data {
     }
 
     /// The label fields, which precede a window.
-    pub fn conditions(&self) -> &Conditions {
+    pub(crate) fn conditions(&self) -> &Conditions {
         &self.conditions
     }
 
@@ -158,7 +159,7 @@ impl Data {
     }
 
     /// Mean tokens per frame of the training clips, over all corpora by their weights.
-    pub fn tokens_per_frame(&self) -> f64 {
+    pub(crate) fn tokens_per_frame(&self) -> f64 {
         let sum = |of: &dyn Fn(&ClipRecord) -> usize| -> f64 {
             let of_part = |p: &Part| p.weight * p.corpus.split(Split::Train).map(of).sum::<usize>() as f64;
             self.parts.iter().map(of_part).sum()
@@ -167,7 +168,7 @@ impl Data {
     }
 
     /// Whether some training clip has music.
-    pub fn has_music(&self) -> bool {
+    pub(crate) fn has_music(&self) -> bool {
         self.parts.iter().any(|p| p.corpus.split(Split::Train).any(|c| c.beats.is_some()))
     }
 
@@ -176,7 +177,7 @@ impl Data {
     ///
     /// # Errors
     /// A corpus that can no longer be read.
-    pub fn music_scale(&self) -> Result<Option<Scale>> {
+    pub(crate) fn music_scale(&self) -> Result<Option<Scale>> {
         let mut scaling = Scaling::default();
         for part in &self.parts {
             for clip in part.corpus.split(Split::Train) {

@@ -25,7 +25,7 @@ pub fn share(decay: f64, update: u64) -> f64 {
 ///
 /// # Panics
 /// Slices of different lengths.
-pub fn towards(average: &mut [f32], x: &[f32], share: f32) {
+pub(crate) fn towards(average: &mut [f32], x: &[f32], share: f32) {
     assert_eq!(average.len(), x.len(), "an average of other numbers");
     average.par_chunks_mut(CHUNK).zip(x.par_chunks(CHUNK)).for_each(|(average, x)| {
         for (a, x) in average.iter_mut().zip(x) {
@@ -38,7 +38,7 @@ pub fn towards(average: &mut [f32], x: &[f32], share: f32) {
 ///
 /// # Panics
 /// Slices of different lengths.
-pub fn add(sum: &mut [f32], x: &[f32], share: f32, first: bool) {
+pub(crate) fn add(sum: &mut [f32], x: &[f32], share: f32, first: bool) {
     assert_eq!(sum.len(), x.len(), "a sum of other numbers");
     sum.par_chunks_mut(CHUNK).zip(x.par_chunks(CHUNK)).for_each(|(sum, x)| {
         for (s, x) in sum.iter_mut().zip(x) {

@@ -38,7 +38,8 @@ impl FastLearner {
     }
 
     /// The last gradients, by the names of their tensors.
-    pub fn gradients_by_name(&self) -> impl Iterator<Item = (&str, &[f32])> {
+    #[cfg(test)]
+    pub(crate) fn gradients_by_name(&self) -> impl Iterator<Item = (&str, &[f32])> {
         let names = self.model.parameters().iter().map(|p| p.name.as_str());
         names.zip(self.optimizer.gradients.iter().map(|g| &**g))
     }

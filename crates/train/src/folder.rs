@@ -104,7 +104,7 @@ impl RunFolder {
 }
 
 /// Whether a process is writing this run.
-pub fn is_written(run: &Path) -> bool {
+pub(crate) fn is_written(run: &Path) -> bool {
     let lock = owned::open(run, LOCK, Access::Read, MOST_LOCK);
     lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
@@ -146,7 +146,7 @@ fn is_corpus(name: &str) -> bool {
 ///
 /// # Errors
 /// [`kinelm_store::Error::Taken`] for such a folder.
-pub fn check_free(run: &Path) -> Result<()> {
+pub(crate) fn check_free(run: &Path) -> Result<()> {
     let help = match run.join(CONFIG).is_file() {
         _ if is_free(run) => return Ok(()),
         true => "resume it, or give another run folder",

@@ -2,14 +2,10 @@
 
 use super::batches::Batch;
 use super::config::TrainConfig;
-use super::fast::FastLearner;
 use super::optimizer::Tensors;
-use super::plain::Plain;
 use super::stages::Stages;
 use crate::{Error, Result};
-use kinelm_engine::linear::Products;
-use kinelm_model::fast::Fast;
-use kinelm_model::{Compute, Gpt, ModelConfig, Scores, TokenLayout, weights};
+use kinelm_model::Scores;
 
 /// Loss and gradient norm of a batch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,27 +80,6 @@ pub trait Learner: Scores + Send {
     fn swap_averages(&mut self) -> Result<()>;
 }
 
-/// The learner of a form and a device, beginning with these `weights`.
-///
-/// # Errors
-/// Weights that don't fit the configuration, a device that isn't there.
-pub fn learner(
-    model: &ModelConfig,
-    tokens: &TokenLayout,
-    train: &TrainConfig,
-    weights: Tensors,
-    (compute, products): (Compute, Products),
-) -> Result<Box<dyn Learner>> {
-    if compute.is_fast() {
-        let mut fast = Fast::from_tensors(model, tokens, weights)?;
-        fast.multiply_by(products);
-        return Ok(Box::new(FastLearner::new(fast, train)));
-    }
-    let device = compute.device.open()?;
-    let gpt = Gpt::from_tensors(model, tokens, weights::to_device(&weights, &device)?)?;
-    Ok(Box::new(Plain::new(gpt, train)?))
-}
-
 /// A learner with the batches of its steps.
 pub struct Fit<'a> {
     stages: Stages<'a>,
@@ -115,7 +90,7 @@ pub struct Fit<'a> {
 
 impl<'a> Fit<'a> {
     /// `learner` on these windows.
-    pub fn new(stages: Stages<'a>, learner: Box<dyn Learner>, train: &TrainConfig) -> Fit<'a> {
+    pub(crate) fn new(stages: Stages<'a>, learner: Box<dyn Learner>, train: &TrainConfig) -> Fit<'a> {
         Fit { stages, learner, clip_norm: train.clip_norm }
     }
 
@@ -162,7 +137,7 @@ pub fn not_finite(loss: f64, clips: &[String]) -> Error {
 }
 
 /// The error of a moving average for a configuration without one.
-pub fn no_average() -> Error {
+pub(crate) fn no_average() -> Error {
     Error::invalid("train.ema", 0, "a decay above 0: there is a moving average of the weights")
 }
 

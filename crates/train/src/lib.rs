@@ -4,12 +4,13 @@
 //! [`finetune`](fn@finetune)), the learning-rate range test, and the classifiers and LSTMs of other crates.
 #![forbid(unsafe_code)]
 
-pub mod adamw;
-pub mod augment;
+mod adamw;
+mod augment;
 pub mod batches;
 pub mod config;
 pub mod data;
 pub mod ema;
+mod factory;
 pub mod fast;
 #[cfg(any(test, feature = "fixtures"))]
 #[doc(hidden)]
@@ -17,18 +18,18 @@ pub mod fixture;
 pub mod folder;
 mod gaps;
 pub mod import;
-pub mod lead_ins;
+mod lead_ins;
 pub mod learner;
 pub mod lr_find;
-pub mod memory;
+mod memory;
 pub mod metrics;
 mod music;
 pub mod optimizer;
 pub mod order;
 #[cfg(test)]
 mod parity;
-pub mod plain;
-pub mod precision;
+mod plain;
+mod precision;
 pub mod pretrain;
 pub mod progress;
 pub mod provenance;
@@ -39,17 +40,19 @@ pub mod sample;
 pub mod schedule;
 #[cfg(test)]
 mod shapes;
-pub mod stages;
+mod stages;
 mod tensorboard;
+pub mod train_file;
 pub mod trainer;
-pub mod window;
+mod window;
 
-pub use config::{TrainConfig, TrainFile};
+pub use config::{Schedule, TrainConfig};
 pub use data::{CorpusPart, Data};
+pub use factory::learner;
 pub use kinelm_model::{Error, Result};
-pub use learner::{BatchLoss, Learner, learner};
+pub use learner::{BatchLoss, Learner};
 pub use precision::Precision;
 pub use pretrain::{PretrainOptions, RESUMABLE, Summary, finetune, pretrain};
 pub use progress::{NoProgress, Progress};
-pub use schedule::Schedule;
+pub use train_file::TrainFile;
 pub use trainer::{Task, Trainer};

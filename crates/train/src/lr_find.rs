@@ -4,12 +4,14 @@
 //! Source: Smith, "Cyclical learning rates for training neural networks" (2017); the smoothing, and stopping at a multiple
 //! of the least loss, are fastai's.
 
-use super::config::{TrainConfig, TrainFile};
+use super::config::TrainConfig;
 use super::data::{CorpusPart, Data};
-use super::learner::{Fit, learner};
+use super::factory::learner;
+use super::learner::Fit;
 use super::memory;
 use super::run::RunFile;
 use super::stages::Stages;
+use super::train_file::TrainFile;
 use super::trainer::{Cadence, Files, Task, Trainer};
 use crate::{Error, Result};
 use kinelm_corpus::CorpusOptions;

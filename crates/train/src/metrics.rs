@@ -2,8 +2,8 @@
 
 use super::tensorboard::EventFile;
 use crate::{Error, Result};
-use kinelm_model::likelihood::Likelihood;
 use kinelm_model::run::CONFIG;
+use kinelm_model::scored_windows::Likelihood;
 use kinelm_store::owned::{self, Access};
 use kinelm_store::{files, input};
 use serde::{Deserialize, Serialize};
@@ -91,7 +91,7 @@ impl Metrics {
     ///
     /// # Errors
     /// What the system refuses.
-    pub fn valid(&mut self, step: u64, found: &Likelihood) -> Result<()> {
+    pub(crate) fn valid(&mut self, step: u64, found: &Likelihood) -> Result<()> {
         #[derive(Serialize)]
         struct Valid<'a> {
             step: u64,

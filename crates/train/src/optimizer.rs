@@ -64,7 +64,7 @@ impl Optimizer {
     }
 
     /// Updates done.
-    pub fn updates(&self) -> u64 {
+    pub(crate) fn updates(&self) -> u64 {
         self.updates
     }
 
@@ -131,7 +131,7 @@ impl Optimizer {
 ///
 /// # Errors
 /// [`Error::Weights`] for a tensor that is missing or of another shape.
-pub fn in_order(
+pub(crate) fn in_order(
     what: &str,
     parameters: &[Parameter],
     all: &Tensors,

@@ -4,11 +4,8 @@ use super::batches::Batches;
 use super::data::Data;
 use super::run::RunFile;
 use crate::{Error, Result};
-use npyz::WriterBuilder;
-use std::io::{Cursor, Write};
+use kinelm_motion::format::npz::{self, Values};
 use std::path::{Path, PathBuf};
-use zip::ZipWriter;
-use zip::write::SimpleFileOptions;
 
 /// The windows of each step, (steps, rows, 3): the clip, the first token of it that the window shows, and the number of
 /// tokens. Rows are those of all batches of a step. Clips count from 0 over the training clips that have frames, in the
@@ -54,25 +51,14 @@ impl Order {
     /// # Errors
     /// What writing the archive refuses.
     pub fn to_file(&self, out: &Path) -> Result<(PathBuf, Vec<u8>)> {
-        let npy = self.npy().map_err(Error::io(out))?;
+        let shape = [self.windows.len() / 3 / self.rows, self.rows, 3];
+        let values = Values::I64(&self.windows);
         if out.extension().is_some_and(|e| e == "npz") {
-            let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-            let refused = |e: zip::result::ZipError| Error::io(out)(e.into());
-            zip.start_file("windows.npy", SimpleFileOptions::default()).map_err(refused)?;
-            zip.write_all(&npy).map_err(Error::io(out))?;
-            let bytes = zip.finish().map_err(refused)?.into_inner();
-            return Ok((out.to_owned(), bytes));
+            let mut archive = npz::Writer::new();
+            archive.add("windows", &shape, values)?;
+            return Ok((out.to_owned(), archive.finish()?));
         }
-        Ok((out.join("windows.npy"), npy))
-    }
-
-    fn npy(&self) -> std::io::Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        let shape = [self.windows.len() / 3 / self.rows, self.rows, 3].map(|n| n as u64);
-        let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(&mut bytes).begin_nd()?;
-        writer.extend(&self.windows)?;
-        writer.finish()?;
-        Ok(bytes)
+        Ok((out.join("windows.npy"), npz::npy("windows", &shape, values)?))
     }
 }
 

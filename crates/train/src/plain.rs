@@ -42,12 +42,8 @@ impl Plain {
         Ok(Plain { optimizer, model, dropout, gradients: Vec::new(), averages, step: 0 })
     }
 
-    /// The model with its present weights.
-    pub fn model(&self) -> &Gpt {
-        &self.model
-    }
-
     /// The last gradients, by the names of their variables.
+    #[cfg(test)]
     pub fn gradients_by_name(&self) -> impl Iterator<Item = (&str, &Tensor)> {
         self.model.vars().keys().map(String::as_str).zip(&self.gradients)
     }

@@ -107,7 +107,7 @@ impl Precision {
     }
 
     /// The name of the kernels for a checkpoint; `None` where f32 was requested.
-    pub fn recorded(self, products: Products) -> Option<String> {
+    pub(crate) fn recorded(self, products: Products) -> Option<String> {
         (self != Precision::F32).then(|| products.name().into())
     }
 }

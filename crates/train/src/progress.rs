@@ -1,7 +1,7 @@
 //! How a run reports its progress.
 
 use super::metrics::StepMetrics;
-use kinelm_model::likelihood::Likelihood;
+use kinelm_model::scored_windows::Likelihood;
 use std::time::Duration;
 
 /// Receives the progress of a run.

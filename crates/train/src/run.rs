@@ -103,7 +103,7 @@ impl RunFile {
     }
 
     /// The configuration of a run whose model was trained elsewhere: it has no corpora.
-    pub fn imported(run: &LoadedRun, tokenizer: &Tokenizer) -> RunFile {
+    pub(crate) fn imported(run: &LoadedRun, tokenizer: &Tokenizer) -> RunFile {
         RunFile {
             version: VERSION,
             tokenizer_sha256: tokenizer.hash(),
@@ -125,7 +125,7 @@ impl RunFile {
     ///
     /// # Errors
     /// A corpus path that can't be made absolute.
-    pub fn found_at(&mut self, data: &Data) -> Result<bool> {
+    pub(crate) fn found_at(&mut self, data: &Data) -> Result<bool> {
         let found = data.parts().iter().map(RunCorpus::of).collect::<Result<Vec<_>>>()?;
         let elsewhere = |(old, new): (&RunCorpus, &RunCorpus)| !is_same(&old.path, &new.path);
         let moved = self.corpora.iter().zip(&found).any(elsewhere);
@@ -137,7 +137,7 @@ impl RunFile {
     ///
     /// # Errors
     /// What the system refuses.
-    pub fn put_beside(&self, run: &Path, data: &Data) -> Result<()> {
+    pub(crate) fn put_beside(&self, run: &Path, data: &Data) -> Result<()> {
         for (i, part) in data.parts().iter().enumerate() {
             let from = part.corpus.dir().join("corpus.json");
             let description = input::bytes(&from).map_err(Error::io(&from))?;
@@ -265,7 +265,7 @@ fn with_music_scale(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
 ///
 /// # Errors
 /// Tensors that are not f32; a path that can't be made absolute.
-pub fn origin(from: &Path, source: &LoadedRun) -> Result<Origin> {
+pub(crate) fn origin(from: &Path, source: &LoadedRun) -> Result<Origin> {
     let bytes = weights::to_bytes(source.weights.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
     let path = std::path::absolute(from).map_err(Error::io(from))?;
     Ok(Origin { path, step: source.state.step, sha256: FileRecord::of(&bytes).sha256 })

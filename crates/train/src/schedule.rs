@@ -1,17 +1,6 @@
 //! The learning rate over a run.
 
-use super::config::TrainConfig;
-use serde::{Deserialize, Serialize};
-
-/// How the rate moves after the warm-up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Schedule {
-    /// Constant.
-    Constant,
-    /// Half a cosine down to `final_share` of the rate at the last step.
-    Cosine,
-}
+use super::config::{Schedule, TrainConfig};
 
 /// The rate of the update that makes step `step` (from 0) of the run.
 ///

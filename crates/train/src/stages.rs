@@ -4,24 +4,11 @@
 //! learned before long-range ones: docs/results/two-level.md.
 
 use super::batches::{Batch, Batches};
-use super::config::TrainConfig;
+use super::config::{Stage, TrainConfig};
 use super::data::Data;
 use super::run::RunFile;
-use crate::{Error, Result};
+use crate::Result;
 use kinelm_model::{ModelConfig, ModelKind, TokenLayout};
-use serde::{Deserialize, Serialize};
-
-/// The windows of a run up to a share of its steps. After the last stage they are the model's, `train.batch` at a time.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Stage {
-    /// The share of all steps at which it ends, above that of the previous stage and below 1.
-    pub until: f64,
-    /// Frames of a window, at most the model's.
-    pub frames: usize,
-    /// Windows of a batch, 1..=65536.
-    pub batch: usize,
-}
 
 impl Stage {
     /// The first step after it, in a run of `steps` steps.
@@ -35,54 +22,6 @@ impl Stage {
         let last = usize::from(model.kind == ModelKind::Masked);
         self.frames * tokens.word + tokens.front + last - 1
     }
-}
-
-/// Checks the keys of stages, and their order.
-///
-/// # Errors
-/// The first key outside its limits, with the stage's number.
-pub fn validate(stages: &[Stage]) -> Result<()> {
-    let mut before = 0.0;
-    for (i, stage) in stages.iter().enumerate() {
-        let wrong = |key: &str, found: String, limits: String| {
-            Err(Error::invalid(format!("train.stages: `{key}` of stage {}", i + 1), found, limits))
-        };
-        if !(stage.until > before && stage.until < 1.0) {
-            return wrong("until", stage.until.to_string(), format!("more than {before} and less than 1"));
-        }
-        if stage.frames == 0 {
-            return wrong("frames", "0".into(), "1 or more".into());
-        }
-        if !(1..=65_536).contains(&stage.batch) {
-            return wrong("batch", stage.batch.to_string(), "1 to 65536".into());
-        }
-        before = stage.until;
-    }
-    Ok(())
-}
-
-/// Checks that the model's window holds those of all stages.
-///
-/// # Errors
-/// Words that differ in length, whose windows have no number of frames; more frames than the model's window holds.
-pub fn validate_for(stages: &[Stage], model: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
-    for (i, stage) in stages.iter().enumerate() {
-        let frames = format!("train.stages: `frames` of stage {}", i + 1);
-        if tokens.varying {
-            let why =
-                "the words of this tokenizer differ in length, so that windows have no number of frames; leave it out";
-            return Err(Error::unsupported(frames, why));
-        }
-        let most = model.frames(tokens);
-        if stage.frames > most {
-            return Err(Error::invalid(
-                frames,
-                stage.frames,
-                format!("{most} or less, the frames of the model's window"),
-            ));
-        }
-    }
-    Ok(())
 }
 
 /// The largest number of tokens of a batch, over all stages.
@@ -142,6 +81,7 @@ impl<'a> Stages<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::{validate_stages, validate_stages_for};
     use crate::fixture;
     use crate::fixture::TOKENS;
     use kinelm_corpus::Split;
@@ -152,8 +92,8 @@ mod tests {
 
     #[test]
     fn wrong_stages_are_named() {
-        let said = |stages: &[Stage]| validate(stages).unwrap_err().to_string();
-        validate(&[stage(0.4, 3, 2), stage(0.7, 2, 1)]).unwrap();
+        let said = |stages: &[Stage]| validate_stages(stages).unwrap_err().to_string();
+        validate_stages(&[stage(0.4, 3, 2), stage(0.7, 2, 1)]).unwrap();
         assert_eq!(
             said(&[stage(0.4, 3, 2), stage(0.4, 6, 1)]),
             "train.stages: `until` of stage 2 is 0.4; expected more than 0.4 and less than 1"
@@ -163,11 +103,11 @@ mod tests {
         assert!(said(&[stage(0.5, 0, 2)]).contains("`frames` of stage 1 is 0; expected 1 or more"));
         assert!(said(&[stage(0.5, 1, 0)]).contains("`batch` of stage 1 is 0; expected 1 to 65536"));
         let model = ModelConfig { context: 36, ..Default::default() };
-        validate_for(&[stage(0.5, 5, 1)], &model, &TOKENS).unwrap();
-        let message = validate_for(&[stage(0.5, 6, 1)], &model, &TOKENS).unwrap_err().to_string();
+        validate_stages_for(&[stage(0.5, 5, 1)], &model, &TOKENS).unwrap();
+        let message = validate_stages_for(&[stage(0.5, 6, 1)], &model, &TOKENS).unwrap_err().to_string();
         assert!(message.contains("`frames` of stage 1 is 6; expected 5 or less"), "{message}");
         let varying = TokenLayout { varying: true, ..TOKENS };
-        let message = validate_for(&[stage(0.5, 5, 1)], &model, &varying).unwrap_err().to_string();
+        let message = validate_stages_for(&[stage(0.5, 5, 1)], &model, &varying).unwrap_err().to_string();
         assert!(message.contains("differ in length"), "{message}");
     }
 

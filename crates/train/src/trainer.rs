@@ -248,7 +248,7 @@ pub fn check_steps(run: &Path, steps: u64) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learner::learner;
+    use crate::factory::learner;
     use crate::pretrain::{Pretraining, begin};
     use crate::run::RunFile;
     use crate::{Data, NoProgress, TrainConfig, fixture};

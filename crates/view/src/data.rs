@@ -54,7 +54,7 @@ pub struct Drawn {
 
 /// The joint that a point shows: itself, or the parent of its end site.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct PointJoint {
+pub(crate) struct PointJoint {
     /// The rig's name.
     label: String,
     /// As lists of joints name it.
@@ -70,7 +70,7 @@ pub struct PointJoint {
 
 /// When a point is in contact with the floor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct PointContacts {
+pub(crate) struct PointContacts {
     point: usize,
     /// Seconds, from and to.
     spans: Vec<[f64; 2]>,
@@ -109,7 +109,7 @@ const LARGEST: f64 = 1e6; // 1,000 km: a step of 16 bits is 15 m then, and any u
 const SPACING_FPS: f64 = 20.0;
 
 /// All figures, side by side from left to right: each figure separately if all are of one world, else each world.
-pub fn drawn(figures: &[Figure]) -> Result<Vec<Drawn>> {
+pub(crate) fn drawn(figures: &[Figure]) -> Result<Vec<Drawn>> {
     let mut tracks = figures.iter().map(Track::new).collect::<Result<Vec<_>>>()?;
     let worlds = worlds(figures);
     let in_world = |w: usize| worlds[w].iter().copied();
@@ -411,7 +411,7 @@ fn beside(groups: &[Vec<&Track>]) -> Vec<f64> {
 }
 
 /// Bytes as RFC 4648 has them.
-pub fn base64(bytes: &[u8]) -> String {
+pub(crate) fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for three in bytes.chunks(3) {

@@ -7,6 +7,18 @@ use std::path::Path;
 /// Bytes up to which a file is embedded.
 pub const EMBEDDED: u64 = 8 << 20;
 
+/// The media type of a sound file, by its name.
+pub fn media_type(path: &Path) -> &'static str {
+    match extension(path).as_str() {
+        "mp3" => "audio/mpeg",
+        "ogg" | "oga" => "audio/ogg",
+        "flac" => "audio/flac",
+        "m4a" | "mp4" => "audio/mp4",
+        "aac" => "audio/aac",
+        _ => "audio/wav",
+    }
+}
+
 /// The music of a page.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Music {
@@ -23,15 +35,7 @@ pub struct Music {
 impl Music {
     /// A file embedded in the page.
     pub fn embedded(path: &Path, bytes: &[u8], from_s: f64, beats_s: Vec<f64>) -> Music {
-        let kind = match extension(path).as_str() {
-            "mp3" => "audio/mpeg",
-            "ogg" | "oga" => "audio/ogg",
-            "flac" => "audio/flac",
-            "m4a" | "mp4" => "audio/mp4",
-            "aac" => "audio/aac",
-            // browsers look into the file if the type is wrong
-            _ => "audio/wav",
-        };
+        let kind = media_type(path);
         Music { src: format!("data:{kind};base64,{}", base64(bytes)), name: name(path), from_s, beats_s }
     }
 

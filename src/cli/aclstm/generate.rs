@@ -75,7 +75,7 @@ impl BaselineDance for Request {
         drop(bar);
         let made = made?;
         warn(&made.motion, say);
-        let motion = written_as(out, made.motion, self.read.map.as_deref())?;
+        let motion = written_as(out, made.motion)?;
         let bytes = format::to_bytes(out, &motion)?;
         convert::report_written(out, &motion, say);
         made.locked.iter().flat_map(|locked| locked.notes(FPS)).for_each(|note| say.line(note));

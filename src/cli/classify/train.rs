@@ -1,8 +1,9 @@
 //! `kinelm classify train`.
 
-use crate::classify::{LabelFilter, TrainOptions, train};
+use crate::classify::{TrainOptions, train};
 use crate::cli::{Say, TrustArgs};
 use crate::corpus::Corpus;
+use crate::corpus::labels::LabelFilter;
 use crate::model::exchange;
 use anyhow::Result;
 use std::path::PathBuf;

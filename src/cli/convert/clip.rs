@@ -9,25 +9,15 @@ use kinelm_motion::{Motion, joints, smpl};
 use std::path::Path;
 
 /// A motion at the rate and on the rig of the output.
-pub fn converted(
-    args: &Args,
-    rig: Option<&TargetRig>,
-    (motion, map): (Motion, Option<&str>),
-    output: &Path,
-) -> Result<Motion> {
-    let wanted = wanted(args, rig, (&motion, map), output)?;
-    Ok(convert(motion, &wanted, map)?)
+pub fn converted(args: &Args, rig: Option<&TargetRig>, motion: Motion, output: &Path) -> Result<Motion> {
+    let wanted = wanted(args, rig, &motion, output)?;
+    Ok(convert(motion, &wanted)?)
 }
 
 /// The conversion for a motion that goes to `output`.
-fn wanted(
-    args: &Args,
-    rig: Option<&TargetRig>,
-    (motion, map): (&Motion, Option<&str>),
-    output: &Path,
-) -> Result<ConvertOptions> {
+fn wanted(args: &Args, rig: Option<&TargetRig>, motion: &Motion, output: &Path) -> Result<ConvertOptions> {
     let selection = |list: &str| {
-        let list = joints::to_smpl_names(list, motion.clip.skeleton(), map)?;
+        let list = joints::to_smpl_names(list, motion.clip.skeleton(), motion.map())?;
         joints::parse(&list)
     };
     let npz = || (extension(output) == "npz" && !args.positions).then(|| TargetRig::Smpl(smpl::neutral()));

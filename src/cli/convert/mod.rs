@@ -112,17 +112,17 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let count = if pairs.len() > 1 { format!("{} of {}: ", i + 1, pairs.len()) } else { String::new() };
         let motion = format::read(input, &options[i])?;
         odd.warn(&motion, &options[i]);
-        let (motion, map) = (cut(&args, motion)?, options[i].map.as_deref());
+        let motion = cut(&args, motion)?;
         let written = if args.positions {
             let positions = match args.moves() {
-                true => Positions::from_clip(&converted(&args, rig.as_ref(), (motion, map), output)?.clip),
+                true => Positions::from_clip(&converted(&args, rig.as_ref(), motion, output)?.clip),
                 false => format::positions(input, &options[i])?,
             };
             outputs.write(output, &positions.write()?)?;
             let (out, n, f) = (output.display(), positions.joints.len(), positions.frames());
             format!("{out}: {} of {n} points at {} fps", counted(f, "frames"), positions.fps)
         } else {
-            let motion = converted(&args, rig.as_ref(), (motion, map), output)?;
+            let motion = converted(&args, rig.as_ref(), motion, output)?;
             let bytes = match (args.importer, args.write_unit) {
                 (Some(program), _) => {
                     let name = output.file_stem().unwrap_or_default().to_string_lossy();

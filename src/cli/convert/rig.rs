@@ -2,8 +2,8 @@
 
 use crate::cli::WrongCall;
 use anyhow::Result;
-use kinelm_motion::convert::{RigOptions, TargetRig};
-use kinelm_motion::format::Unit;
+use kinelm_motion::convert::TargetRig;
+use kinelm_motion::format::{ReadOptions, Unit};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -25,13 +25,14 @@ pub struct RigArgs {
 impl RigArgs {
     /// The target rig, if there is one.
     pub fn load(&self) -> Result<Option<TargetRig>> {
-        let options = RigOptions {
+        let options = ReadOptions {
             map: self.skeleton_map.clone(),
             unit: self.skeleton_unit.unwrap_or_default(),
             root: self.skeleton_root.clone(),
+            ..ReadOptions::default()
         };
         let is_smpl = self.skeleton.as_deref() == Some("smpl");
-        if is_smpl && options != RigOptions::default() {
+        if is_smpl && options != ReadOptions::default() {
             let what =
                 "--skeleton smpl is no file; --skeleton-map, --skeleton-unit and --skeleton-root say how one is read";
             return Err(WrongCall(what.into()).into());

@@ -29,7 +29,7 @@ pub fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> 
         odd.warn(&motion, &options);
         let motion = cut(args, motion)?;
         let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let clip = converted(args, rig.as_ref(), (motion, options.map.as_deref()), out)?.clip;
+        let clip = converted(args, rig.as_ref(), motion, out)?.clip;
         let clip = match args.importer {
             Some(program) => Importer::from(program).fit(&clip)?,
             None => clip,

@@ -1,6 +1,6 @@
 //! `kinelm evaluate dance --compare A B`.
 
-use super::dance::{prompt_metrics, provenance_of};
+use super::{prompt_metrics, provenance_of};
 use crate::baselines::aclstm::dance::source_hashes;
 use crate::cli::read::ReadArgs;
 use crate::cli::{Odd, Say, each_file, motion_files, print, wrong_call};

@@ -2,19 +2,18 @@
 
 use super::compare::{self, How};
 use super::music::{MusicArgs, beats, own_beats};
+use super::{prompt_metrics, provenance_of};
 use crate::cli::read::ReadArgs;
 use crate::cli::{ForceArgs, Odd, Say, TrustArgs, each_file, motion_files, print};
 use crate::evaluate::dance::fidelity::fidelity;
-use crate::evaluate::dance::prompt::PromptMetrics;
 use crate::evaluate::dance::{Dance, Reference, requested_label};
 use crate::generate::prompt::given_characters;
-use crate::generate::provenance::{self, Provenance};
+use crate::generate::provenance::Provenance;
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::joints;
-use kinelm_tokenizer::Tokenizer;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -131,26 +130,4 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         crate::cli::draw_charts(out, &real.charts(&[("dances", dances.collect())])?, &outputs)?;
     }
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })
-}
-
-/// The provenance of a dance, from its sidecar; a wrong sidecar is reported.
-pub fn provenance_of(path: &Path, say: Say) -> Option<Provenance> {
-    provenance::find(path).unwrap_or_else(|e| {
-        say.line(e);
-        None
-    })
-}
-
-/// How a dance responds to its prompt, if it has one; a prompt that can't be read is reported.
-pub fn prompt_metrics(
-    dance: &Dance,
-    path: &Path,
-    provenance: &Provenance,
-    tokenizer: &Tokenizer,
-    say: Say,
-) -> Option<PromptMetrics> {
-    PromptMetrics::measure(dance, path, provenance, tokenizer).unwrap_or_else(|e| {
-        say.line(format_args!("{}: its prompt is not compared: {e}", path.display()));
-        None
-    })
 }

@@ -11,7 +11,11 @@ mod prediction;
 
 use super::{Say, TrustArgs, wrong_call};
 use crate::corpus::Corpus;
+use crate::evaluate::dance::Dance;
+use crate::evaluate::dance::prompt::PromptMetrics;
+use crate::generate::provenance::{self, Provenance};
 use anyhow::Result;
+use kinelm_tokenizer::Tokenizer;
 use std::path::Path;
 
 #[derive(Debug, clap::Subcommand)]
@@ -44,4 +48,26 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Gaps(args) => gaps::run(&args, say),
         Command::Prediction(args) => prediction::run(&args, say),
     }
+}
+
+/// The provenance of a dance, from its sidecar; a wrong sidecar is reported.
+pub fn provenance_of(path: &Path, say: Say) -> Option<Provenance> {
+    provenance::find(path).unwrap_or_else(|e| {
+        say.line(e);
+        None
+    })
+}
+
+/// How a dance responds to its prompt, if it has one; a prompt that can't be read is reported.
+pub fn prompt_metrics(
+    dance: &Dance,
+    path: &Path,
+    provenance: &Provenance,
+    tokenizer: &Tokenizer,
+    say: Say,
+) -> Option<PromptMetrics> {
+    PromptMetrics::measure(dance, path, provenance, tokenizer).unwrap_or_else(|e| {
+        say.line(format_args!("{}: its prompt is not compared: {e}", path.display()));
+        None
+    })
 }

@@ -127,10 +127,10 @@ fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
 /// The windows of the split's clips at the model's rate, if there is one, and at [`Args::fps`] of the clips that have it.
 fn measured(args: &Args, dataset: &Dataset, model: Option<ClipSpec>, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
     let options = args.read.options(RestFrame::Drop);
-    let wanted = model.unwrap_or(ClipSpec::in_world(args.fps));
+    let above_floor = model.is_some_and(|model| model.above_floor);
     let (mut own, mut protocol, odd) = (Vec::new(), Vec::new(), Odd::new(say));
     for item in dataset.items.iter().filter(|item| item.split == args.split) {
-        let (clip, rate) = match load_at_own_rate(item, &options, wanted) {
+        let (clip, rate) = match load_at_own_rate(item, &options, above_floor) {
             Err(e) if !args.data.strict => {
                 say.left_out(e);
                 continue;

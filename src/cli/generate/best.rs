@@ -1,10 +1,9 @@
 //! `kinelm generate --best N`.
 
 use crate::cli::{Say, TrustArgs};
-use crate::corpus::{Corpus, Split};
-use crate::evaluate::dance::judge::Judge;
-use crate::evaluate::dance::{Reference, real};
+use crate::evaluate::dance::real::{RealDances, corpus_of};
 use crate::generate::best::Best;
+use crate::generate::make::Chosen;
 use crate::generate::open::OpenRequest;
 use crate::model::run::MADE;
 use anyhow::Result;
@@ -32,49 +31,40 @@ impl BestArgs {
     }
 
     /// Opens the corpus of real dances, where the best is requested.
-    pub fn reference(&self, open: &OpenRequest, say: Say) -> Result<Option<Corpus>> {
+    pub fn real(&self, open: &OpenRequest, say: Say) -> Result<Option<RealDances>> {
         if self.best.is_none() {
             return Ok(None);
         }
-        let path = self.real.clone().map_or_else(|| real::corpus_of(&open.resolved.run), Ok)?;
-        let corpus = real::open_for(&path, open, TrustArgs::default().opening())?;
+        let path = self.real.clone().map_or_else(|| corpus_of(&open.resolved.run), Ok)?;
+        let dances = RealDances::open(&path, open, TrustArgs::default().opening())?;
         if path.ends_with(MADE) {
             say.line(
                 "compared with dances that the model made itself, chosen beside real ones; --real compares with yours",
             );
         } else {
-            if corpus.split(Split::Valid).next().is_none() {
+            if !dances.shows_copies() {
                 say.line("no validation clips: whether a dance is a copy isn't known");
             }
             say.line(format_args!("compared with the train clips of {}", path.display()));
         }
-        Ok(Some(corpus))
+        Ok(Some(dances))
     }
 }
 
-/// The best dances, as many as `outs`, best first: the number of each and what was found of it, which is reported.
-pub fn choose(
-    corpus: &Corpus,
-    open: &OpenRequest,
-    dances: &[Words],
-    outs: &[PathBuf],
-    say: Say,
-) -> Result<Vec<(usize, Best)>> {
-    let real = Reference::load(corpus)?;
-    let judge = Judge::new(&real, open.free_spans())?;
-    let chosen = judge.best(open, dances, &outs[0], outs.len())?;
-    let words: Vec<&Words> = chosen.iter().map(|(i, _)| &dances[*i]).collect();
+/// Prints what was found of the best dances.
+pub fn report(open: &OpenRequest, chosen: &[Chosen], say: Say) {
+    let words: Vec<&Words> = chosen.iter().map(|dance| &dance.words).collect();
     let bits = open.bits_per_frame(&words).unwrap_or_else(|e| {
         say.line(format_args!("their likelihood isn't known: {e}"));
         Vec::new()
     });
-    let of = dances.len();
-    for (n, (i, best)) in chosen.iter().enumerate() {
+    for (n, (dance, best)) in chosen.iter().filter_map(|dance| Some((dance, dance.best?))).enumerate() {
         let bits = bits.get(n).map(|bits| format!("; {bits:.1} bits/frame under its model")).unwrap_or_default();
-        say.line(format_args!("number {} of {of}, {}{bits}", i + 1, best.verdict));
+        let Best { of, verdict, .. } = best;
+        say.line(format_args!("number {} of {of}, {verdict}{bits}", dance.number + 1));
     }
-    if let Some(doubt) = chosen.first().and_then(|(_, best)| best.verdict.doubt()) {
+    let best = chosen.first().and_then(|dance| dance.best);
+    if let Some((of, doubt)) = best.and_then(|best| Some((best.of, best.verdict.doubt()?))) {
         say.line(format_args!("warning: none of {of} dances is free of faults; of the best one {doubt}"));
     }
-    Ok(chosen)
 }

@@ -24,7 +24,7 @@ pub struct EditArgs {
         conflicts_with_all = ["joints", "from_frame", "given", "free", "frames", "seconds"])]
     round: Option<LoopKind>,
     /// Seconds at the end that --loop generates: 2s, 2 or 120f (frames of the file); 0.1 to 60
-    #[arg(long, value_name = "S", default_value = "2s", value_parser = crate::cli::values::time)]
+    #[arg(long, value_name = "S", default_value_t = Moment::Seconds(Loop::OVER_S), value_parser = crate::cli::values::time)]
     loop_over: Moment,
 }
 
@@ -52,10 +52,10 @@ impl EditArgs {
     /// Times outside their limits.
     pub fn get(&self, dance: &DanceArgs, fps: &dyn Fn() -> Result<f64>) -> Result<Option<Edit>> {
         let (given, free) = (self.given.clone(), self.free.clone());
-        let blend_s = seconds("blend", dance.blend, 0.0, fps)?;
-        let over_s = seconds("loop-over", self.loop_over, 0.1, fps)?;
+        let (blend_s, tries) = (Some(seconds("blend", dance.blend, 0.0, fps)?), Some(dance.tries.into()));
+        let over_s = Some(seconds("loop-over", self.loop_over, 0.1, fps)?);
         let looping = self.round.map(|kind| Loop { kind, over_s });
-        Ok(self.is_requested().then(|| Edit { given, free, blend_s, tries: dance.tries.into(), looping }))
+        Ok(self.is_requested().then_some(Edit { given, free, blend_s, tries, looping }))
     }
 }
 
@@ -64,6 +64,6 @@ pub fn of_timeline(path: &Path, dance: &DanceArgs, say: Say) -> Result<(PromptRe
     let (timeline, layout) = Timeline::load(path)?;
     layout.notes.iter().for_each(|note| say.line(note));
     let blend_s = seconds("blend", dance.blend, 0.0, &|| Ok(layout.fps))?;
-    let prompt = layout.prompt(timeline, blend_s, dance.tries.into());
+    let prompt = layout.prompt(timeline, Some(blend_s), Some(dance.tries.into()));
     Ok((prompt, layout))
 }

@@ -91,8 +91,7 @@ fn prompt(args: &Args, path: &Path, say: Say) -> Result<PromptRequest> {
     let read = read_as(&args.read, &run, path, say);
     let from_frame = args.from_frame.map(|at| at_model_rate(&run, at)).transpose()?.map(|(_, frame)| frame as usize);
     let edit = args.edit.get(&args.dance, &|| Ok(format::read(path, &read)?.clip.fps()))?;
-    let prompt =
-        PromptRequest { path: path.into(), read, joints: args.joints.clone(), from_frame, timeline: None, edit };
+    let prompt = PromptRequest { read, joints: args.joints.clone(), from_frame, edit, ..PromptRequest::of(path) };
     if prompt.lends() && !args.dance.is_on_own_rig() {
         wrong_call!(
             "--prompt alone; say what is taken from it (--joints LIST, --from-frame N, or both), what of it is generated \

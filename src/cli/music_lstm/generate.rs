@@ -57,7 +57,7 @@ impl BaselineDance for Request {
         let made = Request::generate(self, &trained, &mut |frames| bar.set_position(frames as u64));
         drop(bar);
         let made = made?;
-        let motion = written_as(out, made.motion, None)?;
+        let motion = written_as(out, made.motion)?;
         let bytes = format::to_bytes(out, &motion)?;
         convert::report_written(out, &motion, say);
         let written = (out, motion.clip.fps());

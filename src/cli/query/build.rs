@@ -1,6 +1,7 @@
 //! `kinelm query build`.
 
 use super::{TransformArg, joints_of};
+use crate::classify::embedding::MODELS;
 use crate::cli::data::DataArgs;
 use crate::cli::read::ReadArgs;
 use crate::cli::values::{count, rate, window};
@@ -60,6 +61,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         fps: args.fps,
         joints: args.joints.as_deref().map(joints_of).transpose()?,
         raw: args.raw.then_some(true),
+        models: MODELS,
     };
     if args.run.is_some() && transform != TransformArg::Model {
         return Err(WrongCall("--run: only --transform model reads a run".into()).into());

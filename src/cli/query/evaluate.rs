@@ -1,10 +1,12 @@
 //! `kinelm query evaluate`.
 
 use super::{TransformArg, joints_of};
+use crate::classify::embedding::MODELS;
 use crate::cli::data::DataArgs;
 use crate::cli::read::ReadArgs;
 use crate::cli::values::{count, rate, window};
 use crate::cli::{ForceArgs, Say, print, progress, wrong_call};
+use crate::corpus::labels::LabelFilter;
 use crate::spectral::WindowSpec;
 use crate::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, tables};
 use anyhow::Result;
@@ -19,8 +21,8 @@ pub struct Args {
     #[arg(long, value_name = "FIELD,FIELD", value_delimiter = ',')]
     fields: Vec<String>,
     /// Use only clips with this label; may be repeated
-    #[arg(long, value_name = "FIELD=VALUE", value_parser = crate::corpus::labels::parse_pair)]
-    only: Vec<(String, String)>,
+    #[arg(long, value_name = "FIELD=VALUE")]
+    only: Vec<LabelFilter>,
     /// Transforms to measure, separated by commas [default: stft,dct,pca, and model with --run]
     #[arg(long, value_enum, value_name = "stft|dct|pca|model", value_delimiter = ',')]
     transform: Vec<TransformArg>,
@@ -94,6 +96,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         only: args.only.clone(),
         exclude: args.exclude,
         k: args.k.into(),
+        models: MODELS,
     };
     let dataset = args.data.find(say)?;
     let outputs = args.force.outputs(args.data.files(&dataset).chain(args.run.clone()).chain(args.read.files()));

@@ -1,5 +1,6 @@
 //! `kinelm query find`.
 
+use crate::classify::embedding::MODELS;
 use crate::cli::read::ReadArgs;
 use crate::cli::values::{count, time};
 use crate::cli::{ForceArgs, Say, print};
@@ -61,7 +62,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         Some(at @ Moment::Frames(_)) => Some(at.seconds(format::read(&clip, &read)?.clip.fps())),
         at => at.map(Moment::number),
     };
-    let question = Query { clip, read, as_indexed, at_s, k, distance, exclude, one_per_clip };
+    let question = Query { clip, read, as_indexed, at_s, k, distance, exclude, one_per_clip, models: MODELS };
     let answer = index.find(&question)?;
     for line in &answer.notes {
         say.line(line);

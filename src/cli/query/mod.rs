@@ -5,6 +5,7 @@ mod evaluate;
 mod find;
 
 use super::{Say, WrongCall};
+use crate::classify::embedding::of_run;
 use crate::spectral::query::FeatureKind;
 use crate::spectral::{LowDct, PcaBasis};
 use anyhow::Result;
@@ -55,7 +56,7 @@ impl TransformArg {
             (TransformArg::Stft, _) => Ok(FeatureKind::Stft { no_dc }),
             (TransformArg::Dct, _) => Ok(FeatureKind::Dct { keep: keep.unwrap_or(LowDct::KEEP) }),
             (TransformArg::Pca, _) => Ok(FeatureKind::Pca { keep: keep.unwrap_or(PcaBasis::KEEP) }),
-            (TransformArg::Model, Some(run)) => Ok(FeatureKind::of_run(run)?),
+            (TransformArg::Model, Some(run)) => Ok(of_run(run)?),
             (TransformArg::Model, None) => Err(WrongCall("--transform model needs --run RUN".into()).into()),
         }
     }

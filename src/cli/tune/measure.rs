@@ -3,8 +3,9 @@
 use crate::corpus::{ClipRecord, Corpus, Dataset, Split};
 use crate::evaluate::dance::{Dance, Reference, judge::Judge};
 use crate::generate::best::Verdict;
+use crate::generate::make::{BestOf, Making, unwatched};
 use crate::generate::output::FreeSpan;
-use crate::generate::{Length, OpenRequest, PromptRequest, Request, unwatched};
+use crate::generate::{Length, OpenRequest, PromptRequest, Request};
 use crate::model::{CheckpointChoice, Compute, load_run};
 use anyhow::{Context, Result};
 use kinelm_motion::joints;
@@ -58,7 +59,7 @@ pub fn held_out_split(corpus: &Corpus) -> Option<Split> {
 
 impl<'a> HeldOut<'a> {
     /// The clips of a split of the corpus that dances are compared with.
-    pub fn of((split, real): (Split, &'a Reference<'a>), dataset: &Dataset, compute: Compute) -> Result<HeldOut<'a>> {
+    pub fn of(split: Split, real: &'a Reference<'a>, dataset: &Dataset, compute: Compute) -> Result<HeldOut<'a>> {
         let corpus = real.corpus();
         let given = joints::parse(GIVEN)?.joints;
         let coded = corpus.tokenizer().channels().joints().iter();
@@ -97,11 +98,11 @@ impl Clip<'_> {
         let prompt = PromptRequest { read, joints: Some(GIVEN.into()), ..PromptRequest::of(&self.file) };
         let length = Some(Length::Frames(self.frames));
         // measured as it is sampled: a resampled dance is smoother
-        let request = Request { prompt: Some(prompt), length, fps: Some(fps), seed: 1, ..Request::of(run) };
+        let request = Request { prompt: Some(prompt), length, fps: Some(fps), ..Request::of(run) };
         let open = OpenRequest::open(&request)?;
-        let words = open.words(&open.sample(1, None, &mut unwatched)?, 0);
-        let (_, best) = self.judge.best(&open, &[words], Path::new("dance.bvh"), 1)?.remove(0);
-        Ok(best.verdict)
+        let (outs, best) = (["dance.bvh".into()], Some(BestOf { samples: 1, judge: &self.judge }));
+        let dances = open.make(&Making { outs: &outs, best, guesses: None }, &mut unwatched)?;
+        dances.chosen[0].best.map(|best| best.verdict).context("a judged dance")
     }
 }
 

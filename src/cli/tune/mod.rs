@@ -44,12 +44,12 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let ready = kinelm_ready::run()?;
     let folder = corpus_folder(&args.run)?;
     let dataset = args.data.find(say)?;
-    write_words(&args, &dataset, (&ready, &folder), say)?;
+    write_words(&args, &dataset, &ready, &folder, say)?;
     let corpus = args.trust.open(&folder)?;
     let split = measure::held_out_split(&corpus);
     let real = split.map(|_| Reference::load(&corpus)).transpose()?;
-    let held_out =
-        split.zip(real.as_ref()).map(|found| HeldOut::of(found, &dataset, args.compute.get())).transpose()?;
+    let held_out = split.zip(real.as_ref());
+    let held_out = held_out.map(|(split, real)| HeldOut::of(split, real, &dataset, args.compute.get())).transpose()?;
     let before = held_out.as_ref().map(|held_out| held_out.measure(&ready)).transpose()?;
     let options = PretrainOptions {
         from: Some(ready),
@@ -84,7 +84,7 @@ fn corpus_folder(run: &Path) -> Result<PathBuf> {
 }
 
 /// Writes the corpus in the words of the model of `ready`.
-fn write_words(args: &Args, dataset: &Dataset, (ready, corpus): (&Path, &Path), say: Say) -> Result<()> {
+fn write_words(args: &Args, dataset: &Dataset, ready: &Path, corpus: &Path, say: Say) -> Result<()> {
     let tokenizer = Tokenizer::load(ready.join(TOKENIZER))?;
     let inputs = args.data.files(dataset).chain(args.read.files());
     ForceArgs { force: false }.outputs(inputs).check_folder(corpus, &LAYOUT)?;

@@ -11,8 +11,7 @@ use crate::view::{Figure, page_with};
 use anyhow::Result;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::moment::{Moment, Timebase};
-use kinelm_motion::rig::map_for;
-use kinelm_motion::{Motion, Skeleton, format, format::RestFrame};
+use kinelm_motion::{Motion, format, format::RestFrame};
 use kinelm_store::counted;
 use kinelm_store::output::Outputs;
 use music::{beside, hits, own_music};
@@ -119,7 +118,7 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     let (numbers, mut motions): (Vec<usize>, Vec<Motion>) = read.into_iter().unzip();
     let files: Vec<ViewedFile> = numbers.iter().map(|i| files[*i].clone()).collect();
     for (motion, file) in motions.iter_mut().zip(&files).filter(|(_, file)| file.floor_m != 0.0) {
-        motion.clip = motion.clip.clone().raised(-file.floor_m);
+        *motion = motion.clone().with_clip(motion.clip.clone().raised(-file.floor_m));
     }
     say_times(&motions, say);
     let (mut figures, odd) = (Vec::new(), Odd::new(say));
@@ -128,7 +127,7 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         let list = args.forced.get(numbers[i]).or(args.forced.first().filter(|_| args.forced.len() == 1));
         let figure = figure(motion).in_world(files[i].world).regenerated(&files[i].generated_s);
         figures.push(match list.filter(|list| !list.is_empty()) {
-            Some(list) => forced(figure, motion, list, files[i].options.map.as_deref())?,
+            Some(list) => forced(figure, motion, list)?,
             None => figure,
         });
     }
@@ -138,10 +137,8 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     let played = music.map(|(file, from_s)| beside(&file, (from_s, seconds), out, outputs, say)).transpose()?;
     match &played {
         Some(music) => {
-            let all = figures.into_iter().zip(&motions).zip(&files);
-            let lit = all.map(|((figure, motion), file)| {
-                figure.hits(hits(motion, file.options.map.as_deref(), music, args.lag, say))
-            });
+            let all = figures.into_iter().zip(&motions);
+            let lit = all.map(|(figure, motion)| figure.hits(hits(motion, music, args.lag, say)));
             figures = lit.collect();
         }
         None if args.lag.is_some() => return Err(WrongCall("--lag without music; give --music too".into()).into()),
@@ -159,12 +156,13 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
 }
 
 /// A figure with the joints of `JOINTS[@FROM:TO]` marked.
-fn forced<'a>(figure: Figure<'a>, motion: &Motion, list: &str, map: Option<&str>) -> Result<Figure<'a>> {
-    let (rig, fps) = (motion.clip.skeleton(), motion.clip.fps());
+fn forced<'a>(figure: Figure<'a>, motion: &Motion, list: &str) -> Result<Figure<'a>> {
+    let fps = motion.clip.fps();
     let wrong = |e: String| WrongCall(format!("--forced {e}"));
     let span: Span = list.parse().map_err(wrong)?;
-    let selection = joints::to_smpl_names(&span.joints, rig, map).and_then(|list| joints::parse(&list));
-    let figure = figure.given(&on_rig(rig, &selection.map_err(|e| wrong(format!("{list}: {e}")))?, map)?);
+    let names = joints::to_smpl_names(&span.joints, motion.clip.skeleton(), motion.map());
+    let selection = names.and_then(|list| joints::parse(&list)).map_err(|e| wrong(format!("{list}: {e}")))?;
+    let figure = figure.given(&on_rig(motion, &selection)?);
     if span.from.is_none() && span.to.is_none() {
         return Ok(figure);
     }
@@ -206,8 +204,7 @@ pub fn stem(path: &Path) -> String {
 }
 
 /// The rig's joints that stand for SMPL joints.
-pub fn on_rig(rig: &Skeleton, selection: &Selection, map: Option<&str>) -> Result<Vec<usize>> {
-    let map = map_for(rig, map)?;
-    let map = map.bind(rig.names()).unwrap_or(map);
+pub fn on_rig(motion: &Motion, selection: &Selection) -> Result<Vec<usize>> {
+    let (rig, map) = (motion.clip.skeleton(), motion.humanoid()?.map());
     Ok(selection.joints.iter().filter_map(|&j| rig.find(map.joint(j)?)).collect())
 }

@@ -38,10 +38,10 @@ pub fn own_music(clips: &[Named], say: Say) -> Option<(PathBuf, f64)> {
 }
 
 /// The beats that a dance hits; `None` for a rig that can't be retargeted.
-pub fn hits(motion: &Motion, map: Option<&str>, music: &Music, lag: Option<f64>, say: Say) -> Option<BeatHits> {
+pub fn hits(motion: &Motion, music: &Music, lag: Option<f64>, say: Say) -> Option<BeatHits> {
     let found = || -> crate::Result<BeatHits> {
         let beats: Vec<f64> = music.beats_s.iter().map(|beat| beat - music.from_s).collect();
-        Ok(BeatPair::new(&retarget::to_smpl(motion, map)?, &BODY.collect::<Vec<_>>(), &beats)?.hits(lag))
+        Ok(BeatPair::new(&retarget::to_smpl(motion)?, &BODY.collect::<Vec<_>>(), &beats)?.hits(lag))
     };
     let why = |e| say.line(format_args!("{}: no beat is lit as hit: {e}", motion.path.display()));
     found().map_err(why).ok().filter(|_| !music.beats_s.is_empty())

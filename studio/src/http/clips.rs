@@ -142,15 +142,7 @@ pub async fn sound(State(app): State<Arc<App>>, Path(id): Path<String>, headers:
         let path = studio.library().sound(&id)?;
         let file = kinelm_store::input::peek(&path).map_err(Error::io(&path))?;
         let bytes = file.metadata().map_err(Error::io(&path))?.len();
-        let kind = match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
-            Some("mp3") => "audio/mpeg",
-            Some("ogg" | "oga") => "audio/ogg",
-            Some("flac") => "audio/flac",
-            Some("m4a" | "mp4") => "audio/mp4",
-            Some("aac") => "audio/aac",
-            _ => "audio/wav",
-        };
-        Ok((file, bytes, kind))
+        Ok((file, bytes, kinelm_view::music::media_type(&path)))
     })
     .await?;
     let requested = headers.get(header::RANGE).and_then(|range| range.to_str().ok());

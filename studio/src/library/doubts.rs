@@ -5,13 +5,14 @@
 
 use crate::project::document::Reading;
 use crate::{Error, Result};
+use kinelm_corpus::music::library::EXTENSIONS;
 use kinelm_corpus::sidecar;
 use kinelm_motion::capsules::standing_height_m;
 use kinelm_motion::format::{
     self, FileRate, Format, MirrorAxis, RateDoubt, ReadOptions, RestFrame, Unit, Up, smeared_frames, standing_axis,
 };
 use kinelm_motion::inspect::report;
-use kinelm_motion::rig::{self, SkeletonMap, map_of};
+use kinelm_motion::rig::{self, SkeletonMap};
 use kinelm_motion::{FaultKind, Motion, Source};
 use kinelm_store::files;
 use serde::{Deserialize, Serialize};
@@ -122,13 +123,10 @@ pub fn outcome(file: &Path, reading: &Reading, convert: &Path) -> Outcome {
 /// Frames times joints of a clip: an hour and a half of 24 joints at 60 frames a second, some 2 GB where it is edited.
 const MOST_POSES: usize = 8_000_000; // 8e6 rotations are 256 MB as f64 quaternions; an edit has several copies of them
 
-/// The extensions of sound files.
-pub const SOUNDS: [&str; 8] = ["mp3", "ogg", "oga", "flac", "wav", "m4a", "mp4", "aac"];
-
 /// Whether a file is music by its name.
 pub fn is_music(file: &Path) -> bool {
     let extension = file.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-    extension.is_some_and(|extension| SOUNDS.contains(&&*extension))
+    extension.is_some_and(|extension| EXTENSIONS.contains(&&*extension))
 }
 
 fn music(file: &Path) -> Result<Info> {
@@ -167,41 +165,30 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
     let is_bvh = matches!(motion.source, Source::Bvh(_));
     if !is_bvh {
         // from the clip alone: what else the format holds has no place in a BVH
-        let own = Motion { source: Source::Plain, path: convert.into(), ..motion.clone() };
+        let own = Motion::new(convert, motion.clip.clone());
         files::write_whole(convert, &format::to_bytes(convert, &own)?)?;
     }
-    // without a map the clip can still be watched, so it is a doubt and no error
-    let map = map_of(&motion.clip, options.map.as_deref());
     let (mut floor_m, mut doubts) = (options.floor.unwrap_or(0.0), Vec::new());
     doubts.extend(of_rate(&motion));
-    doubts.extend(of_up(&motion, options.map.as_deref()));
+    doubts.extend(of_up(&motion));
     doubts.extend(of_rest(&motion, &options));
     doubts.extend(of_mirror(&motion));
-    match &map {
-        Ok(map) if options.floor.is_none() => {
-            let floor = rig::floor(&motion.clip, map)?;
+    match motion.map() {
+        Some(_) if options.floor.is_none() => {
+            let floor = motion.floor()?;
             floor_m = floor.height_m;
-            doubts.extend(of_floor(&floor));
+            doubts.extend(of_floor(floor));
         }
-        Ok(_) => {}
-        Err(_) => doubts.push(Doubt::new(
+        Some(_) => {}
+        // the clip can still be watched, so an unknown rig is a doubt and no error
+        None => doubts.push(Doubt::new(
             "rig_unknown",
             "kinelm doesn't know this rig by its joints' names or build: it can be watched, but nothing can be generated to it.",
         )),
     }
-    let report: serde_json::Value =
-        serde_json::from_str(&report(&motion, Some(floor_m), options.map.as_deref()).json()).unwrap_or_default();
+    let report: serde_json::Value = serde_json::from_str(&report(&motion, Some(floor_m)).json()).unwrap_or_default();
     doubts.extend(others(&report));
-    let format = match Format::of_name(file) {
-        Some(Format::Amc) => "AMC",
-        Some(Format::Bvh) => "BVH",
-        Some(Format::Npz) => "AMASS",
-        Some(Format::Pickle) => "AIST++",
-        Some(Format::Json) => "JSON",
-        Some(Format::Glb) => "GLB",
-        Some(Format::Fbx) => "FBX",
-        None => "",
-    };
+    let format = Format::of_name(file).map_or("", |format| format.info().name);
     Ok(Info {
         format: format.into(),
         seconds: motion.clip.duration_s(),
@@ -254,7 +241,7 @@ fn of_rest(motion: &Motion, options: &ReadOptions) -> Option<Doubt> {
     Some(Doubt::new("rest_frame", text).fixed("Begin behind it", body))
 }
 
-fn of_up(motion: &Motion, map: Option<&str>) -> Option<Doubt> {
+fn of_up(motion: &Motion) -> Option<Doubt> {
     let warned = |kind: &str| motion.warnings.iter().any(|warning| warning.kind == kind);
     let up = |up| Reading { up: Some(up), ..Reading::default() };
     if warned("up_axis") {
@@ -266,7 +253,7 @@ fn of_up(motion: &Motion, map: Option<&str>) -> Option<Doubt> {
         return None;
     }
     let text = "It isn't clear which way is up: the body may lie on its side or its back.";
-    let axis = map_of(&motion.clip, map).ok().and_then(|map| standing_axis(motion, &map));
+    let axis = motion.map().and_then(|map| standing_axis(motion, map));
     let doubt = Doubt::new("up_unsure", text);
     Some(match axis.filter(|axis| *axis != Up::Y) {
         Some(axis) => doubt.fixed(format!("Stand it up: {axis} is up"), up(axis)),
@@ -346,7 +333,7 @@ mod tests {
 
     fn saved(dir: &Path, name: &str, clip: Clip) -> PathBuf {
         let path = dir.join(name);
-        let motion = Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, clip);
         format::write(&path, &motion).unwrap();
         path
     }
@@ -409,7 +396,7 @@ mod tests {
         let (names, parents) = (dance.skeleton().names().to_vec(), dance.skeleton().parents().to_vec());
         let tiny = kinelm_motion::Skeleton::new(names, parents, offsets, vec![]).unwrap();
         let tiny = Clip::new(tiny.into(), 60.0, dance.root().to_vec(), dance.rotations().to_vec()).unwrap();
-        let motion = Motion { path: path.clone(), clip: tiny, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, tiny);
         std::fs::write(&path, format::bvh::to_bytes_in(&motion, 0.001).unwrap()).unwrap();
         let Outcome::Failed { text, doubts } = outcome(&path, &Reading::default(), &path) else { panic!() };
         assert!(text.contains("unit") && doubts.len() == 2, "{text} {doubts:?}");

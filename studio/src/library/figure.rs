@@ -6,7 +6,6 @@ use crate::project::document::{DanceRecord, MadeSpan};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::rig::map_of;
 use kinelm_view::Figure;
 use kinelm_view::data::{self, Drawn};
 use serde::{Deserialize, Serialize};
@@ -150,9 +149,7 @@ impl Wanted {
     /// Those of reading; a clip that isn't a body's.
     pub fn text(&self, file: &Path) -> Result<String> {
         let motion = format::read(file, &self.read)?;
-        // from the whole clip: a slice may lack what the rig is recognised by
-        let map = map_of(&motion.clip, self.read.map.as_deref()).ok();
-        let mut clip = motion.clip;
+        let mut clip = motion.clip.clone();
         if let Some(seconds) = self.part.seconds {
             let frames = (seconds * clip.fps()).ceil().max(1.0) as usize;
             clip = clip.slice(0..frames.min(clip.frames()));
@@ -161,7 +158,7 @@ impl Wanted {
             clip = resample(&clip, fps, Method::Auto)?;
         }
         let figure = Figure::new(&*self.name, &clip).regenerated(&self.generated_s);
-        let drawn = data::figure(&figure, self.floor_m, map.as_ref())?;
+        let drawn = data::figure(&figure, self.floor_m, motion.map())?;
         let made =
             self.made.iter().map(|span| Made { points: drawn.points_of(&span.joints), from: span.from, to: span.to });
         let made = made.collect();

@@ -5,7 +5,7 @@ use crate::project::CACHE;
 use crate::{Error, Result};
 use kinelm_spectral::WindowSpec;
 use kinelm_spectral::query::build::BuildOptions;
-use kinelm_spectral::query::{Distance, Exclude, Index, IndexRequest, Query};
+use kinelm_spectral::query::{Distance, Exclude, Index, IndexRequest, Models, Query};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -81,6 +81,7 @@ impl Library {
             distance: Distance::Cosine,
             exclude: Exclude::Overlap,
             one_per_clip: false,
+            models: Models::default(),
         };
         let found = index.find(&query)?;
         let of = |found: &kinelm_spectral::query::Match| {

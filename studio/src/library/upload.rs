@@ -1,11 +1,11 @@
 //! An upload in pieces: into a temporary file first, which is whole and synced before it has its name.
 
-use super::doubts::SOUNDS;
 use super::is_taken;
 use crate::project::dances::{free_name, plain_name};
 use crate::project::document::{Change, ClipRecord, Reading};
 use crate::project::{CLIPS, Project};
 use crate::{Error, Result};
+use kinelm_corpus::music::library::EXTENSIONS as SOUNDS;
 use kinelm_motion::format::Format;
 use kinelm_store::owned;
 use kinelm_store::part::PartFile;
@@ -129,8 +129,7 @@ mod tests {
     fn the_page_looks_for_the_same_kinds_in_folders() {
         let page = include_str!("../../web/drop.js");
         let list = page.split("const READ = /\\.(").nth(1).unwrap().split(')').next().unwrap();
-        let mut known: Vec<&str> =
-            Format::EXTENSIONS.iter().map(|(name, _)| *name).chain(SOUNDS).chain(["asf"]).collect();
+        let mut known: Vec<&str> = Format::extensions().chain(SOUNDS).chain(["asf"]).collect();
         let mut found: Vec<&str> = list.split('|').collect();
         known.sort_unstable();
         found.sort_unstable();

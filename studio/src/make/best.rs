@@ -6,19 +6,17 @@ use crate::project::CACHE;
 use crate::{Error, Result};
 use kinelm_corpus::CorpusOptions;
 use kinelm_corpus::build::{BuildEvent, BuildOptions, tokenize};
-use kinelm_evaluate::dance::judge::Judge;
-use kinelm_evaluate::dance::{Reference, real};
+use kinelm_evaluate::dance::real::{RealDances, corpus_of};
 use kinelm_generate::OpenRequest;
-use kinelm_generate::best::Best;
 use kinelm_model::run::MADE;
 use kinelm_store::hash;
-use kinelm_tokenizer::Words;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 /// What dances are compared with.
 pub struct Real {
-    corpus: kinelm_corpus::Corpus,
+    /// They.
+    pub dances: RealDances,
     /// In plain words.
     pub what: String,
 }
@@ -29,25 +27,15 @@ impl Real {
     /// # Errors
     /// A corpus that can't be opened; neither a corpus nor clips.
     pub fn open(named: Option<&Path>, open: &OpenRequest, library: &Library) -> Result<Real> {
-        let of_run = real::corpus_of(&open.resolved.run);
+        let of_run = corpus_of(&open.resolved.run);
         let (path, what) = match (named, of_run) {
             (Some(path), _) => (path.to_owned(), "the corpus that was named"),
             (None, Ok(path)) if path.ends_with(MADE) => (path, "dances of the model's own, chosen beside real ones"),
             (None, Ok(path)) => (path, "the dances that the model was trained on"),
             (None, Err(_)) => (of_library(open, library)?, "the clips of the library"),
         };
-        let corpus = real::open_for(&path, open, CorpusOptions::default())?;
-        Ok(Real { corpus, what: format!("compared with {what}") })
-    }
-
-    /// The best `count` of the dances of a request, best first, each with its number among them.
-    ///
-    /// # Errors
-    /// Those of [`Judge::best`].
-    pub fn choose(&self, open: &OpenRequest, dances: &[Words], out: &Path, count: usize) -> Result<Vec<(usize, Best)>> {
-        let reference = Reference::load(&self.corpus)?;
-        let judge = Judge::new(&reference, open.free_spans())?;
-        Ok(judge.best(open, dances, out, count)?)
+        let dances = RealDances::open(&path, open, CorpusOptions::default())?;
+        Ok(Real { dances, what: format!("compared with {what}") })
     }
 }
 

@@ -5,7 +5,7 @@ use crate::library::{Library, Source};
 use crate::timeline::{Laid, Timelines};
 use crate::{Error, Result};
 use kinelm_generate::request::{
-    Edit, FootMode, Length, Loop, LoopKind, MusicRequest, PromptRequest, Request, Rig, Span,
+    Computing, Edit, FootMode, Length, Loop, LoopKind, MusicRequest, PromptRequest, Request, Rig, Span,
 };
 use kinelm_generate::sampling::Sampling;
 use kinelm_generate::timeline::TimelineLayout;
@@ -21,18 +21,15 @@ const MOST_BEST: usize = 16;
 const LONGEST_S: f64 = 600.0;
 /// The highest rate that may be asked for, frames a second.
 const MOST_FPS: f64 = 240.0;
-/// The options of edits as the command line has them.
-const BLEND_S: f64 = 0.2;
-const TRIES: usize = 8;
-const LOOP_S: f64 = 2.0;
 /// Seconds of a dance from nothing.
 const FREE_S: f64 = 8.0;
 
 /// What a dance is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
     /// Nothing.
+    #[default]
     Free,
     /// Joints of a clip, throughout.
     Given,
@@ -45,7 +42,7 @@ pub enum Kind {
 }
 
 /// What a page asks for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Make {
     /// What the dance is made of.
@@ -122,26 +119,7 @@ pub struct Prepared {
 impl Make {
     /// A dance of eight seconds from nothing.
     pub fn free() -> Make {
-        Make {
-            kind: Kind::Free,
-            clip: None,
-            joints: None,
-            free: Vec::new(),
-            seconds: None,
-            fps: None,
-            labels: BTreeMap::new(),
-            seed: None,
-            temperature: None,
-            top_p: None,
-            guidance: None,
-            feet: None,
-            variations: 1,
-            best: None,
-            looping: None,
-            loop_over: None,
-            music: None,
-            music_from_s: None,
-        }
+        Make { variations: 1, ..Make::default() }
     }
 
     /// Refuses numbers outside their ranges.
@@ -188,16 +166,15 @@ impl Make {
             guidance: self.guidance,
             length: self.seconds.map(Length::Seconds),
             fps: self.fps,
-            seed: self.seed.unwrap_or(1).into(),
+            seed: self.seed.map(u64::from),
             sampling: self.sampling(),
             feet: self.feet,
+            // shown while they are sampled: twice the speed, at a cost in bits that is hardly measurable
+            computing: Some(Computing { weights: WeightKind::Int8, ..Computing::default() }),
             ..Request::of(&model.run)
         };
-        // shown while they are sampled: twice the speed, at a cost in bits that is hardly measurable
-        request.computing.weights = WeightKind::Int8;
         if let Some(music) = &self.music {
-            request.music =
-                Some(MusicRequest { path: library.sound(music)?, from_s: self.music_from_s.unwrap_or(0.0) });
+            request.music = Some(MusicRequest::of(library.sound(music)?, self.music_from_s));
         }
         let (mut layout, mut source, mut rig) = (None, None, None);
         match self.kind {
@@ -218,7 +195,7 @@ impl Make {
                 let Laid { timeline, layout: laid } = timelines.lay_out(&text.ok_or_else(none)?)?;
                 request.timed_labels.clone_from(&laid.labels);
                 source = timelines.sources().into_iter().find(|source| source.path == laid.path());
-                request.prompt = Some(laid.prompt(timeline, BLEND_S, TRIES));
+                request.prompt = Some(laid.prompt(timeline, None, None));
                 layout = Some(laid);
             }
             Kind::Given | Kind::Edit | Kind::Loop => {
@@ -236,22 +213,14 @@ impl Make {
     /// What is given of a clip.
     fn prompt(&self, source: &Source) -> Result<PromptRequest> {
         let prompt = of_file(source);
-        let edit = |free: Vec<Span>, looping: Option<Loop>| Edit {
-            given: Vec::new(),
-            free,
-            blend_s: BLEND_S,
-            tries: TRIES,
-            looping,
-        };
         Ok(match self.kind {
             Kind::Edit if self.free.is_empty() => {
                 return Err(Error::missing("`free`", "say which joints are free, and when: left_arm@4s:8s"));
             }
-            Kind::Edit => PromptRequest { edit: Some(edit(self.free.clone(), None)), ..prompt },
+            Kind::Edit => PromptRequest { edit: Some(Edit::of(self.free.clone())), ..prompt },
             Kind::Loop => {
-                let kind = self.looping.unwrap_or(LoopKind::Back);
-                let looping = Loop { kind, over_s: self.loop_over.unwrap_or(LOOP_S) };
-                PromptRequest { edit: Some(edit(Vec::new(), Some(looping))), ..prompt }
+                let looping = Some(Loop { kind: self.looping.unwrap_or_default(), over_s: self.loop_over });
+                PromptRequest { edit: Some(Edit { looping, ..Edit::default() }), ..prompt }
             }
             _ => {
                 let joints = self.joints.clone().unwrap_or_else(|| "root,torso".into());

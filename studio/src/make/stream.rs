@@ -6,6 +6,8 @@
 use crate::Result;
 use crate::events::Hub;
 use kinelm_generate::OpenRequest;
+use kinelm_generate::make::{NewFrames, Progress};
+use kinelm_motion::Clip;
 use kinelm_motion::rig::SkeletonMap;
 use kinelm_view::Figure;
 use kinelm_view::data::{Drawn, LiveFigure};
@@ -18,26 +20,21 @@ const SHARE: u32 = 20;
 
 /// The streams of a job's dances.
 pub struct Streams<'a> {
-    open: &'a OpenRequest,
     hub: &'a Hub,
     job: &'a str,
-    /// By variation.
+    /// The ids of the dances, by variation.
+    ids: &'a [String],
+    name: &'a str,
     dances: Vec<Live>,
-    /// Dances that the sampler yields side by side are ways of one variation, of which the first is shown.
-    is_tries: bool,
-    /// The variation whose ways are sampled.
-    variation: usize,
-    words: usize,
     floor_m: f64,
     map: Option<SkeletonMap>,
     next: Instant,
 }
 
+#[derive(Default)]
 struct Live {
-    id: String,
-    name: String,
-    ids: Vec<u32>,
-    sent: usize,
+    /// The frames that were sent.
+    parts: Vec<Clip>,
     figure: Option<LiveFigure>,
 }
 
@@ -60,88 +57,59 @@ impl<'a> Streams<'a> {
     /// # Errors
     /// None for a request that was opened.
     pub fn new(
-        open: &'a OpenRequest,
-        (hub, job): (&'a Hub, &'a str),
-        (ids, name): (&[String], &str),
+        open: &OpenRequest,
+        hub: &'a Hub,
+        job: &'a str,
+        ids: &'a [String],
+        name: &'a str,
     ) -> Result<Streams<'a>> {
-        let live = |id: &String| Live { id: id.clone(), name: name.into(), ids: Vec::new(), sent: 0, figure: None };
         // only an edit keeps the floor of its file
         let edited = open.prompt.as_ref().filter(|prompt| prompt.edit.is_some());
         let floor_m = edited.map(|prompt| prompt.clip.ground_m()).transpose()?.unwrap_or(0.0);
-        Ok(Streams {
-            open,
-            hub,
-            job,
-            dances: ids.iter().map(live).collect(),
-            is_tries: open.samples_tries(),
-            variation: 0,
-            words: 0,
-            floor_m,
-            map: SkeletonMap::builtin("smpl"),
-            next: Instant::now(),
-        })
+        let dances = ids.iter().map(|_| Live::default()).collect();
+        Ok(Streams { hub, job, ids, name, dances, floor_m, map: SkeletonMap::builtin("smpl"), next: Instant::now() })
     }
 
-    /// Takes up the last word of each dance that is sampled. Returns the frames that are there of how many, over all
-    /// dances.
+    /// Sends the frames that are new, if it is time to.
     ///
     /// # Errors
     /// Words that can't be decoded.
-    pub fn push(&mut self, words: usize, last: &[Vec<u32>]) -> Result<[usize; 2]> {
-        if self.is_tries && words <= self.words {
-            self.look(self.variation..self.variation + 1)?;
-            self.variation += 1;
-        }
-        self.words = words;
-        match self.is_tries {
-            true => {
-                if let (Some(dance), Some(word)) = (self.dances.get_mut(self.variation), last.first()) {
-                    dance.ids.extend(word);
-                }
-            }
-            false => {
-                // of those among which the best are chosen, as many are shown as will be there
-                self.dances.iter_mut().zip(last).for_each(|(dance, word)| dance.ids.extend(word));
-            }
-        }
-        if Instant::now() >= self.next {
-            let begun = Instant::now();
-            let shown = if self.is_tries { self.variation..self.variation + 1 } else { 0..self.dances.len() };
-            self.look(shown)?;
+    pub fn look(&mut self, progress: &mut Progress<'_>) -> Result<()> {
+        let begun = Instant::now();
+        if begun >= self.next {
+            progress.new_frames()?.into_iter().try_for_each(|new| self.send(new))?;
             self.next = Instant::now() + EVERY.max(begun.elapsed() * SHARE);
-        }
-        let (frames, each) = (self.open.frames, self.open.tokenizer.frames_per_word());
-        let here = (words * each).saturating_sub(self.open.resolved.lead_in).min(frames);
-        let variations = if self.is_tries { self.dances.len() } else { 1 };
-        Ok([self.variation * frames + here, variations * frames])
-    }
-
-    /// Sends the frames that are new.
-    fn look(&mut self, dances: std::ops::Range<usize>) -> Result<()> {
-        for variation in dances {
-            let Some(dance) = self.dances.get_mut(variation) else { continue };
-            let words = self.open.tokenizer.words_of_ids(&dance.ids).words;
-            let clip = self.open.preview(&words)?;
-            if clip.frames() <= dance.sent {
-                continue;
-            }
-            let data = dance.figure.as_ref().and_then(|live| live.frames(&clip, dance.sent..clip.frames()));
-            let (from, figure_head, data) = match data {
-                Some(data) => (dance.sent, None, data),
-                // the first frames, or one that left the box: all again
-                None => {
-                    let around = if dance.figure.is_none() { 0 } else { clip.frames() - 1 };
-                    let figure = Figure::new(&*dance.name, &clip);
-                    let (live, head) = LiveFigure::new(&figure, self.floor_m, self.map.as_ref(), around)?;
-                    let Some(data) = live.frames(&clip, 0..clip.frames()) else { continue };
-                    dance.figure = Some(live);
-                    (0, Some(head), data)
-                }
-            };
-            dance.sent = clip.frames();
-            let (job, id) = (self.job, &*dance.id);
-            self.hub.send("frames", &Frames { job, variation: variation + 1, dance: id, from, figure_head, data });
         }
         Ok(())
     }
+
+    fn send(&mut self, NewFrames { dance, from, clip }: NewFrames) -> Result<()> {
+        let live = &mut self.dances[dance];
+        let data = live.figure.as_ref().and_then(|figure| figure.frames(&clip, 0..clip.frames()));
+        live.parts.push(clip);
+        let (from, figure_head, data) = match data {
+            Some(data) => (from, None, data),
+            // the first frames, or one that left the box: all again
+            None => {
+                let whole = joined(&live.parts)?;
+                let around = if live.figure.is_none() { 0 } else { whole.frames() - 1 };
+                let figure = Figure::new(self.name, &whole);
+                let (figure, head) = LiveFigure::new(&figure, self.floor_m, self.map.as_ref(), around)?;
+                let data = figure.frames(&whole, 0..whole.frames());
+                live.figure = data.is_some().then_some(figure);
+                let Some(data) = data else { return Ok(()) };
+                (0, Some(head), data)
+            }
+        };
+        let (job, id) = (self.job, &*self.ids[dance]);
+        self.hub.send("frames", &Frames { job, variation: dance + 1, dance: id, from, figure_head, data });
+        Ok(())
+    }
+}
+
+/// Parts of a dance as one clip.
+fn joined(parts: &[Clip]) -> Result<Clip> {
+    let root = parts.iter().flat_map(Clip::root).copied().collect();
+    let rotations = parts.iter().flat_map(Clip::rotations).copied().collect();
+    Ok(Clip::new(parts[0].skeleton().clone(), parts[0].fps(), root, rotations)?)
 }

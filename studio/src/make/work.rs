@@ -6,18 +6,16 @@ use super::model::Model;
 use super::request::{Kind, Prepared};
 use super::stream::Streams;
 use crate::events::Hub;
-use crate::library::{Library, Source};
+use crate::library::Library;
 use crate::project::dances::write_made;
 use crate::project::document::{Change, DanceRecord, MadeSpan};
 use crate::timeline::Timelines;
 use crate::{Error, Result};
 use kinelm_generate::OpenRequest;
-use kinelm_generate::best::Best;
-use kinelm_generate::provenance::Provenance;
+use kinelm_generate::make::{BestOf, Dance, Making};
 use kinelm_generate::sampler::variation_seed;
-use kinelm_tokenizer::Words;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -47,136 +45,97 @@ impl Maker {
     /// What the request can't be opened with, or sampled; [`kinelm_store::Error::Stopped`] where the user stopped it.
     pub fn carry_out(
         &self,
-        (job, running): (&Job, &Running),
+        job: &Job,
+        running: &Running,
         progress: &(dyn Fn() + Sync),
         made: &(dyn Fn(Change) -> Result<()> + Sync),
     ) -> Result<()> {
         running.since.store(self.hub.last(), Ordering::Relaxed);
+        let is_cancelled = || running.cancelled.load(Ordering::Relaxed);
         // a timeline may have any of them
         let all = match job.make.kind {
             Kind::Timeline => self.library.project().read(|all| all.clips.iter().map(|clip| clip.id.clone()).collect()),
             _ => Vec::new(),
         };
         for id in job.make.clip.iter().chain(&job.make.music).chain(&all) {
-            self.library.wait_for(id, &|| !running.cancelled.load(Ordering::Relaxed));
+            self.library.wait_for(id, &|| !is_cancelled());
         }
-        let Prepared { request, layout, source, rig } =
-            job.make.prepare(&self.model, &self.library, &self.timelines)?;
-        let open = OpenRequest::open_with(&request, layout)?;
+        let mut prepared = job.make.prepare(&self.model, &self.library, &self.timelines)?;
+        let open = OpenRequest::open_with(&prepared.request, prepared.layout.take())?;
         let mut notes = open.notes()?;
-        let samples = job.make.best.unwrap_or(job.make.variations);
         // what can't be compared is refused before it is sampled
         let real = job.make.best.map(|_| Real::open(self.real.as_deref(), &open, &self.library)).transpose()?;
         notes.extend(real.iter().map(|real| real.what.clone()));
-        let name = job.make.name(source.as_ref());
-        let mut streams = Streams::new(&open, (&self.hub, &job.id), (&job.dances, &name))?;
-        let mut reported = Instant::now();
-        let mut failed = None;
-        let sampled = open.sample(samples, None, &mut |words, last| {
-            if running.cancelled.load(Ordering::Relaxed) {
-                return ControlFlow::Break(());
-            }
-            match streams.push(words, last) {
-                Ok([frames, of]) => {
-                    running.frames[0].store(frames, Ordering::Relaxed);
-                    running.frames[1].store(of, Ordering::Relaxed);
-                }
-                Err(e) => {
-                    failed = Some(e);
-                    return ControlFlow::Break(());
-                }
-            }
+        let best = real.as_ref().zip(job.make.best);
+        let best = best.map(|(real, samples)| BestOf { samples, judge: &real.dances });
+        let name = job.make.name(prepared.source.as_ref());
+        let mut streams = Streams::new(&open, &self.hub, &job.id, &job.dances, &name)?;
+        let outs: Vec<PathBuf> = job.dances.iter().map(|id| format!("{id}.bvh").into()).collect();
+        let (mut reported, mut failed) = (Instant::now(), None);
+        let dances = open.make(&Making { outs: &outs, best, guesses: None }, &mut |at| {
+            running.frames[0].store(at.frames, Ordering::Relaxed);
+            running.frames[1].store(at.of, Ordering::Relaxed);
+            failed = streams.look(at).err();
             if reported.elapsed() >= EVERY {
                 reported = Instant::now();
                 progress();
             }
-            ControlFlow::Continue(())
+            if failed.is_some() || is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
         if let Some(e) = failed {
             return Err(e);
         }
-        let sampled = sampled?;
-        let words: Vec<Words> = (0..sampled.ids.len()).map(|dance| open.words(&sampled, dance)).collect();
-        let out = Path::new("dance.bvh");
-        let chosen: Vec<(usize, Option<Best>)> = match &real {
-            Some(real) => {
-                let best = real.choose(&open, &words, out, job.make.variations)?;
-                best.into_iter().map(|(dance, best)| (dance, Some(best))).collect()
-            }
-            None => (0..words.len()).map(|dance| (dance, None)).collect(),
-        };
-        if let Some(note) = open.surprise_note()? {
-            notes.push(note);
-        }
-        for (id, (dance, best)) in job.dances.iter().zip(chosen) {
-            if running.cancelled.load(Ordering::Relaxed) {
+        let dances = dances?;
+        notes.extend(open.surprise_note()?);
+        for (variation, chosen) in dances.chosen.into_iter().enumerate() {
+            if is_cancelled() {
                 return Err(kinelm_store::Error::stopped("stopped before all dances were written").into());
             }
             // a job that is begun again: the user may have kept or rejected what it had made
-            if self.library.project().dance(id).is_ok() {
+            let project = self.library.project();
+            if project.dance(&job.dances[variation]).is_ok() {
                 continue;
             }
-            let (source, rig) = (source.as_ref(), rig.as_deref());
-            let work = Work { job, open: &open, source, rig, notes: &notes, name: &name };
-            made(work.write(self.library.project().folder(), (id, &words[dance]), (dance, best))?)?;
+            let dance = chosen.decode(&open)?;
+            let (bytes, provenance) = dance.file()?;
+            let floor_m = provenance.read.floor.or(prepared.source.as_ref().map(|source| source.floor_m));
+            let made_file = write_made(project.folder(), &job.dances[variation], &bytes, provenance)?;
+            let record = DanceRecord { made: Some(made_file), ..record(job, &prepared, &open, variation, &dance) };
+            let notes: Vec<String> = notes.iter().cloned().chain(dance.generated.notes(&open)).collect();
+            let note = notes.join("\n").replace('`', "");
+            let record = DanceRecord { floor_m: floor_m.unwrap_or(0.0), note, ..record };
+            made(Change::Dance { before: None, after: Some(Box::new(record)) })?;
         }
         Ok(())
     }
 }
 
-/// A job whose dances are sampled.
-struct Work<'a> {
-    job: &'a Job,
-    open: &'a OpenRequest,
-    source: Option<&'a Source>,
-    rig: Option<&'a str>,
-    notes: &'a [String],
-    name: &'a str,
-}
-
-impl Work<'_> {
-    /// Writes a dance with its sidecar: the change that takes it into the project.
-    fn write(
-        &self,
-        folder: &Path,
-        (id, words): (&str, &Words),
-        (dance, best): (usize, Option<Best>),
-    ) -> Result<Change> {
-        let (open, job) = (self.open, self.job);
-        let out = PathBuf::from(format!("{id}.bvh"));
-        let generated = open.motion(words, &out)?;
-        let bytes = generated.bytes(&out)?;
-        let (frames, fps) = (generated.motion.clip.frames(), generated.motion.clip.fps());
-        let provenance = Provenance { best, ..Provenance::of(open, dance + 1, (&out, fps), &bytes) };
-        let floor_m = provenance.read.floor.or(self.source.map(|source| source.floor_m));
-        let made = write_made(folder, id, &bytes, provenance)?;
-        let notes: Vec<String> = self.notes.iter().cloned().chain(generated.notes(open)).collect();
-        let given = open.resolved.prompt.as_ref().and_then(|prompt| prompt.joints.clone());
-        let variation = job.dances.iter().position(|other| other == id).unwrap_or(0) + 1;
-        let several = if job.make.variations > 1 { format!(" {variation}") } else { String::new() };
-        let record = DanceRecord {
-            id: id.into(),
-            name: format!("{}{several}", self.name),
-            made: Some(made),
-            kept: None,
-            rejected: false,
-            job: Some(job.id.clone()),
-            variation,
-            seed: variation_seed(open.resolved.seed, dance),
-            frames,
-            fps,
-            floor_m: floor_m.unwrap_or(0.0),
-            note: notes.join("\n").replace('`', ""),
-            source: self.source.map(|source| source.id.clone()),
-            rig: self.rig.map(str::to_owned),
-            generated_s: open.generated_s(),
-            given: given.unwrap_or_default(),
-            free: job.make.free.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
-            made_spans: MadeSpan::of(&open.free_spans(), open.tokenizer.fps()),
-            best,
-            opening: job.opening,
-        };
-        Ok(Change::Dance { before: None, after: Some(Box::new(record)) })
+/// What a project knows of a dance of a job, its file, floor and notes apart.
+fn record(job: &Job, prepared: &Prepared, open: &OpenRequest, variation: usize, dance: &Dance) -> DanceRecord {
+    let clip = &dance.generated.motion.clip;
+    let several = if job.make.variations > 1 { format!(" {}", variation + 1) } else { String::new() };
+    let given = open.resolved.prompt.as_ref().and_then(|prompt| prompt.joints.clone());
+    DanceRecord {
+        id: job.dances[variation].clone(),
+        name: format!("{}{several}", job.make.name(prepared.source.as_ref())),
+        made: None,
+        kept: None,
+        rejected: false,
+        job: Some(job.id.clone()),
+        variation: variation + 1,
+        seed: variation_seed(open.resolved.seed, dance.chosen.number),
+        frames: clip.frames(),
+        fps: clip.fps(),
+        floor_m: 0.0,
+        note: String::new(),
+        source: prepared.source.as_ref().map(|source| source.id.clone()),
+        rig: prepared.rig.clone(),
+        generated_s: open.generated_s(),
+        given: given.unwrap_or_default(),
+        free: job.make.free.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+        made_spans: MadeSpan::of(&open.free_spans(), open.tokenizer.fps()),
+        best: dance.chosen.best,
+        opening: job.opening,
     }
 }
 

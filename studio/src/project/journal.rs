@@ -16,6 +16,7 @@ use super::history::{History, Step};
 use crate::{Error, Result};
 use kinelm_store::files;
 use kinelm_store::owned::{self, Access};
+use kinelm_store::part;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::Write;
@@ -147,7 +148,7 @@ impl Journal {
         // the unfinished line goes, or the next one would be appended to it
         journal.file.set_len(whole).map_err(Error::io(journal.path()))?;
         if is_new {
-            files::sync_folder(files::folder_of(&journal.path()))?;
+            part::sync_folder(part::folder_of(&journal.path()))?;
         }
         if whole > GROWN {
             journal.rewrite(&state)?;

@@ -27,7 +27,7 @@ use history::Step;
 use journal::{Journal, Line, Replayed};
 use kinelm_store::files;
 use kinelm_store::owned::{self, Access};
-use kinelm_store::part::sweep_locked;
+use kinelm_store::part::{self, sweep_locked};
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -319,7 +319,7 @@ fn lock(folder: &Path) -> Result<File> {
 fn remove(path: &Path) -> Result<()> {
     match fs::remove_file(path) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::io(path)(e)),
-        _ => Ok(files::sync_folder(files::folder_of(path))?),
+        _ => Ok(part::sync_folder(part::folder_of(path))?),
     }
 }
 

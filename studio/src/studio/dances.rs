@@ -91,7 +91,7 @@ impl Studio {
             self.publish(&changes);
             Ok(())
         };
-        let ended = guarded(|| self.maker.carry_out((job, running), &progress, &made));
+        let ended = guarded(|| self.maker.carry_out(job, running, &progress, &made));
         let (state, text) = match ended {
             Ok(()) => (State::Done, None),
             // the studio ends, or the user has stopped it
@@ -206,7 +206,7 @@ impl Studio {
         let motion = format::parse(&source.path, &bytes, &source.read)?;
         // AMASS has one rig
         let rig = (kind == Format::Npz).then(|| TargetRig::Smpl(smpl::neutral()));
-        let motion = convert(motion, &ConvertOptions { rig, ..ConvertOptions::default() }, source.read.map.as_deref())?;
+        let motion = convert(motion, &ConvertOptions { rig, ..ConvertOptions::default() })?;
         let bytes = format::to_bytes(Path::new(&name), &motion)?;
         Ok((name, bytes))
     }

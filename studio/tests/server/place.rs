@@ -3,7 +3,7 @@
 use super::client::Browser;
 use kinelm_corpus::Split;
 use kinelm_model::ModelConfig;
-use kinelm_motion::{Clip, Motion, Source, format, joints, synth};
+use kinelm_motion::{Clip, Motion, format, joints, synth};
 use kinelm_studio::{Limits, Listen, Options, Reader, Server, Stopper, read_file};
 use kinelm_tokenizer::TokenizerConfig;
 use kinelm_train::{TrainConfig, fixture};
@@ -168,6 +168,6 @@ pub fn dance(seed: u64, seconds: f64, fps: f64) -> Clip {
 
 /// A clip as the bytes of a file of this name.
 pub fn bytes(name: &str, clip: &Clip) -> Vec<u8> {
-    let motion = Motion { path: name.into(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
+    let motion = Motion::new(name, clip.clone());
     format::to_bytes(Path::new(name), &motion).unwrap()
 }

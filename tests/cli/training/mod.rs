@@ -5,7 +5,7 @@ mod watch;
 
 use crate::support::kinelm;
 use assert_cmd::Command;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use predicates::str::contains;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -51,7 +51,7 @@ fn place() -> &'static Place {
         for (i, dance) in synth::corpus(3, 6, 3.0, 20.0).unwrap().into_iter().enumerate() {
             let path = data.join(format!("d{i}.bvh"));
             fs::create_dir_all(&data).unwrap();
-            let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+            let motion = Motion::new(&path, dance.clip);
             format::write(&path, &motion).unwrap();
             labels += &format!("d{i},{}\n", ["valid", "test", "train"][i.min(2)]);
         }

@@ -1,8 +1,9 @@
 //! Uniform bins for rotation vectors: n bins over -PI..=PI in each component.
 
-use crate::scheme::uniform::Form;
+use super::line::nearest_whole;
 use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Quat, Vec3};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
 /// Differences below this, in bins, are ties.
@@ -10,6 +11,18 @@ const TIE: f64 = 1e-4;
 
 /// The most times that a code is decoded and encoded until it is stable.
 const TRIES: usize = 8;
+
+/// Alignment of the bins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Form {
+    /// A bin is centred on 0. Near half a turn both vectors of a rotation are candidates.
+    #[default]
+    Centred,
+    /// A bin has its edge at 0 (compat): `floor((v - lo) / w)`. An unused joint flickers between two codes, and decoded rotations
+    /// within a bin of half a turn may encode to other codes.
+    Edge,
+}
 
 /// The bins of rotation vectors.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -153,13 +166,6 @@ impl Angles {
     }
 }
 
-/// `x.round()` without a call into the C library.
-///
-/// Rounds halves away from zero. The summand is the largest number below a half, so that numbers just below a half round down.
-pub(super) fn nearest_whole(x: f64) -> i64 {
-    (x + 0.499_999_999_999_999_94_f64.copysign(x)) as i64
-}
-
 fn length_squared(v: [i64; 3]) -> i64 {
     v.iter().map(|x| x * x).sum()
 }
@@ -270,15 +276,6 @@ mod tests {
         assert!(w.second_miss <= 1.0 + SLACK && w.second_angle <= root3 + SLACK, "{bins}: {w:?}");
         assert_eq!(w.unstable, 0, "{bins}: {w:?}");
         assert!(w.second * 1000 <= w.near, "{bins}: {w:?}");
-    }
-
-    #[test]
-    fn nearest_whole_is_round() {
-        for x in [0.0, 0.5, 0.499_999_999_999_999_94, 1.5, 2.5, 179.5, 1e9 + 0.5, 4503599627370495.5, f64::NAN, 1e300] {
-            for x in [x, -x, x.next_up(), x.next_down()] {
-                assert_eq!(nearest_whole(x), x.round() as i64, "{x}");
-            }
-        }
     }
 
     #[test]

@@ -102,11 +102,6 @@ impl Bins {
         self.values.len()
     }
 
-    /// The edges, ascending.
-    pub fn edges(&self) -> &[f64] {
-        &self.edges
-    }
-
     /// The decoded values.
     pub fn values(&self) -> &[f64] {
         &self.values
@@ -170,8 +165,8 @@ pub(crate) fn quantile(sorted: &[f64], q: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::angle::Angles;
+    use super::super::angle::Form;
     use super::super::line::Line;
-    use super::super::uniform::Form;
     use super::*;
     use kinelm_motion::Vec3;
     use kinelm_motion::rotation::exp_map;
@@ -203,7 +198,7 @@ mod tests {
                     assert!((a - b).abs() <= slack * b.abs().max(1.0), "{name}: {a} {b}");
                 }
             };
-            near(bins.edges(), &numbers(&case["edges"]), ROUNDING);
+            near(&bins.edges, &numbers(&case["edges"]), ROUNDING);
             // a median that lies on its bin's upper edge stands off it
             near(bins.values(), &numbers(&case["medians"]), ROUNDING + 2.0 * SLACK);
             let codes: Vec<f64> = numbers(&case["values"]).iter().map(|x| f64::from(bins.code(*x).0)).collect();
@@ -235,7 +230,7 @@ mod tests {
         assert_eq!((still.len(), still.code(0.25), still.code(0.3)), (1, (0, false), (0, true)));
         // above the least value, or nothing would be in the first bin
         let low = Bins::fitted(&[[0.0; 6], [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]].concat(), 4);
-        assert!(low.edges()[0] > 0.0 && low.code(0.0).0 == 0 && low.value(0) == 0.0, "{low:?}");
+        assert!(low.edges[0] > 0.0 && low.code(0.0).0 == 0 && low.value(0) == 0.0, "{low:?}");
         assert_eq!(Bins::fitted(&[7.0], 5).values(), [7.0]);
     }
 

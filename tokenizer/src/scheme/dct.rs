@@ -372,16 +372,6 @@ fn largest(coefficients: &[f64], share: f64, sizes: &mut Vec<u64>, mut keep: imp
 }
 
 impl DctTiles {
-    /// The settings.
-    pub fn config(&self) -> &DctConfig {
-        &self.config
-    }
-
-    /// The fitted joint transform.
-    pub fn mix(&self) -> &Mix {
-        &self.mix
-    }
-
     /// Fits to training clips.
     ///
     /// # Errors

@@ -1,6 +1,5 @@
 //! Uniform bins over an interval, for translations.
 
-use super::angle::nearest_whole;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -93,10 +92,26 @@ impl Line {
     }
 }
 
+/// `x.round()` without a call into the C library.
+///
+/// Rounds halves away from zero. The summand is the largest number below a half, so that numbers just below a half round down.
+pub(super) fn nearest_whole(x: f64) -> i64 {
+    (x + 0.499_999_999_999_999_94_f64.copysign(x)) as i64
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn nearest_whole_is_round() {
+        for x in [0.0, 0.5, 0.499_999_999_999_999_94, 1.5, 2.5, 179.5, 1e9 + 0.5, 4503599627370495.5, f64::NAN, 1e300] {
+            for x in [x, -x, x.next_up(), x.next_down()] {
+                assert_eq!(nearest_whole(x), x.round() as i64, "{x}");
+            }
+        }
+    }
 
     #[test]
     fn a_fitted_range_has_its_margins() {

@@ -122,11 +122,6 @@ impl Mix {
         if self.inverse.is_empty() { self.channels() } else { self.inverse.len() / self.channels() }
     }
 
-    /// Mean of each channel, (C).
-    pub fn mean(&self) -> &[f64] {
-        &self.mean
-    }
-
     /// Numbers that decoding needs: mean and inverse, and the scale unless it is 1.
     pub fn numbers(&self) -> u64 {
         let scaled = self.scale.iter().any(|&s| s != 1.0);
@@ -298,7 +293,7 @@ mod tests {
                 y[k] = 0.5;
                 let mut back = vec![0.0; C];
                 mix.inverse(1, &y, &mut back);
-                let long = |c: usize| ((back[c] - mix.mean()[c]) * WEIGHTS[c]).powi(2);
+                let long = |c: usize| ((back[c] - mix.mean[c]) * WEIGHTS[c]).powi(2);
                 assert!(((0..C).map(long).sum::<f64>().sqrt() - 0.5).abs() < 1e-12);
             }
         }

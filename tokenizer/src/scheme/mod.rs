@@ -1,19 +1,19 @@
 //! Schemes: how motion becomes codes. Each scheme has its own file and a variant of [`SchemeConfig`].
 
-pub mod angle;
-pub mod bins;
-pub mod dct;
+pub(crate) mod angle;
+mod bins;
+pub(crate) mod dct;
 mod frame;
 mod frame_bins;
-pub mod lapped;
-pub mod line;
-pub mod mix;
+pub(crate) mod lapped;
+pub(crate) mod line;
+pub(crate) mod mix;
 mod mixed;
 pub mod pelvis;
 pub mod quantile;
 pub mod runs;
-pub mod series;
-pub mod uniform;
+mod series;
+pub(crate) mod uniform;
 pub(crate) mod walk;
 
 use crate::channel::{Channel, Channels};

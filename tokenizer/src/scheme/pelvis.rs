@@ -45,7 +45,7 @@ pub fn about_y(turn: f64) -> Quat {
 }
 
 /// The tilt left of a rotation after a turn, with its y set to 0.
-pub fn tilt_after(q: Quat, turn: f64) -> Quat {
+pub(crate) fn tilt_after(q: Quat, turn: f64) -> Quat {
     let left = about_y(-turn) * q;
     let left = if left.w < 0.0 { -left } else { left };
     Quat::from_xyzw(left.x, 0.0, left.z, left.w).normalize()
@@ -120,7 +120,7 @@ impl Turns {
 #[cfg(test)]
 mod tests {
     use super::super::angle::Angles;
-    use super::super::uniform::Form;
+    use super::super::angle::Form;
     use super::*;
     use kinelm_motion::rotation::angle_between;
     use proptest::prelude::*;

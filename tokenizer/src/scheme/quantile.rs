@@ -121,21 +121,6 @@ impl Quantile {
         Ok(fitted)
     }
 
-    /// The settings.
-    pub fn config(&self) -> &QuantileConfig {
-        &self.config
-    }
-
-    /// The bins of the steps x, y, z, metres.
-    pub fn steps(&self) -> &[Bins; 3] {
-        &self.steps
-    }
-
-    /// The bins of the rotation channels or components, one each or one for all.
-    pub fn rotations(&self) -> &[Bins] {
-        &self.rotations
-    }
-
     /// Bins after merging equal edges: the least and the most of a channel.
     pub fn bins_left(&self) -> (usize, usize) {
         let left = || self.steps.iter().chain(&self.rotations).map(Bins::len);

@@ -1,6 +1,6 @@
 //! Uniform bins: angles over a full turn, the root's translation as closed-loop steps or as positions.
 
-use super::angle::Angles;
+use super::angle::{Angles, Form};
 use super::frame::{Coded, Each, Numbers, Poses, Vectors, each_step};
 use super::frame_bins::FrameBins;
 use super::line::Line;
@@ -13,18 +13,6 @@ use crate::{Error, Result};
 use kinelm_motion::{Clip, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
-
-/// Alignment of the bins.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Form {
-    /// A bin is centred on 0. Near half a turn both vectors of a rotation are candidates.
-    #[default]
-    Centred,
-    /// A bin has its edge at 0 (compat): `floor((v - lo) / w)`. An unused joint flickers between two codes, and decoded rotations
-    /// within a bin of half a turn may encode to other codes.
-    Edge,
-}
 
 /// Uniform bins for every channel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

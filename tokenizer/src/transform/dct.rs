@@ -76,21 +76,25 @@ impl Dct {
 }
 
 /// The transform as it is defined, number by number: what [`Dct::forward`] is checked against.
-pub fn naive_forward(series: &[f64]) -> Vec<f64> {
+#[cfg(test)]
+pub(crate) fn naive_forward(series: &[f64]) -> Vec<f64> {
     let n = series.len();
     (0..n).map(|k| factor(k, n) * (0..n).map(|t| series[t] * wave(k, t, n)).sum::<f64>()).collect()
 }
 
 /// The inverse as it is defined: the transposed matrix.
-pub fn naive_inverse(coefficients: &[f64]) -> Vec<f64> {
+#[cfg(test)]
+pub(crate) fn naive_inverse(coefficients: &[f64]) -> Vec<f64> {
     let n = coefficients.len();
     (0..n).map(|t| (0..n).map(|k| factor(k, n) * coefficients[k] * wave(k, t, n)).sum()).collect()
 }
 
+#[cfg(test)]
 fn factor(k: usize, n: usize) -> f64 {
     ((if k == 0 { 1.0 } else { 2.0 }) / n as f64).sqrt()
 }
 
+#[cfg(test)]
 fn wave(k: usize, t: usize, n: usize) -> f64 {
     // 4 n is a full turn: the argument is kept small, where the cosine is exact
     let quarter = (2 * t + 1) * k % (4 * n);

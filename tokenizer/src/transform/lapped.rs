@@ -69,11 +69,6 @@ impl Lapped {
         }
     }
 
-    /// N, the numbers of a tile.
-    pub fn hop(&self) -> usize {
-        self.hop
-    }
-
     /// By how many numbers a coefficient reaches into the neighbouring tiles.
     pub fn overlap(&self) -> usize {
         self.hop / 2
@@ -254,7 +249,7 @@ mod tests {
 
     /// Against the definition, there and back, and of the same length.
     fn check_lapped(t: &Lapped, tiles: usize) {
-        let (hop, short) = (t.hop(), t.short);
+        let (hop, short) = (t.hop, t.short);
         let mut x = noise((hop * 8 + tiles) as u64, hop * tiles);
         let y = forward(t, &x);
         let naive = naive_forward(&x[short..], hop, hop - short);

@@ -2,7 +2,7 @@
 
 pub mod dct;
 #[cfg(feature = "fit")]
-pub mod ica;
-pub mod lapped;
+pub(crate) mod ica;
+pub(crate) mod lapped;
 #[cfg(feature = "fit")]
-pub mod pca;
+pub(crate) mod pca;

@@ -26,7 +26,7 @@ pub fn clips(set: &str, test: &str, skip: usize) -> Option<Vec<(Clip, String)>> 
     let prepare = |(path, split, fps_source): &(PathBuf, String, Option<f64>)| {
         let options = ReadOptions { fps_source: *fps_source, skip, ..Default::default() };
         let motion = read(path, &options).expect("the set's files are good");
-        let smpl = retarget::to_smpl(&motion, None).expect("the rig is known");
+        let smpl = retarget::to_smpl(&motion).expect("the rig is known");
         (resample(&smpl, 20.0, Method::Auto).expect("a good rate"), split.clone())
     };
     Some(rows(set, &folder).par_iter().map(prepare).collect())

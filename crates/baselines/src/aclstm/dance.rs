@@ -13,7 +13,6 @@ use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, FootLock};
 use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::rig::{floor, map_for};
 use kinelm_store::hash;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -108,14 +107,14 @@ impl Request {
         let floor_m = match self.feet {
             FootMode::Off => None,
             FootMode::Lock => {
-                let map = map_for(&skeleton, self.read.map.as_deref())?;
-                Some(self.read.floor.map_or_else(|| floor(&clip, &map).map(|f| f.height_m), Ok)?)
+                let humanoid = motion.humanoid()?;
+                Some(self.read.floor.map_or_else(|| humanoid.floor(&clip).map(|floor| floor.height_m), Ok)?)
             }
         };
-        motion.clip = coder.clip(&frames, &skeleton, FPS)?;
+        let motion = motion.with_clip(coder.clip(&frames, &skeleton, FPS)?);
         let Some(floor_m) = floor_m else { return Ok(Generated { motion, clip_sha256, locked: None }) };
         let fixed = FixedParts { root: false, path: false, legs: [false; 2], frames: kept };
-        let (motion, locked) = lock_feet(motion, self.read.map.as_deref(), Some(floor_m), fixed)?;
+        let (motion, locked) = lock_feet(motion, Some(floor_m), fixed)?;
         Ok(Generated { motion, clip_sha256, locked: Some(locked) })
     }
 }

@@ -11,13 +11,13 @@ pub mod dance;
 pub mod evaluate;
 #[cfg(test)]
 mod golden;
-pub mod loss;
+mod loss;
 pub mod network;
 #[cfg(test)]
 mod plain;
 mod rollout;
 pub mod run;
-pub mod sequences;
+mod sequences;
 pub mod train;
 
 pub use crate::form::Form;

@@ -8,7 +8,7 @@ use kinelm_engine::lstm::{Lstm, Shape};
 use kinelm_model::layout::Parameter;
 
 /// The tensors in the order of [`Shape::tensors`].
-pub fn list(shape: &Shape) -> Vec<Parameter> {
+pub(crate) fn list(shape: &Shape) -> Vec<Parameter> {
     let of = |layer: usize| {
         ["input.weight", "own.weight", "input.bias", "own.bias"].map(|name| format!("layer.{layer:02}.{name}"))
     };

@@ -20,7 +20,12 @@ impl Trained {
     ///
     /// # Panics
     /// Seeds of different lengths, or shorter than 2 frames.
-    pub fn roll_out(&self, seeds: &[&[f64]], frames: usize, progress: &mut dyn FnMut(usize)) -> Result<Vec<Vec<f64>>> {
+    pub(crate) fn roll_out(
+        &self,
+        seeds: &[&[f64]],
+        frames: usize,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Vec<Vec<f64>>> {
         let (c, b) = (self.shape.channels, seeds.len());
         let seeds: Vec<Vec<f64>> = seeds.iter().map(|seed| steps(seed, c)).collect();
         let Some(length) = seeds.first().map(|seed| seed.len() / c) else { return Ok(Vec::new()) };
@@ -67,11 +72,11 @@ mod tests {
     use crate::form::Coder;
     use crate::rig::Rig;
     use kinelm_motion::format::ReadOptions;
-    use kinelm_motion::{Motion, Source, synth};
+    use kinelm_motion::{Motion, synth};
 
     fn untrained() -> (Trained, Vec<f64>) {
         let clip = synth::corpus(4, 1, 4.0, 30.0).unwrap().remove(0).clip;
-        let motion = Motion { path: "made-up".into(), clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new("made-up", clip);
         let config = Config { width: 24, layers: 2, ..Config::default() };
         let sources = Sources { data: vec![], labels: vec![], only: vec![], read: ReadOptions::default() };
         let file = RunFile {

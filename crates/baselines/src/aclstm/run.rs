@@ -54,7 +54,7 @@ impl RunFile {
     ///
     /// # Errors
     /// What reading fails with; files that have changed since it was begun.
-    pub fn recordings(&self, run: &Path) -> Result<Recordings> {
+    pub(crate) fn recordings(&self, run: &Path) -> Result<Recordings> {
         let recordings = Recordings::load(&self.sources, self.config.margin, Some(&self.rig))?;
         check_files(run, [&self.clips_sha256, &recordings.sha256()], [&self.files, &recordings.files()])?;
         Ok(recordings)
@@ -64,7 +64,7 @@ impl RunFile {
     ///
     /// # Errors
     /// Orders of angles that are none.
-    pub fn coder(&self) -> Result<Coder> {
+    pub(crate) fn coder(&self) -> Result<Coder> {
         Coder::new(self.config.form, &self.rig)
     }
 }

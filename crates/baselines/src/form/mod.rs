@@ -4,7 +4,7 @@
 //! input of the network, x and z are the displacement to the next frame, so that they don't depend on the place of a dance.
 
 mod angles;
-pub mod fit;
+mod fit;
 mod points;
 mod quaternions;
 #[cfg(test)]
@@ -45,7 +45,7 @@ impl Coder {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Invalid`] for orders of angles that are none.
-    pub fn new(form: Form, rig: &Rig) -> Result<Coder> {
+    pub(crate) fn new(form: Form, rig: &Rig) -> Result<Coder> {
         Ok(Coder { form, joints: rig.joints(), points: rig.points(), orders: rig.angles()? })
     }
 
@@ -82,7 +82,7 @@ impl Coder {
     }
 
     /// Turns a frame by `angle` radians about the world's y axis.
-    pub fn turn(&self, frame: &mut [f64], angle: f64) {
+    pub(crate) fn turn(&self, frame: &mut [f64], angle: f64) {
         let by = Quat::from_rotation_y(angle);
         let hip = by * Vec3::from_slice(frame);
         hip.write_to_slice(frame);
@@ -169,7 +169,7 @@ pub fn frames_of_steps(steps: &[f64], channels: usize, [mut x, mut z]: [f64; 2])
 ///
 /// # Errors
 /// [`Error::NotFinite`] with the frame and the channel.
-pub fn check_finite(frames: &[f64], channels: usize) -> Result<()> {
+pub(crate) fn check_finite(frames: &[f64], channels: usize) -> Result<()> {
     match frames.iter().position(|x| !x.is_finite()) {
         None => Ok(()),
         Some(at) => {

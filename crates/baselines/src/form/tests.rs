@@ -4,7 +4,7 @@ use super::*;
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::rotation::angle_between;
-use kinelm_motion::{Motion, Source, synth};
+use kinelm_motion::{Motion, synth};
 use kinelm_shared_data as shared_data;
 use std::path::Path;
 
@@ -12,7 +12,7 @@ const FORMS: [Form; 3] = [Form::Positional, Form::Euler, Form::Quaternion];
 
 fn made_up() -> Motion {
     let clip = synth::corpus(4, 1, 3.0, 30.0).unwrap().remove(0).clip;
-    Motion { path: "made-up".into(), clip, source: Source::Plain, warnings: vec![] }
+    Motion::new("made-up", clip)
 }
 
 /// The largest distance of places and angle of local rotations.

@@ -173,7 +173,7 @@ impl Config {
     }
 
     /// The effort's loss of update `step`, counted from 0.
-    pub fn effort_of(&self, step: u64) -> Effort {
+    pub(crate) fn effort_of(&self, step: u64) -> Effort {
         if (step + 1).is_multiple_of(self.effort_every) { self.effort } else { Effort::None }
     }
 }
@@ -205,7 +205,7 @@ impl Shape {
     }
 
     /// Inputs and units of the LSTM layers, the joints' last.
-    pub fn recurrent(&self) -> Vec<[usize; 2]> {
+    pub(crate) fn recurrent(&self) -> Vec<[usize; 2]> {
         let below = |l: usize| if l == 0 { self.channels() } else { self.width };
         (0..self.layers).map(|l| [below(l), self.width]).chain([[self.width, self.channels()]]).collect()
     }

@@ -7,7 +7,6 @@ use crate::sidecar as envelope;
 use crate::{Error, FPS, Result};
 use kinelm_corpus::sidecar::output_read_options;
 use kinelm_generate::check_frames;
-use kinelm_generate::prompt::on_model_rig;
 use kinelm_generate::provenance::{DanceMusic, Provenance};
 use kinelm_motion::Motion;
 use kinelm_motion::format::ReadOptions;
@@ -76,7 +75,7 @@ pub struct Generated {
 
 impl Request {
     /// The music's time at the first frame: [`Request::from_s`], rounded to a frame.
-    pub fn begins_s(&self) -> f64 {
+    pub(crate) fn begins_s(&self) -> f64 {
         (self.from_s * FPS).round() / FPS
     }
 
@@ -114,6 +113,6 @@ impl Request {
             dancer.push(&last);
         }
         let clip = dancer.finish()?;
-        Ok(Generated { motion: on_model_rig(&self.music, clip), music_sha256 })
+        Ok(Generated { motion: Motion::new(&self.music, clip), music_sha256 })
     }
 }

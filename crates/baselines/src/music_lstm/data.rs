@@ -33,7 +33,7 @@ pub struct MusicSources {
 
 impl MusicSources {
     /// With other paths.
-    pub fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> MusicSources {
+    pub(crate) fn with_paths(&self, path: impl Fn(&Path) -> PathBuf) -> MusicSources {
         MusicSources { music: path(&self.music), motion: self.motion.with_paths(&path) }
     }
 }
@@ -62,7 +62,7 @@ impl MusicClip {
     }
 
     /// (T, N) the spectra of the clip's frames at the network's rate.
-    pub fn at_rate(&self) -> Vec<f32> {
+    pub(crate) fn at_rate(&self) -> Vec<f32> {
         (0..self.recording.frames()).flat_map(|f| self.at(f * self.recording.stride)).copied().collect()
     }
 }
@@ -218,7 +218,7 @@ pub fn scale(clips: &[&MusicClip], audio: Audio) -> [Vec<f32>; 2] {
 ///
 /// # Errors
 /// [`kinelm_store::Error::Missing`] when none is.
-pub fn training_clips(clips: MusicClips, config: &Config) -> Result<(Vec<MusicClip>, Vec<String>)> {
+pub(crate) fn training_clips(clips: MusicClips, config: &Config) -> Result<(Vec<MusicClip>, Vec<String>)> {
     let needed = config.length + 1;
     let training = clips.all.into_iter().filter(|one| one.recording.split == Split::Train);
     let (long, short): (Vec<MusicClip>, Vec<MusicClip>) = training.partition(|one| one.recording.frames() >= needed);

@@ -71,7 +71,7 @@ fn outputs_gradients_and_ten_losses_are_pytorchs() {
         let mut parameters = Parameters::new(list(&shape), weights);
         let mut d_out = vec![0.0; steps * row];
         for (step, expected) in case.losses.iter().enumerate() {
-            let spectra = numbers(50 + step, 0.02, network.rows() * SPECTRUM);
+            let spectra = numbers(50 + step, 0.02, BATCH * steps * SPECTRUM);
             let poses = unit(&numbers(100 + step, 0.4, (steps + 1) * row));
             let forced = TeacherForcing { steps: &golden.forced, rows: &poses[..steps * row] };
             network.pack(&parameters.weights);

@@ -11,16 +11,16 @@
 pub mod config;
 pub mod dance;
 pub mod data;
-pub mod effort;
+mod effort;
 pub mod evaluate;
 #[cfg(test)]
 mod golden;
-pub mod loss;
-pub mod network;
+mod loss;
+mod network;
 pub mod run;
 pub mod train;
 
 pub use config::Config;
 
 /// N.
-pub const SPECTRUM: usize = kinelm_music::stft::COLUMNS * kinelm_music::stft::BINS;
+pub(crate) const SPECTRUM: usize = kinelm_music::stft::COLUMNS * kinelm_music::stft::BINS;

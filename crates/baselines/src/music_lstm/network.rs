@@ -49,7 +49,6 @@ pub fn initial(shape: &Shape, scale: [Vec<f32>; 2], seed: u64) -> Vec<Floats> {
 /// The memory of a pass over T steps of B sequences.
 pub struct Network {
     shape: Shape,
-    rows: usize,
     linear: Vec<Dense>,
     recurrent: Vec<Single>,
     /// (T, B, D) outputs of LSTM layers, after dropout.
@@ -91,7 +90,6 @@ impl Network {
         let hidden = || sizes[1..].iter().map(|[inputs, _]| Floats::new(rows * inputs)).collect::<Vec<_>>();
         Network {
             shape: shape.clone(),
-            rows,
             linear: linear.collect(),
             recurrent: sizes
                 .iter()
@@ -189,11 +187,6 @@ impl Network {
                 Some(_) => return,
             }
         }
-    }
-
-    /// T B.
-    pub fn rows(&self) -> usize {
-        self.rows
     }
 }
 

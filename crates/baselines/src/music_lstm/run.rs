@@ -36,7 +36,7 @@ pub struct Body {
 
 impl Body {
     /// The body of a clip: its bones, and the mean height of its root.
-    pub fn of(clip: &Clip) -> Body {
+    pub(crate) fn of(clip: &Clip) -> Body {
         let skeleton = clip.skeleton();
         let height = clip.root().iter().map(|p| p.y).sum::<f64>() / clip.frames().max(1) as f64;
         Body {
@@ -90,7 +90,7 @@ pub struct RunFile {
 
 impl RunFile {
     /// The configuration of a new run.
-    pub fn new(config: &Config, sources: &MusicSources, recordings: &Recordings, clips: &MusicClips) -> RunFile {
+    pub(crate) fn new(config: &Config, sources: &MusicSources, recordings: &Recordings, clips: &MusicClips) -> RunFile {
         RunFile {
             kind: Self::KIND.name.into(),
             version: Self::KIND.version,

@@ -2,7 +2,7 @@
 
 use super::tempo;
 use super::track::Track;
-use crate::dataset::Item;
+use crate::item::Item;
 use crate::{Error, Result};
 use kinelm_music::beat::Beats;
 use rayon::prelude::*;
@@ -19,7 +19,7 @@ const SLACK_S: f64 = 0.5;
 
 /// The music of the clips of a dataset. Each file is analysed once.
 #[derive(Debug, Default)]
-pub struct MusicLibrary {
+pub(crate) struct MusicLibrary {
     /// Music files by the name of the clip.
     files: BTreeMap<String, PathBuf>,
     /// `None` for a file that can't be used.
@@ -28,7 +28,7 @@ pub struct MusicLibrary {
 
 /// The music of a clip, in the time of the clip.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct AlignedMusic {
+pub(crate) struct AlignedMusic {
     /// Beats in seconds from the clip's first frame; some may lie before it or after its last.
     pub beats_s: Vec<f64>,
     /// (N, 35) features at each frame and for one more second, as far as the music goes; empty at rates without features.
@@ -65,7 +65,7 @@ impl MusicLibrary {
     ///
     /// # Errors
     /// Music that can't be read, has no beats, or doesn't cover the clip.
-    pub fn align(&self, item: &Item, (frames, fps): (usize, f64)) -> Result<Option<AlignedMusic>> {
+    pub(crate) fn align(&self, item: &Item, (frames, fps): (usize, f64)) -> Result<Option<AlignedMusic>> {
         let Some(path) = self.files.get(&item.name) else { return Ok(None) };
         let again;
         let track = match &self.tracks[path] {
@@ -190,7 +190,8 @@ mod tests {
 
     #[test]
     fn a_segment_has_the_beats_of_its_own_time() {
-        use crate::segments::{TimedLabels, split_items};
+        use crate::item::TimedLabels;
+        use crate::segments::split_items;
         let timed = |from_s, to_s| TimedLabels { from_s, to_s, labels: BTreeMap::new(), line: 2 };
         let item = Item {
             name: "a/b".into(),

@@ -3,7 +3,7 @@
 pub mod beats;
 pub mod clip_music;
 pub mod library;
-pub mod motion_beats;
+pub(crate) mod motion_beats;
 pub mod synth;
 pub mod tempo;
 pub mod track;

@@ -38,7 +38,7 @@ impl Track {
     ///
     /// # Errors
     /// Those of reading.
-    pub fn analyse_if_possible(path: &Path, fps: f64) -> Result<Track> {
+    pub(crate) fn analyse_if_possible(path: &Path, fps: f64) -> Result<Track> {
         if rate_of(fps).is_ok() { Track::analyse(path, fps) } else { Track::beats_only(path) }
     }
 
@@ -50,7 +50,7 @@ impl Track {
 
     /// (N, 35) features at each frame of a dance of `frames` frames that begins at the music's second `from_s`, and for one
     /// more second, as far as the music goes.
-    pub fn frame_rows(&self, from_s: f64, frames: usize) -> Vec<f32> {
+    pub(crate) fn frame_rows(&self, from_s: f64, frames: usize) -> Vec<f32> {
         let rows = self.rows(from_s);
         let mut all = Vec::new();
         for frame in 0..frames + rows.fps.ceil() as usize {

@@ -55,5 +55,5 @@ mod weights;
 
 pub use cache::KvKind;
 pub use matrix::{Matrix, Product, WeightKind};
-pub use stack::{Run, Stack, StackDecoder, in_pool};
-pub use weights::{BlockParts, Norm, Pair, StackWeights};
+pub use stack::{Run, StackDecoder, in_pool};
+pub use weights::{BlockParts, Norm, Pair, Stack, StackWeights};

@@ -5,7 +5,7 @@ use super::bytes;
 use super::cache::{KvCache, KvKind, Stored, Unit};
 use super::kernel::Left;
 use super::matrix::{Matrix, PIECE, Product};
-use super::weights::{Block, Norm, StackWeights};
+use super::weights::{Block, Norm, Stack, StackWeights};
 use crate::arena::Floats;
 use crate::op::rope::Angles;
 use crate::op::{gelu, layer_norm};
@@ -20,24 +20,6 @@ const WORTH: usize = 1 << 17;
 
 /// Reads of fewer multiply-adds aren't worth entering a pool from outside.
 const ALONE: usize = 1 << 21;
-
-/// The size of a stack of blocks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stack {
-    /// L.
-    pub layers: usize,
-    /// H, divides the width.
-    pub heads: usize,
-    /// D.
-    pub width: usize,
-}
-
-impl Stack {
-    /// Multiply-adds of a row with the weights, about.
-    pub fn multiply_adds(&self) -> usize {
-        self.layers * 12 * self.width * self.width
-    }
-}
 
 /// Consecutive rows of one stream.
 #[derive(Debug, Clone, Copy)]

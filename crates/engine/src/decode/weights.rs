@@ -2,7 +2,6 @@
 
 use super::bytes;
 use super::matrix::{Matrix, PIECE, WeightKind};
-use super::stack::Stack;
 use crate::op::rope::Angles;
 
 /// Weight and bias; a matrix (in, out) and a bias (out), or both of a layer norm (D).
@@ -23,6 +22,24 @@ pub struct BlockParts<'a> {
     pub up: Pair<'a>,
     /// (4 D, D), (D).
     pub down: Pair<'a>,
+}
+
+/// The size of a stack of blocks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stack {
+    /// L.
+    pub layers: usize,
+    /// H, divides the width.
+    pub heads: usize,
+    /// D.
+    pub width: usize,
+}
+
+impl Stack {
+    /// Multiply-adds of a row with the weights, about.
+    pub fn multiply_adds(&self) -> usize {
+        self.layers * 12 * self.width * self.width
+    }
 }
 
 /// The blocks of a stack, packed.

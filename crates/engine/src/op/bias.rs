@@ -42,7 +42,7 @@ pub fn residual(x: &mut [f32], y: &[f32], bias: &[f32], mask: Mask) {
 ///
 /// # Panics
 /// Shapes that don't fit; a share outside `0.0..1.0`.
-pub fn residual_backward(dy: &mut [f32], dx: &[f32], width: usize, mask: Mask) {
+pub(crate) fn residual_backward(dy: &mut [f32], dx: &[f32], width: usize, mask: Mask) {
     rows("residual", dx.len(), width);
     assert!(dx.len() == dy.len(), "residual: {} numbers for {} of dx", dy.len(), dx.len());
     let threshold = dropout::threshold(mask.share);

@@ -33,7 +33,7 @@ impl Mask {
 }
 
 /// The key of a row of a mask.
-pub fn row_key(key: u64, row: u64) -> u32 {
+pub(crate) fn row_key(key: u64, row: u64) -> u32 {
     (mix(mix(key).wrapping_add(row)) >> 32) as u32
 }
 

@@ -26,7 +26,7 @@ pub fn forward(out: &mut [f32], x: &[f32]) {
 ///
 /// # Panics
 /// Shapes that don't fit.
-pub fn forward_biased(out: &mut [f32], x: &mut [f32], bias: &[f32]) {
+pub(crate) fn forward_biased(out: &mut [f32], x: &mut [f32], bias: &[f32]) {
     rows("gelu", x.len(), bias.len());
     assert!(out.len() == x.len(), "gelu: {} numbers for {} of x", out.len(), x.len());
     dispatch::run(ForwardBiased { out, x, bias });

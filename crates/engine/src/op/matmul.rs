@@ -67,7 +67,7 @@ pub struct Panels<'a> {
 }
 
 /// Columns of a panel: twice the lanes of a vector.
-pub fn panel() -> usize {
+pub(crate) fn panel() -> usize {
     struct Lanes;
     impl WithSimd for Lanes {
         type Output = usize;

@@ -2,9 +2,9 @@
 
 pub mod adamw;
 pub mod attention;
-pub mod bf16;
+pub(crate) mod bf16;
 pub mod bias;
-pub mod cell;
+pub(crate) mod cell;
 #[cfg(test)]
 pub(crate) mod check;
 pub mod cross_entropy;

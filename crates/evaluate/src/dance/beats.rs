@@ -52,7 +52,7 @@ impl BeatPair {
     }
 
     /// The same clip against other beats.
-    pub fn against(&self, music_s: Vec<f64>) -> BeatPair {
+    pub(crate) fn against(&self, music_s: Vec<f64>) -> BeatPair {
         BeatPair { music_s, ..self.clone() }
     }
 
@@ -100,7 +100,7 @@ impl BeatPair {
 }
 
 /// The part of a beat by which the legs of clips come to rest behind it: where they score best. None of no clips.
-pub fn lag(all: &[BeatPair]) -> Option<f64> {
+pub(crate) fn lag(all: &[BeatPair]) -> Option<f64> {
     let score = |lag: f64| all.iter().map(|p| BeatAlignment::of(&p.own_s[1], &p.later(lag)).motion).sum::<f64>();
     let lags: Vec<f64> = LAGS.map(|lag| f64::from(lag) / 100.0).collect();
     let scores: Vec<f64> = lags.par_iter().map(|lag| score(*lag)).collect();
@@ -216,7 +216,7 @@ pub fn of_corpus(corpus: &Corpus, joints: &[usize]) -> Result<(Vec<BeatMetrics>,
 ///
 /// # Errors
 /// Those of resampling.
-pub fn of_dances(
+pub(crate) fn of_dances(
     dances: &[Dance],
     music_s: &[Option<Vec<f64>>],
     joints: &[usize],

@@ -48,7 +48,7 @@ impl Dance {
     ///
     /// # Errors
     /// Those of [`Dance::of_file`].
-    pub fn of_bytes(path: &Path, bytes: &[u8], options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Dance> {
+    pub(crate) fn of_bytes(path: &Path, bytes: &[u8], options: &ReadOptions, tokenizer: &Tokenizer) -> Result<Dance> {
         let placed = ModelClip::parse(path, bytes, options, tokenizer.config().into())?;
         let (clip, file_fps) = (placed.lowered(), Some(placed.motion.clip.fps()));
         let rate = FileRate::of(&placed.motion, options);

@@ -4,7 +4,7 @@ use super::coded::Dance;
 use super::metrics::{DanceMetrics, Mean};
 use super::print::shortened;
 use super::prompt::PromptMetrics;
-use super::report::Reference;
+use super::reference::Reference;
 use crate::{Result, bootstrap};
 use kinelm_corpus::{Corpus, Split};
 use kinelm_store::counted;

@@ -2,7 +2,7 @@
 
 use super::coded::Dance;
 use super::frechet::{Rows, SetDistance, Standardizer};
-use super::report::Reference;
+use super::reference::Reference;
 use crate::Result;
 use crate::number::number;
 use kinelm_corpus::Split;

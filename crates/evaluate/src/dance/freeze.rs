@@ -40,7 +40,7 @@ pub fn threshold(mut energies: Vec<f64>) -> Option<f64> {
 
 /// The threshold of frames that come in pieces: only as many are held as it needs, a hundredth or two.
 #[derive(Debug)]
-pub struct Threshold {
+pub(crate) struct Threshold {
     /// How many of the lowest are needed.
     needed: usize,
     all: usize,
@@ -49,12 +49,12 @@ pub struct Threshold {
 
 impl Threshold {
     /// Of at most so many frames.
-    pub fn of(frames: usize) -> Threshold {
+    pub(crate) fn of(frames: usize) -> Threshold {
         Threshold { needed: super::ranks(frames, PERCENTILE), all: 0, lowest: Vec::new() }
     }
 
     /// Some frames' E.
-    pub fn add(&mut self, energies: &[f64]) {
+    pub(crate) fn add(&mut self, energies: &[f64]) {
         self.all += energies.len();
         self.lowest.extend(energies);
         if self.lowest.len() > 2 * self.needed {
@@ -64,7 +64,7 @@ impl Threshold {
     }
 
     /// [`threshold`] of all of them.
-    pub fn get(mut self) -> Option<f64> {
+    pub(crate) fn get(mut self) -> Option<f64> {
         self.lowest.sort_by(f64::total_cmp);
         super::percentile_of(&self.lowest, self.all, PERCENTILE)
     }

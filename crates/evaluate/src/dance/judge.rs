@@ -5,11 +5,12 @@ use super::copying::Track;
 use super::freeze::{Freezing, Threshold, energy};
 use super::percentile;
 use super::positions::JointPositions;
-use super::report::Reference;
+use super::reference::Reference;
 use crate::Result;
 use crate::floors::codes::frames;
 use kinelm_corpus::Split;
 use kinelm_generate::best::{Best, Verdict};
+use kinelm_generate::make;
 use kinelm_generate::open::OpenRequest;
 use kinelm_generate::output::FreeSpan;
 use kinelm_motion::format::Format;
@@ -109,7 +110,7 @@ impl<'a> Judge<'a> {
     ///
     /// # Errors
     /// Clips that can't be mirrored.
-    pub fn ranked(&self, dances: &[Dance], wanted: usize) -> Result<Vec<(usize, Verdict)>> {
+    pub(crate) fn ranked(&self, dances: &[Dance], wanted: usize) -> Result<Vec<(usize, Verdict)>> {
         let mut all: Vec<(usize, Verdict)> = dances.iter().map(|dance| self.verdict(dance)).enumerate().collect();
         let order = |a: &(usize, Verdict), b: &(usize, Verdict)| {
             let key = |v: &Verdict| (v.doubt().is_some(), v.score);
@@ -157,27 +158,6 @@ impl<'a> Judge<'a> {
         Ok(limit)
     }
 
-    /// The best `count` of the sampled dances of a request, best first, each with its number among them. They are coded as if
-    /// they were read back from a file named `out`.
-    ///
-    /// # Errors
-    /// What writing, reading and coding the dances fails with.
-    pub fn best(&self, open: &OpenRequest, sampled: &[Words], out: &Path, count: usize) -> Result<Vec<(usize, Best)>> {
-        // a .glb is written but never read
-        let is_read = Format::of_name(out).is_some_and(|format| format != Format::Glb);
-        let name = if is_read { out.to_owned() } else { out.with_extension("json") };
-        let options = open.read_back(&name);
-        let dance = |words: &Words| {
-            let bytes = open.motion(words, &name)?.bytes(&name)?;
-            Dance::of_bytes(&name, &bytes, &options, self.real.corpus().tokenizer())
-        };
-        let dances = sampled.iter().map(dance).collect::<Result<Vec<_>>>()?;
-        let ranked = self.ranked(&dances, count)?;
-        let of = ranked.len();
-        let best = ranked.into_iter().enumerate().map(|(better, (i, verdict))| (i, Best { of, better, verdict }));
-        Ok(best.take(count).collect())
-    }
-
     /// Share of steps that slide, penetration, shaking and centre of mass outside the support of what was invented of a clip;
     /// of the feet where both legs were.
     fn measures(&self, clip: &Clip, invented: &[FreeSpan]) -> [Option<f64>; MEASURES] {
@@ -212,6 +192,24 @@ impl<'a> Judge<'a> {
         let energies = energy(&self.places(&slice(clip, last), &last.joints));
         let still = Freezing::of(&energies, clip.fps(), *threshold).time_to_freeze_s?;
         Some(still + last.frames.start as f64 / clip.fps())
+    }
+}
+
+impl make::Judge for Judge<'_> {
+    fn best(&self, open: &OpenRequest, sampled: &[Words], out: &Path, count: usize) -> Result<Vec<(usize, Best)>> {
+        // a .glb is written but never read
+        let is_read = Format::of_name(out).is_some_and(|format| format != Format::Glb);
+        let name = if is_read { out.to_owned() } else { out.with_extension("json") };
+        let options = open.read_back(&name);
+        let dance = |words: &Words| {
+            let bytes = open.motion(words, &name)?.bytes(&name)?;
+            Dance::of_bytes(&name, &bytes, &options, self.real.corpus().tokenizer())
+        };
+        let dances = sampled.iter().map(dance).collect::<Result<Vec<_>>>()?;
+        let ranked = self.ranked(&dances, count)?;
+        let of = ranked.len();
+        let best = ranked.into_iter().enumerate().map(|(better, (i, verdict))| (i, Best { of, better, verdict }));
+        Ok(best.take(count).collect())
     }
 }
 

@@ -4,13 +4,13 @@
 //! the joints that it doesn't code at rest.
 
 pub mod beats;
-pub mod coded;
+mod coded;
 pub mod compare;
-pub mod coordination;
-pub mod copying;
+mod coordination;
+mod copying;
 pub mod features;
 pub mod fidelity;
-pub mod frechet;
+mod frechet;
 pub mod freeze;
 pub mod judge;
 mod load;
@@ -19,7 +19,8 @@ pub mod positions;
 mod print;
 pub mod prompt;
 pub mod real;
-pub mod repetition;
+mod reference;
+mod repetition;
 mod report;
 #[cfg(test)]
 mod tests;
@@ -27,7 +28,8 @@ mod tests;
 pub use coded::Dance;
 pub use load::requested_label;
 pub use metrics::GroupMetrics;
-pub use report::{Copied, Reference, Report};
+pub use reference::Reference;
+pub use report::{Copied, Report};
 
 /// The p-quantile of ascending numbers, linear between ranks.
 fn percentile(sorted: &[f64], p: f64) -> Option<f64> {

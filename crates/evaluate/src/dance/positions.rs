@@ -21,7 +21,7 @@ impl JointPositions {
     ///
     /// # Panics
     /// If the clip lacks one of the joints.
-    pub fn of(clip: &Clip, joints: &[usize]) -> JointPositions {
+    pub(crate) fn of(clip: &Clip, joints: &[usize]) -> JointPositions {
         let all = clip.positions();
         let positions = all.chunks(clip.joints()).flat_map(|frame| joints.iter().map(|&j| frame[j])).collect();
         JointPositions { positions, joints: joints.len(), fps: clip.fps() }
@@ -31,7 +31,7 @@ impl JointPositions {
     ///
     /// # Panics
     /// As [`JointPositions::of`].
-    pub fn of_pose(clip: &Clip, joints: &[usize]) -> JointPositions {
+    pub(crate) fn of_pose(clip: &Clip, joints: &[usize]) -> JointPositions {
         let all = clip.positions();
         let mut heading = 0.0;
         let positions = all.chunks(clip.joints()).flat_map(|frame| {
@@ -48,7 +48,7 @@ impl JointPositions {
     }
 
     /// Mean speed of the joints from every frame to the next, (F - 1), m/s.
-    pub fn speeds(&self) -> Vec<f64> {
+    pub(crate) fn speeds(&self) -> Vec<f64> {
         let frames: Vec<&[Vec3]> = self.positions.chunks(self.joints.max(1)).collect();
         let step = |pair: &[&[Vec3]]| {
             let moved: f64 = pair[0].iter().zip(pair[1]).map(|(p, q)| (*q - *p).length()).sum();
@@ -61,7 +61,7 @@ impl JointPositions {
 /// Where a body on SMPL-24 faces, radians from +z towards +x; `None` where it has no direction on the ground.
 ///
 /// From hips and shoulders together: docs/measures.md, "Space and heading".
-pub fn heading_of(frame: &[Vec3]) -> Option<f64> {
+pub(crate) fn heading_of(frame: &[Vec3]) -> Option<f64> {
     let across = ACROSS.iter().fold(Vec3::ZERO, |sum, &(left, right)| sum + (frame[left] - frame[right]));
     let forward = across.cross(Vec3::Y);
     let forward = Vec3::new(forward.x, 0.0, forward.z);

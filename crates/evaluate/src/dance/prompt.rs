@@ -2,7 +2,7 @@
 
 use super::coded::Dance;
 use super::coordination::{Coordination, coordination};
-use super::report::feet;
+use super::reference::feet;
 use crate::Result;
 use kinelm_generate::prompt::{PromptClip, given_characters, read_back, share_changed};
 use kinelm_generate::provenance::Provenance;

@@ -111,7 +111,7 @@ impl ChannelFloors {
     }
 
     /// The figures under the keys of the reference's `order0.json`.
-    pub fn to_json(&self) -> Value {
+    pub(crate) fn to_json(&self) -> Value {
         let named = |values: &[f64; 6]| -> Map<String, Value> {
             MODELS.iter().zip(values).map(|(m, v)| ((*m).to_owned(), json!(v))).collect()
         };
@@ -168,7 +168,7 @@ pub(super) fn fmt_sample(f: &mut fmt::Formatter<'_>, taken: [usize; 2], of: [usi
 }
 
 /// A row of a table of bits per frame; a model's own figure may stand below the floors in the same columns.
-pub fn figure_row(name: &str, all: f64, from_third: Option<f64>) -> String {
+pub(crate) fn figure_row(name: &str, all: f64, from_third: Option<f64>) -> String {
     row(name, &format!("{all:.2}"), &from_third.map_or(String::new(), |t| format!("{t:.2}")))
 }
 

@@ -1,12 +1,12 @@
 //! The static floors that suit a corpus.
 
-pub mod channels;
+pub(crate) mod channels;
 pub mod codes;
-pub mod kernels;
-pub mod sample;
-pub mod tokens;
+mod kernels;
+mod sample;
+mod tokens;
 
-pub use channels::{ChannelFloors, figure_row};
+pub use channels::ChannelFloors;
 pub use codes::CodeSplits;
 pub use sample::Extent;
 pub use tokens::TokenFloors;
@@ -46,7 +46,7 @@ impl Floors {
     }
 
     /// The lowest of the static models.
-    pub fn best(&self) -> f64 {
+    pub(crate) fn best(&self) -> f64 {
         match self {
             Floors::Channels(floors) => floors.best(),
             Floors::Tokens(floors) => floors.best(),
@@ -54,7 +54,7 @@ impl Floors {
     }
 
     /// Bits a frame of order 0: every character by its frequency.
-    pub fn order0(&self) -> f64 {
+    pub(crate) fn order0(&self) -> f64 {
         match self {
             Floors::Channels(floors) => floors.bits_per_frame[0],
             Floors::Tokens(floors) => floors.bits_per_frame[0],

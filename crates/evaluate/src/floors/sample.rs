@@ -22,7 +22,7 @@ pub enum Extent {
 impl Extent {
     /// Stretches of clips of so many units (frames, or words of `frames` frames) each: the clip's number and what of it.
     /// Those of all clips, whole and in order, where they have few enough frames.
-    pub fn stretches(self, clips: &[usize], frames: usize) -> Vec<(usize, Range<usize>)> {
+    pub(crate) fn stretches(self, clips: &[usize], frames: usize) -> Vec<(usize, Range<usize>)> {
         let all: usize = clips.iter().map(|units| units * frames).sum();
         if self == Extent::All || all <= MOST_FRAMES {
             return clips.iter().enumerate().map(|(clip, &units)| (clip, 0..units)).collect();

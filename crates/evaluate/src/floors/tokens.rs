@@ -45,7 +45,11 @@ impl TokenFloors {
     ///
     /// # Errors
     /// [`kinelm_store::Error::File`] when a split has no frame.
-    pub fn measure(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<TokenFloors> {
+    pub(crate) fn measure(
+        fitted: &Corpus,
+        (corpus, measured): (&Corpus, Split),
+        extent: Extent,
+    ) -> Result<TokenFloors> {
         // labels may have been added to one of them
         let vocabulary = corpus.manifest().vocabulary.max(fitted.manifest().vocabulary);
         let (seen, held_out) = (stretches(fitted, Split::Train, extent), stretches(corpus, measured, extent));
@@ -77,12 +81,12 @@ impl TokenFloors {
     }
 
     /// The lowest of the static models.
-    pub fn best(&self) -> f64 {
+    pub(crate) fn best(&self) -> f64 {
         self.bits_per_frame.into_iter().fold(f64::INFINITY, f64::min)
     }
 
     /// One object, as the floors of channels have it.
-    pub fn to_json(&self) -> Value {
+    pub(crate) fn to_json(&self) -> Value {
         let mut bits: serde_json::Map<_, _> =
             MODELS.iter().zip(self.bits_per_frame).map(|(m, b)| ((*m).to_owned(), json!(b))).collect();
         bits.insert("uniform".into(), json!(self.uniform()));

@@ -2,11 +2,12 @@
 
 use crate::{Error, Result};
 pub use kinelm_corpus::build::{BLOCK_PER_THREAD, BuildOptions};
+use kinelm_corpus::load::load_at_own_rate;
 use kinelm_corpus::record::Split;
 use kinelm_corpus::{Dataset, Item};
-use kinelm_motion::format::{self, FileRate, RateDoubts, ReadOptions, resolve_floor};
+use kinelm_motion::format::{FileRate, RateDoubts, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::{Clip, FaultKind, Quat, Vec3, retarget, smpl};
+use kinelm_motion::{Clip, FaultKind, Quat, Vec3, smpl};
 use kinelm_store::hash::hex;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -199,12 +200,7 @@ fn named(known: &StudyClip, error: Error) -> Error {
 /// A clip on the neutral skeleton at its own rate, its floor at y = 0, beginning above x = z = 0; and what the file says of
 /// that rate.
 fn load(item: &Item, read: &ReadOptions) -> Result<(Clip, FileRate)> {
-    let options = item.read_options(read);
-    let mut motion = format::read(&item.path, &options)?;
-    let rate = FileRate::of(&motion, &options);
-    let floor = resolve_floor(&mut motion, &options)?;
-    motion.clip = motion.clip.raised(-floor);
-    let clip = retarget::to_smpl(&motion, options.map.as_deref())?;
+    let (clip, rate) = load_at_own_rate(item, read, true)?;
     let Some(first) = clip.root().first() else {
         return Err(Error::file(&item.path, "no frames", "at least one", ""));
     };

@@ -204,7 +204,14 @@ impl Errors {
 
 impl RowMetrics {
     /// The figures of a row from what was counted on both parts of the data.
-    pub fn new(row: Row, t: &Tokenizer, train: &TextCounts, test: &TextCounts, errors: &Errors, speed: Speed) -> Self {
+    pub(crate) fn new(
+        row: Row,
+        t: &Tokenizer,
+        train: &TextCounts,
+        test: &TextCounts,
+        errors: &Errors,
+        speed: Speed,
+    ) -> Self {
         let bits_per_frame = test.order0_bits_per_frame(train);
         let mut all = train.clone();
         all.merge(test);

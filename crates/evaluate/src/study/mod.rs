@@ -4,12 +4,12 @@
 //! study that was interrupted goes on where it stood. Clips are read, encoded and measured few at a time; memory doesn't
 //! grow with the data.
 
-pub mod clips;
+mod clips;
 mod measure;
-pub mod metrics;
+mod metrics;
 mod page;
 mod pictures;
-pub mod row;
+mod row;
 mod store;
 pub mod tables;
 

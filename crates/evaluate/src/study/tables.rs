@@ -113,7 +113,7 @@ fn losses(report: &Report) -> (ReportTable, &'static str) {
 }
 
 /// The whole report in Markdown.
-pub fn markdown(report: &Report) -> String {
+pub(crate) fn markdown(report: &Report) -> String {
     let mut text = format!("# Motion as text\n\n{TEXT_MARK}\n\n");
     for line in report.notes() {
         let _ = writeln!(text, "- {line}");
@@ -131,6 +131,6 @@ fn fixed(x: f64, digits: usize) -> String {
 }
 
 /// A rate with as few digits as say it.
-pub fn short(x: f64) -> String {
+pub(crate) fn short(x: f64) -> String {
     ((x * 1000.0).round() / 1000.0).to_string()
 }

@@ -9,7 +9,7 @@ use crate::request::{Loop, LoopKind, Span};
 use crate::{Error, Result};
 use kinelm_motion::moment::Moment;
 use kinelm_motion::rotation::heading;
-use kinelm_motion::{Clip, Motion, Quat, Vec3};
+use kinelm_motion::{Clip, Quat, Vec3};
 use kinelm_tokenizer::Tokenizer;
 use std::ops::Range;
 
@@ -18,7 +18,7 @@ const APPENDED_S: f64 = 1.0;
 
 /// The seam of a looping clip, in frames of the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct LoopSeam {
+pub(crate) struct LoopSeam {
     /// The generated frames, up to the end of the clip.
     pub gap: Range<usize>,
     /// Frames of the beginning that are appended after it.
@@ -42,17 +42,13 @@ impl LoopSeam {
 ///
 /// # Errors
 /// A clip that is not longer than the gap and a second; what coding fails with.
-pub fn lengthen(
-    looping: Loop,
-    prompt: PromptClip,
-    map: Option<&str>,
-    tokenizer: &Tokenizer,
-) -> Result<(PromptClip, LoopSeam)> {
+pub(crate) fn lengthen(looping: Loop, prompt: PromptClip, tokenizer: &Tokenizer) -> Result<(PromptClip, LoopSeam)> {
     let clip = &prompt.motion.clip;
     let (frames, fps) = (clip.frames(), clip.fps());
-    let [over, appended] = [looping.over_s, APPENDED_S].map(|s| (s * fps).round().max(1.0) as usize);
+    let over_s = looping.over_s.ok_or_else(|| Error::missing("`over_s`", "say how many seconds are generated"))?;
+    let [over, appended] = [over_s, APPENDED_S].map(|s| (s * fps).round().max(1.0) as usize);
     if frames < over + appended + 1 {
-        let (s, least, over_s) = (frames as f64 / fps, looping.over_s + APPENDED_S, looping.over_s);
+        let (s, least) = (frames as f64 / fps, over_s + APPENDED_S);
         let why = format!(
             "the clip has {s:.2} s; with {over_s} s generated it needs {least} and a frame; generate less (`loop_over`)"
         );
@@ -64,8 +60,8 @@ pub fn lengthen(
         LoopKind::Pose => heading_change(&prompt.clip),
     };
     let long = with_beginning(clip, &seam, looping.kind, turn)?;
-    let motion = Motion { clip: long, ..prompt.motion.clone() };
-    Ok((prompt.with_motion(motion, map, tokenizer)?, seam))
+    let motion = prompt.motion.clone().with_clip(long);
+    Ok((prompt.with_motion(motion, tokenizer)?, seam))
 }
 
 /// The change of heading of a clip on SMPL-24 from its first frame to its last, radians; 0 where it has none.
@@ -102,7 +98,7 @@ fn with_beginning(clip: &Clip, seam: &LoopSeam, kind: LoopKind, turn: f64) -> Re
 
 /// The roughness of the seam: the largest jerk, mean over joints, of the frames that touch it, and the 99th percentile of the
 /// clip without its gap; m/s³, of the body in the frame of its root. `clip` is as written.
-pub fn roughness(clip: &Clip, gap: &Range<usize>) -> Option<(f64, f64)> {
+pub(crate) fn roughness(clip: &Clip, gap: &Range<usize>) -> Option<(f64, f64)> {
     let (frames, joints) = (clip.frames(), clip.joints());
     let here = (vec![Vec3::ZERO; frames], clip.rotations().to_vec());
     let mut seen = here.1;

@@ -1,12 +1,13 @@
 //! What a dance is conditioned on beside its own words: goals, the tempo of its music, and the unconditioned reading.
 
-use super::OpenMusic;
-use crate::request::Resolved;
+use crate::masked::MOST_PASSES;
+use crate::request::{Resolved, TimedLabel};
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_corpus::music::tempo;
-use kinelm_model::LoadedRun;
+use kinelm_model::{LoadedRun, ModelKind};
 use kinelm_store::Subject;
+use std::collections::BTreeMap;
 
 /// Refuses goal guidance that the model can't take.
 ///
@@ -23,23 +24,40 @@ pub fn check_goal_guidance(scale: f64, run: &LoadedRun) -> Result<()> {
     Ok(())
 }
 
-/// Adds the tempo of the music to the labels of a dance of `seconds`, for a model that knows tempi, unless a label states it.
+/// Refuses passes of a causal model, none, and more than [`MOST_PASSES`].
+///
+/// # Errors
+/// [`kinelm_store::Error::Unsupported`] and [`kinelm_store::Error::Invalid`].
+pub fn check_passes(passes: Option<usize>, run: &LoadedRun) -> Result<()> {
+    let Some(passes) = passes else { return Ok(()) };
+    if run.config.kind != ModelKind::Masked {
+        let why = "a causal model reads its tokens once; leave it out, or take a masked model";
+        return Err(Error::unsupported(Subject::of_parameter("passes").with(passes), why));
+    }
+    match (1..=MOST_PASSES).contains(&passes) {
+        true => Ok(()),
+        false => Err(Error::invalid("`passes`", passes, format!("1 to {MOST_PASSES}"))),
+    }
+}
+
+/// Adds the music's tempo, the nearest that the model knows, to the labels of a dance, unless a label states it.
 ///
 /// # Errors
 /// A model that is conditioned on music by its tempo alone, and knows no tempo that is a number.
 pub(super) fn add_tempo(
-    request: &mut Resolved,
-    music: &OpenMusic,
-    (run, conditions): (&LoadedRun, &Conditions),
-    seconds: f64,
+    labels: &mut BTreeMap<String, String>,
+    timed_labels: &[TimedLabel],
+    nearest: Option<String>,
+    run: &LoadedRun,
+    conditions: &Conditions,
 ) -> Result<()> {
-    let mut fields = request.labels.keys().chain(request.timed_labels.iter().map(|label| &label.field));
+    let mut fields = labels.keys().chain(timed_labels.iter().map(|label| &label.field));
     if fields.any(|field| field == tempo::FIELD) {
         return Ok(());
     }
-    match music.tempo(conditions, seconds) {
+    match nearest {
         Some(tempo) => {
-            request.labels.insert(tempo::FIELD.into(), tempo);
+            labels.insert(tempo::FIELD.into(), tempo);
         }
         None if run.config.music.is_none() => {
             let known = conditions.values(tempo::FIELD).join(", ");

@@ -11,21 +11,6 @@ use kinelm_model::LoadedRun;
 use kinelm_store::Subject;
 use kinelm_store::hash;
 
-/// The guidance scale of a model conditioned on beats, where a request has none: at 1 the music is followed little
-/// (docs/results/music.md).
-pub const MUSIC_GUIDANCE: f64 = 3.0;
-/// The same of a model conditioned on sound features: at higher scales some dances fly apart.
-const FEATURE_GUIDANCE: f64 = 2.0;
-
-/// The guidance scale that suits a model's music conditioning; 1 where its tempo label is all it knows of music.
-pub fn music_guidance(conditioning: kinelm_model::music::Music) -> f64 {
-    match conditioning {
-        music if music.has_features() => FEATURE_GUIDANCE,
-        music if music.has_beats() => MUSIC_GUIDANCE,
-        _ => 1.0,
-    }
-}
-
 /// A piece of music with its beats and features.
 pub struct OpenMusic {
     request: MusicRequest,
@@ -70,22 +55,22 @@ impl OpenMusic {
     }
 
     /// The beats in seconds from the dance's beginning; earlier ones are negative.
-    pub fn beats_s(&self) -> Vec<f64> {
+    pub(crate) fn beats_s(&self) -> Vec<f64> {
         self.piece.beats.times_s.iter().map(|beat| beat - self.request.from_s).collect()
     }
 
     /// The sound features, by the dance's time.
-    pub fn rows(&self) -> FeatureRows<'_> {
+    pub(crate) fn rows(&self) -> FeatureRows<'_> {
         self.piece.rows(self.request.from_s)
     }
 
     /// The tempo label of a dance of `seconds`: the nearest that the model knows; `None` if it knows none.
-    pub fn tempo(&self, conditions: &Conditions, seconds: f64) -> Option<String> {
+    pub(crate) fn tempo(&self, conditions: &Conditions, seconds: f64) -> Option<String> {
         tempo::nearest(&conditions.values(tempo::FIELD), self.bpm(seconds)?)
     }
 
     /// Beats per minute during a dance of `seconds`; with fewer than two beats there, of the whole piece.
-    pub fn bpm(&self, seconds: f64) -> Option<f64> {
+    pub(crate) fn bpm(&self, seconds: f64) -> Option<f64> {
         tempo::bpm(&self.beats_s(), seconds).or(self.piece.beats.bpm())
     }
 }

@@ -1,14 +1,13 @@
 //! Dances sampled as a request says.
 
-use super::OpenRequest;
-use crate::sampler::{
-    Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, SamplingProgress, readers, variation_seed,
-};
+use super::{OpenRequest, PreparedPrompt};
+use crate::sampler::{Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, readers, variation_seed};
 use crate::{Error, Result, RunModel};
 use kinelm_corpus::music::clip_music::ClipMusic;
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
 use kinelm_model::music;
 use kinelm_tokenizer::Words;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 impl OpenRequest {
@@ -28,19 +27,19 @@ impl OpenRequest {
         Sampler::side_by_side(models, plan)
     }
 
-    /// Samples `variations` dances. `guesses` as [`SamplingPlan::guesses`]; `progress` gets the dances that are sampled side by
-    /// side.
+    /// Samples `variations` dances. `guesses` as [`SamplingPlan::guesses`]; `progress` gets the number of the first dance that is
+    /// being sampled, the words that it has, and the ids of the last word of each.
     ///
     /// Of an edited clip whose gaps end, each dance is the best of several tries; the tries of a variation are sampled side by
     /// side, the variations one after the other.
     ///
     /// # Errors
     /// Those of [`RunModel::open`] and [`RunModel::sample`].
-    pub fn sample(
+    pub(crate) fn sample(
         &self,
         variations: usize,
         guesses: Option<usize>,
-        progress: &mut SamplingProgress<'_>,
+        progress: &mut dyn FnMut(usize, usize, &[Vec<u32>]) -> ControlFlow<()>,
     ) -> Result<SampledTokens> {
         let mut plan = self.plan(variations)?;
         plan.guesses = guesses.unwrap_or(plan.guesses);
@@ -50,13 +49,13 @@ impl OpenRequest {
         let reading = computing.reading(dances * each);
         let mut model = RunModel::open(&self.run, computing.compute()?, reading, each)?;
         if tries == 1 {
-            return model.sample(&plan, progress);
+            return model.sample(&plan, &mut |words, last| progress(0, words, last));
         }
         let (beginnings, mut all) = (plan.beginnings.clone(), SampledTokens::default());
         for variation in 0..variations {
             plan.seed = variation_seed(self.resolved.seed, variation);
             plan.beginnings = beginnings.get(variation).or(beginnings.first()).cloned().into_iter().collect();
-            let mut sampled = model.sample(&plan, progress)?;
+            let mut sampled = model.sample(&plan, &mut |words, last| progress(variation, words, last))?;
             let best = self.best_try(&sampled)?;
             all.ids.push(sampled.ids.swap_remove(best));
             all.lookahead.push(sampled.lookahead.swap_remove(best));
@@ -65,21 +64,23 @@ impl OpenRequest {
         Ok(all)
     }
 
-    /// Whether each dance is the best of several tries, which are sampled side by side, the dances one after the other.
-    pub fn samples_tries(&self) -> bool {
-        self.tries() > 1
-    }
-
     /// The words of one of several dances, with the look-ahead tokens after gaps of an edited clip.
-    pub fn words(&self, sampled: &SampledTokens, dance: usize) -> Words {
+    pub(crate) fn words(&self, sampled: &SampledTokens, dance: usize) -> Words {
         self.tokenizer.words_of_ids(&sampled.with_lookahead(dance)).words
     }
 
     /// Ways through its gaps that are sampled of each variation.
-    pub(super) fn tries(&self) -> usize {
+    pub(crate) fn tries(&self) -> usize {
         let edit = self.resolved.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref());
-        let has_ends = self.edit().is_some_and(|(_, edit)| edit.has_ends());
-        if has_ends && !self.resolved.sampling.greedy { edit.map_or(1, |edit| edit.tries).max(1) } else { 1 }
+        let has_ends = self.prompt.as_ref().is_some_and(PreparedPrompt::has_ends) && !self.resolved.sampling.greedy;
+        edit.and_then(|edit| edit.tries).filter(|_| has_ends).map_or(1, |tries| tries.max(1))
+    }
+
+    /// Words that are sampled of each dance, the lead-in included.
+    pub(crate) fn words_in_all(&self) -> usize {
+        let frames = self.edit().map_or(self.frames, |(_, edit)| edit.frames);
+        let length = self.tokenizer.frames_per_word();
+        frames.div_ceil(length) + self.resolved.lead_in / length
     }
 
     /// What the sampler is to do for `variations` dances.
@@ -88,7 +89,7 @@ impl OpenRequest {
         let length = self.tokenizer.frames_per_word();
         let edit = self.edit();
         let lead_in = request.lead_in / length;
-        let words = edit.map_or(self.frames, |(_, edit)| edit.frames).div_ceil(length) + lead_in;
+        let words = self.words_in_all();
         let mut plan = SamplingPlan::free(self.tokenizer.grammar(), words, request.sampling, request.seed);
         if let Some(prompt) = &self.prompt {
             if !prompt.given.is_empty() || edit.is_some() {
@@ -151,7 +152,7 @@ impl OpenRequest {
         let mut best = (f64::INFINITY, 0);
         for i in 0..sampled.ids.len() {
             let words = self.words(sampled, i);
-            let closed = edit.close(&words, (&prompt.clip, self.resolved.lead_in), &self.tokenizer, false)?;
+            let closed = edit.close(&words, &prompt.clip, self.resolved.lead_in, &self.tokenizer, false)?;
             if closed.total_error() < best.0 {
                 best = (closed.total_error(), i);
             }

@@ -1,10 +1,9 @@
 //! Feet of a dance locked in contact, as far as they were generated.
 
-use crate::Result;
+use crate::{Error, Result};
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, FootLock, lock};
 use kinelm_motion::joints::{LEGS, Selection};
-use kinelm_motion::rig::{floor, map_of};
 
 /// What foot locking must not move: the first `frames` frames, and the given joints.
 pub(super) fn fixed(given: Option<&Selection>, frames: usize) -> FixedParts {
@@ -17,17 +16,9 @@ pub(super) fn fixed(given: Option<&Selection>, frames: usize) -> FixedParts {
 ///
 /// # Errors
 /// A rig that no skeleton map knows.
-pub fn lock_feet(
-    motion: Motion,
-    map: Option<&str>,
-    floor_m: Option<f64>,
-    fixed: FixedParts,
-) -> Result<(Motion, FootLock)> {
-    let map = map_of(&motion.clip, map)?;
-    let floor_m = match floor_m {
-        Some(floor_m) => floor_m,
-        None => floor(&motion.clip, &map)?.height_m,
-    };
-    let (clip, locked) = lock(&motion.clip, &map, floor_m, fixed)?;
-    Ok((Motion { clip, ..motion }, locked))
+pub fn lock_feet(motion: Motion, floor_m: Option<f64>, fixed: FixedParts) -> Result<(Motion, FootLock)> {
+    let humanoid = motion.humanoid()?;
+    let floor_m = floor_m.map_or_else(|| Ok(motion.floor()?.height_m), Ok::<_, Error>)?;
+    let (clip, locked) = lock(&motion.clip, humanoid.map(), floor_m, fixed)?;
+    Ok((motion.with_clip(clip), locked))
 }

@@ -4,7 +4,7 @@ use crate::open::OpenRequest;
 use crate::{Error, Result};
 use kinelm_corpus::windows::{eval_windows, fill_sequence};
 use kinelm_corpus::words::ClipWords;
-use kinelm_model::likelihood::room;
+use kinelm_model::scored_windows::room;
 use kinelm_tokenizer::{SPACE, Words};
 
 impl OpenRequest {

@@ -1,6 +1,6 @@
 //! Dances decoded: words become a motion on a rig, at a rate, with feet locked, and a file with its sidecar.
 
-pub mod distance;
+mod distance;
 mod feet;
 mod free_spans;
 mod likelihood;
@@ -16,13 +16,13 @@ pub use placement::RootGiven;
 use crate::Result;
 use crate::edit::{ClosedGaps, ClosingError, PreparedEdit};
 use crate::open::{OpenRequest, PreparedPrompt};
-use crate::prompt::{on_model_rig, uncoded};
+use crate::prompt::{Rest, uncoded};
 use crate::request::{FootMode, Placement, Rig, UncodedJoints};
 use kinelm_motion::feet::FootLock;
 use kinelm_motion::format::{self, Format, ReadOptions, RestFrame, bvh::Changed};
 use kinelm_motion::resample::{Method, resample_held};
-use kinelm_motion::{Clip, Motion, Source};
-use kinelm_tokenizer::{UncodedPose, Words};
+use kinelm_motion::{Clip, Motion, Quat, Source};
+use kinelm_tokenizer::Words;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -63,10 +63,11 @@ impl OpenRequest {
     /// Words that are not this tokenizer's; a rig that no skeleton map knows; a rate that is none.
     pub fn motion(&self, words: &Words, out: &Path) -> Result<Generated> {
         if let Some((prompt, edit)) = self.edit() {
-            return self.edited(words, (prompt, edit), out);
+            return self.edited(words, prompt, edit, out);
         }
-        let mut motion = self.decoded(words, out)?;
-        motion.clip = resample_held(&motion.clip, self.resolved.fps, Method::Smooth)?;
+        let motion = self.decoded(words, out)?;
+        let clip = resample_held(&motion.clip, self.resolved.fps, Method::Smooth)?;
+        let motion = motion.with_clip(clip);
         let generated = |motion: Motion, locked: Vec<FootLock>| {
             let locked_fps = motion.clip.fps();
             Generated { motion, locked, locked_fps, errors: Vec::new(), changed: None }
@@ -74,24 +75,19 @@ impl OpenRequest {
         if self.resolved.feet == FootMode::Off {
             return Ok(generated(motion, Vec::new()));
         }
-        let map = self.on_own_rig().and_then(|(_, request)| request.read.map.as_deref());
         let floor_m = Some(0.0).filter(|_| self.tokenizer.config().above_floor());
         let continued = self.resolved.prompt.as_ref().and_then(|p| p.from_frame).unwrap_or(0);
         // the frames up to the prompt's last, at the rate that is written
         let at_rate = |last: usize| (last as f64 * motion.clip.fps() / self.tokenizer.fps()) as usize + 1;
         let continued = continued.checked_sub(1).map_or(0, at_rate);
         let selection = self.prompt.as_ref().and_then(|prompt| prompt.selection.as_ref());
-        let (motion, locked) = lock_feet(motion, map, floor_m, feet::fixed(selection, continued))?;
+        let (motion, locked) = lock_feet(motion, floor_m, feet::fixed(selection, continued))?;
         Ok(generated(motion, vec![locked]))
     }
 
-    /// The first words of a dance on the model's rig, to watch while the others are sampled: no foot is locked, and the ends
-    /// of gaps are not closed.
-    ///
-    /// # Errors
-    /// Words that are not this tokenizer's.
-    pub fn preview(&self, words: &Words) -> Result<Clip> {
-        let clip = self.clip(words)?;
+    /// Decoded frames from the first on, lead-in included, where the dance stands that is watched while it is sampled.
+    pub(crate) fn standing(&self, clip: Clip) -> Result<Clip> {
+        let clip = self.placed(clip)?;
         let Some((prompt, edit)) = self.edit() else { return Ok(clip) };
         let clip = clip.raised(prompt.clip.under_m);
         let Some(placement) = Placement::of(&prompt.clip.clip) else { return Ok(clip) };
@@ -100,16 +96,13 @@ impl OpenRequest {
     }
 
     /// An edited clip.
-    fn edited(&self, words: &Words, (prompt, edit): (&PreparedPrompt, &PreparedEdit), out: &Path) -> Result<Generated> {
+    fn edited(&self, words: &Words, prompt: &PreparedPrompt, edit: &PreparedEdit, out: &Path) -> Result<Generated> {
         let lock = self.resolved.feet == FootMode::Lock;
-        let clips = (&prompt.clip, self.resolved.lead_in);
-        let ClosedGaps { clip, errors, locked } = edit.close(words, clips, &self.tokenizer, lock)?;
+        let lead_in = self.resolved.lead_in;
+        let ClosedGaps { clip, errors, locked } = edit.close(words, &prompt.clip, lead_in, &self.tokenizer, lock)?;
         let (motion, changed) = match self.on_own_rig() {
-            Some((prompt, request)) => {
-                let map = request.read.map.as_deref();
-                edit.on_own_rig(&clip, (&prompt.clip, map), self.resampled_fps())?
-            }
-            None => (on_model_rig(out, edit.at_rate(&clip, self.frames, self.resolved.fps)?), None),
+            Some((prompt, _)) => edit.on_own_rig(&clip, &prompt.clip, self.resampled_fps())?,
+            None => (Motion::new(out, edit.at_rate(&clip, self.frames, self.resolved.fps)?), None),
         };
         let changed = changed.map(|changed| (changed, edit.text.clone()));
         Ok(Generated { motion, locked, locked_fps: self.tokenizer.fps(), errors, changed })
@@ -118,23 +111,28 @@ impl OpenRequest {
     /// The motion of words, at the model's rate.
     fn decoded(&self, words: &Words, out: &Path) -> Result<Motion> {
         let clip = self.clip(words)?;
-        let Some((prompt, request)) = self.on_own_rig() else { return Ok(on_model_rig(out, clip)) };
+        let Some((prompt, _)) = self.on_own_rig() else { return Ok(Motion::new(out, clip)) };
         let follows = self.resolved.uncoded_joints == UncodedJoints::Follow;
         let base = follows.then(|| uncoded::settle(&prompt.clip.at_rate()?, prompt.frames)).transpose()?;
-        let map = request.read.map.as_deref();
-        let about_m = prompt.clip.about_m(RootGiven::by(prompt).path, map)?;
-        prompt.clip.on_own_rig(&clip, about_m, map, base.as_ref())
+        let about_m = prompt.clip.about_m(RootGiven::by(prompt).path)?;
+        prompt.clip.on_own_rig(&clip, about_m, base.as_ref())
     }
 
     /// The clip of words on the model's rig, where it is to stand: on y = 0, unless it is an edit.
     fn clip(&self, words: &Words) -> Result<Clip> {
-        let clip = match &self.prompt {
-            Some(prompt) => prompt.clip.decode(&self.tokenizer, words, self.resolved.uncoded_joints, prompt.frames)?,
-            None if self.resolved.uncoded_joints == UncodedJoints::Training => {
-                self.tokenizer.decode(words, self.tokenizer.uncoded_pose())?
-            }
-            None => self.tokenizer.decode(words, UncodedPose::Identity)?,
-        };
+        self.placed(self.tokenizer.decode(words, self.rest()?.pose())?)
+    }
+
+    /// What the joints do that the model doesn't code.
+    pub(crate) fn rest(&self) -> Result<Rest> {
+        match (&self.prompt, self.resolved.uncoded_joints) {
+            (Some(prompt), uncoded) => prompt.clip.rest(&self.tokenizer, uncoded, prompt.frames),
+            (None, UncodedJoints::Training) => Ok(Rest::Pose(*self.tokenizer.mean_pose())),
+            (None, _) => Ok(Rest::Pose([Quat::IDENTITY; 24])),
+        }
+    }
+
+    fn placed(&self, clip: Clip) -> Result<Clip> {
         let clip = self.without_lead_in(&clip)?;
         let clip = clip.slice(0..self.frames.min(clip.frames()));
         match (&self.prompt, self.resolved.placement) {

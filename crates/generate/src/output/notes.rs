@@ -65,12 +65,12 @@ impl OpenRequest {
     /// What reading and coding the file `out` fails with.
     pub fn read_back_note(&self, words: &Words, out: &Path) -> Result<Option<String>> {
         let given = self.on_own_rig().filter(|(prompt, _)| !prompt.given.is_empty());
-        let Some((prompt, request)) = given else { return Ok(None) };
+        let Some((prompt, _)) = given else { return Ok(None) };
         let back = prompt::read_back(out, &self.resolved, &prompt.clip, &self.tokenizer)?;
         let Some((motion, again)) = back else { return Ok(None) };
         let share = prompt::share_changed(words.codes(), again.codes(), &prompt.given, prompt.clip.words.len());
         let Some(share) = share else { return Ok(None) };
-        let distance = given_distance(&self.tokenizer, prompt, request.read.map.as_deref(), &motion.clip)?;
+        let distance = given_distance(&self.tokenizer, prompt, &motion.clip)?;
         let distance = distance
             .map(|d| format!("; the given joints are {:.2} cm off on average, {:.2} at most", d.mean_cm, d.max_cm));
         Ok(Some(format!(

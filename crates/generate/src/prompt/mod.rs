@@ -9,8 +9,8 @@ use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::joints::Selection;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::rig::{SkeletonMap, floor, map_of};
-use kinelm_motion::{Clip, Motion, Source, Warning, smpl};
+use kinelm_motion::rig::Humanoid;
+use kinelm_motion::{Clip, Motion, Quat, Source, Warning, smpl};
 use kinelm_tokenizer::{Encoded, Tokenizer, UncodedPose, WordLength, Words};
 use std::path::Path;
 
@@ -31,6 +31,35 @@ pub struct PromptClip {
     pub clipped: u64,
     /// SHA-256 of the file.
     pub sha256: String,
+}
+
+/// What the joints do that the tokenizer doesn't code.
+pub enum Rest {
+    /// A constant pose.
+    Pose([Quat; 24]),
+    /// As in a clip, frame by frame; after its end as in its last frame.
+    Clip(Clip),
+}
+
+impl Rest {
+    /// As decoding takes it.
+    pub(crate) fn pose(&self) -> UncodedPose<'_> {
+        match self {
+            Rest::Pose(pose) => UncodedPose::Pose(pose),
+            Rest::Clip(clip) => UncodedPose::Clip(clip),
+        }
+    }
+
+    /// The same for `frames` frames from the frame `first` on.
+    pub(crate) fn from(&self, first: usize, frames: usize) -> Rest {
+        match self {
+            Rest::Pose(pose) => Rest::Pose(*pose),
+            Rest::Clip(clip) => {
+                let first = first.min(clip.frames().saturating_sub(1));
+                Rest::Clip(clip.slice(first..(first + frames).min(clip.frames())))
+            }
+        }
+    }
 }
 
 impl PromptClip {
@@ -63,12 +92,23 @@ impl PromptClip {
         Ok(PromptClip { motion, clip, floor_m, under_m, words: coded.words, clipped, sha256 })
     }
 
+    /// The same prompt with this skeleton map of its rig.
+    ///
+    /// # Errors
+    /// Those of [`PromptClip::load`].
+    pub fn with_map(self, map: &str, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<PromptClip> {
+        let (warnings, motion) = (self.motion.warnings.clone(), self.motion.with_map(map)?);
+        let mut again = PromptClip::of(ModelClip::of(motion, options, tokenizer.config().into())?, tokenizer)?;
+        again.motion.warnings = warnings;
+        Ok(PromptClip { sha256: self.sha256, ..again })
+    }
+
     /// The same prompt with another motion of the same rig, rate and first frame.
     ///
     /// # Errors
     /// What retargeting and coding fail with.
-    pub fn with_motion(self, motion: Motion, map: Option<&str>, tokenizer: &Tokenizer) -> Result<PromptClip> {
-        let clip = resample(&retarget::to_smpl(&motion, map)?, tokenizer.fps(), Method::Auto)?;
+    pub(crate) fn with_motion(self, motion: Motion, tokenizer: &Tokenizer) -> Result<PromptClip> {
+        let clip = resample(&retarget::to_smpl(&motion)?, tokenizer.fps(), Method::Auto)?;
         let words = tokenizer.encode(&clip.clone().raised(-self.under_m))?.words;
         Ok(PromptClip { motion, clip, words, ..self })
     }
@@ -85,7 +125,7 @@ impl PromptClip {
     pub fn ground_m(&self) -> Result<f64> {
         match self.floor_m {
             Some(_) => Ok(self.under_m),
-            None => Ok(floor(&self.clip, &SkeletonMap::by_name_or_file("smpl")?)?.height_m),
+            None => Ok(Humanoid::neutral().floor(&self.clip)?.height_m),
         }
     }
 
@@ -94,7 +134,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// Those of [`PromptClip::ground_m`].
-    pub fn rise_m(&self, first_m: f64) -> Result<f64> {
+    pub(crate) fn rise_m(&self, first_m: f64) -> Result<f64> {
         match self.floor_m {
             Some(_) => Ok(0.0),
             None => Ok(self.clip.root()[0].y - self.ground_m()? - first_m),
@@ -105,7 +145,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// None for a clip that was read.
-    pub fn at_rate(&self) -> Result<Clip> {
+    pub(crate) fn at_rate(&self) -> Result<Clip> {
         Ok(resample(&self.motion.clip, self.clip.fps(), Method::Auto)?)
     }
 
@@ -113,7 +153,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// More frames than the prompt has, or too few for a word.
-    pub fn beginning(&self, tokenizer: &Tokenizer, frames: usize) -> Result<Vec<u32>> {
+    pub(crate) fn beginning(&self, tokenizer: &Tokenizer, frames: usize) -> Result<Vec<u32>> {
         if frames > self.frames() {
             let expected = format!("a frame of the prompt, which has {}", self.frames());
             return Err(Error::invalid("`from_frame`", frames, expected));
@@ -129,28 +169,22 @@ impl PromptClip {
         Ok(tokenizer.ids_of_words(&tokenizer.encode(&clip)?.words.slice(0..whole - unsettled))?)
     }
 
-    /// The clip of a dance's words, at the heights that are coded: above y = 0 where the tokenizer subtracts the floor. `uncoded`
-    /// says what the other joints do; of the prompt `given` frames count for [`UncodedJoints::Follow`].
+    /// What the joints do that the tokenizer doesn't code, as `uncoded` says; of the prompt `given` frames count for
+    /// [`UncodedJoints::Follow`].
     ///
     /// # Errors
-    /// Words that are not this tokenizer's.
-    pub fn decode(&self, tokenizer: &Tokenizer, words: &Words, uncoded: UncodedJoints, given: usize) -> Result<Clip> {
-        let (mean, settled);
-        let rest = match uncoded {
-            UncodedJoints::Identity => UncodedPose::Identity,
-            UncodedJoints::Training => tokenizer.uncoded_pose(),
-            UncodedJoints::Prompt => UncodedPose::Clip(&self.clip),
+    /// None for a clip that was read.
+    pub(crate) fn rest(&self, tokenizer: &Tokenizer, uncoded: UncodedJoints, given: usize) -> Result<Rest> {
+        Ok(match uncoded {
+            UncodedJoints::Identity => Rest::Pose([Quat::IDENTITY; 24]),
+            UncodedJoints::Training => Rest::Pose(*tokenizer.mean_pose()),
+            UncodedJoints::Prompt => Rest::Clip(self.clip.clone()),
             UncodedJoints::Mean => {
                 let pose = uncoded::mean_pose(&self.clip);
-                mean = std::array::from_fn(|j| pose[j]);
-                UncodedPose::Pose(&mean)
+                Rest::Pose(std::array::from_fn(|j| pose[j]))
             }
-            UncodedJoints::Follow => {
-                settled = uncoded::settle(&self.clip, given)?;
-                UncodedPose::Clip(&settled)
-            }
-        };
-        Ok(tokenizer.decode(words, rest)?)
+            UncodedJoints::Follow => Rest::Clip(uncoded::settle(&self.clip, given)?),
+        })
     }
 
     /// A dance on SMPL-24 that stands on y = 0, retargeted to the prompt's own rig, as it will be written: about the height
@@ -159,9 +193,9 @@ impl PromptClip {
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn on_own_rig(&self, dance: &Clip, about_m: f64, map: Option<&str>, base: Option<&Clip>) -> Result<Motion> {
-        let clip = self.retarget(map)?.with_floor(about_m).to_rig_over(dance, base)?;
-        Ok(Motion { clip, source: self.motion.source.clone(), ..self.motion.clone() })
+    pub(crate) fn on_own_rig(&self, dance: &Clip, about_m: f64, base: Option<&Clip>) -> Result<Motion> {
+        let clip = self.retarget()?.with_floor(about_m).to_rig_over(dance, base)?;
+        Ok(self.motion.clone().with_clip(clip))
     }
 
     /// The height about which the path of a dance on y = 0 is scaled to the prompt's own rig, metres: a path that it follows
@@ -169,21 +203,20 @@ impl PromptClip {
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn about_m(&self, follows_path: bool, map: Option<&str>) -> Result<f64> {
+    pub(crate) fn about_m(&self, follows_path: bool) -> Result<f64> {
         if !follows_path {
             return Ok(0.0);
         }
-        Ok(format::floor_height(&self.motion, map)? - self.ground_m()?)
+        Ok(format::floor_height(&self.motion)? - self.ground_m()?)
     }
 
     /// The retargeting between the prompt's own rig, on its own floor, and SMPL-24.
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn retarget(&self, map: Option<&str>) -> Result<Retarget> {
-        let rig = self.motion.clip.skeleton();
-        let floor_m = format::floor_height(&self.motion, map)?;
-        Ok(Retarget::new(rig, &map_of(&self.motion.clip, map)?, smpl::neutral())?.with_floor(floor_m))
+    pub(crate) fn retarget(&self) -> Result<Retarget> {
+        let floor_m = format::floor_height(&self.motion)?;
+        Ok(Retarget::of(self.motion.humanoid()?, smpl::neutral())?.with_floor(floor_m))
     }
 }
 
@@ -215,14 +248,14 @@ pub fn read_back(
     let options = request.read_back(dance);
     let mut motion = format::read(dance, &options)?;
     match resample(&motion.clip, tokenizer.fps(), Method::Stride) {
-        Ok(sampled) => motion.clip = sampled,
+        Ok(sampled) => motion = motion.with_clip(sampled),
         Err(_) => return Ok(None),
     }
-    let (map, follows_path) = (options.map.as_deref(), request.prompt.as_ref().is_some_and(PromptRequest::gives_path));
+    let follows_path = request.prompt.as_ref().is_some_and(PromptRequest::gives_path);
     // the way back has the floor of the way there, not one that the dance's own feet show
-    let floor_m = if request.rig == Rig::Prompt { prompt.about_m(follows_path, map)? } else { 0.0 };
-    let known = Motion { source: Source::Retargeted { floor_m }, ..motion.clone() };
-    let mut clip = retarget::to_smpl(&known, map)?;
+    let floor_m = if request.rig == Rig::Prompt { prompt.about_m(follows_path)? } else { 0.0 };
+    let known = motion.clone().with_source(Source::Retargeted { floor_m });
+    let mut clip = retarget::to_smpl(&known)?;
     if let Some(first) = clip.root().first().filter(|_| follows_path && prompt.floor_m.is_none()) {
         let rise = prompt.clip.root()[0].y - first.y;
         clip = clip.raised(rise);
@@ -262,11 +295,6 @@ pub fn given_characters(tokenizer: &Tokenizer, selection: &Selection) -> Result<
         return Err(Error::unsupported("given joints", why));
     }
     Ok(given)
-}
-
-/// A clip on the model's own rig as a motion to be written to `path`.
-pub fn on_model_rig(path: &Path, clip: Clip) -> Motion {
-    Motion { path: path.to_owned(), clip, source: Source::Plain, warnings: Vec::new() }
 }
 
 #[cfg(test)]

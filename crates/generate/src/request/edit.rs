@@ -4,7 +4,7 @@ use super::span::Span;
 use serde::{Deserialize, Serialize};
 
 /// Which part of a clip stays, and which is generated.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Edit {
     /// Joints and times that are given. Empty: everything is given but `free`.
@@ -13,44 +13,52 @@ pub struct Edit {
     /// Joints and times that are generated, even where `given` names them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub free: Vec<Span>,
-    /// Seconds over which the difference between generated and given frames fades, on the generated side.
-    pub blend_s: f64,
+    /// Seconds over which the difference between generated and given frames fades, on the generated side. `None`:
+    /// [`Edit::BLEND_S`].
+    pub blend_s: Option<f64>,
     /// Ways through the gaps that are sampled; the one that ends nearest to where the clip continues is chosen.
-    pub tries: usize,
+    /// `None`: [`Edit::TRIES`].
+    pub tries: Option<usize>,
     /// The end is generated so that it leads into the beginning, instead of `given` and `free`.
     #[serde(default, rename = "loop", skip_serializing_if = "Option::is_none")]
     pub looping: Option<Loop>,
 }
 
 impl Edit {
-    /// The usual [`Edit::blend_s`].
+    /// [`Edit::blend_s`] where it is left open.
     pub const BLEND_S: f64 = 0.2;
-    /// The usual [`Edit::tries`].
+    /// [`Edit::tries`] where it is left open.
     pub const TRIES: u8 = 8;
 
     /// Everything is given but these joints and times.
     pub fn of(free: Vec<Span>) -> Edit {
-        Edit { given: Vec::new(), free, blend_s: Edit::BLEND_S, tries: Edit::TRIES.into(), looping: None }
+        Edit { free, ..Edit::default() }
     }
 }
 
 /// What returns to the beginning at the end of a loop.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum LoopKind {
     /// Pose, position and heading
+    #[default]
     Back,
     /// The pose; position and heading continue from where the clip ends
     Pose,
 }
 
 /// A clip that can be played over and over.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Loop {
     /// What returns to the beginning.
     pub kind: LoopKind,
-    /// Seconds at the end that are generated.
-    pub over_s: f64,
+    /// Seconds at the end that are generated. `None`: [`Loop::OVER_S`].
+    pub over_s: Option<f64>,
+}
+
+impl Loop {
+    /// [`Loop::over_s`] where it is left open.
+    pub const OVER_S: f64 = 2.0;
 }

@@ -1,7 +1,7 @@
 //! A label for a part of a dance: `genre=salsa@0s:10s`.
 
 use super::span::Span;
-use kinelm_corpus::labels;
+use kinelm_corpus::labels::LabelFilter;
 use kinelm_motion::moment::Moment;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -33,10 +33,10 @@ impl FromStr for TimedLabel {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<TimedLabel, String> {
-        let pair = |label: &str| labels::parse_pair(label).map_err(|e| e.to_string());
+        let pair = |label: &str| label.parse::<LabelFilter>().map_err(|e| e.to_string());
         pair(text)?;
         let Span { joints: label, from, to } = text.parse()?;
-        let (field, value) = pair(&label)?;
+        let LabelFilter { field, value } = pair(&label)?;
         Ok(TimedLabel { field, value, from, to })
     }
 }

@@ -20,7 +20,6 @@ pub use span::Span;
 pub use timeline::{At, Segment, Timeline, TimelineClip};
 
 use crate::sampling::Sampling;
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -29,11 +28,10 @@ use std::path::PathBuf;
 /// ```
 /// use kinelm_generate::request::{Length, Request};
 ///
-/// let request = Request { length: Some(Length::Seconds(10.0)), seed: 7, ..Request::of("run") };
-/// assert_eq!((request.seed, request.guidance), (7, None));
+/// let request = Request { length: Some(Length::Seconds(10.0)), seed: Some(7), ..Request::of("run") };
+/// assert_eq!((request.seed, request.guidance), (Some(7), None));
 /// ```
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Request {
     /// The run folder of the model.
     pub run: PathBuf,
@@ -46,7 +44,7 @@ pub struct Request {
     /// Music to dance to.
     pub music: Option<MusicRequest>,
     /// Scale of classifier-free guidance by labels and music; 1 is the model as trained. `None`: with music the scale that
-    /// suits the model's music conditioning ([`crate::open::music_guidance`]), else 1.
+    /// suits the model's music conditioning ([`crate::open::MUSIC_GUIDANCE`] with beats), else 1.
     pub guidance: Option<f64>,
     /// Scale of guidance towards the goals after gaps, 0 to 10; 1 is the model as trained. `None`:
     /// [`crate::open::GOAL_GUIDANCE`] where the model is goal-conditioned and a gap ends, else 0.
@@ -64,10 +62,10 @@ pub struct Request {
     /// Passes of a masked model over a window, at most [`crate::masked::MOST_PASSES`]. `None`:
     /// [`crate::masked::PASSES`].
     pub passes: Option<usize>,
-    /// Seed of the random streams: the same request with the same seed gives the same dance.
-    pub seed: u64,
-    /// What the random streams derive from beside the seed.
-    pub seeding: Seeding,
+    /// Seed of the random streams: the same request with the same seed gives the same dance. `None`: [`crate::open::SEED`].
+    pub seed: Option<u64>,
+    /// What the random streams derive from beside the seed. `None`: [`Seeding::Inputs`].
+    pub seeding: Option<Seeding>,
     /// How free characters are sampled. Where none of its rules [truncates](Sampling::truncates), `top_p` is chosen:
     /// [`crate::sampling::TOP_P`], or [`crate::open::GIVEN_TOP_P`] where joints are given from end to end, or
     /// [`crate::open::GAP_TOP_P`] where the model is goal-conditioned, a gap ends and its guidance isn't 0.
@@ -79,39 +77,13 @@ pub struct Request {
     pub uncoded_joints: Option<UncodedJoints>,
     /// What is done to the feet. `None`: locked unless a leg is given.
     pub feet: Option<FootMode>,
-    /// Where and how the model computes.
-    pub computing: Computing,
-}
-
-impl Default for Request {
-    fn default() -> Request {
-        Request::of(PathBuf::new())
-    }
+    /// Where and how the model computes. `None`: [`Computing::default`].
+    pub computing: Option<Computing>,
 }
 
 impl Request {
-    /// A request of the model in the folder `run`, with seed 1 and everything else left open.
+    /// A request of the model in the folder `run`, everything else left open.
     pub fn of(run: impl Into<PathBuf>) -> Request {
-        Request {
-            run: run.into(),
-            prompt: None,
-            labels: BTreeMap::new(),
-            timed_labels: Vec::new(),
-            music: None,
-            guidance: None,
-            goal_guidance: None,
-            length: None,
-            fps: None,
-            lead_in: None,
-            first_frames: None,
-            passes: None,
-            seed: 1,
-            seeding: Seeding::Inputs,
-            sampling: Sampling::default(),
-            rig: None,
-            uncoded_joints: None,
-            feet: None,
-            computing: Computing::default(),
-        }
+        Request { run: run.into(), ..Request::default() }
     }
 }

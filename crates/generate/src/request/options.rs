@@ -5,8 +5,7 @@ use kinelm_motion::rotation::heading;
 use serde::{Deserialize, Serialize};
 
 /// How long a dance is.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Length {
     /// In frames at the model's rate.
     Frames(usize),
@@ -15,8 +14,7 @@ pub enum Length {
 }
 
 /// What an unprompted dance continues from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum LeadInKind {
     /// A second of a train clip, chosen by seed and labels
@@ -26,24 +24,22 @@ pub enum LeadInKind {
 }
 
 /// What the random streams of a dance derive from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Seeding {
     /// The seed alone: dances of one seed share their random numbers whatever they are given, so that what an input
     /// changes can be compared.
     Seed,
     /// The seed, the bytes of prompt and music, and the labels. Without any of these as [`Seeding::Seed`].
-    #[default]
     Inputs,
 }
 
 /// The rig that a dance is written on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Rig {
     /// SMPL-24
-    #[default]
     Model,
     /// The prompt's own
     Prompt,
@@ -63,18 +59,17 @@ pub enum FootMode {
 
 impl FootMode {
     /// Whether nothing is done; files leave the key out then.
-    pub fn is_off(&self) -> bool {
+    pub(crate) fn is_off(&self) -> bool {
         *self == FootMode::Off
     }
 }
 
 /// What the joints do that the tokenizer doesn't code.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum UncodedJoints {
     /// They stay in the rest pose.
-    #[default]
     Identity,
     /// They move as in the prompt and hold its last frame after its end.
     Prompt,

@@ -16,6 +16,13 @@ pub struct MusicRequest {
     pub from_s: f64,
 }
 
+impl MusicRequest {
+    /// Music that the dance begins at a time of, seconds; by default with it.
+    pub fn of(path: impl Into<PathBuf>, from_s: Option<f64>) -> MusicRequest {
+        MusicRequest { path: path.into(), from_s: from_s.unwrap_or(0.0) }
+    }
+}
+
 /// A clip, and which part of it is given. One of which nothing is given lends its rig and its rate to a new dance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -51,7 +58,7 @@ impl PromptRequest {
     }
 
     /// Whether the dance follows the clip's path, as far as the clip lasts: it continues from a frame, or the root is given.
-    pub fn gives_path(&self) -> bool {
+    pub(crate) fn gives_path(&self) -> bool {
         let has_root = |list: &str| joints::parse(list).is_ok_and(|selection| selection.translation);
         self.from_frame.is_some() || self.joints.as_deref().is_some_and(has_root)
     }

@@ -31,11 +31,8 @@ pub struct Resolved {
     /// The music that is danced to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub music: Option<MusicRequest>,
-    /// Frames at the model's rate; `None`: as many as the prompt or the music has.
-    pub frames: Option<usize>,
-    /// The length in seconds, where the request states it instead of frames; files hold frames.
-    #[serde(skip)]
-    pub seconds: Option<f64>,
+    /// Frames at the model's rate.
+    pub frames: usize,
     /// Frames per second of the file that is written.
     pub fps: f64,
     /// Lead-in frames, dropped from the output: the first frames that a model samples don't belong together yet.
@@ -71,6 +68,12 @@ pub struct Resolved {
 }
 
 impl Resolved {
+    /// The run and the files that are read.
+    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let prompt = self.prompt.iter().flat_map(PromptRequest::files);
+        prompt.chain(self.music.iter().map(|music| music.path.clone())).chain([self.run.clone()])
+    }
+
     /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole. An edited clip is its
     /// prompt's file with other numbers, so it keeps the floor, and the frames that reading leaves out of the prompt are left
     /// out of it too. Every other dance stands on y = 0.

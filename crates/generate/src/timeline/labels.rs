@@ -1,8 +1,9 @@
 //! Labels of a timeline.
 
-use super::layout::{Fault, times};
+use super::fault::Fault;
+use super::times::times;
 use crate::request::{Segment, TimedLabel};
-use kinelm_corpus::labels::parse_pair;
+use kinelm_corpus::labels::LabelFilter;
 use kinelm_motion::moment::Moment;
 use std::ops::Range;
 
@@ -22,11 +23,11 @@ pub(super) fn timed_labels(segments: &[Segment], fps: f64) -> Result<(Vec<TimedL
                 return Err(wrong("joints or at without a clip".into(), "the clip that they belong to"));
             }
         }
-        let frames = times(segment, fps).map_err(|(found, expected)| Fault::Segment(n, found, expected))?;
+        let frames = times(n, segment, fps)?;
         let [from, to] = [frames.start, frames.end].map(|frame| Some(Moment::Seconds(frame as f64 / fps)));
         for (field, value) in &segment.labels {
             let label = format!("{field}={value}");
-            parse_pair(&label).map_err(|e| wrong(e.to_string(), "a field and its value"))?;
+            label.parse::<LabelFilter>().map_err(|e| wrong(e.to_string(), "a field and its value"))?;
             let meets = |held: &Range<usize>| held.start < frames.end && frames.start < held.end;
             if let Some((other, ..)) = labels.iter().find(|(_, other, held)| other.field == *field && meets(held)) {
                 let found = format!("{label}, while segment {} says what {field} is too", other + 1);

@@ -60,14 +60,14 @@ impl TimelineLayout {
 mod tests {
     use super::*;
     use crate::request::Timeline;
-    use kinelm_motion::{Motion, Source, format, synth};
+    use kinelm_motion::{Motion, format, synth};
 
     #[test]
     fn a_row_is_given_generated_or_partly_given() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.bvh");
         let clip = synth::corpus(1, 1, 4.0, 20.0).unwrap().remove(0).clip;
-        format::write(&path, &Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] }).unwrap();
+        format::write(&path, &Motion::new(&path, clip)).unwrap();
         let text = "rig = \"a\"\nseconds = 4\n[clips.a]\nfile = \"a.bvh\"\n[[segment]]\nlabels = { genre = \"x\" }\n\
                     from = 0\nto = 1\n[[segment]]\nclip = \"a\"\nfrom = 0\nto = 2\n[[segment]]\nclip = \"a\"\n\
                     joints = \"root,left_arm\"\nfrom = 2\nto = 3\nat = 2\n";

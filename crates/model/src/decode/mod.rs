@@ -12,7 +12,24 @@ mod two_level;
 
 pub use conditioning::FrameConditioning;
 pub use kinelm_engine::decode::{KvKind, WeightKind};
-pub use reader::{Reader, ReaderOptions};
+pub use reader::Reader;
+
+/// How a model is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReaderOptions {
+    /// Sequences side by side; they share every read of a weight.
+    pub streams: usize,
+    /// How the weights are stored.
+    pub weights: WeightKind,
+    /// How keys and values are stored.
+    pub kv: KvKind,
+}
+
+impl Default for ReaderOptions {
+    fn default() -> ReaderOptions {
+        ReaderOptions { streams: 1, weights: WeightKind::F32, kv: KvKind::F32 }
+    }
+}
 
 /// Which logits a read returns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

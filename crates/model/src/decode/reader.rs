@@ -3,8 +3,8 @@
 use super::conditioning::FrameConditioning;
 use super::tokens::TokenDecoder;
 use super::two_level::TwoLevelDecoder;
-use super::{KvKind, Logits, WeightKind};
-use crate::architecture::Architecture;
+use super::{Logits, ReaderOptions};
+use crate::config::Architecture;
 use crate::config::{ModelConfig, ModelKind, TokenLayout};
 use crate::gpt::Gpt;
 use crate::scores::Scores;
@@ -14,23 +14,6 @@ use kinelm_engine::op::cross_entropy;
 /// Bytes of weights a token that stay in the caches of a processor where several threads read their own: measured with 1 to
 /// 19 MB on two threads of an AMD EPYC (Zen 4), up to 5 MB gain 1.3 times and more, 19 lose a little.
 const CACHED: usize = 8 << 20;
-
-/// How a model is read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ReaderOptions {
-    /// Sequences side by side; they share every read of a weight.
-    pub streams: usize,
-    /// How the weights are stored.
-    pub weights: WeightKind,
-    /// How keys and values are stored.
-    pub kv: KvKind,
-}
-
-impl Default for ReaderOptions {
-    fn default() -> ReaderOptions {
-        ReaderOptions { streams: 1, weights: WeightKind::F32, kv: KvKind::F32 }
-    }
-}
 
 /// Sequences that a model reads side by side.
 ///

@@ -1,7 +1,7 @@
 //! Models in folders that other programs read and write: our own form ([`own`]) and that of Hugging Face's GPT-2 ([`hf`]).
 
-pub mod hf;
-pub mod own;
+mod hf;
+mod own;
 #[cfg(test)]
 mod tests;
 

@@ -133,10 +133,6 @@ impl Fast {
     }
 }
 
-/// What is added to a backward pass where final vectors stand: from what goes into their norm (N, D) to its gradient and those
-/// of the model's tensors.
-pub(super) type Added<'a> = &'a mut dyn FnMut(&Fast, &[f32], &mut [f32], &mut [Floats]);
-
 #[cfg(test)]
 mod tests {
     use super::*;

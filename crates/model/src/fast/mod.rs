@@ -50,6 +50,10 @@ pub struct Windows<'a> {
     pub conditioning: Option<&'a Conditioning>,
 }
 
+/// What is added to a backward pass where final vectors stand: from what goes into their norm (N, D) to its gradient and those
+/// of the model's tensors.
+type Added<'a> = &'a mut dyn FnMut(&Fast, &[f32], &mut [f32], &mut [Floats]);
+
 /// A model whose passes the engine computes, on the rayon pool they are called in.
 pub struct Fast {
     config: ModelConfig,
@@ -158,7 +162,7 @@ impl Fast {
         windows: Windows,
         dropout: Option<&Dropout>,
         gradients: &mut [Floats],
-        added: classes::Added,
+        added: Added,
     ) -> Result<f64> {
         self.check(windows)?;
         let Windows { inputs, targets, length, .. } = windows;

@@ -1,6 +1,6 @@
 //! Forward and backward through a whole model, for batches of one shape.
 
-use super::classes::Added;
+use super::Added;
 use super::flat::Flat;
 use super::head::Heads;
 use super::keys::Keys;

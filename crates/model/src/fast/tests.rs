@@ -4,6 +4,8 @@ use super::*;
 use crate::music::Music;
 use crate::{HeadKind, Positions, fixtures, ops};
 use candle_core::{DType, Var};
+use kinelm_engine::bins::Bins;
+use kinelm_engine::op::cross_entropy::RowTarget;
 use rand_chacha::rand_core::RngCore;
 
 /// Largest difference of a gradient tensor over its largest number, which counts as no less than 1e-3 of the model's.
@@ -124,7 +126,7 @@ fn check(case: &Case) {
         Hides::Some(_) => Mask::Additive(&hidden),
     };
     let logits = truth.forward_masked(&ids, &plain_mask, dropout.as_ref()).unwrap();
-    let loss = ops::check::loss_sum(&logits.flatten_to(1).unwrap(), &targets, 0).unwrap();
+    let loss = loss_sum(&logits.flatten_to(1).unwrap(), &targets, 0).unwrap();
     let windows = Windows { inputs: &inputs, targets: &targets, length: case.length, mask, conditioning: None };
     let fast = compare(&what, &truth, Fast::of(&gpt).unwrap(), (windows, dropout.as_ref()), &loss, &logits);
     if case.mask == Hides::Later {
@@ -451,4 +453,14 @@ fn wrong_windows_are_refused() {
     assert_eq!(said(&[1, 2, 11], 3), "a token is id 11; expected ids below 11");
     assert!(said(&[1; 7], 3).contains("expected as many of both, in windows of 3"));
     assert!(said(&[], 0).contains("expected as many of both, in windows of 0"));
+}
+
+/// Sum of -ln p(target) over the rows of `logits` (N, V) whose target isn't `ignored`.
+fn loss_sum(logits: &Tensor, targets: &[u32], ignored: u32) -> candle_core::Result<Tensor> {
+    let count = logits.dim(1)? as u32;
+    let counted = (0..).zip(targets).filter(|(_, t)| **t != ignored);
+    let target_of = |(row, &target): (u32, &u32)| (row, RowTarget { target, first: 0, count, bins: Bins::NONE });
+    let (rows, targets): (Vec<u32>, Vec<RowTarget>) = counted.map(target_of).unzip();
+    let rows = Tensor::new(rows, logits.device())?;
+    ops::nats(&logits.index_select(&rows, 0)?, &targets, None)?.sum_all()
 }

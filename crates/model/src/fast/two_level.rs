@@ -3,7 +3,7 @@
 //! Letters: B windows, F frames, N = B F, W tokens of a word, C characters, T = F W, D width of the trunk, d of the decoder,
 //! e numbers of a character.
 
-use super::classes::Added;
+use super::Added;
 use super::keys::Keys;
 use super::stack::{Blocks, Stack};
 use super::tables::{add_rows, embed, into_table};

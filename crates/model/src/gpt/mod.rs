@@ -102,7 +102,7 @@ impl Gpt {
     ///
     /// # Errors
     /// As [`Gpt::forward`]; a mask of another shape.
-    pub fn forward_masked(&self, ids: &Tensor, mask: &Mask, dropout: Option<&Dropout>) -> Result<Tensor> {
+    pub(crate) fn forward_masked(&self, ids: &Tensor, mask: &Mask, dropout: Option<&Dropout>) -> Result<Tensor> {
         self.check_length(ids.dims2()?.1)?;
         self.net.forward(ids, mask, Beside { dropout, conditioning: None }, None)
     }

@@ -12,7 +12,7 @@ const MULTIPLES: usize = 3;
 /// Beats before the first and behind the last in which the phase is known.
 const BEYOND: f64 = 4.0;
 /// Conditioning numbers of a frame.
-pub const NUMBERS: usize = 1 + 2 * MULTIPLES * AHEAD_S.len();
+pub(crate) const NUMBERS: usize = 1 + 2 * MULTIPLES * AHEAD_S.len();
 
 /// The phase at a time, in beats, among beats that rise; none where it isn't known.
 fn phase(beats_s: &[f64], time_s: f64) -> Option<f64> {

@@ -10,7 +10,7 @@ use kinelm_music::feature::CHANNELS;
 use serde::{Deserialize, Serialize};
 
 /// Conditioning numbers of a frame.
-pub const NUMBERS: usize = 1 + CHANNELS * AHEAD_S.len();
+pub(crate) const NUMBERS: usize = 1 + CHANNELS * AHEAD_S.len();
 /// A standard deviation is scaled to this. 141 new inputs of size 1 disturb what a model has learned
 /// (docs/results/music.md).
 const DEVIATION: f32 = 0.1;

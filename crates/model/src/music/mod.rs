@@ -26,7 +26,7 @@ pub enum Music {
 }
 
 /// Times after the frame's own whose music conditions it, seconds.
-pub const AHEAD_S: [f64; 4] = [0.0, 0.1, 0.25, 0.5];
+pub(crate) const AHEAD_S: [f64; 4] = [0.0, 0.1, 0.25, 0.5];
 
 impl Music {
     /// Whether it is nothing.

@@ -14,7 +14,7 @@ mod input;
 mod rotary;
 mod two_level;
 
-use super::architecture::Architecture;
+use super::config::Architecture;
 use super::config::{ModelConfig, ModelKind, TokenLayout};
 use super::dropout::Dropout;
 use super::goal::Conditioning;

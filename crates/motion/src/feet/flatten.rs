@@ -1,9 +1,9 @@
 //! Pitch correction of feet in contact, so that they are flat on the floor or nearly.
 
-use super::contact::Contact;
 use super::leg::Leg;
 use super::track::FootTrack;
 use crate::{Quat, Vec3};
+use std::ops::Range;
 
 /// Largest lowering of a raised heel, radians: a stance on the balls of the feet stays one.
 const HEEL: f64 = 0.3;
@@ -14,12 +14,12 @@ const STEEP: f64 = 0.8;
 /// Pitch that is left as it is, radians.
 const SLACK: f64 = 0.05;
 
-/// Pitch correction of the foot in a contact, toes up, radians: most of the negative mean pitch over the contact; 0 for a
+/// Pitch correction of a foot that is in contact in these frames, toes up, radians: most of the negative mean pitch over the contact; 0 for a
 /// rig with ankles only.
-pub fn turn(track: &FootTrack, contact: &Contact) -> f64 {
+pub fn turn(track: &FootTrack, contact: Range<usize>) -> f64 {
     let Some(flat) = flat_drop_m(track.leg) else { return 0.0 };
     let up = |f: usize| track.sole(f).map_or(0.0, |sole| pitch(sole, flat));
-    let mean = contact.frames().map(up).sum::<f64>() / contact.frames().len().max(1) as f64;
+    let mean = contact.clone().map(up).sum::<f64>() / contact.len().max(1) as f64;
     if mean.abs() > STEEP {
         return 0.0;
     }

@@ -114,7 +114,7 @@ pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> 
         found[side].iter_mut().for_each(|contact| contact.begin_at(fixed.frames, track));
         found[side].retain(|contact| !contact.frames().is_empty());
         let whole = found[side].iter_mut().filter(|contact| contact.from > fixed.frames || fixed.frames == 0);
-        whole.for_each(|contact| contact.turn = flatten::turn(track, contact));
+        whole.for_each(|contact| contact.turn = flatten::turn(track, contact.frames()));
     }
     // reach is known only after the body was lowered: drop the contacts that are out of reach and repeat
     loop {

@@ -10,6 +10,7 @@ use super::pickle::{Pickle, Value};
 use super::smpl_arrays::{Vectors, translations};
 use super::{Axes, ReadOptions, Up, body_model};
 use crate::error::{FaultKind, FileError};
+use crate::rig::map_if_any;
 use crate::{Clip, Error, Motion, Result, Source, Warning};
 use kinelm_store::SourcePos;
 use std::path::Path;
@@ -73,11 +74,12 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         }
     }
     let clip = Clip::new(body.skeleton, options.fps_source.unwrap_or(fps), root, rotations)?;
-    let (axes, doubt) = Axes::of_body(&clip, Up::Y, options)?;
+    let found = map_if_any(&clip, options.map.as_deref())?;
+    let (axes, doubt) = Axes::of_body(&clip, Up::Y, options, found.as_ref());
     warnings.extend(doubt);
     let clip = axes.to_y_up(clip)?;
     let source = Source::Aist { scaling: scale, rest_pelvis: body.rest_pelvis, body_model: body.from_model, axes };
-    Ok(Motion { path: path.to_owned(), clip, source, warnings })
+    Ok(Motion::read(path, clip, source, warnings, found))
 }
 
 fn scale(scaling: &Array) -> Result<f64> {

@@ -12,6 +12,7 @@ use super::smpl_arrays::{Vectors, translations};
 use super::{Axes, Up};
 use crate::error::{FaultKind, FileError, compact};
 use crate::resample::{FEWEST_FPS, MOST_FPS};
+use crate::rig::map_if_any;
 use crate::rotation::exp_map;
 use crate::{Clip, Motion, Quat, Result, Source, Vec3, Warning, smpl};
 use kinelm_store::SourcePos;
@@ -60,12 +61,13 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let metres = options.unit.metres().unwrap_or(1.0);
     let root = positions.iter().map(|&t| body.rest_pelvis + t * metres).collect();
     let clip = Clip::new(body.skeleton, fps, root, rotations)?;
-    let (axes, doubt) = Axes::of_body(&clip, Up::Z, options)?;
+    let found = map_if_any(&clip, options.map.as_deref())?;
+    let (axes, doubt) = Axes::of_body(&clip, Up::Z, options, found.as_ref());
     warnings.extend(doubt);
     let clip = axes.to_y_up(clip)?;
     let (rest_pelvis, body_model) = (body.rest_pelvis, body.from_model);
     let source = Source::Amass { model, gender, betas: betas.len(), rest_pelvis, body_model, axes };
-    Ok(Motion { path: path.to_owned(), clip, source, warnings })
+    Ok(Motion::read(path, clip, source, warnings, found))
 }
 
 /// An AMASS SMPL+H file of a clip on SMPL-24: `poses` (F, 156) f64 with the fingers 0, `trans` (F, 3), `betas` 16 zeros,

@@ -8,7 +8,7 @@ mod keys;
 
 use super::figure::{Chosen, Nodes, choose_take};
 use super::options::{ReadOptions, is_rate};
-use super::posed::{Figure, MOST_PLACED, Placed, placed, unique};
+use super::posed::{Figure, MOST_PLACED, Placed, Posed, placed, unique};
 use super::{Axes, Up};
 use crate::error::{FaultKind, FileError};
 use crate::{Motion, Result, Source, Vec3, Warning};
@@ -106,17 +106,17 @@ fn read_within(limit: usize, path: &Path, bytes: &[u8], options: &ReadOptions) -
         Ok(nodes.iter().map(|&n| split(&now.nodes[n].node_to_world)).collect())
     });
     let stated_m = Some(scene.settings.original_unit_meters).filter(|m| *m > 0.0 && m.is_finite()).unwrap_or(1.0);
-    let rate = (options.fps_source.unwrap_or(own), options);
-    let (clip, more) = whole.clip(root.and_then(joint), rate, stated_m, frames)?;
+    let fps = options.fps_source.unwrap_or(own);
+    let Posed { clip, found, warnings: more } = whole.clip(root.and_then(joint), fps, options, stated_m, frames)?;
     if nodes.iter().all(|&n| posed(&scene.nodes[n]).is_none()) {
         let what = "no bind pose: rotations are 0 as the figure stood when it was saved; was that no rest pose, export it \
                     with its mesh";
         warnings.push(Warning { kind: "no_bind_pose", what: what.into() });
     }
     warnings.extend(more);
-    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options)?;
+    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options, found.as_ref());
     warnings.extend(doubt);
-    Ok(Motion { path: path.to_owned(), clip: axes.to_y_up(clip)?, source: Source::plain(axes), warnings })
+    Ok(Motion::read(path, axes.to_y_up(clip)?, Source::plain(axes), warnings, found))
 }
 
 /// The node above a node, but for the root of the scene.

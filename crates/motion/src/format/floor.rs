@@ -1,40 +1,38 @@
 //! The floor of a motion as it was read: given by the caller or the source, else detected from the feet.
 
 use super::{Motion, ReadOptions, Source};
-use crate::rig::{floor, map_of};
 use crate::{Error, Result};
 
 /// Resolves the floor of a motion, metres: the one in `options`, else the one detected from the feet. Doubts are added to
 /// the motion's warnings.
 ///
 /// # Errors
-/// Those of [`map_of`] and [`Feet::new`](crate::rig::Feet::new); [`Invalid`](kinelm_store::Error::Invalid) for a given floor
-/// that isn't finite.
+/// Those of [`Motion::floor`]; [`Invalid`](kinelm_store::Error::Invalid) for a given floor that isn't finite.
 pub fn resolve_floor(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
     if let Some(given) = options.floor {
         let fault = || Error::invalid("`floor`", given, "a height in metres");
         return if given.is_finite() { Ok(given) } else { Err(fault()) };
     }
-    let map = map_of(&motion.clip, options.map.as_deref())?;
-    let floor = floor(&motion.clip, &map)?;
-    motion.warnings.extend(floor.doubts);
-    Ok(floor.height_m)
+    let floor = motion.floor()?;
+    let (height_m, doubts) = (floor.height_m, floor.doubts.clone());
+    motion.warnings.extend(doubts);
+    Ok(height_m)
 }
 
 /// The floor of a motion, metres: detected from the feet on the file's own rig ([`mod@crate::rig::floor`]), or known from
 /// before the motion was retargeted.
 ///
 /// # Errors
-/// Those of [`map_of`] and [`Feet::new`](crate::rig::Feet::new).
-pub fn floor_height(motion: &Motion, map: Option<&str>) -> Result<f64> {
+/// Those of [`Motion::floor`].
+pub fn floor_height(motion: &Motion) -> Result<f64> {
+    known_floor(motion).map_or_else(|| Ok(motion.floor()?.height_m), Ok)
+}
+
+/// The floor of a motion that was retargeted, metres.
+pub(crate) fn known_floor(motion: &Motion) -> Option<f64> {
     match &motion.source {
-        Source::Retargeted { floor_m } => return Ok(*floor_m),
-        Source::Bvh(bvh) => {
-            if let Some(floor_m) = bvh.floor_m {
-                return Ok(floor_m);
-            }
-        }
-        _ => {}
+        Source::Retargeted { floor_m } => Some(*floor_m),
+        Source::Bvh(bvh) => bvh.floor_m,
+        _ => None,
     }
-    Ok(floor(&motion.clip, &map_of(&motion.clip, map)?)?.height_m)
 }

@@ -1,7 +1,7 @@
 //! Programs that import what is written, and what each expects of names, units and roots.
 
 use super::Format;
-use crate::{Clip, Error, Motion, Result, Skeleton, Source, Vec3};
+use crate::{Clip, Error, Motion, Result, Skeleton, Vec3};
 use std::collections::HashSet;
 use std::sync::Arc;
 
@@ -42,7 +42,7 @@ impl Importer {
         let clip = self.fit(&motion.clip)?;
         match format {
             Format::Glb => super::glb::to_bytes(&[(name, &clip)]),
-            _ => super::bvh::to_bytes_in(&Motion { clip, source: Source::Plain, ..motion.clone() }, 1.0),
+            _ => super::bvh::to_bytes_in(&Motion::new(&motion.path, clip), 1.0),
         }
     }
 
@@ -119,12 +119,7 @@ mod tests {
 
     #[test]
     fn a_bvh_is_in_metres_and_its_root_has_no_offset() {
-        let motion = Motion {
-            path: "a.bvh".into(),
-            clip: clip(&["hips", "spine"]),
-            source: Source::Plain,
-            warnings: Vec::new(),
-        };
+        let motion = Motion::new("a.bvh", clip(&["hips", "spine"]));
         let text = String::from_utf8(Importer::Three.to_bytes("a", &motion, Format::Bvh).unwrap()).unwrap();
         assert!(text.contains("ROOT hips\n{\n  OFFSET 0.000000 0.000000 0.000000"), "{text}");
         assert!(text.contains("    OFFSET 0.100000 0.900000 0.000000"), "{text}");

@@ -9,6 +9,7 @@
 
 use super::{Axes, ReadOptions, Up};
 use crate::error::{FaultKind, FileError};
+use crate::rig::map_if_any;
 use crate::{Clip, EndSite, Error, Motion, Quat, Result, Skeleton, Source, Vec3};
 use kinelm_store::SourcePos;
 use serde::{Deserialize, Serialize};
@@ -46,7 +47,13 @@ struct End {
 /// # Errors
 /// [`FaultKind::JsonBad`], with line and column for a syntax error or unknown key, without them for impossible values.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
-    check_schema(path, bytes)?;
+    match super::sniff(bytes) {
+        "JSON" | "text" => check_schema(path, bytes)?,
+        other => {
+            let at = SourcePos::file(path);
+            return Err(FileError::new(at, FaultKind::NotThisFormat, other, "a clip as JSON").into());
+        }
+    }
     let Document { fps, names, parents, offsets, ends, root, rotations, .. } =
         serde_json::from_slice(bytes).map_err(|e| malformed(path, &e))?;
     let bad = |found: String, expected: &str| Error::from(fault(path, found, expected));
@@ -74,11 +81,23 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         .map_err(|e| bad(e.to_string(), "a clip"))?;
     let mirror = options.mirror_axis;
     let clip = Axes::OWN.mirrored(mirror).to_y_up(clip)?;
-    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options)?;
+    let found = map_if_any(&clip, options.map.as_deref())?;
+    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options, found.as_ref());
     let clip = axes.to_y_up(clip)?;
     let is_plain = axes.up == Up::Y && mirror.is_none();
     let source = if is_plain { Source::Plain } else { Source::Json(axes.mirrored(mirror)) };
-    Ok(Motion { path: path.to_owned(), clip, source, warnings: doubt.into_iter().collect() })
+    Ok(Motion::read(path, clip, source, doubt.into_iter().collect(), found))
+}
+
+/// A motion as JSON, in the axes of its file if that was JSON too.
+///
+/// # Errors
+/// None for a finite clip.
+pub(super) fn to_bytes(motion: &Motion) -> Result<Vec<u8>> {
+    match motion.source {
+        Source::Json(axes) => Ok(write(axes.restored(&motion.clip)?.as_ref())),
+        _ => Ok(write(&motion.clip)),
+    }
 }
 
 /// A clip as JSON, one line per field and per frame.

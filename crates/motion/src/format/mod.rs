@@ -13,11 +13,11 @@ pub mod array;
 pub mod body_model;
 pub mod bvh;
 mod contact;
-mod extension;
 #[cfg(feature = "fbx")]
 pub mod fbx;
 mod figure;
 mod floor;
+mod formats;
 pub mod glb;
 mod importer;
 pub mod json;
@@ -44,8 +44,9 @@ pub mod source;
 mod stand;
 mod up;
 
-pub use extension::Format;
+pub(crate) use floor::known_floor;
 pub use floor::{floor_height, resolve_floor};
+pub use formats::{FORMATS, Format, FormatInfo};
 pub use importer::Importer;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};
 pub use rate::RateDoubt;
@@ -59,10 +60,10 @@ pub use up::{Axes, Up, UpSource};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS, check_fps};
-use crate::rig::{self, map_if_any};
-use crate::{Clip, Error, FaultKind, FileError, Result};
-use kinelm_store::Subject;
-use kinelm_store::{SourcePos, files, input};
+use crate::rig::{self, Humanoid};
+use crate::{Error, FaultKind, FileError, Result};
+use formats::Step;
+use kinelm_store::{SourcePos, Subject, files, input};
 use options::{check_skip, is_rate};
 use positions::Positions;
 use std::io::Read;
@@ -92,8 +93,7 @@ use std::path::Path;
 /// ```
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
     let format = Format::of(path).map_err(|e| with_content_kind(e, path))?;
-    check_rate(options)?;
-    check_mirror(path, format, options)?;
+    check(path, format.info(), options)?;
     parse(path, &input::bytes(path).map_err(Error::io(path))?, options)
 }
 
@@ -102,39 +102,20 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Motion> {
 /// # Errors
 /// Those of [`read`] except for I/O errors.
 pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
-    let format = Format::of(path)?;
-    check_rate(options)?;
-    check_mirror(path, format, options)?;
-    let mut motion = match format {
-        Format::Amc => skipped(amc::read(path, bytes, options)?, options)?,
-        Format::Bvh => bvh::read(path, bytes, options)?,
-        #[cfg(feature = "amass")]
-        Format::Npz => skipped(amass::read(path, bytes, options)?, options)?,
-        #[cfg(not(feature = "amass"))]
-        Format::Npz => return Err(left_out(path, "amass")),
-        #[cfg(feature = "aist")]
-        Format::Pickle => skipped(aist::read(path, bytes, options)?, options)?,
-        #[cfg(not(feature = "aist"))]
-        Format::Pickle => return Err(left_out(path, "aist")),
-        #[cfg(feature = "fbx")]
-        Format::Fbx => skipped(fbx::read(path, bytes, options)?, options)?,
-        #[cfg(not(feature = "fbx"))]
-        Format::Fbx => return Err(left_out(path, "fbx")),
-        Format::Json => match sniff(bytes) {
-            "JSON" | "text" => skipped(json::read(path, bytes, options)?, options)?,
-            other => {
-                return Err(
-                    FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, other, "a clip as JSON").into()
-                );
-            }
-        },
-        Format::Glb => skipped(glb::read(path, bytes, options)?, options)?,
-    };
-    if matches!(format, Format::Amc | Format::Glb | Format::Fbx) {
-        motion.clip = Axes::OWN.mirrored(options.mirror_axis).to_y_up(motion.clip)?;
+    let info = Format::of(path)?.info();
+    check(path, info, options)?;
+    let read = info.read.ok_or_else(|| left_out(path, info))?;
+    let mut motion = read(path, bytes, options)?;
+    if info.then.contains(&Step::Skip) {
+        motion = skipped(motion, options)?;
     }
-    if matches!(format, Format::Amc | Format::Json | Format::Npz | Format::Pickle) {
-        motion.clip = rooted(motion.clip, path, options)?;
+    if info.then.contains(&Step::Mirror) {
+        let (clip, found) = (motion.clip.clone(), motion.found().cloned());
+        let clip = Axes::OWN.mirrored(options.mirror_axis).to_y_up(clip)?;
+        motion = motion.with_clip(clip).with_found(found);
+    }
+    if info.then.contains(&Step::Root) {
+        motion = rooted(motion, options)?;
     }
     let fps = motion.clip.fps();
     if !is_rate(fps) {
@@ -144,25 +125,19 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         return Err(fault.help("give the true rate as `fps_source`").into());
     }
     let mut motion = rest::handle_rest_frame(motion, options);
-    let found = match rig::find_map(&motion.clip, options.map.as_deref()) {
-        Err(e) if options.map.is_some() => return Err(e),
-        found => found.ok(),
-    };
-    if let Some(found) = &found {
-        motion.warnings.extend(rig::warnings(&motion.clip, found));
+    let humanoid = motion.known().cloned();
+    if let Some(humanoid) = &humanoid {
+        motion.warnings.extend(rig::warnings(&motion.clip, humanoid));
     }
-    let unit_m = match &motion.source {
-        Source::Bvh(bvh) => Some(bvh.rig.unit_m),
-        // their readers know what the file states
-        _ if matches!(format, Format::Glb | Format::Fbx) => None,
-        _ => Some(options.unit.metres().unwrap_or(1.0)),
-    };
-    if let Some(unit_m) = unit_m {
-        motion.warnings.extend(size::doubt(&motion.clip, found.as_ref().map(|found| &found.map), unit_m));
-    }
-    // their bones are SMPL's, whatever the unit of the path
-    if let (Format::Npz | Format::Pickle, Some(unit_m)) = (format, unit_m) {
-        motion.warnings.extend(size::path_doubt(&motion.clip, unit_m));
+    if info.then.contains(&Step::Size) {
+        let unit_m = match &motion.source {
+            Source::Bvh(bvh) => bvh.rig.unit_m,
+            _ => options.unit.metres().unwrap_or(1.0),
+        };
+        motion.warnings.extend(size::doubt(&motion.clip, humanoid.as_ref().map(Humanoid::map), unit_m));
+        // its bones are SMPL's, whatever the unit of the path
+        let path_doubt = info.is_smpl.then(|| size::path_doubt(&motion.clip, unit_m));
+        motion.warnings.extend(path_doubt.flatten());
     }
     // a body of a wrong size falls at a wrong rate too
     let is_doubted = motion.warnings.iter().any(|w| w.kind == "size_doubted");
@@ -172,29 +147,32 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     Ok(motion)
 }
 
-/// A clip whose joints are in the file as they are, from the joint that `root` of the options names, else from its motion
+/// A motion whose joints are in the file as they are, from the joint that `root` of the options names, else from its motion
 /// root.
-fn rooted(clip: Clip, path: &Path, options: &ReadOptions) -> Result<Clip> {
-    let rig = clip.skeleton();
-    let map = options.map.as_deref();
-    let joint = match &options.root {
-        Some(name) => {
-            let joint = rig.find(name).ok_or_else(|| {
-                let found = format!("no joint {name:?}");
-                FileError::new(SourcePos::file(path), FaultKind::RootUnknown, found, "a joint of the file")
-                    .help(format!("there are {}", rig.names().join(", ")))
-            })?;
-            motion_root::named(&clip, joint, map)?
-        }
-        None => map_if_any(rig, Some(&clip), map)?.and_then(|map| motion_root::of_map(rig, &map)).unwrap_or(0),
+fn rooted(motion: Motion, options: &ReadOptions) -> Result<Motion> {
+    let (rig, given) = (motion.clip.skeleton(), options.map.as_deref());
+    let named = |name: &String| {
+        let unknown = || {
+            let found = format!("no joint {name:?}");
+            FileError::new(SourcePos::file(&motion.path), FaultKind::RootUnknown, found, "a joint of the file")
+                .help(format!("there are {}", rig.names().join(", ")))
+        };
+        rig.find(name).ok_or_else(unknown)
     };
-    if joint == 0 { Ok(clip) } else { motion_root::from_joint(&clip, joint, motion_root::path_of(&clip, joint)) }
+    let joint = options.root.as_ref().map(named).transpose()?;
+    let mut found = motion.found().cloned();
+    let joint = motion_root::choose(&motion.clip, joint, &mut found, given, |_| false)?;
+    if joint == 0 {
+        return Ok(motion);
+    }
+    let clip = motion_root::from_joint(&motion.clip, joint, motion_root::path_of(&motion.clip, joint))?;
+    let found = motion_root::map_below(&clip, found, given)?;
+    Ok(motion.with_clip(clip).with_found(found))
 }
 
 /// The error of a format that this build doesn't include.
-#[cfg(not(all(feature = "amass", feature = "aist", feature = "fbx")))]
-fn left_out(path: &Path, feature: &str) -> Error {
-    let expected = format!("a build of kinelm-motion with its feature `{feature}`");
+fn left_out(path: &Path, info: &FormatInfo) -> Error {
+    let expected = format!("a build of kinelm-motion with its feature `{}`", info.feature);
     FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, "a format that this build leaves out", expected)
         .into()
 }
@@ -216,9 +194,8 @@ fn with_content_kind(error: Error, path: &Path) -> Error {
 /// # Errors
 /// Those of [`read`].
 pub fn positions(path: &Path, options: &ReadOptions) -> Result<Positions> {
-    check_rate(options)?;
     let format = Format::of(path)?;
-    check_mirror(path, format, options)?;
+    check(path, format.info(), options)?;
     match format {
         Format::Bvh => bvh::positions(path, &input::bytes(path).map_err(Error::io(path))?, options),
         _ => Ok(Positions::from_clip(&read(path, options)?.clip)),
@@ -235,22 +212,19 @@ fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
     Ok(motion.slice(options.skip..frames))
 }
 
-/// Checks that the source rate is in range.
-fn check_rate(options: &ReadOptions) -> Result<()> {
+/// Checks that the source rate is in range, and that no mirror is given for bones that are SMPL's own, which no program
+/// mirrors.
+fn check(path: &Path, info: &FormatInfo, options: &ReadOptions) -> Result<()> {
     if let Some(fps) = options.fps_source.filter(|f| !is_rate(*f)) {
         let (found, expected) = (compact(fps), format!("frames per second, {FEWEST_FPS} to {MOST_FPS}"));
         return Err(Error::invalid("`fps_source`", found, expected));
     }
-    Ok(())
-}
-
-/// Refuses `mirror_axis` for formats whose bones are SMPL's own, which no program mirrors.
-fn check_mirror(path: &Path, format: Format, options: &ReadOptions) -> Result<()> {
-    if options.mirror_axis.is_none() || !matches!(format, Format::Npz | Format::Pickle) {
-        return Ok(());
+    if options.mirror_axis.is_some() && info.is_smpl {
+        let why = "its bones are SMPL's, whose left is left; `mirror_axis` is for files with bones of their own";
+        let what = Subject::of_parameter("mirror_axis").with(format!("of {}", path.display()));
+        return Err(Error::unsupported(what, why));
     }
-    let why = "its bones are SMPL's, whose left is left; `mirror_axis` is for files with bones of their own";
-    Err(Error::unsupported(Subject::of_parameter("mirror_axis").with(format!("of {}", path.display())), why))
+    Ok(())
 }
 
 /// Writes a motion file in the format of its extension, atomically.
@@ -268,30 +242,13 @@ pub fn write(path: &Path, motion: &Motion) -> Result<()> {
 /// that the format can't hold, or whose rate no reader takes.
 pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
     check_fps(motion.clip.fps())?;
-    match Format::of(path)? {
-        Format::Bvh => bvh::to_bytes(motion),
-        #[cfg(feature = "amass")]
-        Format::Npz => amass::write(&motion.clip),
-        #[cfg(not(feature = "amass"))]
-        Format::Npz => Err(left_out(path, "amass")),
-        Format::Json => match motion.source {
-            Source::Json(axes) => Ok(json::write(axes.restored(&motion.clip)?.as_ref())),
-            _ => Ok(json::write(&motion.clip)),
-        },
-        Format::Glb if !is_vrm(path) => {
-            glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)])
-        }
-        Format::Amc | Format::Pickle | Format::Fbx | Format::Glb => {
-            let found = format!("the extension .{}", path.extension().unwrap_or_default().to_string_lossy());
-            let expected = format!("a {} to write", extension::listed(Format::WRITTEN));
-            Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into())
-        }
+    let (info, extension) = (Format::of(path)?.info(), path.extension().unwrap_or_default());
+    if !info.written.iter().any(|name| extension.eq_ignore_ascii_case(name)) {
+        let (found, expected) = (extension.to_string_lossy(), formats::listed(Format::WRITTEN));
+        let (found, expected) = (format!("the extension .{found}"), format!("a {expected} to write"));
+        return Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into());
     }
-}
-
-/// A VRM is a GLB with an avatar that we don't make.
-fn is_vrm(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("vrm"))
+    info.write.ok_or_else(|| left_out(path, info))?(path, motion)
 }
 
 #[cfg(test)]

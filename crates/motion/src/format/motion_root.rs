@@ -1,7 +1,7 @@
 //! The motion root: the joint that a clip's path belongs to. Everything above it is composed into it, still or moving, and
 //! joints beside it (IK targets, props) are no part of the clip.
 
-use crate::rig::{SkeletonMap, map_if_any};
+use crate::rig::{FoundMap, SkeletonMap, map_if_any};
 use crate::{Clip, EndSite, Quat, Result, Skeleton, Vec3, Warning};
 use std::sync::Arc;
 
@@ -44,15 +44,37 @@ fn common(rig: &Skeleton, a: usize, b: usize) -> usize {
     a
 }
 
-/// The clip's root where a caller names a joint: the motion root of the body below it if a map fits one, else the joint.
+/// The motion root of a clip of which the map of this name, or none, was `found`: that of the body that the map fits, else
+/// the topmost joint that `moves`. Where the caller names a joint it is that of the body below, else the joint.
 ///
 /// # Errors
 /// Those of a skeleton map by name or path.
-pub(crate) fn named(clip: &Clip, joint: usize, map: Option<&str>) -> Result<usize> {
-    let part = from_joint(clip, joint, path_of(clip, joint))?;
-    let found = map_if_any(part.skeleton(), Some(&part), map)?;
-    let root = found.and_then(|map| of_map(part.skeleton(), &map));
-    Ok(root.and_then(|root| clip.skeleton().find(&part.skeleton().names()[root])).unwrap_or(joint))
+pub(crate) fn choose(
+    clip: &Clip,
+    joint: Option<usize>,
+    found: &mut Option<FoundMap>,
+    map: Option<&str>,
+    moves: impl Fn(usize) -> bool,
+) -> Result<usize> {
+    let rig = clip.skeleton();
+    let of_body = |found: &Option<FoundMap>| found.as_ref().and_then(|found| of_map(rig, &found.map));
+    match (joint, of_body(found)) {
+        (None, root) => Ok(root.unwrap_or_else(|| topmost_mover(rig, moves))),
+        (Some(joint), Some(root)) if rig.descends(root, joint) => Ok(root),
+        (Some(joint), _) => {
+            // another figure of the file, or a part of one: a body that is found in it alone
+            *found = map_if_any(&from_joint(clip, joint, path_of(clip, joint))?, map)?;
+            Ok(of_body(found).unwrap_or(joint))
+        }
+    }
+}
+
+/// The map for a clip without the joints above its body: the one that was found with them, else searched once more.
+///
+/// # Errors
+/// Those of a skeleton map by name or path.
+pub(crate) fn map_below(clip: &Clip, found: Option<FoundMap>, map: Option<&str>) -> Result<Option<FoundMap>> {
+    found.map_or_else(|| map_if_any(clip, map), |found| Ok(Some(found.on(clip))))
 }
 
 /// The part of a clip from `joint` down: the joint takes the whole transform of what is above it, and stands at `root` (F).

@@ -167,6 +167,8 @@ pub enum Values<'a> {
     F32(&'a [f32]),
     /// `<i4`.
     I32(&'a [i32]),
+    /// `<i8`.
+    I64(&'a [i64]),
     /// `<U`, as wide as the longest text.
     Text(&'a [String]),
 }
@@ -189,19 +191,10 @@ impl Writer {
     /// [`Invalid`](kinelm_store::Error::Invalid) when the shape doesn't fit the values, a value isn't finite, or a key occurs
     /// twice.
     pub fn add(&mut self, key: &str, shape: &[usize], values: Values) -> Result<()> {
-        let (descr, count) = match values {
-            Values::F64(v) => ("<f8".into(), v.len()),
-            Values::F32(v) => ("<f4".into(), v.len()),
-            Values::I32(v) => ("<i4".into(), v.len()),
-            Values::Text(v) => (format!("<U{}", width(v)), v.len()),
-        };
-        if shape.iter().try_fold(1usize, |p, &n| p.checked_mul(n)) != Some(count) {
-            return Err(Error::invalid(format!("the shape of {key}"), tuple(shape), format!("one of {count} values")));
-        }
         let not_finite = match values {
             Values::F64(v) => v.iter().position(|x| !x.is_finite()),
             Values::F32(v) => v.iter().position(|x| !x.is_finite()),
-            Values::I32(_) | Values::Text(_) => None,
+            Values::I32(_) | Values::I64(_) | Values::Text(_) => None,
         };
         if let Some(at) = not_finite {
             let what = format!("value {at} of {key}");
@@ -210,14 +203,7 @@ impl Writer {
         if self.entries.iter().any(|(there, _)| there == key) {
             return Err(Error::invalid("a second array", key, "a name that no other array has"));
         }
-        let mut bytes = header(&descr, shape);
-        match values {
-            Values::F64(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
-            Values::F32(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
-            Values::I32(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
-            Values::Text(v) => v.iter().for_each(|t| bytes.extend(padded(t, width(v)))),
-        }
-        self.entries.push((key.to_owned(), bytes));
+        self.entries.push((key.to_owned(), npy(key, shape, values)?));
         Ok(())
     }
 
@@ -244,6 +230,32 @@ impl Writer {
         }
         Ok(zip.finish()?.into_inner())
     }
+}
+
+/// A `.npy` file of an array; `key` names it in messages.
+///
+/// # Errors
+/// [`Invalid`](kinelm_store::Error::Invalid) when the shape doesn't fit the values.
+pub fn npy(key: &str, shape: &[usize], values: Values) -> Result<Vec<u8>> {
+    let (descr, count) = match values {
+        Values::F64(v) => ("<f8".into(), v.len()),
+        Values::F32(v) => ("<f4".into(), v.len()),
+        Values::I32(v) => ("<i4".into(), v.len()),
+        Values::I64(v) => ("<i8".into(), v.len()),
+        Values::Text(v) => (format!("<U{}", width(v)), v.len()),
+    };
+    if shape.iter().try_fold(1usize, |p, &n| p.checked_mul(n)) != Some(count) {
+        return Err(Error::invalid(format!("the shape of {key}"), tuple(shape), format!("one of {count} values")));
+    }
+    let mut bytes = header(&descr, shape);
+    match values {
+        Values::F64(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+        Values::F32(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+        Values::I32(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+        Values::I64(v) => v.iter().for_each(|x| bytes.extend(x.to_le_bytes())),
+        Values::Text(v) => v.iter().for_each(|t| bytes.extend(padded(t, width(v)))),
+    }
+    Ok(bytes)
 }
 
 /// The error of the zip library.

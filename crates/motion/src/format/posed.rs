@@ -2,7 +2,7 @@
 
 use super::options::ReadOptions;
 use super::{motion_root, size};
-use crate::rig::map_if_any;
+use crate::rig::{FoundMap, map_if_any};
 use crate::{Clip, Quat, Result, Skeleton, Vec3, Warning};
 use std::sync::Arc;
 
@@ -23,6 +23,14 @@ pub(super) struct Figure {
     pub rest: Vec<Placed>,
 }
 
+/// A clip of a figure, as far as it is read.
+pub(super) struct Posed {
+    pub clip: Clip,
+    /// The map of its rig, if one was found.
+    pub found: Option<FoundMap>,
+    pub warnings: Vec<Warning>,
+}
+
 impl Figure {
     /// The clip of the placements (F, J) that `frames` gives in metres, by the unit of `stated_m` that the file states, with what
     /// is said of it; another unit in the options is what its numbers really are. In the clip, as in a BVH, all
@@ -34,10 +42,11 @@ impl Figure {
     pub fn clip(
         &self,
         root: Option<usize>,
-        (fps, options): (f64, &ReadOptions),
+        fps: f64,
+        options: &ReadOptions,
         stated_m: f64,
         frames: impl Iterator<Item = Result<Vec<Placed>>>,
-    ) -> Result<(Clip, Vec<Warning>)> {
+    ) -> Result<Posed> {
         let offset = |(j, parent): (usize, &Option<usize>)| match parent {
             Some(p) => self.rest[j].1 - self.rest[*p].1,
             None => Vec3::ZERO,
@@ -65,15 +74,17 @@ impl Figure {
         let path = |joint: usize| -> Vec<Vec3> { places.iter().skip(joint).step_by(joints).copied().collect() };
         moved[0] = spread(&path(0));
         let whole = Clip::new(Arc::new(skeleton), fps, path(0), rotations)?;
-        let map = map_if_any(whole.skeleton(), Some(&whole), options.map.as_deref())?;
-        let mapped = || motion_root::of_map(whole.skeleton(), map.as_ref()?);
-        let mover = || motion_root::topmost_mover(whole.skeleton(), |j| moved[j] * metres > STILL_M);
-        let root = match root {
-            Some(joint) => motion_root::named(&whole, joint, options.map.as_deref())?,
-            None => mapped().unwrap_or_else(mover),
-        };
+        let given = options.map.as_deref();
+        let mut found = map_if_any(&whole, given)?;
+        let root = motion_root::choose(&whole, root, &mut found, given, |j| moved[j] * metres > STILL_M)?;
         let beside = motion_root::beside(whole.skeleton(), root, |j| moved[j] * metres);
-        let clip = if root == 0 { whole } else { motion_root::from_joint(&whole, root, path(root))? };
+        let (clip, found) = if root == 0 {
+            (whole, found)
+        } else {
+            let clip = motion_root::from_joint(&whole, root, path(root))?;
+            let found = motion_root::map_below(&clip, found, given)?;
+            (clip, found)
+        };
         let of = |name: &String| self.names.iter().position(|n| n == name);
         let kept = clip.skeleton().names()[1..].iter().filter_map(of);
         let large: Vec<usize> = kept.filter(|&j| stretched[j] * metres > STRETCH_M).collect();
@@ -85,8 +96,9 @@ impl Figure {
             Warning { kind: "stretch_dropped", what }
         });
         let clip = if metres == 1.0 { clip } else { clip.scaled(metres)? };
-        let size = size::doubt(&clip, map.as_ref(), options.unit.metres().unwrap_or(stated_m));
-        Ok((clip, warning.into_iter().chain(beside).chain(size).collect()))
+        let map = found.as_ref().map(|found| &found.map);
+        let size = size::doubt(&clip, map, options.unit.metres().unwrap_or(stated_m));
+        Ok(Posed { clip, found, warnings: warning.into_iter().chain(beside).chain(size).collect() })
     }
 }
 

@@ -104,9 +104,8 @@ pub(crate) fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::format::{self, ReadOptions, Source};
+    use crate::format::{self, ReadOptions};
     use crate::{Quat, Vec3, smpl};
-    use std::path::PathBuf;
 
     /// Suspended for half the time, then in free fall.
     pub(crate) fn height(t: f64) -> f64 {
@@ -129,7 +128,7 @@ pub(crate) mod tests {
     #[test]
     fn reading_doubts_a_rate_that_nobody_states() {
         let clip = falling(60.0, height).with_fps(120.0).unwrap();
-        let motion = Motion { path: PathBuf::from("a.bvh"), clip, source: Source::Plain, warnings: Vec::new() };
+        let motion = Motion::new("a.bvh", clip);
         let bytes = format::bvh::to_bytes(&motion).unwrap();
         let read = |fps_source| {
             let options = ReadOptions { fps_source, ..ReadOptions::default() };

@@ -112,11 +112,13 @@ impl RateDoubts {
 mod tests {
     use super::super::rate::tests::{falling, height};
     use super::*;
-    use crate::{Clip, Source};
+    use crate::Clip;
 
     fn motion(path: &str, clip: Clip) -> Motion {
         let warnings = RateDoubt::of(&clip).map(|doubt| doubt.warning()).into_iter().collect();
-        Motion { path: path.into(), clip, source: Source::Plain, warnings }
+        let mut motion = Motion::new(path, clip);
+        motion.warnings = warnings;
+        motion
     }
 
     fn file(fall_g: Option<f64>, folder: &str) -> FileRate {

@@ -29,7 +29,9 @@ pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Mo
         what += &format!("; {frames} out of it: `skip` {} leaves them out too", last + 1);
     }
     if options.rest == RestFrame::Drop {
-        motion = motion.slice(1..motion.clip.frames());
+        // a reference pose that is made from the clip is made of the frames that stay
+        let found = motion.found().cloned();
+        motion = motion.slice(1..motion.clip.frames()).with_found(found);
     }
     motion.warnings.push(Warning { kind: "rest_frame", what });
     motion

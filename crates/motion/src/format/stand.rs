@@ -3,8 +3,8 @@
 use super::contact::{FRAMES, feet_stand};
 use super::up::skeleton;
 use super::{Axes, Motion, ReadOptions, Up, UpSource};
-use crate::rig::{SkeletonMap, map_if_any};
-use crate::{Clip, GlobalPose, Quat, Result, Skeleton, Vec3, Warning};
+use crate::rig::{FoundMap, SkeletonMap};
+use crate::{Clip, GlobalPose, Skeleton, Vec3, Warning};
 
 /// A body stands along an axis if their cosine is at least this.
 const STANDS: f64 = 0.7;
@@ -12,7 +12,8 @@ const STANDS: f64 = 0.7;
 impl Axes {
     /// The axes of a clip in its file's own axes, given the requested `up`; reports an axis other than y that is inferred,
     /// and doubts ambiguous ones.
-    pub(crate) fn of(clip: &Clip, up: Up, map: Option<&SkeletonMap>) -> (Axes, Option<Warning>) {
+    pub(crate) fn of(clip: &Clip, up: Up, found: Option<&FoundMap>) -> (Axes, Option<Warning>) {
+        let map = found.map(|found| &found.map);
         let rest = map.and_then(|map| rest(clip.skeleton(), map));
         if up != Up::Auto {
             return (Axes { up, rest_too: turns_rest(rest), ..Axes::OWN }, None);
@@ -48,33 +49,37 @@ impl Axes {
 
     /// The axes of a clip in its file's own axes, of a format with `own` up, given the requested axis; with a doubt if the
     /// feet stand along another one alone.
-    ///
-    /// # Errors
-    /// Those of [`map_if_any`].
-    pub(crate) fn of_format(clip: &Clip, own: Up, options: &ReadOptions) -> Result<(Axes, Option<Warning>)> {
-        let map = map_if_any(clip.skeleton(), Some(clip), options.map.as_deref())?;
+    pub(crate) fn of_format(
+        clip: &Clip,
+        own: Up,
+        options: &ReadOptions,
+        found: Option<&FoundMap>,
+    ) -> (Axes, Option<Warning>) {
+        let map = found.map(|found| &found.map);
         if options.up != Up::Auto {
-            return Ok(Axes::of(clip, options.up, map.as_ref()));
+            return Axes::of(clip, options.up, found);
         }
-        let (axes, _) = Axes::of(clip, own, map.as_ref());
+        let (axes, _) = Axes::of(clip, own, found);
         let stands = |map: &SkeletonMap| motion(clip, map).filter(|m| m.cosine >= STANDS && m.up != own).map(|m| m.up);
-        let other = map.as_ref().and_then(|map| stands(map).filter(|up| feet_stand(clip, map, *up, own)));
+        let other = map.and_then(|map| stands(map).filter(|up| feet_stand(clip, map, *up, own)));
         let doubt = other.map(|up| {
             let what =
                 format!("the format has {own} up, but the feet stand on a floor only if {up} is: give `up` {up}");
             Warning { kind: "up_unsure", what }
         });
-        Ok((axes, doubt))
+        (axes, doubt)
     }
 
     /// [`Axes::of_format`] of a clip on SMPL's body, which stands along y at rest in every file.
-    ///
-    /// # Errors
-    /// Those of [`Axes::of_format`].
     #[cfg(feature = "amass")]
-    pub(crate) fn of_body(clip: &Clip, own: Up, options: &ReadOptions) -> Result<(Axes, Option<Warning>)> {
-        let (axes, doubt) = Axes::of_format(clip, own, options)?;
-        Ok((Axes { rest_too: false, ..axes }, doubt))
+    pub(crate) fn of_body(
+        clip: &Clip,
+        own: Up,
+        options: &ReadOptions,
+        found: Option<&FoundMap>,
+    ) -> (Axes, Option<Warning>) {
+        let (axes, doubt) = Axes::of_format(clip, own, options, found);
+        (Axes { rest_too: false, ..axes }, doubt)
     }
 }
 
@@ -139,12 +144,7 @@ impl Body {
 /// How the reference pose would stand if it were rotated for each axis.
 fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Uprightness> {
     let body = Body::of(rig, map)?;
-    let mut local = vec![Quat::IDENTITY; rig.joints()];
-    for (name, rotation) in map.reference() {
-        if let Some(j) = rig.find(name) {
-            local[j] = rotation;
-        }
-    }
+    let local = map.local_reference(rig);
     let stands = |up: Up| {
         let turned = skeleton(rig, up.turn()).ok()?;
         let positions = GlobalPose::new(&turned, Vec3::ZERO, &local).positions;

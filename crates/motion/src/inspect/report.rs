@@ -4,7 +4,7 @@ use super::stats::{ClipStats, clip_stats};
 use crate::format::bvh::{BvhSource, NodeKind};
 use crate::format::{Axes, BvhPosition, Up, UpSource};
 use crate::rig::map::REQUIRED;
-use crate::rig::{MapFit, SkeletonMap, fit, map_of};
+use crate::rig::{MapFit, SkeletonMap};
 use crate::{Motion, Skeleton, Source, Vec3, Warning, smpl};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -19,18 +19,17 @@ pub struct Report<'a> {
     stats: ClipStats,
     doubts: Vec<Warning>,
     /// The skeleton map, and how well it fits; `None` on a rig that no map fits.
-    map: Option<(SkeletonMap, MapFit)>,
+    map: Option<(&'a SkeletonMap, MapFit)>,
 }
 
-/// Makes the report of a motion as it was read, with the given or detected floor, metres, and the skeleton map that it was
-/// read with, if one was given.
-pub fn report<'a>(motion: &'a Motion, floor_m: Option<f64>, map: Option<&str>) -> Report<'a> {
+/// Makes the report of a motion as it was read, with the given or detected floor, metres.
+pub fn report(motion: &Motion, floor_m: Option<f64>) -> Report<'_> {
     let stats = clip_stats(&motion.clip);
     // what was found out is part of the report, not a doubt
     let is_doubt = |w: &&Warning| !matches!(w.kind, "up_axis" | "rig_recognised" | "joints_beside");
     let mut doubts: Vec<Warning> = motion.warnings.iter().filter(is_doubt).cloned().collect();
     doubts.extend(doubts_of(&stats, motion.clip.skeleton()));
-    let map = map_of(&motion.clip, map).ok().map(|map| (map.clone(), fit(&motion.clip, &map)));
+    let map = motion.known().map(|humanoid| (humanoid.map(), humanoid.fit(&motion.clip)));
     Report { motion, floor_m, stats, doubts, map }
 }
 

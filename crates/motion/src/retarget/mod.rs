@@ -20,11 +20,14 @@
 //! y_t = floor + scale (y_s - floor) + rise        x_t = scale x_s        z_t = scale z_s
 //! ```
 
-use crate::format::floor_height;
+mod neutral;
+
+pub use neutral::{OntoNeutral, is_on_neutral, to_smpl};
+
 use crate::rig::reference::LIMBS;
-use crate::rig::{Feet, ReferencePose, SkeletonMap, map_of};
+use crate::rig::{Feet, Humanoid, ReferencePose, SkeletonMap};
 use crate::rotation::swing;
-use crate::{Clip, Error, GlobalPose, Motion, Quat, Result, Skeleton, Source, Vec3, smpl};
+use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 use std::sync::Arc;
 
 /// Retargeting between a rig and the SMPL-24 body, in both directions. See [`to_smpl`] for a motion that was read.
@@ -84,18 +87,31 @@ impl Retarget {
     /// [`Invalid`](kinelm_store::Error::Invalid) when `smpl` hasn't SMPL's 24 joints; those of [`ReferencePose::new`].
     pub fn new(rig: &Skeleton, map: &SkeletonMap, smpl: Arc<Skeleton>) -> Result<Self> {
         smpl::check_rig("the body to retarget to", &smpl)?;
-        let pose = ReferencePose::new(rig, map)?;
+        Retarget::with_pose(Arc::new(rig.clone()), &ReferencePose::new(rig, map)?, smpl)
+    }
+
+    /// [`Retarget::new`] of a rig of which everything is known.
+    ///
+    /// # Errors
+    /// Those of [`Retarget::new`].
+    pub fn of(humanoid: &Humanoid, smpl: Arc<Skeleton>) -> Result<Self> {
+        smpl::check_rig("the body to retarget to", &smpl)?;
+        let pose = humanoid.pose()?;
+        Retarget::with_pose(humanoid.rig().clone(), &pose, smpl)
+    }
+
+    fn with_pose(rig: Arc<Skeleton>, pose: &ReferencePose, smpl: Arc<Skeleton>) -> Result<Self> {
         let still = GlobalPose::new(&smpl, Vec3::ZERO, &[Quat::IDENTITY; 24]);
         let scale = smpl_leg_m(&smpl) / pose.leg_m();
         let links = std::array::from_fn(|id| {
             let joint = pose.joints[id]?;
-            let turn = pose.global.rotations[joint].conjugate() * bone_turn(rig, &pose, &still, id);
-            Some(Link { joint, turn: turn.normalize(), bent: bent(rig, &pose, id, joint) })
+            let turn = pose.global.rotations[joint].conjugate() * bone_turn(&rig, pose, &still, id);
+            Some(Link { joint, turn: turn.normalize(), bent: bent(&rig, pose, id, joint) })
         });
         let pelvis = pose.joints[0].unwrap_or(0);
         let above = |j: usize| j != pelvis && rig.descends(pelvis, j);
         let rest = (0..rig.joints()).map(|j| if above(j) { Quat::IDENTITY } else { pose.local[j] }).collect();
-        let same = is_same(rig, &smpl);
+        let same = is_same(&rig, &smpl);
         // files may order the joints differently and add end sites
         let alike = same
             || (0..24).all(|id| {
@@ -103,10 +119,9 @@ impl Retarget {
                 joint.is_some_and(|j| id == 0 || rig.offsets()[j].distance(smpl.offsets()[id]) < 1e-6)
             });
         let scale = if alike { 1.0 } else { scale };
-        let mut retarget =
-            Retarget { rig: Arc::new(rig.clone()), smpl, links, rest, scale, rise: 0.0, floor: 0.0, same };
+        let mut retarget = Retarget { rig, smpl, links, rest, scale, rise: 0.0, floor: 0.0, same };
         if !alike {
-            retarget.rise = retarget.rise(&pose)?;
+            retarget.rise = retarget.rise(pose)?;
         }
         Ok(retarget)
     }
@@ -121,8 +136,7 @@ impl Retarget {
         let stand = Clip::new(self.rig.clone(), 1.0, vec![Vec3::ZERO], pose.local.clone())?;
         let stand = self.to_smpl(&stand)?;
         let at_zero = Clip::new(self.smpl.clone(), 1.0, vec![Vec3::ZERO], stand.rotations().to_vec())?;
-        let smpl_map = SkeletonMap::by_name_or_file("smpl")?;
-        let feet = Feet::new(&self.smpl, &smpl_map)?.clearance(&at_zero);
+        let feet = Feet::new(&self.smpl, Humanoid::neutral().map())?.clearance(&at_zero);
         Ok(-feet.first().copied().unwrap_or(0.0) - self.scale * Feet::from_pose(&self.rig, pose).pelvis_m)
     }
 
@@ -334,11 +348,6 @@ fn smpl_leg_m(smpl: &Skeleton) -> f64 {
     0.5 * [4, 5, 7, 8].iter().map(|&j: &usize| smpl.offsets()[j].length()).sum::<f64>()
 }
 
-/// Whether clips of this rig are on the neutral SMPL-24 body already: then [`to_smpl`] keeps their numbers bit for bit.
-pub fn is_on_neutral(rig: &Skeleton) -> bool {
-    is_same(rig, &smpl::neutral())
-}
-
 fn is_same(rig: &Skeleton, smpl: &Skeleton) -> bool {
     // kinematics ignores the root's offset; files round the others
     let offsets = || rig.offsets()[1..].iter().zip(&smpl.offsets()[1..]);
@@ -362,44 +371,6 @@ fn check_on(clip: &Clip, body: &Skeleton) -> Result<()> {
             Err(Error::invalid(what, on.offsets()[j], expected))
         }
     }
-}
-
-/// Puts a motion on the neutral SMPL-24 body. `map` is a built-in map's name or a TOML's path; `None` detects the map by
-/// the joint names.
-///
-/// The path is scaled with the legs about the motion's floor ([`floor_height`]). Motions of AMASS and AIST++ keep their
-/// rotations, which are valid for every SMPL body.
-///
-/// # Errors
-/// [`Error::Clip`] with the file's name for the errors of [`map_of`] and [`Retarget::new`].
-pub fn to_smpl(motion: &Motion, map: Option<&str>) -> Result<Clip> {
-    let rig = motion.clip.skeleton();
-    if map.is_none() && is_on_neutral(rig) {
-        return motion.clip.clone().with_skeleton(smpl::neutral());
-    }
-    if matches!(motion.source, Source::Amass { .. } | Source::Aist { .. }) && smpl::is_rig(rig) {
-        return on_neutral(motion);
-    }
-    let retargeted = || {
-        let retarget = Retarget::new(rig, &map_of(&motion.clip, map)?, smpl::neutral())?;
-        let floor_m = if retarget.same { 0.0 } else { floor_height(motion, map)? };
-        retarget.with_floor(floor_m).to_smpl(&motion.clip)
-    };
-    retargeted().map_err(|e| e.in_clip(&motion.path))
-}
-
-fn on_neutral(motion: &Motion) -> Result<Clip> {
-    let clip = &motion.clip;
-    let neutral = smpl::neutral();
-    if is_same(clip.skeleton(), &neutral) {
-        return clip.clone().with_skeleton(neutral);
-    }
-    let scale = smpl_leg_m(&neutral) / smpl_leg_m(clip.skeleton());
-    let map = SkeletonMap::by_name_or_file("smpl")?;
-    let [on, from] = [&neutral, clip.skeleton()].map(|body| Feet::new(body, &map).map(|feet| feet.pelvis_m));
-    let raise = floor_height(motion, Some("smpl"))? * (1.0 - scale) + on? - scale * from?;
-    let root = clip.root().iter().map(|p| *p * scale + Vec3::Y * raise).collect();
-    Clip::new(neutral, clip.fps(), root, clip.rotations().to_vec())
 }
 
 #[cfg(test)]

@@ -2,8 +2,10 @@
 
 use super::*;
 use crate::format::Axes;
+use crate::format::floor_height;
 use crate::rotation::tests::any_quat;
 use crate::rotation::{EulerOrder, angle_between, exp_map};
+use crate::{Motion, Source};
 use proptest::prelude::*;
 use std::fmt::Write;
 use std::path::Path;
@@ -279,16 +281,12 @@ fn smpl_files_keep_their_rotations() {
     let x = dance(&[[0.3, -0.2, 0.5]; 24]);
     let stretched = smpl::neutral().offsets().iter().map(|o| *o * 1.1 + Vec3::new(0.0, 0.0, 0.01)).collect();
     let body = Skeleton::new(smpl::neutral().names().to_vec(), smpl::neutral().parents().to_vec(), stretched, vec![]);
-    let motion = Motion {
-        path: "a.pkl".into(),
-        clip: x.clone().with_skeleton(Arc::new(body.unwrap())).unwrap(),
-        source: Source::Aist { scaling: 90.0, rest_pelvis: Vec3::ZERO, body_model: true, axes: Axes::OWN },
-        warnings: vec![],
-    };
-    let y = to_smpl(&motion, None).unwrap();
+    let source = Source::Aist { scaling: 90.0, rest_pelvis: Vec3::ZERO, body_model: true, axes: Axes::OWN };
+    let clip = x.clone().with_skeleton(Arc::new(body.unwrap())).unwrap();
+    let motion = Motion::new("a.pkl", clip).with_source(source);
+    let y = to_smpl(&motion).unwrap();
     assert_eq!(y.rotations(), x.rotations());
-    let floor = floor_height(&motion, None).unwrap();
+    let floor = floor_height(&motion).unwrap();
     assert!(((y.root()[0].y - floor) / (x.root()[0].y - floor) - 1.0 / 1.1).abs() < 0.01);
-    let plain = Motion { source: Source::Plain, clip: x.clone(), ..motion };
-    assert_eq!(to_smpl(&plain, None).unwrap(), x);
+    assert_eq!(to_smpl(&Motion::new("a.json", x.clone())).unwrap(), x);
 }

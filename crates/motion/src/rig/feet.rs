@@ -111,15 +111,14 @@ impl Feet {
         clip.positions().chunks_exact(clip.joints()).map(lowest).collect()
     }
 
-    /// The lowest height (F) of ankles and balls above their standing heights, metres, world, each with its joint.
-    pub(super) fn lowest(&self, clip: &Clip) -> Vec<(f64, usize)> {
-        let mut pose = GlobalPose::default();
-        let frame = |f: usize| {
-            pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
-            let heights = self.joints.iter().map(|&(j, rest)| (pose.positions[j].y - rest, j));
+    /// The lowest height (F) of ankles and balls above their standing heights, metres, world, each with its joint, at these
+    /// positions (F, J).
+    pub(super) fn lowest(&self, positions: &[Vec3]) -> Vec<(f64, usize)> {
+        let frame = |frame: &[Vec3]| {
+            let heights = self.joints.iter().map(|&(j, rest)| (frame[j].y - rest, j));
             heights.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, 0))
         };
-        (0..clip.frames()).map(frame).collect()
+        positions.chunks_exact(self.of_foot.len()).map(frame).collect()
     }
 }
 

@@ -3,7 +3,8 @@
 use super::recognise::trunk::id_of_one;
 use super::recognise::{recognise, stand, turns};
 use super::{SkeletonMap, reference};
-use crate::{Clip, Result, Skeleton, Warning};
+use crate::{Clip, Error, Result, Skeleton, Warning};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The map that was found for a rig, bound to its joint names.
 #[derive(Debug, Clone)]
@@ -14,6 +15,8 @@ pub struct FoundMap {
     pub by: FoundBy,
     /// Whether its reference pose was made from the clip, because no body stands in the one that it had.
     pub made: bool,
+    /// The map before a body had to stand in its reference pose.
+    named: SkeletonMap,
 }
 
 /// How a map was found.
@@ -28,6 +31,36 @@ pub enum FoundBy {
 }
 
 impl FoundMap {
+    /// A map with a reference pose in which the body of `rig` stands: its own, else the rest pose, else one made from the
+    /// clip. Of a map that was given its own is not judged, and of a recognised rig there is none to judge.
+    pub(super) fn standing(named: SkeletonMap, by: FoundBy, rig: &Skeleton, clip: Option<&Clip>) -> FoundMap {
+        let joints = named.joints_of(rig);
+        let is_own = match by {
+            FoundBy::Shape => false,
+            FoundBy::Given if named.has_reference() => true,
+            _ => {
+                !named.missing(rig.names()).is_empty()
+                    || (named.has_reference() && stand::is_straight(rig, &named, &joints))
+            }
+        };
+        if is_own {
+            return FoundMap { map: named.clone(), by, made: false, named };
+        }
+        let turns = match by {
+            FoundBy::Shape => stand::reference(rig, &joints, clip),
+            _ => clip.map(|clip| stand::reference_if_none(rig, &joints, clip)).unwrap_or_default(),
+        };
+        let made = by != FoundBy::Shape && !turns.is_empty();
+        FoundMap { map: named.clone().with_reference(rig, &turns), by, made, named }
+    }
+
+    /// The same map for another view of the rig that it was found for: without the joints above its body, along other axes,
+    /// of other frames. Nothing is searched; the reference pose is settled anew.
+    pub(crate) fn on(&self, clip: &Clip) -> FoundMap {
+        let rig = clip.skeleton();
+        FoundMap::standing(self.named.bind_any(rig.names()), self.by, rig, Some(clip))
+    }
+
     /// Whether the map or its reference pose comes from how the clip moves, so that another clip on the rig might give
     /// another one: what is made of the clip has to keep it.
     pub fn is_of_clip(&self) -> bool {
@@ -42,72 +75,64 @@ impl FoundMap {
 /// [`Unsupported`](kinelm_store::Error::Unsupported) when it isn't recognised for sure, with what is missing or doubtful
 /// and a TOML to start from; those of [`SkeletonMap::by_name_or_file`].
 pub fn map_for(rig: &Skeleton, map: Option<&str>) -> Result<SkeletonMap> {
-    find(rig, None, map).map(|found| found.map)
+    found(rig, None, map).map(|found| found.map)
 }
 
-/// As [`map_for`], for a rig that is recognised by how it moves too.
-///
-/// # Errors
-/// Those of [`map_for`].
-pub fn map_of(clip: &Clip, map: Option<&str>) -> Result<SkeletonMap> {
-    find_map(clip, map).map(|found| found.map)
-}
-
-/// As [`map_of`], with how the map was found.
+/// As [`map_for`], for a rig that is recognised by how it moves too, with how the map was found.
 ///
 /// # Errors
 /// Those of [`map_for`].
 pub fn find_map(clip: &Clip, map: Option<&str>) -> Result<FoundMap> {
-    find(clip.skeleton(), Some(clip), map)
+    found(clip.skeleton(), Some(clip), map)
 }
 
-/// The map given by name or path, bound to these joints as far as it fits, else as [`map_for`] finds it, if it does; `clip`
-/// shows how the rig moves.
+/// The map of a clip's rig, given by name or path and bound as far as it fits, else as [`find_map`] finds it, if it does.
 ///
 /// # Errors
 /// Those of [`SkeletonMap::by_name_or_file`].
-pub(crate) fn map_if_any(rig: &Skeleton, clip: Option<&Clip>, map: Option<&str>) -> Result<Option<SkeletonMap>> {
-    let found = find(rig, clip, map);
-    match map {
-        Some(_) => found.map(|found| Some(found.map)),
-        None => Ok(found.ok().map(|found| found.map)),
+pub(crate) fn map_if_any(clip: &Clip, map: Option<&str>) -> Result<Option<FoundMap>> {
+    match (find_map(clip, map), map) {
+        (Ok(found), _) => Ok(Some(found)),
+        (Err(e), Some(_)) => Err(e),
+        (Err(_), None) => Ok(None),
     }
 }
 
-fn find(rig: &Skeleton, clip: Option<&Clip>, map: Option<&str>) -> Result<FoundMap> {
+/// How many rigs were searched for their map in this process, for tests that a file's is searched once.
+#[doc(hidden)]
+pub fn map_searches() -> u64 {
+    SEARCHES.load(Ordering::Relaxed)
+}
+
+static SEARCHES: AtomicU64 = AtomicU64::new(0);
+
+fn found(rig: &Skeleton, clip: Option<&Clip>, map: Option<&str>) -> Result<FoundMap> {
     if let Some(map) = map {
         let map = SkeletonMap::by_name_or_file(map)?.bind_any(rig.names());
-        let (map, made) = if map.has_reference() { (map, false) } else { standing(map, rig, clip) };
-        return Ok(FoundMap { map, by: FoundBy::Given, made });
+        return Ok(FoundMap::standing(map, FoundBy::Given, rig, clip));
     }
+    SEARCHES.fetch_add(1, Ordering::Relaxed);
     let named = SkeletonMap::fitting(rig.names());
-    let built_in = |map: SkeletonMap| {
-        let (map, made) = standing(map, rig, clip);
-        FoundMap { map, by: FoundBy::Names, made }
-    };
+    let built_in = |map: &SkeletonMap| FoundMap::standing(map.clone(), FoundBy::Names, rig, clip);
+    // names tell limbs from each other better than shape does, but many rigs share them with another trunk
     let turns = turns(rig, clip);
     if let Some(map) = named.iter().find(|map| covers_trunk(rig, &map.joints_of(rig), &turns)) {
-        return Ok(built_in(map.clone()));
+        return Ok(built_in(map));
     }
-    match (recognise(rig, clip), named.into_iter().next()) {
-        (Some(found), _) if found.is_sure() => Ok(FoundMap { map: found.map, by: FoundBy::Shape, made: false }),
-        // it has at least the limbs
-        (_, Some(map)) => Ok(built_in(map)),
-        (found, None) => Err(reference::unknown_rig(rig.names(), None, found.as_ref())),
+    let recognised = recognise(rig, clip);
+    if let Some(found) = recognised.as_ref().filter(|found| found.is_sure()) {
+        let map = found.map.clone();
+        return Ok(FoundMap { map: map.clone(), by: FoundBy::Shape, made: false, named: map });
     }
+    // a built-in map without the whole trunk has at least the limbs
+    let limbs = named.first().map(built_in);
+    limbs.ok_or_else(|| reference::unknown_rig(rig.names(), None, recognised.as_ref()))
 }
 
-/// A map with a reference pose in which the body stands: its own, else the rest pose, else one made from the clip. True if
-/// it was made.
-fn standing(map: SkeletonMap, rig: &Skeleton, clip: Option<&Clip>) -> (SkeletonMap, bool) {
-    let joints = map.joints_of(rig);
-    if !map.missing(rig.names()).is_empty() || (map.has_reference() && stand::is_straight(rig, &map, &joints)) {
-        return (map, false);
-    }
-    let map = map.with_reference(rig, &[]);
-    let turns = clip.map(|clip| stand::reference_if_none(rig, &joints, clip)).unwrap_or_default();
-    let made = !turns.is_empty();
-    (map.with_reference(rig, &turns), made)
+/// The error of a clip on a rig that was searched in vain.
+pub(crate) fn unknown(clip: &Clip) -> Error {
+    let rig = clip.skeleton();
+    reference::unknown_rig(rig.names(), None, recognise(rig, Some(clip)).as_ref())
 }
 
 /// Whether a map with these joints by SMPL id has the whole trunk: no joint that `turns` (J) between pelvis and neck is

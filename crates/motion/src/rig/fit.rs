@@ -1,10 +1,11 @@
 //! How well a map fits a clip: which joints it finds, whether the body stands in its reference pose, where the trunk goes
 //! on SMPL's body, and whether the feet point ahead.
 
-use super::find::{self, FoundMap, trunk};
-use super::{ReferencePose, SkeletonMap};
+use super::find::{self, trunk};
+use super::{Humanoid, ReferencePose, SkeletonMap};
 use crate::series::linear_quantile;
 use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, Warning, smpl};
+use std::borrow::Cow;
 
 /// Frames of a clip that are looked at, evenly spaced.
 const FRAMES: usize = 300;
@@ -37,18 +38,25 @@ pub struct MapFit {
 /// How well a map fits a clip. Of long clips 300 frames are looked at.
 pub fn fit(clip: &Clip, map: &SkeletonMap) -> MapFit {
     let rig = clip.skeleton();
-    let joints = map.joints_of(rig);
+    fit_in(clip, map.joints_of(rig), ReferencePose::new(rig, map).map(Cow::Owned))
+}
+
+/// [`fit()`] with the joints and the reference pose of the map.
+pub(super) fn fit_in(
+    clip: &Clip,
+    joints: [Option<usize>; 24],
+    reference: crate::Result<Cow<'_, ReferencePose>>,
+) -> MapFit {
     let step = clip.frames().div_ceil(FRAMES).max(1);
     let poses: Vec<GlobalPose> = (0..clip.frames()).step_by(step).map(|f| clip.global_pose(f)).collect();
-    let reference = ReferencePose::new(rig, map);
     let trunk_error_deg = reference.as_ref().ok().and_then(|reference| trunk_error_deg(&poses, reference));
     let stands = reference.map(|_| ()).map_err(|e| e.to_string());
-    MapFit { joints, stands, trunk_error_deg, toes_ahead: toes_ahead(rig, &poses, &joints) }
+    MapFit { joints, stands, trunk_error_deg, toes_ahead: toes_ahead(clip.skeleton(), &poses, &joints) }
 }
 
 /// What reading a clip says of its map: that it was recognised or needed a reference pose, and doubts of the body.
-pub(crate) fn warnings(clip: &Clip, found: &FoundMap) -> Vec<Warning> {
-    find::warning(found).into_iter().chain(fit(clip, &found.map).doubts(clip.skeleton())).collect()
+pub(crate) fn warnings(clip: &Clip, humanoid: &Humanoid) -> Vec<Warning> {
+    find::warning(humanoid.found()).into_iter().chain(humanoid.fit(clip).doubts(clip.skeleton())).collect()
 }
 
 impl MapFit {

@@ -32,6 +32,16 @@ pub struct Floor {
     pub found_m: f64,
     /// Doubts about the floor; empty if there are none.
     pub doubts: Vec<Warning>,
+    /// A doubted floor this near to y = 0 is replaced by it, metres.
+    near_m: f64,
+}
+
+impl Floor {
+    /// The height to use of the same clip lowered by `by_m` metres, as detecting its floor would give it.
+    pub fn height_when_lowered(&self, by_m: f64) -> f64 {
+        let found_m = self.found_m - by_m;
+        if !self.doubts.is_empty() && found_m.abs() <= self.near_m { 0.0 } else { found_m }
+    }
 }
 
 /// The floor of a clip on a rig that fits `map`; see [`Feet::floor`].
@@ -55,25 +65,25 @@ impl Feet {
     /// # Panics
     /// If the clip is not on this rig.
     pub fn floor(&self, clip: &Clip) -> Floor {
-        let lowest = self.lowest(clip);
+        let positions = clip.positions();
+        let lowest = self.lowest(&positions);
         let found_m = quantile(lowest.iter().map(|l| l.0).collect(), 0.05);
         let mut doubts = Vec::new();
         let mut doubt = |kind, what: Option<String>| doubts.extend(what.map(|what| Warning { kind, what }));
-        let positions = clip.positions();
         doubt("floor_below", self.others_below(clip, &positions, found_m));
         doubt("floor_slides", slides(clip, &positions, &lowest));
         doubt("floor_pelvis", self.pelvis_off(clip, &positions, found_m));
         doubt("floor_far", far(&lowest, found_m));
         let seconds = clip.duration_s();
         doubt("floor_short", (seconds < SHORT_S).then(|| format!("the clip has {seconds:.2} s, under {SHORT_S} s")));
-        let near = found_m.abs() <= PART_OF_BODY * self.body_m;
-        let height_m = if !doubts.is_empty() && near { 0.0 } else { found_m };
+        let near_m = PART_OF_BODY * self.body_m;
+        let height_m = if !doubts.is_empty() && found_m.abs() <= near_m { 0.0 } else { found_m };
         let found = format!("the floor by the feet is at y = {found_m:.2} m");
         let taken = if height_m == found_m { "taken all the same" } else { "0 is taken" };
         for doubt in &mut doubts {
             doubt.what = format!("{found}, but {}; {taken}; give `floor` if it is elsewhere", doubt.what);
         }
-        Floor { height_m, found_m, doubts }
+        Floor { height_m, found_m, doubts, near_m }
     }
 
     fn others_below(&self, clip: &Clip, positions: &[Vec3], floor_m: f64) -> Option<String> {
@@ -135,7 +145,7 @@ fn far(lowest: &[(f64, usize)], floor_m: f64) -> Option<String> {
 mod tests {
     use super::*;
     use crate::format::{self, ReadOptions};
-    use crate::{Motion, Quat, Skeleton, Source, smpl, synth};
+    use crate::{Motion, Quat, Skeleton, smpl, synth};
     use std::f64::consts::FRAC_PI_2;
     use std::sync::Arc;
 
@@ -285,7 +295,7 @@ mod tests {
         let dance = synth::corpus(1, 1, 8.0, FPS).unwrap().remove(0).clip;
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.bvh");
-        let motion = Motion { path: path.clone(), clip: dance.clone(), source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, dance.clone());
         format::write(&path, &motion).unwrap();
         let back = format::read(&path, &ReadOptions::default()).unwrap().clip;
         assert!(!back.skeleton().ends().is_empty());

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::LazyLock;
 use toml::Spanned;
 
 /// The built-in maps: name and text.
@@ -53,8 +54,16 @@ impl SkeletonMap {
     /// assert_eq!(map.joint(4), Some("LowerLeg_L"), "the left knee");
     /// ```
     pub fn builtin(name: &str) -> Option<Self> {
-        let (_, text) = SHIPPED.iter().find(|(n, _)| *n == name)?;
-        SkeletonMap::parse(text, Path::new(name)).ok()
+        SkeletonMap::shipped().iter().find(|map| map.name == name).cloned()
+    }
+
+    /// The built-in maps. Their texts are constants, so that each is parsed once.
+    fn shipped() -> &'static [SkeletonMap] {
+        static MAPS: LazyLock<Vec<SkeletonMap>> = LazyLock::new(|| {
+            let parsed = |(name, text): &(&str, &str)| SkeletonMap::parse(text, Path::new(name)).ok();
+            SHIPPED.iter().filter_map(parsed).collect()
+        });
+        &MAPS
     }
 
     /// Reads a map from a TOML file.
@@ -159,12 +168,13 @@ impl SkeletonMap {
     /// The built-in maps that fit a rig with these joint names, each with all required joints: those that find more joints
     /// first. [`SkeletonMap::joint`] of them gives the rig's own names.
     pub fn fitting(names: &[String]) -> Vec<Self> {
-        let bound = |map: SkeletonMap| {
-            let bound = map.bind(names)?;
+        let names = RigNames::new(names);
+        let bound = |map: &SkeletonMap| {
+            let bound = map.bound(&names);
             let exact = (0..24).filter(|&id| bound.joints[id].iter().any(|n| map.joints[id].contains(n))).count();
-            Some(((bound.joints.iter().filter(|j| !j.is_empty()).count(), exact), bound))
+            bound.has_required().then_some(((bound.count(), exact), bound))
         };
-        let mut found: Vec<_> = SkeletonMap::names().filter_map(SkeletonMap::builtin).filter_map(bound).collect();
+        let mut found: Vec<_> = SkeletonMap::shipped().iter().filter_map(bound).collect();
         found.sort_by(|(a, _), (b, _)| b.cmp(a));
         found.into_iter().map(|(_, map)| map).collect()
     }
@@ -177,7 +187,7 @@ impl SkeletonMap {
 
     /// Local rotations (J) of the rig in the reference pose. A map serves rigs with and without fingers or toes, so joints
     /// that the rig hasn't are left out.
-    pub(super) fn local_reference(&self, rig: &Skeleton) -> Vec<Quat> {
+    pub(crate) fn local_reference(&self, rig: &Skeleton) -> Vec<Quat> {
         let mut local = vec![Quat::IDENTITY; rig.joints()];
         for (name, rotation) in self.reference() {
             if let Some(j) = rig.find(name) {
@@ -201,46 +211,54 @@ impl SkeletonMap {
     /// The map with the rig's own spelling: exact names first, then names that differ in letter case, in `_ - .`, blanks or
     /// a prefix that the rig's joints share (`mixamorig:`). `None` if a required joint is missing.
     pub fn bind(&self, names: &[String]) -> Option<Self> {
-        let bound = self.bind_any(names);
-        REQUIRED.iter().all(|&id| !bound.joints[id].is_empty()).then_some(bound)
+        Some(self.bind_any(names)).filter(SkeletonMap::has_required)
     }
 
     /// Like [`SkeletonMap::bind`], but required joints may be missing.
     pub fn bind_any(&self, names: &[String]) -> Self {
-        let plain: Vec<String> = names.iter().map(|n| simplified(n)).collect();
-        let mut prefixes = vec![String::new()];
-        for pelvis in self.joints[0].iter().map(|n| simplified(n)) {
-            prefixes.extend(plain.iter().filter_map(|n| n.strip_suffix(&pelvis)).map(str::to_owned));
+        self.bound(&RigNames::new(names))
+    }
+
+    fn bound(&self, names: &RigNames) -> Self {
+        let mut best = self.bound_with(names, "");
+        // a prefix is looked for only where it could find more
+        if best.count() == self.count() {
+            return best;
         }
-        let with = |prefix: &String| self.bind_with(names, &plain, prefix);
-        let count = |map: &SkeletonMap| map.joints.iter().filter(|j| !j.is_empty()).count();
-        let mut best = with(&prefixes[0]);
-        for prefix in &prefixes[1..] {
-            let bound = with(prefix);
-            if count(&bound) > count(&best) {
-                best = bound;
+        for pelvis in self.joints[0].iter().map(|n| simplified(n)) {
+            for prefix in names.plain.iter().filter_map(|n| n.strip_suffix(&*pelvis)) {
+                let bound = self.bound_with(names, prefix);
+                if bound.count() > best.count() {
+                    best = bound;
+                }
             }
         }
         best
     }
 
-    fn bind_with(&self, names: &[String], plain: &[String], prefix: &str) -> Self {
-        let mut used = vec![false; names.len()];
+    fn bound_with(&self, names: &RigNames, prefix: &str) -> Self {
+        let mut used = vec![false; names.own.len()];
         let mut take = |candidate: &String| {
-            let found = find_name(candidate, names, plain, prefix).filter(|&j| !used[j])?;
+            let found = names.find(candidate, prefix).filter(|&j| !used[j])?;
             used[found] = true;
-            Some(names[found].clone())
+            Some(names.own[found].clone())
         };
-        let mut bound = SkeletonMap { joints: Default::default(), ..self.clone() };
-        for (id, candidate) in self.joints.iter().enumerate() {
-            bound.joints[id].extend(candidate.iter().find_map(&mut take));
-        }
-        for (joint, _) in &mut bound.reference {
-            if let Some(found) = find_name(joint, names, plain, prefix) {
-                *joint = names[found].clone();
-            }
-        }
-        bound
+        let joints =
+            self.joints.each_ref().map(|candidates| candidates.iter().find_map(&mut take).into_iter().collect());
+        let own = |(joint, q): &(String, Quat)| {
+            (names.find(joint, prefix).map_or_else(|| joint.clone(), |j| names.own[j].clone()), *q)
+        };
+        let reference = self.reference.iter().map(own).collect();
+        SkeletonMap { name: self.name.clone(), description: self.description.clone(), joints, reference }
+    }
+
+    /// How many SMPL joints have a counterpart.
+    fn count(&self) -> usize {
+        self.joints.iter().filter(|names| !names.is_empty()).count()
+    }
+
+    fn has_required(&self) -> bool {
+        REQUIRED.iter().all(|&id| !self.joints[id].is_empty())
     }
 
     /// The map as TOML, as [`SkeletonMap::parse`] reads it.
@@ -276,13 +294,30 @@ impl SkeletonMap {
     }
 }
 
-/// Finds a joint by its exact name, else without namespaces, else by its simplified name.
-fn find_name(candidate: &str, names: &[String], plain: &[String], prefix: &str) -> Option<usize> {
-    let simple = format!("{prefix}{}", simplified(candidate));
-    let exact = names.iter().position(|n| n == candidate);
-    exact
-        .or_else(|| names.iter().position(|n| without_namespace(n) == without_namespace(candidate)))
-        .or_else(|| plain.iter().position(|n| *n == simple))
+/// The names of a rig's joints in the spellings that are compared.
+struct RigNames<'a> {
+    own: &'a [String],
+    /// Without namespace.
+    bare: Vec<&'a str>,
+    /// [Simplified](simplified).
+    plain: Vec<String>,
+}
+
+impl<'a> RigNames<'a> {
+    fn new(own: &'a [String]) -> Self {
+        let bare = own.iter().map(|name| without_namespace(name)).collect();
+        RigNames { own, bare, plain: own.iter().map(|name| simplified(name)).collect() }
+    }
+
+    /// Finds a joint by its exact name, else without namespaces, else by its simplified name.
+    fn find(&self, candidate: &str, prefix: &str) -> Option<usize> {
+        let bare = without_namespace(candidate);
+        let exact = self.own.iter().position(|name| name == candidate);
+        exact.or_else(|| self.bare.iter().position(|name| *name == bare)).or_else(|| {
+            let simple = simplified(candidate);
+            self.plain.iter().position(|name| name.strip_prefix(prefix) == Some(&simple))
+        })
+    }
 }
 
 /// A name without its namespace, which ends at the last colon.

@@ -4,17 +4,13 @@
 //! the pulse are scored over each stretch of 32 pulses, by the flux at their beats and between them (`weights.rs`).
 
 use super::flux::{RISES, SERIES, Series};
-use super::weights::{ALTERNATION, MIDDLE, PROFILE, RETURN, TEMPO};
+use super::weights::{ALTERNATION, MIDDLE, PLACES, PROFILE, RETURN, RETURNS, TEMPO};
 use super::{FPS, Tempo, TempoRange};
 
 /// Subdivisions of a pulse.
 const PARTS: usize = 12; // halves, thirds and quarters of a pulse are whole
 /// Levels, in subdivisions per beat: from three beats per pulse to three pulses per beat.
 const LEVELS: [usize; 9] = [4, 6, 8, 9, 12, 16, 18, 24, 36];
-/// Positions at and between beats at which the flux is measured, in beats.
-pub const PLACES: [f64; 6] = [0.0, 0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 0.75];
-/// Numbers of beats after which patterns repeat.
-pub const RETURNS: [usize; 5] = [1, 2, 3, 4, 8];
 /// Pulses of a stretch, and from one to the next.
 const STRETCH: usize = 32;
 const STEP: usize = 8;

@@ -18,10 +18,10 @@
 //! # Ok::<(), kinelm_music::Error>(())
 //! ```
 
-pub mod flux;
-pub mod level;
-pub mod pulse;
-pub mod tempogram;
+mod flux;
+mod level;
+mod pulse;
+mod tempogram;
 mod weights;
 
 use crate::Result;

@@ -4,7 +4,11 @@
 //! all counts. docs/results/music.md names the pieces that they were fitted to.
 
 use super::flux::SERIES;
-use super::level::{PLACES, RETURNS};
+
+/// Positions at and between beats at which the flux is measured, in beats.
+pub const PLACES: [f64; 6] = [0.0, 0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 0.75];
+/// Numbers of beats after which patterns repeat.
+pub const RETURNS: [usize; 5] = [1, 2, 3, 4, 8];
 
 /// For the mean at each of [`PLACES`].
 pub const PROFILE: [[f32; PLACES.len()]; SERIES] = [

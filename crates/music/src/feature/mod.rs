@@ -19,11 +19,11 @@
 //! # Ok::<(), kinelm_music::Error>(())
 //! ```
 
-pub mod chroma;
-pub mod cqt;
-pub mod mel;
-pub mod onset;
-pub mod tuning;
+mod chroma;
+mod cqt;
+mod mel;
+mod onset;
+mod tuning;
 
 use crate::beat::{Beats, Tracker};
 use crate::frames::{Frames, Spectrum, hann};
@@ -50,7 +50,7 @@ pub const CHROMA: Range<usize> = 21..33;
 /// 1 in the frame of an onset, else 0.
 pub const PEAK: usize = 33;
 /// 1 in the frame nearest to a beat, else 0.
-pub const BEAT: usize = 34;
+pub(crate) const BEAT: usize = 34;
 /// Bands this many decibels below the loudest one count as silent.
 const DYNAMIC_RANGE: f32 = 80.0;
 /// Lowest and highest rate, frames per second.

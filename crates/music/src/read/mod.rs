@@ -240,22 +240,12 @@ impl Reader {
         &self.info
     }
 
-    /// Samples returned so far.
-    pub fn emitted(&self) -> u64 {
-        self.emitted
-    }
-
-    /// Undecodable packets that were skipped, as players skip them.
-    pub fn skipped(&self) -> usize {
-        self.skipped
-    }
-
     /// The next samples, at most a packet; `None` at the end.
     ///
     /// # Errors
     /// [`Error::File`]: [`FaultKind::Cut`] when the file ends before its track, [`FaultKind::Damaged`] when it can't be
     /// decoded, [`FaultKind::Empty`] when it has no samples. An mp3 or aac that states no length may be cut unnoticed.
-    pub fn next_block(&mut self) -> Result<Option<&[f32]>> {
+    pub(crate) fn next_block(&mut self) -> Result<Option<&[f32]>> {
         if self.silence > 0 {
             // in blocks like packets: an hour at 192 kHz would be 2.8 GB
             let samples = self.silence.min(1 << 12);

@@ -5,7 +5,7 @@
 
 use super::{Fault, Finding, LoadedClip};
 use crate::query::record::ClipEntry;
-use crate::query::{Database, Distance, FeatureKind, IndexOptions, SearchOptions};
+use crate::query::{Database, Distance, FeatureKind, IndexOptions, Models, SearchOptions};
 use crate::{Result, WindowSpec};
 use kinelm_corpus::Split;
 use kinelm_motion::rotation::exp_map;
@@ -109,5 +109,6 @@ fn mean_angle_deg(a: &Clip, b: &Clip, shift: f64) -> f64 {
 /// The windows of all clips, at every frame.
 fn database(held: &[LoadedClip], options: &IndexOptions) -> Result<Database> {
     let entry = |one: &LoadedClip| ClipEntry::in_memory(&one.name, one.clip.frames(), &options.windows);
-    Database::of_clips(options, held.iter().map(|one| (&one.clip, entry(one))).collect())?.with_bytes()
+    Database::of_clips(options, held.iter().map(|one| (&one.clip, entry(one))).collect(), Models::default())?
+        .with_bytes()
 }

@@ -14,8 +14,8 @@ use kinelm_corpus::load::ClipSpec;
 use kinelm_corpus::record::ExcludedRange;
 use kinelm_corpus::stats::glitches;
 use kinelm_corpus::{Dataset, Item, Split};
-use kinelm_motion::rig::{Feet, map_for};
-use kinelm_motion::{Clip, smpl};
+use kinelm_motion::Clip;
+use kinelm_motion::rig::Humanoid;
 use kinelm_store::counted;
 use kinelm_tokenizer::TokenizerConfig;
 use std::collections::BTreeSet;
@@ -133,7 +133,7 @@ fn of_clip(name: &str, clip: &Clip, joints: &[usize]) -> Result<Vec<Finding>> {
 }
 
 fn sinking(clip: &Clip) -> Result<Vec<Finding>> {
-    let feet = Feet::new(&smpl::neutral(), &map_for(&smpl::neutral(), None)?)?;
+    let feet = Humanoid::neutral().feet()?;
     let low: Vec<f64> = feet.clearance(clip).into_iter().zip(feet.other_heights(clip)).map(|(a, b)| a.min(b)).collect();
     let mut found = Vec::new();
     let mut first = 0;

@@ -3,7 +3,7 @@
 use super::*;
 use kinelm_corpus::samples;
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_motion::{Motion, Quat, Source, Vec3, synth};
+use kinelm_motion::{Motion, Quat, Vec3, synth};
 use std::fs;
 use std::ops::ControlFlow;
 
@@ -23,7 +23,7 @@ fn cleaned(clips: &[(&str, &str, Clip)]) -> CleaningReport {
     fs::create_dir(dir.path().join("data")).unwrap();
     for (name, split, clip) in clips {
         let path = dir.path().join(format!("data/{name}.json"));
-        let motion = Motion { path: path.clone(), clip: clip.clone(), source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, clip.clone());
         format::write(&path, &motion).unwrap();
         csv += &format!("{name},{split}\n");
     }

@@ -30,7 +30,7 @@ impl Butterworth {
     ///
     /// # Errors
     /// An order outside 1..=[`MAX_ORDER`]; a cut-off that isn't above 0 and below half the rate.
-    pub fn new(order: usize, cutoff_hz: f64, fps: f64) -> Result<Butterworth> {
+    pub(crate) fn new(order: usize, cutoff_hz: f64, fps: f64) -> Result<Butterworth> {
         if !(1..=MAX_ORDER).contains(&order) {
             return Err(Error::invalid("the Butterworth filter's `order`", order, format!("1 to {MAX_ORDER}")));
         }
@@ -44,7 +44,7 @@ impl Butterworth {
     }
 
     /// How many numbers are put before and behind a series: it must be longer. Scipy's `3 max(len(a), len(b))`.
-    pub fn padding(&self) -> usize {
+    pub(crate) fn padding(&self) -> usize {
         3 * (self.order + 1)
     }
 
@@ -55,7 +55,7 @@ impl Butterworth {
     ///
     /// # Errors
     /// A series not longer than [`Butterworth::padding`].
-    pub fn filtfilt(&self, series: &[f64]) -> Result<Vec<f64>> {
+    pub(crate) fn filtfilt(&self, series: &[f64]) -> Result<Vec<f64>> {
         let (n, pad) = (series.len(), self.padding());
         if n <= pad {
             let order = self.order;

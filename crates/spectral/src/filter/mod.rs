@@ -59,7 +59,7 @@ pub struct Filtered {
 
 /// How many coefficients of a cosine transform over `frames` at `fps` aren't above a frequency: those with
 /// `k fps / (2 frames) <= cutoff_hz`. 16 for [`LOW_HZ`] and 32 for [`MIDDLE_HZ`] of 128 frames at 60 a second.
-pub fn coefficients(frames: usize, fps: f64, cutoff_hz: f64) -> usize {
+pub(crate) fn coefficients(frames: usize, fps: f64, cutoff_hz: f64) -> usize {
     ((2 * frames) as f64 * cutoff_hz / fps + 1e-9).floor() as usize + 1
 }
 

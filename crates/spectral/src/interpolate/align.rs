@@ -5,7 +5,6 @@ use crate::{Error, Result};
 use kinelm_motion::format::floor_height;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::rig::map_for;
 use kinelm_motion::{Clip, Motion, Quat, Skeleton, Source, Vec3};
 
 /// What of two clips is compared.
@@ -19,13 +18,11 @@ pub struct Alignment {
     pub at_s: [f64; 2],
     /// Leave the second clip's heading as it is, instead of turning it so that both begin facing the same way.
     pub keep_heading: bool,
-    /// The skeleton map of each rig, as [`map_for`] takes it.
-    pub maps: [Option<String>; 2],
 }
 
 impl Default for Alignment {
     fn default() -> Self {
-        Alignment { frames: Some(128), fps: 60.0, at_s: [0.0; 2], keep_heading: false, maps: [None, None] }
+        Alignment { frames: Some(128), fps: 60.0, at_s: [0.0; 2], keep_heading: false }
     }
 }
 
@@ -55,7 +52,7 @@ impl Alignment {
     ///
     /// # Errors
     /// A window that is out of all bounds or that a clip is too short for; rigs of which one can't be put on the other.
-    pub fn of(&self, a: &Motion, b: &Motion) -> Result<Aligned> {
+    pub(crate) fn of(&self, a: &Motion, b: &Motion) -> Result<Aligned> {
         let mut notes = Vec::new();
         let at_rate = |motion: &Motion, notes: &mut Vec<String>| -> Result<Clip> {
             let (name, fps) = (motion.path.display(), motion.clip.fps());
@@ -130,16 +127,15 @@ impl Alignment {
             return Ok(second);
         }
         let retargeted = || -> kinelm_motion::Result<Clip> {
-            let [map_a, map_b] = [0, 1].map(|i| self.maps[i].as_deref());
             let source = match &motions[1].source {
                 // numbers of the whole file don't belong to a window of it
                 Source::Bvh(_) => Source::Plain,
                 other => other.clone(),
             };
-            let window = Motion { clip: second, source, path: motions[1].path.clone(), warnings: Vec::new() };
-            let smpl = retarget::to_smpl(&window, map_b)?;
-            let way = Retarget::new(to, &map_for(to, map_a)?, smpl.skeleton().clone())?;
-            let way = way.with_floor(floor_height(&window, map_b)?);
+            let window = motions[1].clone().with_clip(second).with_source(source);
+            let smpl = retarget::to_smpl(&window)?;
+            let way = Retarget::of(motions[0].humanoid()?, smpl.skeleton().clone())?;
+            let way = way.with_floor(floor_height(&window)?);
             way.to_rig_over(&smpl, Some(first))
         };
         let clip = retargeted().map_err(|e| {

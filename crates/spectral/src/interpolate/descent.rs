@@ -35,7 +35,7 @@ const PLAIN_SHARE: f64 = 0.99;
 
 impl Method {
     /// Fills in the rate, for features of `n` numbers.
-    pub fn resolve(self, n: usize) -> Method {
+    pub(crate) fn resolve(self, n: usize) -> Method {
         let with = |d: Descent, rate: f64| Descent { rate: Some(d.rate.unwrap_or(rate)), ..d };
         match self {
             Method::Closed { .. } => self,
@@ -55,7 +55,7 @@ impl Descent {
 
     /// The rate of plain descent at which `steps` steps go this share of the way, for n numbers of a feature: from
     /// `share = 1 - (1 - 2 rate / n)^steps`.
-    pub fn rate_for(share: f64, n: usize, steps: usize) -> f64 {
+    pub(crate) fn rate_for(share: f64, n: usize, steps: usize) -> f64 {
         0.5 * n as f64 * (1.0 - (1.0 - share).powf(1.0 / steps.max(1) as f64))
     }
 

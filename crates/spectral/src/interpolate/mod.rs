@@ -5,11 +5,11 @@
 //! part, which turns with the body. Source: the motion-language thesis; docs/interpolation.md.
 
 pub mod align;
-pub mod chart;
-pub mod descent;
-pub mod relative;
-pub mod report;
-pub mod vectors;
+mod chart;
+mod descent;
+mod relative;
+mod report;
+mod vectors;
 
 pub use align::{Aligned, Alignment};
 pub use descent::{Descent, Method};

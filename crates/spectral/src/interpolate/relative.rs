@@ -30,7 +30,7 @@ impl Relative {
     ///
     /// # Panics
     /// When the clips differ in frames or joints.
-    pub fn of<const K: usize>(clips: [&Clip; K]) -> (Relative, [Vec<f64>; K]) {
+    pub(crate) fn of<const K: usize>(clips: [&Clip; K]) -> (Relative, [Vec<f64>; K]) {
         let (skeleton, frames) = (clips[0].skeleton().clone(), clips[0].frames());
         assert!(clips.iter().all(|c| (c.frames(), c.joints()) == (frames, skeleton.joints())), "clips of one shape");
         let pelvis = pelvis(&skeleton);
@@ -59,7 +59,7 @@ impl Relative {
     ///
     /// # Panics
     /// When numbers have another shape, or `slow` is more than N.
-    pub fn moved(&self, clip: &Clip, from: &[f64], to: &[f64], slow: usize) -> Result<Clip> {
+    pub(crate) fn moved(&self, clip: &Clip, from: &[f64], to: &[f64], slow: usize) -> Result<Clip> {
         let dct = LowDct::new(self.frames, slow);
         let low = |series: &[f64]| dct.low_back(&dct.low(series));
         let before: Vec<f64> = from.chunks_exact(self.frames).flat_map(low).collect();

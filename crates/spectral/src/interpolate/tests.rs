@@ -1,17 +1,12 @@
 use super::*;
 use kinelm_motion::rotation::{angle_between, exp_map};
-use kinelm_motion::{Quat, Source, Vec3, synth};
+use kinelm_motion::{Quat, Vec3, synth};
 use std::f64::consts::PI;
 
 fn motions() -> [Motion; 2] {
     // two genres of one dancer
     let dances = synth::corpus(1, 2, 4.0, 60.0).unwrap();
-    [0, 1].map(|i| Motion {
-        path: format!("{i}.bvh").into(),
-        clip: dances[i].clip.clone(),
-        source: Source::Plain,
-        warnings: Vec::new(),
-    })
+    [0, 1].map(|i| Motion::new(format!("{i}.bvh"), dances[i].clip.clone()))
 }
 
 fn settings(spectrum: Spectrum, method: Method) -> InterpolateOptions {
@@ -87,7 +82,7 @@ fn turning(dance: &Motion, joint: usize, angle: impl Fn(f64) -> f64) -> Motion {
         *own = Quat::from_rotation_y(angle(f as f64 / clip.fps())) * *own;
     }
     let clip = Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations).unwrap();
-    Motion { clip, path: dance.path.clone(), source: Source::Plain, warnings: Vec::new() }
+    Motion::new(dance.path.clone(), clip)
 }
 
 /// The fastest step of any joint from frame to frame, radians.

@@ -1,5 +1,6 @@
 //! From motion files to an index, or to more of one.
 
+use super::embedding::Models;
 use super::extract::{Extracted, FeatureExtractor, fit_of};
 use super::index::{BASIS, Index, MANIFEST};
 use super::options::{FeatureKind, IndexOptions};
@@ -30,13 +31,15 @@ pub struct IndexRequest {
     pub joints: Option<Vec<usize>>,
     /// Canonical rotation vectors.
     pub raw: Option<bool>,
+    /// How the model of the transform is opened.
+    pub models: Models,
 }
 
 impl IndexRequest {
     /// The options, laid over those of an index that is there.
     pub fn over(&self, there: Option<&IndexOptions>) -> IndexOptions {
         let mut options = there.cloned().unwrap_or_else(|| IndexOptions::new(FeatureKind::dct()));
-        let IndexRequest { transform, frames, hop, fps, joints, raw } = self.clone();
+        let IndexRequest { transform, frames, hop, fps, joints, raw, .. } = self.clone();
         options.transform = transform.unwrap_or(options.transform);
         options.windows.frames = frames.unwrap_or(options.windows.frames);
         options.windows.hop = hop.unwrap_or(options.windows.hop);
@@ -139,7 +142,8 @@ impl Index {
                 .as_ref()
                 .map(|b| b.variances.iter().sum::<f64>() / b.total_variance.max(f64::MIN_POSITIVE)),
         };
-        let (part, numbers) = write_part(dataset, &held, basis.as_ref(), options, &work, &mut built, watch)?;
+        let extractor = FeatureExtractor::new(&held, basis.as_ref(), request.models)?;
+        let part = write_part(dataset, &extractor, options, &work, &mut built, watch)?;
         let Some(part) = part else {
             if built.known == 0 {
                 return Err(no_window(&held.windows));
@@ -158,7 +162,7 @@ impl Index {
                 version: VERSION,
                 program: env!("CARGO_PKG_VERSION").into(),
                 options: held,
-                numbers,
+                numbers: extractor.numbers(),
                 basis: basis.as_deref().map(FileRecord::of),
                 parts: vec![part],
             },
@@ -238,28 +242,26 @@ pub(super) fn no_window(windows: &WindowSpec) -> Error {
     Error::missing(what, "give longer clips or a shorter window")
 }
 
-/// Writes the windows of the clips that are new; `None` where there are none. D.
+/// Writes the windows of the clips that are new; `None` where there are none.
 fn write_part(
     dataset: &Dataset,
-    held: &IndexOptions,
-    basis: Option<&PcaBasis>,
+    extractor: &FeatureExtractor,
     options: &BuildOptions,
     work: &Work,
     built: &mut BuildReport,
     watch: &mut BuildProgress<'_>,
-) -> Result<(Option<PartRecord>, usize)> {
-    let (extractor, mut embedder) = FeatureExtractor::new(held, basis)?;
-    let numbers = extractor.numbers(&embedder);
-    let mut writer = PartWriter::create(&work.part()?, numbers)?;
+) -> Result<Option<PartRecord>> {
+    let spec = built.options.windows;
+    let mut writer = PartWriter::create(&work.part()?, extractor.numbers())?;
     let items: Vec<&Item> = dataset.items.iter().collect();
     let (mut known, mut otherwise, mut short, mut clips) = (0, 0, 0, 0);
     built.summary = for_each_clip(
         &items,
         options,
-        ClipSpec::in_world(held.windows.fps),
+        ClipSpec::in_world(spec.fps),
         watch,
         |_, loaded| {
-            let starts: Vec<usize> = held.windows.starts(loaded.clip.frames(), 0).collect();
+            let starts: Vec<usize> = spec.starts(loaded.clip.frames(), 0).collect();
             Ok((extractor.extract(&loaded.clip, &starts)?, starts, loaded.clip.frames()))
         },
         |item, sha256, (made, starts, frames): (Extracted, Vec<usize>, usize), _| -> Result<_> {
@@ -274,7 +276,7 @@ fn write_part(
                 let path = std::path::absolute(&item.path).map_err(Error::io(&item.path))?;
                 let Item { name, take, labels, .. } = item.clone();
                 let entry = ClipEntry { name, path, sha256, read, take, labels, frames, starts };
-                writer.push(&entry, &embedder.embed(made)?)?;
+                writer.push(&entry, &extractor.embed(made)?)?;
             }
             Ok(frames)
         },
@@ -282,9 +284,9 @@ fn write_part(
     (built.known, built.otherwise, built.short) = (known, otherwise, short);
     built.added = (clips, writer.windows());
     if clips == 0 {
-        return Ok((None, numbers));
+        return Ok(None);
     }
-    Ok((Some(writer.finish()?), numbers))
+    Ok(Some(writer.finish()?))
 }
 
 /// Where a build writes: into the index that is there, or into a new folder that is renamed at the end.

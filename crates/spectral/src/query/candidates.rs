@@ -1,7 +1,7 @@
 //! What may be among the k nearest, by bounds.
 
 use super::database::Database;
-use super::search::SearchOptions;
+use super::distance::SearchOptions;
 
 /// From so many windows on, those that can't be among the k nearest are dropped.
 const MANY: usize = 512;

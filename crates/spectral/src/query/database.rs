@@ -30,7 +30,7 @@ impl Database {
     ///
     /// # Panics
     /// When a part has not a feature for every window of its clips.
-    pub fn new(numbers: usize, found: Vec<(Part, Vec<ClipEntry>)>) -> Database {
+    pub(crate) fn new(numbers: usize, found: Vec<(Part, Vec<ClipEntry>)>) -> Database {
         let mut all = Database { numbers, parts: vec![], firsts: vec![], clips: vec![], windows: vec![] };
         for (part, clips) in found {
             all.firsts.push(all.windows.len());
@@ -51,7 +51,7 @@ impl Database {
     ///
     /// # Errors
     /// An index whose files were cut while it was in use.
-    pub fn with_bytes(mut self) -> Result<Database> {
+    pub(crate) fn with_bytes(mut self) -> Result<Database> {
         let numbers = self.numbers;
         self.parts = self.parts.into_iter().map(|part| part.with_bytes(numbers)).collect::<Result<_>>()?;
         Ok(self)

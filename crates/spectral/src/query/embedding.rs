@@ -1,202 +1,50 @@
-//! A language model's own embedding of a window: the mean of its final vectors over the window's tokens, of a two-level model
-//! the mean of its trunk's vectors over the rows behind each of the window's frames.
-//!
-//! The window's frames are brought to the run's rate and tokenized with the run's tokenizer; what stands in front says of
-//! every label that it is unknown. Windows longer than the context are read in overlapping pieces as when a model is
-//! measured ([`eval_windows`]), each token counting once. Not in the thesis.
+//! Windows as a language model reads them. Its crates are above this one, so a caller that has them says how a run is
+//! opened.
 
-use super::options::FeatureKind;
 use crate::{Error, Result};
-use kinelm_corpus::words::ClipWords;
-use kinelm_corpus::{Conditions, EvalWindow, eval_windows};
-use kinelm_model::fast::{Fast, Windows};
-use kinelm_model::{CheckpointChoice, ModelKind, load_run};
 use kinelm_motion::Clip;
-use kinelm_motion::resample::{Method, resample};
-use kinelm_tokenizer::{SPACE, Tokenizer};
+use std::fmt::Debug;
 use std::path::Path;
-
-/// Tokens that the model reads at a time.
-const BATCH: usize = 4096;
 
 /// The tokens of a window.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Tokens {
-    ids: Vec<u32>,
+    /// Ids of whole words.
+    pub ids: Vec<u32>,
     /// The first token of each word.
-    starts: Vec<u32>,
+    pub starts: Vec<u32>,
 }
 
-/// Says windows in the words of a run.
-pub struct WindowTokenizer(Tokenizer);
-
-/// Reads them.
-pub struct ModelEmbedding {
-    model: Fast,
-    front: Vec<u32>,
-    pad: u32,
-    context: usize,
-    width: usize,
-    /// W of a two-level model, whose vectors are of frames.
-    frame: Option<usize>,
-}
-
-impl FeatureKind {
-    /// The embedding of a trained run's model, identified by the hash of its weights.
+/// A model that maps a window of motion to a vector.
+pub trait WindowEmbedding: Send + Sync {
+    /// The tokens of a window, which is on the 24 SMPL joints at any rate; many windows side by side.
     ///
     /// # Errors
-    /// As [`load_run`]; weights that can't be read.
-    pub fn of_run(run: &Path) -> Result<FeatureKind> {
-        let loaded = load_run(run, CheckpointChoice::Auto)?;
-        let weights = loaded.weights_sha256();
-        Ok(FeatureKind::Model { run: std::path::absolute(run).map_err(Error::io(run))?, weights })
-    }
-}
+    /// A clip that the model's tokenizer can't encode.
+    fn tokens(&self, window: &Clip) -> Result<Tokens>;
 
-/// Opens the run that an index was made with.
-///
-/// # Errors
-/// As [`load_run`]; other weights than `weights`; a model that isn't causal or whose context holds no word.
-pub fn open(run: &Path, weights: &str) -> Result<(WindowTokenizer, ModelEmbedding)> {
-    let loaded = load_run(run, CheckpointChoice::Auto)?;
-    let found = loaded.weights_sha256();
-    if found != weights {
-        let (found, expected) = (format!("weights {found}"), format!("weights {weights}, as the index was built with"));
-        return Err(Error::file(run, found, expected, "the run was trained on: build the index again with it"));
-    }
-    if loaded.config.kind != ModelKind::Causal {
-        return Err(Error::file(run, "a masked model", "a causal one", "give a run of `kind = \"causal\"`"));
-    }
-    // labels must not stand in what is compared by labels
-    let conditions: Conditions = loaded.load_conditions()?.unknown();
-    let front = conditions.front(&Default::default());
-    let (context, width, pad) = (loaded.config.context, loaded.config.width, loaded.tokens.pad);
-    if context <= front.len() {
-        return Err(Error::file(run, format!("a context of {context} tokens"), "room for words", ""));
-    }
-    let tokenizer = WindowTokenizer(loaded.load_tokenizer()?);
-    let frame = (!loaded.config.architecture.is_flat()).then_some(loaded.tokens.word);
-    let model = Fast::from_tensors(&loaded.config, &loaded.tokens, loaded.weights)?;
-    Ok((tokenizer, ModelEmbedding { model, front, pad, context, width, frame }))
-}
+    /// D.
+    fn width(&self) -> usize;
 
-impl WindowTokenizer {
-    /// The tokens of a window, which is on the 24 SMPL joints at any rate.
-    ///
-    /// # Errors
-    /// A clip that the tokenizer can't say.
-    pub fn tokens(&self, window: &Clip) -> Result<Tokens> {
-        let clip = resample(window, self.0.fps(), Method::Auto)?;
-        let ids = self.0.ids_of_words(&self.0.encode(&clip)?.words)?;
-        let behind = ids.iter().enumerate().filter(|(_, id)| **id == SPACE).map(|(i, _)| i as u32 + 1);
-        let starts = std::iter::once(0).chain(behind).filter(|&start| (start as usize) < ids.len()).collect();
-        Ok(Tokens { ids, starts })
-    }
-}
-
-impl ModelEmbedding {
-    /// D, the model's width.
-    pub fn width(&self) -> usize {
-        self.width
-    }
-
-    /// (N, D) the embeddings of windows.
+    /// (N, D) the vectors of windows.
     ///
     /// # Errors
     /// Ids outside the vocabulary; a model whose vectors are not finite.
-    pub fn embed(&mut self, windows: &[Tokens]) -> Result<Vec<f32>> {
-        let words = windows.iter().map(|w| ClipWords::Varying { starts: &w.starts, tokens: w.ids.len() });
-        // the row that has read a frame is the one behind it
-        let room =
-            self.frame.map_or(self.context - self.front.len(), |word| self.context + 1 - self.front.len() - word);
-        let pieces = eval_windows(words, room)?;
-        let longest = pieces.iter().map(|p| p.tokens).max().unwrap_or(0);
-        let length = self.front.len() + longest + self.frame.map_or(0, |word| word - 1);
-        let mut sums = vec![0.0f64; windows.len() * self.width];
-        for batch in pieces.chunks((BATCH / length).max(1)) {
-            self.read(windows, batch, length, &mut sums)?;
-        }
-        let mean = |(sum, window): (&mut [f64], &Tokens)| {
-            let vectors = self.frame.map_or(window.ids.len(), |word| window.ids.len() / word);
-            sum.iter_mut().for_each(|x| *x /= vectors.max(1) as f64);
-        };
-        sums.chunks_exact_mut(self.width).zip(windows).for_each(mean);
-        if sums.iter().any(|x| !x.is_finite()) {
-            return Err(Error::unsupported(
-                "an embedding",
-                "the model's vectors are not finite; its training went wrong",
-            ));
-        }
-        Ok(sums.into_iter().map(|x| x as f32).collect())
-    }
-
-    /// Adds the vectors of what counts of each piece to the sum of its window.
-    fn read(&mut self, windows: &[Tokens], pieces: &[EvalWindow], length: usize, sums: &mut [f64]) -> Result<()> {
-        let mut inputs = vec![self.pad; pieces.len() * length];
-        let (front, frame) = (self.front.len(), self.frame);
-        let places = frame.map_or(length, |word| (length + 1 - front) / word);
-        let mut rows = Vec::new();
-        for (i, (row, piece)) in inputs.chunks_exact_mut(length).zip(pieces).enumerate() {
-            let (front, rest) = row.split_at_mut(self.front.len());
-            front.copy_from_slice(&self.front);
-            rest[..piece.tokens].copy_from_slice(&windows[piece.clip].ids[piece.start..piece.start + piece.tokens]);
-            let scored = &piece.scored;
-            let read = match frame {
-                Some(word) => 1 + scored.start / word..1 + scored.end / word,
-                None => self.front.len() + scored.start..self.front.len() + scored.end,
-            };
-            rows.extend(read.map(|row| i * places + row));
-        }
-        let mask = self.model.mask();
-        let vectors = self
-            .model
-            .final_vectors(Windows { inputs: &inputs, targets: &inputs, length, mask, conditioning: None }, &rows)?;
-        for (row, vector) in rows.iter().zip(vectors.chunks_exact(self.width)) {
-            let sum = &mut sums[pieces[row / places].clip * self.width..][..self.width];
-            sum.iter_mut().zip(vector).for_each(|(s, x)| *s += f64::from(*x));
-        }
-        Ok(())
-    }
+    fn embed(&self, windows: &[Tokens]) -> Result<Vec<f32>>;
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use kinelm_model::fixtures;
+/// Opens the model of a run's folder if its weights have this SHA-256.
+pub(crate) type OpenModel = fn(run: &Path, weights: &str) -> Result<Box<dyn WindowEmbedding>>;
 
-    /// Every frame of a window counts once by the row behind it, in windows that fit and in longer ones.
-    #[test]
-    fn a_two_level_model_tells_windows_by_the_rows_behind_their_frames() {
-        let (levels, tokens) = fixtures::every(36).into_iter().find(|(c, _)| !c.architecture.is_flat()).unwrap();
-        let gpt = fixtures::model(&levels, &tokens);
-        let (context, width, word, pad) = (levels.context, levels.width, tokens.word, tokens.pad);
-        let front = vec![tokens.bos];
-        let model = Fast::of(&gpt).unwrap();
-        let mut reader = ModelEmbedding { model, front: front.clone(), pad, context, width, frame: Some(word) };
-        // the first of three windows is whole
-        let (_, from) = fixtures::batch(&levels, &tokens, 3, context);
-        let window = |frames: usize| {
-            let ids: Vec<u32> = from[..context].chunks_exact(word).cycle().take(frames).flatten().copied().collect();
-            Tokens { starts: (0..frames).map(|f| (f * word) as u32).collect(), ids }
-        };
-        let vectors = |ids: &[u32], first: usize| {
-            let mut inputs = [&front[..], ids].concat();
-            inputs.resize(inputs.len() + word - 1, pad);
-            let ids = gpt.ids(&inputs, inputs.len()).unwrap();
-            let rows = gpt.final_vectors(&ids, &gpt.mask()).unwrap().to_vec2::<f32>().unwrap();
-            rows[1 + first..].to_vec()
-        };
-        // 6 frames hold 5 and the row behind them: a hop of 2, and of the second piece what the first has not read
-        let windows = [window(5), window(2), window(7)];
-        let long = [vectors(&windows[2].ids[..5 * word], 0), vectors(&windows[2].ids[2 * word..], 3)].concat();
-        let expected = [vectors(&windows[0].ids, 0), vectors(&windows[1].ids, 0), long];
-        let found = reader.embed(&windows).unwrap();
-        for (found, rows) in found.chunks(width).zip(&expected) {
-            for (i, x) in found.iter().enumerate() {
-                let mean = rows.iter().map(|row| row[i]).sum::<f32>() / rows.len() as f32;
-                assert!((x - mean).abs() < 1e-5, "{x}, expected {mean}");
-            }
-        }
-        assert_eq!(expected[2].len(), 7);
+/// How the model of [`super::FeatureKind::Model`] is opened; by default not at all.
+#[derive(Debug, Clone, Copy)]
+pub struct Models(pub OpenModel);
+
+impl Default for Models {
+    fn default() -> Models {
+        Models(|run, _| {
+            let what = format!("the embedding of {}", run.display());
+            Err(Error::unsupported(what, "windows are compared without a language model here"))
+        })
     }
 }

@@ -3,13 +3,16 @@
 
 use super::build::no_window;
 use super::database::Database;
+use super::distance::{Distance, SearchOptions};
+use super::embedding::Models;
 use super::exclude::{Exclude, Exclusion, Origin};
 use super::options::{FeatureKind, IndexOptions};
 use super::record::ClipEntry;
-use super::search::{Cosines, Distance, SearchOptions};
+use super::search::Cosines;
 use super::vote::{Tally, vote};
 use crate::{Error, Result, WindowSpec};
 pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
+use kinelm_corpus::labels::LabelFilter;
 use kinelm_corpus::{Dataset, Item};
 use kinelm_motion::Clip;
 use kinelm_store::random;
@@ -38,11 +41,13 @@ pub struct EvaluateOptions {
     /// Label fields; by themselves those that all clips have with at least two values.
     pub fields: Vec<String>,
     /// Only clips with these labels.
-    pub only: Vec<(String, String)>,
+    pub only: Vec<LabelFilter>,
     /// What is left out of the neighbours in the main figures.
     pub exclude: Exclude,
     /// Neighbours.
     pub k: usize,
+    /// How the model of a transform is opened.
+    pub models: Models,
 }
 
 /// Accuracy and entropy of one way to ask.
@@ -156,7 +161,7 @@ pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildP
         let count = held.iter().map(|h| options.windows.starts(h.clip.frames(), phase).count()).sum();
         report.queries.push((phase, count));
         for kind in &of_kind {
-            let database = database(&held, kind, phase)?;
+            let database = database(&held, kind, phase, options.models)?;
             let judge =
                 Judge { database: &database, labels: &labels, takes: &takes, options, excludes: &excludes, phase };
             report.rows.extend(judge.ask(&kind.transform)?);
@@ -172,11 +177,11 @@ pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildP
 }
 
 /// The items with these labels.
-fn chosen<'a>(dataset: &'a Dataset, only: &[(String, String)]) -> Result<Vec<&'a Item>> {
-    let fits = |i: &&Item| only.iter().all(|(field, value)| i.labels.get(field) == Some(value));
+fn chosen<'a>(dataset: &'a Dataset, only: &[LabelFilter]) -> Result<Vec<&'a Item>> {
+    let fits = |i: &&Item| only.iter().all(|label| label.allows(&i.labels));
     let items: Vec<&Item> = dataset.items.iter().filter(fits).collect();
     if items.is_empty() {
-        let wanted: Vec<String> = only.iter().map(|(f, v)| format!("{f}={v}")).collect();
+        let wanted: Vec<String> = only.iter().map(LabelFilter::to_string).collect();
         let what = format!("clip with the labels {}", wanted.join(" "));
         return Err(Error::missing(what, "see which labels the clips have"));
     }
@@ -282,12 +287,12 @@ impl Labels {
 }
 
 /// The windows of all clips at a phase.
-fn database(held: &[LoadedClip], options: &IndexOptions, phase: usize) -> Result<Database> {
+fn database(held: &[LoadedClip], options: &IndexOptions, phase: usize, models: Models) -> Result<Database> {
     let with_windows = |h: &LoadedClip| {
         let starts = options.windows.starts(h.clip.frames(), phase).collect();
         ClipEntry { starts, ..h.entry.clone() }
     };
-    Database::of_clips(options, held.iter().map(|h| (&h.clip, with_windows(h))).collect())
+    Database::of_clips(options, held.iter().map(|h| (&h.clip, with_windows(h))).collect(), models)
 }
 
 /// One database and its queries.

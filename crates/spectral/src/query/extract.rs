@@ -1,7 +1,7 @@
 //! Clips to the features of their windows.
 
 use super::database::Database;
-use super::embedding::{self, ModelEmbedding, Tokens, WindowTokenizer};
+use super::embedding::{Models, Tokens, WindowEmbedding};
 use super::options::{FeatureKind, IndexOptions, unfitted};
 use super::part::Part;
 use super::record::ClipEntry;
@@ -10,7 +10,8 @@ use crate::{PcaBasis, Result, Series, Transform};
 use kinelm_motion::Clip;
 use rayon::prelude::*;
 
-/// What makes features; many clips side by side. A model then reads its part one after the other ([`Embedder`]).
+/// What makes features; many clips side by side. A model then reads its part one after the other
+/// ([`FeatureExtractor::embed`]).
 pub struct FeatureExtractor {
     options: IndexOptions,
     source: Source,
@@ -18,7 +19,7 @@ pub struct FeatureExtractor {
 
 enum Source {
     Transform(Transform),
-    Words(Box<WindowTokenizer>),
+    Model(Box<dyn WindowEmbedding>),
 }
 
 /// What comes of a clip before a model reads.
@@ -29,9 +30,6 @@ pub enum Extracted {
     Tokens(Vec<Tokens>),
 }
 
-/// What is left to do after [`FeatureExtractor::extract`].
-pub struct Embedder(Option<ModelEmbedding>);
-
 impl FeatureExtractor {
     /// What makes the features of `options`; `basis` is that of a fitted transform.
     ///
@@ -40,19 +38,16 @@ impl FeatureExtractor {
     ///
     /// # Panics
     /// When there is no basis where one is needed.
-    pub fn new(options: &IndexOptions, basis: Option<&PcaBasis>) -> Result<(FeatureExtractor, Embedder)> {
-        let (source, reader) = match (&options.transform, unfitted(&options.transform, options.windows.frames)) {
-            (_, Some(transform)) => (Source::Transform(transform), None),
-            (FeatureKind::Model { run, weights }, _) => {
-                let (tokenizer, reader) = embedding::open(run, weights)?;
-                (Source::Words(Box::new(tokenizer)), Some(reader))
-            }
+    pub fn new(options: &IndexOptions, basis: Option<&PcaBasis>, models: Models) -> Result<FeatureExtractor> {
+        let source = match (&options.transform, unfitted(&options.transform, options.windows.frames)) {
+            (_, Some(transform)) => Source::Transform(transform),
+            (FeatureKind::Model { run, weights }, _) => Source::Model(models.0(run, weights)?),
             _ => {
                 let basis = basis.unwrap_or_else(|| panic!("a fitted transform without its basis"));
-                (Source::Transform(Transform::Pca(basis.clone())), None)
+                Source::Transform(Transform::Pca(basis.clone()))
             }
         };
-        Ok((FeatureExtractor { options: options.clone(), source }, Embedder(reader)))
+        Ok(FeatureExtractor { options: options.clone(), source })
     }
 
     /// The windows of `clip`, which is on the 24 SMPL joints at the options' rate, that begin at `starts`.
@@ -67,32 +62,30 @@ impl FeatureExtractor {
                 let feature = |&start: &usize| transform.feature(&series.window(start, frames), series.channels.len());
                 Ok(Extracted::Features(starts.iter().flat_map(feature).map(|x| x as f32).collect()))
             }
-            Source::Words(tokenizer) => {
-                let tokens = starts.iter().map(|&start| tokenizer.tokens(&clip.slice(start..start + frames)));
+            Source::Model(model) => {
+                let tokens = starts.iter().map(|&start| model.tokens(&clip.slice(start..start + frames)));
                 Ok(Extracted::Tokens(tokens.collect::<Result<_>>()?))
             }
         }
     }
 
     /// D.
-    pub fn numbers(&self, embedder: &Embedder) -> usize {
-        match (&self.source, &embedder.0) {
-            (Source::Transform(t), _) => t.kept() * self.options.channels(),
-            (_, reader) => reader.as_ref().map_or(0, ModelEmbedding::width),
+    pub fn numbers(&self) -> usize {
+        match &self.source {
+            Source::Transform(t) => t.kept() * self.options.channels(),
+            Source::Model(model) => model.width(),
         }
     }
-}
 
-impl Embedder {
-    /// (N, D).
+    /// (N, D) of what [`FeatureExtractor::extract`] gave.
     ///
     /// # Errors
-    /// As [`ModelEmbedding::embed`].
-    pub fn embed(&mut self, made: Extracted) -> Result<Vec<f32>> {
-        match (made, &mut self.0) {
+    /// As [`WindowEmbedding::embed`].
+    pub fn embed(&self, extracted: Extracted) -> Result<Vec<f32>> {
+        match (extracted, &self.source) {
             (Extracted::Features(features), _) => Ok(features),
-            (Extracted::Tokens(windows), Some(reader)) => reader.embed(&windows),
-            (Extracted::Tokens(_), None) => unreachable!("tokens come from an extractor whose embedder has a model"),
+            (Extracted::Tokens(windows), Source::Model(model)) => model.embed(&windows),
+            (Extracted::Tokens(_), _) => unreachable!("tokens come from an extractor that has a model"),
         }
     }
 }
@@ -107,7 +100,7 @@ impl Database {
     ///
     /// # Errors
     /// Those of [`FeatureExtractor`] and of fitting a basis.
-    pub fn of_clips(options: &IndexOptions, clips: Vec<(&Clip, ClipEntry)>) -> Result<Database> {
+    pub(crate) fn of_clips(options: &IndexOptions, clips: Vec<(&Clip, ClipEntry)>, models: Models) -> Result<Database> {
         let basis = match options.transform {
             FeatureKind::Pca { keep } => {
                 let mut all = PcaFit::new(options.windows.frames);
@@ -119,12 +112,12 @@ impl Database {
             }
             _ => None,
         };
-        let (extractor, mut embedder) = FeatureExtractor::new(options, basis.as_ref())?;
-        let (numbers, mut features) = (extractor.numbers(&embedder), Vec::new());
+        let extractor = FeatureExtractor::new(options, basis.as_ref(), models)?;
+        let (numbers, mut features) = (extractor.numbers(), Vec::new());
         for block in clips.chunks(BLOCK) {
             let extracted = block.par_iter().map(|(clip, entry)| extractor.extract(clip, &entry.starts));
             for one in extracted.collect::<Result<Vec<_>>>()? {
-                features.extend(embedder.embed(one)?);
+                features.extend(extractor.embed(one)?);
             }
         }
         let entries = clips.into_iter().map(|(_, entry)| entry).collect();

@@ -1,10 +1,11 @@
 //! What else moves like this.
 
+use super::distance::{Distance, SearchOptions};
+use super::embedding::Models;
 use super::exclude::{Exclude, Exclusion, Origin};
 use super::extract::FeatureExtractor;
 use super::index::Index;
 use super::record::ClipEntry;
-use super::search::{Distance, SearchOptions};
 use crate::{Error, Result};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use kinelm_corpus::load::{ClipSpec, ModelClip};
@@ -36,6 +37,8 @@ pub struct Query {
     pub exclude: Exclude,
     /// Of each clip only its nearest window.
     pub one_per_clip: bool,
+    /// How the model of the index is opened, if it has one.
+    pub models: Models,
 }
 
 /// A window of a clip: the query, or what was found.
@@ -109,8 +112,8 @@ impl Index {
         let ModelClip { motion, clip, .. } =
             ModelClip::parse(&query.clip, &bytes, &read, ClipSpec::in_world(spec.fps))?;
         let start = start_of(&query.clip, clip.frames(), spec.frames, spec.fps, query.at_s)?;
-        let (extractor, mut embedder) = FeatureExtractor::new(self.options(), self.basis())?;
-        let feature = embedder.embed(extractor.extract(&clip, &[start])?)?;
+        let extractor = FeatureExtractor::new(self.options(), self.basis(), query.models)?;
+        let feature = extractor.embed(extractor.extract(&clip, &[start])?)?;
         let own = query_window(query, entry, start, (spec.frames, spec.fps), read, sha256);
         let origin = Origin { clip: known, entry, start };
         let begun = Instant::now();

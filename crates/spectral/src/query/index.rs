@@ -10,14 +10,13 @@ use super::part::Part;
 use super::record::{DAMAGED, Manifest, VERSION};
 use crate::{Error, PcaBasis, Result};
 use kinelm_store::{FileRecord, input};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub(super) const MANIFEST: &str = "index.json";
 pub(super) const BASIS: &str = "basis.json";
 
 /// An index, open for reading; its features stay in their files.
 pub struct Index {
-    dir: PathBuf,
     manifest: Manifest,
     basis: Option<PcaBasis>,
     database: Database,
@@ -41,16 +40,11 @@ impl Index {
             parts.push(Part::open(&dir.join(&record.name), record, manifest.numbers)?);
         }
         let database = Database::new(manifest.numbers, parts);
-        Ok(Index { dir: dir.to_owned(), manifest, basis, database })
-    }
-
-    /// The folder.
-    pub fn dir(&self) -> &Path {
-        &self.dir
+        Ok(Index { manifest, basis, database })
     }
 
     /// `index.json`.
-    pub fn manifest(&self) -> &Manifest {
+    pub(crate) fn manifest(&self) -> &Manifest {
         &self.manifest
     }
 
@@ -60,7 +54,7 @@ impl Index {
     }
 
     /// The basis of a fitted transform.
-    pub fn basis(&self) -> Option<&PcaBasis> {
+    pub(crate) fn basis(&self) -> Option<&PcaBasis> {
         self.basis.as_ref()
     }
 

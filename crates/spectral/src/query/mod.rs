@@ -7,31 +7,34 @@
 //! **Letters**: N windows, D numbers of a feature, Q queries, k neighbours.
 
 pub mod build;
-pub mod candidates;
-pub mod database;
+mod candidates;
+mod database;
+mod distance;
 pub mod embedding;
 pub mod evaluate;
-pub mod exclude;
-pub mod extract;
-pub mod find;
-pub mod index;
-pub mod options;
-pub mod part;
-pub mod quantize;
-pub mod record;
-pub mod search;
+mod exclude;
+mod extract;
+mod find;
+mod index;
+mod options;
+mod part;
+mod quantize;
+pub(crate) mod record;
+mod search;
 pub mod synthetic;
 pub mod tables;
 #[cfg(test)]
 mod tests;
 mod vote;
-pub mod writer;
+mod writer;
 
 pub use build::{BuildReport, IndexRequest};
 pub use database::Database;
+pub use distance::{Distance, SearchOptions};
+pub use embedding::{Models, WindowEmbedding};
 pub use evaluate::{EvaluateOptions, Report, evaluate};
 pub use exclude::Exclude;
 pub use find::{Match, Query, SearchResult};
 pub use index::Index;
 pub use options::{FeatureKind, IndexOptions, joint_names};
-pub use search::{Distance, Hit, SearchOptions};
+pub use search::Hit;

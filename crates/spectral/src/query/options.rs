@@ -77,7 +77,7 @@ pub struct IndexOptions {
 
 impl IndexOptions {
     /// Whole bodies in windows of 128 frames at 60 frames per second, hop 64.
-    pub fn new(transform: FeatureKind) -> IndexOptions {
+    pub(crate) fn new(transform: FeatureKind) -> IndexOptions {
         IndexOptions { transform, windows: WindowSpec::default(), joints: Vec::new(), raw: false }
     }
 
@@ -109,7 +109,7 @@ impl IndexOptions {
     }
 
     /// Where `other` asks for something else: option, here, there.
-    pub fn differences(&self, other: &IndexOptions) -> Vec<(&'static str, String, String)> {
+    pub(crate) fn differences(&self, other: &IndexOptions) -> Vec<(&'static str, String, String)> {
         type Shown = fn(&IndexOptions) -> String;
         let both: [(&str, Shown); 6] = [
             ("transform", |o| o.transform.shown()),

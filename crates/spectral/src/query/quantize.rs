@@ -4,7 +4,7 @@
 //! compared in the same frame, |v - u| = |(v - c) - (u - c)|, so that neither the mean pose nor the greatest coefficients
 //! cost precision.
 
-use super::part::dot;
+use super::distance::dot;
 use kinelm_engine::op::dots;
 
 /// The largest byte.

@@ -6,85 +6,14 @@
 
 use super::candidates::Candidates;
 use super::database::Database;
-use super::part::{dot, squared_distance};
+use super::distance::{SearchOptions, Side};
 use super::quantize::Size;
 use crate::{Error, Result};
 use kinelm_engine::op::matmul::{self, Left, Panels, Store};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 /// Windows that a thread reads at a time.
 const ROWS: usize = 256;
-
-/// What f64 sums of a feature's numbers may be off, as a share: far below what their order changes.
-const SLACK: f64 = 1e-11;
-
-/// What "near" means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
-pub enum Distance {
-    /// Greatest cosine `a.b / (|a||b|)`; 0 where either is zero.
-    Cosine,
-    /// Least Euclidean distance.
-    Euclid,
-}
-
-impl Distance {
-    /// Its name in tables and flags.
-    pub fn name(self) -> &'static str {
-        match self {
-            Distance::Cosine => "cosine",
-            Distance::Euclid => "euclid",
-        }
-    }
-
-    /// How near two features are: the cosine, or minus the distance. More is nearer.
-    pub fn score(self, a: &[f32], b: &[f32]) -> f64 {
-        match self {
-            Distance::Euclid => -squared_distance(a, b).sqrt(),
-            Distance::Cosine => match (dot(a, a) * dot(b, b)).sqrt() {
-                size if size > 0.0 => dot(a, b) / size,
-                _ => 0.0,
-            },
-        }
-    }
-
-    /// The least or greatest that a rank (the cosine, or minus the squared distance) may be of features of lengths `a` and
-    /// `b`, by the least or greatest that their cosine may be.
-    fn rank(self, cosine: f64, side: Side, a: f64, b: f64) -> f64 {
-        let (rank, size) = match self {
-            Distance::Cosine if a * b == 0.0 => (0.0, 0.0),
-            Distance::Cosine => (cosine, 1.0),
-            Distance::Euclid => {
-                let squares = a * a + b * b;
-                (2.0 * a * b * cosine - squares, squares)
-            }
-        };
-        match side {
-            Side::Least => rank - SLACK * size,
-            Side::Greatest => rank + SLACK * size,
-        }
-    }
-}
-
-/// Which bound.
-#[derive(Debug, Clone, Copy)]
-enum Side {
-    Least,
-    Greatest,
-}
-
-/// What is looked for.
-#[derive(Debug, Clone, Copy)]
-pub struct SearchOptions {
-    /// k.
-    pub k: usize,
-    /// What "near" means.
-    pub distance: Distance,
-    /// Of each clip only its nearest window.
-    pub one_per_clip: bool,
-}
 
 /// A window that was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -165,7 +94,7 @@ impl Database {
     ///
     /// # Errors
     /// As [`Database::nearest`].
-    pub fn cosines(&self, windows: &[usize]) -> Result<(Vec<f32>, f64)> {
+    pub(crate) fn cosines(&self, windows: &[usize]) -> Result<(Vec<f32>, f64)> {
         let (k, count) = (self.numbers(), windows.len());
         let mut queries: Vec<f32> = Vec::with_capacity(k * count);
         for &window in windows {

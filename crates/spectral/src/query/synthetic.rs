@@ -1,6 +1,7 @@
 //! A database to measure searches with.
 
 use super::database::Database;
+use super::embedding::Models;
 use super::extract::FeatureExtractor;
 use super::options::{FeatureKind, IndexOptions};
 use super::part::Part;
@@ -25,12 +26,12 @@ pub fn synthetic(kind: &FeatureKind, windows: usize) -> Result<Database> {
     if matches!(kind, FeatureKind::Pca { .. } | FeatureKind::Model { .. }) {
         return Err(Error::invalid("`transform`", kind.name(), "stft or dct, which need no fitting"));
     }
-    let (extractor, mut embedder) = FeatureExtractor::new(&options, None)?;
-    let numbers = extractor.numbers(&embedder);
+    let extractor = FeatureExtractor::new(&options, None, Models::default())?;
+    let numbers = extractor.numbers();
     let mut first = Vec::new();
     for dance in synth::corpus(1, DANCES.1, DANCES.0, options.windows.fps)? {
         let starts: Vec<usize> = options.windows.starts(dance.clip.frames(), 0).collect();
-        first.extend(embedder.embed(extractor.extract(&dance.clip, &starts)?)?);
+        first.extend(extractor.embed(extractor.extract(&dance.clip, &starts)?)?);
     }
     let mut features = vec![0.0f32; windows * numbers];
     features.par_chunks_mut(numbers).enumerate().for_each(|(window, feature)| {

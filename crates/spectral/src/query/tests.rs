@@ -11,7 +11,7 @@ use crate::WindowSpec;
 use kinelm_corpus::build::{BuildEvent, BuildOptions};
 use kinelm_corpus::{Dataset, samples};
 use kinelm_motion::format::ReadOptions;
-use kinelm_motion::{Motion, Source, format, synth};
+use kinelm_motion::{Motion, format, synth};
 use std::collections::BTreeMap;
 use std::fs;
 use std::ops::ControlFlow;
@@ -75,12 +75,7 @@ impl Data {
         for (i, dance) in synth::corpus(9, 6, 5.0, 30.0).unwrap().into_iter().enumerate() {
             let frames = if i == 5 { 40 } else { dance.clip.frames() };
             let path = dir.path().join(format!("data/d{i}.bvh"));
-            let motion = Motion {
-                path: path.clone(),
-                clip: dance.clip.slice(0..frames),
-                source: Source::Plain,
-                warnings: vec![],
-            };
+            let motion = Motion::new(&path, dance.clip.slice(0..frames));
             format::write(&path, &motion).unwrap();
             csv += &format!("d{i},{},t{}\n", ["salsa", "waltz"][i % 2], i / 2);
         }
@@ -121,6 +116,7 @@ fn question(data: &Data, clip: usize) -> Query {
         distance: Distance::Cosine,
         exclude: Exclude::Take,
         one_per_clip: false,
+        models: Models::default(),
     }
 }
 
@@ -168,9 +164,9 @@ fn what_came_before_a_window_does_not_matter() {
             FeatureKind::Pca { keep } => Some(extract::fit_of(&clip, &starts, &options).unwrap().finish(keep).unwrap()),
             _ => None,
         };
-        let (extractor, mut embedder) = extract::FeatureExtractor::new(&options, basis.as_ref()).unwrap();
-        let mut features = |clip: &kinelm_motion::Clip, starts: &[usize]| {
-            embedder.embed(extractor.extract(clip, starts).unwrap()).unwrap()
+        let extractor = extract::FeatureExtractor::new(&options, basis.as_ref(), Models::default()).unwrap();
+        let features = |clip: &kinelm_motion::Clip, starts: &[usize]| {
+            extractor.embed(extractor.extract(clip, starts).unwrap()).unwrap()
         };
         let whole = features(&clip, &starts);
         for (feature, &start) in whole.chunks(whole.len() / starts.len()).zip(&starts) {
@@ -296,6 +292,7 @@ fn an_evaluation_has_all_ways_and_says_what_lacks() {
         only: vec![],
         exclude: Exclude::Take,
         k: 3,
+        models: Models::default(),
     };
     let dataset = data.dataset(&[0, 1, 2, 3, 4, 5]);
     let report = evaluate(&dataset, &options, &mut go).unwrap();
@@ -315,7 +312,7 @@ fn an_evaluation_has_all_ways_and_says_what_lacks() {
     let error = |options: EvaluateOptions| evaluate(&dataset, &options, &mut go).unwrap_err().to_string();
     let e = error(EvaluateOptions { fields: vec!["mood".into()], ..options.clone() });
     assert!(e.contains("no label `mood` on 5 of 5 clips") && e.contains("genre"), "{e}");
-    let only = |value: &str| vec![("genre".to_string(), value.to_string())];
+    let only = |value: &str| vec![format!("genre={value}").parse().unwrap()];
     assert!(error(EvaluateOptions { only: only("polka"), ..options.clone() }).contains("genre=polka"));
     let e = error(EvaluateOptions { only: only("salsa"), fields: vec!["genre".into()], ..options.clone() });
     assert!(e.contains("one value"), "{e}");

@@ -1,8 +1,8 @@
 //! Fine-tuning: training that begins with another model's weights, and may add labels, goals and music to its conditioning.
 
 use super::{PretrainOptions, Summary, run_of};
-use crate::config::TrainFile;
 use crate::progress::Progress;
+use crate::train_file::TrainFile;
 use crate::{Error, Result};
 use kinelm_corpus::conditions::in_order;
 use kinelm_model::{LoadedRun, ModelConfig, TokenLayout};

@@ -7,7 +7,6 @@ mod task;
 #[cfg(test)]
 mod tests;
 
-use super::config::TrainFile;
 use super::data::{CorpusPart, Data};
 use super::folder::RunFolder;
 use super::optimizer::Tensors;
@@ -16,12 +15,13 @@ use super::progress::Progress;
 use super::resize::{Inputs, resize};
 use super::run::{RunFile, origin};
 use super::stages::Stages;
+use super::train_file::TrainFile;
 use super::trainer::Trainer;
 use super::{lead_ins, memory};
 use crate::{Error, Result};
 use kinelm_corpus::CorpusOptions;
 use kinelm_model::checkpoint::{Best, Checkpoints};
-use kinelm_model::likelihood::Likelihood;
+use kinelm_model::scored_windows::Likelihood;
 use kinelm_model::{Compute, LoadedRun, ModelConfig, exchange};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -209,7 +209,7 @@ pub fn begin(run: &Path, file: &RunFile, data: &Data, weights: Option<Tensors>) 
 ///
 /// # Errors
 /// As [`pretrain`].
-pub fn continue_run(
+pub(crate) fn continue_run(
     run: &RunFolder,
     file: RunFile,
     data: &Data,

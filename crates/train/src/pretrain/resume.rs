@@ -1,11 +1,12 @@
 //! A run that exists, and what may change when it is resumed.
 
 use super::PretrainOptions;
-use crate::config::{TrainConfig, TrainFile};
+use crate::config::TrainConfig;
 use crate::data::Data;
 use crate::folder::RunFolder;
 use crate::precision::Precision;
 use crate::run::RunFile;
+use crate::train_file::TrainFile;
 use crate::trainer::check_steps;
 use crate::{Error, Result};
 use kinelm_store::presets;

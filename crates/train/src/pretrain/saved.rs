@@ -1,6 +1,7 @@
 //! The files of a checkpoint: the weights, the optimizer's moments, and the weights' average if there is one.
 
-use crate::learner::{Learner, learner};
+use crate::factory::learner;
+use crate::learner::Learner;
 use crate::optimizer::{MOMENTS, Tensors, in_order};
 use crate::progress::Progress;
 use crate::run::RunFile;

@@ -14,7 +14,7 @@ use crate::{Result, schedule};
 use kinelm_corpus::Split;
 use kinelm_model::Compute;
 use kinelm_model::checkpoint::{Best, Checkpoints, State};
-use kinelm_model::likelihood::Likelihood;
+use kinelm_model::scored_windows::Likelihood;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 

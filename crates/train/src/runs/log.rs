@@ -118,7 +118,7 @@ impl Log {
 pub(super) mod tests {
     use super::*;
     use crate::metrics::{Metrics, StepMetrics};
-    use kinelm_model::likelihood::Likelihood;
+    use kinelm_model::scored_windows::Likelihood;
 
     /// A run's metrics as training writes them.
     pub fn write(run: &Path, steps: u64) {

@@ -1,8 +1,8 @@
 //! Reading training runs, while they are written or after: lists, logs and curves.
 
-pub mod curves;
+mod curves;
 pub mod list;
-pub mod log;
+mod log;
 mod table;
 
 pub use curves::{Metric, XAxis, chart};

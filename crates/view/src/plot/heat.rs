@@ -1,7 +1,7 @@
 //! Heat maps.
 
 use super::axes::{Axes, Axis, number};
-use super::picture::{Drawn, GREY, style};
+use super::text::{Drawn, GREY, style};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, VPos};
@@ -46,7 +46,7 @@ pub struct Heat {
 
 impl Heat {
     /// Whether there is no cell to draw.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.columns == 0 || self.rows() == 0 || self.values.iter().all(|v| !v.is_finite())
     }
 

@@ -2,7 +2,7 @@
 
 use super::Chart;
 use super::heat::colour;
-use super::picture::{Drawn, GREY, LETTER, style};
+use super::text::{Drawn, GREY, LETTER, style};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -27,7 +27,7 @@ pub struct Matrix {
 
 impl Matrix {
     /// Whether there is nothing to draw.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.counts.iter().flatten().sum::<usize>() == 0
     }
 }

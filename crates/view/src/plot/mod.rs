@@ -14,6 +14,7 @@ mod axes;
 mod heat;
 mod matrix;
 mod picture;
+mod text;
 
 pub use heat::Heat;
 pub use matrix::Matrix;
@@ -140,7 +141,7 @@ pub fn draw(path: &Path, charts: &[Chart]) -> Result<()> {
 ///
 /// # Errors
 /// Another extension than `png` and `svg`; I/O errors.
-pub fn draw_as(path: &Path, charts: &[Chart]) -> Result<()> {
+pub(crate) fn draw_as(path: &Path, charts: &[Chart]) -> Result<()> {
     to_bytes(path, charts)?.map_or(Ok(()), |bytes| files::write_whole(path, &bytes))
 }
 

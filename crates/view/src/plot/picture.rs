@@ -1,6 +1,7 @@
 //! Draws charts on any backend.
 
 use super::axes::{Axes, number};
+use super::text::{Drawn, GREY, LETTER, style};
 use super::{Chart, Look, Rule, heat, matrix};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -17,14 +18,11 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(60, 60, 60),
     RGBColor(230, 159, 0),
 ];
-pub const GREY: RGBColor = RGBColor(90, 90, 90);
 const FAINT: RGBColor = RGBColor(225, 225, 225);
 /// For reference lines.
 const REFERENCE: RGBColor = RGBColor(150, 150, 150);
 /// Margins left, above, right and below, without the legend, pixels.
 const AROUND: [i32; 4] = [74, 44, 12, 58];
-/// Width of a letter of the legend, pixels.
-pub const LETTER: f64 = 7.3;
 /// The most letters of a name in the legend.
 const LETTERS: usize = 30;
 
@@ -42,9 +40,6 @@ pub fn all<B: DrawingBackend>(area: DrawingArea<B, Shift>, charts: &[&Chart]) ->
     }
     area.present().map_err(|e| e.to_string())
 }
-
-/// The result of drawing.
-pub type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 fn one<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn<B> {
     if let Some(matrix) = &chart.matrix {
@@ -101,11 +96,6 @@ fn grid<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart, axes: &A
     let turned = TextStyle::from(("sans-serif", 15).into_font().transform(FontTransform::Rotate270)).color(&GREY);
     let middle = turned.pos(Pos::new(HPos::Center, VPos::Top));
     area.draw(&Text::new(chart.y.clone(), (8, (top + bottom) / 2), middle))
-}
-
-/// Small grey text.
-pub fn style(size: u32, h: HPos, v: VPos) -> TextStyle<'static> {
-    TextStyle::from(("sans-serif", size).into_font()).color(&GREY).pos(Pos::new(h, v))
 }
 
 fn draw_series<B: DrawingBackend>(

@@ -173,11 +173,6 @@ impl Layout {
 const LIFT: f64 = 0.05;
 
 impl Lapped {
-    /// The settings.
-    pub fn config(&self) -> &LappedConfig {
-        &self.config
-    }
-
     pub(crate) fn with_config(self, config: LappedConfig) -> Self {
         Lapped { config, ..self }
     }

@@ -182,7 +182,7 @@ pub struct Duration {
 
 impl Duration {
     /// Of dances with their takes.
-    pub fn of(all: &[(&str, &Movement)], frames: usize) -> Duration {
+    pub(crate) fn of(all: &[(&str, &Movement)], frames: usize) -> Duration {
         let of = |pick: fn(&Movement) -> &Freezing| {
             freeze::summary(&all.iter().map(|(_, m)| pick(m).clone()).collect::<Vec<_>>())
         };

@@ -21,7 +21,7 @@ use kinelm_corpus::Split;
 use metrics::{Energy, Rollout, of_real};
 
 /// Frames that are compared with the true ones: two thirds of a second.
-pub const COMPARED: usize = 20;
+pub(crate) const COMPARED: usize = 20;
 /// Frames over which duration is measured, besides all.
 pub const SHORT: usize = 400;
 

@@ -7,7 +7,7 @@ use crate::data::{Recording, Recordings};
 use crate::{Error, FPS, Result};
 use kinelm_corpus::Split;
 use kinelm_evaluate::dance::freeze;
-use kinelm_motion::{Clip, Motion, Source};
+use kinelm_motion::{Clip, Motion};
 use std::path::Path;
 
 /// A frame of a clip at which seeds of every length end.
@@ -26,7 +26,7 @@ impl Seed {
     /// The last `frames` frames before the first predicted one.
     pub fn motion(&self, frames: usize, path: &Path) -> Motion {
         let clip = self.clip.slice(self.at - frames..self.at);
-        Motion { path: path.into(), clip, source: Source::Plain, warnings: vec![] }
+        Motion::new(path, clip)
     }
 }
 

@@ -6,7 +6,7 @@ use crate::form::Form;
 use crate::train::Event;
 use kinelm_model::run::{OPTIMIZER, WEIGHTS};
 use kinelm_motion::format::{self, ReadOptions};
-use kinelm_motion::{Clip, Motion, Source, synth};
+use kinelm_motion::{Clip, Motion, synth};
 use std::fs;
 use std::sync::atomic::Ordering;
 
@@ -16,7 +16,7 @@ fn place(dir: &Path, fps: f64) -> (Config, Sources) {
     fs::create_dir(&data).unwrap();
     for (i, dance) in synth::corpus(3, 4, 2.0, fps).unwrap().into_iter().enumerate() {
         let path = data.join(format!("{i}.json"));
-        let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, dance.clip);
         format::write(&path, &motion).unwrap();
     }
     let config = Config {
@@ -174,7 +174,7 @@ fn what_can_not_be_learned_from_is_refused() {
     let names = s.names().iter().map(|n| format!("my_{n}")).collect();
     let other = kinelm_motion::Skeleton::new(names, s.parents().to_vec(), s.offsets().to_vec(), vec![]).unwrap();
     let clip: Clip = clip.with_skeleton(other.into()).unwrap();
-    format::write(&path, &Motion { path: path.clone(), clip, source: Source::Plain, warnings: vec![] }).unwrap();
+    format::write(&path, &Motion::new(&path, clip)).unwrap();
     let message = said(&config, &sources);
     assert!(message.contains("9.json: found joints my_pelvis, my_left_hip"), "{message}");
     fs::remove_file(path).unwrap();

@@ -127,7 +127,7 @@ pub struct Metrics {
 
 impl Metrics {
     /// Of dances.
-    pub fn of(all: &[One]) -> Metrics {
+    pub(crate) fn of(all: &[One]) -> Metrics {
         let mean = |pick: &dyn Fn(&One) -> [f64; 2]| {
             let parts: Vec<(&str, f64, f64)> = all.iter().map(|one| (&*one.take, pick(one)[0], pick(one)[1])).collect();
             Mean::of(parts.iter().copied())
@@ -176,7 +176,7 @@ pub struct LongDance {
 
 impl LongDance {
     /// Of a dance that was generated in `seconds`.
-    pub fn of(clip: &Clip, threshold: f64, seconds: f64) -> LongDance {
+    pub(crate) fn of(clip: &Clip, threshold: f64, seconds: f64) -> LongDance {
         let freezing = Freezing::of(&energy(clip), FPS, threshold);
         LongDance {
             frames: clip.frames(),

@@ -12,7 +12,7 @@ use kinelm_corpus::music::synth::music;
 use kinelm_model::CheckpointChoice;
 use kinelm_model::run::{OPTIMIZER, WEIGHTS};
 use kinelm_motion::format::{self, ReadOptions};
-use kinelm_motion::{Motion, Source, synth};
+use kinelm_motion::{Motion, synth};
 use kinelm_music::wav;
 use std::fs;
 use std::sync::atomic::Ordering;
@@ -26,7 +26,7 @@ fn place(dir: &Path, fps: f64) -> (Config, MusicSources) {
         let path = data.join(format!("{i}.json"));
         let sound = music(&dance, 3, 16_000).unwrap();
         fs::write(songs.join(format!("{i}.wav")), wav::bytes(&sound, 16_000)).unwrap();
-        let motion = Motion { path: path.clone(), clip: dance.clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new(&path, dance.clip);
         format::write(&path, &motion).unwrap();
         labels += &format!("{i},{},{}\n", ["train", "train", "train", "test"][i], dance.genre);
     }

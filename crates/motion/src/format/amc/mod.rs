@@ -56,11 +56,11 @@ pub fn parse((path, amc): (&Path, &[u8]), (beside, asf): (&Path, &[u8]), options
         FPS
     });
     let clip = Clip::new(skeleton, fps, root, rotations).map_err(|e| e.in_clip(path))?;
-    let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
-    let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
+    let found = map_if_any(&clip, options.map.as_deref())?;
+    let (axes, doubt) = Axes::of(&clip, options.up, found.as_ref());
     warnings.extend(doubt);
     let clip = axes.to_y_up(clip)?;
-    Ok(Motion { path: path.to_owned(), clip, source: Source::plain(axes), warnings })
+    Ok(Motion::read(path, clip, Source::plain(axes), warnings, found))
 }
 
 /// The ASF that belongs to an AMC.

@@ -58,7 +58,7 @@ fn floors(source: &BvhSource, clip: &Clip) -> Option<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use crate::format::{BvhPosition, ReadOptions, Up, bvh};
-    use crate::{Motion, Source, Vec3, synth};
+    use crate::{Motion, Vec3, synth};
     use std::path::Path;
 
     /// A dance as a BVH whose root has `offset`, centimetres, and moves relative to it if `relative`.
@@ -67,7 +67,7 @@ mod tests {
         let away = if relative { -0.01 * offset } else { Vec3::ZERO };
         let root = clip.root().iter().map(|p| *p + away).collect();
         let clip = crate::Clip::new(clip.skeleton().clone(), 30.0, root, clip.rotations().to_vec()).unwrap();
-        let motion = Motion { path: "x".into(), clip, source: Source::Plain, warnings: vec![] };
+        let motion = Motion::new("x", clip);
         let text = String::from_utf8(bvh::to_bytes(&motion).unwrap()).unwrap();
         let at = text.find("OFFSET").unwrap();
         let end = at + text[at..].find('\n').unwrap();

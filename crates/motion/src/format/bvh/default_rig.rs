@@ -124,11 +124,11 @@ mod tests {
     use super::*;
     use crate::format::{ReadOptions, Unit, Up, bvh};
     use crate::rotation::{angle_between, exp_map};
-    use crate::{Clip, EndSite, Motion, Quat, Source, smpl};
-    use std::path::{Path, PathBuf};
+    use crate::{Clip, EndSite, Motion, Quat, smpl};
+    use std::path::Path;
 
     fn plain(clip: Clip) -> Motion {
-        Motion { path: PathBuf::from("x"), clip, source: Source::Plain, warnings: Vec::new() }
+        Motion::new("x", clip)
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::text::Text;
 use super::unit;
 use crate::format::source::bvh::{BvhRig, Channel, Header, Node, NodeKind};
 use crate::format::{Axes, BvhPosition, ReadOptions, motion_root};
-use crate::rig::{SkeletonMap, map_if_any};
+use crate::rig::{FoundMap, map_if_any};
 use crate::rotation::Axis;
 use crate::{Clip, EndSite, FaultKind, Quat, Result, Skeleton, Vec3, Warning};
 use std::ops::Range;
@@ -121,17 +121,12 @@ pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> 
 pub(crate) struct Decided {
     pub rig: BvhRig,
     pub clip: Clip,
-    pub map: Option<SkeletonMap>,
+    pub found: Option<FoundMap>,
     pub warnings: Vec<Warning>,
 }
 
 /// Decides what the nodes mean, from the rows. The axes are the file's own; they are decided on the clip.
-pub(crate) fn decide(
-    path: &Path,
-    head: &Header,
-    frames: &Frames,
-    (fps, options): (f64, &ReadOptions),
-) -> Result<Decided> {
+pub(crate) fn decide(path: &Path, head: &Header, frames: &Frames, fps: f64, options: &ReadOptions) -> Result<Decided> {
     let Chosen { range, joint } = choose_root(path, head, options)?;
     let nodes = &head.nodes;
     let means: Vec<(Vec3, f64)> = range.clone().map(|n| frames.mean_place(n)).collect();
@@ -157,36 +152,31 @@ pub(crate) fn decide(
     let on =
         |rig: &BvhRig| clip(rig, rig.skeleton.clone(), frames, fps).and_then(unmirrored).map_err(|e| e.in_clip(path));
     let clip = on(&whole)?;
-    let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
+    let given = options.map.as_deref();
+    let mut found = map_if_any(&clip, given)?;
     let (unit_m, doubt) = match options.unit.metres() {
         Some(metres) => (metres, None),
-        None => unit::judge(path, head, (&whole, &clip), (map.as_ref(), options))?,
+        None => unit::judge(path, head, &whole, &clip, found.as_ref().map(|found| &found.map), options)?,
     };
     let moves = |j: usize| mean(whole.joints[j]).1 * unit_m > STILL_M;
-    let root = match joint.and_then(|joint| whole.joints.binary_search(&joint).ok()) {
-        Some(joint) => motion_root::named(&clip, joint, options.map.as_deref())?,
-        None => {
-            let mapped = map.as_ref().and_then(|map| motion_root::of_map(clip.skeleton(), map));
-            mapped.unwrap_or_else(|| motion_root::topmost_mover(clip.skeleton(), moves))
-        }
-    };
-    let root = whole.joints[root];
+    let joint = joint.and_then(|joint| whole.joints.binary_search(&joint).ok());
+    let root = whole.joints[motion_root::choose(&clip, joint, &mut found, given, moves)?];
     let mut chain: Vec<usize> = std::iter::successors(Some(root), |&n| nodes[n].parent).collect();
     chain.reverse();
     let rig = rig(chain, unit_m)?;
-    let (clip, map) = if rig.chain.len() == 1 {
-        (clip.scaled(unit_m).map_err(|e| e.in_clip(path))?, map)
+    let (clip, found) = if rig.chain.len() == 1 {
+        (clip.scaled(unit_m).map_err(|e| e.in_clip(path))?, found)
     } else {
         // its reference pose is that of the rig without what was above
         let clip = on(&rig)?;
-        let map = map_if_any(clip.skeleton(), Some(&clip), options.map.as_deref())?;
-        (clip, map)
+        let found = motion_root::map_below(&clip, found, given)?;
+        (clip, found)
     };
     let mut warnings: Vec<Warning> = doubt.into_iter().collect();
     let at = whole.joints.binary_search(&root).unwrap_or(0);
     warnings.extend(motion_root::beside(&whole.skeleton, at, |j| mean(whole.joints[j]).1 * unit_m));
     warnings.extend(left_out(&rig, &clip));
-    Ok(Decided { rig, clip, map, warnings })
+    Ok(Decided { rig, clip, found, warnings })
 }
 
 /// By axis, the node of a chain whose position channel varies most; of nodes that vary as little the innermost, and the

@@ -113,17 +113,17 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
 
 fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> {
     let fps = parsed.fps(options);
-    let decided = interpret::decide(path, &parsed.head, &parsed.frames(options.bvh_position), (fps, options))?;
-    let interpret::Decided { mut rig, clip, map, warnings: more } = decided;
+    let decided = interpret::decide(path, &parsed.head, &parsed.frames(options.bvh_position), fps, options)?;
+    let interpret::Decided { mut rig, clip, found, warnings: more } = decided;
     let Parsed { head, numbers, frames, mut warnings } = parsed;
     warnings.extend(more);
-    let (axes, doubt) = Axes::of(&clip, options.up, map.as_ref());
+    let (axes, doubt) = Axes::of(&clip, options.up, found.as_ref());
     warnings.extend(doubt);
     let clip = axes.to_y_up(clip)?;
     (rig.axes, rig.skeleton) = (axes.mirrored(options.mirror_axis), clip.skeleton().clone());
     let source = BvhSource { head, numbers, frames, read_fps: fps, rig, floor_m: None };
     warnings.extend(added::doubt(&source, &clip));
-    Ok(Motion { path: path.to_owned(), clip, source: Source::Bvh(Box::new(source)), warnings })
+    Ok(Motion::read(path, clip, Source::Bvh(Box::new(source)), warnings, found))
 }
 
 impl BvhSource {

@@ -16,8 +16,10 @@ use std::path::Path;
 pub(crate) fn judge(
     path: &Path,
     head: &Header,
-    (whole, clip): (&BvhRig, &Clip),
-    (map, options): (Option<&SkeletonMap>, &ReadOptions),
+    whole: &BvhRig,
+    clip: &Clip,
+    map: Option<&SkeletonMap>,
+    options: &ReadOptions,
 ) -> Result<(f64, Option<Warning>)> {
     let rig = clip.skeleton();
     let node = |joint: usize| whole.joints[joint];

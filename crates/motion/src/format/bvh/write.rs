@@ -93,7 +93,7 @@ mod tests {
     #[test]
     fn another_unit_is_the_same_motion() {
         let dance: Clip = synth::corpus(1, 1, 6.0, 30.0).unwrap().remove(0).clip;
-        let motion = Motion { path: "a.bvh".into(), clip: dance, source: Source::Plain, warnings: Vec::new() };
+        let motion = Motion::new("a.bvh", dance);
         let centimetres = to_bytes(&motion).unwrap();
         let read = |bytes: &[u8], unit: Unit| {
             bvh::read(Path::new("a.bvh"), bytes, &ReadOptions { unit, ..Default::default() }).unwrap()

@@ -1,29 +1,127 @@
 //! A motion as it came from a file: its clip, and what the file contains beyond it.
 //!
-//! These types are data only. Readers make them and writers use them, without knowing each other.
+//! Readers make these types and writers use them, without knowing each other.
 
 pub mod bvh;
 
 use super::{Axes, Up};
-use crate::{Clip, Vec3, Warning};
+use crate::rig::{Floor, FoundBy, FoundMap, Humanoid, SkeletonMap, unknown};
+use crate::{Clip, Result, Vec3, Warning};
 use bvh::BvhSource;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 
-/// A clip with its source.
+/// A clip with its source, and what is known of its rig and floor.
+///
+/// Reading a file finds the skeleton map of its rig; [`Motion::humanoid`] and [`Motion::floor`] give what follows from it to
+/// all who work on the motion, without another search.
 #[derive(Debug, Clone)]
 pub struct Motion {
     /// The file, as the user named it.
     pub path: PathBuf,
-    /// The motion itself.
+    /// The motion itself. [`Motion::with_clip`] replaces it by another.
     pub clip: Clip,
     /// What the file contains beyond the clip.
     pub source: Source,
     /// What was odd in the file.
     pub warnings: Vec<Warning>,
+    /// `None` inside: no map is known for the rig.
+    humanoid: OnceLock<Option<Arc<Humanoid>>>,
+    floor: OnceLock<Floor>,
 }
 
 impl Motion {
+    /// A clip that a program made, to be written to `path`.
+    pub fn new(path: impl Into<PathBuf>, clip: Clip) -> Motion {
+        let (humanoid, floor) = Default::default();
+        Motion { path: path.into(), clip, source: Source::Plain, warnings: Vec::new(), humanoid, floor }
+    }
+
+    /// The motion with what its file contains beyond the clip.
+    pub fn with_source(self, source: Source) -> Motion {
+        Motion { source, ..self }
+    }
+
+    /// The same with another clip: other frames of its rig, or the frames of another rig.
+    pub fn with_clip(self, clip: Clip) -> Motion {
+        let is_same = clip.skeleton() == self.clip.skeleton();
+        let humanoid = if is_same { self.humanoid } else { OnceLock::new() };
+        Motion { clip, humanoid, floor: OnceLock::new(), ..self }
+    }
+
+    /// The motion with this skeleton map of its rig, by name or path, or its TOML.
+    ///
+    /// # Errors
+    /// Those of [`SkeletonMap::by_name_or_file`].
+    pub fn with_map(self, map: &str) -> Result<Motion> {
+        let humanoid = Arc::new(Humanoid::of(&self.clip, Some(map))?);
+        Ok(Motion { humanoid: OnceLock::from(Some(humanoid)), floor: OnceLock::new(), ..self })
+    }
+
+    /// The motion of a file, of whose rig this map was found, or none, in the file's own axes.
+    pub(crate) fn read(
+        path: &Path,
+        clip: Clip,
+        source: Source,
+        warnings: Vec<Warning>,
+        found: Option<FoundMap>,
+    ) -> Motion {
+        let motion = Motion { source, warnings, ..Motion::new(path, clip) };
+        motion.with_found(found)
+    }
+
+    /// The motion with the map that was found for another view of its rig, or with none.
+    pub(crate) fn with_found(self, found: Option<FoundMap>) -> Motion {
+        // what the clip has no part in is the same in all views
+        let of_clip = |found: FoundMap| if found.is_of_clip() { found.on(&self.clip) } else { found };
+        let humanoid = found.map(of_clip).map(|found| Arc::new(Humanoid::new(found, self.clip.skeleton())));
+        Motion { humanoid: OnceLock::from(humanoid), ..self }
+    }
+
+    /// The map that reading found for the rig.
+    pub(crate) fn found(&self) -> Option<&FoundMap> {
+        Some(self.humanoid.get()?.as_deref()?.found())
+    }
+
+    /// What is known of the rig.
+    ///
+    /// # Errors
+    /// [`Unsupported`](kinelm_store::Error::Unsupported) for a rig that no map is known for, with what is missing or doubtful
+    /// and a TOML to start from.
+    pub fn humanoid(&self) -> Result<&Humanoid> {
+        self.known().ok_or_else(|| unknown(&self.clip))
+    }
+
+    /// The skeleton map of the rig; `None` where [`Motion::humanoid`] says why none is known.
+    pub fn map(&self) -> Option<&SkeletonMap> {
+        self.known().map(Humanoid::map)
+    }
+
+    pub(crate) fn known(&self) -> Option<&Humanoid> {
+        let found = || Humanoid::of(&self.clip, None).ok().map(Arc::new);
+        self.humanoid.get_or_init(found).as_deref()
+    }
+
+    /// Whether the caller gave the map.
+    pub(crate) fn has_own_map(&self) -> bool {
+        self.found().is_some_and(|found| found.by == FoundBy::Given)
+    }
+
+    /// The floor, detected from the feet ([`mod@crate::rig::floor`]).
+    ///
+    /// # Errors
+    /// Those of [`Motion::humanoid`] and [`Humanoid::pose`].
+    pub fn floor(&self) -> Result<&Floor> {
+        match self.floor.get() {
+            Some(floor) => Ok(floor),
+            None => {
+                let floor = self.humanoid()?.floor(&self.clip)?;
+                Ok(self.floor.get_or_init(|| floor))
+            }
+        }
+    }
+
     /// The frames of a range, of clip and source.
     ///
     /// # Panics
@@ -33,7 +131,9 @@ impl Motion {
             Source::Bvh(s) if s.frames == self.clip.frames() => Source::Bvh(Box::new(s.slice(frames.clone()))),
             other => other.clone(),
         };
-        Motion { path: self.path.clone(), clip: self.clip.slice(frames), source, warnings: self.warnings.clone() }
+        let (path, warnings) = (self.path.clone(), self.warnings.clone());
+        let (clip, humanoid) = (self.clip.slice(frames), self.humanoid.clone());
+        Motion { path, clip, source, warnings, humanoid, floor: OnceLock::new() }
     }
 }
 

@@ -21,7 +21,7 @@ const LIMBS: [([usize; 3], bool); 4] =
 
 /// Local rotations (J) of a reference pose of `rig`, in which a body with these joints by SMPL id stands with its arms out.
 /// Empty: the rest pose is one.
-pub(super) fn reference(rig: &Skeleton, joints: &[Option<usize>; 24], clip: Option<&Clip>) -> Vec<Quat> {
+pub(in crate::rig) fn reference(rig: &Skeleton, joints: &[Option<usize>; 24], clip: Option<&Clip>) -> Vec<Quat> {
     let rest = GlobalPose::new(rig, Vec3::ZERO, &vec![Quat::IDENTITY; rig.joints()]);
     if stands(&rest, joints, STRAIGHT) {
         return Vec::new();

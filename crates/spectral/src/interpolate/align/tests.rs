@@ -1,11 +1,10 @@
 use super::*;
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{smpl, synth};
-use std::path::PathBuf;
 use std::sync::Arc;
 
 fn motion(name: &str, clip: Clip) -> Motion {
-    Motion { path: PathBuf::from(name), clip, source: Source::Plain, warnings: Vec::new() }
+    Motion::new(name, clip)
 }
 
 fn dance(seed: u64, seconds: f64, fps: f64) -> Clip {

@@ -8,7 +8,7 @@ mod rate;
 mod track;
 
 use crate::format::figure::{Chosen, Nodes, choose_take};
-use crate::format::posed::{Figure, MOST_PLACED, Placed, placed, unique};
+use crate::format::posed::{Figure, MOST_PLACED, Placed, Posed, placed, unique};
 use crate::format::{Axes, ReadOptions, Up};
 use crate::{FaultKind, FileError, Motion, Quat, Result, Source, Vec3, Warning};
 use document::Document;
@@ -57,11 +57,11 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         Ok(joints.iter().map(|&node| split(&world[node])).collect())
     });
     let root = root.and_then(|node| joints.iter().position(|&j| j == node));
-    let (clip, more) = figure.clip(root, (fps, options), UNIT_M, frames)?;
+    let Posed { clip, found, warnings: more } = figure.clip(root, fps, options, UNIT_M, frames)?;
     warnings.extend(more);
-    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options)?;
+    let (axes, doubt) = Axes::of_format(&clip, Up::Y, options, found.as_ref());
     warnings.extend(doubt);
-    Ok(Motion { path: path.to_owned(), clip: axes.to_y_up(clip)?, source: Source::plain(axes), warnings })
+    Ok(Motion::read(path, axes.to_y_up(clip)?, Source::plain(axes), warnings, found))
 }
 
 /// The take of that name, else the longest that moves one of these nodes, else the longest; `None` without any.

@@ -1,0 +1,284 @@
+//! The formats of motion files, a row each: for reading, writing, messages, folders and help.
+
+#[cfg(feature = "aist")]
+use super::aist;
+#[cfg(feature = "amass")]
+use super::amass;
+#[cfg(feature = "fbx")]
+use super::fbx;
+use super::{ReadOptions, amc, bvh, glb, json};
+use crate::{FaultKind, FileError, Motion, Result};
+use kinelm_store::SourcePos;
+use std::path::Path;
+
+/// The formats of motion files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Format {
+    /// `.bvh`.
+    Bvh,
+    /// `.amc`, with an `.asf` beside it: read, not written.
+    Amc,
+    /// `.glb`, and `.vrm`, which is one: a VRM is read only.
+    Glb,
+    /// `.npz`: AMASS.
+    Npz,
+    /// `.pkl`: AIST++.
+    Pickle,
+    /// `.json`: a clip in this crate's own format.
+    Json,
+    /// `.fbx`: read, not written.
+    Fbx,
+}
+
+/// A format: all that the rest of the crate needs to know of it.
+#[derive(Debug)]
+pub struct FormatInfo {
+    /// The format.
+    pub format: Format,
+    /// Its name, for people.
+    pub name: &'static str,
+    /// The extensions of its files, in lower case.
+    pub extensions: &'static [&'static str],
+    /// The extensions of those that are written.
+    pub(super) written: &'static [&'static str],
+    /// What its files begin with, after blanks and in lower case, or as it is.
+    pub(super) magic: &'static [&'static [u8]],
+    /// What a file with such a beginning looks like, for messages.
+    pub(super) looks: &'static str,
+    /// Whether its bones are SMPL's own, whose left is left and whose length is known.
+    pub(super) is_smpl: bool,
+    /// What [`super::parse`] does after its reader.
+    pub(super) then: &'static [Step],
+    /// The feature of this crate that it needs; empty for a format that is always there.
+    pub(super) feature: &'static str,
+    /// Reads a motion; `None` in a build without the feature.
+    pub(super) read: Option<Read>,
+    /// Writes a motion; `None` for a format that is read only, and without the feature.
+    pub(super) write: Option<Write>,
+}
+
+type Read = fn(&Path, &[u8], &ReadOptions) -> Result<Motion>;
+type Write = fn(&Path, &Motion) -> Result<Vec<u8>>;
+
+/// What the readers of some formats leave to be done for all of these alike.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Step {
+    /// Drop the first frames.
+    Skip,
+    /// Take the clip out of a mirrored world.
+    Mirror,
+    /// Begin the clip at its motion root.
+    Root,
+    /// Doubt the size of the body.
+    Size,
+}
+
+/// A function of a module that only some builds have.
+macro_rules! of_feature {
+    ($feature:literal, $function:expr) => {{
+        #[cfg(feature = $feature)]
+        let function = Some($function as _);
+        #[cfg(not(feature = $feature))]
+        let function = None;
+        function
+    }};
+}
+
+/// The formats, in the order in which messages list them.
+pub const FORMATS: &[FormatInfo] = &[
+    FormatInfo {
+        format: Format::Bvh,
+        name: "BVH",
+        extensions: &["bvh"],
+        written: &["bvh"],
+        magic: &[b"hierarchy"],
+        looks: "a BVH",
+        is_smpl: false,
+        then: &[Step::Size],
+        feature: "",
+        read: Some(bvh::read),
+        write: Some(|_, motion| bvh::to_bytes(motion)),
+    },
+    FormatInfo {
+        format: Format::Amc,
+        name: "AMC",
+        extensions: &["amc"],
+        written: &[],
+        magic: &[b":fully-specified", b"#!omf"],
+        looks: "an AMC motion",
+        is_smpl: false,
+        then: &[Step::Skip, Step::Mirror, Step::Root, Step::Size],
+        feature: "",
+        read: Some(amc::read),
+        write: None,
+    },
+    FormatInfo {
+        format: Format::Glb,
+        name: "GLB",
+        extensions: &["glb", "vrm"],
+        written: &["glb"],
+        magic: &[b"glTF"],
+        looks: "a glTF file",
+        is_smpl: false,
+        then: &[Step::Skip, Step::Mirror],
+        feature: "",
+        read: Some(glb::read),
+        write: Some(|path, motion| {
+            glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)])
+        }),
+    },
+    FormatInfo {
+        format: Format::Npz,
+        name: "AMASS",
+        extensions: &["npz"],
+        written: &["npz"],
+        // a zip archive with arrays in it, which the first bytes alone don't tell
+        magic: &[],
+        looks: "an npz archive",
+        is_smpl: true,
+        then: &[Step::Skip, Step::Root, Step::Size],
+        feature: "amass",
+        read: of_feature!("amass", amass::read),
+        write: of_feature!("amass", |_: &Path, motion: &Motion| amass::write(&motion.clip)),
+    },
+    FormatInfo {
+        format: Format::Pickle,
+        name: "AIST++",
+        extensions: &["pkl"],
+        written: &[],
+        magic: &[b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"],
+        looks: "a pickle",
+        is_smpl: true,
+        then: &[Step::Skip, Step::Root, Step::Size],
+        feature: "aist",
+        read: of_feature!("aist", aist::read),
+        write: None,
+    },
+    FormatInfo {
+        format: Format::Json,
+        name: "JSON",
+        extensions: &["json"],
+        written: &["json"],
+        magic: &[b"{", b"["],
+        looks: "JSON",
+        is_smpl: false,
+        then: &[Step::Skip, Step::Root, Step::Size],
+        feature: "",
+        read: Some(json::read),
+        write: Some(|_, motion| json::to_bytes(motion)),
+    },
+    FormatInfo {
+        format: Format::Fbx,
+        name: "FBX",
+        extensions: &["fbx"],
+        written: &[],
+        magic: &[b"kaydara fbx", b"; fbx"],
+        looks: "an FBX file",
+        is_smpl: false,
+        then: &[Step::Skip, Step::Mirror],
+        feature: "fbx",
+        read: of_feature!("fbx", fbx::read),
+        write: None,
+    },
+];
+
+impl Format {
+    /// The extensions of motion files that are written, most used first.
+    pub const WRITTEN: [&str; 4] = ["bvh", "npz", "json", "glb"];
+
+    /// The extensions of motion files that are read, in lower case. A build without the feature of a format knows its
+    /// extension too, and says so.
+    pub fn extensions() -> impl Iterator<Item = &'static str> {
+        FORMATS.iter().flat_map(|info| info.extensions.iter().copied())
+    }
+
+    /// The format by the file's extension, in any letter case.
+    pub fn of_name(path: &Path) -> Option<Format> {
+        let extension = path.extension()?.to_str()?;
+        let is_own = |info: &&FormatInfo| info.extensions.iter().any(|own| own.eq_ignore_ascii_case(extension));
+        FORMATS.iter().find(is_own).map(|info| info.format)
+    }
+
+    /// The format by the file's extension.
+    ///
+    /// # Errors
+    /// [`FaultKind::NotThisFormat`] with the extensions that this build reads.
+    pub fn of(path: &Path) -> Result<Format> {
+        let found = match path.extension() {
+            Some(e) => format!("the extension .{}", e.to_string_lossy()),
+            None => "no extension".into(),
+        };
+        Format::of_name(path).ok_or_else(|| {
+            let fault = FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, Format::read_list());
+            fault.help(Format::way_out(path)).into()
+        })
+    }
+
+    /// Its row.
+    pub fn info(self) -> &'static FormatInfo {
+        FORMATS.iter().find(|info| info.format == self).expect("every format has a row")
+    }
+
+    /// How a file that isn't read becomes one that is, by its extension; empty for any other.
+    pub fn way_out(path: &Path) -> &'static str {
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        match extension.to_str() {
+            Some("c3d") => {
+                "a C3D holds markers, not joints: let the capture system solve it onto a skeleton, and export BVH"
+            }
+            Some("asf") => "an ASF is a skeleton without motion: give the .amc files beside it",
+            Some("gltf") => "a .gltf has its numbers in other files: export it as glTF Binary, one .glb",
+            _ => "",
+        }
+    }
+
+    /// The extensions that this build reads, as `.bvh, .amc or .json`.
+    pub fn read_list() -> String {
+        let built = FORMATS.iter().filter(|info| info.read.is_some());
+        listed(built.flat_map(|info| info.extensions.iter().copied()))
+    }
+}
+
+/// Extensions as `.bvh, .npz or .json`.
+pub(super) fn listed(extensions: impl IntoIterator<Item = &'static str>) -> String {
+    let all: Vec<String> = extensions.into_iter().map(|name| format!(".{name}")).collect();
+    match all.as_slice() {
+        [some @ .., last] if !some.is_empty() => format!("{} or {last}", some.join(", ")),
+        _ => all.concat(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_read_is_refused_with_the_list_and_a_way_out() {
+        let said = |name: &str| Format::of(Path::new(name)).unwrap_err().to_string();
+        let all = Format::read_list();
+        assert!(all.starts_with(".bvh, .amc, .glb, .vrm, .npz, .pkl"), "{all}");
+        for (name, help) in [("a.C3D", "markers, not joints"), ("a.gltf", "one .glb"), ("a.asf", ".amc"), ("a", "")] {
+            assert!(said(name).contains(help) && said(name).contains(&all), "{}", said(name));
+        }
+        assert_eq!(listed(Format::WRITTEN), ".bvh, .npz, .json or .glb");
+        for info in FORMATS {
+            assert_eq!(info.format.info().name, info.name);
+            for name in info.extensions {
+                assert_eq!(Format::of_name(Path::new(&format!("a.{}", name.to_uppercase()))), Some(info.format));
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_row_writes_is_listed_once() {
+        let mut written: Vec<&str> = FORMATS.iter().flat_map(|info| info.written.iter().copied()).collect();
+        let mut listed = Format::WRITTEN.to_vec();
+        (written.sort_unstable(), listed.sort_unstable());
+        assert_eq!(written, listed);
+        for info in FORMATS {
+            assert!(info.written.iter().all(|name| info.extensions.contains(name)), "{}", info.name);
+            assert!(info.written.is_empty() || info.write.is_some() || info.read.is_none(), "{}", info.name);
+            assert!(info.magic.iter().all(|magic| super::super::sniff(magic) == info.looks), "{}", info.name);
+        }
+    }
+}

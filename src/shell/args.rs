@@ -68,7 +68,7 @@ impl ReadingArgs {
     }
 }
 
-/// The permission of a command to overwrite files.
+/// The files that a command may overwrite.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct ForceArgs {
     /// Overwrite an output that kinelm didn't write itself; never an input of the call

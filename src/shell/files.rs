@@ -39,7 +39,7 @@ pub fn reported<T>(found: Result<T>, file: &Path, json: bool) -> Result<T> {
 /// the call fail in the end ([`Say::left_out`]); the others' results are returned with their numbers.
 ///
 /// # Errors
-/// The error of a single file; if none of several could be used.
+/// The error of a single file; an error if none of several could be used.
 pub fn each_file<P: AsRef<Path>, T>(
     files: &[P],
     say: Say,

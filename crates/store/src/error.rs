@@ -48,7 +48,7 @@ pub enum Error {
     /// A parameter, a key of a file or an input has an invalid value.
     #[error("{name} is {found}; expected {expected}")]
     Invalid {
-        /// The owner of the value.
+        /// The parameter, key or input.
         name: Subject,
         /// Its value.
         found: String,
@@ -58,7 +58,7 @@ pub enum Error {
     /// The inputs lack what the work needs.
     #[error("no {what}; {help}")]
     Missing {
-        /// The missing thing.
+        /// The missing input, or a part of one.
         what: String,
         /// Why it is needed, or what to do.
         help: String,

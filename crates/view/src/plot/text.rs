@@ -1,4 +1,4 @@
-//! Small grey text, and what drawing returns.
+//! Small grey text, and the result type of drawing.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};

@@ -17,6 +17,7 @@ mod masked;
 mod music;
 mod music_lstm;
 mod new_dances;
+mod once;
 mod outputs;
 mod pipeline;
 mod plan;

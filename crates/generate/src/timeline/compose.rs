@@ -55,7 +55,7 @@ impl TimelineLayout {
     pub fn compose(&self) -> Result<Vec<u8>> {
         let (own, motion, source) = &self.rig;
         let skeleton = motion.clip.skeleton();
-        let retarget = Retarget::of(motion.humanoid()?, smpl::neutral())?;
+        let retarget = Retarget::new(motion.humanoid()?, smpl::neutral())?;
         let owners = owners(&retarget);
         // (F, J) the segment that gives a joint
         let j = skeleton.joints();

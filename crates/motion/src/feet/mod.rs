@@ -11,7 +11,7 @@ pub mod leg;
 pub mod settle;
 pub mod track;
 
-use crate::rig::{Feet, ReferencePose, SkeletonMap};
+use crate::rig::{Feet, Humanoid};
 use crate::{Clip, GlobalPose, Quat, Result, Vec3};
 use contact::{Contact, Moves, contacts};
 use kinelm_store::counted;
@@ -82,11 +82,9 @@ const LOWER_M: f64 = 0.05;
 /// from where they end.
 ///
 /// # Errors
-/// Those of [`ReferencePose::new`].
-pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> Result<(Clip, FootLock)> {
-    let pose = ReferencePose::new(clip.skeleton(), map)?;
-    let feet = Feet::from_pose(clip.skeleton(), &pose);
-    let legs = Leg::both(clip.skeleton(), &pose, &feet);
+/// Those of [`Humanoid::pose`].
+pub fn lock(clip: &Clip, humanoid: &Humanoid, floor_m: f64, fixed: FixedParts) -> Result<(Clip, FootLock)> {
+    let (feet, legs) = (humanoid.feet()?, Leg::of(humanoid)?);
     let mut locked = FootLock::default();
     let mut root = clip.root().to_vec();
     let ups = floating_m(clip, &feet, floor_m, fixed);

@@ -84,6 +84,21 @@ macro_rules! of_feature {
     }};
 }
 
+/// A format that is always there, with bones of its own, and read only: what rows differ from.
+const READ_ONLY: FormatInfo = FormatInfo {
+    format: Format::Bvh,
+    name: "",
+    extensions: &[],
+    written: &[],
+    magic: &[],
+    looks: "",
+    is_smpl: false,
+    then: &[],
+    feature: "",
+    read: None,
+    write: None,
+};
+
 /// The formats, in the order in which messages list them.
 pub const FORMATS: &[FormatInfo] = &[
     FormatInfo {
@@ -93,24 +108,20 @@ pub const FORMATS: &[FormatInfo] = &[
         written: &["bvh"],
         magic: &[b"hierarchy"],
         looks: "a BVH",
-        is_smpl: false,
         then: &[Step::Size],
-        feature: "",
         read: Some(bvh::read),
         write: Some(|_, motion| bvh::to_bytes(motion)),
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Amc,
         name: "AMC",
         extensions: &["amc"],
-        written: &[],
         magic: &[b":fully-specified", b"#!omf"],
         looks: "an AMC motion",
-        is_smpl: false,
         then: &[Step::Skip, Step::Mirror, Step::Root, Step::Size],
-        feature: "",
         read: Some(amc::read),
-        write: None,
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Glb,
@@ -119,40 +130,38 @@ pub const FORMATS: &[FormatInfo] = &[
         written: &["glb"],
         magic: &[b"glTF"],
         looks: "a glTF file",
-        is_smpl: false,
         then: &[Step::Skip, Step::Mirror],
-        feature: "",
         read: Some(glb::read),
         write: Some(|path, motion| {
             glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)])
         }),
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Npz,
         name: "AMASS",
         extensions: &["npz"],
         written: &["npz"],
-        // a zip archive with arrays in it, which the first bytes alone don't tell
-        magic: &[],
+        // a zip archive with arrays in it: the first bytes alone tell too little
         looks: "an npz archive",
         is_smpl: true,
         then: &[Step::Skip, Step::Root, Step::Size],
         feature: "amass",
         read: of_feature!("amass", amass::read),
         write: of_feature!("amass", |_: &Path, motion: &Motion| amass::write(&motion.clip)),
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Pickle,
         name: "AIST++",
         extensions: &["pkl"],
-        written: &[],
         magic: &[b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"],
         looks: "a pickle",
         is_smpl: true,
         then: &[Step::Skip, Step::Root, Step::Size],
         feature: "aist",
         read: of_feature!("aist", aist::read),
-        write: None,
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Json,
@@ -161,24 +170,21 @@ pub const FORMATS: &[FormatInfo] = &[
         written: &["json"],
         magic: &[b"{", b"["],
         looks: "JSON",
-        is_smpl: false,
         then: &[Step::Skip, Step::Root, Step::Size],
-        feature: "",
         read: Some(json::read),
         write: Some(|_, motion| json::to_bytes(motion)),
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Fbx,
         name: "FBX",
         extensions: &["fbx"],
-        written: &[],
         magic: &[b"kaydara fbx", b"; fbx"],
         looks: "an FBX file",
-        is_smpl: false,
         then: &[Step::Skip, Step::Mirror],
         feature: "fbx",
         read: of_feature!("fbx", fbx::read),
-        write: None,
+        ..READ_ONLY
     },
 ];
 

@@ -3,7 +3,7 @@
 use super::FORMATS;
 
 /// Describes the kind of a file's content, for messages.
-pub fn sniff(bytes: &[u8]) -> &'static str {
+pub(crate) fn sniff(bytes: &[u8]) -> &'static str {
     let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let start = text.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(text.len());
     let head: Vec<u8> = text[start..].iter().take(64).map(u8::to_ascii_lowercase).collect();

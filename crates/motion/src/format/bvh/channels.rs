@@ -139,7 +139,9 @@ impl BvhSource {
                     self.place_bone(node, clip.skeleton().offsets()[j] / metres, row);
                     self.turn(node, turn, previous, row);
                 } else {
-                    self.turn(node, self.above(row).1.conjugate() * turn, previous, row);
+                    let above = &self.rig.chain[..self.rig.chain.len() - 1];
+                    let above = self.as_frames().along(above, row).1;
+                    self.turn(node, above.conjugate() * turn, previous, row);
                 }
             }
             change(f, row);
@@ -184,24 +186,13 @@ impl BvhSource {
         }
     }
 
-    /// Position of the clip's root in a row, in the file's unit, and the rotation of what is above it.
-    fn above(&self, row: &[f64]) -> (Vec3, Quat) {
-        let frames = self.as_frames();
-        let (last, above) = self.rig.chain.split_last().unwrap_or((&0, &[]));
-        let mut at = (Vec3::ZERO, Quat::IDENTITY);
-        for &node in above {
-            at = (at.0 + at.1 * frames.place(node, row), at.1 * frames.turn(node, row));
-        }
-        (at.0 + at.1 * frames.place(*last, row), at.1)
-    }
-
     /// Puts the clip's root at `place`, in the file's unit, by the channels that carry the path.
     fn place_root(&self, place: Vec3, row: &mut [f64]) {
         let BvhRig { chain, path, .. } = &self.rig;
         for (axis, &node) in AXES.into_iter().zip(path) {
             self.set(node, Channel::Position(axis), 0.0, row);
         }
-        let mut by = place - self.above(row).0;
+        let mut by = place - self.as_frames().along(chain, row).0;
         if chain.len() > 1 {
             // the ways along which the three channels move the root
             let frames = self.as_frames();

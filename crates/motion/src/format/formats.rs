@@ -41,10 +41,6 @@ pub struct FormatInfo {
     pub extensions: &'static [&'static str],
     /// The extensions of those that are written.
     pub(super) written: &'static [&'static str],
-    /// What its files begin with, after blanks and in lower case, or as it is.
-    pub(super) magic: &'static [&'static [u8]],
-    /// What a file with such a beginning looks like, for messages.
-    pub(super) looks: &'static str,
     /// Whether its bones are SMPL's own, whose left is left and whose length is known.
     pub(super) is_smpl: bool,
     /// What [`super::parse`] does after its reader.
@@ -90,8 +86,6 @@ const READ_ONLY: FormatInfo = FormatInfo {
     name: "",
     extensions: &[],
     written: &[],
-    magic: &[],
-    looks: "",
     is_smpl: false,
     then: &[],
     feature: "",
@@ -106,8 +100,6 @@ pub const FORMATS: &[FormatInfo] = &[
         name: "BVH",
         extensions: &["bvh"],
         written: &["bvh"],
-        magic: &[b"hierarchy"],
-        looks: "a BVH",
         then: &[Step::Size],
         read: Some(bvh::read),
         write: Some(|_, motion| bvh::to_bytes(motion)),
@@ -117,8 +109,6 @@ pub const FORMATS: &[FormatInfo] = &[
         format: Format::Amc,
         name: "AMC",
         extensions: &["amc"],
-        magic: &[b":fully-specified", b"#!omf"],
-        looks: "an AMC motion",
         then: &[Step::Skip, Step::Mirror, Step::Root, Step::Size],
         read: Some(amc::read),
         ..READ_ONLY
@@ -128,8 +118,6 @@ pub const FORMATS: &[FormatInfo] = &[
         name: "GLB",
         extensions: &["glb", "vrm"],
         written: &["glb"],
-        magic: &[b"glTF"],
-        looks: "a glTF file",
         then: &[Step::Skip, Step::Mirror],
         read: Some(glb::read),
         write: Some(|path, motion| {
@@ -142,8 +130,6 @@ pub const FORMATS: &[FormatInfo] = &[
         name: "AMASS",
         extensions: &["npz"],
         written: &["npz"],
-        // a zip archive with arrays in it: the first bytes alone tell too little
-        looks: "an npz archive",
         is_smpl: true,
         then: &[Step::Skip, Step::Root, Step::Size],
         feature: "amass",
@@ -155,8 +141,6 @@ pub const FORMATS: &[FormatInfo] = &[
         format: Format::Pickle,
         name: "AIST++",
         extensions: &["pkl"],
-        magic: &[b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"],
-        looks: "a pickle",
         is_smpl: true,
         then: &[Step::Skip, Step::Root, Step::Size],
         feature: "aist",
@@ -168,8 +152,6 @@ pub const FORMATS: &[FormatInfo] = &[
         name: "JSON",
         extensions: &["json"],
         written: &["json"],
-        magic: &[b"{", b"["],
-        looks: "JSON",
         then: &[Step::Skip, Step::Root, Step::Size],
         read: Some(json::read),
         write: Some(|_, motion| json::to_bytes(motion)),
@@ -179,8 +161,6 @@ pub const FORMATS: &[FormatInfo] = &[
         format: Format::Fbx,
         name: "FBX",
         extensions: &["fbx"],
-        magic: &[b"kaydara fbx", b"; fbx"],
-        looks: "an FBX file",
         then: &[Step::Skip, Step::Mirror],
         feature: "fbx",
         read: of_feature!("fbx", fbx::read),
@@ -284,7 +264,6 @@ mod tests {
         for info in FORMATS {
             assert!(info.written.iter().all(|name| info.extensions.contains(name)), "{}", info.name);
             assert!(info.written.is_empty() || info.write.is_some() || info.read.is_none(), "{}", info.name);
-            assert!(info.magic.iter().all(|magic| super::super::sniff(magic) == info.looks), "{}", info.name);
         }
     }
 }

@@ -76,13 +76,7 @@ impl Leg {
 
     /// Rotates hip and knee in `local` (J), with world pose `pose`, so that the ankle moves by `offset`. The foot keeps its
     /// world rotation, changed by `turn`. Returns the remaining distance of the ankle, metres; above 0 if out of reach.
-    pub fn bend(
-        &self,
-        skeleton: &Skeleton,
-        pose: &GlobalPose,
-        (offset, turn): (Vec3, Quat),
-        local: &mut [Quat],
-    ) -> f64 {
+    pub fn bend(&self, skeleton: &Skeleton, pose: &GlobalPose, offset: Vec3, turn: Quat, local: &mut [Quat]) -> f64 {
         let [hip, knee, ankle] = [self.hip, self.knee, self.ankle].map(|j| pose.positions[j]);
         let (upper, lower) = self.lengths(pose);
         let (goal, now) = (ankle + offset - hip, ankle - hip);

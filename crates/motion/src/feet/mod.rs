@@ -162,7 +162,7 @@ fn bent(clip: &Clip, legs: [&Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip,
                 pose.set(clip.skeleton(), clip.root()[f], local);
                 let sole = leg.sole(clip.skeleton(), &pose);
                 let turn = sole.map_or(Quat::IDENTITY, |sole| flatten::toes_up(sole, turn[f]));
-                error[*side][f] = leg.bend(clip.skeleton(), &pose, (by[f], turn), local);
+                error[*side][f] = leg.bend(clip.skeleton(), &pose, by[f], turn, local);
             }
         }
     }
@@ -199,7 +199,7 @@ fn hold(
     let begins = Begins { frames: fixed.frames, fps };
     let free = (0..2).filter(|side| !fixed.legs[*side]);
     let mut moves: Vec<(usize, Moves)> =
-        free.map(|side| (side, contact::moves(&tracks[side], &found[side], (floor_m, begins)))).collect();
+        free.map(|side| (side, contact::moves(&tracks[side], &found[side], floor_m, begins))).collect();
     let mut lower = vec![0.0f64; frames];
     if !fixed.root {
         let mut pose = GlobalPose::default();

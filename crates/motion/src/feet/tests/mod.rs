@@ -219,7 +219,7 @@ fn a_leg_bends_to_a_place_and_says_what_is_too_far() {
             for offset in [Vec3::new(0.05, 0.03, -0.04), Vec3::new(-0.1, 0.1, 0.0), Vec3::new(0.0, 0.2, 0.1)] {
                 let before = clip.global_pose(f);
                 let mut local = clip.pose(f).to_vec();
-                let far = leg.bend(clip.skeleton(), &before, (offset, Quat::IDENTITY), &mut local);
+                let far = leg.bend(clip.skeleton(), &before, offset, Quat::IDENTITY, &mut local);
                 let after = GlobalPose::new(clip.skeleton(), clip.root()[f], &local);
                 let distance = (after.positions[leg.ankle] - before.positions[leg.ankle] - offset).length();
                 assert!((distance - far).abs() < 1e-6, "{distance} {far}");
@@ -229,7 +229,7 @@ fn a_leg_bends_to_a_place_and_says_what_is_too_far() {
     }
     // a metre down is out of reach
     let mut local = clip.pose(0).to_vec();
-    let far = legs[0].bend(clip.skeleton(), &clip.global_pose(0), (-Vec3::Y, Quat::IDENTITY), &mut local);
+    let far = legs[0].bend(clip.skeleton(), &clip.global_pose(0), -Vec3::Y, Quat::IDENTITY, &mut local);
     assert!(far > 0.5, "{far}");
 }
 

@@ -104,7 +104,7 @@ impl BvhSource {
     /// The channels (F, C) of a clip in the file's axes. Nodes of other roots and beside the body get the rows of `old` at
     /// the same time, or between two; so does what is above the clip's root, but for the channels that carry the path.
     pub(super) fn rows(&self, clip: &Clip, old: &BvhSource) -> Vec<f64> {
-        self.rows_with(clip, (old, None), |_, _| {})
+        self.rows_with(clip, old, None, |_, _| {})
     }
 
     /// Like [`BvhSource::rows`]; `change` may modify each row before the next one is made. With the number of frames that an
@@ -112,7 +112,8 @@ impl BvhSource {
     pub(super) fn rows_with(
         &self,
         clip: &Clip,
-        (old, before): (&BvhSource, Option<usize>),
+        old: &BvhSource,
+        before: Option<usize>,
         mut change: impl FnMut(usize, &mut [f64]),
     ) -> Vec<f64> {
         let width = self.head.width;

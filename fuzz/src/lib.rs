@@ -52,7 +52,7 @@ pub const TARGETS: [Target; 19] = [
 pub fn amc(data: &[u8]) {
     let mut files = data.splitn(2, |byte| *byte == 0);
     let [asf, amc] = [0; 2].map(|_| files.next().unwrap_or_default());
-    let _ = amc::parse((Path::new("a.amc"), amc), (Path::new("a.asf"), asf), &ReadOptions::default());
+    let _ = amc::parse(Path::new("a.amc"), amc, Path::new("a.asf"), asf, &ReadOptions::default());
 }
 
 /// A BVH, strict or lenient, and its positions. What is read is written and read again.

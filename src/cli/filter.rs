@@ -81,8 +81,7 @@ fn one(
     };
     let mut locked = None;
     if let Some(floor_m) = floor_m {
-        let map = motion.humanoid()?.map();
-        let (clip, found) = lock(&done.clip, map, floor_m, FixedParts::default())?;
+        let (clip, found) = lock(&done.clip, motion.humanoid()?, floor_m, FixedParts::default())?;
         (done.clip, locked) = (clip, Some(found));
     }
     let before = jitter(&motion.clip);

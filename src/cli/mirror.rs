@@ -28,7 +28,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let Pair { output, .. } = &pairs[i];
         let motion = format::read(path, &options[i])?;
         odd.warn(&motion, &options[i]);
-        let clip = Mirror::of(motion.humanoid()?)?.apply(&motion.clip)?;
+        let clip = Mirror::new(motion.humanoid()?)?.apply(&motion.clip)?;
         let mirrored = super::written_as(output, motion.with_clip(clip))?;
         outputs.write(output, &format::to_bytes(output, &mirrored)?)?;
         super::convert::report_written(output, &mirrored, say);

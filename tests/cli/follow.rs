@@ -5,7 +5,7 @@ use assert_cmd::Command;
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::rig::{SkeletonMap, map_for};
+use kinelm_motion::rig::{Humanoid, SkeletonMap, map_for};
 use kinelm_motion::rotation::{angle_between, heading};
 use kinelm_motion::{Clip, EndSite, Quat, Skeleton, Vec3, smpl, synth};
 use predicates::prelude::PredicateBooleanExt;
@@ -67,7 +67,7 @@ fn on_another_rig(clip: &Clip) -> Clip {
     parents.push(Some(22));
     offsets.push(Vec3::new(-0.03, 0.0, 0.03));
     let rig = Arc::new(Skeleton::new(names, parents, offsets, vec![]).unwrap());
-    let way = Retarget::new(&rig, &map_for(&rig, None).unwrap(), body).unwrap();
+    let way = Retarget::new(&Humanoid::with_map(&rig, &map_for(&rig, None).unwrap()), body).unwrap();
     let clip = way.to_rig(clip).unwrap();
     let mut rotations = clip.rotations().to_vec();
     for (f, pose) in rotations.chunks_mut(26).enumerate() {

@@ -16,6 +16,7 @@ mod masked;
 mod music;
 mod music_lstm;
 mod new_dances;
+mod once;
 mod outputs;
 mod pipeline;
 mod plan;

@@ -4,7 +4,7 @@ use crate::support::{kinelm_in, read, save};
 use assert_cmd::Command;
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::retarget::{self, Retarget};
-use kinelm_motion::rig::{Feet, SkeletonMap, floor, map_for};
+use kinelm_motion::rig::{Humanoid, SkeletonMap, map_for};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Skeleton, smpl, synth};
 use predicates::str::contains;
@@ -37,7 +37,7 @@ fn on_a_platform() -> Clip {
     let offsets = body.offsets().iter().map(|offset| *offset * 1.15).collect();
     let rig = Arc::new(Skeleton::new(names, body.parents().to_vec(), offsets, vec![]).unwrap());
     let dance = synth::corpus(5, 1, 4.0, FPS).unwrap().remove(0).clip;
-    let way = Retarget::new(&rig, &map_for(&rig, None).unwrap(), body).unwrap();
+    let way = Retarget::new(&Humanoid::with_map(&rig, &map_for(&rig, None).unwrap()), body).unwrap();
     way.to_rig(&dance).unwrap().raised(FLOOR_M)
 }
 
@@ -66,7 +66,7 @@ fn is_made_again(out: &str) -> bool {
 
 /// The height of the floor under a clip's feet, metres.
 fn floor_of(clip: &Clip) -> f64 {
-    floor(clip, &map_for(clip.skeleton(), None).unwrap()).unwrap().height_m
+    Humanoid::with_map(clip.skeleton(), &map_for(clip.skeleton(), None).unwrap()).floor(clip).unwrap().height_m
 }
 
 #[test]
@@ -227,7 +227,7 @@ fn a_new_dance_is_put_on_the_rig_of_a_clip() {
         let apart = back.pose(f).iter().zip(bare.pose(f)).map(|(&p, &q)| angle_between(p, q).to_degrees());
         assert!(apart.fold(0.0, f64::max) < 0.1, "frame {f}");
     }
-    let feet = Feet::new(dance.skeleton(), &map_for(dance.skeleton(), None).unwrap()).unwrap();
+    let feet = Humanoid::with_map(dance.skeleton(), &map_for(dance.skeleton(), None).unwrap()).feet().unwrap();
     assert!(feet.clearance(&dance).iter().all(|m| m.abs() < 0.5));
     // what it lends is said, and what it can't give is refused
     call("generate --prompt mine.bvh --seconds 2 --out no.bvh")

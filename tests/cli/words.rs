@@ -3,7 +3,7 @@
 use crate::support::{json, kinelm, read, save};
 use kinelm::corpus::load::ModelClip;
 use kinelm_motion::joints::THIRTEEN;
-use kinelm_motion::rig::{SkeletonMap, floor};
+use kinelm_motion::rig::{Humanoid, SkeletonMap};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Quat, Vec3, format, synth};
 use kinelm_tokenizer::{
@@ -168,7 +168,9 @@ impl Way {
             0.0
         } else {
             let smpl = SkeletonMap::by_name_or_file("smpl").unwrap();
-            clip.root()[0].y - floor(&clip, &smpl).unwrap().height_m - known.root()[0].y
+            clip.root()[0].y
+                - Humanoid::with_map(clip.skeleton(), &smpl).floor(&clip).unwrap().height_m
+                - known.root()[0].y
         };
         let there = Vec3::new(clip.root()[0].x, rise, clip.root()[0].z);
         // the last words may reach into the next

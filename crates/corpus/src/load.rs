@@ -200,7 +200,7 @@ mod tests {
 
     #[test]
     fn the_floor_is_taken_off_once() {
-        use kinelm_motion::rig::{Feet, SkeletonMap};
+        use kinelm_motion::rig::{Humanoid, SkeletonMap};
         use kinelm_motion::{smpl, synth};
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("high.bvh");
@@ -215,7 +215,7 @@ mod tests {
             "{floor} {}",
             loaded.clip_floor_m
         );
-        let feet = Feet::new(&smpl::neutral(), &SkeletonMap::builtin("smpl").unwrap());
+        let feet = Humanoid::with_map(&smpl::neutral(), &SkeletonMap::builtin("smpl").unwrap()).feet();
         assert!(feet.unwrap().floor(&loaded.lowered()).found_m.abs() < 0.03);
         let stated = ModelClip::load(&path, &ReadOptions { floor: Some(0.1), ..options.clone() }, wanted).unwrap();
         assert_eq!(stated.floor_m, Some(0.1));

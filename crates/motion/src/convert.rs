@@ -160,12 +160,12 @@ pub fn on_rig(motion: Motion, rig: &TargetRig) -> Result<Motion> {
                 clip
             } else {
                 // the path scales with the legs, as between any two rigs
-                Retarget::of(Humanoid::neutral(), body.clone())?.with_floor(floor_m).to_smpl(&clip)?
+                Retarget::new(Humanoid::neutral(), body.clone())?.with_floor(floor_m).to_smpl(&clip)?
             };
             Ok(motion.with_clip(clip).with_source(Source::Retargeted { floor_m }))
         }
         TargetRig::OfFile(like) => {
-            let back = Retarget::of(like.humanoid()?, clip.skeleton().clone())?.with_floor(floor_m);
+            let back = Retarget::new(like.humanoid()?, clip.skeleton().clone())?.with_floor(floor_m);
             let mut source = like.source.clone();
             match &mut source {
                 Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),

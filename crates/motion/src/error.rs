@@ -59,7 +59,7 @@ impl Error {
 }
 
 /// A number for a message; very large and very small ones in scientific notation.
-pub fn compact(x: f64) -> String {
+pub(crate) fn compact(x: f64) -> String {
     if x == 0.0 || (1e-6..1e15).contains(&x.abs()) { x.to_string() } else { format!("{x:e}") }
 }
 

@@ -1,7 +1,8 @@
 //! Mirroring: reflection of a motion in the plane x = 0.
 
-use crate::rig::{Humanoid, ReferencePose, SkeletonMap};
+use crate::rig::{Humanoid, ReferencePose};
 use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
+use std::sync::Arc;
 
 /// Mirrors a clip on the SMPL-24 rig: left and right are exchanged, a rotation (w, x, y, z) becomes (w, x, -y, -z), and
 /// the root position (x, y, z) becomes (-x, y, z). Mirroring twice gives exactly the same clip.
@@ -46,31 +47,20 @@ fn turned(q: Quat) -> Quat {
 /// If both sides have bones of the same length, the joint positions are exact mirror images.
 #[derive(Debug, Clone)]
 pub struct Mirror {
-    rig: Skeleton,
+    rig: Arc<Skeleton>,
     reference: ReferencePose,
     partners: Vec<Option<usize>>,
 }
 
 impl Mirror {
-    /// The mirror of `rig`, with the joints and the reference pose of `map`. Joints that the map doesn't name (fingers,
-    /// twist bones) are paired by name, left with right, else by position.
-    ///
-    /// # Errors
-    /// Those of [`ReferencePose::new`].
-    pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
-        Ok(Mirror::with_pose(rig, ReferencePose::new(rig, map)?))
-    }
-
-    /// [`Mirror::new`] of a rig of which everything is known.
+    /// The mirror of a rig. Joints that its map doesn't name (fingers, twist bones) are paired by name, left with right,
+    /// else by position.
     ///
     /// # Errors
     /// Those of [`Humanoid::pose`].
-    pub fn of(humanoid: &Humanoid) -> Result<Self> {
-        Ok(Mirror::with_pose(humanoid.rig(), humanoid.pose()?.into_owned()))
-    }
-
-    fn with_pose(rig: &Skeleton, reference: ReferencePose) -> Self {
-        Mirror { rig: rig.clone(), partners: partners(rig, &reference), reference }
+    pub fn new(humanoid: &Humanoid) -> Result<Self> {
+        let (rig, reference) = (humanoid.rig().clone(), humanoid.pose()?.into_owned());
+        Ok(Mirror { partners: partners(&rig, &reference), rig, reference })
     }
 
     /// The joint on the other side: a middle joint itself; `None` if the rig has no counterpart.
@@ -189,6 +179,7 @@ mod tests {
     use super::*;
     use crate::retarget::Retarget;
     use crate::retarget::tests::{reference_positions, rig as made_rig};
+    use crate::rig::SkeletonMap;
     use crate::rotation::tests::any_quat;
     use crate::rotation::{angle_between, exp_map};
     use proptest::prelude::*;
@@ -245,7 +236,7 @@ mod tests {
         add("b", 15, [-0.03, 0.05, 0.08]);
         add("tail of the left leg", 4, [0.0, 0.1, 0.0]);
         let rig = Skeleton::new(names, parents, offsets, vec![]).unwrap();
-        let m = Mirror::new(&rig, &SkeletonMap::builtin("smpl").unwrap()).unwrap();
+        let m = Mirror::new(&Humanoid::with_map(&rig, &SkeletonMap::builtin("smpl").unwrap())).unwrap();
         assert_eq!([24, 25, 26, 27].map(|j| m.partner(j).unwrap()), [27, 26, 25, 24]);
         assert_eq!([28, 29, 30].map(|j| m.partner(j).unwrap()), [30, 29, 28]);
         assert_eq!((m.partner(31), m.partner(16), m.partner(99)), (None, Some(17), None));
@@ -272,7 +263,7 @@ mod tests {
             extra: bool,
         ) {
             let (rig, map) = made_rig(&reference_positions(droop, &[1.0; 24]), &axes, extra, &[]);
-            let m = Mirror::new(&rig, &map).unwrap();
+            let m = Mirror::new(&Humanoid::with_map(&rig, &map)).unwrap();
             for j in 0..rig.joints() {
                 prop_assert_eq!(m.partner(m.partner(j).unwrap()), Some(j));
             }
@@ -288,7 +279,7 @@ mod tests {
                 prop_assert!(angle_between(*a, *b) < 1e-9);
             }
             // mirroring on the rig agrees with mirroring after retargeting to SMPL
-            let retarget = Retarget::new(clip.skeleton(), &map, smpl::neutral()).unwrap();
+            let retarget = Retarget::new(&Humanoid::with_map(clip.skeleton(), &map), smpl::neutral()).unwrap();
             let (a, b) = (mirror(&retarget.to_smpl(&clip).unwrap()).unwrap(), retarget.to_smpl(&once).unwrap());
             for (a, b) in a.rotations().iter().zip(b.rotations()) {
                 prop_assert!(angle_between(*a, *b) < 1e-7);

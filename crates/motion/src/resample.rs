@@ -11,7 +11,7 @@ const MOST_TIMES_SLOWER: f64 = 1e4;
 /// The highest rate that is accepted, frames per second.
 pub const MOST_FPS: f64 = 1e4;
 /// The lowest rate that is accepted, frames per second: one frame in a quarter of an hour.
-pub const FEWEST_FPS: f64 = 1e-3;
+pub(crate) const FEWEST_FPS: f64 = 1e-3;
 /// Most rotations of a resampled clip: 4 GB.
 const MOST_ROTATIONS: f64 = 134e6;
 

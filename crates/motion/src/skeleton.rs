@@ -93,7 +93,7 @@ impl Skeleton {
     ///
     /// # Panics
     /// If there is no such point.
-    pub fn joint_of(&self, point: usize) -> usize {
+    pub(crate) fn joint_of(&self, point: usize) -> usize {
         point.checked_sub(self.joints()).map_or(point, |end| self.ends[end].parent)
     }
 

@@ -72,7 +72,7 @@ pub const STANDING_PELVIS_M: f64 = 0.97;
 pub const REST_PELVIS: Vec3 = Vec3::new(0.00, -0.21, 0.03);
 
 /// Whether a skeleton has SMPL's joints: names and parents.
-pub fn is_rig(skeleton: &Skeleton) -> bool {
+pub(crate) fn is_rig(skeleton: &Skeleton) -> bool {
     let parents = skeleton.parents().iter().map(|p| p.map_or(-1, |p| p as i32));
     skeleton.names() == NAMES && parents.eq(PARENTS)
 }

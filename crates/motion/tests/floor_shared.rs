@@ -1,7 +1,7 @@
 //! Floor detection on recorded motion of people who dance on a floor.
 
 use kinelm_motion::format::{self, ReadOptions, RestFrame};
-use kinelm_motion::rig::{floor, map_for};
+use kinelm_motion::rig::{Humanoid, map_for};
 use std::path::PathBuf;
 
 /// Every `nth` clip of a set, in path order.
@@ -29,7 +29,7 @@ fn floors_of_the_shared_sets() {
         for path in &paths {
             let motion = format::read(path, &ReadOptions { rest: RestFrame::Drop, ..Default::default() }).unwrap();
             let map = map_for(motion.clip.skeleton(), None).unwrap();
-            let floor = floor(&motion.clip, &map).unwrap();
+            let floor = Humanoid::with_map(motion.clip.skeleton(), &map).floor(&motion.clip).unwrap();
             assert!(floor.height_m.abs() < reach_m, "{}: {floor:?}", path.display());
             doubted += usize::from(!floor.doubts.is_empty());
         }

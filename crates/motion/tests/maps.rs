@@ -5,7 +5,7 @@ mod rigs;
 
 use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
 use kinelm_motion::format::{self, MirrorAxis, ReadOptions, Unit};
-use kinelm_motion::rig::{FoundBy, ReferencePose, SkeletonMap, find_map, fit, map_for};
+use kinelm_motion::rig::{FoundBy, Humanoid, ReferencePose, SkeletonMap, find_map, map_for};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, GlobalPose, Motion, Quat, Skeleton, Vec3, smpl};
 use rigs::{Tree, from_pose, random, tilted, turns};
@@ -140,7 +140,7 @@ fn trunks_of_any_length_are_mapped_from_end_to_end() {
                 [] => {}
             }
             assert_eq!(spine[1].is_some(), count > 2, "{names:?}: {spine:?}");
-            let error = fit(&clip, &map).trunk_error_deg.unwrap();
+            let error = Humanoid::with_map(clip.skeleton(), &map).fit(&clip).trunk_error_deg.unwrap();
             println!("{names:?}: {error:.1} degrees");
             assert!(error < 5.0, "{names:?}: {error}");
         }
@@ -220,7 +220,7 @@ fn a_reference_pose_in_which_no_body_stands_is_not_used() {
     let turns = turns(clip.joints(), &mut random);
     let moved = tilted(&clip, &turns);
     let found = find_map(&moved, None).unwrap();
-    assert!(found.made && fit(&moved, &found.map).stands.is_ok(), "{found:?}");
+    assert!(found.made && Humanoid::with_map(moved.skeleton(), &found.map).fit(&moved).stands.is_ok(), "{found:?}");
     // and its own is used on bandai's own rest pose
     let own = SkeletonMap::builtin("bandai").unwrap();
     let local: Vec<Quat> = {
@@ -247,7 +247,7 @@ fn an_own_map_without_a_reference_pose_gets_one_from_the_clip() {
     let found = find_map(&moved, Some(&text)).unwrap();
     assert!(found.made && found.is_of_clip());
     assert!(ReferencePose::new(moved.skeleton(), &found.map).is_ok());
-    let error = fit(&moved, &found.map).trunk_error_deg.unwrap();
+    let error = Humanoid::with_map(moved.skeleton(), &found.map).fit(&moved).trunk_error_deg.unwrap();
     assert!(error < 5.0, "{error}");
     // written out, it is the map that is used as it is
     let again = find_map(&moved, Some(&found.map.to_toml())).unwrap();
@@ -324,9 +324,12 @@ fn exchanged_sides_are_right_with_a_map_that_exchanges_them() {
     let right = bowing(&MOTION_BUILDER, &trunk, body(&MOTION_BUILDER, &trunk, [1.0; 2]));
     let clip = bowing(&swapped, &trunk, body(&swapped, &trunk, [1.0; 2]));
     let map = find_map(&clip, None).unwrap().map;
-    assert!(fit(&clip, &map).toes_ahead.unwrap() < -0.9);
+    assert!(Humanoid::with_map(clip.skeleton(), &map).fit(&clip).toes_ahead.unwrap() < -0.9);
     let toml = map.to_toml().replace("left_", "new_").replace("right_", "left_").replace("new_", "right_");
-    assert!(fit(&clip, &find_map(&clip, Some(&toml)).unwrap().map).toes_ahead.unwrap() > 0.9);
+    assert!(
+        Humanoid::with_map(clip.skeleton(), &find_map(&clip, Some(&toml)).unwrap().map).fit(&clip).toes_ahead.unwrap()
+            > 0.9
+    );
     assert!(apart(&on_smpl(&clip, Some(&toml)), &on_smpl(&right, None)) < 1e-9);
 }
 

@@ -7,7 +7,7 @@ use kinelm_motion::joints::EIGHTEEN;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{Retarget, to_smpl};
 use kinelm_motion::rig::recognise::SURE;
-use kinelm_motion::rig::{Recognised, SkeletonMap, find_map, fit, recognise};
+use kinelm_motion::rig::{Humanoid, Recognised, SkeletonMap, find_map, recognise};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, GlobalPose, Motion, Skeleton, smpl, synth};
 use rigs::{Tree, from_pose, random, tilted, turns, varied};
@@ -65,7 +65,7 @@ fn rigs_of_many_tools_are_known_by_their_names() {
         for id in (0..22).filter(|&id| joints[id].is_some()) {
             assert_eq!(found.map.joint(id), joints[id], "{}: {}", tree.rig, smpl::NAMES[id]);
         }
-        let fit = fit(&motion.clip, &found.map);
+        let fit = Humanoid::with_map(motion.clip.skeleton(), &found.map).fit(&motion.clip);
         worst = worst.max(fit.trunk_error_deg.unwrap_or(0.0));
         assert!(fit.stands.is_ok() && fit.toes_ahead.is_none_or(|toes| toes > 0.5), "{}: {fit:?}", tree.rig);
         rigs += 1;
@@ -164,7 +164,7 @@ fn rigs_that_no_rule_was_made_for_are_recognised() {
 /// Mean angles in degrees between what a clip on a rig becomes on SMPL and what it was there: of limb bones, of feet,
 /// of the trunk. Hands are left out: how a palm faces at rest, a dance doesn't tell.
 fn off(before: &Clip, rig: &Clip, map: &SkeletonMap) -> [f64; 3] {
-    let after = Retarget::new(rig.skeleton(), map, smpl::neutral()).unwrap().to_smpl(rig).unwrap();
+    let after = Retarget::new(&Humanoid::with_map(rig.skeleton(), map), smpl::neutral()).unwrap().to_smpl(rig).unwrap();
     let mut sums = [[0.0; 2]; 3];
     for f in 0..before.frames() {
         let (a, b) = (before.global_pose(f), after.global_pose(f));

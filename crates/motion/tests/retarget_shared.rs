@@ -4,7 +4,7 @@ use kinelm_motion::convert::{self, TargetRig};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::mirror::{self, Mirror};
 use kinelm_motion::retarget::Retarget;
-use kinelm_motion::rig::{Feet, map_for};
+use kinelm_motion::rig::{Humanoid, map_for};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Motion, Skeleton, Vec3, smpl};
 use std::path::{Path, PathBuf};
@@ -48,7 +48,7 @@ fn read(path: &Path) -> Motion {
 
 fn retarget(motion: &Motion) -> Retarget {
     let rig = motion.clip.skeleton();
-    Retarget::new(rig, &map_for(rig, None).unwrap(), smpl::neutral()).unwrap()
+    Retarget::new(&Humanoid::with_map(rig, &map_for(rig, None).unwrap()), smpl::neutral()).unwrap()
 }
 
 /// Every `nth` frame, for tests of single frames.
@@ -230,7 +230,8 @@ fn rigs_are_mirrored_through_their_reference_pose() {
             let motion = read(&path);
             let retarget = retarget(&motion);
             let clip = thin(&motion.clip, 20);
-            let mirror = Mirror::new(clip.skeleton(), &map_for(clip.skeleton(), None).unwrap()).unwrap();
+            let mirror =
+                Mirror::new(&Humanoid::with_map(clip.skeleton(), &map_for(clip.skeleton(), None).unwrap())).unwrap();
             let once = mirror.apply(&clip).unwrap();
             let joints = clip.joints();
             let (a, b) = (clip.positions(), once.positions());
@@ -255,7 +256,7 @@ fn rigs_are_mirrored_through_their_reference_pose() {
 
 /// 5th and 50th percentile of the clearance of ankles and balls, which SMPL has too, above the floor, metres.
 fn heights(clip: &Clip, map: Option<&str>, floor_m: f64) -> [f64; 2] {
-    let mut feet = Feet::new(clip.skeleton(), &map_for(clip.skeleton(), map).unwrap()).unwrap();
+    let mut feet = Humanoid::with_map(clip.skeleton(), &map_for(clip.skeleton(), map).unwrap()).feet().unwrap();
     feet.toes.clear();
     let mut least = feet.clearance(clip);
     least.sort_by(f64::total_cmp);

@@ -8,7 +8,7 @@ use kinelm_motion::feet::contact::contacts;
 use kinelm_motion::feet::leg::Leg;
 use kinelm_motion::feet::track::FootTrack;
 use kinelm_motion::metric::beat::BeatHits;
-use kinelm_motion::rig::SkeletonMap;
+use kinelm_motion::rig::{Humanoid, SkeletonMap};
 use kinelm_motion::{Clip, GlobalPose, Vec3, joints};
 use kinelm_store::counted;
 use serde::Serialize;
@@ -182,7 +182,7 @@ fn point_joints(clip: &Clip, body: &CapsuleBody, map: &SkeletonMap) -> Vec<Optio
 /// The contacts of both legs; none on a rig without legs.
 fn point_contacts(clip: &Clip, floor_m: f64, map: &SkeletonMap) -> Vec<PointContacts> {
     let mut all: Vec<PointContacts> = Vec::new();
-    let Ok(legs) = Leg::of_rig(clip.skeleton(), map) else { return all };
+    let Ok(legs) = Leg::of(&Humanoid::with_map(clip.skeleton(), map)) else { return all };
     for (side, leg) in legs.iter().enumerate() {
         for contact in contacts(&FootTrack::new(clip, leg), side, floor_m) {
             let span = [contact.from, contact.to].map(|frame| frame as f64 / clip.fps());

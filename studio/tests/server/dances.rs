@@ -4,7 +4,7 @@ use super::client::Browser;
 use super::place::{Place, bytes, dance};
 use kinelm_motion::format::{self, Format, Importer, ReadOptions};
 use kinelm_motion::retarget::Retarget;
-use kinelm_motion::rig::{SkeletonMap, map_for};
+use kinelm_motion::rig::{Humanoid, SkeletonMap, map_for};
 use kinelm_motion::{Clip, Skeleton, smpl};
 use serde_json::{Value, json};
 use std::fs;
@@ -87,7 +87,7 @@ fn on_a_platform() -> Clip {
     let names = (0..24).map(|id| map.joint(id).unwrap().to_owned()).collect();
     let offsets = body.offsets().iter().map(|offset| *offset * 1.1).collect();
     let rig = Arc::new(Skeleton::new(names, body.parents().to_vec(), offsets, vec![]).unwrap());
-    let way = Retarget::new(&rig, &map_for(&rig, None).unwrap(), body).unwrap();
+    let way = Retarget::new(&Humanoid::with_map(&rig, &map_for(&rig, None).unwrap()), body).unwrap();
     way.to_rig(&dance(1, 3.0, 48.0)).unwrap().raised(0.5)
 }
 
@@ -100,7 +100,7 @@ fn new_dances_are_on_the_rig_of_a_clip_at_its_rate_and_on_y_0() {
     let mine = format::read(&place.project().join("clips/mine.bvh"), &ReadOptions::default()).unwrap().clip;
     let floor = |clip: &Clip| {
         let map = map_for(clip.skeleton(), None).unwrap();
-        kinelm_motion::rig::floor(clip, &map).unwrap().height_m
+        Humanoid::with_map(clip.skeleton(), &map).floor(clip).unwrap().height_m
     };
     let of = |make: &Value| {
         let dance = made(browser, make).remove(0);

@@ -8,7 +8,7 @@ use kinelm_motion::Clip;
 use kinelm_motion::feet::contact::contacts;
 use kinelm_motion::feet::leg::Leg;
 use kinelm_motion::feet::track::FootTrack;
-use kinelm_motion::rig::{Humanoid, floor};
+use kinelm_motion::rig::Humanoid;
 use kinelm_music::beat::{RATE, beats_of};
 use std::f64::consts::TAU;
 
@@ -31,9 +31,9 @@ pub fn beats_s(clip: &Clip, floor_m: Option<f64>) -> Result<Option<Vec<f64>>> {
 
 /// Times at which feet land, in seconds, ascending.
 fn landings_s(clip: &Clip, floor_m: Option<f64>) -> Result<Vec<f64>> {
-    let map = Humanoid::neutral().map();
-    let floor_m = floor_m.map_or_else(|| floor(clip, map).map(|floor| floor.height_m), Ok)?;
-    let legs = Leg::of_rig(clip.skeleton(), map)?;
+    let body = Humanoid::neutral();
+    let floor_m = floor_m.map_or_else(|| body.floor(clip).map(|floor| floor.height_m), Ok)?;
+    let legs = Leg::of(body)?;
     let of_leg = |(side, leg): (usize, &Leg)| {
         contacts(&FootTrack::new(clip, leg), side, floor_m).into_iter().map(|contact| contact.from)
     };

@@ -9,10 +9,10 @@ use super::repetition::repeats;
 use crate::floors::codes::frames;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
+use kinelm_motion::Clip;
 use kinelm_motion::feet::leg::Leg;
 use kinelm_motion::metric::{Balance, FootContact, Ground, Skate, jitter_of};
 use kinelm_motion::rig::{Feet, Humanoid};
-use kinelm_motion::{Clip, smpl};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -49,7 +49,7 @@ impl<'a> Reference<'a> {
         let (fps, frames_per_word) = (corpus.tokenizer().fps(), corpus.tokenizer().frames_per_word());
         let (held, thresholds) = (BTreeMap::new(), [0.0; 2]);
         let feet = feet(&joints)?;
-        let legs = Leg::of_rig(&smpl::neutral(), Humanoid::neutral().map())?;
+        let legs = Leg::of(Humanoid::neutral())?;
         let mut real = Reference { corpus, held, feet, legs, joints, fps, frames_per_word, thresholds };
         if frames(corpus, Split::Train) + frames(corpus, Split::Valid) <= HELD_FRAMES {
             let held = |split| Ok((split, real.each(split, |_, dance| Ok(dance.clone()))?));

@@ -32,7 +32,6 @@ fn fixed(mask: &Mask, gap: &Range<usize>) -> FixedParts {
 /// # Errors
 /// None for clips on SMPL-24.
 pub fn lock_gaps(dance: &Clip, truth: &Clip, mask: &Mask, floor_m: f64) -> Result<(Clip, Vec<FootLock>)> {
-    let map = Humanoid::neutral().map();
     let (mut dance, mut done) = (dance.clone(), Vec::new());
     for gap in gaps(mask) {
         let fixed = fixed(mask, &gap);
@@ -45,7 +44,7 @@ pub fn lock_gaps(dance: &Clip, truth: &Clip, mask: &Mask, floor_m: f64) -> Resul
             !mask.is_given(frame.min(gap.end - 1), joint) || !mask.is_given(frame, joint)
         })?
         .slice(0..end);
-        let (after, locked) = lock(&before, map, floor_m, fixed)?;
+        let (after, locked) = lock(&before, Humanoid::neutral(), floor_m, fixed)?;
         let (mut root, mut rotations) = (dance.root().to_vec(), dance.rotations().to_vec());
         for f in gap.start..end {
             if !fixed.root {

@@ -19,6 +19,6 @@ pub(super) fn fixed(given: Option<&Selection>, frames: usize) -> FixedParts {
 pub fn lock_feet(motion: Motion, floor_m: Option<f64>, fixed: FixedParts) -> Result<(Motion, FootLock)> {
     let humanoid = motion.humanoid()?;
     let floor_m = floor_m.map_or_else(|| Ok(motion.floor()?.height_m), Ok::<_, Error>)?;
-    let (clip, locked) = lock(&motion.clip, humanoid.map(), floor_m, fixed)?;
+    let (clip, locked) = lock(&motion.clip, humanoid, floor_m, fixed)?;
     Ok((motion.with_clip(clip), locked))
 }

@@ -216,7 +216,7 @@ impl PromptClip {
     /// A rig that no skeleton map knows.
     pub(crate) fn retarget(&self) -> Result<Retarget> {
         let floor_m = format::floor_height(&self.motion)?;
-        Ok(Retarget::of(self.motion.humanoid()?, smpl::neutral())?.with_floor(floor_m))
+        Ok(Retarget::new(self.motion.humanoid()?, smpl::neutral())?.with_floor(floor_m))
     }
 }
 

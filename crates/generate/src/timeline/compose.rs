@@ -52,7 +52,7 @@ impl TimelineLayout {
     pub(crate) fn compose(&self) -> Result<Vec<u8>> {
         let TimelineRig { own, motion, source, .. } = &self.rig;
         let skeleton = motion.clip.skeleton();
-        let retarget = Retarget::of(motion.humanoid()?, smpl::neutral())?;
+        let retarget = Retarget::new(motion.humanoid()?, smpl::neutral())?;
         let owners = owners(&retarget);
         // (F, J) the segment that gives a joint
         let j = skeleton.joints();

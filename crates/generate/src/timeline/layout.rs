@@ -243,7 +243,7 @@ impl ClipFile {
             let exact = Some(((**other).clone(), self.bytes));
             return Ok(ReadClip { clip: motion.clip, exact, left_out, scale, above_m, headings });
         }
-        let retarget = Retarget::of(rig.humanoid()?, smpl::neutral())?.with_floor(format::floor_height(rig)?);
+        let retarget = Retarget::new(rig.humanoid()?, smpl::neutral())?.with_floor(format::floor_height(rig)?);
         let mut on_rig = rig.clone().with_clip(retarget.to_rig_over(&on_smpl, None)?);
         let above_m = resolve_floor(&mut on_rig, &own.options())? - floor_m;
         Ok(ReadClip { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })

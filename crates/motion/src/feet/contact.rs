@@ -79,7 +79,7 @@ pub fn contacts(track: &FootTrack, side: usize, floor_m: f64) -> Vec<Contact> {
         while f < frames && in_contact(f, ENDS) {
             f += 1;
         }
-        split(&|frames| best(track, (side, floor_m), frames), &speed, from..f, SHORTEST_S * track.fps, &mut found);
+        split(&|frames| best(track, side, floor_m, frames), &speed, from..f, SHORTEST_S * track.fps, &mut found);
     }
     found
 }
@@ -119,7 +119,7 @@ fn split(
 }
 
 /// The point of the foot that moves least during contact, and its largest distance from its mean position.
-fn best(track: &FootTrack, (side, floor_m): (usize, f64), frames: Range<usize>) -> Option<(f64, Contact)> {
+fn best(track: &FootTrack, side: usize, floor_m: f64, frames: Range<usize>) -> Option<(f64, Contact)> {
     let of = |(point, rest): (usize, f64)| {
         let at = |f: usize| track.at(f, point);
         let least = frames.clone().map(|f| at(f).y).fold(f64::MAX, f64::min);
@@ -146,7 +146,7 @@ pub struct Moves {
 
 /// The corrections of a leg's foot: to its locked position in contacts, out of the floor elsewhere, blended over
 /// [`BLEND_S`]. Given frames stay.
-pub(super) fn moves(track: &FootTrack, contacts: &[Contact], (floor_m, begins): (f64, Begins)) -> Moves {
+pub(super) fn moves(track: &FootTrack, contacts: &[Contact], floor_m: f64, begins: Begins) -> Moves {
     let (leg, frames, given) = (track.leg, track.frames(), begins.frames);
     // position of a point of the foot after the pitch correction
     let turned = |f: usize, point: usize, turn: f64| {

@@ -1,7 +1,7 @@
 //! Two-bone inverse kinematics of a leg.
 
 use crate::joints::LEGS;
-use crate::rig::{Feet, ReferencePose, SkeletonMap};
+use crate::rig::{Feet, Humanoid, ReferencePose};
 use crate::{GlobalPose, Quat, Result, Skeleton, Vec3};
 
 /// The joints of a leg.
@@ -44,10 +44,9 @@ impl Leg {
     /// [`Leg::both`] of a rig in the reference pose of its map.
     ///
     /// # Errors
-    /// Those of [`ReferencePose::new`].
-    pub fn of_rig(rig: &Skeleton, map: &SkeletonMap) -> Result<[Leg; 2]> {
-        let pose = ReferencePose::new(rig, map)?;
-        Ok(Leg::both(rig, &pose, &Feet::from_pose(rig, &pose)))
+    /// Those of [`Humanoid::pose`].
+    pub fn of(humanoid: &Humanoid) -> Result<[Leg; 2]> {
+        Ok(Leg::both(humanoid.rig(), &*humanoid.pose()?, &humanoid.feet()?))
     }
 
     /// The [points](GlobalPose::point) of the foot with their standing heights, metres: ankle, ball, ends of toes.
@@ -77,13 +76,7 @@ impl Leg {
 
     /// Rotates hip and knee in `local` (J), with world pose `pose`, so that the ankle moves by `offset`. The foot keeps its
     /// world rotation, changed by `turn`. Returns the remaining distance of the ankle, metres; above 0 if out of reach.
-    pub fn bend(
-        &self,
-        skeleton: &Skeleton,
-        pose: &GlobalPose,
-        (offset, turn): (Vec3, Quat),
-        local: &mut [Quat],
-    ) -> f64 {
+    pub fn bend(&self, skeleton: &Skeleton, pose: &GlobalPose, offset: Vec3, turn: Quat, local: &mut [Quat]) -> f64 {
         let [hip, knee, ankle] = [self.hip, self.knee, self.ankle].map(|j| pose.positions[j]);
         let (upper, lower) = self.lengths(pose);
         let (goal, now) = (ankle + offset - hip, ankle - hip);

@@ -11,7 +11,7 @@ pub mod leg;
 pub mod settle;
 pub mod track;
 
-use crate::rig::{Feet, ReferencePose, SkeletonMap};
+use crate::rig::{Feet, Humanoid};
 use crate::{Clip, GlobalPose, Quat, Result, Vec3};
 use contact::{Contact, Moves, contacts};
 use kinelm_store::counted;
@@ -82,11 +82,9 @@ const LOWER_M: f64 = 0.05;
 /// from where they end.
 ///
 /// # Errors
-/// Those of [`ReferencePose::new`].
-pub fn lock(clip: &Clip, map: &SkeletonMap, floor_m: f64, fixed: FixedParts) -> Result<(Clip, FootLock)> {
-    let pose = ReferencePose::new(clip.skeleton(), map)?;
-    let feet = Feet::from_pose(clip.skeleton(), &pose);
-    let legs = Leg::both(clip.skeleton(), &pose, &feet);
+/// Those of [`Humanoid::pose`].
+pub fn lock(clip: &Clip, humanoid: &Humanoid, floor_m: f64, fixed: FixedParts) -> Result<(Clip, FootLock)> {
+    let (feet, legs) = (humanoid.feet()?, Leg::of(humanoid)?);
     let mut locked = FootLock::default();
     let mut root = clip.root().to_vec();
     let ups = floating_m(clip, &feet, floor_m, fixed);
@@ -164,7 +162,7 @@ fn bent(clip: &Clip, legs: [&Leg; 2], moves: &[(usize, Moves)]) -> Result<(Clip,
                 pose.set(clip.skeleton(), clip.root()[f], local);
                 let sole = leg.sole(clip.skeleton(), &pose);
                 let turn = sole.map_or(Quat::IDENTITY, |sole| flatten::toes_up(sole, turn[f]));
-                error[*side][f] = leg.bend(clip.skeleton(), &pose, (by[f], turn), local);
+                error[*side][f] = leg.bend(clip.skeleton(), &pose, by[f], turn, local);
             }
         }
     }
@@ -201,7 +199,7 @@ fn hold(
     let begins = Begins { frames: fixed.frames, fps };
     let free = (0..2).filter(|side| !fixed.legs[*side]);
     let mut moves: Vec<(usize, Moves)> =
-        free.map(|side| (side, contact::moves(&tracks[side], &found[side], (floor_m, begins)))).collect();
+        free.map(|side| (side, contact::moves(&tracks[side], &found[side], floor_m, begins))).collect();
     let mut lower = vec![0.0f64; frames];
     if !fixed.root {
         let mut pose = GlobalPose::default();

@@ -18,7 +18,7 @@ use std::path::Path;
 /// AIST++'s rate, frames per second.
 pub const FPS: f64 = 60.0;
 /// The rate of dance generators, which their dicts don't state, frames per second.
-pub const GENERATED_FPS: f64 = 30.0;
+pub(crate) const GENERATED_FPS: f64 = 30.0;
 
 /// Reads a motion: `smpl_poses` (F, 72) or (F, 24, 3), `smpl_trans` (F, 3), `smpl_scaling` of one element. Without
 /// `smpl_scaling` it is a dance generator's, in metres.

@@ -41,10 +41,6 @@ pub struct FormatInfo {
     pub extensions: &'static [&'static str],
     /// The extensions of those that are written.
     pub(super) written: &'static [&'static str],
-    /// What its files begin with, after blanks and in lower case, or as it is.
-    pub(super) magic: &'static [&'static [u8]],
-    /// What a file with such a beginning looks like, for messages.
-    pub(super) looks: &'static str,
     /// Whether its bones are SMPL's own, whose left is left and whose length is known.
     pub(super) is_smpl: bool,
     /// What [`super::parse`] does after its reader.
@@ -84,6 +80,19 @@ macro_rules! of_feature {
     }};
 }
 
+/// A format that is always there, with bones of its own, and read only: what rows differ from.
+const READ_ONLY: FormatInfo = FormatInfo {
+    format: Format::Bvh,
+    name: "",
+    extensions: &[],
+    written: &[],
+    is_smpl: false,
+    then: &[],
+    feature: "",
+    read: None,
+    write: None,
+};
+
 /// The formats, in the order in which messages list them.
 pub const FORMATS: &[FormatInfo] = &[
     FormatInfo {
@@ -91,94 +100,71 @@ pub const FORMATS: &[FormatInfo] = &[
         name: "BVH",
         extensions: &["bvh"],
         written: &["bvh"],
-        magic: &[b"hierarchy"],
-        looks: "a BVH",
-        is_smpl: false,
         then: &[Step::Size],
-        feature: "",
         read: Some(bvh::read),
         write: Some(|_, motion| bvh::to_bytes(motion)),
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Amc,
         name: "AMC",
         extensions: &["amc"],
-        written: &[],
-        magic: &[b":fully-specified", b"#!omf"],
-        looks: "an AMC motion",
-        is_smpl: false,
         then: &[Step::Skip, Step::Mirror, Step::Root, Step::Size],
-        feature: "",
         read: Some(amc::read),
-        write: None,
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Glb,
         name: "GLB",
         extensions: &["glb", "vrm"],
         written: &["glb"],
-        magic: &[b"glTF"],
-        looks: "a glTF file",
-        is_smpl: false,
         then: &[Step::Skip, Step::Mirror],
-        feature: "",
         read: Some(glb::read),
         write: Some(|path, motion| {
             glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)])
         }),
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Npz,
         name: "AMASS",
         extensions: &["npz"],
         written: &["npz"],
-        // a zip archive with arrays in it, which the first bytes alone don't tell
-        magic: &[],
-        looks: "an npz archive",
         is_smpl: true,
         then: &[Step::Skip, Step::Root, Step::Size],
         feature: "amass",
         read: of_feature!("amass", amass::read),
         write: of_feature!("amass", |_: &Path, motion: &Motion| amass::write(&motion.clip)),
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Pickle,
         name: "AIST++",
         extensions: &["pkl"],
-        written: &[],
-        magic: &[b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"],
-        looks: "a pickle",
         is_smpl: true,
         then: &[Step::Skip, Step::Root, Step::Size],
         feature: "aist",
         read: of_feature!("aist", aist::read),
-        write: None,
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Json,
         name: "JSON",
         extensions: &["json"],
         written: &["json"],
-        magic: &[b"{", b"["],
-        looks: "JSON",
-        is_smpl: false,
         then: &[Step::Skip, Step::Root, Step::Size],
-        feature: "",
         read: Some(json::read),
         write: Some(|_, motion| json::to_bytes(motion)),
+        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Fbx,
         name: "FBX",
         extensions: &["fbx"],
-        written: &[],
-        magic: &[b"kaydara fbx", b"; fbx"],
-        looks: "an FBX file",
-        is_smpl: false,
         then: &[Step::Skip, Step::Mirror],
         feature: "fbx",
         read: of_feature!("fbx", fbx::read),
-        write: None,
+        ..READ_ONLY
     },
 ];
 
@@ -278,7 +264,6 @@ mod tests {
         for info in FORMATS {
             assert!(info.written.iter().all(|name| info.extensions.contains(name)), "{}", info.name);
             assert!(info.written.is_empty() || info.write.is_some() || info.read.is_none(), "{}", info.name);
-            assert!(info.magic.iter().all(|magic| super::super::sniff(magic) == info.looks), "{}", info.name);
         }
     }
 }

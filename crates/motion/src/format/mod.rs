@@ -53,7 +53,7 @@ pub use rate::RateDoubt;
 pub use rates::{FileRate, RateDoubts, RateGroup};
 pub use reflect::MirrorAxis;
 pub use rest::{has_rest_frame, smeared_frames};
-pub use sniff::sniff;
+pub(crate) use sniff::sniff;
 pub use source::{Motion, Source};
 pub use stand::standing_axis;
 pub use up::{Axes, Up, UpSource};

@@ -70,14 +70,15 @@ impl Unit {
     /// The unit of CMU's ASF/AMC files.
     pub const CMU: Unit = Unit::Metres(0.0564444);
 
-    const NAMED: [(&str, Unit); 7] = [
+    /// The units with a name, likeliest first.
+    pub(super) const NAMED: [(&str, Unit); 7] = [
         ("m", Unit::METRE),
-        ("dm", Unit::DECIMETRE),
         ("cm", Unit::CENTIMETRE),
         ("mm", Unit::MILLIMETRE),
         ("in", Unit::INCH),
-        ("ft", Unit::FOOT),
         ("cmu", Unit::CMU),
+        ("dm", Unit::DECIMETRE),
+        ("ft", Unit::FOOT),
     ];
     /// What [`Unit::from_str`] takes.
     pub const EXPECTED: &str = "auto, m, dm, cm, mm, in, ft, cmu, or metres as 0.0725 m";

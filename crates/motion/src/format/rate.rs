@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// The rate is doubted if the pelvis falls with more than this, in g.
-pub const FALL_LIMIT_G: f64 = 1.8;
+pub(crate) const FALL_LIMIT_G: f64 = 1.8;
 /// The kind of the warning.
 const KIND: &str = "rate_doubted";
 
@@ -46,7 +46,7 @@ impl RateDoubt {
     }
 
     /// The rate at which the fall would be a free fall.
-    pub fn free_fall_fps(&self) -> f64 {
+    pub(crate) fn free_fall_fps(&self) -> f64 {
         self.fps / self.fall_g.sqrt()
     }
 

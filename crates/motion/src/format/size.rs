@@ -1,5 +1,6 @@
 //! The size of a body: which unit its legs tell, and whether the stated one makes a body.
 
+use super::Unit;
 use crate::rig::{Feet, ReferencePose, SkeletonMap};
 use crate::series::nearest_quantile;
 use crate::smpl::STANDING_PELVIS_M;
@@ -13,9 +14,6 @@ const LEGS: [(RangeInclusive<f64>, f64); 5] =
 const CHILDREN: [(RangeInclusive<f64>, f64); 3] = [(0.25..=0.6, 1.0), (45.0..=60.0, 0.01), (250.0..=600.0, 0.001)];
 /// The tallest body that is read in inches: a taller one is smaller than a person, in centimetres.
 const TALLEST_M: f64 = 2.1;
-/// Units with what they are called, likeliest first.
-const UNITS: [(&str, f64); 7] =
-    [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("in", 0.0254), ("cmu", 0.0564444), ("dm", 0.1), ("ft", 0.3048)];
 /// What to do about a unit that isn't known.
 pub(crate) const GIVE_UNIT: &str = "give `unit`: m, dm, cm, mm, in, ft, cmu, or metres as 0.0725 m";
 /// Legs of somebody, and of an adult, metres.
@@ -72,12 +70,17 @@ pub(crate) fn unit_of_extent(extent: f64) -> Option<(f64, Option<Warning>)> {
 /// The unit in which `height` is most like a person's, by name and in metres.
 fn likeliest(height: f64) -> Option<(&'static str, f64)> {
     let off = |metres: f64| (height * metres / PERSON_M).ln().abs();
-    let best = UNITS.iter().copied().min_by(|a, b| off(a.1).total_cmp(&off(b.1)))?;
+    let best = units().min_by(|a, b| off(a.1).total_cmp(&off(b.1)))?;
     (off(best.1) <= AS_A_PERSON.ln()).then_some(best)
 }
 
+/// Units with what they are called, likeliest first.
+fn units() -> impl Iterator<Item = (&'static str, f64)> {
+    Unit::NAMED.iter().filter_map(|(name, unit)| Some((*name, unit.metres()?)))
+}
+
 fn name(metres: f64) -> &'static str {
-    UNITS.iter().find(|(_, m)| *m == metres).map_or("metres", |(name, _)| name)
+    units().find(|(_, m)| *m == metres).map_or("metres", |(name, _)| name)
 }
 
 /// The joints from below a hip to its ankle under a map, on the left, else on the right.
@@ -129,8 +132,8 @@ pub(crate) fn doubt(clip: &Clip, map: Option<&SkeletonMap>, unit_m: f64) -> Opti
         Some(legs) => {
             let length: f64 = legs.iter().map(|&j| clip.skeleton().offsets()[j].length()).sum();
             let numbers = length / unit_m;
-            let better = UNITS.iter().find(|(_, metres)| ADULT_LEGS_M.contains(&(numbers * metres)));
-            ("the legs are", length, BODY_LEGS_M.contains(&length), better.map(|(_, metres)| *metres))
+            let better = units().find(|(_, metres)| ADULT_LEGS_M.contains(&(numbers * metres)));
+            ("the legs are", length, BODY_LEGS_M.contains(&length), better.map(|(_, metres)| metres))
         }
         None => {
             let extent = extent(clip);
@@ -155,7 +158,7 @@ pub(crate) fn doubt(clip: &Clip, map: Option<&SkeletonMap>, unit_m: f64) -> Opti
 pub(crate) fn path_doubt(clip: &Clip, unit_m: f64) -> Option<Warning> {
     let height = nearest_quantile(clip.root().iter().map(|p| p.y).collect(), 0.5);
     let stands = |metres: f64| (0.6..=1.3).contains(&(height / unit_m * metres / STANDING_PELVIS_M));
-    let (unit, metres) = UNITS[1..=3].iter().find(|(_, metres)| *metres < unit_m && stands(*metres))?;
+    let (unit, metres) = units().skip(1).take(3).find(|(_, metres)| *metres < unit_m && stands(*metres))?;
     let as_it = height / unit_m * metres;
     let what = format!(
         "the pelvis is at y = {height:.2} m in the median, in the unit that the path is read in; with `unit` {unit} at \

@@ -4,4 +4,3 @@ pub mod report;
 pub mod stats;
 
 pub use report::{Report, report};
-pub use stats::{ClipStats, clip_stats};

@@ -8,10 +8,10 @@ use crate::{Clip, GlobalPose, Vec3};
 use std::f64::consts::PI;
 
 /// A rotation of a joint is a jump if it is larger than this and stands out like a jump of the root, radians.
-pub const JOINT_JUMP_RAD: f64 = 25.0 * PI / 180.0;
+pub(crate) const JOINT_JUMP_RAD: f64 = 25.0 * PI / 180.0;
 /// Statistics of a clip.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ClipStats {
+pub(crate) struct ClipStats {
     /// Median over frames of the height from the lowest to the highest point (joints and end sites), metres.
     pub height_m: f64,
     /// Minimum and maximum of the root position, metres.
@@ -33,7 +33,7 @@ pub struct ClipStats {
 }
 
 /// Computes the statistics; all zero and empty for a clip without frames.
-pub fn clip_stats(clip: &Clip) -> ClipStats {
+pub(crate) fn clip_stats(clip: &Clip) -> ClipStats {
     let heights = heights(clip);
     let root_jumps = root_jumps(clip);
     let fall_g = fall_g(clip, &root_jumps);

@@ -44,7 +44,7 @@ pub struct Balance {
 }
 
 impl Balance {
-    /// Measures a clip on SMPL-24, whose `legs` are [`Leg::of_rig`]'s, with its floor at y = 0.
+    /// Measures a clip on SMPL-24, whose `legs` are [`Leg::of`]'s, with its floor at y = 0.
     ///
     /// The support of a frame is the convex hull, on the floor, of the points (ankle, ball, ends of toes) of feet in contact,
     /// as the [foot lock](crate::feet) finds contacts, grown by 10 cm; frames without a contact have none and are left out.
@@ -109,7 +109,7 @@ impl Balance {
 ///
 /// # Panics
 /// With fewer joints.
-pub fn centre_of_mass(places: &[Vec3]) -> Vec3 {
+pub(crate) fn centre_of_mass(places: &[Vec3]) -> Vec3 {
     let (trunk_mass, share) = TRUNK;
     let trunk = places[12].lerp((places[1] + places[2]) / 2.0, share);
     let (head_mass, head) = HEAD;
@@ -159,18 +159,18 @@ fn from_line(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rig::{Feet, map_for};
+    use crate::rig::{Humanoid, map_for};
     use crate::{Quat, smpl};
 
     fn balance(clip: &Clip) -> Balance {
         let rig = smpl::neutral();
-        Balance::of(&Leg::of_rig(&rig, &map_for(&rig, None).unwrap()).unwrap(), clip)
+        Balance::of(&Leg::of(&Humanoid::with_map(&rig, &map_for(&rig, None).unwrap())).unwrap(), clip)
     }
 
     /// A body that stands for a second, its root turned by `turn`, its left thigh raised by `kick` radians.
     fn standing(turn: Quat, kick: f64) -> Clip {
         let rig = smpl::neutral();
-        let feet = Feet::new(&rig, &map_for(&rig, None).unwrap()).unwrap();
+        let feet = Humanoid::with_map(&rig, &map_for(&rig, None).unwrap()).feet().unwrap();
         let mut rotations = vec![Quat::IDENTITY; 24];
         (rotations[0], rotations[1]) = (turn, Quat::from_rotation_x(-kick));
         let clip = Clip::new(rig, 20.0, vec![Vec3::Y; 20], rotations.repeat(20)).unwrap();

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 /// Frames per second at which kinematic beats are detected.
 const FPS: f64 = 60.0;
 /// Standard deviation of the alignment score, seconds: three frames.
-pub const SIGMA_S: f64 = 3.0 / FPS;
+pub(crate) const SIGMA_S: f64 = 3.0 / FPS;
 /// Standard deviation of the low pass of a speed, frames.
 const SMOOTH: f64 = 5.0;
 /// A beat is slower than this many neighbours on either side.

@@ -10,7 +10,7 @@ use std::f64::consts::{PI, TAU};
 pub const MAJOR: [usize; 15] = [1, 2, 3, 4, 5, 6, 9, 12, 13, 14, 15, 16, 17, 18, 19];
 
 /// Thresholds of the percentage of correct keypoints (PCK), in thigh lengths.
-pub const RADII: [f64; 9] = [0.001, 0.005, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3];
+pub(crate) const RADII: [f64; 9] = [0.001, 0.005, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3];
 
 /// The protocol's rate, frames per second, to which sums are scaled.
 const PROTOCOL_FPS: f64 = 60.0;

@@ -62,12 +62,12 @@ impl Skate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rig::SkeletonMap;
+    use crate::rig::{Humanoid, SkeletonMap};
     use crate::{Quat, smpl};
 
     /// A body at rest with its pelvis at these heights above standing, moving by 3 and 4 cm per frame along x and z.
     fn gliding(heights: &[f64]) -> (Feet, Clip) {
-        let feet = Feet::new(&smpl::neutral(), &SkeletonMap::builtin("smpl").unwrap()).unwrap();
+        let feet = Humanoid::with_map(&smpl::neutral(), &SkeletonMap::builtin("smpl").unwrap()).feet().unwrap();
         let root =
             heights.iter().zip(0..).map(|(y, f)| Vec3::new(0.03, 0.0, 0.04) * f as f64 + Vec3::Y * (feet.pelvis_m + y));
         let clip = Clip::new(smpl::neutral(), 20.0, root.collect(), vec![Quat::IDENTITY; 24 * heights.len()]).unwrap();

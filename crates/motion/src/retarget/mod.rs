@@ -22,10 +22,10 @@
 
 mod neutral;
 
-pub use neutral::{OntoNeutral, is_on_neutral, to_smpl};
+pub use neutral::{OntoNeutral, to_smpl};
 
 use crate::rig::reference::LIMBS;
-use crate::rig::{Feet, Humanoid, ReferencePose, SkeletonMap};
+use crate::rig::{Feet, Humanoid, ReferencePose};
 use crate::rotation::swing;
 use crate::{Clip, Error, GlobalPose, Quat, Result, Skeleton, Vec3, smpl};
 use std::sync::Arc;
@@ -34,13 +34,12 @@ use std::sync::Arc;
 ///
 /// ```
 /// use kinelm_motion::retarget::Retarget;
-/// use kinelm_motion::rig::SkeletonMap;
+/// use kinelm_motion::rig::{Humanoid, SkeletonMap};
 /// use kinelm_motion::{smpl, synth};
-/// use std::sync::Arc;
 ///
-/// let giant = Arc::new(smpl::neutral().scaled(2.0));
 /// let map = SkeletonMap::builtin("smpl").expect("a built-in map");
-/// let retarget = Retarget::new(&giant, &map, smpl::neutral())?;
+/// let giant = Humanoid::with_map(&smpl::neutral().scaled(2.0), &map);
+/// let retarget = Retarget::new(&giant, smpl::neutral())?;
 /// let dance = synth::corpus(1, 1, 1.0, 20.0)?.remove(0).clip;
 /// let on_giant = retarget.to_rig(&dance)?;
 /// assert!((on_giant.root()[0].y - 2.0 * dance.root()[0].y).abs() < 1e-9);
@@ -80,27 +79,13 @@ struct Bent {
 }
 
 impl Retarget {
-    /// Prepares retargeting between `rig`, with the joint names of `map`, and the SMPL-24 body `smpl` ([`smpl::neutral`] or a
-    /// body with other offsets).
+    /// Prepares retargeting between a rig and the SMPL-24 body `smpl` ([`smpl::neutral`] or a body with other offsets).
     ///
     /// # Errors
-    /// [`Invalid`](kinelm_store::Error::Invalid) when `smpl` hasn't SMPL's 24 joints; those of [`ReferencePose::new`].
-    pub fn new(rig: &Skeleton, map: &SkeletonMap, smpl: Arc<Skeleton>) -> Result<Self> {
+    /// [`Invalid`](kinelm_store::Error::Invalid) when `smpl` hasn't SMPL's 24 joints; those of [`Humanoid::pose`].
+    pub fn new(humanoid: &Humanoid, smpl: Arc<Skeleton>) -> Result<Self> {
         smpl::check_rig("the body to retarget to", &smpl)?;
-        Retarget::with_pose(Arc::new(rig.clone()), &ReferencePose::new(rig, map)?, smpl)
-    }
-
-    /// [`Retarget::new`] of a rig of which everything is known.
-    ///
-    /// # Errors
-    /// Those of [`Retarget::new`].
-    pub fn of(humanoid: &Humanoid, smpl: Arc<Skeleton>) -> Result<Self> {
-        smpl::check_rig("the body to retarget to", &smpl)?;
-        let pose = humanoid.pose()?;
-        Retarget::with_pose(humanoid.rig().clone(), &pose, smpl)
-    }
-
-    fn with_pose(rig: Arc<Skeleton>, pose: &ReferencePose, smpl: Arc<Skeleton>) -> Result<Self> {
+        let (rig, pose) = (humanoid.rig().clone(), &*humanoid.pose()?);
         let still = GlobalPose::new(&smpl, Vec3::ZERO, &[Quat::IDENTITY; 24]);
         let scale = smpl_leg_m(&smpl) / pose.leg_m();
         let links = std::array::from_fn(|id| {
@@ -136,7 +121,7 @@ impl Retarget {
         let stand = Clip::new(self.rig.clone(), 1.0, vec![Vec3::ZERO], pose.local.clone())?;
         let stand = self.to_smpl(&stand)?;
         let at_zero = Clip::new(self.smpl.clone(), 1.0, vec![Vec3::ZERO], stand.rotations().to_vec())?;
-        let feet = Feet::new(&self.smpl, Humanoid::neutral().map())?.clearance(&at_zero);
+        let feet = Humanoid::with_map(&self.smpl, Humanoid::neutral().map()).feet()?.clearance(&at_zero);
         Ok(-feet.first().copied().unwrap_or(0.0) - self.scale * Feet::from_pose(&self.rig, pose).pelvis_m)
     }
 

@@ -6,7 +6,7 @@ use crate::rig::{Floor, Humanoid};
 use crate::{Clip, Motion, Result, Skeleton, Source, Vec3, smpl};
 
 /// Whether clips of this rig are on the neutral SMPL-24 body already: then [`to_smpl`] keeps their numbers bit for bit.
-pub fn is_on_neutral(rig: &Skeleton) -> bool {
+pub(crate) fn is_on_neutral(rig: &Skeleton) -> bool {
     is_same(rig, &smpl::neutral())
 }
 
@@ -16,7 +16,7 @@ pub fn is_on_neutral(rig: &Skeleton) -> bool {
 /// rotations, which are valid for every SMPL body.
 ///
 /// # Errors
-/// [`Error::Clip`](crate::Error::Clip) with the file's name for the errors of [`Motion::humanoid`] and [`Retarget::of`].
+/// [`Error::Clip`](crate::Error::Clip) with the file's name for the errors of [`Motion::humanoid`] and [`Retarget::new`].
 pub fn to_smpl(motion: &Motion) -> Result<Clip> {
     OntoNeutral::of(motion)?.clip(&motion.clip)
 }
@@ -61,7 +61,7 @@ impl OntoNeutral {
             let [on_m, from_m] = [Humanoid::neutral(), humanoid].map(|body| body.feet().map(|feet| feet.pelvis_m));
             Way::Scaled { scale, floor_m: floor_height(motion)?, on_m: on_m?, from_m: from_m? }
         } else {
-            Way::Retargeted(Box::new(Retarget::of(humanoid, neutral)?.with_floor(floor_height(motion)?)))
+            Way::Retargeted(Box::new(Retarget::new(humanoid, neutral)?.with_floor(floor_height(motion)?)))
         };
         Ok(OntoNeutral { way, floor })
     }

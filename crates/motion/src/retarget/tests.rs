@@ -3,6 +3,7 @@
 use super::*;
 use crate::format::Axes;
 use crate::format::floor_height;
+use crate::rig::SkeletonMap;
 use crate::rotation::tests::any_quat;
 use crate::rotation::{EulerOrder, angle_between, exp_map};
 use crate::{Motion, Source};
@@ -108,7 +109,7 @@ proptest! {
     #[test]
     fn a_dance_seen_through_other_axes_is_the_same_dance(axes in axes(), v in vectors(2), extra: bool) {
         let (body, map) = rig(&reference_positions(0.0, &[1.0; 24]), &axes, extra, &[]);
-        let retarget = Retarget::new(&body, &map, smpl::neutral()).unwrap();
+        let retarget = Retarget::new(&Humanoid::with_map(&body, &map), smpl::neutral()).unwrap();
         prop_assert!((retarget.scale() - 1.0).abs() < 1e-9);
         let x = dance(&v);
         // the same world rotations, in the rig's axes: G = D A
@@ -138,7 +139,7 @@ proptest! {
         twists in prop::collection::vec(prop::array::uniform3(-0.4..0.4f64), 12),
     ) {
         let (body, map) = rig(&reference_positions(droop, &s), &axes, extra, &[]);
-        let retarget = Retarget::new(&body, &map, smpl::neutral()).unwrap();
+        let retarget = Retarget::new(&Humanoid::with_map(&body, &map), smpl::neutral()).unwrap();
         let on_rig = retarget.to_rig(&dance(&v)).unwrap();
         // the joints between turn on their own, as no SMPL motion would have them
         let mut rotations = on_rig.rotations().to_vec();
@@ -163,7 +164,7 @@ proptest! {
     #[test]
     fn there_and_back_is_the_identity(axes in axes(), v in vectors(2), s in stretches(), extra: bool, base: bool) {
         let (body, map) = rig(&reference_positions(0.6, &s), &axes, extra, &[]);
-        let retarget = Retarget::new(&body, &map, smpl::neutral()).unwrap();
+        let retarget = Retarget::new(&Humanoid::with_map(&body, &map), smpl::neutral()).unwrap();
         let x = dance(&v);
         let other = retarget.to_rig(&dance(&v.iter().rev().copied().collect::<Vec<_>>())).unwrap().slice(0..1);
         let y = retarget.to_smpl(&retarget.to_rig_over(&x, base.then_some(&other)).unwrap()).unwrap();
@@ -177,7 +178,7 @@ proptest! {
     fn rigs_that_lack_joints_keep_the_rest(axes in axes(), v in vectors(2), s in stretches()) {
         let lacks = [3, 6, 10, 11, 12, 13, 14, 22, 23];
         let (body, map) = rig(&reference_positions(0.3, &s), &axes, false, &lacks);
-        let retarget = Retarget::new(&body, &map, smpl::neutral()).unwrap();
+        let retarget = Retarget::new(&Humanoid::with_map(&body, &map), smpl::neutral()).unwrap();
         let still = |i: usize| lacks.contains(&(i % 24));
         let x = dance(&v.iter().enumerate().map(|(i, v)| if still(i) { [0.0; 3] } else { *v }).collect::<Vec<_>>());
         let on_rig = retarget.to_rig(&x).unwrap();
@@ -205,7 +206,7 @@ fn smpl_map() -> SkeletonMap {
 fn the_smpl_body_itself_is_left_alone() {
     let v: Vec<_> = (0..48).map(|i| [(i as f64).sin(), 0.3, (i as f64).cos()]).collect();
     let x = dance(&v);
-    let retarget = Retarget::new(&smpl::neutral(), &smpl_map(), smpl::neutral()).unwrap();
+    let retarget = Retarget::new(&Humanoid::with_map(&smpl::neutral(), &smpl_map()), smpl::neutral()).unwrap();
     assert_eq!(retarget.to_smpl(&x).unwrap(), x);
     assert_eq!(retarget.to_rig(&x).unwrap(), x);
     assert_eq!(retarget.scale(), 1.0);
@@ -214,7 +215,7 @@ fn the_smpl_body_itself_is_left_alone() {
 #[test]
 fn the_root_is_scaled_by_the_legs() {
     let big = smpl::neutral().scaled(2.0);
-    let retarget = Retarget::new(&big, &smpl_map(), smpl::neutral()).unwrap();
+    let retarget = Retarget::new(&Humanoid::with_map(&big, &smpl_map()), smpl::neutral()).unwrap();
     assert!((retarget.scale() - 0.5).abs() < 1e-12);
     let stand = Clip::new(Arc::new(big), 30.0, vec![Vec3::new(1.0, 1.94, -3.0)], vec![Quat::IDENTITY; 24]).unwrap();
     let small = retarget.to_smpl(&stand).unwrap();
@@ -230,7 +231,7 @@ fn a_rig_that_faces_elsewhere_at_rest_is_turned() {
         let body = smpl::neutral();
         let offsets = body.offsets().iter().map(|o| turn * *o).collect();
         let rig = Skeleton::new(body.names().to_vec(), body.parents().to_vec(), offsets, vec![]).unwrap();
-        let retarget = Retarget::new(&rig, &smpl_map(), body).unwrap();
+        let retarget = Retarget::new(&Humanoid::with_map(&rig, &smpl_map()), body).unwrap();
         let x = dance(&[[0.3, -0.2, 0.5]; 24]);
         let mut rotations: Vec<_> = x.pose(0).iter().map(|q| turn * *q * turn.conjugate()).collect();
         rotations[0] = x.pose(0)[0] * turn.conjugate();
@@ -248,7 +249,7 @@ fn refusals_say_what_is_missing_and_what_to_write() {
     let e = crate::rig::map_for(&rig, None).unwrap_err().to_string();
     assert!(e.contains("the nearest, smpl, finds no left_knee, left_shoulder,"), "{e}");
     assert!(e.contains("pelvis = \"Hips\"") && e.contains("left_knee = \"?\""), "{e}");
-    let e = Retarget::new(&rig, &smpl_map(), body.clone()).unwrap_err().to_string();
+    let e = Retarget::new(&Humanoid::with_map(&rig, &smpl_map()), body.clone()).unwrap_err().to_string();
     assert!(e.contains("the skeleton map smpl finds no left_knee, left_shoulder,"), "{e}");
     assert!(crate::rig::map_for(&rig, Some("no-such")).is_err());
 
@@ -256,22 +257,22 @@ fn refusals_say_what_is_missing_and_what_to_write() {
     let mut offsets = body.offsets().to_vec();
     offsets[4] = Vec3::new(0.0, 0.0, 0.41);
     let rig = Skeleton::new(body.names().to_vec(), body.parents().to_vec(), offsets, vec![]).unwrap();
-    let e = Retarget::new(&rig, &smpl_map(), body.clone()).unwrap_err().to_string();
+    let e = Retarget::new(&Humanoid::with_map(&rig, &smpl_map()), body.clone()).unwrap_err().to_string();
     assert!(e.contains("left_hip to left_knee does not point down") && e.contains("[reference]"), "{e}");
 
     let mut offsets = body.offsets().to_vec();
     offsets[20] = Vec3::ZERO;
     let rig = Skeleton::new(body.names().to_vec(), body.parents().to_vec(), offsets, vec![]).unwrap();
-    let e = Retarget::new(&rig, &smpl_map(), body.clone()).unwrap_err().to_string();
+    let e = Retarget::new(&Humanoid::with_map(&rig, &smpl_map()), body.clone()).unwrap_err().to_string();
     assert!(e.contains("left_elbow to left_wrist"), "{e}");
 
     let mut parents = body.parents().to_vec();
     parents[20] = Some(0);
     let rig = Skeleton::new(body.names().to_vec(), parents, body.offsets().to_vec(), vec![]).unwrap();
-    let e = Retarget::new(&rig, &smpl_map(), body.clone()).unwrap_err().to_string();
+    let e = Retarget::new(&Humanoid::with_map(&rig, &smpl_map()), body.clone()).unwrap_err().to_string();
     assert!(e.contains("left_wrist") && e.contains("one chain"), "{e}");
 
-    let retarget = Retarget::new(&body.scaled(2.0), &smpl_map(), body.clone()).unwrap();
+    let retarget = Retarget::new(&Humanoid::with_map(&body.scaled(2.0), &smpl_map()), body.clone()).unwrap();
     let e = retarget.to_smpl(&dance(&[[0.0; 3]; 24])).unwrap_err().to_string();
     assert!(e.contains("the offset of left_hip"), "{e}");
 }

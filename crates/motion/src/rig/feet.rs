@@ -3,8 +3,8 @@
 //! A body's *feet* are its ankles and balls (SMPL's 7, 8 and 10, 11), each with its height in a standing pose, and the ends
 //! of its toes. The toes' ends count where feet are locked and measured, not where the [floor](mod@super::floor) is detected.
 
-use super::{ReferencePose, SkeletonMap};
-use crate::{Clip, EndSite, GlobalPose, Result, Skeleton, Vec3, smpl};
+use super::ReferencePose;
+use crate::{Clip, EndSite, GlobalPose, Skeleton, Vec3, smpl};
 
 /// Length of the end site that a BVH needs below a leaf, as a fraction of the leaf's bone.
 pub(crate) const MADE_UP_TIP: f64 = 0.3;
@@ -31,19 +31,11 @@ pub struct Feet {
 }
 
 impl Feet {
-    /// The feet of `rig` with the joint names and the reference pose of `map`.
+    /// The feet of `rig` in a reference pose; [`Humanoid::feet`](super::Humanoid::feet) has them.
     ///
     /// The floor of the reference pose is the lowest of ankles, balls and the tips below them. If a rig has ankles only, they
     /// are as high as those of the SMPL body (6 cm), scaled by the leg length.
-    ///
-    /// # Errors
-    /// Those of [`ReferencePose::new`].
-    pub fn new(rig: &Skeleton, map: &SkeletonMap) -> Result<Self> {
-        Ok(Feet::from_pose(rig, &ReferencePose::new(rig, map)?))
-    }
-
-    /// The feet of `rig` in a reference pose; see [`Feet::new`].
-    pub fn from_pose(rig: &Skeleton, pose: &ReferencePose) -> Self {
+    pub(crate) fn from_pose(rig: &Skeleton, pose: &ReferencePose) -> Self {
         let joints: Vec<usize> = [7, 8, 10, 11].iter().filter_map(|&id: &usize| pose.joints[id]).collect();
         let of_foot: Vec<bool> = (0..rig.joints()).map(|j| joints.iter().any(|&foot| rig.descends(j, foot))).collect();
         let at = |point: usize| pose.global.point(rig, point);
@@ -142,6 +134,7 @@ fn smpl_leg_m() -> f64 {
 mod tests {
     use super::*;
     use crate::Quat;
+    use crate::rig::{Humanoid, SkeletonMap};
 
     const FPS: f64 = 60.0;
     const STAND: f64 = smpl::STANDING_PELVIS_M;
@@ -156,7 +149,7 @@ mod tests {
 
     #[test]
     fn the_feet_of_the_neutral_body() {
-        let feet = Feet::new(&smpl::neutral(), &smpl_map()).unwrap();
+        let feet = Humanoid::with_map(&smpl::neutral(), &smpl_map()).feet().unwrap();
         let want = [(7, 0.06), (8, 0.06), (10, 0.0), (11, 0.0)];
         for ((joint, rest), (j, r)) in feet.joints.iter().zip(want) {
             assert!(*joint == j && near(*rest, r, 1e-12), "{joint} {rest}");
@@ -175,7 +168,7 @@ mod tests {
         let ends = [10, 11].map(|parent| EndSite { parent, offset: Vec3::new(0.0, -0.03, 0.08) }).to_vec();
         let parents = body.parents().to_vec();
         let rig = Skeleton::new(body.names().to_vec(), parents, body.offsets().to_vec(), ends).unwrap();
-        let feet = Feet::new(&rig, &smpl_map()).unwrap();
+        let feet = Humanoid::with_map(&rig, &smpl_map()).feet().unwrap();
         for ((_, rest), want) in feet.joints.iter().zip([0.09, 0.09, 0.03, 0.03]) {
             assert!(near(*rest, want, 1e-12), "{feet:?}");
         }

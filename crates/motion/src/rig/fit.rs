@@ -2,10 +2,9 @@
 //! on SMPL's body, and whether the feet point ahead.
 
 use super::find::{self, trunk};
-use super::{Humanoid, ReferencePose, SkeletonMap};
+use super::{Humanoid, ReferencePose};
 use crate::series::linear_quantile;
 use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, Warning, smpl};
-use std::borrow::Cow;
 
 /// Frames of a clip that are looked at, evenly spaced.
 const FRAMES: usize = 300;
@@ -35,23 +34,16 @@ pub struct MapFit {
     pub toes_ahead: Option<f64>,
 }
 
-/// How well a map fits a clip. Of long clips 300 frames are looked at.
-pub fn fit(clip: &Clip, map: &SkeletonMap) -> MapFit {
-    let rig = clip.skeleton();
-    fit_in(clip, map.joints_of(rig), ReferencePose::new(rig, map).map(Cow::Owned))
-}
-
-/// [`fit()`] with the joints and the reference pose of the map.
-pub(super) fn fit_in(
-    clip: &Clip,
-    joints: [Option<usize>; 24],
-    reference: crate::Result<Cow<'_, ReferencePose>>,
-) -> MapFit {
-    let step = clip.frames().div_ceil(FRAMES).max(1);
-    let poses: Vec<GlobalPose> = (0..clip.frames()).step_by(step).map(|f| clip.global_pose(f)).collect();
-    let trunk_error_deg = reference.as_ref().ok().and_then(|reference| trunk_error_deg(&poses, reference));
-    let stands = reference.map(|_| ()).map_err(|e| e.to_string());
-    MapFit { joints, stands, trunk_error_deg, toes_ahead: toes_ahead(clip.skeleton(), &poses, &joints) }
+impl Humanoid {
+    /// How well the map fits a clip on this rig. Of long clips 300 frames are looked at.
+    pub fn fit(&self, clip: &Clip) -> MapFit {
+        let (joints, reference) = (self.map().joints_of(self.rig()), self.pose());
+        let step = clip.frames().div_ceil(FRAMES).max(1);
+        let poses: Vec<GlobalPose> = (0..clip.frames()).step_by(step).map(|f| clip.global_pose(f)).collect();
+        let trunk_error_deg = reference.as_ref().ok().and_then(|reference| trunk_error_deg(&poses, reference));
+        let stands = reference.map(|_| ()).map_err(|e| e.to_string());
+        MapFit { joints, stands, trunk_error_deg, toes_ahead: toes_ahead(self.rig(), &poses, &joints) }
+    }
 }
 
 /// What reading a clip says of its map: that it was recognised or needed a reference pose, and doubts of the body.

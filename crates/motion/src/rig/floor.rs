@@ -4,9 +4,9 @@
 //! ends of toes don't count: an end site may be an exporter's guess, and the floor changes every height of a clip. Doubts
 //! report clips that don't move on one flat floor.
 
-use super::{Feet, SkeletonMap};
+use super::Feet;
 use crate::series::linear_quantile as quantile;
-use crate::{Clip, Result, Vec3, Warning};
+use crate::{Clip, Vec3, Warning};
 
 /// A joint other than the feet that is this far below the floor contradicts it, metres.
 const BELOW_M: f64 = 0.1;
@@ -42,14 +42,6 @@ impl Floor {
         let found_m = self.found_m - by_m;
         if !self.doubts.is_empty() && found_m.abs() <= self.near_m { 0.0 } else { found_m }
     }
-}
-
-/// The floor of a clip on a rig that fits `map`; see [`Feet::floor`].
-///
-/// # Errors
-/// Those of [`Feet::new`].
-pub fn floor(clip: &Clip, map: &SkeletonMap) -> Result<Floor> {
-    Ok(Feet::new(clip.skeleton(), map)?.floor(clip))
 }
 
 impl Feet {
@@ -145,6 +137,7 @@ fn far(lowest: &[(f64, usize)], floor_m: f64) -> Option<String> {
 mod tests {
     use super::*;
     use crate::format::{self, ReadOptions};
+    use crate::rig::{Humanoid, SkeletonMap};
     use crate::{Motion, Quat, Skeleton, smpl, synth};
     use std::f64::consts::FRAC_PI_2;
     use std::sync::Arc;
@@ -178,7 +171,7 @@ mod tests {
     }
 
     fn resolve_floor(clip: &Clip) -> Floor {
-        floor(clip, &smpl_map()).unwrap()
+        Humanoid::with_map(clip.skeleton(), &smpl_map()).floor(clip).unwrap()
     }
 
     fn near(a: f64, b: f64, tolerance: f64) -> bool {
@@ -227,7 +220,7 @@ mod tests {
     fn kneeling() {
         // upright on the knees, toes tucked in
         let kneel = posed(&[(4, flex(FRAC_PI_2)), (5, flex(FRAC_PI_2))]);
-        let feet = Feet::new(&smpl::neutral(), &smpl_map()).unwrap();
+        let feet = Humanoid::with_map(&smpl::neutral(), &smpl_map()).feet().unwrap();
         let down = feet.clearance(&clip(1.0, &kneel, |_| 0.0))[0];
         let floor = resolve_floor(&clip(5.0, &kneel, |_| 0.2 - down));
         assert!(near(floor.height_m, 0.2, 1e-9) && floor.doubts.is_empty(), "{floor:?}");
@@ -255,7 +248,7 @@ mod tests {
         let sit =
             [1, 2].map(|hip| (hip, flex(-FRAC_PI_2))).into_iter().chain([4, 5].map(|knee| (knee, flex(FRAC_PI_2))));
         let sit = posed(&sit.collect::<Vec<_>>());
-        let feet = Feet::new(&smpl::neutral(), &smpl_map()).unwrap();
+        let feet = Humanoid::with_map(&smpl::neutral(), &smpl_map()).feet().unwrap();
         let down = feet.clearance(&clip(1.0, &sit, |_| 0.0))[0];
         // on a seat as high as the shin the pelvis is above half its standing height; on a kerb it isn't
         assert!(resolve_floor(&clip(5.0, &sit, |_| -down)).doubts.is_empty());
@@ -281,7 +274,7 @@ mod tests {
             vec![],
         )
         .unwrap();
-        let feet = Feet::new(&rig, &smpl_map()).unwrap();
+        let feet = Humanoid::with_map(&rig, &smpl_map()).feet().unwrap();
         assert!(feet.joints.iter().all(|(_, rest)| near(*rest, 0.12, 1e-12)) && feet.joints.len() == 2, "{feet:?}");
         assert!(near(feet.pelvis_m, 2.0 * STAND, 1e-12));
         let n = 120;
@@ -301,7 +294,7 @@ mod tests {
         assert!(!back.skeleton().ends().is_empty());
         let (floor, want) = (resolve_floor(&back), resolve_floor(&dance));
         assert!(near(floor.found_m, want.found_m, 1e-5), "{floor:?} {want:?}");
-        let [a, b] = [&back, &dance].map(|clip| Feet::new(clip.skeleton(), &smpl_map()).unwrap());
+        let [a, b] = [&back, &dance].map(|clip| Humanoid::with_map(clip.skeleton(), &smpl_map()).feet().unwrap());
         assert!(near(a.body_m, b.body_m, 1e-5) && near(a.pelvis_m, b.pelvis_m, 1e-5), "{a:?} {b:?}");
     }
 

@@ -1,6 +1,5 @@
 //! A rig as a humanoid: what all work on its clips needs to know of it, found once.
 
-use super::fit::{MapFit, fit_in};
 use super::{Feet, Floor, FoundBy, FoundMap, ReferencePose, SkeletonMap, find_map};
 use crate::{Clip, Result, Skeleton, smpl};
 use std::borrow::Cow;
@@ -36,6 +35,12 @@ impl Humanoid {
             Humanoid::new(FoundMap::standing(map, FoundBy::Names, &body, None), &body)
         });
         &NEUTRAL
+    }
+
+    /// The humanoid of a rig with this map, bound to it as far as it fits.
+    pub fn with_map(rig: &Skeleton, map: &SkeletonMap) -> Humanoid {
+        let found = FoundMap::standing(map.bind_any(rig.names()), FoundBy::Given, rig, None);
+        Humanoid::new(found, &Arc::new(rig.clone()))
     }
 
     /// The humanoid of a rig with the map that was found for it.
@@ -77,11 +82,6 @@ impl Humanoid {
     pub fn feet(&self) -> Result<Feet> {
         let pose = self.pose()?;
         Ok(Feet::from_pose(&self.rig, &pose))
-    }
-
-    /// How well the map fits a clip on this rig.
-    pub fn fit(&self, clip: &Clip) -> MapFit {
-        fit_in(clip, self.found.map.joints_of(&self.rig), self.pose())
     }
 
     /// The floor of a clip on this rig; see [`Feet::floor`].

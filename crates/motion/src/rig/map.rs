@@ -21,10 +21,10 @@ const SHIPPED: &[(&str, &str)] = &[
 ];
 
 /// The name of maps of recognised rigs.
-pub const RECOGNISED: &str = "recognised";
+pub(crate) const RECOGNISED: &str = "recognised";
 
 /// The SMPL joints that every map must have: pelvis, hips, knees, ankles, shoulders, elbows, wrists.
-pub const REQUIRED: [usize; 13] = [0, 1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21];
+pub(crate) const REQUIRED: [usize; 13] = [0, 1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21];
 
 /// Which joints of a rig correspond to which SMPL joints, and the rig's reference pose.
 #[derive(Debug, Clone, PartialEq)]
@@ -321,7 +321,7 @@ impl<'a> RigNames<'a> {
 }
 
 /// A name without its namespace, which ends at the last colon.
-pub fn without_namespace(name: &str) -> &str {
+pub(crate) fn without_namespace(name: &str) -> &str {
     name.rsplit(':').next().unwrap_or(name)
 }
 

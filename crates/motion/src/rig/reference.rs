@@ -59,7 +59,7 @@ impl ReferencePose {
     }
 
     /// Leg length, hip to knee to ankle, metres; the mean of both legs.
-    pub fn leg_m(&self) -> f64 {
+    pub(crate) fn leg_m(&self) -> f64 {
         let bones = [(1, 4), (4, 7), (2, 5), (5, 8)];
         0.5 * bones.iter().map(|&(a, b)| self.bone(a, b).length()).sum::<f64>()
     }

@@ -1,12 +1,11 @@
 //! Rotations and conversions between their representations.
 //!
 //! Code works with unit quaternions in f64 ([`Quat`]; its named fields rule out a confusion of (w, x, y, z) with
-//! (x, y, z, w)). Other representations are rotation vectors ([`exp_map`]), Euler angles in all twelve orders ([`euler`]),
-//! two columns of the matrix ([`six_d`]), and the matrix ([`Mat3`]).
+//! (x, y, z, w)). Other representations are rotation vectors ([`exp_map`]), Euler angles in all twelve orders ([`euler`])
+//! and the matrix ([`Mat3`]).
 
 pub mod euler;
 pub mod exp_map;
-pub mod six_d;
 
 pub use euler::{Axis, EulerOrder};
 pub use glam::{DMat3 as Mat3, DQuat as Quat, DVec3 as Vec3};

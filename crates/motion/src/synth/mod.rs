@@ -76,7 +76,7 @@ const FASTEST_FPS: f64 = 1000.0;
 /// [`Invalid`](kinelm_store::Error::Invalid) when `seconds` is outside `0..=3600` or `fps` outside `1..=1000`.
 pub fn corpus(seed: u64, clips: usize, seconds: f64, fps: f64) -> Result<Vec<Dance>> {
     check(seconds, fps)?;
-    (0..clips).map(|i| dance(seed, i, None, (seconds, fps))).collect()
+    (0..clips).map(|i| dance(seed, i, None, seconds, fps)).collect()
 }
 
 /// Slowest and fastest tempo, beats per minute.
@@ -93,7 +93,7 @@ pub fn corpus_at(seed: u64, tempi_bpm: &[f64], seconds: f64, fps: f64) -> Result
         let found = format!("{bpm} beats per minute");
         return Err(Error::invalid(format!("the tempo of dance {i}"), found, format!("{slow} to {fast}")));
     }
-    tempi_bpm.iter().enumerate().map(|(i, bpm)| dance(seed, i, Some(*bpm), (seconds, fps))).collect()
+    tempi_bpm.iter().enumerate().map(|(i, bpm)| dance(seed, i, Some(*bpm), seconds, fps)).collect()
 }
 
 fn check(seconds: f64, fps: f64) -> Result<()> {
@@ -104,12 +104,12 @@ fn check(seconds: f64, fps: f64) -> Result<()> {
     Ok(())
 }
 
-fn dance(seed: u64, index: usize, bpm: Option<f64>, (seconds, fps): (f64, f64)) -> Result<Dance> {
+fn dance(seed: u64, index: usize, bpm: Option<f64>, seconds: f64, fps: f64) -> Result<Dance> {
     let (g, d) = (index % GENRES.len(), index / GENRES.len() % DANCERS.len());
     let take = index / (GENRES.len() * DANCERS.len());
     let (genre, dancer): (&'static Genre, &'static Dancer) = (&GENRES[g], &DANCERS[d]);
     let mut rng = Rng::new(seed, &[g as u64, d as u64, take as u64]);
-    let score = Score::new((genre, dancer), bpm, seconds, &mut rng);
+    let score = Score::new(genre, dancer, bpm, seconds, &mut rng);
     let clip = perform(&score, seconds, fps)?;
     let (beats_s, downbeat) = score.beats(seconds);
     Ok(Dance { clip, genre: genre.name, dancer: dancer.name, take: take + 1, beats_s, downbeat })

@@ -73,12 +73,7 @@ pub struct Score {
 impl Score {
     /// Figures in pairs, the second usually the mirror image of the first, as many as fit before the ending; at `bpm` beats
     /// per minute, or about the genre's tempo.
-    pub fn new(
-        (genre, dancer): (&'static Genre, &'static Dancer),
-        bpm: Option<f64>,
-        seconds: f64,
-        rng: &mut Rng,
-    ) -> Self {
+    pub fn new(genre: &'static Genre, dancer: &'static Dancer, bpm: Option<f64>, seconds: f64, rng: &mut Rng) -> Self {
         let own = genre.tempo_bpm * dancer.tempo * rng.range(0.98, 1.02) / 60.0;
         let wished = bpm.map_or(own, |bpm| bpm / 60.0);
         let room = (seconds - UPBEAT_S) * wished - CLOSING_BEATS;

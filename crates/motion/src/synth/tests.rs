@@ -10,7 +10,7 @@ fn twelve() -> Vec<Dance> {
 
 fn score_of(index: usize) -> Score {
     let (g, d) = (index % 4, index / 4 % 3);
-    Score::new((&GENRES[g], &DANCERS[d]), None, SECONDS, &mut Rng::new(1, &[g as u64, d as u64, 0]))
+    Score::new(&GENRES[g], &DANCERS[d], None, SECONDS, &mut Rng::new(1, &[g as u64, d as u64, 0]))
 }
 
 #[test]

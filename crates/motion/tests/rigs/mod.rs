@@ -5,7 +5,7 @@
 //! hand. `#` begins a comment: where the names are from.
 
 use kinelm_motion::retarget::Retarget;
-use kinelm_motion::rig::SkeletonMap;
+use kinelm_motion::rig::{Humanoid, SkeletonMap};
 use kinelm_motion::{Clip, GlobalPose, Quat, Skeleton, Vec3, smpl};
 use std::path::Path;
 
@@ -122,7 +122,7 @@ impl Tree {
 
     /// A clip of `body` on the rig.
     pub fn dance(&self, rig: &Skeleton, clip: &Clip) -> Clip {
-        Retarget::new(rig, &self.map(), clip.skeleton().clone()).unwrap().to_rig(clip).unwrap()
+        Retarget::new(&Humanoid::with_map(rig, &self.map()), clip.skeleton().clone()).unwrap().to_rig(clip).unwrap()
     }
 
     fn places(&self, body: &Skeleton) -> Vec<Vec3> {

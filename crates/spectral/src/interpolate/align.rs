@@ -134,7 +134,7 @@ impl Alignment {
             };
             let window = motions[1].clone().with_clip(second).with_source(source);
             let smpl = retarget::to_smpl(&window)?;
-            let way = Retarget::of(motions[0].humanoid()?, smpl.skeleton().clone())?;
+            let way = Retarget::new(motions[0].humanoid()?, smpl.skeleton().clone())?;
             let way = way.with_floor(floor_height(&window)?);
             way.to_rig_over(&smpl, Some(first))
         };

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::pose::tests::COMPUTED;
-use crate::rig::floor;
+use crate::rig::Humanoid;
 use crate::{EndSite, Skeleton};
 use std::sync::Arc;
 
@@ -66,7 +66,7 @@ fn pitched(clip: &Clip) -> Clip {
 
 /// The lowest end of a toe in every frame.
 fn lowest_toes(clip: &Clip) -> Vec<f64> {
-    let feet = Feet::new(clip.skeleton(), &map()).unwrap();
+    let feet = Humanoid::with_map(clip.skeleton(), &map()).feet().unwrap();
     assert_eq!(feet.toes.len(), 2, "{feet:?}");
     let lowest = |f: usize| {
         let pose = clip.global_pose(f);
@@ -84,7 +84,7 @@ fn ends_of_toes_stay_above_the_floor() {
         assert!(deep(&clip) > clip.frames() / 20, "{kind:?}: {} of {}", deep(&clip), clip.frames());
         let free = FixedParts::default();
         for fixed in [free, FixedParts { root: true, ..free }] {
-            let (done, locked) = lock(&clip, &map(), 0.0, fixed).unwrap();
+            let (done, locked) = lock_by(&clip, &map(), 0.0, fixed).unwrap();
             assert!(locked.locked.len() >= 2, "{locked:?}");
             assert_eq!(deep(&done), 0, "{kind:?}, seed {seed}, {fixed:?}");
             let [before, after] = [&clip, &done].map(|clip| jitter(clip).unwrap());
@@ -97,8 +97,9 @@ fn ends_of_toes_stay_above_the_floor() {
 fn toes_that_end_where_balls_would_be_are_locked_as_balls() {
     for seed in 1..4 {
         let bad = spoiled(&dance(seed));
-        let (on_joints, _) = lock(&bad, &map(), 0.0, FixedParts::default()).unwrap();
-        let (on_ends, locked) = lock(&on_rig(&bad, Toes::InsteadOfBalls), &map(), 0.0, FixedParts::default()).unwrap();
+        let (on_joints, _) = lock_by(&bad, &map(), 0.0, FixedParts::default()).unwrap();
+        let (on_ends, locked) =
+            lock_by(&on_rig(&bad, Toes::InsteadOfBalls), &map(), 0.0, FixedParts::default()).unwrap();
         assert!(locked.locked.iter().any(|contact| contact.point >= 22), "some toe is in contact: {locked:?}");
         // but for what balls may give
         let [a, b] = [on_joints, on_ends].map(|clip| clip.global_pose(clip.frames() / 2).positions[4]);
@@ -114,7 +115,7 @@ fn toes_in_the_floor_where_given_frames_end_do_not_jump_out() {
     let bad = Clip::new(plain.skeleton().clone(), plain.fps(), plain.root().to_vec(), rotations).unwrap();
     let (bad, given) = (on_rig(&bad, Toes::InsteadOfBalls), 60);
     assert!(lowest_toes(&bad)[..given].iter().any(|y| *y < -0.03));
-    let (done, _) = lock(&bad, &map(), 0.0, FixedParts { frames: given, ..FixedParts::default() }).unwrap();
+    let (done, _) = lock_by(&bad, &map(), 0.0, FixedParts { frames: given, ..FixedParts::default() }).unwrap();
     assert_eq!(done.slice(0..given), bad.slice(0..given));
     let speed = |clip: &Clip, f: usize, j: usize| {
         let [a, b] = [f, f + 1].map(|f| clip.global_pose(f).positions[j]);
@@ -129,8 +130,8 @@ fn toes_in_the_floor_where_given_frames_end_do_not_jump_out() {
 #[test]
 fn tips_that_a_written_bvh_needs_change_nothing() {
     let bad = spoiled(&pitched(&dance(4)));
-    let (plain, locked) = lock(&bad, &map(), 0.0, FixedParts::default()).unwrap();
-    let (with_tips, also) = lock(&on_rig(&bad, Toes::MadeUp), &map(), 0.0, FixedParts::default()).unwrap();
+    let (plain, locked) = lock_by(&bad, &map(), 0.0, FixedParts::default()).unwrap();
+    let (with_tips, also) = lock_by(&on_rig(&bad, Toes::MadeUp), &map(), 0.0, FixedParts::default()).unwrap();
     assert_eq!((plain.root(), plain.rotations(), locked), (with_tips.root(), with_tips.rotations(), also));
 }
 
@@ -139,11 +140,15 @@ fn ends_of_toes_are_measured_and_no_floor() {
     let clip = dance(2);
     for kind in [Toes::BeyondBalls, Toes::Joints] {
         let rig = on_rig(&clip, kind);
-        let feet = Feet::new(rig.skeleton(), &map()).unwrap();
-        assert_eq!(floor(&rig, &map()).unwrap(), floor(&clip, &map()).unwrap(), "{kind:?}");
+        let feet = Humanoid::with_map(rig.skeleton(), &map()).feet().unwrap();
+        assert_eq!(
+            Humanoid::with_map(rig.skeleton(), &map()).floor(&rig).unwrap(),
+            Humanoid::with_map(clip.skeleton(), &map()).floor(&clip).unwrap(),
+            "{kind:?}"
+        );
         let toes = lowest_toes(&rig);
         assert!(feet.clearance(&rig).iter().zip(&toes).all(|(least, toe)| *least <= toe + 1e-12));
-        assert!(feet.clearance(&rig) != Feet::new(clip.skeleton(), &map()).unwrap().clearance(&clip));
+        assert!(feet.clearance(&rig) != Humanoid::with_map(clip.skeleton(), &map()).feet().unwrap().clearance(&clip));
         let mut joints_alone = feet.clone();
         joints_alone.toes.clear();
         assert!(Skate::of(&feet, &rig) != Skate::of(&joints_alone, &rig));
@@ -163,7 +168,7 @@ fn work_grows_with_the_length() {
         let work = |times: usize| {
             let clip = on(&repeated(times));
             let before = COMPUTED.get();
-            let (_, locked) = lock(&clip, &map(), 0.0, FixedParts::default()).unwrap();
+            let (_, locked) = lock_by(&clip, &map(), 0.0, FixedParts::default()).unwrap();
             (COMPUTED.get() - before, locked.locked.len())
         };
         let ((once, contacts), (eight, more)) = (work(1), work(8));

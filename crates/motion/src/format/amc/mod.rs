@@ -28,14 +28,14 @@ pub const FPS: f64 = 120.0;
 /// [`FaultKind::TooDeep`], [`FaultKind::TooLarge`].
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let beside = skeleton_beside(path)?;
-    parse((path, bytes), (&beside, &input::bytes(&beside).map_err(Error::io(&beside))?), options)
+    parse(path, bytes, &beside, &input::bytes(&beside).map_err(Error::io(&beside))?, options)
 }
 
 /// Reads a motion from the bytes of an AMC and of its ASF, each with its path for messages.
 ///
 /// # Errors
 /// Those of [`read`] but for an ASF that isn't there.
-pub fn parse((path, amc): (&Path, &[u8]), (beside, asf): (&Path, &[u8]), options: &ReadOptions) -> Result<Motion> {
+pub fn parse(path: &Path, amc: &[u8], beside: &Path, asf: &[u8], options: &ReadOptions) -> Result<Motion> {
     let asf = &Asf::parse(beside, asf)?;
     let rows = rows::Rows::parse(path, amc, asf)?;
     let mut warnings = rows.warnings;
@@ -152,7 +152,7 @@ mod tests {
 
     fn said(asf: &str, amc: &str) -> String {
         let files = [Path::new("x.amc"), Path::new("x.asf")];
-        let read = parse((files[0], amc.as_bytes()), (files[1], asf.as_bytes()), &ReadOptions::default());
+        let read = parse(files[0], amc.as_bytes(), files[1], asf.as_bytes(), &ReadOptions::default());
         read.unwrap_err().to_string()
     }
 

@@ -64,7 +64,12 @@ impl<'a> Array<'a> {
     /// # Errors
     /// [`FaultKind::Truncated`] when the number of texts doesn't match the shape, [`FaultKind::TooLarge`] above a million
     /// characters, counting each text as long as the longest.
-    pub fn from_texts(path: &Path, key: &str, shape: Vec<usize>, texts: &[impl AsRef<str>]) -> Result<Array<'static>> {
+    pub(crate) fn from_texts(
+        path: &Path,
+        key: &str,
+        shape: Vec<usize>,
+        texts: &[impl AsRef<str>],
+    ) -> Result<Array<'static>> {
         let size = texts.iter().map(|t| t.as_ref().chars().count()).max().unwrap_or(0).max(1);
         let dtype = Dtype { element: Element::Text, size, big: false };
         let fits = size.checked_mul(texts.len()).is_some_and(|n| n <= 1 << 20);
@@ -163,7 +168,7 @@ impl<'a> Array<'a> {
     }
 
     /// [`FaultKind::Shape`] with the expected shape.
-    pub fn shape_fault(&self, expected: &str) -> Error {
+    pub(crate) fn shape_fault(&self, expected: &str) -> Error {
         self.fault(FaultKind::Shape, format!("shape {}", tuple(&self.shape)), format!("{expected} for {}", self.key))
     }
 
@@ -239,7 +244,7 @@ pub(in crate::format) fn padded(text: &str, size: usize) -> impl Iterator<Item =
 }
 
 /// The size of an array in bytes; `None` for impossible sizes: overflow, or many elements of no bytes.
-pub fn byte_count(shape: &[usize], dtype: &Dtype) -> Option<u64> {
+pub(crate) fn byte_count(shape: &[usize], dtype: &Dtype) -> Option<u64> {
     if shape.len() > 32 {
         return None;
     }

@@ -4,7 +4,7 @@ use super::BvhSource;
 use crate::format::BvhPosition;
 use crate::format::contact::FRAMES;
 use crate::series::nearest_quantile as quantile;
-use crate::{Clip, GlobalPose, Vec3, Warning};
+use crate::{Clip, GlobalPose, Warning};
 
 /// A floor is at y = 0 if it is nearer than this fraction of the way from the root to the farthest tip.
 const AT_ZERO: f64 = 0.2;
@@ -36,12 +36,8 @@ fn floors(source: &BvhSource, clip: &Clip) -> Option<[f64; 2]> {
     source.rig.chain.iter().find(has_offset)?;
     let root = |position: BvhPosition, f: usize| {
         let frames = super::Frames { position, ..source.as_frames() };
-        let (mut p, mut q) = (Vec3::ZERO, crate::Quat::IDENTITY);
-        for &node in &source.rig.chain {
-            p += q * frames.place(node, frames.row(f));
-            q *= frames.turn(node, frames.row(f));
-        }
-        source.rig.axes.position_to_y_up(p * source.rig.unit_m).y
+        let (root, _) = frames.along(&source.rig.chain, frames.row(f));
+        source.rig.axes.position_to_y_up(root * source.rig.unit_m).y
     };
     let mut pose = GlobalPose::default();
     let (mut lowest, mut shifts) = (Vec::new(), Vec::new());

@@ -104,7 +104,7 @@ impl BvhSource {
     /// The channels (F, C) of a clip in the file's axes. Nodes of other roots and beside the body get the rows of `old` at
     /// the same time, or between two; so does what is above the clip's root, but for the channels that carry the path.
     pub(super) fn rows(&self, clip: &Clip, old: &BvhSource) -> Vec<f64> {
-        self.rows_with(clip, (old, None), |_, _| {})
+        self.rows_with(clip, old, None, |_, _| {})
     }
 
     /// Like [`BvhSource::rows`]; `change` may modify each row before the next one is made. With the number of frames that an
@@ -112,7 +112,8 @@ impl BvhSource {
     pub(super) fn rows_with(
         &self,
         clip: &Clip,
-        (old, before): (&BvhSource, Option<usize>),
+        old: &BvhSource,
+        before: Option<usize>,
         mut change: impl FnMut(usize, &mut [f64]),
     ) -> Vec<f64> {
         let width = self.head.width;
@@ -139,7 +140,9 @@ impl BvhSource {
                     self.place_bone(node, clip.skeleton().offsets()[j] / metres, row);
                     self.turn(node, turn, previous, row);
                 } else {
-                    self.turn(node, self.above(row).1.conjugate() * turn, previous, row);
+                    let above = &self.rig.chain[..self.rig.chain.len() - 1];
+                    let above = self.as_frames().along(above, row).1;
+                    self.turn(node, above.conjugate() * turn, previous, row);
                 }
             }
             change(f, row);
@@ -184,24 +187,13 @@ impl BvhSource {
         }
     }
 
-    /// Position of the clip's root in a row, in the file's unit, and the rotation of what is above it.
-    fn above(&self, row: &[f64]) -> (Vec3, Quat) {
-        let frames = self.as_frames();
-        let (last, above) = self.rig.chain.split_last().unwrap_or((&0, &[]));
-        let mut at = (Vec3::ZERO, Quat::IDENTITY);
-        for &node in above {
-            at = (at.0 + at.1 * frames.place(node, row), at.1 * frames.turn(node, row));
-        }
-        (at.0 + at.1 * frames.place(*last, row), at.1)
-    }
-
     /// Puts the clip's root at `place`, in the file's unit, by the channels that carry the path.
     fn place_root(&self, place: Vec3, row: &mut [f64]) {
         let BvhRig { chain, path, .. } = &self.rig;
         for (axis, &node) in AXES.into_iter().zip(path) {
             self.set(node, Channel::Position(axis), 0.0, row);
         }
-        let mut by = place - self.above(row).0;
+        let mut by = place - self.as_frames().along(chain, row).0;
         if chain.len() > 1 {
             // the ways along which the three channels move the root
             let frames = self.as_frames();

@@ -56,6 +56,13 @@ impl Frames<'_> {
         turns.fold(first, |q, t| q * t)
     }
 
+    /// Position, in the file's unit, and rotation of the last node of a chain from a ROOT down, in the file's world.
+    pub fn along(&self, chain: &[usize], row: &[f64]) -> (Vec3, Quat) {
+        let here = |&node: &usize| (self.place(node, row), self.turn(node, row));
+        // a node without any above keeps its bits
+        chain.iter().map(here).reduce(|(p, q), (place, turn)| (p + q * place, q * turn)).unwrap_or_default()
+    }
+
     pub fn moves(&self, node: usize) -> bool {
         self.nodes[node].channels.iter().any(|c| matches!(c, Channel::Position(_)))
     }
@@ -226,11 +233,7 @@ pub(crate) fn clip(rig: &BvhRig, skeleton: Arc<Skeleton>, frames: &Frames, fps: 
     let mut rotations = Vec::with_capacity(frames.frames * rig.joints.len());
     for f in 0..frames.frames {
         let row = frames.row(f);
-        let (mut p, mut q) = (frames.place(rig.chain[0], row), frames.turn(rig.chain[0], row));
-        for &node in &rig.chain[1..] {
-            p += q * frames.place(node, row);
-            q *= frames.turn(node, row);
-        }
+        let (p, q) = frames.along(&rig.chain, row);
         root.push(p * rig.unit_m);
         rotations.push(q);
         rotations.extend(rig.joints[1..].iter().map(|&n| frames.turn(n, row)));

@@ -35,7 +35,7 @@ use text::Text;
 
 /// Position channels of one joint below the clip's root, for `inspect`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PositionChannels {
+pub(crate) struct PositionChannels {
     /// The joint of the clip.
     pub joint: usize,
     /// Mean over the frames of | |channels| - |OFFSET| |, metres.
@@ -167,7 +167,7 @@ impl BvhSource {
     }
 
     /// The joints below the clip's root with position channels, and what these do.
-    pub fn position_channels(&self) -> Vec<PositionChannels> {
+    pub(crate) fn position_channels(&self) -> Vec<PositionChannels> {
         let frames = self.as_frames();
         let (metres, f) = (self.rig.unit_m, self.frames.max(1) as f64);
         let reach = self.reach_m();

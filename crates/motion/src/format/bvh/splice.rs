@@ -37,7 +37,7 @@ impl BvhSource {
         let rig = self.for_clip(&clip)?;
         let (width, own) = (rig.head.width, self.head.width);
         let copied = |frame: usize| self.copied(frame, changed, &rig);
-        let numbers = rig.rows_with(&clip, (self, Some(changed.before)), |frame, row| {
+        let numbers = rig.rows_with(&clip, self, Some(changed.before), |frame, row| {
             for (number, from) in row.iter_mut().zip(copied(frame)) {
                 *number = from.map_or(*number, |column| self.numbers[(changed.before + frame) * own + column]);
             }

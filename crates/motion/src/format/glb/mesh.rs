@@ -36,12 +36,12 @@ impl Mesh {
         body.points(&rest, 0, &mut GlobalPose::default(), &mut positions);
         let mut mesh = Mesh::default();
         for bone in &body.bones {
-            mesh.add_capsule(positions[bone.a], positions[bone.b], (bone.ra, bone.rb), bone.a);
+            mesh.add_capsule(positions[bone.a], positions[bone.b], bone.ra, bone.rb, bone.a);
         }
         Ok(mesh)
     }
 
-    fn add_capsule(&mut self, a: Vec3, b: Vec3, (ra, rb): (f64, f64), joint: usize) {
+    fn add_capsule(&mut self, a: Vec3, b: Vec3, ra: f64, rb: f64, joint: usize) {
         let along = (b - a).normalize_or(Vec3::Y);
         let across = along.any_orthonormal_vector();
         let other = along.cross(across);
@@ -95,7 +95,7 @@ mod tests {
     fn a_capsule_is_closed_and_looks_outward() {
         let mut mesh = Mesh::default();
         let (a, b) = (Vec3::new(0.1, 0.2, 0.3), Vec3::new(0.1, 0.8, 0.5));
-        mesh.add_capsule(a, b, (0.1, 0.05), 3);
+        mesh.add_capsule(a, b, 0.1, 0.05, 3);
         assert_eq!((mesh.positions.len(), mesh.corners.len()), (2 + 4 * SIDES, 2 * SIDES + 2 * 3 * SIDES));
         // each edge occurs once in each direction
         let mut edges: Vec<(u32, u32)> = mesh.corners.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();

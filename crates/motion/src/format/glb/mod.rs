@@ -101,25 +101,25 @@ impl Scene {
             self.nodes.push(node);
             if turns.iter().any(|turn| *turn != turns[0]) {
                 let numbers: Vec<f32> = turns.iter().flat_map(|q| quat(*q)).collect();
-                self.animate(input, &numbers, ("VEC4", 4), (first + joint, "rotation"));
+                self.animate(input, &numbers, ("VEC4", 4), first + joint, "rotation");
             }
         }
         if clip.root().iter().any(|p| *p != clip.root()[0]) {
             let numbers: Vec<f32> = clip.root().iter().flat_map(|p| place(*p)).collect();
-            self.animate(input, &numbers, ("VEC3", 3), (first, "translation"));
+            self.animate(input, &numbers, ("VEC3", 3), first, "translation");
         }
         self.roots.push(around);
-        self.add_body(name, clip, (first, colour))
+        self.add_body(name, clip, first, colour)
     }
 
-    fn animate(&mut self, input: usize, numbers: &[f32], kind: (&str, usize), (node, path): (usize, &str)) {
+    fn animate(&mut self, input: usize, numbers: &[f32], kind: (&str, usize), node: usize, path: &str) {
         let output = self.buffer.floats(numbers, kind, Target::None, false);
         self.channels.push(json!({"sampler": self.samplers.len(), "target": {"node": node, "path": path}}));
         self.samplers.push(json!({"input": input, "output": output, "interpolation": "LINEAR"}));
     }
 
     /// Adds the skin and its mesh.
-    fn add_body(&mut self, name: &str, clip: &Clip, (first, colour): (usize, [f64; 3])) -> Result<()> {
+    fn add_body(&mut self, name: &str, clip: &Clip, first: usize, colour: [f64; 3]) -> Result<()> {
         let (skeleton, joints) = (clip.skeleton(), clip.joints());
         let rest = GlobalPose::new(skeleton, Vec3::ZERO, &vec![Quat::IDENTITY; joints]);
         let matrices: Vec<f32> = rest.positions.iter().flat_map(|p| moved_by(-*p)).collect();

@@ -10,7 +10,7 @@ use kinelm_store::SourcePos;
 use std::path::Path;
 
 /// Longest accepted header, bytes. numpy's own limit is 10,000.
-pub const MAX_HEADER: usize = 1 << 16;
+pub(crate) const MAX_HEADER: usize = 1 << 16;
 
 /// The header of an `.npy` file.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,7 +2,8 @@
 
 mod header;
 
-pub use header::{Header, MAX_HEADER, parse as parse_header};
+pub(crate) use header::MAX_HEADER;
+pub use header::{Header, parse as parse_header};
 
 use super::array::{Array, Element, byte_count};
 use super::pickle::Pickle;

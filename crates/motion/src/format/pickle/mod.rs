@@ -21,7 +21,7 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 /// Names that a pickle may use, as module and name.
-pub const ALLOWED: [(&str, &str); 9] = [
+pub(crate) const ALLOWED: [(&str, &str); 9] = [
     ("numpy.core.multiarray", "_reconstruct"),
     ("numpy.core.multiarray", "scalar"),
     ("numpy._core.multiarray", "_reconstruct"),

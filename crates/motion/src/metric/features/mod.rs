@@ -44,7 +44,7 @@ pub struct Lengths {
 
 impl Lengths {
     /// The lengths that published code uses for everybody.
-    pub const COMPAT: Lengths = Lengths { humerus: 0.256_838_1, shoulders: 0.390_848_3, hips: 0.119_247_1 };
+    pub(crate) const COMPAT: Lengths = Lengths { humerus: 0.256_838_1, shoulders: 0.390_848_3, hips: 0.119_247_1 };
 }
 
 impl JointPositions {

@@ -237,7 +237,7 @@ fn generate(args: &Args, prompt: PromptRequest, frames: usize) -> Result<Clip> {
         computing: Some(args.computing()),
         ..Request::of(args.out.join("run"))
     };
-    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.motion.clip)
+    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.generated.motion.clip)
 }
 
 /// The clip moved so that it begins in the prompt's place and heading.

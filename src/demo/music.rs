@@ -125,7 +125,7 @@ fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
         computing: Some(args.computing()),
         ..Request::of(args.out.join("run"))
     };
-    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.motion.clip)
+    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.generated.motion.clip)
 }
 
 /// The beat alignment of dances with their music, and with other music.

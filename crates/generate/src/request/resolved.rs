@@ -1,6 +1,9 @@
 //! A request in which every option is decided.
 
-use super::{Computing, FootMode, MusicRequest, Placement, PromptRequest, Rig, Seeding, TimedLabel, UncodedJoints};
+use super::{
+    Computing, FootMode, Length, MusicRequest, Placement, PromptRequest, Request, Rig, Seeding, TimedLabel,
+    UncodedJoints,
+};
 use crate::sampling::Sampling;
 use kinelm_corpus::sidecar::output_read_options;
 use kinelm_model::lead_in::LeadInFrom;
@@ -26,7 +29,7 @@ pub struct Resolved {
     /// Scale of classifier-free guidance by labels and music; 1 is the model as trained.
     pub guidance: f64,
     /// Scale of guidance towards the goals after gaps; 1 is the model as trained, 0 leaves the goals out.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub goal_guidance: f64,
     /// The music that is danced to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -36,7 +39,7 @@ pub struct Resolved {
     /// Frames per second of the file that is written.
     pub fps: f64,
     /// Lead-in frames, dropped from the output: the first frames that a model samples don't belong together yet.
-    #[serde(default, skip_serializing_if = "is_no_frame")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub lead_in: usize,
     /// The second of a train clip that the lead-in is; `None`: the model samples the lead-in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -61,17 +64,27 @@ pub struct Resolved {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub placement: Option<Placement>,
     /// What is done to the feet.
-    #[serde(default, skip_serializing_if = "FootMode::is_off")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub feet: FootMode,
     /// Where and how the model computes.
     pub computing: Computing,
 }
 
 impl Resolved {
-    /// The run and the files that are read.
-    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
-        let prompt = self.prompt.iter().flat_map(PromptRequest::files);
-        prompt.chain(self.music.iter().map(|music| music.path.clone())).chain([self.run.clone()])
+    /// What it names, as a request.
+    pub fn request(&self) -> Request {
+        Request {
+            run: self.run.clone(),
+            prompt: self.prompt.clone(),
+            labels: self.labels.clone(),
+            timed_labels: self.timed_labels.clone(),
+            music: self.music.clone(),
+            length: Some(Length::Frames(self.frames)),
+            fps: Some(self.fps),
+            sampling: self.sampling,
+            rig: Some(self.rig),
+            ..Request::default()
+        }
     }
 
     /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole. An edited clip is its
@@ -91,8 +104,8 @@ impl Resolved {
     }
 }
 
-fn is_zero(scale: &f64) -> bool {
-    *scale == 0.0
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 fn one() -> usize {
@@ -101,8 +114,4 @@ fn one() -> usize {
 
 fn is_one(candidates: &usize) -> bool {
     *candidates == 1
-}
-
-fn is_no_frame(frames: &usize) -> bool {
-    *frames == 0
 }

@@ -17,6 +17,7 @@ mod sequence;
 pub use first_frames::FIRST_FRAMES;
 pub(crate) use first_frames::has_given_after_free;
 pub use guidance::Guidance;
+pub(crate) use model::check_f32;
 pub use model::{NextToken, reader, readers};
 pub use plan::{GUESSES, MOST_FRAMES, SamplingPlan, check_frames, variation_seed};
 
@@ -85,7 +86,7 @@ struct Part<M> {
 }
 
 impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
-    /// As many dances as `model` has sequences for, see [`SamplingPlan::streams`]. The first has the plan's seed, the others
+    /// As many dances as `model` has sequences for, see `SamplingPlan::streams`. The first has the plan's seed, the others
     /// seeds derived from it.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use super::pseudo_likelihood::pseudo;
 use super::scored_windows::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
 use crate::goal::Conditioning;
-use crate::{Error, ModelConfig, ModelKind, Result, Scores, TokenLayout, music};
+use crate::{Error, ModelConfig, ModelKind, Result, Scores, TokenLayout, TokenWindows, music};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_sequence};
 
 /// Bits a frame of `model` on `clips`, `None` where they have no frame.
@@ -109,7 +109,8 @@ fn batch_nats(
     }
     let mut nats = vec![0.0; targets.len()];
     let conditioning = music_conditioning(model.config(), corpus, clips, windows, (length, conditions))?;
-    model.nats_conditioned((&inputs, &targets), length, conditioning.as_ref(), &mut nats)?;
+    let windows = TokenWindows { inputs: &inputs, targets: &targets, length, conditioning: conditioning.as_ref() };
+    model.nats(windows, &mut nats)?;
     Ok(nats)
 }
 
@@ -263,15 +264,8 @@ mod tests {
                     music::conditioning(config.music_conditioning(), &corpus.music(clips[0]).unwrap(), times, 1.0);
                 let conditioning = Conditioning { music, ..Conditioning::default() };
                 let mut found = vec![0.0; inputs.len()];
-                let windows = (&inputs[..], targets);
-                Scores::nats_conditioned(
-                    &mut fast,
-                    windows,
-                    inputs.len(),
-                    is_used.then_some(&conditioning),
-                    &mut found,
-                )
-                .unwrap();
+                let (length, conditioning) = (inputs.len(), is_used.then_some(&conditioning));
+                fast.nats(TokenWindows { inputs: &inputs, targets, length, conditioning }, &mut found).unwrap();
                 nats += found[scored * word..].iter().map(|&x| f64::from(x)).sum::<f64>();
             }
             nats / std::f64::consts::LN_2 / 20.0

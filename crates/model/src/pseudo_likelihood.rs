@@ -1,7 +1,7 @@
 //! What a masked model makes of clips: a figure of its own kind (docs/measures.md, "Bits a frame").
 
 use super::scored_windows::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
-use crate::{Error, Result, Scores};
+use crate::{Error, Result, Scores, TokenWindows};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_masked};
 use kinelm_store::random;
 
@@ -39,7 +39,7 @@ pub(super) fn pseudo(
         }
         predicted += targets.iter().filter(|&&id| id != pad).count();
         let mut found = vec![0.0; targets.len()];
-        model.nats(&inputs, &targets, length, &mut found)?;
+        model.nats(TokenWindows { inputs: &inputs, targets: &targets, length, conditioning: None }, &mut found)?;
         for ((_, window), found) in windows.iter().zip(found.chunks(length)) {
             let sum: f64 = found.iter().map(|&x| x as f64).sum();
             if !sum.is_finite() {

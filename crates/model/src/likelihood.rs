@@ -3,7 +3,7 @@
 use super::pseudo_likelihood::pseudo;
 use super::scored_windows::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
 use crate::goal::Conditioning;
-use crate::{Error, ModelConfig, ModelKind, Result, Scores, TokenLayout, TokenWindows, music};
+use crate::{Error, ModelConfig, ModelKind, Result, Scores, TokenLayout, TokenWindows};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_sequence};
 
 /// Bits a frame of `model` on `clips`, `None` where they have no frame.
@@ -108,7 +108,7 @@ fn batch_nats(
         target[before + window.scored.end..].fill(pad);
     }
     let mut nats = vec![0.0; targets.len()];
-    let conditioning = music_conditioning(model.config(), corpus, clips, windows, (length, conditions))?;
+    let conditioning = music_conditioning(model.config(), corpus, clips, windows, length, conditions)?;
     let windows = TokenWindows { inputs: &inputs, targets: &targets, length, conditioning: conditioning.as_ref() };
     model.nats(windows, &mut nats)?;
     Ok(nats)
@@ -120,7 +120,8 @@ fn music_conditioning(
     corpus: &Corpus,
     clips: &[&ClipRecord],
     windows: &[EvalWindow],
-    (length, conditions): (usize, &Conditions),
+    length: usize,
+    conditions: &Conditions,
 ) -> Result<Option<Conditioning>> {
     let (manifest, is_used) = (corpus.manifest(), !config.music.is_none() && !conditions.are_hidden());
     let Some(word) = manifest.tokens_per_word.filter(|_| is_used) else { return Ok(None) };
@@ -128,7 +129,7 @@ fn music_conditioning(
     let of_window = |window: &EvalWindow| {
         let first = window.start / word;
         let times = (first..first + frames).map(|frame| frame as f64 / manifest.fps);
-        Ok(music::conditioning(config.music_conditioning(), &corpus.music(clips[window.clip])?, times, 1.0))
+        Ok(config.music_conditioning(&corpus.music(clips[window.clip])?, times, 1.0))
     };
     let all: Vec<Vec<f32>> = windows.iter().map(of_window).collect::<Result<_>>()?;
     Ok(Some(Conditioning { music: all.concat(), ..Conditioning::default() }))
@@ -260,8 +261,7 @@ mod tests {
                 let targets = &ids[first * word..last * word];
                 let inputs = [&[1], &targets[..targets.len() - 1]].concat();
                 let times = (first..last).map(|frame| frame as f64 / 20.0);
-                let music =
-                    music::conditioning(config.music_conditioning(), &corpus.music(clips[0]).unwrap(), times, 1.0);
+                let music = config.music_conditioning(&corpus.music(clips[0]).unwrap(), times, 1.0);
                 let conditioning = Conditioning { music, ..Conditioning::default() };
                 let mut found = vec![0.0; inputs.len()];
                 let (length, conditioning) = (inputs.len(), is_used.then_some(&conditioning));

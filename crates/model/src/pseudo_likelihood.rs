@@ -2,7 +2,7 @@
 
 use super::scored_windows::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
 use crate::{Error, Result, Scores, TokenWindows};
-use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_masked};
+use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, WindowTokens, fill_masked};
 use kinelm_store::random;
 
 /// Mean loss over 15 % of the tokens of each window, hidden in a tenth less, times the tokens of a frame: bits a frame that
@@ -28,12 +28,13 @@ pub(super) fn pseudo(
             break;
         }
         let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
-        for ((number, window), places) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length)))
-        {
+        let places = inputs.chunks_mut(length).zip(targets.chunks_mut(length));
+        for ((number, window), (input, target)) in windows.iter().zip(places) {
             let clip = clips[window.clip];
             let ids = corpus.ids(clip, window.start..window.start + window.tokens)?;
             let mut rng = random::stream(0, "mask", 0, *number as u64);
-            fill_masked((&ids, &conditions.front(&clip.labels)), pad, &|_| true, &mut rng, places);
+            let front = conditions.front(&clip.labels);
+            fill_masked(WindowTokens { front: &front, tokens: &ids, pad }, &|_| true, &mut rng, input, target);
             shown += window.scored.len();
             frames += scored_frames(corpus, clip, window);
         }

@@ -3,7 +3,9 @@
 use super::two_level::Progress;
 use super::*;
 use crate::goal::Conditioning;
-use crate::{Architecture, Gpt, ModelConfig, ModelKind, Positions, Scores, TokenLayout, TokenWindows, fixtures, layout};
+use crate::{
+    Architecture, Gpt, ModelConfig, ModelKind, Positions, Scores, TokenLayout, TokenWindows, fixtures, layout,
+};
 use candle_core::{Device, Tensor};
 use rand_chacha::rand_core::RngCore;
 

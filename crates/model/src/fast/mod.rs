@@ -226,7 +226,7 @@ impl Fast {
             return Err(Error::invalid("the length of a window", format!("{length} tokens"), expected));
         }
         if let Some(conditioning) = conditioning {
-            conditioning.check(&self.config, &self.tokens, (inputs.len() / length, length))?;
+            conditioning.check(&self.config, &self.tokens, inputs.len() / length, length)?;
         }
         match inputs.iter().chain(targets).find(|&&id| id as usize >= vocabulary) {
             Some(id) => Err(Error::invalid("a token", format!("id {id}"), format!("ids below {vocabulary}"))),

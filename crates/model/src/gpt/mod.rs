@@ -193,7 +193,7 @@ impl Gpt {
             return Err(Error::unsupported("token-by-token decoding in the plain form", why));
         }
         let c = &self.config;
-        Cache::new(self.frozen(), (c.layers, c.heads, c.context, c.width / c.heads), self.device())
+        Cache::new(self.frozen(), c.layers, c.heads, c.context, c.width / c.heads, self.device())
     }
 
     pub(super) fn frozen_nats(
@@ -209,7 +209,7 @@ impl Gpt {
 
     fn check_told(&self, ids: &Tensor, conditioning: Option<&Conditioning>) -> Result<()> {
         let (batch, length) = ids.dims2()?;
-        conditioning.map_or(Ok(()), |conditioning| conditioning.check(&self.config, &self.tokens, (batch, length)))
+        conditioning.map_or(Ok(()), |conditioning| conditioning.check(&self.config, &self.tokens, batch, length))
     }
 
     fn check(&self, ids: &Tensor, targets: &[u32]) -> Result<()> {

@@ -253,6 +253,7 @@ impl ModelConfig {
     }
 
     /// Whether frames can have conditioning beside their characters.
+    #[cfg(any(test, feature = "fixtures"))]
     pub(crate) fn is_conditioned(&self) -> bool {
         self.goal || !self.music.is_none()
     }

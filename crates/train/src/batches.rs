@@ -327,6 +327,7 @@ impl<'a> Batches<'a> {
     }
 
     /// The training clips, corpus after corpus.
+    #[cfg(test)]
     pub fn clips(&self) -> impl Iterator<Item = (&'a Corpus, &'a ClipRecord)> + '_ {
         self.clips.iter().map(|c| (c.corpus, c.record))
     }

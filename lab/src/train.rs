@@ -48,8 +48,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let (precision, note) = args.precision.decide(compute, bench.file.model.width)?;
     let chosen = precision.resolve(None, compute)?;
     chosen.notes.iter().chain(&note).for_each(|note| say.line(note));
-    let mut learner =
-        learner(&bench.file.model, &bench.tokens, &bench.file.train, weights, (compute, chosen.products))?;
+    let mut learner = learner(&bench.file.model, &bench.tokens, &bench.file.train, weights, compute, chosen.products)?;
     let mut losses = Vec::new();
     let timed = seconds(WARM_UP, args.how.repeats.unwrap_or(10), || {
         losses.push(step(&mut *learner, &batch, losses.len() as u64)?);

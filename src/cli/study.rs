@@ -51,7 +51,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let dataset = args.data.find(say)?;
     let inputs = args.data.files(&dataset).chain(args.schemes.clone()).chain(args.read.files());
     let outputs = ForceArgs { force: args.force }.outputs(inputs);
-    let report = study(&dataset, &options, (&args.out, &outputs), &mut watch(say))?;
+    let report = study(&dataset, &options, &args.out, &outputs, &mut watch(say))?;
     for line in report.notes() {
         say.line(line);
     }

@@ -110,7 +110,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     page(&at("page.html"), &test.name, &seen, &follows, &goes_on)?;
     let model = run.likelihood(&corpus, Split::Test, args.compute.get())?;
     let model = model.context("the demo's corpus has no test frame")?;
-    let floors = ChannelFloors::measure(&CodeSplits::of_corpora(&corpus, (&corpus, Split::Test), Extent::Sample)?)?;
+    let floors = ChannelFloors::measure(&CodeSplits::of_corpora(&corpus, &corpus, Split::Test, Extent::Sample)?)?;
     let report = report(&args, model.bits_per_frame, &floors, started.elapsed().as_secs_f64());
     write_whole(&at("report.md"), report.as_bytes())?;
     crate::shell::print(&report)?;

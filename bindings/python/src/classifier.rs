@@ -49,7 +49,7 @@ impl Classifier {
         detach(py, || {
             let run = exchange::load(&run).map_err(library)?;
             let (stop, mut interrupt) = (AtomicBool::new(false), Interrupt::default());
-            let done = kinelm::classify::train(&run, &corpus.0, &options, (&out, resume), &stop, &mut |metrics| {
+            let done = kinelm::classify::train(&run, &corpus.0, &options, &out, resume, &stop, &mut |metrics| {
                 interrupt.tell(callback.as_ref(), &stop, |py| python(py, metrics));
             });
             let done = interrupt.result(done)?;

@@ -50,7 +50,8 @@ pub trait Settings: Serialize + DeserializeOwned + Clone + PartialEq {
     /// # Errors
     /// Neither of them; a file that can't be read; keys that are unknown or outside their limits.
     fn find(name_or_path: &Path) -> Result<Self> {
-        let settings: Self = presets::read(Self::PRESETS, name_or_path, Self::FOLDER)?;
+        let (folder, what) = Self::FOLDER;
+        let settings: Self = presets::read(Self::PRESETS, name_or_path, folder, what)?;
         settings.validate().map_err(|e| in_file(name_or_path, e))?;
         Ok(settings)
     }
@@ -144,7 +145,7 @@ pub trait RunConfig: Serialize + DeserializeOwned + Clone {
             _ => Error::io(&path)(e),
         })?;
         let wrong =
-            |e: toml::de::Error| Error::in_text((&path, &text), e.span(), e.message(), "the settings of a run", "");
+            |e: toml::de::Error| Error::in_text(&path, &text, e.span(), e.message(), "the settings of a run", "");
         let head: Head = toml::from_str(&text).map_err(wrong)?;
         if head.kind.as_deref() != Some(kind.name) {
             let found = head.kind.map_or("a run of a GPT".into(), |kind| format!("a run of kind {kind:?}"));

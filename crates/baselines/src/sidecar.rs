@@ -79,9 +79,11 @@ impl<R: Request> Sidecar<R> {
     /// Of a dance with these bytes and rate; `weights`: their updates, and their hash.
     pub fn of(
         request: &R,
-        (step, weights): (u64, &str),
+        step: u64,
+        weights: &str,
         input_sha256: &str,
-        (dance, fps): (&Path, f64),
+        dance: &Path,
+        fps: f64,
         bytes: &[u8],
     ) -> Sidecar<R> {
         Sidecar {

@@ -72,7 +72,7 @@ pub fn parameter(name: String, [rows, columns]: [usize; 2]) -> Parameter {
 }
 
 /// Numbers uniform over +-`most`, of the random stream of a purpose and an index.
-pub fn uniform((purpose, index): (&str, usize), len: usize, most: f64, seed: u64) -> Floats {
+pub fn uniform(purpose: &str, index: usize, len: usize, most: f64, seed: u64) -> Floats {
     let mut rng = random::stream(seed, purpose, 0, index as u64);
     let numbers: Vec<f32> = (0..len).map(|_| ((2.0 * random::unit(&mut rng) - 1.0) * most) as f32).collect();
     Floats::of(&numbers)
@@ -154,7 +154,8 @@ pub fn train<N: Network>(
     folder: &RunFolder,
     plan: &Plan,
     list: &[Parameter],
-    (initial, network): (impl FnOnce() -> Vec<Floats>, impl FnOnce(Vec<Floats>) -> N),
+    initial: impl FnOnce() -> Vec<Floats>,
+    network: impl FnOnce(Vec<Floats>) -> N,
     stop: &AtomicBool,
     progress: Progress,
 ) -> Result<Summary> {

@@ -77,8 +77,8 @@ impl Learner {
     ) -> Result<Losses> {
         let pretrained = self.model.parameters().len();
         let (of_model, of_heads) = self.optimizer.gradients.split_at_mut(pretrained);
-        let classes = (self.heads.as_slice(), batch.rows);
-        let found = self.model.gradients_with_classes(batch.windows, dropout, of_model, classes, of_heads)?;
+        let (model, heads) = (&mut self.model, &self.heads);
+        let found = model.gradients_with_classes(batch.windows, dropout, of_model, heads, batch.rows, of_heads)?;
         let norm = self.optimizer.norm();
         if let Some(wrong) = [found.tokens + found.classes, norm].into_iter().find(|x| !x.is_finite()) {
             return Err(not_finite(wrong, batch.clips));

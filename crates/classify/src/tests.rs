@@ -78,7 +78,7 @@ fn trained(
     name: &str,
 ) -> std::result::Result<Summary, String> {
     let out = dir.join(name);
-    train(run, corpus, options, (&out, false), &AtomicBool::new(false), &mut |_| ()).map_err(|e| e.to_string())
+    train(run, corpus, options, &out, false, &AtomicBool::new(false), &mut |_| ()).map_err(|e| e.to_string())
 }
 
 #[test]
@@ -133,7 +133,7 @@ fn resumes(run: fn(&Path) -> LoadedRun) {
     let (out, work) = (dir.path().join("cut"), dir.path().join("cut.training"));
     let go = |options: &TrainOptions, resume: bool, most: u64| {
         let stop = AtomicBool::new(most == 0);
-        train(&run, &corpus, options, (&out, resume), &stop, &mut |metrics| {
+        train(&run, &corpus, options, &out, resume, &stop, &mut |metrics| {
             stop.store(metrics.step >= most, Ordering::Relaxed)
         })
         .map_err(|e| e.to_string())

@@ -60,7 +60,8 @@ pub fn train(
     run: &LoadedRun,
     corpus: &Corpus,
     options: &TrainOptions,
-    (out, resume): (&Path, bool),
+    out: &Path,
+    resume: bool,
     stop: &AtomicBool,
     progress: &mut dyn FnMut(&EvalMetrics),
 ) -> Result<Summary> {

@@ -214,7 +214,7 @@ pub fn tokenize(
     let library = options.music.as_ref().map(|folder| MusicLibrary::find(&items, folder, fps)).transpose()?;
     let work = |item: &Item, loaded: &ItemClip| {
         let (encoded, frames) = (tokenizer.encode(&loaded.clip).map_err(of_clip(item))?, loaded.clip.frames());
-        let music = library.as_ref().map_or(Ok(None), |library| library.align(item, (frames, loaded.clip.fps())))?;
+        let music = library.as_ref().map_or(Ok(None), |library| library.align(item, frames, loaded.clip.fps()))?;
         let (beats, music, tempo) = match music {
             Some(AlignedMusic { beats_s, features, tempo }) => {
                 (Some(ClipBeats { source: BeatSource::Music, times_s: beats_s }), features, tempo)

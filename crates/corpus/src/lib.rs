@@ -55,7 +55,7 @@ pub use dataset::Dataset;
 pub use error::{Error, Result};
 pub use item::Item;
 pub use load::{ClipSpec, ModelClip};
-pub use masking::{SpanMasking, fill_masked};
+pub use masking::{SpanMasking, WindowTokens, fill_masked};
 pub use merge::merge;
 pub use record::{ClipRecord, Count, Manifest, Shard, Split};
 pub use settings::Settings;

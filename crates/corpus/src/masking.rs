@@ -27,16 +27,16 @@ pub fn chosen(n: usize) -> usize {
 /// # Panics
 /// If `input` and `target` differ in length, or front and tokens don't fit.
 pub fn fill_masked(
-    (tokens, front): (&[u32], &[u32]),
-    pad: u32,
+    window: WindowTokens,
     may: &dyn Fn(usize) -> bool,
     rng: &mut impl RngCore,
-    (input, target): (&mut [u32], &mut [u32]),
+    input: &mut [u32],
+    target: &mut [u32],
 ) {
-    fill_inputs((tokens, front), pad, (&mut *input, &mut *target));
-    let k = front.len();
-    let drawn: Vec<f64> = tokens.iter().map(|_| random::unit(rng)).collect();
-    let mut open: Vec<usize> = (0..tokens.len()).filter(|&i| may(i)).collect();
+    window.fill(input, target);
+    let k = window.front.len();
+    let drawn: Vec<f64> = window.tokens.iter().map(|_| random::unit(rng)).collect();
+    let mut open: Vec<usize> = (0..drawn.len()).filter(|&i| may(i)).collect();
     let number = chosen(open.len());
     open.sort_by(|&a, &b| drawn[a].total_cmp(&drawn[b]));
     open.truncate(number);
@@ -49,15 +49,28 @@ pub fn fill_masked(
     }
 }
 
-/// `front` and the tokens of a window as inputs, `pad` behind them; no target yet.
-fn fill_inputs((tokens, front): (&[u32], &[u32]), pad: u32, (input, target): (&mut [u32], &mut [u32])) {
-    assert_eq!(input.len(), target.len(), "input and target of one length");
-    let (k, end) = (front.len(), front.len() + tokens.len());
-    assert!(end <= input.len(), "{end} tokens for {} places", input.len());
-    input[..k].copy_from_slice(front);
-    input[k..end].copy_from_slice(tokens);
-    input[end..].fill(pad);
-    target.fill(pad);
+/// What a masked model's window shows before anything is hidden.
+#[derive(Debug, Clone, Copy)]
+pub struct WindowTokens<'a> {
+    /// Conditioning tokens.
+    pub front: &'a [u32],
+    /// The tokens of words.
+    pub tokens: &'a [u32],
+    /// The id behind them.
+    pub pad: u32,
+}
+
+impl WindowTokens<'_> {
+    /// Writes them as inputs; no target yet.
+    fn fill(&self, input: &mut [u32], target: &mut [u32]) {
+        assert_eq!(input.len(), target.len(), "input and target of one length");
+        let (k, end) = (self.front.len(), self.front.len() + self.tokens.len());
+        assert!(end <= input.len(), "{end} tokens for {} places", input.len());
+        input[..k].copy_from_slice(self.front);
+        input[k..end].copy_from_slice(self.tokens);
+        input[end..].fill(self.pad);
+        target.fill(self.pad);
+    }
 }
 
 /// Hides characters as a gap or an occluded joint does: of some joints, over a run of words.
@@ -97,14 +110,14 @@ impl SpanMasking {
     /// As [`fill_masked`].
     pub fn fill(
         &self,
-        (tokens, front): (&[u32], &[u32]),
-        pad: u32,
+        window: WindowTokens,
         may: &dyn Fn(usize) -> bool,
         rng: &mut impl RngCore,
-        (input, target): (&mut [u32], &mut [u32]),
+        input: &mut [u32],
+        target: &mut [u32],
     ) {
-        fill_inputs((tokens, front), pad, (&mut *input, &mut *target));
-        let words = tokens.len() / self.word;
+        window.fill(input, target);
+        let words = window.tokens.len() / self.word;
         if words == 0 {
             return;
         }
@@ -118,7 +131,7 @@ impl SpanMasking {
             random::shuffle(&mut hidden, rng);
             hidden.truncate(number);
         }
-        for place in hidden.into_iter().map(|i| front.len() + i) {
+        for place in hidden.into_iter().map(|i| window.front.len() + i) {
             target[place] = input[place];
             input[place] = Special::Mask.id();
         }
@@ -149,10 +162,11 @@ mod tests {
         // 20 words, and the beginning of one more
         let tokens: Vec<u32> = (0..103).map(|i| if i % 5 == 4 { 5 } else { 10 + i }).collect();
         let (mut all_joints, mut whole, mut longest) = (0, 0, 0);
-        for window in 0..400 {
+        for number in 0..400 {
             let (mut input, mut target) = ([9; 110], [9; 110]);
-            let mut rng = random::stream(1, "mask", 0, window);
-            masking.fill((&tokens, &[1, 7]), 0, &|i| i % 5 != 3, &mut rng, (&mut input, &mut target));
+            let mut rng = random::stream(1, "mask", 0, number);
+            let window = WindowTokens { front: &[1, 7], tokens: &tokens, pad: 0 };
+            masking.fill(window, &|i| i % 5 != 3, &mut rng, &mut input, &mut target);
             assert_eq!((input[..2].to_vec(), &input[105..], &target[105..]), (vec![1, 7], &[0; 5][..], &[0; 5][..]));
             let hidden: Vec<usize> = (0..103).filter(|&i| target[2 + i] != 0).collect();
             for i in 0..103 {
@@ -175,10 +189,11 @@ mod tests {
         assert_eq!([0, 1, 6, 7, 20, 100, 101].map(chosen), [0, 1, 1, 2, 3, 15, 16]);
         let tokens: Vec<u32> = (10..210).collect();
         let (mut counts, mut hidden) = (vec![0; 200], 0);
-        for window in 0..400 {
+        for number in 0..400 {
             let (mut input, mut target) = ([9; 220], [9; 220]);
-            let mut rng = random::stream(1, "mask", 0, window);
-            fill_masked((&tokens, &[1, 7]), 0, &|_| true, &mut rng, (&mut input, &mut target));
+            let mut rng = random::stream(1, "mask", 0, number);
+            let window = WindowTokens { front: &[1, 7], tokens: &tokens, pad: 0 };
+            fill_masked(window, &|_| true, &mut rng, &mut input, &mut target);
             assert_eq!((input[..2].to_vec(), &input[202..], &target[202..]), (vec![1, 7], &[0; 18][..], &[0; 18][..]));
             let chosen: Vec<usize> = (0..220).filter(|&i| target[i] != 0).collect();
             assert_eq!(chosen.len(), 30);
@@ -200,7 +215,8 @@ mod tests {
         let (mut input, mut target) = ([9; 41], [9; 41]);
         let tokens = [5; 40];
         let mut rng = random::stream(1, "mask", 0, 0);
-        fill_masked((&tokens, &[1]), 0, &|i| i % 2 == 0, &mut rng, (&mut input, &mut target));
+        let window = WindowTokens { front: &[1], tokens: &tokens, pad: 0 };
+        fill_masked(window, &|i| i % 2 == 0, &mut rng, &mut input, &mut target);
         assert_eq!(target.iter().filter(|id| **id == 5).count(), 3);
         assert!((1..41).all(|i| target[i] == 0 || (i - 1) % 2 == 0));
     }

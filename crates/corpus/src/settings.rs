@@ -55,7 +55,7 @@ impl Settings {
     /// [`kinelm_store::Error::File`] with line and column for text that is no TOML; for a scheme that is no table.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let table = text.parse::<Table>().map_err(|e| {
-            Error::in_text((path, text), e.span(), e.message(), "the settings of a tokenizer in TOML", HELP)
+            Error::in_text(path, text, e.span(), e.message(), "the settings of a tokenizer in TOML", HELP)
         })?;
         if let Some(scheme) = table.get("scheme").filter(|scheme| !scheme.is_table()) {
             return Err(Error::file(path, format!("scheme = {scheme}"), "a table [scheme] with a type", HELP));

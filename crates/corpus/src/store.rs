@@ -118,6 +118,7 @@ impl Corpus {
     }
 
     /// Tokens a frame of the clips of a split, on average, spaces among them; W where a word of W tokens is a frame.
+    #[cfg(test)]
     pub fn tokens_per_frame(&self, split: Split) -> f64 {
         let sum = |of: &dyn Fn(&ClipRecord) -> usize| self.split(split).map(of).sum::<usize>() as f64;
         sum(&|c| c.tokens) / sum(&|c| c.frames).max(1.0)

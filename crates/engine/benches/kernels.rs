@@ -231,9 +231,9 @@ fn token(kind: WeightKind, kv: KvKind, rotary: bool) -> Case {
     let block = BlockParts { norm1: norm, qkv, out, norm2: norm, up, down };
     let angles = rotary.then(|| Angles::new(N + 1, D / 8));
     let weights = StackWeights::new(&[block], stack, kind, angles);
-    let (head, norm) = (Matrix::transposed(&matrix[..V * D], (V, D), kind), Norm::new(norm, D));
+    let (head, norm) = (Matrix::transposed(&matrix[..V * D], V, D, kind), Norm::new(norm, D));
     let bytes = weights.bytes() + head.bytes();
-    let mut decoder = StackDecoder::new(&weights, kv, (1, N + 1), N, V);
+    let mut decoder = StackDecoder::new(&weights, kv, 1, N + 1, N, V);
     let (rows, mut logits) = (numbers((N + 1) * D), zeros(V));
     let mut place = 0;
     while place < N {

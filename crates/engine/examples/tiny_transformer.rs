@@ -204,10 +204,10 @@ impl Decoder<'_> {
         let blocks: Vec<_> = blocks.collect();
         let stack = Stack { layers: LAYERS, heads: HEADS, width: WIDTH };
         let weights = StackWeights::new(&blocks, stack, WeightKind::F32, None);
-        let head = Matrix::transposed(model.token, (vocabulary, WIDTH), WeightKind::F32);
+        let head = Matrix::transposed(model.token, vocabulary, WIDTH, WeightKind::F32);
         Decoder {
             norm: decode::Norm::new((model.norm.weight, model.norm.bias), WIDTH),
-            stack: StackDecoder::new(&weights, KvKind::F32, (1, TOKENS), 1, vocabulary),
+            stack: StackDecoder::new(&weights, KvKind::F32, 1, TOKENS, 1, vocabulary),
             logits: vec![0.0; vocabulary],
             model,
             weights,

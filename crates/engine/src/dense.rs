@@ -123,18 +123,11 @@ pub fn norm(out: &mut [f32], stats: &mut [f32], x: &[f32], norm: Norm<&[f32]>) {
 ///
 /// # Panics
 /// If slices have other lengths.
-pub fn norm_backward(
-    dx: &mut [f32],
-    d_out: &[f32],
-    (x, stats): (&[f32], &[f32]),
-    weight: &[f32],
-    gradients: Norm<&mut [f32]>,
-) {
+pub fn norm_backward(dx: &mut [f32], d_out: &[f32], saved: layer_norm::Saved, gradients: Norm<&mut [f32]>) {
     for tensor in [&mut *dx, &mut *gradients.weight, &mut *gradients.bias] {
         tensor.fill(0.0);
     }
     // few rows of a trunk: one thread, whose order of sums is its own
-    let saved = layer_norm::Saved { x, stats, weight };
     layer_norm::backward(dx, gradients.weight, gradients.bias, saved, d_out);
 }
 

@@ -50,9 +50,9 @@ fn a_row_allocates_nothing() {
     for (kind, kv) in [(WeightKind::F32, KvKind::F32), (WeightKind::Int8, KvKind::F16)] {
         let angles = Angles::new(PLACES, width / STACK.heads);
         let weights = StackWeights::new(&[block, block], STACK, kind, Some(angles));
-        let head = Matrix::transposed(&numbers[..VOCABULARY * width], (VOCABULARY, width), kind);
+        let head = Matrix::transposed(&numbers[..VOCABULARY * width], VOCABULARY, width, kind);
         let norm = Norm::new(norm, width);
-        let mut decoder = StackDecoder::new(&weights, kv, (STREAMS, PLACES), 8, head.columns());
+        let mut decoder = StackDecoder::new(&weights, kv, STREAMS, PLACES, 8, head.columns());
         let mut logits = [0.0; VOCABULARY];
         let mut step = |place: usize| {
             for stream in 0..STREAMS {

@@ -3,8 +3,8 @@
 use super::gaps::CONTEXT_FRAMES;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, fill_sequence};
-use kinelm_model::Scores;
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
+use kinelm_model::{Scores, TokenWindows};
 use serde::Serialize;
 use std::f64::consts::LN_2;
 use std::ops::Range;
@@ -93,7 +93,7 @@ fn nats(
     let given = (0..shown).flat_map(|frame| vec![!gap.contains(&frame); c]).collect();
     let goal = GoalTrack::new(ahead.clone(), ahead.codes(&ids), given, 0).conditioning(shown);
     let mut nats = |conditioning| -> Result<Vec<f64>> {
-        model.nats_conditioned((&inputs, &targets), length, conditioning, &mut found)?;
+        model.nats(TokenWindows { inputs: &inputs, targets: &targets, length, conditioning }, &mut found)?;
         Ok(found[first..].chunks(word).map(|frame| frame.iter().map(|&x| f64::from(x)).sum()).collect())
     };
     Ok([nats(None)?, nats(Some(&goal))?])

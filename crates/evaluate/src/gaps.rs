@@ -49,7 +49,9 @@ pub struct Gap {
 pub fn gaps(
     corpus: &Corpus,
     split: Split,
-    (before, frames, after): (usize, usize, usize),
+    before: usize,
+    frames: usize,
+    after: usize,
     most: usize,
 ) -> Result<Vec<Gap>> {
     let length = before + frames + FRAMES_AFTER;
@@ -81,9 +83,9 @@ pub fn gaps(
 ///
 /// # Errors
 /// Words that can't be decoded.
-pub fn position_scale(corpus: &Corpus, (before, frames): (usize, usize), gaps: &[Gap]) -> Result<PositionScale> {
+pub fn position_scale(corpus: &Corpus, before: usize, frames: usize, gaps: &[Gap]) -> Result<PositionScale> {
     let tokenizer = corpus.tokenizer();
-    let train = self::gaps(corpus, Split::Train, (before, frames, FRAMES_AFTER), 1000).ok();
+    let train = self::gaps(corpus, Split::Train, before, frames, FRAMES_AFTER, 1000).ok();
     let mut scale = PositionScale::of(tokenizer.channels().joints());
     for gap in train.as_deref().unwrap_or(gaps) {
         scale.add(&decoded(tokenizer, &gap.ids)?, &gap.frames);
@@ -244,7 +246,7 @@ impl Filler<'_> {
         let decode = |ids: &[u32]| decoded(self.tokenizer, ids);
         let truth = decode(&gap.ids)?;
         let (frames, true_gap) = (truth.frames(), TrueGap::new(&truth, &gap.frames, self.scale));
-        let error = |clip: &Clip| error(clip, &truth, gap, (joints, &true_gap));
+        let error = |clip: &Clip| error(clip, &truth, gap, joints, &true_gap);
         let mask = Mask::with_gap(frames, joints, self.tokenizer.fps(), gap.frames.clone());
         let characters = gap.ids.len() / frames - 1;
         let flags = |is_so: &dyn Fn(usize) -> bool| -> Vec<bool> {
@@ -343,7 +345,7 @@ fn between(truth: &Clip, gap: &Range<usize>, moves: bool) -> Result<Clip> {
     Ok(Clip::new(truth.skeleton().clone(), truth.fps(), root, rotations)?)
 }
 
-fn error(clip: &Clip, truth: &Clip, gap: &Gap, (joints, true_gap): (&[usize], &TrueGap)) -> GapError {
+fn error(clip: &Clip, truth: &Clip, gap: &Gap, joints: &[usize], true_gap: &TrueGap) -> GapError {
     let (places, true_places) = (clip.positions(), truth.positions());
     let middle = (gap.frames.start + gap.frames.len() / 2) * truth.joints();
     let (p, q) = (&places[middle..], &true_places[middle..]);
@@ -441,7 +443,7 @@ mod tests {
         let step = straight.root()[20] - truth.root()[19];
         assert!((0..10).all(|i| (straight.root()[20 + i] - straight.root()[19 + i] - step).length() < 1e-9));
         let true_gap = TrueGap::new(&truth, &gap.frames, &scale);
-        let error = |clip: &Clip| error(clip, &truth, &gap, (scale.joints(), &true_gap));
+        let error = |clip: &Clip| error(clip, &truth, &gap, scale.joints(), &true_gap);
         let own = error(&truth);
         assert!(own.global_cm < 1e-9 && own.root_cm < 1e-9, "{own:?}");
         // moved by 3 cm in the middle frame alone: seen globally, not with the pelvises in one place
@@ -485,18 +487,18 @@ mod tests {
         }
         writer.finish().unwrap();
         let corpus = Corpus::open(dir.path().join("c")).unwrap();
-        let all = gaps(&corpus, Split::Train, (2, 1, 0), usize::MAX).unwrap();
+        let all = gaps(&corpus, Split::Train, 2, 1, 0, usize::MAX).unwrap();
         assert_eq!(all.len(), 7 + 4, "the second is too short");
-        let few = gaps(&corpus, Split::Train, (2, 1, 0), 2).unwrap();
+        let few = gaps(&corpus, Split::Train, 2, 1, 0, 2).unwrap();
         assert!(few.len() == 2 && few.iter().all(|gap| all.contains(gap) && gap.frames == (2..3)));
         // the same gaps, with what the clip still has after them
-        let wide = gaps(&corpus, Split::Train, (2, 1, 6), usize::MAX).unwrap();
+        let wide = gaps(&corpus, Split::Train, 2, 1, 6, usize::MAX).unwrap();
         let pairs = || all.iter().zip(&wide);
         assert!(wide.len() == all.len() && pairs().all(|(a, b)| b.frames == a.frames && b.ids.starts_with(&a.ids)));
         let word = all[0].ids.len() / 6;
         let more: Vec<usize> = pairs().map(|(a, b)| (b.ids.len() - a.ids.len()) / word).collect();
         assert_eq!(more, [3, 3, 3, 3, 2, 1, 0, 3, 2, 1, 0]);
-        let error = gaps(&corpus, Split::Train, (999, 1, 0), 2).unwrap_err().to_string();
+        let error = gaps(&corpus, Split::Train, 999, 1, 0, 2).unwrap_err().to_string();
         assert!(error.contains("no train clip of 1003 frames"), "{error}");
     }
 }

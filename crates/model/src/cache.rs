@@ -21,7 +21,10 @@ pub struct Cache {
 impl Cache {
     pub(super) fn new(
         net: Net,
-        (layers, heads, context, d): (usize, usize, usize, usize),
+        layers: usize,
+        heads: usize,
+        context: usize,
+        d: usize,
         device: &Device,
     ) -> Result<Cache> {
         let room = || -> Result<Vec<Tensor>> {

@@ -1,8 +1,9 @@
 //! What a model is: the `[model]` table of a training file, and what its tokenizer adds to it.
 
-use super::music::Music;
 use super::music::features::Scale;
+use super::music::{Music, conditioning};
 use crate::{Error, Result};
+use kinelm_corpus::music::clip_music::ClipMusic;
 use kinelm_engine::bins::Bins;
 use kinelm_tokenizer::{SPACE, SlotIds, Special, Tokenizer};
 use serde::{Deserialize, Serialize};
@@ -245,12 +246,14 @@ impl ModelConfig {
         self.kind == ModelKind::Causal && !tokens.places.is_empty()
     }
 
-    /// The music that conditions frames; see [`super::music::conditioning`].
-    pub fn music_conditioning(&self) -> (Music, Option<&Scale>) {
-        (self.music, self.music_scale.as_ref())
+    /// Music conditioning (N, M) of frames at these times of a clip; `pace` seconds of the clip pass in one second of the
+    /// frames.
+    pub fn music_conditioning(&self, sound: &ClipMusic<'_>, times_s: impl Iterator<Item = f64>, pace: f64) -> Vec<f32> {
+        conditioning(self.music, self.music_scale.as_ref(), sound, times_s, pace)
     }
 
     /// Whether frames can have conditioning beside their characters.
+    #[cfg(any(test, feature = "fixtures"))]
     pub(crate) fn is_conditioned(&self) -> bool {
         self.goal || !self.music.is_none()
     }

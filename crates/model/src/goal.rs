@@ -80,7 +80,7 @@ impl Conditioning {
     ///
     /// # Errors
     /// If the model has no such conditioning, for another number of frames, or for rows beyond the tables.
-    pub fn check(&self, config: &ModelConfig, tokens: &TokenLayout, (batch, length): (usize, usize)) -> Result<()> {
+    pub fn check(&self, config: &ModelConfig, tokens: &TokenLayout, batch: usize, length: usize) -> Result<()> {
         let is_ahead = !self.numbers.is_empty() || self.rows.iter().any(|rows| !rows.is_empty());
         if is_ahead && !config.goal {
             return Err(Error::unsupported("goal conditioning", "this model has model.goal = false"));
@@ -239,7 +239,8 @@ impl GoalTrack {
     pub fn encode(
         &self,
         frame: usize,
-        (word, stand): (&[u16], Option<&RootState>),
+        word: &[u16],
+        stand: Option<&RootState>,
         numbers: &mut [f32],
         [steps, paces]: [&mut [u32]; 2],
     ) -> bool {
@@ -304,8 +305,8 @@ impl GoalTrack {
         let parts =
             all.chunks_exact_mut(numbers(c)).zip(steps.chunks_exact_mut(c + 1)).zip(paces.chunks_exact_mut(c + 1));
         for (frame, ((numbers, steps), paces)) in parts.enumerate().take(self.frames()).skip(1) {
-            let before = (&self.codes[(frame - 1) * c..][..c], Some(&self.stands[frame - 1]));
-            self.encode(frame, before, numbers, [steps, paces]);
+            let before = &self.codes[(frame - 1) * c..][..c];
+            self.encode(frame, before, Some(&self.stands[frame - 1]), numbers, [steps, paces]);
         }
         conditioning
     }
@@ -431,7 +432,7 @@ mod tests {
         // a gap whose beginning stands nowhere has no goal of the root
         let (mut numbers, mut rows) = (vec![0.0; numbers(9)], [vec![0; 10], vec![0; 10]]);
         let [a, b] = &mut rows;
-        assert!(course.encode(3, (&codes[18..27], None), &mut numbers, [a, b]));
+        assert!(course.encode(3, &codes[18..27], None, &mut numbers, [a, b]));
         assert!(rows[0][0] == NONE && rows[0][1] != NONE && numbers[36..44].iter().all(|x| *x == 0.0));
     }
 

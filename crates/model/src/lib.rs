@@ -46,4 +46,4 @@ pub use error::{Error, Result};
 pub use gpt::Gpt;
 pub use ops::Mask;
 pub use run::{LoadedRun, load_run};
-pub use scores::Scores;
+pub use scores::{Scores, TokenWindows};

@@ -1,9 +1,8 @@
 //! Bits a frame that a model needs for clips it is shown: docs/measures.md, "Bits a frame".
 
 use super::pseudo_likelihood::pseudo;
-use super::scored_windows::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
-use crate::goal::Conditioning;
-use crate::{Error, ModelConfig, ModelKind, Result, Scores, TokenLayout, music};
+use super::scored_windows::{Likelihood, MeasuredClips, Score, Taken, room};
+use crate::{Error, ModelKind, Result, Scores, TokenLayout};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_sequence};
 
 /// Bits a frame of `model` on `clips`, `None` where they have no frame.
@@ -58,29 +57,19 @@ pub fn likelihood_by_token(
     }
     let taken = Taken::of(corpus, clips, room(model.config(), own), most)?;
     // the front's last token predicts a window's first
-    let length = taken.longest + conditions.len() - 1;
-    let (mut nats, mut tokens, mut frames) = (0.0, 0, 0.0);
-    let mut windows = taken.windows(corpus, clips)?;
-    loop {
-        let windows: Vec<EvalWindow> = windows.by_ref().take((BATCH_TOKENS / length).max(1)).collect();
-        if windows.is_empty() {
-            break;
+    let (pad, before) = (own.pad, conditions.len() - 1);
+    let measured = MeasuredClips { corpus, clips, conditions, length: taken.longest + before, taken };
+    let fill = |_, window: &EvalWindow, ids: &[u32], front: &[u32], input: &mut [u32], target: &mut [u32]| {
+        fill_sequence(ids, front, pad, input, target);
+        target[..before + window.scored.start].fill(pad);
+        target[before + window.scored.end..].fill(pad);
+    };
+    let Score { nats, tokens, frames } = measured.score(model, fill, |window, nats| {
+        for i in window.scored.clone() {
+            each(clips[window.clip], window.start + i, nats[before + i].into());
         }
-        let all = batch_nats(model, corpus, clips, &windows, length, conditions)?;
-        for (window, found) in windows.iter().zip(all.chunks(length)) {
-            let sum: f64 = found.iter().map(|&x| f64::from(x)).sum();
-            if !sum.is_finite() {
-                let clip = &clips[window.clip].name;
-                return Err(Error::NotFinite(format!("{clip} from token {}: {sum} nats", window.start)));
-            }
-            nats += sum;
-            for i in window.scored.clone() {
-                each(clips[window.clip], window.start + i, found[conditions.len() - 1 + i].into());
-            }
-            tokens += window.scored.len();
-            frames += scored_frames(corpus, clips[window.clip], window);
-        }
-    }
+    })?;
+    let taken = measured.taken;
     let bits_per_frame = nats / std::f64::consts::LN_2 / frames;
     let nats_per_token = nats / tokens as f64;
     let (frames, windows, all_windows) = (frames.round() as usize, taken.count, taken.all);
@@ -88,57 +77,13 @@ pub fn likelihood_by_token(
     Ok((tokens > 0).then_some(found))
 }
 
-/// Nats of the scored tokens of each window, (windows, length), 0 elsewhere; all become `length` tokens long, and what
-/// isn't scored is padding.
-fn batch_nats(
-    model: &mut dyn Scores,
-    corpus: &Corpus,
-    clips: &[&ClipRecord],
-    windows: &[EvalWindow],
-    length: usize,
-    conditions: &Conditions,
-) -> Result<Vec<f32>> {
-    let (pad, before) = (model.tokens().pad, conditions.len() - 1);
-    let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
-    for (window, (input, target)) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length))) {
-        let clip = clips[window.clip];
-        let ids = corpus.ids(clip, window.start..window.start + window.tokens)?;
-        fill_sequence(&ids, &conditions.front(&clip.labels), pad, input, target);
-        target[..before + window.scored.start].fill(pad);
-        target[before + window.scored.end..].fill(pad);
-    }
-    let mut nats = vec![0.0; targets.len()];
-    let conditioning = music_conditioning(model.config(), corpus, clips, windows, (length, conditions))?;
-    model.nats_conditioned((&inputs, &targets), length, conditioning.as_ref(), &mut nats)?;
-    Ok(nats)
-}
-
-/// The music conditioning of windows of `length` tokens, if the model has one and conditions aren't hidden.
-fn music_conditioning(
-    config: &ModelConfig,
-    corpus: &Corpus,
-    clips: &[&ClipRecord],
-    windows: &[EvalWindow],
-    (length, conditions): (usize, &Conditions),
-) -> Result<Option<Conditioning>> {
-    let (manifest, is_used) = (corpus.manifest(), !config.music.is_none() && !conditions.are_hidden());
-    let Some(word) = manifest.tokens_per_word.filter(|_| is_used) else { return Ok(None) };
-    let frames = (length + 1 - conditions.len()) / word;
-    let of_window = |window: &EvalWindow| {
-        let first = window.start / word;
-        let times = (first..first + frames).map(|frame| frame as f64 / manifest.fps);
-        Ok(music::conditioning(config.music_conditioning(), &corpus.music(clips[window.clip])?, times, 1.0))
-    };
-    let all: Vec<Vec<f32>> = windows.iter().map(of_window).collect::<Result<_>>()?;
-    Ok(Some(Conditioning { music: all.concat(), ..Conditioning::default() }))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fast::Fast;
     use crate::fixtures::TOKENS;
-    use crate::{Gpt, Reader, ReaderOptions};
+    use crate::goal::Conditioning;
+    use crate::{Gpt, ModelConfig, Reader, ReaderOptions, TokenWindows};
     use candle_core::{Device, Tensor};
     use kinelm_corpus::conditions::with_labels;
     use kinelm_corpus::{Split, fixture};
@@ -259,19 +204,11 @@ mod tests {
                 let targets = &ids[first * word..last * word];
                 let inputs = [&[1], &targets[..targets.len() - 1]].concat();
                 let times = (first..last).map(|frame| frame as f64 / 20.0);
-                let music =
-                    music::conditioning(config.music_conditioning(), &corpus.music(clips[0]).unwrap(), times, 1.0);
+                let music = config.music_conditioning(&corpus.music(clips[0]).unwrap(), times, 1.0);
                 let conditioning = Conditioning { music, ..Conditioning::default() };
                 let mut found = vec![0.0; inputs.len()];
-                let windows = (&inputs[..], targets);
-                Scores::nats_conditioned(
-                    &mut fast,
-                    windows,
-                    inputs.len(),
-                    is_used.then_some(&conditioning),
-                    &mut found,
-                )
-                .unwrap();
+                let (length, conditioning) = (inputs.len(), is_used.then_some(&conditioning));
+                fast.nats(TokenWindows { inputs: &inputs, targets, length, conditioning }, &mut found).unwrap();
                 nats += found[scored * word..].iter().map(|&x| f64::from(x)).sum::<f64>();
             }
             nats / std::f64::consts::LN_2 / 20.0

@@ -1,8 +1,8 @@
 //! What a masked model makes of clips: a figure of its own kind (docs/measures.md, "Bits a frame").
 
-use super::scored_windows::{BATCH_TOKENS, Likelihood, Taken, room, scored_frames};
-use crate::{Error, Result, Scores};
-use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, fill_masked};
+use super::scored_windows::{Likelihood, MeasuredClips, Score, Taken, room};
+use crate::{Result, Scores};
+use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, WindowTokens, fill_masked};
 use kinelm_store::random;
 
 /// Mean loss over 15 % of the tokens of each window, hidden in a tenth less, times the tokens of a frame: bits a frame that
@@ -18,37 +18,16 @@ pub(super) fn pseudo(
     conditions: &Conditions,
 ) -> Result<Option<Likelihood>> {
     let taken = Taken::of(corpus, clips, room(model.config(), model.tokens()), most)?;
-    let length = taken.longest + conditions.len();
     let pad = model.tokens().pad;
-    let (mut nats, mut predicted, mut shown, mut frames) = (0.0, 0, 0, 0.0);
-    let mut windows = taken.numbered(corpus, clips)?;
-    loop {
-        let windows: Vec<(usize, EvalWindow)> = windows.by_ref().take((BATCH_TOKENS / length).max(1)).collect();
-        if windows.is_empty() {
-            break;
-        }
-        let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
-        for ((number, window), places) in windows.iter().zip(inputs.chunks_mut(length).zip(targets.chunks_mut(length)))
-        {
-            let clip = clips[window.clip];
-            let ids = corpus.ids(clip, window.start..window.start + window.tokens)?;
-            let mut rng = random::stream(0, "mask", 0, *number as u64);
-            fill_masked((&ids, &conditions.front(&clip.labels)), pad, &|_| true, &mut rng, places);
-            shown += window.scored.len();
-            frames += scored_frames(corpus, clip, window);
-        }
-        predicted += targets.iter().filter(|&&id| id != pad).count();
-        let mut found = vec![0.0; targets.len()];
-        model.nats(&inputs, &targets, length, &mut found)?;
-        for ((_, window), found) in windows.iter().zip(found.chunks(length)) {
-            let sum: f64 = found.iter().map(|&x| x as f64).sum();
-            if !sum.is_finite() {
-                let clip = &clips[window.clip].name;
-                return Err(Error::NotFinite(format!("{clip} from token {}: {sum} nats", window.start)));
-            }
-            nats += sum;
-        }
-    }
+    let measured = MeasuredClips { corpus, clips, conditions, length: taken.longest + conditions.len(), taken };
+    let mut shown = 0;
+    let fill = |number, window: &EvalWindow, ids: &[u32], front: &[u32], input: &mut [u32], target: &mut [u32]| {
+        let mut rng = random::stream(0, "mask", 0, number);
+        fill_masked(WindowTokens { front, tokens: ids, pad }, &|_| true, &mut rng, input, target);
+        shown += window.scored.len();
+    };
+    let Score { nats, tokens: predicted, frames } = measured.score(model, fill, |_, _| ())?;
+    let taken = measured.taken;
     let nats_per_token = nats / predicted as f64;
     let found = Likelihood {
         bits_per_frame: nats_per_token / std::f64::consts::LN_2 * shown as f64 / frames,

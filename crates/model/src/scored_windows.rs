@@ -1,11 +1,12 @@
 //! The windows of clips that a model is measured on, and what their scores sum up to.
 
-use crate::{ModelConfig, ModelKind, Result, TokenLayout};
-use kinelm_corpus::{ClipRecord, Corpus, EvalWindow, each_eval_window};
+use crate::goal::Conditioning;
+use crate::{Error, ModelConfig, ModelKind, Result, Scores, TokenLayout, TokenWindows};
+use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, each_eval_window};
 use serde::Serialize;
 
 /// Tokens that the model scores at a time, in whole windows.
-pub(super) const BATCH_TOKENS: usize = 4096;
+const BATCH_TOKENS: usize = 4096;
 
 /// What a model makes of some clips.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -55,27 +56,15 @@ impl Taken {
         let all = each_eval_window(clips.iter().map(|c| corpus.words(c)), room)?.count();
         let count = if most == 0 { all } else { most.min(all) };
         let mut taken = Taken { room, all, count, longest: 1 };
-        taken.longest = taken.windows(corpus, clips)?.map(|w| w.tokens).max().unwrap_or(1);
+        taken.longest = taken.numbered(corpus, clips)?.map(|(_, window)| window.tokens).max().unwrap_or(1);
         Ok(taken)
-    }
-
-    /// They, in order.
-    ///
-    /// # Errors
-    /// As [`Taken::of`].
-    pub(super) fn windows<'a>(
-        &self,
-        corpus: &'a Corpus,
-        clips: &'a [&ClipRecord],
-    ) -> Result<impl Iterator<Item = EvalWindow> + use<'a>> {
-        Ok(self.numbered(corpus, clips)?.map(|(_, window)| window))
     }
 
     /// They, in order, each with its number among all.
     ///
     /// # Errors
     /// As [`Taken::of`].
-    pub(super) fn numbered<'a>(
+    fn numbered<'a>(
         &self,
         corpus: &'a Corpus,
         clips: &'a [&ClipRecord],
@@ -91,7 +80,7 @@ impl Taken {
 }
 
 /// Frames of a window's scored tokens. Those of a word that is scored in part are shared out over its tokens.
-pub(super) fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWindow) -> f64 {
+fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWindow) -> f64 {
     let words = corpus.words(clip);
     let scored = window.start + window.scored.start..window.start + window.scored.end;
     let frames = |word: usize| {
@@ -100,4 +89,85 @@ pub(super) fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWin
         corpus.frames_of(clip, word..word + 1) as f64 * (tokens as f64 / (end - start) as f64)
     };
     (words.before(scored.start + 1) - 1..words.before(scored.end)).map(frames).sum()
+}
+
+/// Clips that a model is measured on, by windows behind what conditions them.
+pub(super) struct MeasuredClips<'a> {
+    pub corpus: &'a Corpus,
+    pub clips: &'a [&'a ClipRecord],
+    pub conditions: &'a Conditions,
+    pub taken: Taken,
+    /// T, at least the tokens of the longest window and its front.
+    pub length: usize,
+}
+
+/// Sums over the windows.
+#[derive(Default)]
+pub(super) struct Score {
+    pub nats: f64,
+    /// Targets that count.
+    pub tokens: usize,
+    /// Frames of the scored tokens.
+    pub frames: f64,
+}
+
+impl MeasuredClips<'_> {
+    /// Scores all windows, some at a time. `fill` writes inputs and targets (T) of the window of a number from its tokens and
+    /// its front; `each` gets the nats (T) of every window.
+    ///
+    /// # Errors
+    /// A corpus that can no longer be read; a model whose probabilities are not finite, with the clip named.
+    pub fn score(
+        &self,
+        model: &mut dyn Scores,
+        mut fill: impl FnMut(u64, &EvalWindow, &[u32], &[u32], &mut [u32], &mut [u32]),
+        mut each: impl FnMut(&EvalWindow, &[f32]),
+    ) -> Result<Score> {
+        let (pad, length) = (model.tokens().pad, self.length);
+        let mut score = Score::default();
+        let mut windows = self.taken.numbered(self.corpus, self.clips)?;
+        loop {
+            let windows: Vec<(usize, EvalWindow)> = windows.by_ref().take((BATCH_TOKENS / length).max(1)).collect();
+            if windows.is_empty() {
+                return Ok(score);
+            }
+            let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
+            let places = inputs.chunks_mut(length).zip(targets.chunks_mut(length));
+            for ((number, window), (input, target)) in windows.iter().zip(places) {
+                let clip = self.clips[window.clip];
+                let ids = self.corpus.ids(clip, window.start..window.start + window.tokens)?;
+                fill(*number as u64, window, &ids, &self.conditions.front(&clip.labels), input, target);
+                score.frames += scored_frames(self.corpus, clip, window);
+            }
+            score.tokens += targets.iter().filter(|&&id| id != pad).count();
+            let mut nats = vec![0.0; targets.len()];
+            let music = self.music(model.config(), &windows)?;
+            let batch = TokenWindows { inputs: &inputs, targets: &targets, length, conditioning: music.as_ref() };
+            model.nats(batch, &mut nats)?;
+            for ((_, window), nats) in windows.iter().zip(nats.chunks(length)) {
+                let sum: f64 = nats.iter().map(|&x| f64::from(x)).sum();
+                if !sum.is_finite() {
+                    let clip = &self.clips[window.clip].name;
+                    return Err(Error::NotFinite(format!("{clip} from token {}: {sum} nats", window.start)));
+                }
+                score.nats += sum;
+                each(window, nats);
+            }
+        }
+    }
+
+    /// The music conditioning of windows, if the model has one and conditions aren't hidden.
+    fn music(&self, config: &ModelConfig, windows: &[(usize, EvalWindow)]) -> Result<Option<Conditioning>> {
+        let MeasuredClips { corpus, clips, conditions, length, .. } = self;
+        let (manifest, is_used) = (corpus.manifest(), !config.music.is_none() && !conditions.are_hidden());
+        let Some(word) = manifest.tokens_per_word.filter(|_| is_used) else { return Ok(None) };
+        let frames = (length + 1 - conditions.len()) / word;
+        let of_window = |(_, window): &(usize, EvalWindow)| {
+            let first = window.start / word;
+            let times = (first..first + frames).map(|frame| frame as f64 / manifest.fps);
+            Ok(config.music_conditioning(&corpus.music(clips[window.clip])?, times, 1.0))
+        };
+        let all: Vec<Vec<f32>> = windows.iter().map(of_window).collect::<Result<_>>()?;
+        Ok(Some(Conditioning { music: all.concat(), ..Conditioning::default() }))
+    }
 }

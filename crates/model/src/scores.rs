@@ -5,6 +5,19 @@ use super::goal::Conditioning;
 use super::gpt::Gpt;
 use crate::Result;
 
+/// Windows of T tokens, B of them, whose targets are scored.
+#[derive(Debug, Clone, Copy)]
+pub struct TokenWindows<'a> {
+    /// (B, T) the tokens read.
+    pub inputs: &'a [u32],
+    /// (B, T) the tokens that follow; `<pad>` counts for nothing.
+    pub targets: &'a [u32],
+    /// T, at most the context.
+    pub length: usize,
+    /// Conditioning on goals or music.
+    pub conditioning: Option<&'a Conditioning>,
+}
+
 /// A model of any form, on any device, that gives the likelihood of tokens.
 pub trait Scores {
     /// Its `[model]` table.
@@ -13,33 +26,15 @@ pub trait Scores {
     /// What its tokenizer decided.
     fn tokens(&self) -> &TokenLayout;
 
-    /// `out` (B, T) becomes -ln p of each of `targets` (B, T) in nats, 0 where the target is `<pad>`.
-    ///
-    /// `inputs` (B, T) are the tokens read, T = `length` is at most the context.
+    /// `out` (B, T) becomes -ln p of each target in nats, 0 where it is `<pad>`.
     ///
     /// # Errors
-    /// Windows longer than the context, ids outside the vocabulary, what the device refuses.
+    /// Windows longer than the context, ids outside the vocabulary, conditioning of a model that has none, or of a reader;
+    /// what the device refuses.
     ///
     /// # Panics
-    /// If the three are of different length, or not of whole windows.
-    fn nats(&mut self, inputs: &[u32], targets: &[u32], length: usize, out: &mut [f32]) -> Result<()> {
-        self.nats_conditioned((inputs, targets), length, None, out)
-    }
-
-    /// As [`Scores::nats`] of inputs and targets, with goal conditioning.
-    ///
-    /// # Errors
-    /// As [`Scores::nats`]; conditioning of a model that has none, or of a reader.
-    ///
-    /// # Panics
-    /// As [`Scores::nats`].
-    fn nats_conditioned(
-        &mut self,
-        windows: (&[u32], &[u32]),
-        length: usize,
-        conditioning: Option<&Conditioning>,
-        out: &mut [f32],
-    ) -> Result<()>;
+    /// If inputs, targets and `out` are of different length, or not of whole windows.
+    fn nats(&mut self, windows: TokenWindows, out: &mut [f32]) -> Result<()>;
 }
 
 impl Scores for Gpt {
@@ -51,13 +46,8 @@ impl Scores for Gpt {
         Gpt::tokens(self)
     }
 
-    fn nats_conditioned(
-        &mut self,
-        (inputs, targets): (&[u32], &[u32]),
-        length: usize,
-        conditioning: Option<&Conditioning>,
-        out: &mut [f32],
-    ) -> Result<()> {
+    fn nats(&mut self, windows: TokenWindows, out: &mut [f32]) -> Result<()> {
+        let TokenWindows { inputs, targets, length, conditioning } = windows;
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
         let ids = self.ids(inputs, length)?;
         let nats = self.frozen_nats(&ids, targets, conditioning)?.to_vec1::<f32>()?;

@@ -1,10 +1,7 @@
 //! Weights on disk: one safetensors file, tensors under the names of [`super::layout`], whole or not there.
 
-use super::config::{ModelConfig, TokenLayout};
-use super::gpt::Gpt;
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
-use kinelm_store::{files, input};
 use safetensors::SafeTensors;
 use safetensors::tensor::TensorView;
 use std::collections::{BTreeMap, HashMap};
@@ -86,42 +83,10 @@ pub fn to_device(all: &BTreeMap<String, Tensor>, device: &Device) -> Result<BTre
     all.iter().map(|(name, tensor)| Ok((name.clone(), tensor.to_device(device)?))).collect()
 }
 
-impl Gpt {
-    /// Writes the weights; the file is whole or not there.
-    ///
-    /// # Errors
-    /// What the system refuses.
-    pub fn save(&self, path: &Path) -> Result<()> {
-        Ok(files::write_whole(path, &self.weight_bytes()?)?)
-    }
-
-    /// The weights as [`Gpt::save`] writes them.
-    ///
-    /// # Errors
-    /// A model that isn't in f32.
-    pub(crate) fn weight_bytes(&self) -> Result<Vec<u8>> {
-        to_bytes(self.vars().iter().map(|(n, v)| (n.as_str(), v.as_tensor())))
-    }
-
-    /// Reads the weights of a model of this shape.
-    ///
-    /// # Errors
-    /// A file that isn't there, is cut short or is something else; tensors that are missing, that the model has no
-    /// place for, or of another shape.
-    pub fn load(config: &ModelConfig, tokens: &TokenLayout, path: &Path) -> Result<Gpt> {
-        let bytes = input::bytes(path).map_err(Error::io(path))?;
-        Gpt::from_tensors(config, tokens, from_bytes(path, &bytes)?).map_err(|e| match e {
-            Error::Weights(found) => {
-                Error::file(path, found, "the weights of the model that config.toml describes", "")
-            }
-            other => other,
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Gpt, ModelConfig, TokenLayout};
 
     #[test]
     fn weights_come_back_and_cut_files_are_refused() {
@@ -137,21 +102,18 @@ mod tests {
         };
         let config = ModelConfig { layers: 1, heads: 2, width: 8, context: 10, ..Default::default() };
         let gpt = Gpt::new(&config, &tokens, 1).unwrap();
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("model.safetensors");
-        gpt.save(&path).unwrap();
-        let again = Gpt::load(&config, &tokens, &path).unwrap();
-        assert_eq!(gpt.weight_bytes().unwrap(), again.weight_bytes().unwrap());
-        assert_ne!(gpt.weight_bytes().unwrap(), Gpt::new(&config, &tokens, 2).unwrap().weight_bytes().unwrap());
-        let bytes = std::fs::read(&path).unwrap();
+        let path = Path::new("model.safetensors");
+        let bytes_of = |gpt: &Gpt| to_bytes(gpt.vars().iter().map(|(n, v)| (n.as_str(), v.as_tensor()))).unwrap();
+        let bytes = bytes_of(&gpt);
+        let load = |config| Gpt::from_tensors(config, &tokens, from_bytes(path, &bytes)?);
+        assert_eq!(bytes, bytes_of(&load(&config).unwrap()));
+        assert_ne!(bytes, bytes_of(&Gpt::new(&config, &tokens, 2).unwrap()));
         for length in [0, 7, 100, bytes.len() - 1] {
-            std::fs::write(&path, &bytes[..length]).unwrap();
-            let message = Gpt::load(&config, &tokens, &path).err().unwrap().to_string();
+            let message = from_bytes(path, &bytes[..length]).err().unwrap().to_string();
             assert!(message.contains("model.safetensors: found no safetensors file"), "{message}");
         }
-        std::fs::write(&path, &bytes).unwrap();
-        let other = ModelConfig { layers: 2, ..config };
-        let message = Gpt::load(&other, &tokens, &path).err().unwrap().to_string();
+        let other = ModelConfig { layers: 2, ..config.clone() };
+        let message = load(&other).err().unwrap().to_string();
         assert!(message.contains("no tensor block.01"), "{message}");
     }
 }

@@ -60,6 +60,7 @@ impl PcaBasis {
     ///
     /// # Panics
     /// When there are not K.
+    #[cfg(test)]
     pub fn inverse(&self, coordinates: &[f64]) -> Vec<f64> {
         let mut series = self.adjoint(coordinates);
         series.iter_mut().zip(&self.mean).for_each(|(s, m)| *s += m);

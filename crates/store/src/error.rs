@@ -240,7 +240,8 @@ impl Error {
 
     /// A fault at the byte range `span` of a file's text; of the whole file without one.
     pub fn in_text(
-        (path, text): (&Path, &str),
+        path: &Path,
+        text: &str,
         span: Option<Range<usize>>,
         found: impl Into<String>,
         expected: &str,
@@ -323,13 +324,14 @@ macro_rules! constructors {
 
             /// A fault at the byte range `span` of a file's text; of the whole file without one.
             pub fn in_text(
-                file: (&::std::path::Path, &str),
+                path: &::std::path::Path,
+                text: &str,
                 span: Option<::std::ops::Range<usize>>,
                 found: impl Into<String>,
                 expected: &str,
                 help: &str,
             ) -> $error {
-                $crate::Error::in_text(file, span, found, expected, help).into()
+                $crate::Error::in_text(path, text, span, found, expected, help).into()
             }
         }
     };
@@ -406,8 +408,8 @@ mod tests {
             "fix it",
         );
         assert_eq!(e.to_string(), "l.csv:3:7: found `tarin`, expected train, valid or test; fix it");
-        let text = (Path::new("t.toml"), "a = 1\né = =\n");
-        let of = |span| Error::in_text(text, span, "`=`", "a value", "").to_string();
+        let (path, text) = (Path::new("t.toml"), "a = 1\né = =\n");
+        let of = |span| Error::in_text(path, text, span, "`=`", "a value", "").to_string();
         assert_eq!(of(Some(11..12)), "t.toml:2:5: found `=`, expected a value");
         assert_eq!(of(Some(99..99)), "t.toml:3:1: found `=`, expected a value");
         assert_eq!(of(None), "t.toml: found `=`, expected a value");

@@ -24,7 +24,8 @@ pub fn listed(presets: &Presets) -> String {
 pub fn read<T: DeserializeOwned>(
     presets: &'static Presets,
     name_or_path: &Path,
-    (folder, what): (&str, &str),
+    folder: &str,
+    what: &str,
 ) -> Result<T> {
     let text = match find(presets, name_or_path, "settings")? {
         Some(text) => text.to_owned(),
@@ -32,7 +33,7 @@ pub fn read<T: DeserializeOwned>(
     };
     toml::from_str(&text).map_err(|e| {
         let help = format!("configs/{folder}/ has examples with every key");
-        Error::in_text((name_or_path, &text), e.span(), e.message(), what, &help)
+        Error::in_text(name_or_path, &text, e.span(), e.message(), what, &help)
     })
 }
 

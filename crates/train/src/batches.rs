@@ -18,7 +18,7 @@ use super::window::{WindowId, WindowSpan};
 use crate::{Error, Result};
 use kinelm_corpus::music::tempo;
 use kinelm_corpus::windows::{fill_sequence, whole_words};
-use kinelm_corpus::{ClipRecord, ClipWords, Corpus, SpanMasking, Split, fill_masked};
+use kinelm_corpus::{ClipRecord, ClipWords, Corpus, SpanMasking, Split, WindowTokens, fill_masked};
 use kinelm_model::ModelKind;
 use kinelm_model::goal::Conditioning;
 use kinelm_store::random;
@@ -171,7 +171,8 @@ impl<'a> Batches<'a> {
             music: MusicConditioning::new(
                 &run.model,
                 run.train.seed,
-                (batches.room / batches.word, data.tokenizer().fps()),
+                batches.room / batches.word,
+                data.tokenizer().fps(),
             ),
             ..batches
         })
@@ -226,21 +227,21 @@ impl<'a> Batches<'a> {
             Some(Changed { ids, first, factor }) => (ids, first, factor),
             None => (corpus.ids(record, wide.start..wide.start + wide.tokens)?, span.word as f64, 1.0),
         };
-        let of_music = |music: &MusicConditioning| music.of_window((corpus, record), window, (first, factor));
+        let of_music = |music: &MusicConditioning| music.of_window(corpus, record, window, first, factor);
         let music = self.music.as_ref().map_or(Ok(Vec::new()), of_music)?;
         let front = self.front(record, window, factor);
         let (pad, dropped) = (Special::Pad.id(), augment.map_or_else(Vec::new, |a| a.dropped(window)));
         let shown = ids.len().min(span.tokens);
         let goals =
-            gaps.map(|gaps| gaps.conditioning(window, &ids, (shown / self.word, self.room / self.word), &dropped));
+            gaps.map(|gaps| gaps.conditioning(window, &ids, shown / self.word, self.room / self.word, &dropped));
         ids.truncate(shown);
         if self.masked {
             let may = |k: usize| !dropped.contains(&(k % self.word));
             let mut rng = random::stream(self.seed, "mask", window.round, window.number as u64);
-            let (window, places) = ((&*ids, &*front), (&mut *input, &mut *target));
+            let tokens = WindowTokens { front: &front, tokens: &ids, pad };
             match self.spans.as_ref().filter(|_| random::unit(&mut rng) < SPANS) {
-                Some(spans) => spans.fill(window, pad, &may, &mut rng, places),
-                None => fill_masked(window, pad, &may, &mut rng, places),
+                Some(spans) => spans.fill(tokens, &may, &mut rng, input, target),
+                None => fill_masked(tokens, &may, &mut rng, input, target),
             }
         } else {
             fill_sequence(&ids, &front, pad, input, target);
@@ -326,6 +327,7 @@ impl<'a> Batches<'a> {
     }
 
     /// The training clips, corpus after corpus.
+    #[cfg(test)]
     pub fn clips(&self) -> impl Iterator<Item = (&'a Corpus, &'a ClipRecord)> + '_ {
         self.clips.iter().map(|c| (c.corpus, c.record))
     }

@@ -19,7 +19,8 @@ pub fn learner(
     tokens: &TokenLayout,
     train: &TrainConfig,
     weights: Tensors,
-    (compute, products): (Compute, Products),
+    compute: Compute,
+    products: Products,
 ) -> Result<Box<dyn Learner>> {
     if compute.is_fast() {
         let mut fast = Fast::from_tensors(model, tokens, weights)?;

@@ -8,9 +8,8 @@ use super::optimizer::{Adam, Optimizer, Rates, Tensors, floats};
 use crate::Result;
 use kinelm_engine::arena::Floats;
 use kinelm_model::fast::{Fast, Windows, named};
-use kinelm_model::goal::Conditioning;
 use kinelm_model::layout::{Parameter, Role};
-use kinelm_model::{Dropout, ModelConfig, Scores, TokenLayout};
+use kinelm_model::{Dropout, Scores};
 use rayon::prelude::*;
 
 /// The fast form and its optimizer.
@@ -79,6 +78,10 @@ impl FastLearner {
 }
 
 impl Learner for FastLearner {
+    fn scores(&mut self) -> &mut dyn Scores {
+        &mut self.model
+    }
+
     fn gradients_of(&mut self, batches: &[Batch], step: u64) -> Result<BatchLoss> {
         let nats = match batches {
             [batch] => self.of_batch(batch, step, 0)?,
@@ -132,25 +135,5 @@ impl Learner for FastLearner {
             self.model.weights_mut().swap_with_slice(averages);
         }
         Ok(())
-    }
-}
-
-impl Scores for FastLearner {
-    fn config(&self) -> &ModelConfig {
-        Scores::config(&self.model)
-    }
-
-    fn tokens(&self) -> &TokenLayout {
-        Scores::tokens(&self.model)
-    }
-
-    fn nats_conditioned(
-        &mut self,
-        windows: (&[u32], &[u32]),
-        length: usize,
-        conditioning: Option<&Conditioning>,
-        out: &mut [f32],
-    ) -> Result<()> {
-        self.model.nats_conditioned(windows, length, conditioning, out)
     }
 }

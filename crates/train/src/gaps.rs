@@ -63,7 +63,8 @@ impl Gaps {
         &self,
         window: WindowId,
         ids: &[u32],
-        (shown, frames): (usize, usize),
+        shown: usize,
+        frames: usize,
         hidden: &[usize],
     ) -> Conditioning {
         let (codes, c) = (self.goals.codes(ids), self.goals.characters());

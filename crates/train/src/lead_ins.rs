@@ -55,7 +55,7 @@ pub fn select(seed: u64, data: &Data) -> Result<LeadIns> {
     let mut group = 0..;
     let mut of = |clips: &[&Candidate]| {
         let group = group.next().unwrap_or_default();
-        of_clips(seed, group, clips, (words, data))
+        of_clips(seed, group, clips, words, data)
     };
     let any = of(&all.iter().collect::<Vec<_>>())?;
     let mut labelled = Vec::new();
@@ -71,7 +71,7 @@ pub fn select(seed: u64, data: &Data) -> Result<LeadIns> {
 /// Lead-ins of some clips. All starts, weighted as in training, are divided into [`EACH`] equal stretches. Each stretch
 /// gives the second fastest of [`CANDIDATES`] random starts: from standing a dance tends to stay still, and the fastest may be a
 /// jump. Duplicates are dropped.
-fn of_clips(seed: u64, group: u64, clips: &[&Candidate], (words, data): (usize, &Data)) -> Result<Vec<LeadIn>> {
+fn of_clips(seed: u64, group: u64, clips: &[&Candidate], words: usize, data: &Data) -> Result<Vec<LeadIn>> {
     let mass = |c: &Candidate| c.weight * c.starts as f64;
     let all: f64 = clips.iter().map(|c| mass(c)).sum();
     let mut found: Vec<LeadIn> = Vec::new();

@@ -21,7 +21,10 @@ pub struct BatchLoss {
 /// Weights, their gradients and the optimizer's moments, on any device.
 ///
 /// It works on the rayon pool that it is called in, whose number of threads changes no bit.
-pub trait Learner: Scores + Send {
+pub trait Learner: Send {
+    /// The model with its present weights, to be measured.
+    fn scores(&mut self) -> &mut dyn Scores;
+
     /// Loss and gradients of a batch, with the dropout of step `step`. The gradients stay here for [`Learner::update`].
     ///
     /// # Errors

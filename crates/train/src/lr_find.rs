@@ -91,7 +91,7 @@ pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, progress: &mut dyn Fn
     let weights = layout::initial(&file.model, &file.tokens, train.seed)?;
     let precision = train.precision.decide(options.compute, file.model.width)?.0;
     let products = precision.resolve(None, options.compute)?.products;
-    let learner = learner(&file.model, &file.tokens, &train, weights, (options.compute, products))?;
+    let learner = learner(&file.model, &file.tokens, &train, weights, options.compute, products)?;
     let test = Test { fit: Fit::new(stages, learner, &train), options, curve: Curve::default(), blew_up: false };
     let cadence = Cadence { steps: options.steps, ..train.cadence() };
     let mut trainer = Trainer::new(test, cadence, None, State::new(0, 0, 0, train.seed, None));

@@ -4,7 +4,6 @@ use super::window::WindowId;
 use crate::Result;
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_model::ModelConfig;
-use kinelm_model::music::conditioning;
 use kinelm_store::random;
 
 /// Share of the windows whose music is hidden, so that the model works without music too.
@@ -22,7 +21,7 @@ pub struct MusicConditioning {
 
 impl MusicConditioning {
     /// For windows of `frames` frames at `fps`; `None` for a model without music.
-    pub fn new(model: &ModelConfig, seed: u64, (frames, fps): (usize, f64)) -> Option<MusicConditioning> {
+    pub fn new(model: &ModelConfig, seed: u64, frames: usize, fps: f64) -> Option<MusicConditioning> {
         (!model.music.is_none()).then(|| MusicConditioning { model: model.clone(), seed, frames, fps })
     }
 
@@ -33,16 +32,18 @@ impl MusicConditioning {
     /// A corpus that can no longer be read.
     pub fn of_window(
         &self,
-        (corpus, clip): (&Corpus, &ClipRecord),
+        corpus: &Corpus,
+        clip: &ClipRecord,
         window: WindowId,
-        (first, factor): (f64, f64),
+        first: f64,
+        factor: f64,
     ) -> Result<Vec<f32>> {
         let mut rng = random::stream(self.seed, "music", window.round, window.number as u64);
         if random::unit(&mut rng) < HIDDEN {
             return Ok(vec![0.0; self.frames * self.model.music.numbers()]);
         }
         let times = (0..self.frames).map(|frame| (first + factor * frame as f64) / self.fps);
-        Ok(conditioning(self.model.music_conditioning(), &corpus.music(clip)?, times, factor))
+        Ok(self.model.music_conditioning(&corpus.music(clip)?, times, factor))
     }
 }
 
@@ -102,7 +103,7 @@ mod tests {
                 let clip = corpus.clips().iter().find(|c| c.name == clip).unwrap();
                 let first: f64 = first.parse().unwrap();
                 let times = (0..WINDOW).map(|frame| (first + frame as f64) / 20.0);
-                let whole = conditioning(model.music_conditioning(), &corpus.music(clip).unwrap(), times, 1.0);
+                let whole = model.music_conditioning(&corpus.music(clip).unwrap(), times, 1.0);
                 if numbers.iter().all(|x| *x == 0.0) {
                     hidden += usize::from(clip.beats.is_some());
                 } else {
@@ -122,24 +123,24 @@ mod tests {
         let data = Data::one(fixture::with_music(dir.path(), &[(150, Split::Train)])).unwrap();
         let (corpus, config) = (&data.parts()[0].corpus, model(Music::Both));
         let config = RunFile::new(&config, &TrainConfig::default(), &data).unwrap().model;
-        let music = MusicConditioning::new(&config, 1, (8, 20.0)).unwrap();
+        let music = MusicConditioning::new(&config, 1, 8, 20.0).unwrap();
         let window = (0..).map(|number| WindowId { round: 0, number });
-        let shown = |at: (f64, f64)| {
+        let shown = |first: f64, factor: f64| {
+            let clip = &corpus.clips()[0];
             let mut windows =
-                window.clone().map(|window| music.of_window((corpus, &corpus.clips()[0]), window, at).unwrap());
+                window.clone().map(|window| music.of_window(corpus, clip, window, first, factor).unwrap());
             windows.find(|numbers| numbers.iter().any(|x| *x != 0.0)).unwrap()
         };
-        let found = shown((30.5, 1.25));
+        let found = shown(30.5, 1.25);
         // frame i is the clip's frame 30.5 + 1.25 i, and beats come sooner
         let sound = corpus.music(&corpus.clips()[0]).unwrap();
         let faster: Vec<f64> = sound.beats_s.iter().map(|beat| (beat - 30.5 / 20.0) / 1.25).collect();
         let (fps, from_s) = (20.0 * 1.25, -30.5 / 20.0 / 1.25);
         let rows = FeatureRows { fps, from_s, numbers: sound.rows.numbers.clone() };
         let faster = ClipMusic { beats_s: &faster, rows };
-        let expected =
-            conditioning(config.music_conditioning(), &faster, (0..8).map(|frame| f64::from(frame) / 20.0), 1.0);
+        let expected = config.music_conditioning(&faster, (0..8).map(|frame| f64::from(frame) / 20.0), 1.0);
         assert!(found.len() == expected.len() && found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-4));
-        let slow = shown((30.5, 1.0));
+        let slow = shown(30.5, 1.0);
         assert!(found.iter().zip(&slow).any(|(a, b)| (a - b).abs() > 0.1));
     }
 

@@ -8,8 +8,7 @@ use super::learner::{BatchLoss, Learner, no_average, not_finite};
 use super::optimizer::{Tensors, in_order};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
-use kinelm_model::goal::Conditioning;
-use kinelm_model::{Dropout, Gpt, ModelConfig, Scores, TokenLayout, layout};
+use kinelm_model::{Dropout, Gpt, ModelConfig, Scores, layout};
 
 /// Attention scores of one layer that are computed at a time; the graph holds about six such tensors per layer.
 const PIECE_SCORES: usize = 1 << 24;
@@ -105,6 +104,10 @@ impl Plain {
 }
 
 impl Learner for Plain {
+    fn scores(&mut self) -> &mut dyn Scores {
+        &mut self.model
+    }
+
     fn gradients_of(&mut self, batches: &[Batch], step: u64) -> Result<BatchLoss> {
         let counted = batches.iter().map(|b| b.counted(self.model.tokens().pad)).sum();
         self.gradients.clear();
@@ -165,26 +168,6 @@ impl Learner for Plain {
             }
         }
         Ok(())
-    }
-}
-
-impl Scores for Plain {
-    fn config(&self) -> &ModelConfig {
-        self.model.config()
-    }
-
-    fn tokens(&self) -> &TokenLayout {
-        self.model.tokens()
-    }
-
-    fn nats_conditioned(
-        &mut self,
-        windows: (&[u32], &[u32]),
-        length: usize,
-        conditioning: Option<&Conditioning>,
-        out: &mut [f32],
-    ) -> Result<()> {
-        self.model.nats_conditioned(windows, length, conditioning, out)
     }
 }
 

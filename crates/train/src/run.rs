@@ -175,9 +175,8 @@ impl RunFile {
             std::io::ErrorKind::NotFound => Error::file(run, "no config.toml", "a run folder", "start one first"),
             _ => Error::io(&path)(e),
         })?;
-        let wrong = |e: toml::de::Error| {
-            Error::in_text((&path, &text), e.span(), e.message(), "the configuration of a run", "")
-        };
+        let wrong =
+            |e: toml::de::Error| Error::in_text(&path, &text, e.span(), e.message(), "the configuration of a run", "");
         check_kind(&path, &text)?;
         let head: Versioned = toml::from_str(&text).map_err(wrong)?;
         if head.version != VERSION {

@@ -169,7 +169,7 @@ impl TrainFile {
     pub fn parse(text: &str, path: &Path) -> Result<TrainFile> {
         let wrong = |e: toml::de::Error| {
             let help = "configs/train/ has examples with every key";
-            Error::in_text((path, text), e.span(), in_words(e.message()), "a training file", help)
+            Error::in_text(path, text, e.span(), in_words(e.message()), "a training file", help)
         };
         let mut file: TrainFile = toml::from_str(text).map_err(wrong)?;
         let table: toml::Table = toml::from_str(text).map_err(wrong)?;

@@ -298,8 +298,8 @@ mod tests {
             weights.insert(name.into(), Tensor::full(value, shape.as_slice(), &Device::Cpu).unwrap());
         }
         let file = &trainer.task.file;
-        let compute = (compute, Products::F32);
-        trainer.task.fit.learner = learner(&file.model, &file.tokens, &file.train, weights, compute).unwrap();
+        trainer.task.fit.learner =
+            learner(&file.model, &file.tokens, &file.train, weights, compute, Products::F32).unwrap();
     }
 
     const FORMS: [Form; 2] = [Form::Auto, Form::Plain];

@@ -79,7 +79,7 @@ impl BaselineDance for Request {
         let bytes = format::to_bytes(out, &motion)?;
         convert::report_written(out, &motion, say);
         made.locked.iter().flat_map(|locked| locked.notes(FPS)).for_each(|note| say.line(note));
-        let written = (out, motion.clip.fps());
-        Ok((Sidecar::of(self, (trained.step, &trained.sha256), &made.clip_sha256, written, &bytes), bytes))
+        let fps = motion.clip.fps();
+        Ok((Sidecar::of(self, trained.step, &trained.sha256, &made.clip_sha256, out, fps, &bytes), bytes))
     }
 }

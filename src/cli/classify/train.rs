@@ -89,7 +89,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         seed: args.seed,
     };
     let stop = crate::shell::training::stop_on_ctrl_c()?;
-    let done = train(&run, &corpus, &options, (&args.out, args.resume), &stop, &mut |metrics| {
+    let done = train(&run, &corpus, &options, &args.out, args.resume, &stop, &mut |metrics| {
         let valid = match (metrics.valid_nats, metrics.valid_accuracy) {
             (Some(nats), Some(right)) => format!("; validation {nats:.3}, {:.1} % of windows right", 100.0 * right),
             _ => String::new(),

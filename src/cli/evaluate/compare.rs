@@ -65,11 +65,11 @@ fn side(corpus: &Corpus, folder: &PathBuf, read: &ReadArgs, say: Say) -> Result<
     }
     let files = motion_files(std::slice::from_ref(folder))?;
     let (options, odd) = (read.of_files(&files, RestFrame::Drop, say), Odd::new(say));
-    let dances = each_file(&files, say, |i, path| measured(corpus, path, &options[i], (&odd, say)))?;
+    let dances = each_file(&files, say, |i, path| measured(corpus, path, &options[i], &odd, say))?;
     Ok(Side { name: folder.display().to_string(), dances: dances.into_iter().map(|(_, dance)| dance).collect() })
 }
 
-fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, (odd, say): (&Odd, Say)) -> Result<MeasuredDance> {
+fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, odd: &Odd, say: Say) -> Result<MeasuredDance> {
     let provenance = provenance_of(path, say);
     let sha256 = source_hashes(path, provenance.as_ref())?;
     let dance = Dance::load(corpus, path, provenance.as_ref(), options)?;

@@ -87,6 +87,6 @@ impl Fitted {
             Fitted::Nothing(why) => return Ok(Err(why.clone())),
         };
         crate::cli::progress::stage("fitting and measuring static models");
-        Ok(Ok(Floors::of_corpora(fitted, (corpus, split), extent)?))
+        Ok(Ok(Floors::of_corpora(fitted, corpus, split, extent)?))
     }
 }

@@ -82,8 +82,8 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let reading = args.reading.get(streams * usize::from(args.samples));
     let mut model = RunModel::open(&run, args.compute.get(), reading, streams)?;
     let (before, after) = frames_around(&run, &tokenizer, args.frames.into())?;
-    let gaps = gaps(&corpus, args.split, (before, args.frames.into(), after), args.gaps.into())?;
-    let scale = position_scale(&corpus, (before, args.frames.into()), &gaps)?;
+    let gaps = gaps(&corpus, args.split, before, args.frames.into(), after, args.gaps.into())?;
+    let scale = position_scale(&corpus, before, args.frames.into(), &gaps)?;
     let bar = progress::bar(gaps.len() as u64, "gaps", say);
     let mut filler = Filler {
         model: &mut model,

@@ -48,7 +48,7 @@ pub fn beats(args: &MusicArgs, dances: usize, pieces: &mut BTreeMap<PathBuf, Bea
         if !pieces.contains_key(path) {
             pieces.insert(path.clone(), Track::beats_only(path)?.beats);
         }
-        Ok(beats_in_dance(path, &pieces[path], (from_s, 0.0))?)
+        Ok(beats_in_dance(path, &pieces[path], from_s, 0.0)?)
     };
     let all: Vec<Vec<f64>> = args.music.iter().map(beats_of).collect::<Result<_>>()?;
     Ok(Some(all).filter(|all| !all.is_empty()))
@@ -66,5 +66,5 @@ pub fn own_beats(
     if !pieces.contains_key(&music.path) {
         pieces.insert(music.path.clone(), Track::beats_only(&music.path)?.beats);
     }
-    Ok(Some(beats_in_dance(&music.path, &pieces[&music.path], (music.from_s, 0.0))?))
+    Ok(Some(beats_in_dance(&music.path, &pieces[&music.path], music.from_s, 0.0)?))
 }

@@ -60,7 +60,7 @@ impl BaselineDance for Request {
         let motion = written_as(out, made.motion)?;
         let bytes = format::to_bytes(out, &motion)?;
         convert::report_written(out, &motion, say);
-        let written = (out, motion.clip.fps());
-        Ok((Sidecar::of(self, (trained.step, &trained.sha256), &made.music_sha256, written, &bytes), bytes))
+        let fps = motion.clip.fps();
+        Ok((Sidecar::of(self, trained.step, &trained.sha256, &made.music_sha256, out, fps, &bytes), bytes))
     }
 }

@@ -31,7 +31,7 @@ impl TimelineFile {
     /// Text that is no TOML, with line and column.
     pub fn parse(path: &Path, text: &str) -> Result<TimelineFile> {
         let wrong = |e: toml_edit::TomlError| {
-            Error::in_text((path, text), e.span(), e.message(), "a timeline", "docs/timelines.md has examples")
+            Error::in_text(path, text, e.span(), e.message(), "a timeline", "docs/timelines.md has examples")
         };
         // toml_edit drops carriage returns: `text` puts them back
         let mut document: DocumentMut = text.parse().map_err(wrong)?;

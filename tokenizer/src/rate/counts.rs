@@ -52,6 +52,7 @@ impl Counts {
     }
 
     /// The number of counted numbers.
+    #[cfg(test)]
     pub fn total(&self) -> u64 {
         self.places.iter().flat_map(BTreeMap::values).sum()
     }

@@ -33,6 +33,7 @@ impl Split {
     }
 
     /// The rotation.
+    #[cfg(test)]
     pub fn join(&self) -> Quat {
         about_y(self.turn) * self.tilt
     }

@@ -65,7 +65,7 @@ fn outputs_gradients_and_ten_losses_are_pytorchs() {
         let mut lstm = Lstm::new(shape, batch, given.len(), false);
         lstm.pack(&weights);
         near(&what, lstm.forward(&sequence(0)[..given.len() * row], &given), &outputs);
-        let mut learner = Learner::new(form, shape, (batch, given.len()), weights);
+        let mut learner = Learner::new(form, shape, batch, given.len(), weights);
         for (step, expected) in losses.iter().enumerate() {
             let sequence = sequence(step);
             let found = learner.gradients(&sequence[..given.len() * row], &sequence[row..], &given);

@@ -20,7 +20,7 @@ pub(crate) fn list(shape: &Shape) -> Vec<Parameter> {
 pub fn initial(shape: &Shape, seed: u64) -> Vec<Floats> {
     let most = 1.0 / (shape.width as f64).sqrt();
     let all = shape.tensors().into_iter().enumerate();
-    all.map(|(i, [rows, columns])| uniform(("aclstm weights", i), rows * columns, most, seed)).collect()
+    all.map(|(i, [rows, columns])| uniform("aclstm weights", i, rows * columns, most, seed)).collect()
 }
 
 /// A network that learns.
@@ -35,7 +35,7 @@ pub struct Learner {
 
 impl Learner {
     /// Before the first update, on batches of `batch` sequences of `steps` steps.
-    pub fn new(form: Form, shape: Shape, (batch, steps): (usize, usize), weights: Vec<Floats>) -> Learner {
+    pub fn new(form: Form, shape: Shape, batch: usize, steps: usize, weights: Vec<Floats>) -> Learner {
         Learner {
             form,
             lstm: Lstm::new(shape, batch, steps, true),

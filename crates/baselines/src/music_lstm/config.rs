@@ -3,7 +3,6 @@
 use super::SPECTRUM;
 use crate::run::{Settings, positive, within};
 use crate::{Error, Result};
-use kinelm_engine::lstm::Single;
 use kinelm_music::stft::Form;
 use kinelm_store::presets::Presets;
 use serde::{Deserialize, Serialize};
@@ -211,9 +210,13 @@ impl Shape {
     }
 
     /// The number of parameters.
+    #[cfg(test)]
     pub fn parameters(&self) -> usize {
         let linear: usize = self.linear().iter().map(|[k, m]| (k + 1) * m).sum();
-        let sizes = self.recurrent().into_iter().flat_map(|[inputs, width]| Single::tensors(inputs, width));
+        let sizes = self
+            .recurrent()
+            .into_iter()
+            .flat_map(|[inputs, width]| kinelm_engine::lstm::Single::tensors(inputs, width));
         linear + sizes.map(|[rows, columns]| rows * columns).sum::<usize>()
     }
 }

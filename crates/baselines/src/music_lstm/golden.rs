@@ -67,7 +67,7 @@ fn outputs_gradients_and_ten_losses_are_pytorchs() {
         let learned = list(&shape).into_iter().skip(2).enumerate();
         let learned = learned.map(|(salt, p)| Floats::of(&numbers(salt, 0.4, p.len())));
         let weights = [Floats::new(SPECTRUM), Floats::of(&[1.0; SPECTRUM])].into_iter().chain(learned).collect();
-        let mut network = Network::new(&shape, (BATCH, steps), true);
+        let mut network = Network::new(&shape, BATCH, steps, true);
         let mut parameters = Parameters::new(list(&shape), weights);
         let mut d_out = vec![0.0; steps * row];
         for (step, expected) in case.losses.iter().enumerate() {
@@ -108,7 +108,7 @@ fn dropout_applies_to_gradients_too() {
     let mut weights: Vec<Floats> = sized.map(|(i, p)| Floats::of(&numbers(i, 0.4, p.len()))).collect();
     let spectra = numbers(70, 0.02, steps * BATCH * SPECTRUM);
     let d_out = numbers(71, 1.0, steps * BATCH * shape.channels());
-    let mut network = Network::new(&shape, (BATCH, steps), true);
+    let mut network = Network::new(&shape, BATCH, steps, true);
     let mut gradients: Vec<Floats> = weights.iter().map(|w| Floats::new(w.len())).collect();
     for share in [0.0, 0.5] {
         let dropout = Dropout { share, keys: &keys };

@@ -29,8 +29,7 @@ pub fn loss(terms: Terms, batch: usize, found: &[f32], truth: &[f32], gradients:
     let row = batch * 4 * j;
     assert!(found.len() == truth.len() && found.len() == gradients.len(), "as many numbers of each");
     assert!(found.len().is_multiple_of(row), "whole steps of {batch} sequences of {j} joints");
-    let all: Vec<(f64, Vec<f32>)> =
-        (0..batch).into_par_iter().map(|b| of_one(terms, (batch, b), found, truth)).collect();
+    let all: Vec<(f64, Vec<f32>)> = (0..batch).into_par_iter().map(|b| of_one(terms, batch, b, found, truth)).collect();
     for (b, (_, own)) in all.iter().enumerate() {
         for (to, from) in gradients.chunks_exact_mut(4 * j).skip(b).step_by(batch).zip(own.chunks_exact(4 * j)) {
             to.copy_from_slice(from);
@@ -40,7 +39,7 @@ pub fn loss(terms: Terms, batch: usize, found: &[f32], truth: &[f32], gradients:
 }
 
 /// Quaternions of sequence `b` of `batch`, (T, J).
-fn of_sequence(numbers: &[f32], joints: usize, (batch, b): (usize, usize)) -> Vec<Quat> {
+fn of_sequence(numbers: &[f32], joints: usize, batch: usize, b: usize) -> Vec<Quat> {
     let frames = numbers.chunks_exact(4 * joints).skip(b).step_by(batch);
     frames.flat_map(|frame| frame.chunks_exact(4).map(of)).collect()
 }
@@ -50,12 +49,12 @@ fn of(wxyz: &[f32]) -> Quat {
 }
 
 /// Loss and gradients (T, 4J) of one sequence, the gradients over the whole batch.
-fn of_one(terms: Terms, (batch, b): (usize, usize), found: &[f32], truth: &[f32]) -> (f64, Vec<f32>) {
+fn of_one(terms: Terms, batch: usize, b: usize, found: &[f32], truth: &[f32]) -> (f64, Vec<f32>) {
     let j = terms.weights.len();
-    let raw = of_sequence(found, j, (batch, b));
+    let raw = of_sequence(found, j, batch, b);
     let lengths: Vec<f64> = raw.iter().map(|q| q.length().max(SHORTEST)).collect();
     let own: Vec<Quat> = raw.iter().zip(&lengths).map(|(q, length)| *q * (1.0 / length)).collect();
-    let theirs = of_sequence(truth, j, (batch, b));
+    let theirs = of_sequence(truth, j, batch, b);
     let scale = 1.0 / batch as f64;
     let mut gradients = vec![Quat::from_xyzw(0.0, 0.0, 0.0, 0.0); own.len()];
     let mut loss = 0.0;

@@ -41,7 +41,7 @@ pub fn initial(shape: &Shape, scale: [Vec<f32>; 2], seed: u64) -> Vec<Floats> {
     let sizes = list(shape).into_iter().skip(SCALE).map(|p| p.len());
     let learned = sizes.zip(over).enumerate();
     let of = |(i, (len, over)): (usize, (usize, usize))| {
-        uniform(("music lstm weights", i), len, 1.0 / (over as f64).sqrt(), seed)
+        uniform("music lstm weights", i, len, 1.0 / (over as f64).sqrt(), seed)
     };
     scale.iter().map(|numbers| Floats::of(numbers)).chain(learned.map(of)).collect()
 }
@@ -79,7 +79,7 @@ impl Network {
     ///
     /// # Panics
     /// A size of 0.
-    pub fn new(shape: &Shape, (batch, steps): (usize, usize), backward: bool) -> Network {
+    pub fn new(shape: &Shape, batch: usize, steps: usize, backward: bool) -> Network {
         let rows = batch * steps;
         let linear = shape.linear().into_iter().map(|[inputs, outputs]| Dense {
             space: dense::Workspace::new(rows, inputs, outputs, Products::F32, backward),
@@ -93,7 +93,7 @@ impl Network {
             linear: linear.collect(),
             recurrent: sizes
                 .iter()
-                .map(|[inputs, width]| Single::new(*inputs, *width, (batch, steps), backward))
+                .map(|[inputs, width]| Single::new(*inputs, *width, batch, steps, backward))
                 .collect(),
             d_hidden: backward.then(hidden),
             hidden: hidden(),

@@ -173,7 +173,7 @@ impl Trained {
 
     /// A dance from the zero state.
     pub fn dancer(&self) -> Dancer<'_> {
-        let mut network = Network::new(&self.shape, (1, AT_ONCE), false);
+        let mut network = Network::new(&self.shape, 1, AT_ONCE, false);
         network.pack(&self.weights);
         Dancer { trained: self, network, spectra: Vec::new(), channels: Vec::new(), frames: 0 }
     }

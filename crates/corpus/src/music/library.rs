@@ -65,7 +65,7 @@ impl MusicLibrary {
     ///
     /// # Errors
     /// Music that can't be read, has no beats, or doesn't cover the clip.
-    pub(crate) fn align(&self, item: &Item, (frames, fps): (usize, f64)) -> Result<Option<AlignedMusic>> {
+    pub(crate) fn align(&self, item: &Item, frames: usize, fps: f64) -> Result<Option<AlignedMusic>> {
         let Some(path) = self.files.get(&item.name) else { return Ok(None) };
         let again;
         let track = match &self.tracks[path] {
@@ -79,7 +79,7 @@ impl MusicLibrary {
         let first = item.segment.map_or(0, |segment| segment.first(fps));
         let from_s = item.music_from_s.unwrap_or(0.0) + first as f64 / fps;
         let seconds = frames as f64 / fps;
-        let beats_s = beats_in_dance(path, &track.beats, (from_s, seconds)).map_err(Error::in_clip(&item.name))?;
+        let beats_s = beats_in_dance(path, &track.beats, from_s, seconds).map_err(Error::in_clip(&item.name))?;
         let tempo = tempo::label(&beats_s, seconds);
         Ok(Some(AlignedMusic { beats_s, features: track.frame_rows(from_s, frames), tempo }))
     }
@@ -90,7 +90,7 @@ impl MusicLibrary {
 ///
 /// # Errors
 /// [`kinelm_store::Error::File`]: music with fewer than two beats, a beginning outside the music, a dance that outlasts it.
-pub fn beats_in_dance(path: &Path, beats: &Beats, (from_s, seconds): (f64, f64)) -> Result<Vec<f64>> {
+pub fn beats_in_dance(path: &Path, beats: &Beats, from_s: f64, seconds: f64) -> Result<Vec<f64>> {
     let wrong = |found: String, expected: String, help: &str| Err(Error::file(path, found, expected, help));
     let ends = beats.seconds;
     if beats.times_s.len() < 2 {
@@ -204,7 +204,7 @@ mod tests {
         let files = segments.iter().map(|item| (item.name.clone(), path.clone())).collect();
         let tracks = BTreeMap::from([(path, Some(Track { beats: beats(), features: None }))]);
         let library = MusicLibrary { files, tracks };
-        let first = |i: usize, frames: usize| library.align(&segments[i], (frames, 20.0)).unwrap().unwrap().beats_s[0];
+        let first = |i: usize, frames: usize| library.align(&segments[i], frames, 20.0).unwrap().unwrap().beats_s[0];
         assert_eq!((segments.len(), first(0, 10), first(1, 30)), (2, 0.25, -0.25));
         assert!(segments.iter().all(|item| item.clip_name() == "a/b"));
         assert_eq!(Item { name: "c@d".into(), ..Item::default() }.clip_name(), "c@d");
@@ -213,20 +213,22 @@ mod tests {
     #[test]
     fn beats_are_counted_from_the_dance_s_beginning() {
         let path = Path::new("song.wav");
-        assert_eq!(beats_in_dance(path, &beats(), (0.0, 3.0)).unwrap(), [0.5, 1.0, 1.5, 2.0, 2.5]);
-        assert_eq!(beats_in_dance(path, &beats(), (1.25, 2.0)).unwrap(), [-0.75, -0.25, 0.25, 0.75, 1.25]);
+        assert_eq!(beats_in_dance(path, &beats(), 0.0, 3.0).unwrap(), [0.5, 1.0, 1.5, 2.0, 2.5]);
+        assert_eq!(beats_in_dance(path, &beats(), 1.25, 2.0).unwrap(), [-0.75, -0.25, 0.25, 0.75, 1.25]);
     }
 
     #[test]
     fn music_that_does_not_cover_the_dance_is_refused() {
-        let said = |beats: &Beats, at| beats_in_dance(Path::new("song.wav"), beats, at).unwrap_err().to_string();
-        let short = said(&beats(), (1.0, 2.6));
+        let said = |beats: &Beats, from_s, seconds| {
+            beats_in_dance(Path::new("song.wav"), beats, from_s, seconds).unwrap_err().to_string()
+        };
+        let short = said(&beats(), 1.0, 2.6);
         assert!(short.contains("song.wav: found 2.00 s of music after 1 s, expected 2.60 s"), "{short}");
-        let outside = said(&beats(), (3.0, 1.0));
+        let outside = said(&beats(), 3.0, 1.0);
         assert!(outside.contains("found a beginning at 3 s, expected 0 up to below 3.00 s"), "{outside}");
-        assert!(said(&beats(), (-1.0, 1.0)).contains("a beginning at -1 s"));
+        assert!(said(&beats(), -1.0, 1.0).contains("a beginning at -1 s"));
         let silent = Beats { times_s: vec![], seconds: 3.0, ..Beats::default() };
-        assert!(said(&silent, (0.0, 1.0)).contains("found 0 beats in 3.00 s of music, expected two or more"));
+        assert!(said(&silent, 0.0, 1.0).contains("found 0 beats in 3.00 s of music, expected two or more"));
     }
 
     #[test]

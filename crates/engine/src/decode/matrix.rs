@@ -44,7 +44,8 @@ impl Matrix {
     /// Packs the numbers `at(row, column)` in pieces of `piece` columns.
     pub(super) fn packed(
         kind: WeightKind,
-        (k, n): (usize, usize),
+        k: usize,
+        n: usize,
         piece: usize,
         bias: impl Fn(usize) -> f32,
         at: impl Fn(usize, usize) -> f32,

@@ -68,7 +68,8 @@ impl StackDecoder {
     pub fn new(
         weights: &StackWeights,
         kv: KvKind,
-        (streams, places): (usize, usize),
+        streams: usize,
+        places: usize,
         rows: usize,
         widest: usize,
     ) -> StackDecoder {
@@ -151,7 +152,7 @@ impl StackDecoder {
         let unit = self.cache.unit();
         for (i, block) in weights.blocks.iter().enumerate() {
             let layer = self.cache.layer::<E>(i);
-            self.scratch.attention(block, self.rows, (&self.runs, weights.angles.as_ref()), layer, unit);
+            self.scratch.attention(block, self.rows, &self.runs, weights.angles.as_ref(), layer, unit);
             self.scratch.mlp(block, self.rows);
         }
     }
@@ -194,7 +195,8 @@ impl Scratch {
         &mut self,
         block: &Block,
         rows: usize,
-        (runs, angles): (&[Run], Option<&Angles>),
+        runs: &[Run],
+        angles: Option<&Angles>,
         cache: &mut [E],
         unit: Unit,
     ) {

@@ -91,11 +91,11 @@ impl Model {
         let d = self.stack.width / self.stack.heads;
         let angles = self.rotary.then(|| Angles::new(self.places / 3 + 1, d));
         let weights_of_stack = StackWeights::new(&blocks, self.stack, weights, angles);
-        let head = Matrix::transposed(&self.head, (VOCABULARY, self.stack.width), weights);
+        let head = Matrix::transposed(&self.head, VOCABULARY, self.stack.width, weights);
         Decoder {
             model: self,
             norm: Norm::new(self.norm(), self.stack.width),
-            decoder: StackDecoder::new(&weights_of_stack, kv, (streams, self.places), usize::MAX, head.columns()),
+            decoder: StackDecoder::new(&weights_of_stack, kv, streams, self.places, usize::MAX, head.columns()),
             weights: weights_of_stack,
             head,
         }

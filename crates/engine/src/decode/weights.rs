@@ -110,15 +110,15 @@ impl Block {
             // a head at a time is packed whole, since a thread computes its query, key and value and then attends
             let column = |j: usize| j / d * width + h * d + j % d;
             let at = |i: usize, j: usize| weight[i * 3 * width + column(j)];
-            Matrix::packed(kind, (width, 3 * d), 3 * d, |j| bias[column(j)], at)
+            Matrix::packed(kind, width, 3 * d, 3 * d, |j| bias[column(j)], at)
         };
         Block {
             norm1: Norm::new(parts.norm1, width),
             heads: (0..stack.heads).map(head).collect(),
-            out: Matrix::linear(parts.out, (width, width), kind),
+            out: Matrix::linear(parts.out, width, width, kind),
             norm2: Norm::new(parts.norm2, width),
-            up: Matrix::linear(parts.up, (width, 4 * width), kind),
-            down: Matrix::linear(parts.down, (4 * width, width), kind),
+            up: Matrix::linear(parts.up, width, 4 * width, kind),
+            down: Matrix::linear(parts.down, 4 * width, width, kind),
         }
     }
 }
@@ -140,19 +140,19 @@ impl Matrix {
     ///
     /// # Panics
     /// If weight or bias has another length.
-    pub fn linear((weight, bias): Pair, (k, n): (usize, usize), kind: WeightKind) -> Matrix {
+    pub fn linear((weight, bias): Pair, k: usize, n: usize, kind: WeightKind) -> Matrix {
         check("a linear layer", weight, k * n);
         check("a linear layer's bias", bias, n);
-        Matrix::packed(kind, (k, n), PIECE, |j| bias[j], |i, j| weight[i * n + j])
+        Matrix::packed(kind, k, n, PIECE, |j| bias[j], |i, j| weight[i * n + j])
     }
 
     /// The transpose of a `table` (n, k) without bias: a head whose rows are token embeddings.
     ///
     /// # Panics
     /// If the table has another length.
-    pub fn transposed(table: &[f32], (n, k): (usize, usize), kind: WeightKind) -> Matrix {
+    pub fn transposed(table: &[f32], n: usize, k: usize, kind: WeightKind) -> Matrix {
         check("a table", table, n * k);
-        Matrix::packed(kind, (k, n), PIECE, |_| 0.0, |i, j| table[j * k + i])
+        Matrix::packed(kind, k, n, PIECE, |_| 0.0, |i, j| table[j * k + i])
     }
 }
 

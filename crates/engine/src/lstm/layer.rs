@@ -79,7 +79,7 @@ struct Slab {
 }
 
 impl Layer {
-    pub fn new(inputs: usize, width: usize, (batch, steps): (usize, usize), backward: bool) -> Layer {
+    pub fn new(inputs: usize, width: usize, batch: usize, steps: usize, backward: bool) -> Layer {
         let wide = UNITS.next_multiple_of(panel());
         let slab = |first: usize| {
             let units = wide.min(width - first);
@@ -163,9 +163,9 @@ impl Layer {
             self.slabs.par_iter_mut().for_each(|slab| {
                 // by the slab itself, not before the loop: one barrier less per stretch
                 if t == stretch.start {
-                    slab.product(stretch.clone(), b, (inputs, i), Store::Set);
+                    slab.product(stretch.clone(), b, inputs, i, Store::Set);
                 }
-                slab.product(t..t + 1, b, (before, d), Store::Add);
+                slab.product(t..t + 1, b, before, d, Store::Add);
                 slab.step(t, b);
             });
             for slab in &self.slabs {
@@ -190,7 +190,7 @@ impl Layer {
                 true => Next::Both(&next[..4 * b * d]),
             };
             let dh = &back.dh[t * b * d..][..b * d];
-            self.slabs.par_iter_mut().for_each(|slab| slab.step_back(t, (b, d), dh, next));
+            self.slabs.par_iter_mut().for_each(|slab| slab.step_back(t, b, d, dh, next));
             for slab in &self.slabs {
                 let p = slab.padded;
                 let from = slab.gates[4 * t * b * p..].chunks_exact(4 * p);
@@ -207,7 +207,7 @@ impl Layer {
 
 impl Slab {
     /// Products with the input (I rows) or, added, with the own output before, into the sums of these steps.
-    fn product(&mut self, steps: Range<usize>, batch: usize, (a, k): (&[f32], usize), store: Store) {
+    fn product(&mut self, steps: Range<usize>, batch: usize, a: &[f32], k: usize, store: Store) {
         let n = 4 * self.padded;
         let rows = steps.len() * batch;
         let gates = &mut self.gates[steps.start * batch * n..][..rows * n];
@@ -223,7 +223,7 @@ impl Slab {
         cell::forward(gates, &self.bias, &before[t * row..], &mut now[..row], &mut self.h);
     }
 
-    fn step_back(&mut self, t: usize, (batch, d): (usize, usize), above: &[f32], next: Next) {
+    fn step_back(&mut self, t: usize, batch: usize, d: usize, above: &[f32], next: Next) {
         let (first, units, p) = (self.first, self.units, self.padded);
         let Some((turned, dh, dc)) = &mut self.back else { return };
         for (to, from) in dh.chunks_exact_mut(p).zip(above.chunks_exact(d)) {

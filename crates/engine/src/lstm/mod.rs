@@ -132,7 +132,7 @@ impl Lstm {
         let Shape { channels: c, width: d, layers, .. } = shape;
         assert!(c * d * layers * batch * steps > 0, "{shape:?}, {batch} sequences of {steps} steps");
         let (rows, widest) = (batch * steps, c.max(4 * d));
-        let layer = |l: usize| Layer::new(if l == 0 { c } else { d }, d, (batch, steps), backward);
+        let layer = |l: usize| Layer::new(if l == 0 { c } else { d }, d, batch, steps, backward);
         Lstm {
             shape,
             sizes: shape.tensors().iter().map(|[rows, columns]| rows * columns).collect(),

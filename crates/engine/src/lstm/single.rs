@@ -24,7 +24,7 @@ impl Single {
     ///
     /// # Panics
     /// If a size is 0.
-    pub fn new(inputs: usize, width: usize, (batch, steps): (usize, usize), backward: bool) -> Single {
+    pub fn new(inputs: usize, width: usize, batch: usize, steps: usize, backward: bool) -> Single {
         assert!(inputs * width * batch * steps > 0, "{inputs} inputs, {width} units, {batch} sequences, {steps} steps");
         Single {
             inputs,
@@ -32,7 +32,7 @@ impl Single {
             batch,
             steps,
             forced: Vec::with_capacity(steps),
-            layer: Layer::new(inputs, width, (batch, steps), backward),
+            layer: Layer::new(inputs, width, batch, steps, backward),
             seen: Floats::new(if backward { steps * batch * width } else { 0 }),
             sums: backward.then(|| Sums::new(batch * steps, 4 * width)),
         }
@@ -176,7 +176,7 @@ mod tests {
             let (x, rows) = (numbers(9, steps * b * inputs, 1.0), numbers(8, steps * b * d, 1.0));
             let pull = numbers(7, steps * b * d, 1.0);
             let all: Vec<Vec<f64>> = weights.iter().map(|w| wide(w)).collect();
-            let mut single = Single::new(inputs, d, (b, steps + 2), true);
+            let mut single = Single::new(inputs, d, b, steps + 2, true);
             single.pack(&weights);
             let outputs = single.forward(&x, TeacherForcing { steps: &forced, rows: &rows }).to_vec();
             near(mask, &outputs, &plain((inputs, d, b), &all, &wide(&x), &forced, &rows), BOUND);
@@ -227,7 +227,7 @@ mod tests {
         let mut lstm = Lstm::new(shape, 1, 6, false);
         lstm.pack(&weights);
         let found = lstm.forward(&x, &[true; 6]).to_vec();
-        let mut single = Single::new(channels, width, (1, 6), false);
+        let mut single = Single::new(channels, width, 1, 6, false);
         single.pack(&weights[..4]);
         let h = single.forward(&x, TeacherForcing::NONE);
         let of = |t: usize, c: usize| -> f64 {

@@ -29,15 +29,6 @@ pub fn again(out: &mut [f32], x: &[f32], stats: &[f32], weight: &[f32], bias: &[
     dispatch::run(Again { out, x, stats, weight, bias });
 }
 
-/// Writes y, the rows without weight and bias, from the `stats` that [`forward`] left; rows are `width` numbers.
-///
-/// # Panics
-/// Shapes that don't fit.
-pub fn normalised(out: &mut [f32], x: &[f32], stats: &[f32], width: usize) {
-    check(x, stats, width, [out.len(), x.len()], [width; 2]);
-    dispatch::run(Normalised { out, x, stats, width });
-}
-
 /// The inputs of the backward pass from [`forward`].
 #[derive(Debug, Clone, Copy)]
 pub struct Saved<'a> {
@@ -107,33 +98,6 @@ impl WithSimd for Again<'_> {
         let rows = out.chunks_exact_mut(width).zip(x.chunks_exact(width));
         for ((out, x), stats) in rows.zip(stats.as_chunks::<2>().0) {
             scaled_row(simd, out, x, *stats, weight, bias);
-        }
-    }
-}
-
-struct Normalised<'a> {
-    out: &'a mut [f32],
-    x: &'a [f32],
-    stats: &'a [f32],
-    width: usize,
-}
-
-impl WithSimd for Normalised<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Normalised { out, x, stats, width } = self;
-        let rows = out.chunks_exact_mut(width).zip(x.chunks_exact(width));
-        for ((out, x), stats) in rows.zip(stats.as_chunks::<2>().0) {
-            let row = Stats::new(simd, *stats);
-            let ((out, out_tail), (x, x_tail)) = (S::as_mut_simd_f32s(out), S::as_simd_f32s(x));
-            for (o, x) in out.iter_mut().zip(x) {
-                *o = row.y(simd, *x);
-            }
-            if !x_tail.is_empty() {
-                simd.partial_store_f32s(out_tail, row.y(simd, simd.partial_load_f32s(x_tail)));
-            }
         }
     }
 }
@@ -329,7 +293,7 @@ mod tests {
             // a mean far from 0, as one pass over the squares would not survive
             let x: Vec<f32> = numbers(1, n * width, 2.0).iter().map(|x| x + 100.0).collect();
             let (weight, bias) = (numbers(2, width, 2.0), numbers(3, width, 1.0));
-            let [mut out, mut second, mut y] = [vec![7.0; n * width], vec![7.0; n * width], vec![7.0; n * width]];
+            let [mut out, mut second] = [vec![7.0; n * width], vec![7.0; n * width]];
             let mut stats = vec![7.0; 2 * n];
             lanes.run(Forward { out: &mut out, stats: &mut stats, x: &x, weight: &weight, bias: &bias });
             // the mean of numbers near 100 is rounded to their last place, and a single number has no deviation to it
@@ -337,8 +301,6 @@ mod tests {
             near(&what, &out, &scalar::forward(&x, &weight, &bias), moved);
             lanes.run(Again { out: &mut second, x: &x, stats: &stats, weight: &weight, bias: &bias });
             assert_eq!(out, second, "{what}");
-            lanes.run(Normalised { out: &mut y, x: &x, stats: &stats, width });
-            near(&what, &y, &scalar::normalised(&x, width), moved);
             let moments: Vec<f64> = x.chunks(width).map(scalar::moments).flat_map(|(m, r)| [m, r]).collect();
             near(&what, &stats, &moments, moved);
         }
@@ -371,7 +333,8 @@ mod tests {
         let (mut out, mut stats) = ([0.0; 4], [0.0; 4]);
         forward(&mut out, &mut stats, &x, &w, &[0.0, 0.0]);
         assert!((stats[0] - 2.0).abs() < 1e-6 && (stats[1] - 1.0).abs() < 1e-5, "{stats:?}");
-        let wrong = std::panic::catch_unwind(|| normalised(&mut [0.0; 3], &[0.0; 3], &[0.0; 2], 2)).unwrap_err();
+        let wrong =
+            std::panic::catch_unwind(|| again(&mut [0.0; 3], &[0.0; 3], &[0.0; 2], &[0.0; 2], &[0.0; 2])).unwrap_err();
         let message = wrong.downcast_ref::<String>().unwrap();
         assert_eq!(message, "layer norm: 3 numbers are no rows of 2");
     }

@@ -30,7 +30,7 @@ impl CodeSplits {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Invalid`] for a corpus of other words; [`kinelm_store::Error::File`] when an id stands where it may not.
-    pub fn of_corpora(fitted: &Corpus, (corpus, measured): (&Corpus, Split), extent: Extent) -> Result<Self> {
+    pub fn of_corpora(fitted: &Corpus, corpus: &Corpus, measured: Split, extent: Extent) -> Result<Self> {
         let Some(channels) = channels(corpus) else {
             return Err(Error::unsupported(
                 "static floors of channels",

@@ -30,18 +30,18 @@ impl Floors {
     ///
     /// # Errors
     /// Corpora of two tokenizers; a split without frames; ids that stand where they may not.
-    pub fn of_corpora(fitted: &Corpus, measured: (&Corpus, Split), extent: Extent) -> Result<Floors> {
-        let [found, expected] = [fitted, measured.0].map(|corpus| corpus.tokenizer().base_hash());
+    pub fn of_corpora(fitted: &Corpus, corpus: &Corpus, split: Split, extent: Extent) -> Result<Floors> {
+        let [found, expected] = [fitted, corpus].map(|corpus| corpus.tokenizer().base_hash());
         if found != expected {
             let help = "tokenize both with one tokenizer.json";
             let (found, expected) = (format!("a corpus of tokenizer {found}"), format!("that of {expected}"));
             return Err(Error::file(fitted.dir(), found, expected, help));
         }
-        Ok(match codes::channels(measured.0) {
-            Some(_) => {
-                Floors::Channels(Box::new(ChannelFloors::measure(&CodeSplits::of_corpora(fitted, measured, extent)?)?))
-            }
-            None => Floors::Tokens(TokenFloors::measure(fitted, measured, extent)?),
+        Ok(match codes::channels(corpus) {
+            Some(_) => Floors::Channels(Box::new(ChannelFloors::measure(&CodeSplits::of_corpora(
+                fitted, corpus, split, extent,
+            )?)?)),
+            None => Floors::Tokens(TokenFloors::measure(fitted, corpus, split, extent)?),
         })
     }
 

@@ -45,11 +45,7 @@ impl TokenFloors {
     ///
     /// # Errors
     /// [`kinelm_store::Error::File`] when a split has no frame.
-    pub(crate) fn measure(
-        fitted: &Corpus,
-        (corpus, measured): (&Corpus, Split),
-        extent: Extent,
-    ) -> Result<TokenFloors> {
+    pub(crate) fn measure(fitted: &Corpus, corpus: &Corpus, measured: Split, extent: Extent) -> Result<TokenFloors> {
         // labels may have been added to one of them
         let vocabulary = corpus.manifest().vocabulary.max(fitted.manifest().vocabulary);
         let (seen, held_out) = (stretches(fitted, Split::Train, extent), stretches(corpus, measured, extent));

@@ -126,7 +126,8 @@ impl Report {
 pub fn study(
     dataset: &Dataset,
     options: &StudyOptions,
-    (out, outputs): (&Path, &Outputs),
+    out: &Path,
+    outputs: &Outputs,
     watch: &mut dyn FnMut(Event<'_>),
 ) -> Result<Report> {
     let names = FILES.map(|name| out.join(name));

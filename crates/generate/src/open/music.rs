@@ -51,7 +51,7 @@ impl OpenMusic {
     /// # Errors
     /// Music that ends before the dance, or has no beat in it.
     pub fn check(&self, seconds: f64) -> Result<()> {
-        Ok(beats_in_dance(&self.request.path, &self.piece.beats, (self.request.from_s, seconds)).map(|_| ())?)
+        Ok(beats_in_dance(&self.request.path, &self.piece.beats, self.request.from_s, seconds).map(|_| ())?)
     }
 
     /// The beats in seconds from the dance's beginning; earlier ones are negative.

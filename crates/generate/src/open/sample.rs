@@ -5,7 +5,6 @@ use crate::sampler::{Guidance, NextToken, SampledTokens, Sampler, SamplingPlan, 
 use crate::{Error, Result, RunModel};
 use kinelm_corpus::music::clip_music::ClipMusic;
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
-use kinelm_model::music;
 use kinelm_tokenizer::Words;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -138,12 +137,7 @@ impl OpenRequest {
         let (fps, lead_in) = (self.tokenizer.fps(), self.resolved.lead_in as f64);
         let times = (0..words).map(|word| (word as f64 - lead_in) / fps);
         let beats_s = music.beats_s();
-        music::conditioning(
-            self.run.config.music_conditioning(),
-            &ClipMusic { beats_s: &beats_s, rows: music.rows() },
-            times,
-            1.0,
-        )
+        self.run.config.music_conditioning(&ClipMusic { beats_s: &beats_s, rows: music.rows() }, times, 1.0)
     }
 
     /// The try that ends nearest to where the clip continues; of equals the first.

@@ -4,6 +4,7 @@ use crate::open::OpenRequest;
 use crate::{Error, Result};
 use kinelm_corpus::windows::{eval_windows, fill_sequence};
 use kinelm_corpus::words::ClipWords;
+use kinelm_model::TokenWindows;
 use kinelm_model::scored_windows::room;
 use kinelm_tokenizer::{SPACE, Words};
 
@@ -36,7 +37,8 @@ impl OpenRequest {
                 fill_sequence(&ids[window.start..][..window.tokens], front, pad, &mut input, &mut target);
                 target[..front.len() - 1 + window.scored.start].fill(pad);
                 let mut scored = vec![0.0; length];
-                model.nats(&input, &target, length, &mut scored)?;
+                let windows = TokenWindows { inputs: &input, targets: &target, length, conditioning: None };
+                model.nats(windows, &mut scored)?;
                 nats += scored.iter().map(|&x| f64::from(x)).sum::<f64>();
             }
             let frames = starts.len() * self.tokenizer.frames_per_word();

@@ -38,7 +38,7 @@ impl GoalConditioning {
         let previous = word.checked_sub(1)?;
         let Conditioning { numbers, rows: [steps, paces], .. } = &mut self.frame;
         let known = (codes(previous), self.states[previous].as_ref());
-        let has_goal = self.goals.encode(word, (&known.0, known.1), numbers, [steps, paces]);
+        let has_goal = self.goals.encode(word, &known.0, known.1, numbers, [steps, paces]);
         self.last = self.last.filter(|_| !has_goal).or(has_goal.then_some(word));
         has_goal.then_some(FrameConditioning { numbers, rows: [steps, paces] })
     }

@@ -83,7 +83,7 @@ impl Timeline {
     /// # Errors
     /// Those of [`Timeline::load`].
     pub fn parse(path: &Path, text: &str) -> Result<(Timeline, TimelineLayout)> {
-        let wrong = |span, found: &str, expected: &str| Error::in_text((path, text), span, found, expected, HELP);
+        let wrong = |span, found: &str, expected: &str| Error::in_text(path, text, span, found, expected, HELP);
         if text.len() > MOST_BYTES {
             let help = "generate the dance in parts";
             let expected = format!("a timeline of at most {MOST_BYTES} bytes, some thousand segments");

@@ -36,11 +36,7 @@ pub(super) struct Conditioning {
 }
 
 impl Conditioning {
-    pub fn new(
-        numbers: &Numbers,
-        config: &ModelConfig,
-        (streams, frames, word): (usize, usize, usize),
-    ) -> Conditioning {
+    pub fn new(numbers: &Numbers, config: &ModelConfig, streams: usize, frames: usize, word: usize) -> Conditioning {
         let [trunk, decoder, tables @ ..] = layout::GOAL.map(|name| numbers.optional(name));
         let [trunk_music, decoder_music] = layout::MUSIC.map(|name| numbers.optional(name));
         let goal = if config.goal { goal::numbers(word - 1) } else { 0 };
@@ -61,7 +57,7 @@ impl Conditioning {
     }
 
     /// Sets the conditioning of a frame; nothing is set where there is neither a goal nor music.
-    pub fn set(&mut self, (stream, frame): (usize, usize), goal: Option<FrameConditioning>, music: &[f32]) {
+    pub fn set(&mut self, stream: usize, frame: usize, goal: Option<FrameConditioning>, music: &[f32]) {
         assert!(frame < self.frames, "frame {frame} of {}", self.frames);
         if self.numbers_per_frame == 0 {
             return;
@@ -93,13 +89,13 @@ impl Conditioning {
     }
 
     /// Whether a frame has conditioning.
-    fn is_set(&self, (stream, frame): (usize, usize)) -> bool {
+    fn is_set(&self, stream: usize, frame: usize) -> bool {
         self.is_set.get(stream * self.frames + frame).is_some_and(|is| *is)
     }
 
     /// Adds a frame's numbers times `matrix` (P, n), one of the weights, to `x` (n).
-    pub fn add(&self, x: &mut [f32], (stream, frame): (usize, usize), matrix: &[f32]) {
-        if !self.is_set((stream, frame)) {
+    pub fn add(&self, x: &mut [f32], stream: usize, frame: usize, matrix: &[f32]) {
+        if !self.is_set(stream, frame) {
             return;
         }
         let numbers =
@@ -110,8 +106,8 @@ impl Conditioning {
     }
 
     /// Adds the rows of both tables to the row `x` (d) of a slot of a frame.
-    pub fn add_rows(&self, x: &mut [f32], (stream, frame): (usize, usize), slot: usize) {
-        if !self.is_set((stream, frame)) {
+    pub fn add_rows(&self, x: &mut [f32], stream: usize, frame: usize, slot: usize) {
+        if !self.is_set(stream, frame) {
             return;
         }
         for (rows, table) in self.rows.iter().zip(&self.tables) {

@@ -79,12 +79,13 @@ impl Head {
     /// The head of a model whose last vectors are `width` wide; sequences have `front` tokens in front.
     pub fn new(
         numbers: &Numbers,
-        (config, tokens): (&ModelConfig, &TokenLayout),
+        config: &ModelConfig,
+        tokens: &TokenLayout,
         front: usize,
         width: usize,
         kind: WeightKind,
     ) -> Head {
-        let matrix = |table: &[f32]| Matrix::transposed(table, (table.len() / width, width), kind);
+        let matrix = |table: &[f32]| Matrix::transposed(table, table.len() / width, width, kind);
         // a table exists only if such slots do
         let optional = |name: &str| Some(numbers.optional(name)).filter(|table| !table.is_empty()).map(matrix);
         let steps = (config.head_of(tokens) == HeadKind::Relative).then(|| StepTables {
@@ -166,7 +167,7 @@ mod tests {
 
     fn matrix(n: usize) -> Matrix {
         let numbers: Vec<f32> = (0..n).map(|j| j as f32).collect();
-        Matrix::transposed(&numbers, (n, 1), WeightKind::F32)
+        Matrix::transposed(&numbers, n, 1, WeightKind::F32)
     }
 
     #[test]
@@ -192,7 +193,7 @@ mod tests {
     fn steps_go_round_or_are_shifted() {
         // a row whose product with column j is j
         let weights = StackWeights::new(&[], Stack { layers: 0, heads: 1, width: 1 }, WeightKind::F32, None);
-        let mut stack = StackDecoder::new(&weights, KvKind::F32, (1, 2), 2, 192);
+        let mut stack = StackDecoder::new(&weights, KvKind::F32, 1, 2, 2, 192);
         stack.push(Run { stream: 0, place: 0, rows: 2 });
         stack.norm(&Norm::new((&[0.0], &[1.0]), 1), 0..2);
         let mut logits = [-1.0; 8];

@@ -7,7 +7,7 @@ use super::{Logits, ReaderOptions};
 use crate::config::Architecture;
 use crate::config::{ModelConfig, ModelKind, TokenLayout};
 use crate::gpt::Gpt;
-use crate::scores::Scores;
+use crate::scores::{Scores, TokenWindows};
 use crate::{Error, Result, goal};
 use kinelm_engine::op::cross_entropy;
 
@@ -208,13 +208,8 @@ impl Scores for Reader {
         &self.tokens
     }
 
-    fn nats_conditioned(
-        &mut self,
-        (inputs, targets): (&[u32], &[u32]),
-        length: usize,
-        conditioning: Option<&goal::Conditioning>,
-        out: &mut [f32],
-    ) -> Result<()> {
+    fn nats(&mut self, windows: TokenWindows, out: &mut [f32]) -> Result<()> {
+        let TokenWindows { inputs, targets, length, conditioning } = windows;
         if conditioning.is_some() {
             let why = "it is given to whole windows; measure with weights and keys in f32";
             return Err(Error::unsupported("conditioning on goals or music", why));

@@ -3,7 +3,9 @@
 use super::two_level::Progress;
 use super::*;
 use crate::goal::Conditioning;
-use crate::{Architecture, Gpt, ModelConfig, ModelKind, Positions, Scores, TokenLayout, fixtures, layout};
+use crate::{
+    Architecture, Gpt, ModelConfig, ModelKind, Positions, Scores, TokenLayout, TokenWindows, fixtures, layout,
+};
 use candle_core::{Device, Tensor};
 use rand_chacha::rand_core::RngCore;
 
@@ -182,8 +184,9 @@ fn scores_are_those_of_the_plain_form() {
     let (inputs, mut targets) = (ids(60, 1), ids(60, 2));
     targets[25..].fill(0);
     let (mut found, mut expected) = (vec![9.0; 60], vec![9.0; 60]);
-    reader.nats(&inputs, &targets, 30, &mut found).unwrap();
-    gpt.nats(&inputs, &targets, 30, &mut expected).unwrap();
+    let windows = TokenWindows { inputs: &inputs, targets: &targets, length: 30, conditioning: None };
+    reader.nats(windows, &mut found).unwrap();
+    gpt.nats(windows, &mut expected).unwrap();
     assert!(apart(&found, &expected) < 1e-5);
 }
 
@@ -195,7 +198,7 @@ fn bytes_and_half_floats_cost_less_than_half_a_percent() {
         let mut out = vec![0.0; 70];
         Reader::new(&gpt, ReaderOptions { streams: 1, weights, kv })
             .unwrap()
-            .nats(&inputs, &targets, 70, &mut out)
+            .nats(TokenWindows { inputs: &inputs, targets: &targets, length: 70, conditioning: None }, &mut out)
             .unwrap();
         out.iter().sum::<f32>()
     };

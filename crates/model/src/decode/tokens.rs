@@ -92,7 +92,7 @@ impl Weights {
             previous,
             norm: numbers.norm("norm", width),
             stack: numbers.stack("", stack, kind, angles),
-            head: Head::new(&numbers, (config, tokens), tokens.front, width, kind),
+            head: Head::new(&numbers, config, tokens, tokens.front, width, kind),
         })
     }
 
@@ -121,7 +121,7 @@ impl TokenDecoder {
 
     fn new(weights: Arc<Weights>, kv: KvKind, streams: usize) -> TokenDecoder {
         let context = weights.context;
-        let stack = StackDecoder::new(&weights.stack, kv, (streams, context), streams * context, weights.head.widest());
+        let stack = StackDecoder::new(&weights.stack, kv, streams, context, streams * context, weights.head.widest());
         let counted = if matches!(weights.positions, PositionTables::Words { .. }) { context + 1 } else { 0 };
         TokenDecoder {
             lengths: vec![0; streams],

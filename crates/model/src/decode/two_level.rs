@@ -105,17 +105,17 @@ impl Weights {
             skipped: tokens.front - 1,
             character_width: shape.character_width,
             characters: numbers.floats("frame.character.weight"),
-            join: Matrix::linear(numbers.pair("frame.join"), (inputs, wide), kind),
+            join: Matrix::linear(numbers.pair("frame.join"), inputs, wide, kind),
             positions: numbers.floats("frame.position.weight"),
             labels: [layout::LABEL, layout::SPELT_LABEL].map(|name| Floats::of(numbers.optional(name))),
             trunk: numbers.stack(layout::TRUNK, trunk, kind, None),
             trunk_norm: numbers.norm("trunk.norm", wide),
-            output: Matrix::linear(numbers.pair("spell.frame"), (wide, d), kind),
+            output: Matrix::linear(numbers.pair("spell.frame"), wide, d, kind),
             tables: SPELT.map(|name| numbers.floats(name)),
             decoder: numbers.stack(layout::SPELL, decoder, kind, None),
             norm: numbers.norm("norm", d),
             // frames begin behind the last token of the front
-            head: Head::new(numbers, (config, tokens), 1, d, kind),
+            head: Head::new(numbers, config, tokens, 1, d, kind),
             frames,
         }
     }
@@ -174,23 +174,23 @@ impl TwoLevelDecoder {
     ) -> Result<Vec<TwoLevelDecoder>> {
         let numbers = Numbers::of(gpt)?;
         let weights = Arc::new(Weights::new(gpt, &numbers, options));
-        let new = |streams| TwoLevelDecoder::new(weights.clone(), (gpt, &numbers), options.kv, streams);
+        let new = |streams| TwoLevelDecoder::new(weights.clone(), gpt, &numbers, options.kv, streams);
         Ok(split(weights.bytes()).into_iter().map(new).collect())
     }
 
-    fn new(weights: Arc<Weights>, (gpt, numbers): (&Gpt, &Numbers), kv: KvKind, streams: usize) -> TwoLevelDecoder {
+    fn new(weights: Arc<Weights>, gpt: &Gpt, numbers: &Numbers, kv: KvKind, streams: usize) -> TwoLevelDecoder {
         let (window, word, [_, d]) = (weights.window, weights.frames.word(), weights.widths());
         // a stream of the decoder can have rows of many frames in a pass, but keeps the keys of one
         let rows = window * streams * word;
-        let decoder = StackDecoder::new(&weights.decoder, kv, (streams, word), rows, weights.head.widest());
-        let trunk = StackDecoder::new(&weights.trunk, kv, (streams, window), window * streams, d);
+        let decoder = StackDecoder::new(&weights.decoder, kv, streams, word, rows, weights.head.widest());
+        let trunk = StackDecoder::new(&weights.trunk, kv, streams, window, window * streams, d);
         TwoLevelDecoder {
             progress: vec![Progress::default(); streams],
             tokens: vec![0; streams * weights.context()],
             contexts: Floats::new(streams * window * d),
             trunk_rows: Vec::with_capacity(trunk.free()),
             inputs: Floats::new(trunk.free() * weights.input_width()),
-            conditioning: Conditioning::new(numbers, gpt.config(), (streams, window, word)),
+            conditioning: Conditioning::new(numbers, gpt.config(), streams, window, word),
             wanted: Vec::with_capacity(decoder.free()),
             logits: Vec::with_capacity(streams * weights.vocabulary),
             trunk,
@@ -229,7 +229,7 @@ impl TwoLevelDecoder {
     /// Sets the conditioning of a frame of a stream, before the last token in front of it is read. Frames from it on that
     /// were read already are read again with the next block.
     pub fn condition(&mut self, stream: usize, frame: usize, goal: Option<FrameConditioning>, music: &[f32]) {
-        self.conditioning.set((stream, frame), goal, music);
+        self.conditioning.set(stream, frame, goal, music);
         let progress = &mut self.progress[stream];
         progress.frames = progress.frames.min(frame);
         if progress.frame >= frame {
@@ -293,7 +293,7 @@ impl TwoLevelDecoder {
         let inputs = self.inputs[first * wide..].chunks_exact_mut(wide);
         for ((x, input), frame) in rows.chunks_exact_mut(width).zip(inputs).zip(frame..) {
             Weights::add_labels(x, &weights.labels[0], labels);
-            self.conditioning.add(x, (stream, frame), &self.conditioning.trunk);
+            self.conditioning.add(x, stream, frame, &self.conditioning.trunk);
             weights.write_input(input, sequence, frame);
         }
     }
@@ -311,7 +311,7 @@ impl TwoLevelDecoder {
             product.copy(row, 0, context);
             let labels = &self.tokens[stream * weights.context()..][1..=weights.skipped];
             Weights::add_labels(context, &weights.labels[1], labels);
-            self.conditioning.add(context, (stream, frame), &self.conditioning.decoder);
+            self.conditioning.add(context, stream, frame, &self.conditioning.decoder);
         }
         self.trunk.clear();
     }
@@ -365,7 +365,7 @@ impl TwoLevelDecoder {
                 x.copy_from_slice(context);
                 let rows = weights.frames.words().spelt(ids, i);
                 weights.tables.iter().zip(rows).for_each(|(table, row)| add_row(x, table, row));
-                self.conditioning.add_rows(x, (stream, frame), i % word);
+                self.conditioning.add_rows(x, stream, frame, i % word);
             }
             let wanted = (from..from + n).zip(row..).filter(|&(place, _)| place >= first);
             self.wanted.extend(wanted.map(|(place, row)| LogitRow { row, stream, place }));

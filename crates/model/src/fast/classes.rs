@@ -46,13 +46,14 @@ impl Fast {
         windows: Windows,
         dropout: Option<&Dropout>,
         gradients: &mut [Floats],
-        (tables, rows): (&[Floats], &[ClassRow]),
+        tables: &[Floats],
+        rows: &[ClassRow],
         of_tables: &mut [Floats],
     ) -> Result<Losses> {
         let mut classes = 0.0;
         of_tables.iter_mut().for_each(|t| t.fill(0.0));
         let tokens = self.gradients_and(windows, dropout, gradients, &mut |model, last, dx, gradients| {
-            classes = model.class_loss(last, dx, gradients, (tables, rows), of_tables);
+            classes = model.class_loss(last, dx, gradients, tables, rows, of_tables);
         })?;
         Ok(Losses { tokens, classes })
     }
@@ -99,7 +100,8 @@ impl Fast {
         last: &[f32],
         dx: &mut [f32],
         gradients: &mut [Floats],
-        (tables, rows): (&[Floats], &[ClassRow]),
+        tables: &[Floats],
+        rows: &[ClassRow],
         of_tables: &mut [Floats],
     ) -> f64 {
         let d = self.config.width;
@@ -218,7 +220,7 @@ mod tests {
         let mut fast = Fast::of(&gpt).unwrap();
         let (mut gradients, mut of_tables) = (fast.like_weights(), tables.clone());
         let found = fast
-            .gradients_with_classes(case.windows(), None, &mut gradients, (&tables, &case.rows), &mut of_tables)
+            .gradients_with_classes(case.windows(), None, &mut gradients, &tables, &case.rows, &mut of_tables)
             .unwrap();
         // the same by the plain form, under the same mask
         let t = case.layout.length();
@@ -352,8 +354,8 @@ mod tests {
                 mask: mask(hiding.as_deref()),
                 conditioning: None,
             };
-            let targets = (tables.as_slice(), &rows[..]);
-            let found = fast.gradients_with_classes(windows, None, &mut gradients, targets, &mut of_tables).unwrap();
+            let found =
+                fast.gradients_with_classes(windows, None, &mut gradients, &tables, &rows, &mut of_tables).unwrap();
             let near = |found: f64, expected: &Tensor| {
                 let expected = expected.to_scalar::<f64>().unwrap();
                 (found - expected).abs() <= 1e-5 * expected.abs()

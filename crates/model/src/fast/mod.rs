@@ -20,7 +20,8 @@ pub use classes::{ClassRow, Losses};
 use super::config::{ModelConfig, TokenLayout};
 use super::goal::Conditioning;
 use super::layout::{self, Parameter, TRUNK};
-use super::{Architecture, Dropout, Gpt, ModelKind, Scores};
+use super::scores::{Scores, TokenWindows};
+use super::{Architecture, Dropout, Gpt, ModelKind};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
 use keys::Keys;
@@ -225,7 +226,7 @@ impl Fast {
             return Err(Error::invalid("the length of a window", format!("{length} tokens"), expected));
         }
         if let Some(conditioning) = conditioning {
-            conditioning.check(&self.config, &self.tokens, (inputs.len() / length, length))?;
+            conditioning.check(&self.config, &self.tokens, inputs.len() / length, length)?;
         }
         match inputs.iter().chain(targets).find(|&&id| id as usize >= vocabulary) {
             Some(id) => Err(Error::invalid("a token", format!("id {id}"), format!("ids below {vocabulary}"))),
@@ -285,13 +286,8 @@ impl Scores for Fast {
         &self.tokens
     }
 
-    fn nats_conditioned(
-        &mut self,
-        (inputs, targets): (&[u32], &[u32]),
-        length: usize,
-        conditioning: Option<&Conditioning>,
-        out: &mut [f32],
-    ) -> Result<()> {
+    fn nats(&mut self, windows: TokenWindows, out: &mut [f32]) -> Result<()> {
+        let TokenWindows { inputs, targets, length, conditioning } = windows;
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
         let windows = Windows { inputs, targets, length, mask: self.mask(), conditioning };
         let mut pass = self.scored(windows)?;

@@ -180,7 +180,8 @@ fn compare(
 fn check_nats(what: &str, (mut fast, nats): (Fast, f64), windows: Windows, dropout: Option<&Dropout>) {
     if dropout.is_none() && windows.conditioning.is_none() {
         let mut each = vec![f32::NAN; windows.inputs.len()];
-        fast.nats(windows.inputs, windows.targets, windows.length, &mut each).unwrap();
+        let Windows { inputs, targets, length, conditioning, .. } = windows;
+        fast.nats(TokenWindows { inputs, targets, length, conditioning }, &mut each).unwrap();
         let sum: f64 = each.iter().map(|x| *x as f64).sum();
         assert!((sum - nats).abs() <= BOUND * nats.max(1.0), "{what}: {sum} nats one by one, {nats} at once");
         assert!(each.iter().zip(windows.targets).all(|(x, &t)| (*x == 0.0) == (t == 0)), "{what}");

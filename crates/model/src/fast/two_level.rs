@@ -18,6 +18,7 @@ use kinelm_engine::dense;
 use kinelm_engine::linear::Products;
 use kinelm_engine::op::attention::Mask;
 use kinelm_engine::op::embedding::{Lookup, NONE};
+use kinelm_engine::op::layer_norm::Saved;
 use rayon::prelude::*;
 
 /// Bias and weight of the trunk's input projection, of its norm, and of its projection to the decoder.
@@ -96,7 +97,7 @@ struct MatrixBack {
 }
 
 impl Matrix {
-    fn new((n, conditioning, out): (usize, usize, usize), products: Products, learn: bool) -> Matrix {
+    fn new(n: usize, conditioning: usize, out: usize, products: Products, learn: bool) -> Matrix {
         Matrix {
             space: dense::Workspace::new(n, conditioning, out, products, learn),
             out: Floats::new(n * out),
@@ -168,7 +169,7 @@ impl TwoLevel {
             decoder: stack(SPELL, decoder.layers, shape(n, word, d, decoder.heads)),
             tellings: {
                 let telling = |numbers: fn(&Conditioning) -> &[f32], names, p| {
-                    let matrix = |out| Matrix::new((n, p, out), products, learn);
+                    let matrix = |out| Matrix::new(n, p, out, products, learn);
                     Telling { numbers, names, trunk: matrix(trunk), decoder: matrix(d) }
                 };
                 let [frame, spell, ..] = GOAL;
@@ -328,8 +329,8 @@ impl TwoLevel {
         let to = gradients_of(model, gradients, TELL);
         dense::backward(Some(d_normed), d_told, &self.normed, model.weight(TELL[1]), to, &mut self.tell);
         let Linear { weight, bias } = gradients_of(model, gradients, NORM);
-        let saved = (self.trunk.last(), &*self.stats);
-        dense::norm_backward(d_trunk, d_normed, saved, model.weight(NORM[1]), Norm { weight, bias });
+        let saved = Saved { x: self.trunk.last(), stats: &self.stats, weight: model.weight(NORM[1]) };
+        dense::norm_backward(d_trunk, d_normed, saved, Norm { weight, bias });
         added(model, self.trunk.last(), d_trunk, gradients);
         self.trunk.backward(&model.weights, gradients, d_trunk, between_frames(windows.mask), keys);
         for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {

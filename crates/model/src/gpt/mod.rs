@@ -13,7 +13,7 @@ use crate::goal::Conditioning;
 use crate::net::{Beside, Net};
 use crate::ops::Mask;
 use crate::{Error, Result, layout};
-use candle_core::{DType, Device, Tensor, Var};
+use candle_core::{Device, Tensor, Var};
 use kinelm_engine::op::smoothing::Smoothing;
 use std::collections::BTreeMap;
 
@@ -67,8 +67,9 @@ impl Gpt {
     ///
     /// # Errors
     /// None in practice.
+    #[cfg(test)]
     pub fn to_f64(&self) -> Result<Gpt> {
-        let tensors = self.vars.iter().map(|(n, v)| Ok((n.clone(), v.as_tensor().to_dtype(DType::F64)?)));
+        let tensors = self.vars.iter().map(|(n, v)| Ok((n.clone(), v.as_tensor().to_dtype(candle_core::DType::F64)?)));
         Gpt::from_tensors(&self.config, &self.tokens, tensors.collect::<Result<_>>()?)
     }
 
@@ -111,6 +112,7 @@ impl Gpt {
     ///
     /// # Errors
     /// As [`Gpt::forward`]; conditioning of other frames.
+    #[cfg(test)]
     pub fn forward_conditioned(&self, ids: &Tensor, conditioning: &Conditioning) -> Result<Tensor> {
         self.check_told(ids, Some(conditioning))?;
         self.net.forward(ids, &self.mask(), Beside { dropout: None, conditioning: Some(conditioning) }, None)
@@ -176,6 +178,7 @@ impl Gpt {
     ///
     /// # Errors
     /// As [`Gpt::loss_sum`].
+    #[cfg(test)]
     pub fn loss(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
         let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
         Ok((self.loss_sum(ids, targets, dropout)? / counted.max(1) as f64)?)
@@ -193,7 +196,7 @@ impl Gpt {
             return Err(Error::unsupported("token-by-token decoding in the plain form", why));
         }
         let c = &self.config;
-        Cache::new(self.frozen()?, (c.layers, c.heads, c.context, c.width / c.heads), self.device())
+        Cache::new(self.frozen()?, c.layers, c.heads, c.context, c.width / c.heads, self.device())
     }
 
     pub(super) fn frozen_nats(
@@ -209,7 +212,7 @@ impl Gpt {
 
     fn check_told(&self, ids: &Tensor, conditioning: Option<&Conditioning>) -> Result<()> {
         let (batch, length) = ids.dims2()?;
-        conditioning.map_or(Ok(()), |conditioning| conditioning.check(&self.config, &self.tokens, (batch, length)))
+        conditioning.map_or(Ok(()), |conditioning| conditioning.check(&self.config, &self.tokens, batch, length))
     }
 
     fn check(&self, ids: &Tensor, targets: &[u32]) -> Result<()> {

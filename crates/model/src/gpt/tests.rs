@@ -228,7 +228,7 @@ fn attention_sees_what_the_mask_lets_it() {
 #[test]
 fn wrong_windows_and_weights_are_refused_by_name() {
     let gpt = small(Positions::FrameJoint, true);
-    let long = Tensor::zeros((1, 11), DType::U32, &Device::Cpu).unwrap();
+    let long = Tensor::zeros((1, 11), candle_core::DType::U32, &Device::Cpu).unwrap();
     let message = gpt.forward(&long, None).unwrap_err().to_string();
     assert_eq!(message, "a window takes 11 tokens, the limit is 10 tokens; the model's context holds no more");
     let message = gpt.ids(&[3, 11], 2).unwrap_err().to_string();

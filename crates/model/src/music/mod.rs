@@ -53,8 +53,9 @@ impl Music {
 
 /// Music conditioning (N, M) of frames at these times of a clip, the sound by the scale of the training clips; `pace`
 /// seconds of the clip pass in one second of the frames.
-pub fn conditioning(
-    (music, scale): (Music, Option<&Scale>),
+pub(super) fn conditioning(
+    music: Music,
+    scale: Option<&Scale>,
     sound: &ClipMusic<'_>,
     times_s: impl Iterator<Item = f64>,
     pace: f64,

@@ -94,7 +94,7 @@ impl TwoLevel {
             u = u.broadcast_add(&self.of_labels(spelt, windows)?)?;
         }
         for (numbers, [_, decoder]) in self.conditioning(conditioning) {
-            u = (u + through(numbers, decoder, (windows.len(), frames))?)?;
+            u = (u + through(numbers, decoder, windows.len(), frames)?)?;
         }
         // a row for every token of every frame, the window's or not
         let word = self.frames.word();
@@ -156,7 +156,7 @@ impl TwoLevel {
             x = x.broadcast_add(&self.of_labels(label, windows)?)?;
         }
         for (numbers, [matrix, _]) in self.conditioning(beside.conditioning) {
-            x = (x + through(numbers, matrix, (windows.len(), frames))?)?;
+            x = (x + through(numbers, matrix, windows.len(), frames)?)?;
         }
         if let Some(dropout) = beside.dropout {
             x = dropout.apply(&x, "embedding")?;
@@ -181,7 +181,7 @@ impl TwoLevel {
 }
 
 /// The numbers of all frames (B F, P) times a matrix (P, n): (B, F, n).
-fn through(numbers: &[f32], matrix: &Tensor, (batch, frames): (usize, usize)) -> Result<Tensor> {
+fn through(numbers: &[f32], matrix: &Tensor, batch: usize, frames: usize) -> Result<Tensor> {
     let numbers = Tensor::from_slice(numbers, (batch * frames, matrix.dim(0)?), matrix.device())?;
     numbers.to_dtype(matrix.dtype())?.matmul(matrix)?.reshape((batch, frames, ()))
 }

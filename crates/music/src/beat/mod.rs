@@ -99,6 +99,7 @@ impl Beats {
     }
 }
 
+/// The median; of an even number the mean of the middle two.
 fn median(all: &mut [f64]) -> Option<f64> {
     all.sort_by(f64::total_cmp);
     let n = all.len();

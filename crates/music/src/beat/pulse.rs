@@ -64,10 +64,7 @@ pub fn pulse(change: &[f32], periods: &[f64]) -> Vec<f64> {
 fn extend(path: Vec<f64>, end: f64) -> Vec<f64> {
     let pace = |steps: &[f64]| {
         let mut all: Vec<f64> = steps.windows(2).map(|w| w[1] - w[0]).collect();
-        all.sort_by(f64::total_cmp);
-        // for an even number the mean of the middle two
-        let n = all.len();
-        if n == 0 { f64::INFINITY } else { 0.5 * (all[(n - 1) / 2] + all[n / 2]) }
+        super::median(&mut all).unwrap_or(f64::INFINITY)
     };
     let n = path.len();
     let (first, last) = (pace(&path[..n.min(9)]), pace(&path[n.saturating_sub(9)..]));

@@ -114,7 +114,7 @@ impl Index {
         let start = start_of(&query.clip, clip.frames(), spec.frames, spec.fps, query.at_s)?;
         let extractor = FeatureExtractor::new(self.options(), self.basis(), query.models)?;
         let feature = extractor.embed(extractor.extract(&clip, &[start])?)?;
-        let own = query_window(query, entry, start, (spec.frames, spec.fps), read, sha256);
+        let own = query_window(query, entry, start, spec.frames, spec.fps, read, sha256);
         let origin = Origin { clip: known, entry, start };
         let begun = Instant::now();
         let exclusion = Exclusion::new(database, query.exclude, origin, spec.frames);
@@ -167,7 +167,8 @@ fn query_window(
     query: &Query,
     entry: Option<&ClipEntry>,
     start: usize,
-    (frames, fps): (usize, f64),
+    frames: usize,
+    fps: f64,
     read: ReadOptions,
     sha256: String,
 ) -> ClipWindow {

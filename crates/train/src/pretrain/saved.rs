@@ -69,7 +69,7 @@ pub fn load(
     }
     let precision = file.train.precision.resolve(ran.as_deref(), compute)?;
     precision.notes.iter().for_each(|note| progress.note(note));
-    let learner = |weights| learner(&file.model, &file.tokens, &file.train, weights, (compute, precision.products));
+    let learner = |weights| learner(&file.model, &file.tokens, &file.train, weights, compute, precision.products);
     let (learner, mut state) = match found {
         None => {
             let weights = layout::initial(&file.model, &file.tokens, file.train.seed)?;

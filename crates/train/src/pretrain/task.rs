@@ -148,7 +148,7 @@ impl Task for Pretraining<'_> {
     fn measure(&mut self, state: &mut State) -> Result<Option<bool>> {
         let (step, data, most) = (state.step, self.data, self.file.train.eval_windows);
         self.learner().swap_averages()?;
-        let found = data.likelihood(self.learner(), Split::Valid, most);
+        let found = data.likelihood(self.learner().scores(), Split::Valid, most);
         self.learner().swap_averages()?;
         self.valid = found?;
         let mut best = false;

@@ -66,15 +66,14 @@ pub fn train(run: &Path, start: &Start, stop: &AtomicBool, progress: Progress) -
         checkpoint_every: config.checkpoint_every,
         keep: config.keep,
     };
-    let size = (config.batch, config.length);
     let network = |weights| Training {
-        network: network::Learner::new(config.form, shape, size, weights),
+        network: network::Learner::new(config.form, shape, config.batch, config.length, weights),
         sequences,
         coder,
         config,
     };
     let initial = || network::initial(&shape, plan.seed);
-    train::train(&folder, &plan, &network::list(&shape), (initial, network), stop, progress)
+    train::train(&folder, &plan, &network::list(&shape), initial, network, stop, progress)
 }
 
 /// A network with its data.

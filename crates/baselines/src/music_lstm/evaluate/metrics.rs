@@ -64,11 +64,13 @@ fn flips(clip: &Clip) -> usize {
 impl One {
     /// Of a dance and its take. `own`: the dance to the clip's own music, if this is to other music.
     pub fn of(
-        (take, dance): (&str, &Clip),
+        take: &str,
+        dance: &Clip,
         truth: &Clip,
         own: Option<&Clip>,
         mean: &[Quat],
-        (threshold, cutoff_hz): (f64, f64),
+        threshold: f64,
+        cutoff_hz: f64,
     ) -> Result<One> {
         let frames = dance.frames().min(truth.frames());
         let (dance, truth) = (dance.slice(0..frames), truth.slice(0..frames));
@@ -208,7 +210,7 @@ mod tests {
         let twice = clip((0..60).map(|f| 2.0 * f as f64 / FPS));
         let of = |dance: &Clip| {
             let mean = [Quat::IDENTITY; 2];
-            Metrics::of(&[One::of(("a", dance), &truth, Some(&truth), &mean, (1.0, 6.0)).unwrap()])
+            Metrics::of(&[One::of("a", dance, &truth, Some(&truth), &mean, 1.0, 6.0).unwrap()])
         };
         let own = of(&truth);
         assert!(own.degrees.mean < 1e-6 && own.hip_flips_per_minute.mean == 0.0);

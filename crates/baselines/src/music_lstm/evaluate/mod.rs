@@ -70,7 +70,7 @@ pub fn evaluate(trained: &Trained, options: &Options, progress: &mut dyn FnMut(u
         }
         progress(done);
         let of = |dance: &Clip, one: &True, own: Option<&Clip>| {
-            One::of((&one.source.recording.take, dance), &one.clip, own, &mean, (threshold, options.cutoff_hz))
+            One::of(&one.source.recording.take, dance, &one.clip, own, &mean, threshold, options.cutoff_hz)
         };
         let ones = all.iter().zip(&own).map(|(one, clip)| of(clip, one, None)).collect::<Result<Vec<_>>>()?;
         let others = to_other.iter().map(|(one, clip, own)| of(clip, one, Some(*own))).collect::<Result<Vec<_>>>()?;

@@ -76,7 +76,7 @@ pub fn train(run: &Path, start: &Start, stop: &AtomicBool, progress: Progress) -
     let weights = shares(&*file.body.skeleton(&file.rig)?);
     let network = |start| Training::new(config, start, &clips, weights);
     let first = || initial(&shape, scale(&clips.iter().collect::<Vec<_>>(), file.config.audio), plan.seed);
-    train::train(&folder, &plan, &list(&shape), (first, network), stop, progress)
+    train::train(&folder, &plan, &list(&shape), first, network, stop, progress)
 }
 
 fn is_training(one: &Recording) -> bool {
@@ -152,11 +152,11 @@ struct Training<'a> {
 impl Training<'_> {
     fn new<'a>(config: Config, start: Vec<Floats>, clips: &'a [MusicClip], weights: Vec<f64>) -> Training<'a> {
         let shape = config.shape(weights.len());
-        let size = (config.batch, config.length);
+        let rows = config.batch * config.length;
         Training {
-            network: Network::new(&shape, size, true),
+            network: Network::new(&shape, config.batch, config.length, true),
             parameters: Parameters::new(list(&shape), start),
-            d_out: Floats::new(size.0 * size.1 * shape.channels()),
+            d_out: Floats::new(rows * shape.channels()),
             clips,
             weights,
             config,

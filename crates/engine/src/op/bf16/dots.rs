@@ -25,7 +25,7 @@ pub(super) fn are_there() -> bool {
 /// Slices that are too short; a processor for which [`are_there`] is false.
 pub(super) fn multiply(c: &mut [f32], ldc: usize, rows: usize, a: &[u32], right: Right, add: bool) {
     assert!(are_there() && (1..=ROWS).contains(&rows), "{rows} rows of sums");
-    right.check((c, ldc), rows, (a, LDA));
+    right.check(c, ldc, rows, a, LDA);
     #[cfg(target_arch = "x86_64")]
     {
         let (c, a) = (c.as_mut_ptr(), a.as_ptr());

@@ -85,7 +85,7 @@ impl Instructions {
 
     fn multiply(self, c: &mut [f32], ldc: usize, rows: usize, a: &[u32], right: Right, add: bool) {
         match self {
-            Instructions::Tiles => tiles::multiply(c, ldc, rows, (a, LDA), right, add),
+            Instructions::Tiles => tiles::multiply(c, ldc, rows, a, LDA, right, add),
             Instructions::Dots => dots::multiply(c, ldc, rows, a, right, add),
         }
     }

@@ -37,7 +37,7 @@ impl Right<'_> {
     ///
     /// # Panics
     /// Slices that are too short; no steps.
-    pub fn check(&self, (c, ldc): (&[f32], usize), rows: usize, (a, lda): (&[u32], usize)) {
+    pub fn check(&self, c: &[f32], ldc: usize, rows: usize, a: &[u32], lda: usize) {
         let depth = self.blocks * self.steps * SIDE;
         assert!(self.blocks > 0 && self.steps > 0, "a product of no steps");
         assert!(ldc >= SQUARE && c.len() >= (rows - 1) * ldc + SQUARE, "sums of {rows} rows in {} numbers", c.len());
@@ -52,9 +52,9 @@ impl Right<'_> {
 ///
 /// # Panics
 /// Slices that are too short; a processor for which [`are_there`] is false.
-pub(super) fn multiply(c: &mut [f32], ldc: usize, rows: usize, (a, lda): (&[u32], usize), right: Right, add: bool) {
+pub(super) fn multiply(c: &mut [f32], ldc: usize, rows: usize, a: &[u32], lda: usize, right: Right, add: bool) {
     assert!(are_there() && (rows == SIDE || rows == SQUARE), "{rows} rows of tiles");
-    right.check((c, ldc), rows, (a, lda));
+    right.check(c, ldc, rows, a, lda);
     amx::CONFIGURED.with(|_| {
         // SAFETY: the tiles are there and permitted (asserted), this thread has configured them as 16 rows of 64 bytes
         // (`CONFIGURED` is alive), and every row that is read or written is inside its slice (asserted above).

@@ -5,7 +5,7 @@ use kinelm_corpus::music::clip_music::ClipMusic;
 use kinelm_corpus::samples;
 use kinelm_model::fast::{Fast, Windows};
 use kinelm_model::goal;
-use kinelm_model::music::{Music, conditioning};
+use kinelm_model::music::Music;
 use kinelm_tokenizer::TokenizerConfig;
 
 const FRAMES: usize = 12;
@@ -20,7 +20,7 @@ fn setup(window: usize) -> (Tokenizer, Gpt) {
 fn beats(words: usize) -> Vec<f32> {
     let config = ModelConfig { music: Music::Beats, ..ModelConfig::default() };
     let sound = ClipMusic { beats_s: &[0.05, 0.3, 0.5], ..ClipMusic::default() };
-    conditioning(config.music_conditioning(), &sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
+    config.music_conditioning(&sound, (0..words).map(|word| word as f64 / 20.0), 1.0)
 }
 
 #[test]

@@ -118,8 +118,9 @@ impl Reader {
         let mut child = Guarded(command.spawn().map_err(Error::io(&self.program))?);
         let text = serde_json::to_vec(job).map_err(Error::failed)?;
         if let Some(mut stdin) = child.0.stdin.take() {
-            // a process that ended already says so below
-            let _ = stdin.write_all(&text);
+            // on a thread of its own: a process that never reads would hold up the clock. It ends with the process, which
+            // says below how that ended
+            std::thread::spawn(move || drop(stdin.write_all(&text)));
         }
         let (begun, mut nap) = (Instant::now(), Duration::from_millis(2));
         loop {

@@ -127,6 +127,8 @@ pub struct Journal {
     is_new: bool,
     /// The bytes at which it is rewritten.
     limit: u64,
+    /// Whether a part of a line may stand after the whole ones, which could not be cut off.
+    is_torn: bool,
 }
 
 impl Journal {
@@ -144,7 +146,8 @@ impl Journal {
         }
         let file = owned::open(folder, JOURNAL, Access::Append, MOST_BYTES)?;
         let is_new = whole == 0;
-        let mut journal = Journal { folder: folder.into(), file, bytes: whole, last, is_new, limit: GROWN };
+        let mut journal =
+            Journal { folder: folder.into(), file, bytes: whole, last, is_new, limit: GROWN, is_torn: false };
         // the unfinished line goes, or the next one would be appended to it
         journal.file.set_len(whole).map_err(Error::io(journal.path()))?;
         if is_new {
@@ -171,9 +174,13 @@ impl Journal {
     /// I/O errors: the journal is as before then.
     pub fn append(&mut self, line: &Line) -> Result<()> {
         let (text, last) = to_text(line, self.last)?;
+        if self.is_torn {
+            self.file.set_len(self.bytes).map_err(Error::io(self.path()))?;
+            self.is_torn = false;
+        }
         if let Err(e) = self.file.write_all(&text).and_then(|()| self.file.sync_data()) {
-            // half a line may be there: the next line must not be appended to it
-            let _ = self.file.set_len(self.bytes);
+            // half a line may be there: the next line must not be appended to it, so none is until it could be cut off
+            self.is_torn = self.file.set_len(self.bytes).is_err();
             return Err(Error::io(self.path())(e));
         }
         self.bytes += text.len() as u64;
@@ -197,7 +204,7 @@ impl Journal {
         files::write_whole(&self.path(), &text)?;
         // the old file has no name any more: lines that went there would be lost
         self.file = owned::open(&self.folder, JOURNAL, Access::Append, MOST_BYTES)?;
-        (self.bytes, self.last) = (text.len() as u64, last);
+        (self.bytes, self.last, self.is_torn) = (text.len() as u64, last, false);
         // doubled, so that writing it anew costs each line a constant share
         self.limit = 2 * self.bytes + GROWN;
         Ok(())

@@ -273,7 +273,8 @@ fn with_ends_of(before: &str, after: &str) -> String {
         return after.into();
     }
     let plain = |line: &str| line.trim_end_matches(['\r', '\n']).len();
-    let is_same = |(a, b): &(&&str, &&str)| a[..plain(a)] == b[..plain(b)];
+    // a last line without an end, which has an end now, would run into the line after it
+    let is_same = |(a, b): &(&&str, &&str)| a[..plain(a)] == b[..plain(b)] && (a.ends_with('\n') || !b.ends_with('\n'));
     let (old, new): (Vec<&str>, Vec<&str>) =
         (before.split_inclusive('\n').collect(), after.split_inclusive('\n').collect());
     let front = old.iter().zip(&new).take_while(is_same).count();
@@ -367,6 +368,8 @@ mod tests {
         assert_eq!(with_ends_of("a\r\nb\r\nc\r\n", "a\nx\nc\n"), "a\r\nx\r\nc\r\n");
         assert_eq!(with_ends_of("a\r\n", ""), "");
         assert_eq!(with_ends_of("", "a\n"), "a\n");
+        // what is added after a last line without an end stands in a line of its own
+        assert_eq!(with_ends_of("a\r\nb", "a\nb\nc"), "a\r\nb\r\nc");
     }
 
     #[test]

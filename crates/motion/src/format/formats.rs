@@ -135,7 +135,6 @@ pub const FORMATS: &[FormatInfo] = &[
         feature: "amass",
         read: of_feature!("amass", amass::read),
         write: of_feature!("amass", |_: &Path, motion: &Motion| amass::write(&motion.clip)),
-        ..READ_ONLY
     },
     FormatInfo {
         format: Format::Pickle,
@@ -259,7 +258,8 @@ mod tests {
     fn what_a_row_writes_is_listed_once() {
         let mut written: Vec<&str> = FORMATS.iter().flat_map(|info| info.written.iter().copied()).collect();
         let mut listed = Format::WRITTEN.to_vec();
-        (written.sort_unstable(), listed.sort_unstable());
+        written.sort_unstable();
+        listed.sort_unstable();
         assert_eq!(written, listed);
         for info in FORMATS {
             assert!(info.written.iter().all(|name| info.extensions.contains(name)), "{}", info.name);

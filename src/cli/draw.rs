@@ -1,7 +1,8 @@
 //! How tokens are drawn, the same on every command that draws some.
 
 use super::values::positive;
-use crate::generate::sampling::Sampling;
+use crate::generate::open::{GAP_TOP_P, GIVEN_TOP_P};
+use crate::generate::sampling::{Sampling, TOP_P};
 use anyhow::Result;
 
 /// How tokens are sampled: the penalty first, then temperature, top-k, top-p, min-p.
@@ -12,21 +13,21 @@ pub struct DrawArgs {
     #[arg(long, conflicts_with_all = ["temperature", "top_k", "top_p", "min_p"])]
     greedy: bool,
     /// Sampling temperature: below 1 favours likely tokens, above 1 unlikely ones
-    #[arg(long, default_value_t = 1.0, value_parser = positive)]
+    #[arg(long, default_value_t = Sampling::default().temperature, value_parser = positive)]
     temperature: f64,
     /// Sample from the N most likely tokens only
     #[arg(long, value_name = "N")]
     top_k: Option<usize>,
-    /// Sample from the smallest set of most likely tokens whose probability reaches P; 1 truncates nothing [default:
-    /// 0.95 without other truncation; 0.8 in generate where joints are given after free ones throughout, such as an arm
-    /// but not the root alone; 0.7 in other gaps that a goal-conditioned model fills]
-    #[arg(long, value_name = "P")]
+    #[arg(long, value_name = "P", help = format!("Sample from the smallest set of most likely tokens whose probability reaches \
+        P; 1 truncates nothing [default: {TOP_P} without other truncation; {GIVEN_TOP_P} in generate where joints are given \
+        after free ones throughout, such as an arm but not the root alone; {GAP_TOP_P} in other gaps that a goal-conditioned \
+        model fills]"))]
     top_p: Option<f64>,
     /// Sample only from tokens at least P times as likely as the most likely one
     #[arg(long, value_name = "P")]
     min_p: Option<f64>,
     /// Divide the probability of tokens that recently stood in the same slot of a word; above 1 works against freezing
-    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = positive)]
+    #[arg(long, value_name = "X", default_value_t = Sampling::default().repetition_penalty, value_parser = positive)]
     repetition_penalty: f64,
     /// Words that the penalty looks back (frames, where a word is a frame)
     #[arg(long, value_name = "N", default_value_t = Sampling::default().repetition_words)]

@@ -19,7 +19,8 @@ pub struct Tokenizer(pub kinelm::tokenizer::Tokenizer);
 fn taken(
     motion: Motion,
     config: &TokenizerConfig,
-    (map, floor): (Option<String>, Option<f64>),
+    map: Option<String>,
+    floor: Option<f64>,
 ) -> PyResult<kinelm::motion::Clip> {
     let options = ReadOptions { map, floor, ..ReadOptions::default() };
     ModelClip::of(motion, &options, config.into()).map(|clip| clip.lowered()).map_err(library)
@@ -44,7 +45,7 @@ impl Tokenizer {
         py.detach(|| {
             let clips = clips
                 .into_iter()
-                .map(|clip| taken(clip.0, &config, (map.clone(), floor)))
+                .map(|clip| taken(clip.0, &config, map.clone(), floor))
                 .collect::<PyResult<Vec<_>>>()?;
             kinelm::tokenizer::Tokenizer::fit(&clips, config).map(Tokenizer).map_err(library)
         })
@@ -73,7 +74,7 @@ impl Tokenizer {
         floor: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let ids = py.detach(|| {
-            let clip = taken(clip.0.clone(), self.0.config(), (map, floor))?;
+            let clip = taken(clip.0.clone(), self.0.config(), map, floor)?;
             let encoded = self.0.encode(&clip).map_err(library)?;
             self.0.ids_of_words(&encoded.words).map_err(library)
         })?;

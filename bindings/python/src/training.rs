@@ -76,7 +76,9 @@ struct Asked {
 
 /// The library's options.
 fn options(
-    (corpus, run, config): (Paths, PathBuf, &Path),
+    corpus: Paths,
+    run: PathBuf,
+    config: &Path,
     kwargs: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<PretrainOptions> {
     let Asked { steps, seed, conditions, precision } = parsed(kwargs)?;
@@ -107,7 +109,7 @@ pub fn pretrain(
     callback: Option<Py<PyAny>>,
     options: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Model> {
-    let options = self::options((corpus, run, &config), options)?;
+    let options = self::options(corpus, run, &config, options)?;
     watched(py, callback, |stop, progress| train::pretrain(&options, stop, progress))
 }
 
@@ -127,7 +129,7 @@ pub fn finetune(
         Ok(model) => model.get().run(),
         Err(_) => source.extract()?,
     };
-    let options = PretrainOptions { from: Some(from), ..self::options((corpus, run, &config), options)? };
+    let options = PretrainOptions { from: Some(from), ..self::options(corpus, run, &config, options)? };
     watched(py, callback, |stop, progress| train::finetune(&options, stop, progress))
 }
 

@@ -5,10 +5,12 @@ use super::best::BestArgs;
 use crate::cli::draw::DrawArgs;
 use crate::cli::values::{length, length_in_frames, rate, run_folder, time};
 use crate::cli::{ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
-use crate::generate::open::SEED;
+use crate::generate::masked::{MOST_PASSES, PASSES};
+use crate::generate::open::{FEATURE_GUIDANCE, FPS, GOAL_GUIDANCE, MUSIC_GUIDANCE, SEED};
 use crate::generate::request::{
     Computing, Edit, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel, UncodedJoints,
 };
+use crate::generate::sampler::{FIRST_FRAMES, GUESSES};
 use anyhow::Result;
 use kinelm_motion::moment::Moment;
 use std::collections::BTreeMap;
@@ -34,13 +36,12 @@ pub struct DanceArgs {
     /// The time in the music at which the dance starts: 12.5s, 12.5 or 250f (frames of the model) [default: 0s]
     #[arg(long, value_name = "SECONDS", value_parser = time)]
     music_from: Option<Moment>,
-    /// Guidance towards labels and music: 1 as trained, 2 to 3 stronger, at twice the time [default: 3 where the model is
-    /// conditioned on beats, 2 on sound, else 1]
-    #[arg(long, value_name = "G")]
+    #[arg(long, value_name = "G", help = format!("Guidance towards labels and music: 1 as trained, 2 to 3 stronger, at twice \
+        the time [default: {MUSIC_GUIDANCE} where the model is conditioned on beats, {FEATURE_GUIDANCE} on sound, else 1]"))]
     guidance: Option<f64>,
-    /// Guidance of gaps (--given, --free) towards what is given after them: 0 none, 1 as trained, up to 10, at twice the time
-    /// [default: 1.5 where the model was trained for it (model.goal)]
-    #[arg(long, value_name = "G", value_parser = goal_guidance, allow_hyphen_values = true)]
+    #[arg(long, value_name = "G", value_parser = goal_guidance, allow_hyphen_values = true, help = format!(
+        "Guidance of gaps (--given, --free) towards what is given after them: 0 none, 1 as trained, up to 10, at twice the \
+        time [default: {GOAL_GUIDANCE} where the model was trained for it (model.goal)]"))]
     goal_guidance: Option<f64>,
     /// Frames to generate at the model's rate, or a time such as 12s [default: the prompt's length, or the music's]
     #[arg(long, value_name = "N", value_parser = length_in_frames,
@@ -49,8 +50,8 @@ pub struct DanceArgs {
     /// Seconds to generate, instead of --frames: 12, 12s or 240f
     #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = length)]
     seconds: Option<Moment>,
-    /// Frames per second of the file, on a smooth curve through the model's frames [default: the prompt's, else 30]
-    #[arg(long, value_parser = rate)]
+    #[arg(long, value_parser = rate, help = format!("Frames per second of the file, on a smooth curve through the model's \
+        frames [default: the prompt's, else {FPS}]"))]
     fps: Option<f64>,
     /// Dances to generate side by side, which is faster than one by one; the first is the one without this flag
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=16))]
@@ -58,13 +59,14 @@ pub struct DanceArgs {
     /// Random seed; the same seed gives the same dance
     #[arg(long, default_value_t = SEED)]
     seed: u64,
-    /// First-frame candidates, where later joints of the first frame are given: the dance continues from the one under which
-    /// these are most likely. No truncation applies to them [default: 64; 1 where --tries chooses among whole dances]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..), help = format!(
+        "First-frame candidates, where later joints of the first frame are given: the dance continues from the one under \
+        which these are most likely. No truncation applies to them [default: {FIRST_FRAMES}; 1 where --tries chooses among \
+        whole dances]"))]
     first_frames: Option<u8>,
-    /// Passes of a masked model over each window: the most certain characters stay, the others are sampled again; 1 to 255
-    /// [default: 8]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..), help = format!("Passes of a masked model \
+        over each window: the most certain characters stay, the others are sampled again; 1 to {MOST_PASSES} \
+        [default: {PASSES}]"))]
     passes: Option<u8>,
     /// The second that an unprompted dance continues from, and that is left out of it [default: train, where the run has some]
     #[arg(long, value_enum)]
@@ -86,9 +88,9 @@ pub struct DanceArgs {
     /// Samples of a gap, of which the one that ends nearest to the given frames is used
     #[arg(long, value_name = "N", default_value_t = Edit::TRIES, value_parser = clap::value_parser!(u8).range(1..=64))]
     pub tries: u8,
-    /// Tokens that are guessed from the previous word and verified in one pass, which changes no token [default: 8 with
-    /// --greedy, else 0]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true)]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=64), hide_short_help = true, help = format!(
+        "Tokens that are guessed from the previous word and verified in one pass, which changes no token [default: {GUESSES} \
+        with --greedy, else 0]"))]
     pub guesses: Option<u8>,
     #[command(flatten)]
     pub best: BestArgs,

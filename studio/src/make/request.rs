@@ -25,10 +25,11 @@ const MOST_FPS: f64 = 240.0;
 const FREE_S: f64 = 8.0;
 
 /// What a dance is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
     /// Nothing.
+    #[default]
     Free,
     /// Joints of a clip, throughout.
     Given,
@@ -41,7 +42,7 @@ pub enum Kind {
 }
 
 /// What a page asks for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Make {
     /// What the dance is made of.
@@ -118,26 +119,7 @@ pub struct Prepared {
 impl Make {
     /// A dance of eight seconds from nothing.
     pub fn free() -> Make {
-        Make {
-            kind: Kind::Free,
-            clip: None,
-            joints: None,
-            free: Vec::new(),
-            seconds: None,
-            fps: None,
-            labels: BTreeMap::new(),
-            seed: None,
-            temperature: None,
-            top_p: None,
-            guidance: None,
-            feet: None,
-            variations: 1,
-            best: None,
-            looping: None,
-            loop_over: None,
-            music: None,
-            music_from_s: None,
-        }
+        Make { variations: 1, ..Make::default() }
     }
 
     /// Refuses numbers outside their ranges.

@@ -41,7 +41,7 @@ impl ClosingError {
 }
 
 /// A smooth step from 0 to 1.
-pub fn smooth(t: f64) -> f64 {
+pub(crate) fn smooth(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
@@ -57,7 +57,7 @@ pub struct Shares {
 
 impl Shares {
     /// Of a frame of a gap in a clip of `frames` frames, fading over `begin` frames at its beginning and `end` at its end.
-    pub fn of(frame: usize, gap: &Range<usize>, frames: usize, (begin, end): (f64, f64)) -> Shares {
+    pub fn of(frame: usize, gap: &Range<usize>, frames: usize, begin: f64, end: f64) -> Shares {
         let length = |of: f64| of.min(gap.len() as f64).max(1.0) + 1.0;
         let since = (frame + 1 - gap.start) as f64;
         let until = (gap.end - frame) as f64;
@@ -131,9 +131,9 @@ pub fn close(dance: &Clip, truth: &Clip, mask: &Mask) -> Result<(Clip, Vec<Closi
             correction.tilt_at_start = Vec3::ZERO;
         }
         for f in gap.clone() {
-            let fade = (BEGIN_S * fps, gap.len() as f64);
+            let shares = Shares::of(f, &gap, frames, BEGIN_S * fps, gap.len() as f64);
             let speed = speed_share(f, &gap, SPEED_S * fps);
-            (root[f], rotations[f * j]) = correction.apply(dance, f, Shares::of(f, &gap, frames, fade), speed);
+            (root[f], rotations[f * j]) = correction.apply(dance, f, shares, speed);
         }
         if gap.end < frames && gap.start > 0 {
             found.push((note(&gap), 100.0 * correction.offset.length(), correction.turn.abs().to_degrees(), None));
@@ -148,7 +148,7 @@ pub fn close(dance: &Clip, truth: &Clip, mask: &Mask) -> Result<(Clip, Vec<Closi
             let speed = |clip: &Clip, f: usize| difference(clip.pose(f)[joint], clip.pose(f + 1)[joint]);
             let faster = if continues { speed(truth, gap.end) - speed(dance, gap.end - 1) } else { Vec3::ZERO };
             for f in gap.clone() {
-                let shares = Shares::of(f, &gap, frames, (BEGIN_S * fps, CLOSE_S * fps));
+                let shares = Shares::of(f, &gap, frames, BEGIN_S * fps, CLOSE_S * fps);
                 let speed = speed_share(f, &gap, SPEED_S * fps);
                 let by = begin * shares.begin + end * shares.end + faster * speed;
                 rotations[f * j + joint] = dance.pose(f)[joint] * exp_map::from_vector(by);
@@ -245,7 +245,7 @@ impl RootCorrection {
 ///
 /// # Errors
 /// None for a valid clip.
-pub fn bridge(clip: &Clip, joints: &[usize], gaps: &[Range<usize>], mean: &[Quat]) -> Result<Clip> {
+pub(crate) fn bridge(clip: &Clip, joints: &[usize], gaps: &[Range<usize>], mean: &[Quat]) -> Result<Clip> {
     let (frames, j) = (clip.frames(), clip.joints());
     let mut rotations = clip.rotations().to_vec();
     for gap in gaps {

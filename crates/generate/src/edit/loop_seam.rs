@@ -18,7 +18,7 @@ const APPENDED_S: f64 = 1.0;
 
 /// The seam of a looping clip, in frames of the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct LoopSeam {
+pub(crate) struct LoopSeam {
     /// The generated frames, up to the end of the clip.
     pub gap: Range<usize>,
     /// Frames of the beginning that are appended after it.
@@ -42,7 +42,7 @@ impl LoopSeam {
 ///
 /// # Errors
 /// A clip that is not longer than the gap and a second; what coding fails with.
-pub fn lengthen(
+pub(crate) fn lengthen(
     looping: Loop,
     prompt: PromptClip,
     map: Option<&str>,
@@ -103,7 +103,7 @@ fn with_beginning(clip: &Clip, seam: &LoopSeam, kind: LoopKind, turn: f64) -> Re
 
 /// The roughness of the seam: the largest jerk, mean over joints, of the frames that touch it, and the 99th percentile of the
 /// clip without its gap; m/s³, of the body in the frame of its root. `clip` is as written.
-pub fn roughness(clip: &Clip, gap: &Range<usize>) -> Option<(f64, f64)> {
+pub(crate) fn roughness(clip: &Clip, gap: &Range<usize>) -> Option<(f64, f64)> {
     let (frames, joints) = (clip.frames(), clip.joints());
     let here = (vec![Vec3::ZERO; frames], clip.rotations().to_vec());
     let mut seen = here.1;

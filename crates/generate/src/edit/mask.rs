@@ -23,7 +23,7 @@ pub struct Mask {
 
 /// A span resolved against a clip.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ResolvedSpan {
+pub(crate) struct ResolvedSpan {
     /// As requested, in SMPL's names.
     pub span: Span,
     /// The coded joints that it names, SMPL ids.
@@ -37,7 +37,7 @@ pub struct ResolvedSpan {
 }
 
 /// The spans of an edit, and the mask that they make.
-pub struct ResolvedSpans {
+pub(crate) struct ResolvedSpans {
     /// What is given.
     pub given: Vec<ResolvedSpan>,
     /// What is free.
@@ -51,11 +51,13 @@ impl Mask {
     ///
     /// # Errors
     /// Unknown joints, or of which the tokenizer codes none; times outside the clip.
-    pub fn resolve(
-        (given, free): (&[Span], &[Span]),
+    pub(crate) fn resolve(
+        given: &[Span],
+        free: &[Span],
         scale: Timebase,
         tokenizer: &Tokenizer,
-        (rig, map): (&Skeleton, Option<&str>),
+        rig: &Skeleton,
+        map: Option<&str>,
     ) -> Result<ResolvedSpans> {
         let coded = bits(tokenizer.channels().joints());
         let resolve = |name: &'static str, span: &Span| -> Result<ResolvedSpan> {
@@ -100,28 +102,28 @@ impl Mask {
     }
 
     /// Whether a coded joint is given in a frame of the clip; beyond the clip none is.
-    pub fn is_given(&self, frame: usize, joint: usize) -> bool {
+    pub(crate) fn is_given(&self, frame: usize, joint: usize) -> bool {
         self.given.get(frame).is_some_and(|bits| has(*bits, joint))
     }
 
     /// Whether nothing is given in a frame.
-    pub fn is_all_free(&self, frame: usize) -> bool {
+    pub(crate) fn is_all_free(&self, frame: usize) -> bool {
         self.given.get(frame).is_none_or(|bits| *bits == 0)
     }
 
     /// Whether a joint can be given.
-    pub fn is_coded(&self, joint: usize) -> bool {
+    pub(crate) fn is_coded(&self, joint: usize) -> bool {
         has(self.coded, joint)
     }
 
     /// Whether anything is free within the clip.
-    pub fn has_free(&self) -> bool {
+    pub(crate) fn has_free(&self) -> bool {
         self.given.iter().any(|bits| *bits != self.coded)
     }
 
     /// The same at the model's rate: `frames` frames, each as the nearest of the clip. The first `of_clip` are the clip's;
     /// beyond them nothing is given.
-    pub fn at_model_rate(&self, frames: usize, of_clip: usize) -> Mask {
+    pub(crate) fn at_model_rate(&self, frames: usize, of_clip: usize) -> Mask {
         let (own, model) = self.rates;
         let nearest =
             |frame: usize| ((frame as f64 * own / model).round() as usize).min(self.frames().saturating_sub(1));
@@ -130,7 +132,7 @@ impl Mask {
     }
 
     /// The runs of frames, of `frames` in all, in which a condition holds.
-    pub fn runs(frames: usize, holds: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
+    pub(crate) fn runs(frames: usize, holds: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
         let mut runs: Vec<Range<usize>> = Vec::new();
         for frame in (0..frames).filter(|&frame| holds(frame)) {
             match runs.last_mut() {
@@ -142,7 +144,7 @@ impl Mask {
     }
 
     /// The runs in which a coded joint is free.
-    pub fn free_runs(&self, joint: usize) -> Vec<Range<usize>> {
+    pub(crate) fn free_runs(&self, joint: usize) -> Vec<Range<usize>> {
         Mask::runs(self.frames(), |frame| !self.is_given(frame, joint))
     }
 }
@@ -160,7 +162,7 @@ pub(super) mod tests {
     use super::*;
 
     /// A mask of all 24 joints at 20 frames a second, given where `given` says of a frame and a joint.
-    pub fn mask(frames: usize, given: impl Fn(usize, usize) -> bool) -> Mask {
+    pub(crate) fn mask(frames: usize, given: impl Fn(usize, usize) -> bool) -> Mask {
         let bits = |f: usize| (0..24).filter(|&j| given(f, j)).fold(0, |bits, j| bits | 1 << j);
         Mask { given: (0..frames).map(bits).collect(), coded: (1 << 24) - 1, rates: (20.0, 20.0) }
     }

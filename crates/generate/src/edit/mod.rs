@@ -6,13 +6,14 @@
 
 pub mod feet;
 pub mod gap;
-pub mod loop_seam;
+pub(crate) mod loop_seam;
 pub mod mask;
 pub mod splice;
 
 pub use gap::ClosingError;
-pub use loop_seam::{LoopSeam, lengthen};
-pub use mask::{Mask, ResolvedSpan, ResolvedSpans};
+pub(crate) use loop_seam::{LoopSeam, lengthen};
+pub use mask::Mask;
+pub(crate) use mask::{ResolvedSpan, ResolvedSpans};
 
 use crate::prompt::PromptClip;
 use crate::prompt::uncoded::mean_pose;
@@ -32,7 +33,7 @@ use std::sync::Arc;
 /// An edit resolved against its prompt.
 pub struct PreparedEdit {
     /// The spans, and what is given of the clip.
-    pub spans: ResolvedSpans,
+    pub(crate) spans: ResolvedSpans,
     /// The whole file, the frames included that reading leaves out.
     whole: Motion,
     /// Its bytes.
@@ -49,12 +50,12 @@ pub struct PreparedEdit {
     joints: Vec<usize>,
     blend_s: f64,
     /// The seam of a loop.
-    pub seam: Option<LoopSeam>,
+    pub(crate) seam: Option<LoopSeam>,
     known: usize,
 }
 
 /// A dance whose gaps are closed: on SMPL-24, at the model's rate.
-pub struct ClosedGaps {
+pub(crate) struct ClosedGaps {
     /// The prompt where it is given, the dance where it is free.
     pub clip: Clip,
     /// The errors at the ends of gaps, before they were spread.
@@ -65,7 +66,7 @@ pub struct ClosedGaps {
 
 impl ClosedGaps {
     /// All errors as one number; see [`ClosingError::total`].
-    pub fn total_error(&self) -> f64 {
+    pub(crate) fn total_error(&self) -> f64 {
         self.errors.iter().map(ClosingError::total).sum()
     }
 }
@@ -77,11 +78,13 @@ impl PreparedEdit {
     /// # Errors
     /// Those of [`Mask::resolve`]; words of several frames or lengths, merged tokens; nothing to generate; fewer frames than
     /// the prompt has; another length of a loop.
-    pub fn load(
+    pub(crate) fn load(
         edit: &mut Edit,
         frames: Option<usize>,
-        (request, text): (&PromptRequest, &Arc<[u8]>),
-        (prompt, seam): (&PromptClip, Option<LoopSeam>),
+        request: &PromptRequest,
+        text: &Arc<[u8]>,
+        prompt: &PromptClip,
+        seam: Option<LoopSeam>,
         tokenizer: &Tokenizer,
     ) -> Result<PreparedEdit> {
         let joints = joints_of_characters(tokenizer)?;
@@ -90,13 +93,12 @@ impl PreparedEdit {
         let appended = seam.as_ref().map_or(0, |seam| seam.appended);
         let left_out = whole.clip.frames().saturating_sub(clip.frames() - appended);
         let scale = Timebase { frames: clip.frames(), fps: clip.fps(), left_out, model_fps: Some(fps) };
-        let rig = (&**clip.skeleton(), request.read.map.as_deref());
         let of_loop = seam.as_ref().map(|seam| seam.span(left_out));
         let (given, free) = match &of_loop {
             Some(gap) => (&[][..], std::slice::from_ref(gap)),
             None => (&edit.given[..], &edit.free[..]),
         };
-        let spans = Mask::resolve((given, free), scale, tokenizer, rig)?;
+        let spans = Mask::resolve(given, free, scale, tokenizer, clip.skeleton(), request.read.map.as_deref())?;
         // frames of the model within these of the file
         let within = |frames: usize| ((frames - 1) as f64 * fps / clip.fps() + 1e-9) as usize + 1;
         let known = seam.as_ref().map_or(prompt.frames(), |seam| within(seam.frames()));
@@ -131,18 +133,18 @@ impl PreparedEdit {
     }
 
     /// Frames that are written, at the model's rate, where no more are requested.
-    pub fn known(&self) -> usize {
+    pub(crate) fn known(&self) -> usize {
         self.known
     }
 
     /// What is given at the model's rate.
-    pub fn mask(&self) -> &Mask {
+    pub(crate) fn mask(&self) -> &Mask {
         &self.mask
     }
 
     /// (P, C) which characters of the prompt's P words are given, and which of these are sampled ahead: those right after a
     /// gap.
-    pub fn given(&self, words: usize) -> (Vec<bool>, Vec<bool>) {
+    pub(crate) fn given(&self, words: usize) -> (Vec<bool>, Vec<bool>) {
         let is_given = |frame: usize, joint: usize| self.mask.is_given(frame, joint);
         let characters = (0..words).flat_map(|frame| self.joints.iter().map(move |&joint| (frame, joint)));
         let ends_gap = |(frame, joint)| is_given(frame, joint) && frame > 0 && !is_given(frame - 1, joint);
@@ -150,7 +152,7 @@ impl PreparedEdit {
     }
 
     /// Whether a gap ends where the clip continues, so that one way through it may be better than another.
-    pub fn has_ends(&self) -> bool {
+    pub(crate) fn has_ends(&self) -> bool {
         let joints = (0..24).filter(|&joint| self.mask.is_coded(joint));
         joints.flat_map(|joint| self.mask.free_runs(joint)).any(|gap| gap.start > 0 && gap.end < self.frames)
     }
@@ -159,7 +161,7 @@ impl PreparedEdit {
     ///
     /// # Errors
     /// Words that are not this tokenizer's.
-    pub fn close(
+    pub(crate) fn close(
         &self,
         words: &Words,
         prompt: &PromptClip,
@@ -184,7 +186,7 @@ impl PreparedEdit {
     }
 
     /// Frames of the file in which something is generated, those left out in front not counted.
-    pub fn generated(&self) -> Vec<Range<usize>> {
+    pub(crate) fn generated(&self) -> Vec<Range<usize>> {
         let mask = &self.spans.mask;
         let is_free = |frame: usize| (0..24).any(|joint| mask.is_coded(joint) && !mask.is_given(frame, joint));
         Mask::runs(self.written, |frame| frame >= mask.frames() || is_free(frame))
@@ -200,10 +202,11 @@ impl PreparedEdit {
     ///
     /// # Errors
     /// A rig that no skeleton map knows, a rate that is none.
-    pub fn on_own_rig(
+    pub(crate) fn on_own_rig(
         &self,
         closed: &Clip,
-        (prompt, map): (&PromptClip, Option<&str>),
+        prompt: &PromptClip,
+        map: Option<&str>,
         fps: Option<f64>,
     ) -> Result<(Motion, Option<Changed>)> {
         let retarget = prompt.retarget(map)?;
@@ -213,8 +216,8 @@ impl PreparedEdit {
         let dance = retarget.to_rig_over(closed, Some(&base))?;
         // the appended beginning is met at the end, and not written
         let appended = self.seam.as_ref().map_or(0, |seam| seam.appended);
-        let clips = (&prompt.motion.clip, &dance);
-        let (clip, mut changed) = splice(clips, (&self.spans.mask, &rig), self.written + appended, self.blend_s)?;
+        let frames = self.written + appended;
+        let (clip, mut changed) = splice(&prompt.motion.clip, &dance, &self.spans.mask, &rig, frames, self.blend_s)?;
         if let (Some(fps), Some(_)) = (fps, &self.seam) {
             let clip = self.at_rate(&clip, self.written, fps)?;
             return Ok((Motion { clip, ..self.whole.clone() }, None));
@@ -236,7 +239,7 @@ impl PreparedEdit {
     ///
     /// # Errors
     /// A rate that is none.
-    pub fn at_rate(&self, clip: &Clip, frames: usize, fps: f64) -> Result<Clip> {
+    pub(crate) fn at_rate(&self, clip: &Clip, frames: usize, fps: f64) -> Result<Clip> {
         if self.seam.is_none() {
             return Ok(resample_held(&clip.slice(0..frames), fps, Method::Smooth)?);
         }

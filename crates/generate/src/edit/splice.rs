@@ -11,7 +11,7 @@ use kinelm_motion::{Clip, Vec3};
 use std::ops::Range;
 
 /// Which SMPL joint each joint of a rig stands for.
-pub struct RigJoints {
+pub(crate) struct RigJoints {
     /// (J) the SMPL joint, if any.
     pub smpl: Vec<Option<usize>>,
 }
@@ -37,7 +37,7 @@ impl RigJoints {
     }
 
     /// Joints without an SMPL joint.
-    pub fn others(&self) -> Vec<usize> {
+    pub(crate) fn others(&self) -> Vec<usize> {
         (0..self.smpl.len()).filter(|&joint| self.smpl[joint].is_none()).collect()
     }
 }
@@ -48,9 +48,11 @@ impl RigJoints {
 ///
 /// # Errors
 /// None for clips of one rig.
-pub fn splice(
-    (clip, dance): (&Clip, &Clip),
-    (mask, rig): (&Mask, &RigJoints),
+pub(crate) fn splice(
+    clip: &Clip,
+    dance: &Clip,
+    mask: &Mask,
+    rig: &RigJoints,
     frames: usize,
     blend_s: f64,
 ) -> Result<(Clip, Changed)> {
@@ -66,7 +68,7 @@ pub fn splice(
         let off = |f: Option<usize>| f.map_or(Vec3::ZERO, |f| whole.root()[f] - dance.root()[f]);
         let (before, after) = ends(&gap);
         for f in gap.clone() {
-            let shares = Shares::of(f, &gap, frames, (blend(&gap), blend(&gap)));
+            let shares = Shares::of(f, &gap, frames, blend(&gap), blend(&gap));
             root[f] = dance.root()[f] + off(before) * shares.begin + off(after) * shares.end;
             changed.root[f] = true;
         }
@@ -78,7 +80,7 @@ pub fn splice(
             let (before, after) = ends(&gap);
             let (begin, end) = (off(before), off(after));
             for f in gap.clone() {
-                let shares = Shares::of(f, &gap, frames, (blend(&gap), blend(&gap)));
+                let shares = Shares::of(f, &gap, frames, blend(&gap), blend(&gap));
                 let by = begin * shares.begin + end * shares.end;
                 rotations[f * j + joint] = dance.pose(f)[joint] * exp_map::from_vector(by);
                 changed.joints[f * j + joint] = true;
@@ -106,7 +108,7 @@ pub fn extended(clip: &Clip, frames: usize) -> Result<Clip> {
 ///
 /// # Errors
 /// None for clips of one skeleton.
-pub fn merge(truth: &Clip, dance: &Clip, is_free: impl Fn(usize, usize) -> bool) -> Result<Clip> {
+pub(crate) fn merge(truth: &Clip, dance: &Clip, is_free: impl Fn(usize, usize) -> bool) -> Result<Clip> {
     let (mut root, mut rotations) = (truth.root().to_vec(), truth.rotations().to_vec());
     let j = truth.joints();
     for (f, joint) in (0..truth.frames()).flat_map(|f| (0..j).map(move |joint| (f, joint))) {

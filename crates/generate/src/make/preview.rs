@@ -46,7 +46,7 @@ impl Preview {
     }
 
     /// Frames that are out.
-    pub fn shown(&self) -> usize {
+    pub(crate) fn shown(&self) -> usize {
         self.done.saturating_sub(self.lead_in)
     }
 

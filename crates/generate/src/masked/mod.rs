@@ -14,7 +14,8 @@ mod model;
 mod passes;
 mod window;
 
-pub use model::{MaskedModel, masked_model};
+pub use model::MaskedModel;
+pub(crate) use model::masked_model;
 
 use crate::sampler::{SampledTokens, SamplingPlan, SamplingProgress};
 use crate::{Error, Result};

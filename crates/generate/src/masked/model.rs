@@ -53,7 +53,7 @@ impl MaskedModel for Gpt {
 ///
 /// # Errors
 /// Weights that don't fit the configuration; a device that isn't there; number formats that are for reading token by token.
-pub fn masked_model(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Result<Box<dyn MaskedModel>> {
+pub(crate) fn masked_model(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Result<Box<dyn MaskedModel>> {
     if (reading.weights, reading.kv) != (WeightKind::F32, KvKind::F32) {
         return Err(Error::unsupported(
             Subject::of_parameter("weights").with(format!("as {:?}, `kv` as {:?}", reading.weights, reading.kv)),

@@ -36,13 +36,13 @@ pub(super) struct Named<'a> {
 }
 
 impl<'a> Named<'a> {
-    pub fn of_request(request: &'a mut Request) -> Named<'a> {
+    pub(crate) fn of_request(request: &'a mut Request) -> Named<'a> {
         let Request { run, prompt, labels, timed_labels, music, length, fps, sampling, rig, .. } = request;
         let (prompt, music, is_on_own_rig) = (prompt.as_mut(), music.as_ref(), *rig == Some(Rig::Prompt));
         Named { run, prompt, labels, timed_labels, music, length: *length, fps: *fps, sampling, is_on_own_rig }
     }
 
-    pub fn of_resolved(resolved: &'a mut Resolved) -> Named<'a> {
+    pub(crate) fn of_resolved(resolved: &'a mut Resolved) -> Named<'a> {
         let Resolved { run, prompt, labels, timed_labels, music, frames, fps, sampling, rig, .. } = resolved;
         let (prompt, music, is_on_own_rig) = (prompt.as_mut(), music.as_ref(), *rig == Rig::Prompt);
         let length = Some(Length::Frames(*frames));

@@ -15,7 +15,7 @@ use std::ops::Range;
 ///
 /// # Errors
 /// Fields and values that the model doesn't know; a time outside the dance; two values of a field at a time.
-pub fn fronts(
+pub(crate) fn fronts(
     conditions: &Conditions,
     always: &BTreeMap<String, String>,
     timed: &[TimedLabel],

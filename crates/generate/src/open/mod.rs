@@ -12,7 +12,7 @@ mod sample;
 mod seeding;
 
 pub use conditions::{check_goal_guidance, check_passes};
-pub use defaults::{FPS, GAP_TOP_P, GIVEN_TOP_P, GOAL_GUIDANCE, MUSIC_GUIDANCE, SEED};
+pub use defaults::{FEATURE_GUIDANCE, FPS, GAP_TOP_P, GIVEN_TOP_P, GOAL_GUIDANCE, MUSIC_GUIDANCE, SEED};
 pub use music::OpenMusic;
 pub use prompt::PreparedPrompt;
 
@@ -164,7 +164,7 @@ impl OpenRequest {
     }
 
     /// The prompt on whose own rig the dance is written.
-    pub fn on_own_rig(&self) -> Option<(&PreparedPrompt, &PromptRequest)> {
+    pub(crate) fn on_own_rig(&self) -> Option<(&PreparedPrompt, &PromptRequest)> {
         let prompt = self.prompt.as_ref().zip(self.resolved.prompt.as_ref());
         prompt.filter(|_| self.resolved.rig == Rig::Prompt)
     }

@@ -55,22 +55,22 @@ impl OpenMusic {
     }
 
     /// The beats in seconds from the dance's beginning; earlier ones are negative.
-    pub fn beats_s(&self) -> Vec<f64> {
+    pub(crate) fn beats_s(&self) -> Vec<f64> {
         self.piece.beats.times_s.iter().map(|beat| beat - self.request.from_s).collect()
     }
 
     /// The sound features, by the dance's time.
-    pub fn rows(&self) -> FeatureRows<'_> {
+    pub(crate) fn rows(&self) -> FeatureRows<'_> {
         self.piece.rows(self.request.from_s)
     }
 
     /// The tempo label of a dance of `seconds`: the nearest that the model knows; `None` if it knows none.
-    pub fn tempo(&self, conditions: &Conditions, seconds: f64) -> Option<String> {
+    pub(crate) fn tempo(&self, conditions: &Conditions, seconds: f64) -> Option<String> {
         tempo::nearest(&conditions.values(tempo::FIELD), self.bpm(seconds)?)
     }
 
     /// Beats per minute during a dance of `seconds`; with fewer than two beats there, of the whole piece.
-    pub fn bpm(&self, seconds: f64) -> Option<f64> {
+    pub(crate) fn bpm(&self, seconds: f64) -> Option<f64> {
         tempo::bpm(&self.beats_s(), seconds).or(self.piece.beats.bpm())
     }
 }

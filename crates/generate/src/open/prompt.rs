@@ -107,7 +107,7 @@ impl PreparedPrompt {
             let (long, at) = lengthen(looping, clip, request.read.map.as_deref(), tokenizer)?;
             (clip, seam) = (long, Some(at));
         }
-        let prepare = |edit| PreparedEdit::load(edit, frames, (request, &text), (&clip, seam), tokenizer);
+        let prepare = |edit| PreparedEdit::load(edit, frames, request, &text, &clip, seam, tokenizer);
         let prepared = edit.as_mut().map(prepare).transpose()?;
         request.edit = edit;
         let frames = match request.from_frame {

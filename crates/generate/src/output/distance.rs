@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 
 /// Distances of given joints from the prompt's, over frames and joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GivenDistance {
+pub(crate) struct GivenDistance {
     /// Centimetres.
     pub mean_cm: f64,
     /// Centimetres.
@@ -20,7 +20,7 @@ pub struct GivenDistance {
 }
 
 /// The given joints but the pelvis, each with the ancestor in whose frame it is measured; SMPL ids.
-pub fn reference_joints(tokenizer: &Tokenizer, prompt: &PreparedPrompt) -> Vec<(usize, usize)> {
+pub(crate) fn reference_joints(tokenizer: &Tokenizer, prompt: &PreparedPrompt) -> Vec<(usize, usize)> {
     let is_free = |j| is_coded(tokenizer, j) && !is_given(tokenizer, prompt, j);
     let given = (1..24).filter(|&j| is_given(tokenizer, prompt, j));
     given
@@ -35,12 +35,12 @@ pub fn reference_joints(tokenizer: &Tokenizer, prompt: &PreparedPrompt) -> Vec<(
 }
 
 /// The free coded joints between the pelvis and given ones, ascending: they move what is given.
-pub fn free_ancestors(tokenizer: &Tokenizer, prompt: &PreparedPrompt) -> Vec<usize> {
+pub(crate) fn free_ancestors(tokenizer: &Tokenizer, prompt: &PreparedPrompt) -> Vec<usize> {
     ancestors(|j| is_given(tokenizer, prompt, j), |j| is_coded(tokenizer, j) && !is_given(tokenizer, prompt, j))
 }
 
 /// The same of an edit: between the pelvis and the given joints of a span, in any of its frames.
-pub fn free_ancestors_of_span(edit: &PreparedEdit, span: &ResolvedSpan) -> Vec<usize> {
+pub(crate) fn free_ancestors_of_span(edit: &PreparedEdit, span: &ResolvedSpan) -> Vec<usize> {
     let mask = &edit.spans.mask;
     let mut found: BTreeSet<usize> = BTreeSet::new();
     let mut seen = BTreeSet::new();
@@ -84,7 +84,7 @@ fn parent(joint: usize) -> usize {
 ///
 /// # Errors
 /// A rig that no skeleton map knows.
-pub fn given_distance(
+pub(crate) fn given_distance(
     tokenizer: &Tokenizer,
     prompt: &PreparedPrompt,
     map: Option<&str>,

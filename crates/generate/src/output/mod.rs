@@ -1,6 +1,6 @@
 //! Dances decoded: words become a motion on a rig, at a rate, with feet locked, and a file with its sidecar.
 
-pub mod distance;
+mod distance;
 mod feet;
 mod free_spans;
 mod likelihood;
@@ -63,7 +63,7 @@ impl OpenRequest {
     /// Words that are not this tokenizer's; a rig that no skeleton map knows; a rate that is none.
     pub fn motion(&self, words: &Words, out: &Path) -> Result<Generated> {
         if let Some((prompt, edit)) = self.edit() {
-            return self.edited(words, (prompt, edit), out);
+            return self.edited(words, prompt, edit, out);
         }
         let mut motion = self.decoded(words, out)?;
         motion.clip = resample_held(&motion.clip, self.resolved.fps, Method::Smooth)?;
@@ -96,14 +96,14 @@ impl OpenRequest {
     }
 
     /// An edited clip.
-    fn edited(&self, words: &Words, (prompt, edit): (&PreparedPrompt, &PreparedEdit), out: &Path) -> Result<Generated> {
+    fn edited(&self, words: &Words, prompt: &PreparedPrompt, edit: &PreparedEdit, out: &Path) -> Result<Generated> {
         let lock = self.resolved.feet == FootMode::Lock;
         let lead_in = self.resolved.lead_in;
         let ClosedGaps { clip, errors, locked } = edit.close(words, &prompt.clip, lead_in, &self.tokenizer, lock)?;
         let (motion, changed) = match self.on_own_rig() {
             Some((prompt, request)) => {
                 let map = request.read.map.as_deref();
-                edit.on_own_rig(&clip, (&prompt.clip, map), self.resampled_fps())?
+                edit.on_own_rig(&clip, &prompt.clip, map, self.resampled_fps())?
             }
             None => (on_model_rig(out, edit.at_rate(&clip, self.frames, self.resolved.fps)?), None),
         };

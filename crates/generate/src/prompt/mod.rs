@@ -43,7 +43,7 @@ pub enum Rest {
 
 impl Rest {
     /// As decoding takes it.
-    pub fn pose(&self) -> UncodedPose<'_> {
+    pub(crate) fn pose(&self) -> UncodedPose<'_> {
         match self {
             Rest::Pose(pose) => UncodedPose::Pose(pose),
             Rest::Clip(clip) => UncodedPose::Clip(clip),
@@ -96,7 +96,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// What retargeting and coding fail with.
-    pub fn with_motion(self, motion: Motion, map: Option<&str>, tokenizer: &Tokenizer) -> Result<PromptClip> {
+    pub(crate) fn with_motion(self, motion: Motion, map: Option<&str>, tokenizer: &Tokenizer) -> Result<PromptClip> {
         let clip = resample(&retarget::to_smpl(&motion, map)?, tokenizer.fps(), Method::Auto)?;
         let words = tokenizer.encode(&clip.clone().raised(-self.under_m))?.words;
         Ok(PromptClip { motion, clip, words, ..self })
@@ -123,7 +123,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// Those of [`PromptClip::ground_m`].
-    pub fn rise_m(&self, first_m: f64) -> Result<f64> {
+    pub(crate) fn rise_m(&self, first_m: f64) -> Result<f64> {
         match self.floor_m {
             Some(_) => Ok(0.0),
             None => Ok(self.clip.root()[0].y - self.ground_m()? - first_m),
@@ -134,7 +134,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// None for a clip that was read.
-    pub fn at_rate(&self) -> Result<Clip> {
+    pub(crate) fn at_rate(&self) -> Result<Clip> {
         Ok(resample(&self.motion.clip, self.clip.fps(), Method::Auto)?)
     }
 
@@ -142,7 +142,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// More frames than the prompt has, or too few for a word.
-    pub fn beginning(&self, tokenizer: &Tokenizer, frames: usize) -> Result<Vec<u32>> {
+    pub(crate) fn beginning(&self, tokenizer: &Tokenizer, frames: usize) -> Result<Vec<u32>> {
         if frames > self.frames() {
             let expected = format!("a frame of the prompt, which has {}", self.frames());
             return Err(Error::invalid("`from_frame`", frames, expected));
@@ -163,7 +163,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// None for a clip that was read.
-    pub fn rest(&self, tokenizer: &Tokenizer, uncoded: UncodedJoints, given: usize) -> Result<Rest> {
+    pub(crate) fn rest(&self, tokenizer: &Tokenizer, uncoded: UncodedJoints, given: usize) -> Result<Rest> {
         Ok(match uncoded {
             UncodedJoints::Identity => Rest::Pose([Quat::IDENTITY; 24]),
             UncodedJoints::Training => Rest::Pose(*tokenizer.mean_pose()),
@@ -182,7 +182,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn on_own_rig(&self, dance: &Clip, about_m: f64, map: Option<&str>, base: Option<&Clip>) -> Result<Motion> {
+    pub(crate) fn on_own_rig(&self, dance: &Clip, about_m: f64, map: Option<&str>, base: Option<&Clip>) -> Result<Motion> {
         let clip = self.retarget(map)?.with_floor(about_m).to_rig_over(dance, base)?;
         Ok(Motion { clip, source: self.motion.source.clone(), ..self.motion.clone() })
     }
@@ -192,7 +192,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn about_m(&self, follows_path: bool, map: Option<&str>) -> Result<f64> {
+    pub(crate) fn about_m(&self, follows_path: bool, map: Option<&str>) -> Result<f64> {
         if !follows_path {
             return Ok(0.0);
         }
@@ -203,7 +203,7 @@ impl PromptClip {
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub fn retarget(&self, map: Option<&str>) -> Result<Retarget> {
+    pub(crate) fn retarget(&self, map: Option<&str>) -> Result<Retarget> {
         let rig = self.motion.clip.skeleton();
         let floor_m = format::floor_height(&self.motion, map)?;
         Ok(Retarget::new(rig, &map_of(&self.motion.clip, map)?, smpl::neutral())?.with_floor(floor_m))

@@ -11,7 +11,7 @@ const SETTLING_S: f64 = 0.5;
 ///
 /// # Errors
 /// None for a valid clip.
-pub fn settle(clip: &Clip, frames: usize) -> Result<Clip> {
+pub(crate) fn settle(clip: &Clip, frames: usize) -> Result<Clip> {
     let given = clip.slice(0..frames.min(clip.frames()));
     let (Some(last), steps) = (given.frames().checked_sub(1), (SETTLING_S * clip.fps()).ceil().max(1.0)) else {
         return Ok(given);
@@ -29,7 +29,7 @@ pub fn settle(clip: &Clip, frames: usize) -> Result<Clip> {
 }
 
 /// (J) the mean rotation of every joint over a clip that has frames, signs aligned.
-pub fn mean_pose(clip: &Clip) -> Vec<Quat> {
+pub(crate) fn mean_pose(clip: &Clip) -> Vec<Quat> {
     let mean = |j: usize| {
         let first = clip.pose(0)[j];
         let zero = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);

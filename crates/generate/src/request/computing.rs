@@ -62,12 +62,12 @@ impl Computing {
     ///
     /// # Errors
     /// A device or a form without such a name.
-    pub fn compute(&self) -> Result<Compute> {
+    pub(crate) fn compute(&self) -> Result<Compute> {
         Ok(Compute { device: self.device.parse()?, form: self.form.parse()? })
     }
 
     /// How the model is read with `streams` sequences side by side.
-    pub fn reading(&self, streams: usize) -> ReaderOptions {
+    pub(crate) fn reading(&self, streams: usize) -> ReaderOptions {
         ReaderOptions { streams, weights: self.weights, kv: self.kv }
     }
 }

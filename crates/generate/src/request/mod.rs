@@ -31,7 +31,7 @@ use std::path::PathBuf;
 /// let request = Request { length: Some(Length::Seconds(10.0)), seed: Some(7), ..Request::of("run") };
 /// assert_eq!((request.seed, request.guidance), (Some(7), None));
 /// ```
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Request {
     /// The run folder of the model.
     pub run: PathBuf,
@@ -84,26 +84,6 @@ pub struct Request {
 impl Request {
     /// A request of the model in the folder `run`, everything else left open.
     pub fn of(run: impl Into<PathBuf>) -> Request {
-        Request {
-            run: run.into(),
-            prompt: None,
-            labels: BTreeMap::new(),
-            timed_labels: Vec::new(),
-            music: None,
-            guidance: None,
-            goal_guidance: None,
-            length: None,
-            fps: None,
-            lead_in: None,
-            first_frames: None,
-            passes: None,
-            seed: None,
-            seeding: None,
-            sampling: Sampling::default(),
-            rig: None,
-            uncoded_joints: None,
-            feet: None,
-            computing: None,
-        }
+        Request { run: run.into(), ..Request::default() }
     }
 }

@@ -59,7 +59,7 @@ pub enum FootMode {
 
 impl FootMode {
     /// Whether nothing is done; files leave the key out then.
-    pub fn is_off(&self) -> bool {
+    pub(crate) fn is_off(&self) -> bool {
         *self == FootMode::Off
     }
 }

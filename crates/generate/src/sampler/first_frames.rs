@@ -37,7 +37,7 @@ impl SamplingPlan {
 }
 
 /// Whether some given character of a word comes after a free one. `given`: (C).
-pub fn has_given_after_free(given: &[bool]) -> bool {
+pub(crate) fn has_given_after_free(given: &[bool]) -> bool {
     given.iter().skip_while(|is_given| **is_given).any(|is_given| *is_given)
 }
 
@@ -79,7 +79,7 @@ fn scored(
     seeds: &[u64],
     prefix: &mut Vec<f64>,
 ) -> Result<Batch> {
-    let mut batch = Batch { scores: true, ..Batch::new(plan, (0, seeds), model.context()) };
+    let mut batch = Batch { scores: true, ..Batch::new(plan, 0, seeds, model.context()) };
     batch.sequences.iter_mut().zip(&*prefix).for_each(|(sequence, scored)| sequence.skip_prefix(*scored));
     while !batch.is_done() {
         batch.step(model)?;

@@ -23,12 +23,12 @@ impl GoalConditioning {
     }
 
     /// Whether a word was the last that was conditioned.
-    pub fn has_conditioned(&self, word: usize) -> bool {
+    pub(crate) fn has_conditioned(&self, word: usize) -> bool {
         self.last == Some(word)
     }
 
     /// The conditioning of a word that comes after those of `ids`; `None` where it has no goal.
-    pub fn condition(&mut self, word: usize, ids: &[u32]) -> Option<FrameConditioning<'_>> {
+    pub(crate) fn condition(&mut self, word: usize, ids: &[u32]) -> Option<FrameConditioning<'_>> {
         let length = self.goals.characters() + 1;
         let codes = |word: usize| self.goals.codes(&ids[word * length..][..length]);
         for word in self.states.len()..word {

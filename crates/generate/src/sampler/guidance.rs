@@ -15,7 +15,7 @@ pub struct Guidance {
 }
 
 /// Turns the conditioned logits into the guided ones, at scale g. A token that is impossible in either reading stays so.
-pub fn mix(scale: f64, conditioned: &mut [f32], unconditioned: &[f32]) {
+pub(crate) fn mix(scale: f64, conditioned: &mut [f32], unconditioned: &[f32]) {
     for (c, &u) in conditioned.iter_mut().zip(unconditioned) {
         *c = match c.is_infinite() || u.is_infinite() {
             true => c.min(u),

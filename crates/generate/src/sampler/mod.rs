@@ -14,7 +14,8 @@ mod model;
 mod plan;
 mod sequence;
 
-pub use first_frames::{FIRST_FRAMES, has_given_after_free};
+pub use first_frames::FIRST_FRAMES;
+pub(crate) use first_frames::has_given_after_free;
 pub use guidance::Guidance;
 pub use model::{NextToken, reader, readers};
 pub use plan::{GUESSES, MOST_FRAMES, SamplingPlan, check_frames, variation_seed};
@@ -99,7 +100,7 @@ impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
     ///
     /// # Errors
     /// Those of [`Sampler::new`].
-    pub fn side_by_side(models: Vec<M>, plan: impl Into<Arc<SamplingPlan>>) -> Result<Sampler<M>> {
+    pub(crate) fn side_by_side(models: Vec<M>, plan: impl Into<Arc<SamplingPlan>>) -> Result<Sampler<M>> {
         let plan: Arc<SamplingPlan> = plan.into();
         let mut begun = Vec::with_capacity(models.len());
         let mut first = 0;
@@ -114,7 +115,7 @@ impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
     }
 
     /// What has been sampled so far.
-    pub fn into_tokens(self) -> SampledTokens {
+    pub(crate) fn into_tokens(self) -> SampledTokens {
         let mut all = SampledTokens::default();
         for sequence in self.parts.into_iter().flat_map(|part| part.batch.sequences) {
             (all.guessed, all.right) = (all.guessed + sequence.guessed, all.right + sequence.right);
@@ -148,7 +149,7 @@ impl<M: DerefMut<Target: NextToken>> Part<M> {
     fn new(mut model: M, plan: &Arc<SamplingPlan>, dances: Range<usize>) -> Result<Part<M>> {
         let first = dances.start;
         let seeds = first_frames::best_seeds(&mut *model, plan, dances.map(|dance| plan.seed_of(dance)).collect())?;
-        let batch = Batch::new(plan, (first, &seeds), model.context());
+        let batch = Batch::new(plan, first, &seeds, model.context());
         Ok(Part { model, batch })
     }
 
@@ -241,8 +242,8 @@ struct Batch {
 
 impl Batch {
     /// A dance for each seed, numbered from `first` on.
-    fn new(plan: &Arc<SamplingPlan>, (first, seeds): (usize, &[u64]), context: usize) -> Batch {
-        let sequences = (first..).zip(seeds).map(|(dance, &seed)| Sequence::new(plan.clone(), (dance, seed), context));
+    fn new(plan: &Arc<SamplingPlan>, first: usize, seeds: &[u64], context: usize) -> Batch {
+        let sequences = (first..).zip(seeds).map(|(dance, &seed)| Sequence::new(plan.clone(), dance, seed, context));
         Batch { plan: plan.clone(), sequences: sequences.collect(), logits: Vec::new(), scores: false }
     }
 

@@ -98,7 +98,7 @@ impl SamplingPlan {
     }
 
     /// Sequences that a dance takes: two where it is guided by a scale other than 1.
-    pub fn streams(&self) -> usize {
+    pub(crate) fn streams(&self) -> usize {
         1 + usize::from(self.guidance.is_some() || (self.used_goals().is_some() && self.goal_guidance != 1.0))
     }
 

@@ -52,7 +52,7 @@ pub(super) struct Sequence {
 }
 
 impl Sequence {
-    pub fn new(plan: Arc<SamplingPlan>, (dance, seed): (usize, u64), context: usize) -> Sequence {
+    pub fn new(plan: Arc<SamplingPlan>, dance: usize, seed: u64, context: usize) -> Sequence {
         let word = plan.grammar.tokens_per_word();
         let mut sequence = Sequence {
             dance,
@@ -88,48 +88,48 @@ impl Sequence {
     }
 
     /// The ids of a whole word, its space included.
-    pub fn word(&self, word: usize) -> &[u32] {
+    pub(crate) fn word(&self, word: usize) -> &[u32] {
         &self.ids[self.starts[word]..self.starts[word + 1]]
     }
 
-    pub fn is_done(&self) -> bool {
+    pub(crate) fn is_done(&self) -> bool {
         self.words() == self.plan.words
     }
 
     /// ln p of what is given of the first word and up to the next free slot, as far as it is scored.
-    pub fn log_likelihood(&self) -> f64 {
+    pub(crate) fn log_likelihood(&self) -> f64 {
         self.log_likelihood
     }
 
     /// Whether all of that is scored.
-    pub fn is_scored(&self) -> bool {
+    pub(crate) fn is_scored(&self) -> bool {
         self.is_scored
     }
 
     /// Begins behind what is given before the first free slot, which the model has read and scored.
-    pub fn skip_prefix(&mut self, log_likelihood: f64) {
+    pub(crate) fn skip_prefix(&mut self, log_likelihood: f64) {
         // the last of it is read again, for its logits
         self.read = self.window() - 1;
         self.log_likelihood = log_likelihood;
     }
 
     /// The ids, and the look-ahead tokens.
-    pub fn into_tokens(self) -> (Vec<u32>, Vec<(usize, u32)>) {
+    pub(crate) fn into_tokens(self) -> (Vec<u32>, Vec<(usize, u32)>) {
         (self.ids, self.lookahead)
     }
 
     /// What the model reads next; nothing when the dance is done.
-    pub fn block(&self) -> &[u32] {
+    pub(crate) fn block(&self) -> &[u32] {
         &self.block
     }
 
     /// The same for the unconditioned reading; `None` where the dance has one reading.
-    pub fn unconditioned_block(&self) -> Option<&[u32]> {
+    pub(crate) fn unconditioned_block(&self) -> Option<&[u32]> {
         (self.plan.streams() > 1).then_some(self.unconditioned.as_slice())
     }
 
     /// Conditions the frames that begin within the block on their goals and their music. Only for words of one length.
-    pub fn condition(&mut self, model: &mut (impl NextToken + ?Sized), stream: usize) -> Result<()> {
+    pub(crate) fn condition(&mut self, model: &mut (impl NextToken + ?Sized), stream: usize) -> Result<()> {
         let m = self.plan.music_width();
         let Some(length) = self.plan.grammar.tokens_per_word().filter(|_| self.goals.is_some() || m > 0) else {
             return Ok(());
@@ -149,14 +149,14 @@ impl Sequence {
 
     /// The guidance scale of the next token: towards the goals where its frame has any or is sampled ahead, else by the
     /// conditions in front. `None`: the conditioned reading alone counts.
-    pub fn scale(&self) -> Option<f64> {
+    pub(crate) fn scale(&self) -> Option<f64> {
         let has_goal = |goals: &GoalConditioning| goals.has_conditioned(self.words()) || self.looks_ahead(self.slot);
         let towards = self.goals.as_ref().filter(|goals| has_goal(goals)).map(|_| self.plan.goal_guidance);
         towards.or(self.plan.guidance.as_ref().map(|guidance| guidance.scale))
     }
 
     /// Whether there are guesses in the block.
-    pub fn has_guesses(&self) -> bool {
+    pub(crate) fn has_guesses(&self) -> bool {
         self.guesses > 0
     }
 
@@ -258,7 +258,7 @@ impl Sequence {
 
     /// Makes the next block, with up to `guesses` guesses. Returns the number of tokens of the window that the model has
     /// read.
-    pub fn prepare(&mut self, guesses: usize) -> usize {
+    pub(crate) fn prepare(&mut self, guesses: usize) -> usize {
         self.fill_block(guesses);
         if self.plan.streams() > 1 {
             self.unconditioned.clone_from(&self.block);
@@ -316,7 +316,7 @@ impl Sequence {
 
     /// Scores the block by the `logits` (rows, V) of all its tokens, until the first word is whole. All but the block's first
     /// token is given.
-    pub fn score(&mut self, logits: &[f32], vocabulary: usize) {
+    pub(crate) fn score(&mut self, logits: &[f32], vocabulary: usize) {
         let word = self.plan.grammar.tokens_per_word().unwrap_or(1);
         for (later, row) in (1..self.block.len()).zip(logits.chunks_exact(vocabulary.max(1))) {
             if let Some(at) = (self.read + later).checked_sub(self.front().len()) {

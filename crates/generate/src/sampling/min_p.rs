@@ -4,7 +4,7 @@
 use super::Candidate;
 
 /// Keeps the ids whose probability is at least `p` times that of the most likely.
-pub fn apply(left: &mut Vec<Candidate>, p: f64) {
+pub(crate) fn apply(left: &mut Vec<Candidate>, p: f64) {
     let top = left.iter().fold(f64::NEG_INFINITY, |top, c| top.max(c.logit));
     left.retain(|c| (c.logit - top).exp() >= p);
 }

@@ -114,7 +114,7 @@ impl Sampling {
     }
 
     /// The same without the rules that remove ids.
-    pub fn untruncated(self) -> Sampling {
+    pub(crate) fn untruncated(self) -> Sampling {
         // named one by one, so that a new rule is put on one side or the other
         let Sampling { greedy: _, repetition_penalty, repetition_words, temperature, top_k: _, top_p: _, min_p: _ } =
             self;
@@ -122,7 +122,7 @@ impl Sampling {
     }
 
     /// Whether any rule removes ids.
-    pub fn truncates(&self) -> bool {
+    pub(crate) fn truncates(&self) -> bool {
         *self != self.untruncated()
     }
 
@@ -137,7 +137,7 @@ impl Sampling {
     }
 
     /// Words that the repetition penalty looks back; 0 without a penalty.
-    pub fn looks_back(&self) -> usize {
+    pub(crate) fn looks_back(&self) -> usize {
         if self.repetition_penalty == 1.0 { 0 } else { self.repetition_words }
     }
 
@@ -173,7 +173,7 @@ impl Sampling {
 }
 
 /// ln p of an id among the `allowed` ones, by the `logits` (V) of all ids; minus infinity where it is impossible.
-pub fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -> f64 {
+pub(crate) fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -> f64 {
     let Some(mut all) = candidates(logits, allowed) else { return f64::NEG_INFINITY };
     centre(&mut all);
     let own = all.iter().find(|candidate| candidate.id == id).map_or(f64::NEG_INFINITY, |own| own.logit);

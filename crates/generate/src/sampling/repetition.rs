@@ -8,7 +8,7 @@
 use super::Candidate;
 
 /// Divides the probabilities of the `recent` ids by `penalty`, above 0.
-pub fn apply(left: &mut [Candidate], recent: &[u32], penalty: f64) {
+pub(crate) fn apply(left: &mut [Candidate], recent: &[u32], penalty: f64) {
     if recent.is_empty() {
         return;
     }

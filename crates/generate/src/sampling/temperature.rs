@@ -5,7 +5,7 @@ use kinelm_store::random;
 use rand_chacha::ChaCha8Rng;
 
 /// Divides the logits.
-pub fn apply(left: &mut [Candidate], temperature: f64) {
+pub(crate) fn apply(left: &mut [Candidate], temperature: f64) {
     left.iter_mut().for_each(|c| c.logit /= temperature);
 }
 

@@ -3,7 +3,7 @@
 use super::{Candidate, by_likelihood, keep_up_to};
 
 /// Keeps the `k` most likely, at least one; of equals the first.
-pub fn apply(left: &mut Vec<Candidate>, k: usize) {
+pub(crate) fn apply(left: &mut Vec<Candidate>, k: usize) {
     if k < left.len() {
         let last = *left.clone().select_nth_unstable_by(k.max(1) - 1, by_likelihood).1;
         keep_up_to(left, last);

@@ -4,7 +4,7 @@
 use super::{Candidate, by_likelihood, keep_up_to};
 
 /// Keeps the fewest most likely whose probabilities reach `p` together, at least one; of equals the first.
-pub fn apply(left: &mut Vec<Candidate>, p: f64) {
+pub(crate) fn apply(left: &mut Vec<Candidate>, p: f64) {
     if p >= 1.0 {
         return;
     }

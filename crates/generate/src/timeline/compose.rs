@@ -1,6 +1,6 @@
 //! A timeline composed into one file: the numbers of its clips digit for digit, straight lines between.
 
-use super::layout::{PlacedSegment, TimelineLayout};
+use super::layout::{PlacedSegment, TimelineLayout, TimelineRig};
 use crate::Result;
 use crate::edit::gap::bridge;
 use crate::edit::mask::Mask;
@@ -17,18 +17,17 @@ use std::path::Path;
 impl TimelineLayout {
     /// The file that lends its rig.
     pub fn path(&self) -> &Path {
-        &self.rig.0.file
+        &self.rig.own.file
     }
 
     /// How the composed file is read.
     pub fn read(&self) -> ReadOptions {
-        let (own, _, source) = &self.rig;
-        let (up, floor) = (source.rig.axes.up, Some(self.floor_m));
-        ReadOptions { skip: 0, rest: RestFrame::Keep, up, floor, ..own.options() }
+        let (up, floor) = (self.rig.source.rig.axes.up, Some(self.rig.floor_m));
+        ReadOptions { skip: 0, rest: RestFrame::Keep, up, floor, ..self.rig.own.options() }
     }
 
     /// What the clips give of the dance.
-    pub fn given(&self) -> Vec<Span> {
+    pub(crate) fn given(&self) -> Vec<Span> {
         let span = |segment: &PlacedSegment| {
             let [from, to] = [segment.frames.start, segment.frames.end].map(|f| Some(Moment::Frames(f as f64)));
             Span { joints: segment.list.clone(), from, to }
@@ -51,8 +50,8 @@ impl TimelineLayout {
     ///
     /// # Errors
     /// None for clips that were read.
-    pub fn compose(&self) -> Result<Vec<u8>> {
-        let (own, motion, source) = &self.rig;
+    pub(crate) fn compose(&self) -> Result<Vec<u8>> {
+        let TimelineRig { own, motion, source, .. } = &self.rig;
         let skeleton = motion.clip.skeleton();
         let retarget = Retarget::new(skeleton, &map_of(&motion.clip, own.map.as_deref())?, smpl::neutral())?;
         let owners = owners(&retarget);
@@ -76,8 +75,8 @@ impl TimelineLayout {
         };
         let of_segment: Vec<Option<usize>> = (0..self.segments.len()).map(piece_of).collect();
         // where no clip gives numbers they are new; the rig's fill their places until then
-        let of_rig = names.iter().position(|name| **name == self.rig_name).unwrap_or(0);
-        let of_rig = (exact[..of_rig].iter().flatten().count(), self.clips[&self.rig_name].left_out);
+        let of_rig = names.iter().position(|name| **name == self.rig.name).unwrap_or(0);
+        let of_rig = (exact[..of_rig].iter().flatten().count(), self.clips[&self.rig.name].left_out);
         let words = |frame: usize, joint: usize| {
             let given = by[frame * j + joint].and_then(|n| {
                 let segment = &self.segments[n];
@@ -114,7 +113,7 @@ impl TimelineLayout {
 
     /// What the segments give, and straight lines where none does. `by`: (F, J) the segment that gives a joint.
     fn clip(&self, by: &[Option<usize>]) -> Result<Clip> {
-        let rig = &self.rig.1.clip;
+        let rig = &self.rig.motion.clip;
         let j = rig.joints();
         let mean: Vec<Quat> = rig.pose(0).to_vec();
         let (mut root, mut rotations) = (vec![rig.root()[0]; self.frames], mean.repeat(self.frames));

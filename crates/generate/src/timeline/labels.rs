@@ -1,6 +1,6 @@
 //! Labels of a timeline.
 
-use super::layout::{Fault, times};
+use super::fault::{Fault, times};
 use crate::request::{Segment, TimedLabel};
 use kinelm_corpus::labels::parse_pair;
 use kinelm_motion::moment::Moment;
@@ -22,7 +22,7 @@ pub(super) fn timed_labels(segments: &[Segment], fps: f64) -> Result<(Vec<TimedL
                 return Err(wrong("joints or at without a clip".into(), "the clip that they belong to"));
             }
         }
-        let frames = times(segment, fps).map_err(|(found, expected)| Fault::Segment(n, found, expected))?;
+        let frames = times(n, segment, fps)?;
         let [from, to] = [frames.start, frames.end].map(|frame| Some(Moment::Seconds(frame as f64 / fps)));
         for (field, value) in &segment.labels {
             let label = format!("{field}={value}");

@@ -1,5 +1,6 @@
 //! The clips of a timeline read and placed: which of their frames go where, turned and moved how.
 
+use super::fault::{Fault, LONGEST_S, border, times};
 use super::labels::timed_labels;
 use crate::Error;
 use crate::request::{At, Segment, TimedLabel, Timeline, TimelineClip};
@@ -20,50 +21,6 @@ const MOVES_ON_S: f64 = 1.0;
 const FASTEST_M_S: f64 = 1.5;
 /// The time over which an end's speed is measured, seconds.
 const SPEED_S: f64 = 0.2;
-/// The longest timeline, seconds.
-const LONGEST_S: f64 = 3600.0;
-
-/// What is wrong with a timeline, and where.
-pub(super) enum Fault {
-    /// A segment, counted from 0: found, expected.
-    Segment(usize, String, String),
-    /// A clip, by its name.
-    Clip(String, String, String),
-    /// The clip that lends its rig.
-    Rig(String, String),
-    /// The whole.
-    Timeline(String, String),
-    /// A file that can't be read.
-    Read(Error),
-}
-
-impl From<Error> for Fault {
-    fn from(e: Error) -> Fault {
-        Fault::Read(e)
-    }
-}
-
-impl From<kinelm_motion::Error> for Fault {
-    fn from(e: kinelm_motion::Error) -> Fault {
-        Fault::Read(e.into())
-    }
-}
-
-impl From<Fault> for Error {
-    fn from(fault: Fault) -> Error {
-        match fault {
-            Fault::Segment(n, found, expected) => {
-                Error::invalid(format!("segment {} of the timeline", n + 1), found, expected)
-            }
-            Fault::Clip(name, found, expected) => {
-                Error::invalid(format!("clip {name} of the timeline"), found, expected)
-            }
-            Fault::Rig(found, expected) => Error::invalid("the timeline's rig", found, expected),
-            Fault::Timeline(found, expected) => Error::invalid("the timeline", found, expected),
-            Fault::Read(e) => e,
-        }
-    }
-}
 
 /// A clip of a timeline on the rig that is written, at its rate.
 pub(super) struct ReadClip {
@@ -125,13 +82,21 @@ pub struct TimelineLayout {
     pub labels: Vec<TimedLabel>,
     /// What the user should know.
     pub notes: Vec<String>,
-    /// The name of the clip that lends its rig.
-    pub(super) rig_name: String,
-    /// That clip, and how its file is read.
-    pub(super) rig: (TimelineClip, Motion, BvhSource),
-    /// The floor of that clip, metres.
-    pub(super) floor_m: f64,
+    /// The clip that lends its rig.
+    pub(super) rig: TimelineRig,
     pub(super) clips: BTreeMap<String, ReadClip>,
+}
+
+/// The clip that lends a timeline its rig.
+pub(super) struct TimelineRig {
+    /// Its name.
+    pub name: String,
+    /// Its file, and how it is read.
+    pub own: TimelineClip,
+    pub motion: Motion,
+    pub source: BvhSource,
+    /// Its floor, metres.
+    pub floor_m: f64,
 }
 
 /// What a timeline without segments is found to have: one that is only begun.
@@ -159,14 +124,14 @@ impl TimelineLayout {
         };
         let source = (**source).clone();
         let floor_m = resolve_floor(&mut motion, &own.options()).map_err(|e| unread(&timeline.rig, &e))?;
-        let rig = (own, &motion, &source, floor_m);
+        let rig = TimelineRig { name: timeline.rig.clone(), own: own.clone(), motion, source, floor_m };
         let mut file = Some(file);
         let mut clips = BTreeMap::new();
         for (name, clip) in &timeline.clips {
             if *name == timeline.rig || timeline.segments.iter().any(|segment| segment.clip.as_ref() == Some(name)) {
                 let own_file = if *name == timeline.rig { file.take() } else { None };
                 let on_rig = own_file.map_or_else(|| ClipFile::read(clip), Ok);
-                let on_rig = on_rig.map_err(Fault::Read).and_then(|file| file.on_rig(clip, rig, &mut notes));
+                let on_rig = on_rig.map_err(Fault::Read).and_then(|file| file.on_rig(clip, &rig, &mut notes));
                 let on_rig = on_rig.map_err(|fault| match fault {
                     Fault::Read(e) => unread(name, &e),
                     fault => fault,
@@ -178,7 +143,7 @@ impl TimelineLayout {
                 clips.insert(name.clone(), on_rig);
             }
         }
-        let fps = motion.clip.fps();
+        let fps = rig.motion.clip.fps();
         let transition = timeline.transition.0.seconds(fps);
         if !(0.0..=10.0).contains(&transition) {
             return Err(Fault::Timeline(format!("transition = {}", timeline.transition.0), "0 to 10 seconds".into()));
@@ -198,13 +163,12 @@ impl TimelineLayout {
             let read = clips
                 .get(clip)
                 .ok_or_else(|| Fault::Segment(n, format!("clip = \"{clip}\""), format!("one of the clips: {known}")))?;
-            let place = place((n, clip, segment), read, (&motion, own), &mut notes);
-            placed.push((n, place.map_err(|(found, expected)| Fault::Segment(n, found, expected))?));
+            placed.push(place(n, clip, segment, read, &rig, &mut notes)?);
         }
-        placed.sort_by_key(|(n, p)| (p.frames.start, *n));
+        placed.sort_by_key(|p| (p.frames.start, p.index));
         make_room(&mut placed, (transition * fps).round() as usize, fps)?;
         let (mut labels, labelled) = timed_labels(&timeline.segments, fps)?;
-        let last = placed.iter().map(|(_, p)| p.frames.end).chain([labelled]).max().unwrap_or(0);
+        let last = placed.iter().map(|p| p.frames.end).chain([labelled]).max().unwrap_or(0);
         let frames = length.map_or(last, |s| (s * fps).round() as usize);
         if frames < last {
             let found = format!("a segment up to {:.2} s", last as f64 / fps);
@@ -214,11 +178,8 @@ impl TimelineLayout {
         for label in labels.iter_mut().filter(|_| labelled == frames) {
             label.to = label.to.filter(|to| *to != Moment::Seconds(frames as f64 / fps));
         }
-        let mut segments: Vec<PlacedSegment> = placed.into_iter().map(|(_, p)| p).collect();
-        join(&mut segments, &clips, fps);
-        let rig_name = timeline.rig.clone();
-        let rig = (own.clone(), motion, source);
-        Ok(TimelineLayout { segments, frames, fps, labels, notes, rig_name, rig, floor_m, clips })
+        join(&mut placed, &clips, fps);
+        Ok(TimelineLayout { segments: placed, frames, fps, labels, notes, rig, clips })
     }
 }
 
@@ -259,12 +220,8 @@ impl ClipFile {
     }
 
     /// The clip on the rig that is written.
-    fn on_rig(
-        self,
-        clip: &TimelineClip,
-        (own, rig, source, floor_m): (&TimelineClip, &Motion, &BvhSource, f64),
-        notes: &mut Vec<String>,
-    ) -> Result<ReadClip, Fault> {
+    fn on_rig(self, clip: &TimelineClip, rig: &TimelineRig, notes: &mut Vec<String>) -> Result<ReadClip, Fault> {
+        let TimelineRig { own, motion: rig, source, floor_m, .. } = rig;
         let (options, fps) = (clip.options(), rig.clip.fps());
         let all = self.whole(clip)?;
         let mut motion = self.motion;
@@ -296,66 +253,53 @@ impl ClipFile {
     }
 }
 
-/// A segment in frames; found and expected where it can't be.
+/// A segment in frames.
 fn place(
-    (index, clip, segment): (usize, &str, &Segment),
+    index: usize,
+    clip: &str,
+    segment: &Segment,
     read: &ReadClip,
-    (rig, own): (&Motion, &TimelineClip),
+    rig: &TimelineRig,
     notes: &mut Vec<String>,
-) -> Result<PlacedSegment, (String, String)> {
-    let fps = rig.clip.fps();
-    let wrong =
-        |e: kinelm_motion::Error| (format!("joints = \"{}\": {e}", segment.joints), "joints of the rig".to_owned());
-    let list = joints::to_smpl_names(&segment.joints, rig.clip.skeleton(), own.map.as_deref()).map_err(wrong)?;
-    let twice = joints::ambiguous_names(&segment.joints, rig.clip.skeleton(), own.map.as_deref());
+) -> Result<PlacedSegment, Fault> {
+    let (skeleton, fps, map) = (rig.motion.clip.skeleton(), rig.motion.clip.fps(), rig.own.map.as_deref());
+    let wrong = |e: kinelm_motion::Error| {
+        Fault::Segment(index, format!("joints = \"{}\": {e}", segment.joints), "joints of the rig".into())
+    };
+    let list = joints::to_smpl_names(&segment.joints, skeleton, map).map_err(wrong)?;
+    let twice = joints::ambiguous_names(&segment.joints, skeleton, map);
     notes.extend(twice.iter().map(|(part, own)| joints::ambiguity_note(part, own)));
     let Selection { mut joints, .. } = joints::parse(&list).map_err(wrong)?;
     joints.sort_unstable();
     joints.dedup();
-    let Range { start: from, end: to } = times(segment, fps)?;
+    let Range { start: from, end: to } = times(index, segment, fps)?;
     let has = read.clip.frames();
-    let at =
-        border("at", segment.at, read.scale, format!("a moment of the clip, which has {:.2} s", has as f64 / fps))?;
+    let expected = format!("a moment of the clip, which has {:.2} s", has as f64 / fps);
+    let at = border(index, "at", segment.at, read.scale, expected)?;
     let at = (at as f64 / read.scale.fps * fps).round() as usize;
     if at + (to - from) > has {
         let (long, left) = ((to - from) as f64 / fps, (has - at) as f64 / fps);
         let found = format!("{long:.2} s from {} of {} on", segment.at.0, clip);
-        return Err((found, format!("{left:.2} s at most, which the clip still has there")));
+        let expected = format!("{left:.2} s at most, which the clip still has there");
+        return Err(Fault::Segment(index, found, expected));
     }
     let (clip, frames) = (clip.to_owned(), from..to);
     Ok(PlacedSegment { index, clip, joints, list, frames, at, turn: 0.0, shift: Vec3::ZERO })
 }
 
-/// The frames of the dance over which a segment holds; found and expected where there are none.
-pub(super) fn times(segment: &Segment, fps: f64) -> Result<Range<usize>, (String, String)> {
-    let scale = Timebase { frames: (LONGEST_S * fps) as usize, fps, left_out: 0, model_fps: None };
-    let counted = || "seconds or frames (40f) from the beginning of the dance".to_owned();
-    let (from, to) = (border("from", segment.from, scale, counted())?, border("to", segment.to, scale, counted())?);
-    if from >= to {
-        return Err((format!("from {} to {}", segment.from.0, segment.to.0), "an end after the beginning".into()));
-    }
-    Ok(from..to)
-}
-
-/// The frame of a moment that a key states, not counted from the end.
-fn border(key: &str, at: At, scale: Timebase, expected: String) -> Result<usize, (String, String)> {
-    let negative = matches!(at.0, Moment::Seconds(n) | Moment::Frames(n) | Moment::Model(n) if n.is_sign_negative());
-    at.0.boundary(scale).filter(|_| !negative).ok_or_else(|| (format!("{key} = {}", at.0), expected))
-}
-
 /// Refuses joints that two segments give at a time, and shortens segments to make room for transitions.
-fn make_room(placed: &mut [(usize, PlacedSegment)], transition: usize, fps: f64) -> Result<(), Fault> {
+fn make_room(placed: &mut [PlacedSegment], transition: usize, fps: f64) -> Result<(), Fault> {
     // frames cut at the beginning and at the end of each
     let mut cuts = vec![(0, 0); placed.len()];
     for second in 1..placed.len() {
         for first in 0..second {
-            let ((n, a), (m, b)) = (&placed[first], &placed[second]);
+            let (a, b) = (&placed[first], &placed[second]);
             let Some(&joint) = a.joints.iter().find(|joint| b.joints.contains(joint)) else { continue };
             if b.frames.start < a.frames.end {
                 let [from, to] = [b.frames.start, a.frames.end.min(b.frames.end)].map(|f| f as f64 / fps);
                 let name = smpl::NAMES[joint];
-                let found = format!("{name} from {from:.2} to {to:.2} s, which segment {} gives too", *n + 1);
-                return Err(Fault::Segment(*m, found, "every joint once at a time".into()));
+                let found = format!("{name} from {from:.2} to {to:.2} s, which segment {} gives too", a.index + 1);
+                return Err(Fault::Segment(b.index, found, "every joint once at a time".into()));
             }
             let room = transition.saturating_sub(b.frames.start - a.frames.end);
             if room == 0 || b.continues(a) {
@@ -365,12 +309,12 @@ fn make_room(placed: &mut [(usize, PlacedSegment)], transition: usize, fps: f64)
             cuts[second].0 = cuts[second].0.max(room / 2);
         }
     }
-    for ((n, segment), (front, back)) in placed.iter_mut().zip(cuts) {
+    for (segment, (front, back)) in placed.iter_mut().zip(cuts) {
         if segment.frames.len() <= front + back {
             let found = format!("{:.2} s", segment.frames.len() as f64 / fps);
             let cut = (front + back) as f64 / fps;
             let expected = format!("more than the {cut:.2} s of it that transitions take (transition)");
-            return Err(Fault::Segment(*n, found, expected));
+            return Err(Fault::Segment(segment.index, found, expected));
         }
         segment.frames = segment.frames.start + front..segment.frames.end - back;
         segment.at += front;

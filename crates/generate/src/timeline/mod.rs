@@ -5,6 +5,7 @@
 
 mod chart;
 mod compose;
+mod fault;
 mod labels;
 mod layout;
 mod spans;
@@ -16,11 +17,11 @@ pub use spans::{GivenSpan, GivenState};
 use crate::request::timeline::default_transition;
 use crate::request::{At, Segment, Timeline, TimelineClip};
 use crate::{Error, Result};
+use fault::Fault;
 use kinelm_corpus::sidecar;
 use kinelm_motion::format::{Unit, Up};
 use kinelm_motion::rig::SkeletonMap;
 use kinelm_store::input;
-use layout::Fault;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -128,7 +129,7 @@ impl Timeline {
     ///
     /// # Errors
     /// As [`Timeline::load`], without lines.
-    pub fn lay_out(&self) -> Result<TimelineLayout> {
+    pub(crate) fn lay_out(&self) -> Result<TimelineLayout> {
         TimelineLayout::of(self).map_err(Error::from)
     }
 }

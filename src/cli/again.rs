@@ -102,9 +102,8 @@ impl Args {
         let (run, prompt) = (self.run.clone(), self.prompt.clone());
         let (timeline, music) = (self.timeline.clone(), self.music.clone());
         let request = first.request_at(&Moved { run, prompt, timeline, music })?;
-        let more = [self.sidecar.clone()].into_iter().chain(self.timeline.clone());
-        let (prompt, music) = (request.prompt.as_ref(), request.music.as_ref());
-        let outputs = make::outputs(self.force, &request.run, prompt, music, more);
+        let named = request.request();
+        let outputs = self.force.outputs(named.files().chain([self.sidecar.clone()]).chain(self.timeline.clone()));
         self.check(&outputs, &out, &first.output.sha256)?;
         let open = first.open(request)?;
         make::report(&open, say)?;

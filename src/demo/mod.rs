@@ -232,7 +232,7 @@ fn generate(args: &Args, prompt: PromptRequest, frames: usize) -> Result<Clip> {
         computing: Some(args.computing()),
         ..Request::of(args.out.join("run"))
     };
-    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.motion.clip)
+    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.generated.motion.clip)
 }
 
 /// A clip that begins as the prompt does, where the prompt stands.

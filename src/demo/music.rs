@@ -123,7 +123,7 @@ fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
         computing: Some(args.computing()),
         ..Request::of(args.out.join("run"))
     };
-    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.motion.clip)
+    Ok(OpenRequest::open(&request)?.make_one(Path::new("dance.bvh"))?.generated.motion.clip)
 }
 
 /// How dances keep to the beats of their music, and of other music.

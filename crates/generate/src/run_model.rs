@@ -22,7 +22,7 @@ impl RunModel {
     /// The model in the form that `compute` selects; of `reading.streams` sequences every `each` belong to one dance.
     ///
     /// # Errors
-    /// Those of [`readers`] and [`masked_model`].
+    /// Those of [`readers`] and `masked_model`.
     pub fn open(run: &LoadedRun, compute: Compute, reading: ReaderOptions, each: usize) -> Result<RunModel> {
         match run.config.kind {
             ModelKind::Causal => Ok(RunModel::Causal(readers(run, compute, reading, each)?)),

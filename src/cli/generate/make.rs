@@ -1,13 +1,12 @@
 //! A request carried out: the dances made and written.
 
 use super::{best, dance::DanceArgs};
-use crate::cli::{ForceArgs, Say, convert, progress, warn};
+use crate::cli::{Say, convert, progress, warn};
 use crate::generate::make::{BestOf, Making, Watch};
 use crate::generate::open::OpenRequest;
-use crate::generate::request::{MusicRequest, PromptRequest, Request};
+use crate::generate::request::Request;
 use crate::generate::timeline::TimelineLayout;
 use anyhow::Result;
-use kinelm_store::output::Outputs;
 use kinelm_store::sidecar;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -21,7 +20,7 @@ pub fn make(
     say: Say,
 ) -> Result<()> {
     let (file, layout) = timeline.map(|(file, layout)| (file.to_owned(), layout)).unzip();
-    let outputs = outputs(args.force, &request.run, request.prompt.as_ref(), request.music.as_ref(), file);
+    let outputs = args.force.outputs(request.files().chain(file));
     // all names, before the first frame
     outputs.check(outs.iter().map(PathBuf::as_path))?;
     for out in outs {
@@ -49,13 +48,13 @@ pub fn make(
     for chosen in dances.chosen {
         let dance = chosen.decode(&open)?;
         dance.write(&outputs)?;
-        convert::report_written(dance.chosen.out, &dance.generated.motion, say);
+        convert::report_written(&dance.chosen.out, &dance.generated.motion, say);
         if let Some(from) = open.lead_in(dance.chosen.number).map(|lead_in| &lead_in.from) {
             let from_s = from.frame as f64 / open.tokenizer.fps();
             say.line(format_args!("continues from a second of {} (a lead-in of the run) at {from_s:.2} s", from.clip));
         }
         let notes = dance.generated.notes(&open).into_iter();
-        notes.chain(open.read_back_note(&dance.chosen.words, dance.chosen.out)?).for_each(|note| say.line(note));
+        notes.chain(open.read_back_note(&dance.chosen.words, &dance.chosen.out)?).for_each(|note| say.line(note));
     }
     Ok(())
 }
@@ -65,22 +64,6 @@ pub fn report(open: &OpenRequest, say: Say) -> Result<()> {
     open.prompt.iter().for_each(|prompt| warn(&prompt.clip.motion, say));
     open.notes()?.iter().for_each(|note| say.line(note));
     Ok(())
-}
-
-/// The outputs of a call that reads a run, a prompt, music and other files.
-pub fn outputs(
-    force: ForceArgs,
-    run: &Path,
-    prompt: Option<&PromptRequest>,
-    music: Option<&MusicRequest>,
-    files: impl IntoIterator<Item = PathBuf>,
-) -> Outputs {
-    let prompt = prompt.into_iter().flat_map(|prompt| {
-        let map = prompt.read.map.iter().map(PathBuf::from);
-        map.chain(prompt.read.body_model.clone()).chain(prompt.files())
-    });
-    let music = music.map(|music| music.path.clone());
-    force.outputs(prompt.chain(music).chain([run.to_owned()]).chain(files))
 }
 
 /// Makes dances under a progress bar.

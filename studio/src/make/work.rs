@@ -15,7 +15,7 @@ use kinelm_generate::OpenRequest;
 use kinelm_generate::make::{BestOf, Dance, Making};
 use kinelm_generate::sampler::variation_seed;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -87,55 +87,65 @@ impl Maker {
         }
         let dances = dances?;
         notes.extend(open.surprise_note()?);
+        let work = Work { job, prepared: &prepared, open: &open, notes: &notes, name: &name };
         for (variation, chosen) in dances.chosen.into_iter().enumerate() {
             if is_cancelled() {
                 return Err(kinelm_store::Error::stopped("stopped before all dances were written").into());
             }
             // a job that is begun again: the user may have kept or rejected what it had made
             let project = self.library.project();
-            if project.dance(&job.dances[variation]).is_ok() {
-                continue;
+            if project.dance(&job.dances[variation]).is_err() {
+                made(work.write(project.folder(), variation, &chosen.decode(&open)?)?)?;
             }
-            let dance = chosen.decode(&open)?;
-            let (bytes, provenance) = dance.file()?;
-            let floor_m = provenance.read.floor.or(prepared.source.as_ref().map(|source| source.floor_m));
-            let made_file = write_made(project.folder(), &job.dances[variation], &bytes, provenance)?;
-            let record = DanceRecord { made: Some(made_file), ..record(job, &prepared, &open, variation, &dance) };
-            let notes: Vec<String> = notes.iter().cloned().chain(dance.generated.notes(&open)).collect();
-            let note = notes.join("\n").replace('`', "");
-            let record = DanceRecord { floor_m: floor_m.unwrap_or(0.0), note, ..record };
-            made(Change::Dance { before: None, after: Some(Box::new(record)) })?;
         }
         Ok(())
     }
 }
 
-/// What a project knows of a dance of a job, its file, floor and notes apart.
-fn record(job: &Job, prepared: &Prepared, open: &OpenRequest, variation: usize, dance: &Dance) -> DanceRecord {
-    let clip = &dance.generated.motion.clip;
-    let several = if job.make.variations > 1 { format!(" {}", variation + 1) } else { String::new() };
-    let given = open.resolved.prompt.as_ref().and_then(|prompt| prompt.joints.clone());
-    DanceRecord {
-        id: job.dances[variation].clone(),
-        name: format!("{}{several}", job.make.name(prepared.source.as_ref())),
-        made: None,
-        kept: None,
-        rejected: false,
-        job: Some(job.id.clone()),
-        variation: variation + 1,
-        seed: variation_seed(open.resolved.seed, dance.chosen.number),
-        frames: clip.frames(),
-        fps: clip.fps(),
-        floor_m: 0.0,
-        note: String::new(),
-        source: prepared.source.as_ref().map(|source| source.id.clone()),
-        rig: prepared.rig.clone(),
-        generated_s: open.generated_s(),
-        given: given.unwrap_or_default(),
-        free: job.make.free.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
-        made_spans: MadeSpan::of(&open.free_spans(), open.tokenizer.fps()),
-        best: dance.chosen.best,
-        opening: job.opening,
+/// A job whose dances are sampled.
+struct Work<'a> {
+    job: &'a Job,
+    prepared: &'a Prepared,
+    open: &'a OpenRequest,
+    notes: &'a [String],
+    name: &'a str,
+}
+
+impl Work<'_> {
+    /// Writes a dance with its sidecar: the change that takes it into the project.
+    fn write(&self, folder: &Path, variation: usize, dance: &Dance) -> Result<Change> {
+        let Work { job, open, .. } = self;
+        let (id, source) = (&job.dances[variation], self.prepared.source.as_ref());
+        let (bytes, provenance) = dance.file()?;
+        let floor_m = provenance.read.floor.or(source.map(|source| source.floor_m));
+        let made = write_made(folder, id, &bytes, provenance)?;
+        let clip = &dance.generated.motion.clip;
+        let notes: Vec<String> = self.notes.iter().cloned().chain(dance.generated.notes(open)).collect();
+        let given = open.resolved.prompt.as_ref().and_then(|prompt| prompt.joints.clone());
+        let several = if job.make.variations > 1 { format!(" {}", variation + 1) } else { String::new() };
+        let record = DanceRecord {
+            id: id.clone(),
+            name: format!("{}{several}", self.name),
+            made: Some(made),
+            kept: None,
+            rejected: false,
+            job: Some(job.id.clone()),
+            variation: variation + 1,
+            seed: variation_seed(open.resolved.seed, dance.chosen.number),
+            frames: clip.frames(),
+            fps: clip.fps(),
+            floor_m: floor_m.unwrap_or(0.0),
+            note: notes.join("\n").replace('`', ""),
+            source: source.map(|source| source.id.clone()),
+            rig: self.prepared.rig.clone(),
+            generated_s: open.generated_s(),
+            given: given.unwrap_or_default(),
+            free: job.make.free.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+            made_spans: MadeSpan::of(&open.free_spans(), open.tokenizer.fps()),
+            best: dance.chosen.best,
+            opening: job.opening,
+        };
+        Ok(Change::Dance { before: None, after: Some(Box::new(record)) })
     }
 }
 

@@ -133,20 +133,25 @@ impl Mask {
 
     /// The runs of frames, of `frames` in all, in which a condition holds.
     pub(crate) fn runs(frames: usize, holds: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
-        let mut runs: Vec<Range<usize>> = Vec::new();
-        for frame in (0..frames).filter(|&frame| holds(frame)) {
-            match runs.last_mut() {
-                Some(run) if run.end == frame => run.end += 1,
-                _ => runs.push(frame..frame + 1),
-            }
-        }
-        runs
+        runs_of(frames, holds).into_iter().filter(|(_, holds)| *holds).map(|(run, _)| run).collect()
     }
 
     /// The runs in which a coded joint is free.
     pub(crate) fn free_runs(&self, joint: usize) -> Vec<Range<usize>> {
         Mask::runs(self.frames(), |frame| !self.is_given(frame, joint))
     }
+}
+
+/// The runs of frames of which `of` says the same, of `frames` in all, and what it says.
+pub(crate) fn runs_of<T: PartialEq>(frames: usize, of: impl Fn(usize) -> T) -> Vec<(Range<usize>, T)> {
+    let mut runs: Vec<(Range<usize>, T)> = Vec::new();
+    for (frame, here) in (0..frames).map(|frame| (frame, of(frame))) {
+        match runs.last_mut() {
+            Some((run, same)) if *same == here => run.end += 1,
+            _ => runs.push((frame..frame + 1, here)),
+        }
+    }
+    runs
 }
 
 fn bits(joints: &[usize]) -> u32 {

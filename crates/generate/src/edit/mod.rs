@@ -1,7 +1,7 @@
 //! Edits: chosen joints of a clip are generated at chosen times, and all else stays as it is.
 //!
 //! The spans of an edit are resolved against the clip ([`mask`]), sampled like any dance with the given characters in their
-//! slots, brought to what is given on both sides ([`gap`]), and put into the clip at its file's own rate ([`splice()`]).
+//! slots, brought to what is given on both sides ([`gap`]), and put into the clip at its file's own rate (`splice`).
 //! docs/editing.md.
 
 pub mod feet;

@@ -99,9 +99,9 @@ pub fn unwatched(_: &mut Progress<'_>) -> ControlFlow<()> {
 }
 
 /// Dances that are sampled and chosen, the best first, to be decoded one after the other.
-pub struct Dances<'a> {
+pub struct Dances {
     /// They.
-    pub chosen: Vec<Chosen<'a>>,
+    pub chosen: Vec<Chosen>,
     /// Tokens that were guessed ahead.
     pub guessed: u64,
     /// How many of the guesses were right.
@@ -109,9 +109,9 @@ pub struct Dances<'a> {
 }
 
 /// A dance in words.
-pub struct Chosen<'a> {
+pub struct Chosen {
     /// The file that it is to be written to.
-    pub out: &'a Path,
+    pub out: PathBuf,
     /// Its number among those that were sampled, from 0.
     pub number: usize,
     /// Its words.
@@ -124,7 +124,7 @@ pub struct Chosen<'a> {
 pub struct Dance<'a> {
     open: &'a OpenRequest,
     /// Its words and its rank.
-    pub chosen: Chosen<'a>,
+    pub chosen: Chosen,
     /// Its motion.
     pub generated: Generated,
 }
@@ -134,7 +134,7 @@ impl OpenRequest {
     ///
     /// # Errors
     /// What sampling and the judge fail with; [`kinelm_store::Error::Stopped`] when `watch` stopped it.
-    pub fn make<'a>(&'a self, making: &Making<'a>, watch: &mut Watch<'_>) -> Result<Dances<'a>> {
+    pub fn make(&self, making: &Making<'_>, watch: &mut Watch<'_>) -> Result<Dances> {
         let outs = making.outs;
         let samples = making.best.as_ref().map_or(outs.len(), |best| best.samples);
         let mut previews = outs.iter().map(|_| Preview::new(self)).collect::<Result<Vec<_>>>()?;
@@ -158,7 +158,7 @@ impl OpenRequest {
         };
         let chosen = ranked.into_iter().zip(outs).map(|((number, best), out)| {
             let words = std::mem::take(&mut words[number]);
-            Chosen { out, number, words, best }
+            Chosen { out: out.clone(), number, words, best }
         });
         Ok(Dances { chosen: chosen.collect(), guessed: sampled.guessed, right: sampled.right })
     }
@@ -167,10 +167,9 @@ impl OpenRequest {
     ///
     /// # Errors
     /// What sampling and decoding fail with.
-    pub fn make_one(&self, out: &Path) -> Result<Generated> {
+    pub fn make_one(&self, out: &Path) -> Result<Dance<'_>> {
         let outs = [out.to_owned()];
-        let mut dances = self.make(&Making::of(&outs), &mut unwatched)?;
-        self.motion(&dances.chosen.remove(0).words, out)
+        self.make(&Making::of(&outs), &mut unwatched)?.chosen.remove(0).decode(self)
     }
 
     /// Makes one dance and writes it with its sidecar. The extension says the format.
@@ -178,22 +177,20 @@ impl OpenRequest {
     /// # Errors
     /// What sampling and decoding fail with; a file in the way that is no dance with its sidecar, see [`Outputs::write`].
     pub fn write(&self, out: impl AsRef<Path>) -> Result<()> {
-        let outs = [out.as_ref().to_owned()];
         let is_file = |path: &Path| Ok(sidecar::is_beside_its_file(path) || sidecar::has_hash_of(path)?);
         let dances = Ours { is_marked: |_| false, is_file, owner: |_| None };
-        let outputs = Outputs::new(dances, self.resolved.files(), false);
-        let mut dances = self.make(&Making::of(&outs), &mut unwatched)?;
-        dances.chosen.remove(0).decode(self)?.write(&outputs)
+        let outputs = Outputs::new(dances, self.resolved.request().files(), false);
+        self.make_one(out.as_ref())?.write(&outputs)
     }
 }
 
-impl<'a> Chosen<'a> {
+impl Chosen {
     /// Decodes the dance, on the requested rig and with its feet locked.
     ///
     /// # Errors
     /// Those of [`OpenRequest::motion`].
-    pub fn decode(self, open: &'a OpenRequest) -> Result<Dance<'a>> {
-        let generated = open.motion(&self.words, self.out)?;
+    pub fn decode(self, open: &OpenRequest) -> Result<Dance<'_>> {
+        let generated = open.motion(&self.words, &self.out)?;
         Ok(Dance { open, chosen: self, generated })
     }
 }
@@ -204,11 +201,11 @@ impl Dance<'_> {
     /// # Errors
     /// Those of [`Generated::bytes`].
     pub fn file(&self) -> Result<(Vec<u8>, Provenance)> {
-        let Chosen { out, number, best, .. } = self.chosen;
+        let Chosen { out, number, best, .. } = &self.chosen;
         let bytes = self.generated.bytes(out)?;
         let fps = self.generated.motion.clip.fps();
         let provenance = Provenance::of(self.open, number + 1, out, fps, &bytes);
-        Ok((bytes, Provenance { best, ..provenance }))
+        Ok((bytes, Provenance { best: *best, ..provenance }))
     }
 
     /// Writes it with its sidecar.
@@ -217,6 +214,6 @@ impl Dance<'_> {
     /// Those of [`Dance::file`] and [`Provenance::write`].
     pub fn write(&self, outputs: &Outputs) -> Result<()> {
         let (bytes, provenance) = self.file()?;
-        provenance.write(self.chosen.out, &bytes, outputs)
+        provenance.write(&self.chosen.out, &bytes, outputs)
     }
 }

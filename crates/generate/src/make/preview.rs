@@ -5,13 +5,13 @@
 
 use crate::Result;
 use crate::open::OpenRequest;
-use crate::prompt::Rest;
 use kinelm_motion::{Clip, Quat, Vec3};
-use kinelm_tokenizer::{Tokenizer, Words};
+use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 
 /// The sampled part of a dance on SMPL-24, at the model's rate.
 pub struct Preview {
-    rest: Rest,
+    /// As which the joints move that the tokenizer doesn't code.
+    rest: Clip,
     words: Words,
     /// Words of the whole dance.
     all: usize,
@@ -36,7 +36,7 @@ impl Preview {
         Ok(Preview::of(open.rest()?, open.words_in_all(), open.resolved.lead_in, open.frames))
     }
 
-    fn of(rest: Rest, all: usize, lead_in: usize, frames: usize) -> Preview {
+    fn of(rest: Clip, all: usize, lead_in: usize, frames: usize) -> Preview {
         Preview { rest, words: Words::default(), all, lead_in, frames, done: 0, last: None, decoded: 0 }
     }
 
@@ -74,7 +74,9 @@ impl Preview {
         let words = self.words.slice(from..self.words.len());
         self.decoded += words.len() * length;
         let first = from * length;
-        let clip = tokenizer.decode(&words, self.rest.from(first, words.len() * length).pose())?;
+        let held = self.rest.frames().min(first + words.len() * length);
+        let rest = self.rest.slice(first.min(self.rest.frames().saturating_sub(1))..held);
+        let clip = tokenizer.decode(&words, UncodedPose::Clip(&rest))?;
         let clip = match self.last {
             None => standing(clip.slice(0..end))?,
             Some((at, facing)) => {
@@ -118,8 +120,8 @@ mod tests {
         for tokenizer in tokenizers(&clips) {
             let words = tokenizer.encode(&clips[1]).unwrap().words;
             // joints that aren't coded are those of a clip that ends before the dance
-            let rest = Rest::Clip(clips[2].slice(0..200));
-            let whole = tokenizer.decode(&words, rest.pose()).unwrap();
+            let rest = clips[2].slice(0..200);
+            let whole = tokenizer.decode(&words, UncodedPose::Clip(&rest)).unwrap();
             let (lead_in, frames) = (20, clips[1].frames() - 20);
             let standing = |clip: Clip| Ok(clip.slice(lead_in..clip.frames()));
             let mut preview = Preview::of(rest, words.len(), lead_in, frames);

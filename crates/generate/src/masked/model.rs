@@ -10,9 +10,6 @@ pub trait MaskedModel: Send {
     /// T, the tokens that one window holds, conditioning tokens included.
     fn context(&self) -> usize;
 
-    /// V, the number of ids.
-    fn vocabulary(&self) -> usize;
-
     /// (n, V) the logits of each of a window's n tokens, of its own id.
     ///
     /// # Errors
@@ -25,10 +22,6 @@ impl MaskedModel for Fast {
         self.config().context
     }
 
-    fn vocabulary(&self) -> usize {
-        self.tokens().vocabulary
-    }
-
     fn logits(&mut self, window: &[u32]) -> Result<Vec<f32>> {
         let (length, mask) = (window.len(), self.mask());
         Fast::logits(self, Windows { inputs: window, targets: window, length, mask, conditioning: None })
@@ -38,10 +31,6 @@ impl MaskedModel for Fast {
 impl MaskedModel for Gpt {
     fn context(&self) -> usize {
         self.config().context
-    }
-
-    fn vocabulary(&self) -> usize {
-        self.tokens().vocabulary
     }
 
     fn logits(&mut self, window: &[u32]) -> Result<Vec<f32>> {

@@ -2,9 +2,9 @@
 
 use super::window::Window;
 use super::{Dance, MaskedModel, slot};
+use crate::Result;
 use crate::sampler::guidance;
 use crate::sampling;
-use crate::{Error, Result};
 use kinelm_tokenizer::Special;
 use rayon::prelude::*;
 use std::f64::consts::FRAC_PI_2;
@@ -46,13 +46,10 @@ impl Dance<'_> {
 
     /// (n, V) the logits of each of a window's n tokens.
     fn logits(&self, front: &[u32], ids: &[u32], model: &mut dyn MaskedModel) -> Result<Vec<f32>> {
-        let (known, expected) = (model.vocabulary(), self.plan.grammar.vocabulary() as usize);
-        if known != expected {
-            return Err(Error::invalid("the model's vocabulary", known, format!("{expected} tokens, the tokenizer's")));
-        }
         let mut read = |front: &[u32]| -> Result<Vec<f32>> {
-            let mut logits = model.logits(&[front, ids].concat())?;
-            logits.drain(..front.len() * known);
+            let tokens = [front, ids].concat();
+            let mut logits = model.logits(&tokens)?;
+            logits.drain(..logits.len() / tokens.len() * front.len());
             Ok(logits)
         };
         let mut logits = read(front)?;
@@ -65,16 +62,12 @@ impl Dance<'_> {
     /// Samples one character of a window that begins with token `start` of the dance.
     fn sample(&self, start: usize, ids: &[u32], at: usize, logits: &[f32]) -> Result<Sampled> {
         let (word, tokens) = ((start + at) / self.length, (start + at) % self.length);
-        let vocabulary = self.plan.grammar.vocabulary() as usize;
+        let vocabulary = logits.len() / ids.len();
         let row = &logits[at * vocabulary..][..vocabulary];
         let allowed = self.plan.grammar.allowed(slot(tokens));
         let before = (1..=self.plan.sampling.looks_back()).map_while(|words| at.checked_sub(words * self.length));
         let recent: Vec<u32> = before.map(|at| ids[at]).filter(|&id| id != Special::Mask.id()).collect();
-        let mut rng = kinelm_store::random::stream(self.seed, "character", word as u64, tokens as u64);
-        let id = self.plan.sampling.sample(row, &allowed, &recent, &mut rng).ok_or_else(|| {
-            let broken = "the model's logits allow no token; the run is broken";
-            Error::NotFinite(format!("word {word}, slot {tokens}: {broken}"))
-        })?;
+        let id = self.plan.draw(self.seed, word, slot(tokens), row, &recent)?;
         Ok(Sampled { at, id, certainty: sampling::log_probability(row, &allowed, id) })
     }
 }

@@ -28,10 +28,6 @@ impl MaskedModel for Following {
         self.context
     }
 
-    fn vocabulary(&self) -> usize {
-        16
-    }
-
     fn logits(&mut self, window: &[u32]) -> Result<Vec<f32>> {
         assert!(window.len() <= self.context && [1, 2].contains(&window[0]), "{window:?}");
         self.read.push(window.to_vec());

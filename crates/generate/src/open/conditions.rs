@@ -1,13 +1,12 @@
 //! What a dance is conditioned on beside its own words: goals, the tempo of its music, and the unconditioned reading.
 
 use crate::masked::MOST_PASSES;
-use crate::request::{Resolved, TimedLabel};
+use crate::request::{Request, Resolved};
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
 use kinelm_corpus::music::tempo;
 use kinelm_model::{LoadedRun, ModelKind};
 use kinelm_store::Subject;
-use std::collections::BTreeMap;
 
 /// Refuses goal guidance that the model can't take.
 ///
@@ -45,19 +44,18 @@ pub fn check_passes(passes: Option<usize>, run: &LoadedRun) -> Result<()> {
 /// # Errors
 /// A model that is conditioned on music by its tempo alone, and knows no tempo that is a number.
 pub(super) fn add_tempo(
-    labels: &mut BTreeMap<String, String>,
-    timed_labels: &[TimedLabel],
+    request: &mut Request,
     nearest: Option<String>,
     run: &LoadedRun,
     conditions: &Conditions,
 ) -> Result<()> {
-    let mut fields = labels.keys().chain(timed_labels.iter().map(|label| &label.field));
+    let mut fields = request.labels.keys().chain(request.timed_labels.iter().map(|label| &label.field));
     if fields.any(|field| field == tempo::FIELD) {
         return Ok(());
     }
     match nearest {
         Some(tempo) => {
-            labels.insert(tempo::FIELD.into(), tempo);
+            request.labels.insert(tempo::FIELD.into(), tempo);
         }
         None if run.config.music.is_none() => {
             let known = conditions.values(tempo::FIELD).join(", ");

@@ -4,9 +4,8 @@ use super::conditions::add_tempo;
 use super::labels::fronts;
 use super::{OpenMusic, PreparedPrompt};
 use crate::edit::PreparedEdit;
-use crate::request::{Length, MusicRequest, PromptRequest, Request, Resolved, Rig, TimedLabel};
+use crate::request::{Length, Request, Resolved, Rig};
 use crate::sampler::check_frames;
-use crate::sampling::Sampling;
 use crate::timeline::TimelineLayout;
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
@@ -15,63 +14,34 @@ use kinelm_model::{CheckpointChoice, LoadedRun, load_run};
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::check_fps;
 use kinelm_tokenizer::Tokenizer;
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The most ways through a gap that are sampled side by side.
 const MOST_TRIES: usize = 64;
 
-/// What a request names. Reading writes into it what was found: joints in SMPL's names, floor and up axis of the prompt, the
-/// tempo of the music.
-pub(super) struct Named<'a> {
-    run: &'a Path,
-    prompt: Option<&'a mut PromptRequest>,
-    labels: &'a mut BTreeMap<String, String>,
-    timed_labels: &'a [TimedLabel],
-    music: Option<&'a MusicRequest>,
-    length: Option<Length>,
-    fps: Option<f64>,
-    sampling: &'a Sampling,
-    is_on_own_rig: bool,
-}
-
-impl<'a> Named<'a> {
-    pub(crate) fn of_request(request: &'a mut Request) -> Named<'a> {
-        let Request { run, prompt, labels, timed_labels, music, length, fps, sampling, rig, .. } = request;
-        let (prompt, music, is_on_own_rig) = (prompt.as_mut(), music.as_ref(), *rig == Some(Rig::Prompt));
-        Named { run, prompt, labels, timed_labels, music, length: *length, fps: *fps, sampling, is_on_own_rig }
+/// Refuses what needs no file to be found wrong.
+fn check(request: &Request) -> Result<()> {
+    request.sampling.validate()?;
+    let (prompt, music) = (request.prompt.as_ref(), request.music.as_ref());
+    let mut paths = [Some(&request.run), prompt.map(|p| &p.path), music.map(|m| &m.path)].into_iter().flatten();
+    if let Some(path) = paths.find(|path| path.to_str().is_none()) {
+        let found = format!("{}, which is no UTF-8", path.display());
+        return Err(Error::invalid("a path of the `request`", found, "a name that the sidecar can store"));
     }
-
-    pub(crate) fn of_resolved(resolved: &'a mut Resolved) -> Named<'a> {
-        let Resolved { run, prompt, labels, timed_labels, music, frames, fps, sampling, rig, .. } = resolved;
-        let (prompt, music, is_on_own_rig) = (prompt.as_mut(), music.as_ref(), *rig == Rig::Prompt);
-        let length = Some(Length::Frames(*frames));
-        Named { run, prompt, labels, timed_labels, music, length, fps: Some(*fps), sampling, is_on_own_rig }
+    match request.length {
+        Some(Length::Seconds(s)) if !(s.is_finite() && s > 0.0) => {
+            return Err(Error::invalid("`seconds`", s, "a number above 0"));
+        }
+        Some(Length::Frames(0)) => return Err(Error::invalid("`frames`", 0, "1 or more")),
+        _ => {}
     }
-
-    /// Refuses what needs no file to be found wrong.
-    fn check(&self) -> Result<()> {
-        self.sampling.validate()?;
-        let paths = [Some(self.run), self.prompt.as_ref().map(|p| &*p.path), self.music.map(|m| &*m.path)];
-        if let Some(path) = paths.into_iter().flatten().find(|path| path.to_str().is_none()) {
-            let found = format!("{}, which is no UTF-8", path.display());
-            return Err(Error::invalid("a path of the `request`", found, "a name that the sidecar can store"));
-        }
-        match self.length {
-            Some(Length::Seconds(s)) if !(s.is_finite() && s > 0.0) => {
-                return Err(Error::invalid("`seconds`", s, "a number above 0"));
-            }
-            Some(Length::Frames(0)) => return Err(Error::invalid("`frames`", 0, "1 or more")),
-            _ => {}
-        }
-        self.fps.map_or(Ok(()), check_fps)?;
-        if let Some(prompt) = self.prompt.as_ref().filter(|prompt| prompt.lends() && !self.is_on_own_rig) {
-            let what = format!("given part of the prompt {}", prompt.path.display());
-            let help = "give joints, a frame to continue from, or both; or `rig` prompt, for a new dance on its rig";
-            return Err(Error::missing(what, help));
-        }
-        Ok(())
+    request.fps.map_or(Ok(()), check_fps)?;
+    if let Some(prompt) = prompt.filter(|prompt| prompt.lends() && request.rig != Some(Rig::Prompt)) {
+        let what = format!("given part of the prompt {}", prompt.path.display());
+        let help = "give joints, a frame to continue from, or both; or `rig` prompt, for a new dance on its rig";
+        return Err(Error::missing(what, help));
     }
+    Ok(())
 }
 
 /// What a request names, read.
@@ -88,36 +58,37 @@ pub(super) struct Inputs {
 }
 
 impl Inputs {
-    /// Reads all of it. `layout`: of a timeline that is laid out already.
-    pub fn read(named: Named<'_>, which: CheckpointChoice, layout: Option<TimelineLayout>) -> Result<Inputs> {
-        named.check()?;
+    /// Reads all of it, and writes into the request what was found: joints in SMPL's names, floor and up axis of the prompt,
+    /// the tempo of the music. `layout`: of a timeline that is laid out already.
+    pub fn read(request: &mut Request, which: CheckpointChoice, layout: Option<TimelineLayout>) -> Result<Inputs> {
+        check(request)?;
         if let CheckpointChoice::Step(step) = which {
-            check_step(named.run, step)?;
+            check_step(&request.run, step)?;
         }
-        let run = load_run(named.run, which)?;
+        let run = load_run(&request.run, which)?;
         let tokenizer = run.load_tokenizer()?;
         let fps = tokenizer.fps();
-        let music = named.music.map(|music| OpenMusic::open(music, &run, fps)).transpose()?;
+        let music = request.music.as_ref().map(|music| OpenMusic::open(music, &run, fps)).transpose()?;
         let conditions = run.load_conditions()?;
-        let requested = named.length.map(|length| match length {
+        let requested = request.length.map(|length| match length {
             Length::Frames(frames) => frames,
             Length::Seconds(seconds) => (seconds * fps).round().max(1.0) as usize,
         });
         check_frames(requested.unwrap_or(0))?;
-        let from = named.prompt.as_ref().and_then(|prompt| prompt.from_frame);
-        let prompt = named.prompt.map(|prompt| PreparedPrompt::load(prompt, layout, requested, &tokenizer));
-        let prompt = prompt.transpose()?;
+        let from = request.prompt.as_ref().and_then(|prompt| prompt.from_frame);
+        let prompt = request.prompt.as_mut();
+        let prompt = prompt.map(|prompt| PreparedPrompt::load(prompt, layout, requested, &tokenizer)).transpose()?;
         let frames = requested.or_else(|| frames_of(prompt.as_ref(), music.as_ref(), fps));
         let help = "give a number of frames or seconds, or a prompt or music that has a length";
         let frames = frames.ok_or_else(|| Error::missing("length of the dance", help))?;
         check_frames(frames)?;
         let seconds = frames as f64 / fps;
         if let Some(music) = &music {
-            add_tempo(named.labels, named.timed_labels, music.tempo(&conditions, seconds), &run, &conditions)?;
+            add_tempo(request, music.tempo(&conditions, seconds), &run, &conditions)?;
         }
         let of_edit = prompt.as_ref().and_then(|p| p.edit.as_ref()).map(|edit| edit.frames);
         let scale = Timebase { frames: of_edit.unwrap_or(frames), fps, left_out: 0, model_fps: Some(fps) };
-        let fronts = fronts(&conditions, named.labels, named.timed_labels, scale)?;
+        let fronts = fronts(&conditions, &request.labels, &request.timed_labels, scale)?;
         if let Some(from) = from.filter(|from| *from >= frames) {
             let expected = format!("a frame before {frames}, the end of the dance: nothing is left to generate");
             return Err(Error::invalid("`from_frame`", from, expected));

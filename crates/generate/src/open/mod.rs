@@ -22,7 +22,7 @@ use crate::sampler::check_frames;
 use crate::timeline::TimelineLayout;
 use crate::{Error, Result};
 use defaults::NO_LEAD_IN;
-use inputs::{Inputs, Named, check_candidates};
+use inputs::{Inputs, check_candidates};
 use kinelm_corpus::Conditions;
 use kinelm_model::lead_in::LeadIns;
 use kinelm_model::{CheckpointChoice, LoadedRun, ModelKind};
@@ -78,7 +78,7 @@ impl OpenRequest {
     /// Those of [`OpenRequest::open`].
     pub fn open_with(request: &Request, layout: Option<TimelineLayout>) -> Result<OpenRequest> {
         let mut request = defaults::without_inputs(request)?;
-        let inputs = Inputs::read(Named::of_request(&mut request), CheckpointChoice::Auto, layout)?;
+        let inputs = Inputs::read(&mut request, CheckpointChoice::Auto, layout)?;
         let leaves_lead_in = request.lead_in.is_none();
         let (resolved, lead_ins) = defaults::decide(request, &inputs)?;
         let mut open = OpenRequest::of(resolved, inputs, lead_ins)?;
@@ -98,8 +98,10 @@ impl OpenRequest {
     /// without goals; music for a model that isn't conditioned on any, or that ends too soon; joints that aren't coded; a
     /// prompt of which nothing is given, or that is too short to continue from; no length; more frames than memory holds;
     /// nothing to generate.
-    pub fn load(mut resolved: Resolved, which: CheckpointChoice) -> Result<OpenRequest> {
-        let inputs = Inputs::read(Named::of_resolved(&mut resolved), which, None)?;
+    pub fn load(resolved: Resolved, which: CheckpointChoice) -> Result<OpenRequest> {
+        let mut request = resolved.request();
+        let inputs = Inputs::read(&mut request, which, None)?;
+        let resolved = Resolved { prompt: request.prompt, labels: request.labels, ..resolved };
         let lead_ins = resolved.lead_in_from.as_ref();
         let lead_ins = lead_ins.map(|from| lead_in::with(from, &resolved, &inputs.tokenizer)).transpose()?;
         OpenRequest::of(resolved, inputs, lead_ins)

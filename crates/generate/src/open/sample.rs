@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 impl OpenRequest {
     /// The sampling of `variations` dances side by side, as an iterator over their words: it can be dropped at any frame. Of
-    /// a request with `tries` it samples one try of each; [`OpenRequest::sample`] chooses among them.
+    /// a request with `tries` it samples one try of each; [`OpenRequest::make`] chooses among them.
     ///
     /// # Errors
     /// Those of [`readers`] and [`Sampler::new`]; a masked model, which fills windows, not words.

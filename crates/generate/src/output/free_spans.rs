@@ -1,5 +1,6 @@
 //! Which joints of a dance are generated, and when: the rest is its prompt's.
 
+use crate::edit::mask::runs_of;
 use crate::open::{OpenRequest, PreparedPrompt};
 use std::ops::Range;
 
@@ -14,16 +15,9 @@ pub struct FreeSpan {
 
 /// The spans of a dance of `frames` frames at the model's rate and these `coded` joints; empty where everything is given.
 fn spans(frames: usize, coded: &[usize], is_given: impl Fn(usize, usize) -> bool) -> Vec<FreeSpan> {
-    let mut all: Vec<FreeSpan> = Vec::new();
-    for frame in 0..frames {
-        let joints: Vec<usize> = coded.iter().copied().filter(|&joint| !is_given(frame, joint)).collect();
-        match all.last_mut() {
-            Some(last) if last.frames.end == frame && last.joints == joints => last.frames.end += 1,
-            _ => all.push(FreeSpan { frames: frame..frame + 1, joints }),
-        }
-    }
-    all.retain(|span| !span.joints.is_empty());
-    all
+    let free = |frame| coded.iter().copied().filter(|&joint| !is_given(frame, joint)).collect::<Vec<usize>>();
+    let spans = runs_of(frames, free).into_iter().filter(|(_, joints)| !joints.is_empty());
+    spans.map(|(frames, joints)| FreeSpan { frames, joints }).collect()
 }
 
 impl OpenRequest {

@@ -16,13 +16,13 @@ pub use placement::RootGiven;
 use crate::Result;
 use crate::edit::{ClosedGaps, ClosingError, PreparedEdit};
 use crate::open::{OpenRequest, PreparedPrompt};
-use crate::prompt::{Rest, on_model_rig, uncoded};
+use crate::prompt::{on_model_rig, uncoded};
 use crate::request::{FootMode, Placement, Rig, UncodedJoints};
 use kinelm_motion::feet::FootLock;
 use kinelm_motion::format::{self, Format, ReadOptions, RestFrame, bvh::Changed};
 use kinelm_motion::resample::{Method, resample_held};
-use kinelm_motion::{Clip, Motion, Quat, Source};
-use kinelm_tokenizer::Words;
+use kinelm_motion::{Clip, Motion, Source};
+use kinelm_tokenizer::{UncodedPose, Words};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -124,16 +124,13 @@ impl OpenRequest {
 
     /// The clip of words on the model's rig, where it is to stand: on y = 0, unless it is an edit.
     fn clip(&self, words: &Words) -> Result<Clip> {
-        self.placed(self.tokenizer.decode(words, self.rest()?.pose())?)
+        self.placed(self.tokenizer.decode(words, UncodedPose::Clip(&self.rest()?))?)
     }
 
-    /// What the joints do that the model doesn't code.
-    pub(crate) fn rest(&self) -> Result<Rest> {
-        match (&self.prompt, self.resolved.uncoded_joints) {
-            (Some(prompt), uncoded) => prompt.clip.rest(&self.tokenizer, uncoded, prompt.frames),
-            (None, UncodedJoints::Training) => Ok(Rest::Pose(*self.tokenizer.mean_pose())),
-            (None, _) => Ok(Rest::Pose([Quat::IDENTITY; 24])),
-        }
+    /// The clip as which the joints move that the model doesn't code, see [`uncoded::rest`].
+    pub(crate) fn rest(&self) -> Result<Clip> {
+        let prompt = self.prompt.as_ref().map(|prompt| (&prompt.clip.clip, prompt.frames));
+        uncoded::rest(&self.tokenizer, self.resolved.uncoded_joints, prompt)
     }
 
     fn placed(&self, clip: Clip) -> Result<Clip> {

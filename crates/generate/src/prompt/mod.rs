@@ -2,7 +2,7 @@
 
 pub mod uncoded;
 
-use crate::request::{PromptRequest, Resolved, Rig, UncodedJoints};
+use crate::request::{PromptRequest, Resolved, Rig};
 use crate::{Error, Result};
 use kinelm_corpus::load::ModelClip;
 use kinelm_motion::format::{self, ReadOptions};
@@ -10,8 +10,8 @@ use kinelm_motion::joints::Selection;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::rig::{SkeletonMap, floor, map_of};
-use kinelm_motion::{Clip, Motion, Quat, Source, Warning, smpl};
-use kinelm_tokenizer::{Encoded, Tokenizer, UncodedPose, WordLength, Words};
+use kinelm_motion::{Clip, Motion, Source, Warning, smpl};
+use kinelm_tokenizer::{Encoded, Tokenizer, WordLength, Words};
 use std::path::Path;
 
 /// A prompt clip, read.
@@ -31,35 +31,6 @@ pub struct PromptClip {
     pub clipped: u64,
     /// SHA-256 of the file.
     pub sha256: String,
-}
-
-/// What the joints do that the tokenizer doesn't code.
-pub enum Rest {
-    /// A constant pose.
-    Pose([Quat; 24]),
-    /// As in a clip, frame by frame; after its end as in its last frame.
-    Clip(Clip),
-}
-
-impl Rest {
-    /// As decoding takes it.
-    pub(crate) fn pose(&self) -> UncodedPose<'_> {
-        match self {
-            Rest::Pose(pose) => UncodedPose::Pose(pose),
-            Rest::Clip(clip) => UncodedPose::Clip(clip),
-        }
-    }
-
-    /// The same for `frames` frames from the frame `first` on.
-    pub(crate) fn from(&self, first: usize, frames: usize) -> Rest {
-        match self {
-            Rest::Pose(pose) => Rest::Pose(*pose),
-            Rest::Clip(clip) => {
-                let first = first.min(clip.frames().saturating_sub(1));
-                Rest::Clip(clip.slice(first..(first + frames).min(clip.frames())))
-            }
-        }
-    }
 }
 
 impl PromptClip {
@@ -158,31 +129,19 @@ impl PromptClip {
         Ok(tokenizer.ids_of_words(&tokenizer.encode(&clip)?.words.slice(0..whole - unsettled))?)
     }
 
-    /// What the joints do that the tokenizer doesn't code, as `uncoded` says; of the prompt `given` frames count for
-    /// [`UncodedJoints::Follow`].
-    ///
-    /// # Errors
-    /// None for a clip that was read.
-    pub(crate) fn rest(&self, tokenizer: &Tokenizer, uncoded: UncodedJoints, given: usize) -> Result<Rest> {
-        Ok(match uncoded {
-            UncodedJoints::Identity => Rest::Pose([Quat::IDENTITY; 24]),
-            UncodedJoints::Training => Rest::Pose(*tokenizer.mean_pose()),
-            UncodedJoints::Prompt => Rest::Clip(self.clip.clone()),
-            UncodedJoints::Mean => {
-                let pose = uncoded::mean_pose(&self.clip);
-                Rest::Pose(std::array::from_fn(|j| pose[j]))
-            }
-            UncodedJoints::Follow => Rest::Clip(uncoded::settle(&self.clip, given)?),
-        })
-    }
-
     /// A dance on SMPL-24 that stands on y = 0, retargeted to the prompt's own rig, as it will be written: about the height
     /// `about_m` of that rig, metres. Joints that no SMPL joint stands for move as in `base`, a clip on that rig, or stay in the
     /// rest pose.
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
-    pub(crate) fn on_own_rig(&self, dance: &Clip, about_m: f64, map: Option<&str>, base: Option<&Clip>) -> Result<Motion> {
+    pub(crate) fn on_own_rig(
+        &self,
+        dance: &Clip,
+        about_m: f64,
+        map: Option<&str>,
+        base: Option<&Clip>,
+    ) -> Result<Motion> {
         let clip = self.retarget(map)?.with_floor(about_m).to_rig_over(dance, base)?;
         Ok(Motion { clip, source: self.motion.source.clone(), ..self.motion.clone() })
     }

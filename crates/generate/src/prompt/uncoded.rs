@@ -1,11 +1,26 @@
 //! Uncoded joints: what the joints do that the tokenizer doesn't code.
 
 use crate::Result;
+use crate::request::UncodedJoints;
 use kinelm_motion::rotation::{nearest_sign, slerp};
-use kinelm_motion::{Clip, Quat};
+use kinelm_motion::{Clip, Quat, Vec3, smpl};
+use kinelm_tokenizer::Tokenizer;
 
 /// How long the joints take to their mean, seconds.
 const SETTLING_S: f64 = 0.5;
+
+/// What the joints do that the tokenizer doesn't code: as in this clip on SMPL-24, frame by frame, after its end as in its last
+/// frame. Of the `prompt` as many frames are given as [`UncodedJoints::Follow`] follows.
+pub(crate) fn rest(tokenizer: &Tokenizer, uncoded: UncodedJoints, prompt: Option<(&Clip, usize)>) -> Result<Clip> {
+    let constant = |pose: Vec<Quat>| Ok(Clip::new(smpl::neutral(), tokenizer.fps(), vec![Vec3::ZERO], pose)?);
+    match (uncoded, prompt) {
+        (UncodedJoints::Training, _) => constant(tokenizer.mean_pose().to_vec()),
+        (UncodedJoints::Prompt, Some((clip, _))) => Ok(clip.clone()),
+        (UncodedJoints::Mean, Some((clip, _))) => constant(mean_pose(clip)),
+        (UncodedJoints::Follow, Some((clip, given))) => settle(clip, given),
+        _ => constant(vec![Quat::IDENTITY; 24]),
+    }
+}
 
 /// The first `frames` frames of a clip, then its joints easing to their mean over these frames; the last frame is the mean.
 ///
@@ -44,7 +59,7 @@ pub(crate) fn mean_pose(clip: &Clip) -> Vec<Quat> {
 mod tests {
     use super::*;
     use kinelm_motion::rotation::angle_between;
-    use kinelm_motion::{smpl, synth};
+    use kinelm_motion::synth;
 
     #[test]
     fn the_mean_of_two_turns_is_between_them() {

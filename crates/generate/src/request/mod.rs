@@ -66,7 +66,7 @@ pub struct Request {
     pub seed: Option<u64>,
     /// What the random streams derive from beside the seed. `None`: [`Seeding::Inputs`].
     pub seeding: Option<Seeding>,
-    /// How free characters are sampled. Where none of its rules [truncates](Sampling::truncates), `top_p` is chosen:
+    /// How free characters are sampled. Where none of its rules truncates, `top_p` is chosen:
     /// [`crate::sampling::TOP_P`], or [`crate::open::GIVEN_TOP_P`] where joints are given from end to end, or
     /// [`crate::open::GAP_TOP_P`] where the model is goal-conditioned, a gap ends and its guidance isn't 0.
     pub sampling: Sampling,
@@ -82,6 +82,12 @@ pub struct Request {
 }
 
 impl Request {
+    /// The run and the files that are read.
+    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let prompt = self.prompt.iter().flat_map(PromptRequest::files);
+        prompt.chain(self.music.iter().map(|music| music.path.clone())).chain([self.run.clone()])
+    }
+
     /// A request of the model in the folder `run`, everything else left open.
     pub fn of(run: impl Into<PathBuf>) -> Request {
         Request { run: run.into(), ..Request::default() }

@@ -63,10 +63,11 @@ impl PromptRequest {
         self.from_frame.is_some() || self.joints.as_deref().is_some_and(has_root)
     }
 
-    /// The files that are read.
+    /// The files that are read; a map that is a name or text is among them.
     pub fn files(&self) -> Vec<PathBuf> {
+        let read = self.read.map.iter().map(PathBuf::from).chain(self.read.body_model.clone());
         let clips = self.timeline.iter().flat_map(|timeline| timeline.clips.values()).map(|clip| clip.file.clone());
-        clips.chain([self.path.clone()]).collect()
+        read.chain(clips).chain([self.path.clone()]).collect()
     }
 }
 

@@ -1,6 +1,9 @@
 //! A request in which every option is decided.
 
-use super::{Computing, FootMode, MusicRequest, Placement, PromptRequest, Rig, Seeding, TimedLabel, UncodedJoints};
+use super::{
+    Computing, FootMode, Length, MusicRequest, Placement, PromptRequest, Request, Rig, Seeding, TimedLabel,
+    UncodedJoints,
+};
 use crate::sampling::Sampling;
 use kinelm_corpus::sidecar::output_read_options;
 use kinelm_model::lead_in::LeadInFrom;
@@ -68,10 +71,20 @@ pub struct Resolved {
 }
 
 impl Resolved {
-    /// The run and the files that are read.
-    pub fn files(&self) -> impl Iterator<Item = PathBuf> {
-        let prompt = self.prompt.iter().flat_map(PromptRequest::files);
-        prompt.chain(self.music.iter().map(|music| music.path.clone())).chain([self.run.clone()])
+    /// What it names, as a request.
+    pub fn request(&self) -> Request {
+        Request {
+            run: self.run.clone(),
+            prompt: self.prompt.clone(),
+            labels: self.labels.clone(),
+            timed_labels: self.timed_labels.clone(),
+            music: self.music.clone(),
+            length: Some(Length::Frames(self.frames)),
+            fps: Some(self.fps),
+            sampling: self.sampling,
+            rig: Some(self.rig),
+            ..Request::default()
+        }
     }
 
     /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole. An edited clip is its

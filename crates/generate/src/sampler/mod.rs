@@ -85,7 +85,7 @@ struct Part<M> {
 }
 
 impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
-    /// As many dances as `model` has sequences for, see [`SamplingPlan::streams`]. The first has the plan's seed, the others
+    /// As many dances as `model` has sequences for, see `SamplingPlan::streams`. The first has the plan's seed, the others
     /// seeds derived from it.
     ///
     /// # Errors

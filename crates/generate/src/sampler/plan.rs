@@ -5,7 +5,7 @@ use super::model::NextToken;
 use crate::sampling::Sampling;
 use crate::{Error, Result};
 use kinelm_model::goal::GoalTrack;
-use kinelm_tokenizer::{Grammar, Special};
+use kinelm_tokenizer::{Grammar, Slot, Special};
 use rand_chacha::rand_core::RngCore;
 use std::sync::Arc;
 
@@ -137,6 +137,19 @@ impl SamplingPlan {
     /// The ids that a dance begins with.
     pub(crate) fn beginning(&self, dance: usize) -> &[u32] {
         self.beginnings.get(dance).or(self.beginnings.first()).map_or(&[], Vec::as_slice)
+    }
+
+    /// Samples a free character of a dance with this seed, by the `logits` (V) of all ids; the penalty looks back on `recent` ids.
+    pub(crate) fn draw(&self, seed: u64, word: usize, slot: Slot, logits: &[f32], recent: &[u32]) -> Result<u32> {
+        let (found, expected) = (logits.len(), self.grammar.vocabulary());
+        if found != expected as usize {
+            return Err(Error::invalid("the model's vocabulary", found, format!("{expected} tokens, the tokenizer's")));
+        }
+        // every character has a stream of its own, whatever is sampled beside or before it
+        let mut rng = kinelm_store::random::stream(seed, "character", word as u64, slot.tokens as u64);
+        let id = self.sampling_of(word).sample(logits, &self.grammar.allowed(slot), recent, &mut rng);
+        let broken = "the model's logits allow no token; the run is broken";
+        id.ok_or_else(|| Error::NotFinite(format!("word {word}, slot {}: {broken}", slot.tokens)))
     }
 
     /// Tokens in front of a window.

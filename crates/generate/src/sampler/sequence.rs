@@ -2,8 +2,8 @@
 
 use super::goals::GoalConditioning;
 use super::{NextToken, SamplingPlan};
+use crate::Result;
 use crate::sampling;
-use crate::{Error, Result};
 use kinelm_tokenizer::{SPACE, Slot};
 use std::sync::Arc;
 
@@ -378,16 +378,6 @@ impl Sequence {
 
     /// The token of the next slot, which is free.
     fn sample(&self, logits: &[f32]) -> Result<u32> {
-        let (known, expected) = (logits.len(), self.plan.grammar.vocabulary());
-        if known != expected as usize {
-            return Err(Error::invalid("the model's vocabulary", known, format!("{expected} tokens, the tokenizer's")));
-        }
-        let (word, slot) = (self.words(), self.slot.tokens);
-        let mut rng = kinelm_store::random::stream(self.seed, "character", word as u64, slot as u64);
-        let allowed = self.plan.grammar.allowed(self.slot);
-        let id = self.plan.sampling_of(word).sample(logits, &allowed, &self.recent(slot), &mut rng);
-        id.ok_or_else(|| {
-            Error::NotFinite(format!("word {word}, slot {slot}: the model's logits allow no token; the run is broken"))
-        })
+        self.plan.draw(self.seed, self.words(), self.slot, logits, &self.recent(self.slot.tokens))
     }
 }

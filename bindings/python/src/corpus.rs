@@ -7,7 +7,7 @@ use crate::options::{Paths, Reading, size};
 use crate::pool::detach;
 use crate::tokenizer::Tokenizer;
 use kinelm::corpus::conditions::in_order;
-use kinelm::corpus::windows::{each_eval_window, fill_sequence};
+use kinelm::corpus::windows::{EvalWindow, each_eval_window, fill_sequence};
 use kinelm::corpus::{BuildOptions, Conditions, Dataset, Split, tokenize};
 use kinelm::store::memory;
 use kinelm::tokenizer::Special;
@@ -102,7 +102,7 @@ impl Corpus {
         let places = (context + 1).saturating_sub(conditions.len());
         let words = clips.iter().map(|&i| self.0.words(&self.0.clips()[i]));
         let windows = each_eval_window(words, places).map_err(library)?;
-        let windows = windows.map(|w| (clips[w.clip], w.start, w.tokens, w.scored.start)).collect();
+        let windows = windows.map(|window| EvalWindow { clip: clips[window.clip], ..window }).collect();
         Ok(Sequences { corpus: self.0.clone(), conditions, context, windows })
     }
 
@@ -122,11 +122,9 @@ pub struct Sequences {
     corpus: Arc<kinelm::corpus::Corpus>,
     conditions: Conditions,
     context: usize,
-    windows: Vec<Window>,
+    /// Each of a clip by its number in the corpus.
+    windows: Vec<EvalWindow>,
 }
-
-/// Clip, first token, tokens, the first of them that counts.
-type Window = (usize, usize, usize, usize);
 
 /// Sequences as one array.
 type Rows<'py> = Bound<'py, PyArray2<i64>>;
@@ -139,13 +137,13 @@ const IGNORED: i64 = -100;
 
 impl Sequences {
     /// The inputs and labels of a window.
-    fn row(&self, &(clip, start, tokens, scored): &Window) -> PyResult<(Vec<i64>, Vec<i64>)> {
-        let clip = &self.corpus.clips()[clip];
-        let ids = self.corpus.ids(clip, start..start + tokens).map_err(library)?;
+    fn row(&self, window: &EvalWindow) -> PyResult<(Vec<i64>, Vec<i64>)> {
+        let clip = &self.corpus.clips()[window.clip];
+        let ids = self.corpus.ids(clip, window.start..window.start + window.tokens).map_err(library)?;
         let (pad, front) = (Special::Pad.id(), self.conditions.front(&clip.labels));
         let (mut input, mut target) = (vec![pad; self.context], vec![pad; self.context]);
         fill_sequence(&ids, &front, pad, &mut input, &mut target);
-        let first = front.len() - 1 + scored;
+        let first = front.len() - 1 + window.scored.start;
         let counts = |(at, id): (usize, u32)| if at < first || id == pad { IGNORED } else { id.into() };
         Ok((input.into_iter().map(i64::from).collect(), target.into_iter().enumerate().map(counts).collect()))
     }

@@ -70,8 +70,10 @@ pub fn report(open: &OpenRequest, say: Say) -> Result<()> {
 pub fn with_bar<T>(say: Say, making: impl FnOnce(&mut Watch<'_>) -> T) -> T {
     let mut bar = None;
     making(&mut |progress| {
-        let bar = bar.get_or_insert_with(|| progress::bar(progress.of as u64, "frames", say));
-        bar.set_position(progress.frames as u64);
+        bar.get_or_insert_with(|| progress::bar(progress.of as u64, "frames", say))
+            .set_position(progress.frames as u64);
+        // the best are chosen without it
+        bar = bar.take().filter(|_| progress.frames < progress.of);
         ControlFlow::Continue(())
     })
 }

@@ -13,30 +13,19 @@ use kinelm_store::hash;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-/// What dances are compared with.
-pub struct Real {
-    /// They.
-    pub dances: RealDances,
-    /// In plain words.
-    pub what: String,
-}
-
-impl Real {
-    /// The corpus that the call named, that of the model's training, or one of the library's clips.
-    ///
-    /// # Errors
-    /// A corpus that can't be opened; neither a corpus nor clips.
-    pub fn open(named: Option<&Path>, open: &OpenRequest, library: &Library) -> Result<Real> {
-        let of_run = corpus_of(&open.resolved.run);
-        let (path, what) = match (named, of_run) {
-            (Some(path), _) => (path.to_owned(), "the corpus that was named"),
-            (None, Ok(path)) if path.ends_with(MADE) => (path, "dances of the model's own, chosen beside real ones"),
-            (None, Ok(path)) => (path, "the dances that the model was trained on"),
-            (None, Err(_)) => (of_library(open, library)?, "the clips of the library"),
-        };
-        let dances = RealDances::open(&path, open, CorpusOptions::default())?;
-        Ok(Real { dances, what: format!("compared with {what}") })
-    }
+/// What dances are compared with, and its name: the corpus that the call named, that of the model's training, or one of the
+/// library's clips.
+///
+/// # Errors
+/// A corpus that can't be opened; neither a corpus nor clips.
+pub fn real(named: Option<&Path>, open: &OpenRequest, library: &Library) -> Result<(RealDances, &'static str)> {
+    let (path, what) = match (named, corpus_of(&open.resolved.run)) {
+        (Some(path), _) => (path.to_owned(), "the corpus that was named"),
+        (None, Ok(path)) if path.ends_with(MADE) => (path, "dances of the model's own, chosen beside real ones"),
+        (None, Ok(path)) => (path, "the dances that the model was trained on"),
+        (None, Err(_)) => (of_library(open, library)?, "the clips of the library"),
+    };
+    Ok((RealDances::open(&path, open, CorpusOptions::default())?, what))
 }
 
 /// A corpus of the library's clips.

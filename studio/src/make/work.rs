@@ -1,6 +1,6 @@
 //! A job carried out: the request opened, its dances sampled and streamed, chosen, decoded and written.
 
-use super::best::Real;
+use super::best;
 use super::jobs::{Job, Running};
 use super::model::Model;
 use super::request::{Kind, Prepared};
@@ -64,10 +64,10 @@ impl Maker {
         let open = OpenRequest::open_with(&prepared.request, prepared.layout.take())?;
         let mut notes = open.notes()?;
         // what can't be compared is refused before it is sampled
-        let real = job.make.best.map(|_| Real::open(self.real.as_deref(), &open, &self.library)).transpose()?;
-        notes.extend(real.iter().map(|real| real.what.clone()));
+        let real = job.make.best.map(|_| best::real(self.real.as_deref(), &open, &self.library)).transpose()?;
+        notes.extend(real.iter().map(|(_, what)| format!("compared with {what}")));
         let best = real.as_ref().zip(job.make.best);
-        let best = best.map(|(real, samples)| BestOf { samples, judge: &real.dances });
+        let best = best.map(|((judge, _), samples)| BestOf { samples, judge });
         let name = job.make.name(prepared.source.as_ref());
         let mut streams = Streams::new(&open, &self.hub, &job.id, &job.dances, &name)?;
         let outs: Vec<PathBuf> = job.dances.iter().map(|id| format!("{id}.bvh").into()).collect();

@@ -1,9 +1,9 @@
 //! Masked models as windows are read by them: the fast form, or the plain one.
 
-use crate::{Error, Result};
+use crate::Result;
+use crate::sampler::check_f32;
 use kinelm_model::fast::{Fast, Windows};
-use kinelm_model::{Compute, Gpt, KvKind, LoadedRun, ReaderOptions, Scores, WeightKind};
-use kinelm_store::Subject;
+use kinelm_model::{Compute, Gpt, LoadedRun, ReaderOptions, Scores};
 
 /// A model that sees a whole window at once.
 pub trait MaskedModel: Send {
@@ -43,12 +43,7 @@ impl MaskedModel for Gpt {
 /// # Errors
 /// Weights that don't fit the configuration; a device that isn't there; number formats that are for reading token by token.
 pub(crate) fn masked_model(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Result<Box<dyn MaskedModel>> {
-    if (reading.weights, reading.kv) != (WeightKind::F32, KvKind::F32) {
-        return Err(Error::unsupported(
-            Subject::of_parameter("weights").with(format!("as {:?}, `kv` as {:?}", reading.weights, reading.kv)),
-            "a masked model reads whole windows, in F32 alone; leave them out",
-        ));
-    }
+    check_f32(reading, "a masked model reads whole windows, in F32 alone; leave them out")?;
     if compute.is_fast() {
         return Ok(Box::new(Fast::from_tensors(&run.config, &run.tokens, run.weights.clone())?));
     }

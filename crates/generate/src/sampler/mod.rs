@@ -17,6 +17,7 @@ mod sequence;
 pub use first_frames::FIRST_FRAMES;
 pub(crate) use first_frames::has_given_after_free;
 pub use guidance::Guidance;
+pub(crate) use model::check_f32;
 pub use model::{NextToken, reader, readers};
 pub use plan::{GUESSES, MOST_FRAMES, SamplingPlan, check_frames, variation_seed};
 

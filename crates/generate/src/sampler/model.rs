@@ -136,13 +136,17 @@ pub fn readers(
         let readers = run.readers(reading, each)?;
         return Ok(readers.into_iter().map(|reader| Box::new(reader) as Box<dyn NextToken>).collect());
     }
-    if (reading.weights, reading.kv) != (WeightKind::F32, KvKind::F32) {
-        return Err(Error::unsupported(
-            Subject::of_parameter("weights").with(format!("as {:?}, `kv` as {:?}", reading.weights, reading.kv)),
-            "the plain form of the model has F32 alone; leave them out, or use the form auto on the cpu",
-        ));
-    }
+    check_f32(reading, "the plain form of the model has F32 alone; leave them out, or use the form auto on the cpu")?;
     let model = run.plain(&compute.device.open()?)?;
     let caches = (0..reading.streams).map(|_| model.cache()).collect::<Result<Vec<Cache>>>()?;
     Ok(vec![Box::new(caches)])
+}
+
+/// Refuses number formats of a model that has none but F32, for the reason `why`.
+pub(crate) fn check_f32(reading: ReaderOptions, why: &str) -> Result<()> {
+    if (reading.weights, reading.kv) == (WeightKind::F32, KvKind::F32) {
+        return Ok(());
+    }
+    let formats = format!("as {:?}, `kv` as {:?}", reading.weights, reading.kv);
+    Err(Error::unsupported(Subject::of_parameter("weights").with(formats), why))
 }

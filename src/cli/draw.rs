@@ -52,6 +52,6 @@ impl DrawArgs {
 
     /// The same with a top-p where nothing truncates.
     pub fn get(self) -> Result<Sampling> {
-        Ok(self.requested()?.truncated())
+        Ok(self.requested()?.truncated_at(TOP_P))
     }
 }

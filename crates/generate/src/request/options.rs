@@ -57,13 +57,6 @@ pub enum FootMode {
     Lock,
 }
 
-impl FootMode {
-    /// Whether nothing is done; files leave the key out then.
-    pub(crate) fn is_off(&self) -> bool {
-        *self == FootMode::Off
-    }
-}
-
 /// What the joints do that the tokenizer doesn't code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

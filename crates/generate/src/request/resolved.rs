@@ -29,7 +29,7 @@ pub struct Resolved {
     /// Scale of classifier-free guidance by labels and music; 1 is the model as trained.
     pub guidance: f64,
     /// Scale of guidance towards the goals after gaps; 1 is the model as trained, 0 leaves the goals out.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub goal_guidance: f64,
     /// The music that is danced to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -39,7 +39,7 @@ pub struct Resolved {
     /// Frames per second of the file that is written.
     pub fps: f64,
     /// Lead-in frames, dropped from the output: the first frames that a model samples don't belong together yet.
-    #[serde(default, skip_serializing_if = "is_no_frame")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub lead_in: usize,
     /// The second of a train clip that the lead-in is; `None`: the model samples the lead-in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -64,7 +64,7 @@ pub struct Resolved {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub placement: Option<Placement>,
     /// What is done to the feet.
-    #[serde(default, skip_serializing_if = "FootMode::is_off")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub feet: FootMode,
     /// Where and how the model computes.
     pub computing: Computing,
@@ -104,8 +104,8 @@ impl Resolved {
     }
 }
 
-fn is_zero(scale: &f64) -> bool {
-    *scale == 0.0
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 fn one() -> usize {
@@ -114,8 +114,4 @@ fn one() -> usize {
 
 fn is_one(candidates: &usize) -> bool {
     *candidates == 1
-}
-
-fn is_no_frame(frames: &usize) -> bool {
-    *frames == 0
 }

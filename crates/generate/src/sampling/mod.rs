@@ -126,11 +126,6 @@ impl Sampling {
         *self != self.untruncated()
     }
 
-    /// The same with [`TOP_P`] where nothing truncates.
-    pub fn truncated(self) -> Sampling {
-        self.truncated_at(TOP_P)
-    }
-
     /// The same with this `top_p` where nothing truncates.
     pub fn truncated_at(self, top_p: f64) -> Sampling {
         Sampling { top_p: self.top_p.or((!self.truncates()).then_some(top_p)), ..self }

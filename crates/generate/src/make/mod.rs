@@ -70,7 +70,7 @@ pub struct NewFrames {
     pub dance: usize,
     /// The number of the first of them.
     pub from: usize,
-    /// They, on SMPL-24 at the model's rate; a sketch, in which no foot is locked and no end closed.
+    /// On SMPL-24 at the model's rate; a sketch, in which no foot is locked and no end closed.
     pub clip: Clip,
 }
 
@@ -100,7 +100,7 @@ pub fn unwatched(_: &mut Progress<'_>) -> ControlFlow<()> {
 
 /// Dances that are sampled and chosen, the best first, to be decoded one after the other.
 pub struct Dances {
-    /// They.
+    /// Each in words, and its rank.
     pub chosen: Vec<Chosen>,
     /// Tokens that were guessed ahead.
     pub guessed: u64,
@@ -138,8 +138,10 @@ impl OpenRequest {
         let outs = making.outs;
         let samples = making.best.as_ref().map_or(outs.len(), |best| best.samples);
         let mut previews = outs.iter().map(|_| Preview::new(self)).collect::<Result<Vec<_>>>()?;
+        // ways through gaps are sampled side by side, and their dances one after the other
         let of = self.frames * if self.tries() > 1 { samples } else { 1 };
         let sampled = self.sample(samples, making.guesses, &mut |first, words, last| {
+            // of several ways the first is shown: which one is chosen is not known yet
             let shown = last.iter().take(if self.tries() > 1 { 1 } else { samples });
             for (preview, word) in previews.iter_mut().skip(first).zip(shown) {
                 preview.push(&self.tokenizer, word);

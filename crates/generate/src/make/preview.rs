@@ -41,7 +41,7 @@ impl Preview {
     }
 
     /// Takes up the ids of a word.
-    pub(crate) fn push(&mut self, tokenizer: &Tokenizer, word: &[u32]) {
+    pub fn push(&mut self, tokenizer: &Tokenizer, word: &[u32]) {
         tokenizer.words_of_ids(word).words.iter().for_each(|word| self.words.push(word));
     }
 

@@ -23,7 +23,7 @@
 //! merged, special and conditioning token its id; [`Grammar`] defines which ids each slot of a word allows.
 //!
 //! **Features**: `fit` ([`Fit`], [`Tokenizer::fit`]) needs a matrix library, `merges` Hugging Face's trainer of byte-pair
-//! merges; both are on by default, and a fitted tokenizer needs neither. `ndarray` gives views of codes.
+//! merges; a fitted tokenizer needs neither. `ndarray` gives codes as its arrays. All are on by default.
 #![forbid(unsafe_code)]
 // parts that only fitting uses
 #![cfg_attr(not(feature = "fit"), allow(dead_code, unused_imports))]

@@ -8,7 +8,7 @@ use kinelm::motion::resample::check_fps;
 use kinelm::motion::{Motion, Quat, Skeleton, Vec3};
 use kinelm::store::files::write_whole;
 use kinelm::view::{Figure, page};
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
@@ -147,25 +147,24 @@ impl Clip {
 
     /// (J, 3) offsets from the parents, metres.
     #[getter]
-    fn offsets<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        vectors(py, self.0.clip.skeleton().offsets())
+    fn offsets<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        self.0.clip.skeleton().offsets_view().to_pyarray(py)
     }
 
     /// (F, 3) positions of the root, metres.
     #[getter]
-    fn root<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        vectors(py, self.0.clip.root())
+    fn root<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        self.0.clip.root_view().to_pyarray(py)
     }
 
     /// (F, J, 4) local rotations as unit quaternions x, y, z, w.
     #[getter]
-    fn rotations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let flat: Vec<f64> = self.0.clip.rotations().iter().flat_map(|q| q.to_array()).collect();
-        PyArray1::from_vec(py, flat).reshape([self.0.clip.frames(), self.0.clip.joints(), 4])
+    fn rotations<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
+        self.0.clip.rotations_view().to_pyarray(py)
     }
 
     /// (F, J, 3) positions of the joints in the world, metres.
-    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    fn positions<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
         positions(py, &self.0.clip)
     }
 
@@ -197,12 +196,6 @@ pub fn mapped(motion: Motion, map: Option<&str>) -> kinelm::motion::Result<Motio
 }
 
 /// (F, J, 3) positions of a clip's joints.
-pub fn positions<'py>(py: Python<'py>, clip: &kinelm::motion::Clip) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let flat: Vec<f64> = py.detach(|| clip.positions().iter().flat_map(|p| p.to_array()).collect());
-    PyArray1::from_vec(py, flat).reshape([clip.frames(), clip.joints(), 3])
-}
-
-fn vectors<'py>(py: Python<'py>, all: &[Vec3]) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let flat: Vec<f64> = all.iter().flat_map(|p| p.to_array()).collect();
-    PyArray1::from_vec(py, flat).reshape([all.len(), 3])
+pub fn positions<'py>(py: Python<'py>, clip: &kinelm::motion::Clip) -> Bound<'py, PyArray3<f64>> {
+    py.detach(|| clip.positions_array()).into_pyarray(py)
 }

@@ -1,8 +1,8 @@
-//! Views of motion as arrays of the `ndarray` crate, without a copy.
+//! Motion as arrays of the `ndarray` crate; views share the numbers.
 
 use crate::format::positions::Positions;
-use crate::{Clip, GlobalPose, Quat, Vec3};
-use ndarray::{ArrayView2, ArrayView3};
+use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3};
+use ndarray::{Array3, ArrayView2, ArrayView3};
 
 fn vectors(all: &[Vec3]) -> &[f64] {
     bytemuck::cast_slice(all)
@@ -42,6 +42,18 @@ impl Clip {
     pub fn rotations_view(&self) -> ArrayView3<'_, f64> {
         rows(quaternions(self.rotations()), self.joints(), 4)
     }
+
+    /// World positions of the joints (F, J, 3), metres.
+    pub fn positions_array(&self) -> Array3<f64> {
+        rows(vectors(&self.positions()), self.joints(), 3).to_owned()
+    }
+}
+
+impl Skeleton {
+    /// Offsets from the parents (J, 3), metres.
+    pub fn offsets_view(&self) -> ArrayView2<'_, f64> {
+        matrix(vectors(self.offsets()), 3)
+    }
 }
 
 impl GlobalPose {
@@ -63,7 +75,7 @@ impl Positions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Skeleton, smpl};
+    use crate::smpl;
     use std::sync::Arc;
 
     #[test]
@@ -78,6 +90,8 @@ mod tests {
         let pose = clip.global_pose(2);
         assert_eq!(pose.positions_view()[(23, 2)], positions.view()[(2, 23, 2)]);
         assert_eq!(pose.positions_view()[(23, 2)], pose.positions[23].z);
+        assert_eq!(clip.positions_array(), positions.view());
+        assert_eq!(clip.skeleton().offsets_view()[(7, 1)], clip.skeleton().offsets()[7].y);
     }
 
     #[test]

@@ -14,8 +14,8 @@
 //! reference poses, feet, floor); [`resample`] and [`mod@format`] (files); [`retarget`], [`metric`], [`feet`], [`inspect`],
 //! [`mirror`], [`synth`]; [`convert`].
 //!
-//! **Features**: `amass` (`.npz`: AMASS, body models, joint positions) and `aist` (`.pkl`: AIST++) are on by default; `fbx`
-//! (`.fbx`, which needs a C compiler) is not; `ndarray` gives views of rotations and positions.
+//! **Features**: `amass` (`.npz`: AMASS, body models, joint positions), `aist` (`.pkl`: AIST++) and `ndarray` (rotations and
+//! positions as its arrays) are on by default; `fbx` (`.fbx`, which needs a C compiler) is not.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "ndarray")]

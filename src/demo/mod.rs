@@ -102,7 +102,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let follows = generate(&args, given(Some(FOLLOWED), None), frames)?;
     let goes_on = generate(&args, given(None, Some(second)), frames)?;
     for (name, dance) in [("dance.bvh", &follows), ("free.bvh", &goes_on)] {
-        format::write(&at(name), &Motion::new(&at(name), dance.clone()))?;
+        format::write(&at(name), &Motion::new(at(name), dance.clone()))?;
     }
     say.line("5/5 page and report");
     let seen = tokenizer.decode(&prompt.words, UncodedPose::Clip(&prompt.clip))?;

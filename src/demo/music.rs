@@ -50,7 +50,7 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
         pieces.iter().enumerate().map(dance).collect()
     };
     let (made, free) = (all(true)?, all(false)?);
-    format::write(&at("dance.bvh"), &Motion::new(&at("dance.bvh"), made[0].clone()))?;
+    format::write(&at("dance.bvh"), &Motion::new(at("dance.bvh"), made[0].clone()))?;
     say.line("5/5 page and report");
     let joints = tokenizer.channels().joints().to_vec();
     let (_, lag) = of_corpus(&corpus, &joints)?;

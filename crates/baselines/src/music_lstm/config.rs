@@ -54,7 +54,7 @@ pub enum Pose {
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Effort {
-    /// By angular speeds ([`super::effort`]).
+    /// By angular speeds (`super::effort`).
     Corrected,
     /// As printed, where it depends on orientations.
     Compat,

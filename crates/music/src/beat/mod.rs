@@ -1,7 +1,7 @@
 //! Beats of music, as a listener would tap them.
 //!
-//! Stages: [`flux`] (change per band), [`tempogram`] (tempo over time), [`pulse`] (dynamic programming through the flux),
-//! [`level`] (which multiple and phase of the pulse is the beat).
+//! Stages: `flux` (change per band), `tempogram` (tempo over time), `pulse` (dynamic programming through the flux),
+//! `level` (which multiple and phase of the pulse is the beat).
 //!
 //! ```
 //! use kinelm_music::beat::{RATE, beats_of};

@@ -60,7 +60,7 @@ const FPS: std::ops::RangeInclusive<f64> = 17.0..=240.0;
 pub struct Features {
     /// Frames per second.
     pub fps: f64,
-    /// (F, 35): [`STRENGTH`], [`CEPSTRUM`], [`CHROMA`], [`PEAK`], [`BEAT`].
+    /// (F, 35): [`STRENGTH`], [`CEPSTRUM`], [`CHROMA`], [`PEAK`], `BEAT`.
     pub numbers: Vec<f32>,
     /// The beats and the tempo.
     pub beats: Beats,

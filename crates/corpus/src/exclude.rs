@@ -23,7 +23,7 @@ type Row = (ExcludedRange, usize);
 /// ranges of clips in the dataset, for [`super::BuildOptions::excluded`].
 ///
 /// # Errors
-/// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] with line and column: those of [`ClipTable::parse`], columns of
+/// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] with line and column: those of `ClipTable::parse`, columns of
 /// other names, a bad time.
 pub fn exclude(dataset: &mut Dataset, path: &Path) -> Result<Vec<ExcludedRange>> {
     let rows = parse(path, &input::bytes(path).map_err(Error::io(path))?)?;

@@ -15,7 +15,7 @@ pub struct Item {
     pub name: String,
     /// Values by field.
     pub labels: BTreeMap<String, String>,
-    /// Labels of parts of the clip; [`super::segments::split_items`] splits by them.
+    /// Labels of parts of the clip; `super::segments::split_items` splits by them.
     pub timed: Vec<TimedLabels>,
     /// Ranges that a corpus does without.
     pub excluded: Vec<TimeRange>,
@@ -37,7 +37,7 @@ pub struct Item {
     pub music_from_s: Option<f64>,
     /// Its number among all items.
     pub key: usize,
-    /// Index into [`Dataset::sources`].
+    /// Index into `Dataset::sources`.
     pub source: usize,
 }
 

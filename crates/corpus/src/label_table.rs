@@ -34,7 +34,7 @@ impl LabelTable {
     /// Reads a CSV.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] with line and column: those of [`ClipTable::parse`]; a clip
+    /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] with line and column: those of `ClipTable::parse`; a clip
     /// with two rows without time ranges; a split, rate, skip or time that is none; of several rows of a clip, two values of
     /// a label at one time, or two values of split, take, rate, skip or floor.
     pub fn load(path: &Path) -> Result<Self> {

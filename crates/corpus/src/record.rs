@@ -324,7 +324,7 @@ pub struct MusicRows {
 pub enum BeatSource {
     /// The music of the clip.
     Music,
-    /// The clip's own steps ([`crate::music::motion_beats`]).
+    /// The clip's own steps (`crate::music::motion_beats`).
     Motion,
 }
 

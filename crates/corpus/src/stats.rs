@@ -70,7 +70,7 @@ pub struct Stats {
     pub takes: usize,
     /// Recordings that stand in more than one split.
     pub takes_in_two_splits: Vec<String>,
-    /// Root steps above [`ROOT_GLITCH_M_S`] and joint steps above [`JOINT_GLITCH_DEG_S`] that stand out, largest first.
+    /// Root steps above `ROOT_GLITCH_M_S` and joint steps above `JOINT_GLITCH_DEG_S` that stand out, largest first.
     pub glitches: Vec<Glitch>,
     /// Clips in which some step is a glitch.
     pub clips_with_glitches: usize,

@@ -2,7 +2,7 @@
 //!
 //! A layer (k, n) is packed once per pass. Its output is computed piece by piece of rows ([`Products::times`]), as is the
 //! gradient of its input, with the transposed weight. The gradient of its output is packed in the same pieces, and
-//! [`Products::weight_gradient`] multiplies them all; biases and norms add up [`Sums`] over the pieces.
+//! `Products::weight_gradient` multiplies them all; biases and norms add up `Sums` over the pieces.
 
 use crate::op::bf16;
 use crate::op::matmul::{self, Left, Store};

@@ -29,7 +29,7 @@ pub struct ModelConfig {
     /// How a token's position is encoded. Default `frame_joint`.
     pub positions: Positions,
     /// To every input is added what stood one frame back at the place about to be predicted, and its last step. Left out:
-    /// where that is possible, see [`ModelConfig::reads_previous`].
+    /// where that is possible, see `ModelConfig::reads_previous`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub previous_frame: Option<bool>,
     /// What the softmax is over. Left out: `relative` where that is possible, see [`ModelConfig::head_of`].

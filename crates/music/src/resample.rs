@@ -120,7 +120,7 @@ impl Resampler {
 /// ```
 ///
 /// # Errors
-/// A rate outside [`RATES`]: [`kinelm_store::Error::Invalid`].
+/// A rate outside `RATES`: [`kinelm_store::Error::Invalid`].
 pub fn resample(samples: &[f32], from: u32, to: u32) -> Result<Vec<f32>> {
     let mut out = Vec::new();
     let mut sink = |block: &[f32]| {

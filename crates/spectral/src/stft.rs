@@ -68,7 +68,7 @@ impl Stft {
         self.window / 2 + 1
     }
 
-    /// Numbers of [`Stft::magnitudes`]: T times B, or T times B - 1.
+    /// Numbers of `Stft::magnitudes`: T times B, or T times B - 1.
     pub fn kept(&self) -> usize {
         self.frames() * (self.bins() - usize::from(self.no_dc))
     }

@@ -59,7 +59,7 @@ pub enum Written {
     Replaced,
 }
 
-/// A file that is written but has no name yet ([`Outputs::prepare`]); dropped, it leaves nothing.
+/// A file that is written but has no name yet (`Outputs::prepare`); dropped, it leaves nothing.
 #[derive(Debug)]
 pub struct Prepared<'a> {
     path: &'a Path,

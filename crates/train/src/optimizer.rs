@@ -1,6 +1,6 @@
 //! AdamW on the CPU: gradients and moments of a list of tensors, updated in place.
 //!
-//! The plain form has its own, from tensor operations: [`super::adamw`].
+//! The plain form has its own, from tensor operations: `super::adamw`.
 
 use crate::{Error, Result};
 use candle_core::Tensor;
@@ -145,10 +145,10 @@ pub(crate) fn in_order(
     parameters.iter().map(one).collect()
 }
 
-/// As [`in_order`], their numbers.
+/// As `in_order`, their numbers.
 ///
 /// # Errors
-/// As [`in_order`]; tensors that aren't f32.
+/// As `in_order`; tensors that aren't f32.
 pub fn floats(
     what: &str,
     parameters: &[Parameter],

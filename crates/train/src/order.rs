@@ -24,7 +24,7 @@ const MOST_WINDOWS: u64 = 100_000_000;
 /// The order of the first `steps` steps of a run, without augmentation.
 ///
 /// # Errors
-/// Those of [`Batches::of_run`]; a run with stages; too many windows.
+/// Those of `Batches::of_run`; a run with stages; too many windows.
 pub fn order(run: &RunFile, data: &Data, steps: u64) -> Result<Order> {
     if !run.train.stages.is_empty() {
         let why = "an order has windows of one length; leave the stages out";

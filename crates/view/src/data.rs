@@ -1,4 +1,4 @@
-//! The data of the page's player: 16-bit positions of points, and each figure's place on the floor. [`drawn`] makes the
+//! The data of the page's player: 16-bit positions of points, and each figure's place on the floor. `drawn` makes the
 //! figures of a page, [`figure`] one by itself, [`LiveFigure`] one that is still sampled.
 
 use super::Figure;

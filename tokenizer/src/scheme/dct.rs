@@ -48,7 +48,7 @@ pub enum Steps {
     /// 1 for every joint.
     #[default]
     Equal,
-    /// The joint's [lever arm](series::lever_arms) in metres: bins are narrower for joints that move more of the body, and a joint
+    /// The joint's lever arm in metres: bins are narrower for joints that move more of the body, and a joint
     /// transform works on displacements instead of angles.
     LeverArm,
 }

@@ -94,7 +94,7 @@ impl Coder {
     }
 
     /// (F, C) frames as a clip on a skeleton of the rig. Positions lack the twist and the lengths of bones: rotations are
-    /// fitted to them ([`fit`]).
+    /// fitted to them (`fit`).
     ///
     /// # Errors
     /// [`Error::NotFinite`] with the frame.

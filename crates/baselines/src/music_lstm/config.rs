@@ -51,7 +51,7 @@ pub enum Pose {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Effort {
-    /// By angular speeds ([`super::effort`]).
+    /// By angular speeds (`super::effort`).
     Corrected,
     /// As printed, where it depends on orientations.
     Compat,

@@ -147,7 +147,7 @@ pub struct Trained {
     pub skeleton: Arc<Skeleton>,
     /// Its shape.
     pub shape: Shape,
-    /// Its weights, in the order of [`list`].
+    /// Its weights, in the order of `list`.
     pub weights: Vec<Floats>,
     /// Updates done.
     pub step: u64,

@@ -1,7 +1,7 @@
 //! Products of matrices, on one thread: a left factor as it is in memory times a right factor in panels.
 //!
 //! Letters: m rows of the product, n columns, k the shared dimension. The right factor is packed once, in panels of
-//! [`panel`] columns, and then read from front to back; a tile of `TILE` rows by one panel stays in registers over up to
+//! `panel` columns, and then read from front to back; a tile of `TILE` rows by one panel stays in registers over up to
 //! `DEPTH` steps of k. Source of the scheme: Goto and van de Geijn, "Anatomy of high-performance matrix
 //! multiplication" (2008); the left factor is not repacked where its rows are contiguous, because 64 rows of it fit the cache.
 

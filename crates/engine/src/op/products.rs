@@ -10,7 +10,7 @@ pub enum Products {
     /// The factors as they are.
     #[default]
     F32,
-    /// Factors rounded to bf16, by the instructions that this processor has for it ([`Instructions::here`]).
+    /// Factors rounded to bf16, by the instructions that this processor has for it (`Instructions::here`).
     Bf16,
     /// Factors rounded to bf16 and multiplied as f32: the results of [`Products::Bf16`], up to the order of its sums,
     /// on any machine, and slower than [`Products::F32`].

@@ -50,7 +50,7 @@ pub struct ChannelFloors {
     pub test: [usize; 2],
     /// Frames that both splits have, where these are a sample of them.
     pub of: [usize; 2],
-    /// Bits per frame of each of [`MODELS`], all test frames.
+    /// Bits per frame of each of `MODELS`, all test frames.
     pub bits_per_frame: [f64; 6],
     /// The same over the frames that have two before them; `None` where there are none.
     pub from_third_frame: Option<[f64; 6]>,

@@ -14,7 +14,7 @@ const STRETCH: usize = 1_000;
 pub enum Extent {
     /// All of it; memory grows with its hours.
     All,
-    /// At most [`MOST_FRAMES`], spread evenly.
+    /// At most `MOST_FRAMES`, spread evenly.
     #[default]
     Sample,
 }

@@ -35,7 +35,7 @@ pub struct TokenFloors {
     pub test: [usize; 3],
     /// Frames that both splits have, where these are a sample of them.
     pub of: [usize; 2],
-    /// Bits per frame of each of [`MODELS`].
+    /// Bits per frame of each of `MODELS`.
     pub bits_per_frame: [f64; 3],
 }
 

@@ -1,4 +1,4 @@
-//! Models in folders that other programs read and write: our own form ([`own`]) and that of Hugging Face's GPT-2 ([`hf`]).
+//! Models in folders that other programs read and write: our own form (`own`) and that of Hugging Face's GPT-2 (`hf`).
 
 mod hf;
 mod own;

@@ -121,7 +121,7 @@ impl Gpt {
     /// What the heads read of `ids` (B, T): the final norm's output (B T, D). Differentiable.
     ///
     /// # Errors
-    /// As [`Gpt::forward_masked`].
+    /// As `Gpt::forward_masked`.
     pub fn final_vectors(&self, ids: &Tensor, mask: &Mask) -> Result<Tensor> {
         self.check_length(ids.dims2()?.1)?;
         self.net.final_vectors(ids, mask)

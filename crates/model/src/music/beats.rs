@@ -1,5 +1,5 @@
 //! Where the beats are, as numbers: a 1, which says that it is known, and cosine and sine of the beat's phase, and of twice and
-//! of three times its phase, at each time of [`AHEAD_S`].
+//! of three times its phase, at each time of `AHEAD_S`.
 //!
 //! The phase goes evenly from 0 at a beat to a turn at the next; before the first beat and behind the last it goes on as between
 //! the two nearest, for `BEYOND` beats.
@@ -25,7 +25,7 @@ fn phase(beats_s: &[f64], time_s: f64) -> Option<f64> {
     (-BEYOND..=1.0 + BEYOND).contains(&phase).then(|| (next - 1) as f64 + phase)
 }
 
-/// Writes the beats' phase at these times, the first the frame's own, into zeros ([`NUMBERS`]).
+/// Writes the beats' phase at these times, the first the frame's own, into zeros (`NUMBERS`).
 pub fn write(beats_s: &[f64], times_s: [f64; AHEAD_S.len()], conditioning: &mut [f32]) {
     let Some((known, phases)) = conditioning.split_first_mut().filter(|_| phase(beats_s, times_s[0]).is_some()) else {
         return;

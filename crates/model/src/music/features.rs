@@ -1,5 +1,5 @@
 //! What music sounds like, as numbers: a 1, which says that it is known, and the 35 of [`kinelm_music::feature`] at each
-//! time of [`AHEAD_S`], standardised by the training clips.
+//! time of `AHEAD_S`, standardised by the training clips.
 //!
 //! Source of the 35: Li et al., "AI Choreographer" (2021), section 4, which gives a model those of the music around a frame.
 
@@ -86,7 +86,7 @@ impl Scaling {
     }
 }
 
-/// Writes the features at these times, the first the frame's own, into zeros ([`NUMBERS`]).
+/// Writes the features at these times, the first the frame's own, into zeros (`NUMBERS`).
 pub fn write(rows: &FeatureRows<'_>, scale: &Scale, times_s: [f64; AHEAD_S.len()], conditioning: &mut [f32]) {
     let Some((known, conditioning)) = conditioning.split_first_mut() else { return };
     for (i, (numbers, time)) in conditioning.chunks_exact_mut(CHANNELS).zip(times_s).enumerate() {

@@ -1,7 +1,7 @@
 //! Music conditioning of a frame: the phase of the beats ([`beats`]), the sound ([`features`]), or both, one after the
 //! other. Where one isn't known, all its numbers are 0.
 //!
-//! Training, measuring and generation all call [`conditioning`].
+//! Training, measuring and generation all call `conditioning`.
 
 pub mod beats;
 pub mod features;

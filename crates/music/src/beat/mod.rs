@@ -1,7 +1,7 @@
 //! Beats of music, as a listener would tap them.
 //!
-//! Stages: [`flux`] (change per band), [`tempogram`] (tempo over time), [`pulse`] (dynamic programming through the flux),
-//! [`level`] (which multiple and phase of the pulse is the beat).
+//! Stages: `flux` (change per band), `tempogram` (tempo over time), `pulse` (dynamic programming through the flux),
+//! `level` (which multiple and phase of the pulse is the beat).
 //!
 //! Limits: no downbeats and no metre. Any sound whose flux isn't constant gets a pulse, through pauses too. The usual
 //! errors are half and double tempo and the off-beat; weights and measurements are of pieces mostly with drums

@@ -61,7 +61,7 @@ const FPS: std::ops::RangeInclusive<f64> = 17.0..=240.0; // 17 * 512 = 8,704 Hz 
 pub struct Features {
     /// Frames per second.
     pub fps: f64,
-    /// (F, 35): [`STRENGTH`], [`CEPSTRUM`], [`CHROMA`], [`PEAK`], [`BEAT`].
+    /// (F, 35): [`STRENGTH`], [`CEPSTRUM`], [`CHROMA`], [`PEAK`], `BEAT`.
     pub numbers: Vec<f32>,
     /// The beats and the tempo.
     pub beats: Beats,

@@ -49,7 +49,7 @@ pub struct Info {
     pub samples: Option<u64>,
 }
 
-/// An open music file, read by [`Reader::next_block`].
+/// An open music file, read by `Reader::next_block`.
 pub struct Reader {
     path: PathBuf,
     info: Info,
@@ -360,7 +360,7 @@ fn clean(x: f32) -> f32 {
 /// Decodes a file in one pass and sends its samples to each sink at the sink's rate.
 ///
 /// # Errors
-/// Those of [`open`] and [`Reader::next_block`], a rate outside [`RATES`], and those of the sinks.
+/// Those of [`open`] and `Reader::next_block`, a rate outside `RATES`, and those of the sinks.
 pub fn decode_at(path: &Path, sinks: &mut [(u32, Sink)]) -> Result<Info> {
     let mut reader = open(path)?;
     let rate = reader.info.rate;

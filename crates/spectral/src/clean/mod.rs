@@ -2,7 +2,7 @@
 //! "Clips that are not clean".
 //!
 //! Clips are looked at as a tokenizer takes them: on SMPL-24, at its rate, their floors at y = 0. Times are seconds of the
-//! clip as it is read, half-open, as [`kinelm_corpus::segments`] has them.
+//! clip as it is read, half-open, as `kinelm_corpus::segments` has them.
 
 mod copies;
 #[cfg(test)]

@@ -71,7 +71,7 @@ impl Filter {
     ///
     /// # Errors
     /// A cut-off that isn't above 0 and below half the rate; more coefficients than frames, or none; for Butterworth what
-    /// [`Butterworth::new`] and [`Butterworth::filtfilt`] refuse; a clip without frames.
+    /// `Butterworth::new` and `Butterworth::filtfilt` refuse; a clip without frames.
     pub fn apply(&self, clip: &Clip) -> Result<Filtered> {
         if clip.frames() == 0 {
             return Err(Error::missing("frames to filter", "the clip is empty"));

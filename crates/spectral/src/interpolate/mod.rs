@@ -1,6 +1,6 @@
 //! Interpolation of two dances: the rotations of the first move until their spectrum is the second's, or between.
 //!
-//! [`Alignment`] makes two clips comparable, [`Relative`] makes their rotations numbers, [`descent::descend`] moves the
+//! [`Alignment`] makes two clips comparable, [`Relative`] makes their rotations numbers, `descent::descend` moves the
 //! first's, [`interpolate()`] does all of it and measures the result. The root's path stays the first's but for its fast
 //! part, which turns with the body. Source: the motion-language thesis; docs/interpolation.md.
 
@@ -84,7 +84,7 @@ pub struct Interpolated {
 /// Interpolates from the first dance towards the second.
 ///
 /// # Errors
-/// What [`Alignment::of`] and [`descent::descend`] refuse; more coefficients than frames; a basis of more components than
+/// What `Alignment::of` and `descent::descend` refuse; more coefficients than frames; a basis of more components than
 /// the clips have series, or over a window of more than 1,024 frames.
 pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Result<Interpolated> {
     let Aligned { a: first, b: second, notes } = options.alignment.of(a, b)?;

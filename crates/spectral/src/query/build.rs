@@ -16,7 +16,7 @@ use kinelm_store::files::{self, PendingFolder};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
-/// The options of an index. Those left out are taken from the existing index, or from [`IndexOptions::new`].
+/// The options of an index. Those left out are taken from the existing index, or from `IndexOptions::new`.
 #[derive(Debug, Clone, Default)]
 pub struct IndexRequest {
     /// The feature that windows are compared by; DCT unless said.

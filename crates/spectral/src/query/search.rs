@@ -20,7 +20,7 @@ const ROWS: usize = 256;
 pub struct Hit {
     /// Its number in the database.
     pub window: usize,
-    /// As [`Distance::score`].
+    /// As `Distance::score`.
     pub score: f64,
 }
 

@@ -145,7 +145,7 @@ pub(crate) fn draw_as(path: &Path, charts: &[Chart]) -> Result<()> {
     to_bytes(path, charts)?.map_or(Ok(()), |bytes| files::write_whole(path, &bytes))
 }
 
-/// The bytes that [`draw_as`] writes, with the generator mark; `None` when there is nothing to draw.
+/// The bytes that `draw_as` writes, with the generator mark; `None` when there is nothing to draw.
 ///
 /// # Errors
 /// Another extension than `png` and `svg`.

@@ -9,6 +9,9 @@ use kinelm_tokenizer::Words;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
+/// A [`crate::sampler::SamplingProgress`] that gets the number of the first dance that is being sampled first.
+type VariationProgress<'a> = dyn FnMut(usize, usize, &[Vec<u32>]) -> ControlFlow<()> + 'a;
+
 impl OpenRequest {
     /// The sampling of `variations` dances side by side, as an iterator over their words: it can be dropped at any frame. Of
     /// a request with `tries` it samples one try of each; [`OpenRequest::make`] chooses among them.
@@ -27,7 +30,7 @@ impl OpenRequest {
     }
 
     /// Samples `variations` dances. `guesses` as [`SamplingPlan::guesses`]; `progress` gets the number of the first dance that is
-    /// being sampled, the words that it has, and the ids of the last word of each.
+    /// being sampled, the words that each has, and the ids of the last one.
     ///
     /// Of an edited clip whose gaps end, each dance is the best of several tries; the tries of a variation are sampled side by
     /// side, the variations one after the other.
@@ -38,7 +41,7 @@ impl OpenRequest {
         &self,
         variations: usize,
         guesses: Option<usize>,
-        progress: &mut dyn FnMut(usize, usize, &[Vec<u32>]) -> ControlFlow<()>,
+        progress: &mut VariationProgress<'_>,
     ) -> Result<SampledTokens> {
         let mut plan = self.plan(variations)?;
         plan.guesses = guesses.unwrap_or(plan.guesses);

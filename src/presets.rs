@@ -34,7 +34,7 @@ pub fn text_of(name: &str) -> Result<&'static str> {
     found.next().ok_or_else(|| {
         let names = names();
         let meant = did_you_mean(name, names.iter().map(String::as_str));
-        Error::invalid("`name`", format!("{name:?}"), format!("one of {}{meant}", names.join(", ")))
+        Error::invalid_parameter("name", format!("{name:?}"), format!("one of {}{meant}", names.join(", ")))
     })
 }
 

@@ -108,7 +108,7 @@ mod tests {
         use kinelm_store::Error as Store;
         let code = |e: Error| exit_code(&e);
         assert_eq!(code(WrongCall("no".into()).into()), 2);
-        assert_eq!(code(Error::from(Store::invalid("`fps`", 0, "more")).context("walk.bvh")), 2);
+        assert_eq!(code(Error::from(Store::invalid_parameter("fps", 0, "more")).context("walk.bvh")), 2);
         assert_eq!(code(crate::Error::from(Store::stopped("half done")).into()), 130);
         assert_eq!(code(crate::corpus::Error::from(Store::taken("a", "is there")).into()), 2);
         assert_eq!(code(Store::missing("clip", "give one").into()), 1);

@@ -56,7 +56,7 @@ impl Fields {
         let mut fields: Vec<Field> = Vec::new();
         for name in names {
             if fields.iter().any(|f| f.name == *name) {
-                return Err(Error::invalid("`fields`", format!("{name}, given twice"), "every field once"));
+                return Err(Error::invalid_parameter("fields", format!("{name}, given twice"), "every field once"));
             }
             let mut classes: Vec<String> = train.iter().filter_map(|c| c.labels.get(name)).cloned().collect();
             classes.sort();

@@ -82,13 +82,13 @@ pub(super) fn check(options: &TrainOptions) -> Result<()> {
     let TrainOptions { share, steps, batch, rate, head_rate, .. } = *options;
     let positive = |x: f64| x > 0.0 && x.is_finite();
     match () {
-        () if !(share > 0.0 && share <= 1.0) => Err(Error::invalid("`share`", share, "above 0, at most 1")),
-        () if steps == 0 => Err(Error::invalid("`steps`", steps, "1 or more")),
+        () if !(share > 0.0 && share <= 1.0) => Err(Error::invalid_parameter("share", share, "above 0, at most 1")),
+        () if steps == 0 => Err(Error::invalid_parameter("steps", steps, "1 or more")),
         () if !(1..=MOST_BATCH).contains(&batch) => {
-            Err(Error::invalid("`batch`", batch, format!("1 to {MOST_BATCH} windows")))
+            Err(Error::invalid_parameter("batch", batch, format!("1 to {MOST_BATCH} windows")))
         }
-        () if !positive(rate) => Err(Error::invalid("`rate`", rate, "a number above 0")),
-        () if !positive(head_rate) => Err(Error::invalid("`head_rate`", head_rate, "a number above 0")),
+        () if !positive(rate) => Err(Error::invalid_parameter("rate", rate, "a number above 0")),
+        () if !positive(head_rate) => Err(Error::invalid_parameter("head_rate", head_rate, "a number above 0")),
         () => Ok(()),
     }
 }

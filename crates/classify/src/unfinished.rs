@@ -52,7 +52,7 @@ pub(super) struct Unfinished {
 
 /// `NAME.training` for `NAME`.
 pub(super) fn path_of(out: &Path) -> Result<PathBuf> {
-    let no_name = || Error::invalid("`out`", out.display(), "the path of a new folder");
+    let no_name = || Error::invalid_parameter("out", out.display(), "the path of a new folder");
     let mut name = out.file_name().ok_or_else(no_name)?.to_owned();
     name.push(".training");
     Ok(out.with_file_name(name))

@@ -1,5 +1,6 @@
 //! The motion files of a dataset, with what is known of each.
 
+use kinelm_store::Subject;
 use super::artifacts;
 use super::clip_info::ClipInfo;
 use super::item::Item;
@@ -61,7 +62,7 @@ impl Dataset {
         if labels.len() > 1 && labels.len() != data.len() {
             let (found, expected) =
                 (labels.len(), format!("none, one for all, or {}, one for each path of data", data.len()));
-            return Err(Error::invalid("the number of `labels`", found, expected));
+            return Err(Error::invalid(Subject::about("the number of `labels`", "labels"), found, expected));
         }
         let labels: Vec<Labels> = labels.iter().map(|l| Labels::parse(l)).collect::<Result<_>>()?;
         let mut dataset = Dataset { sources: data.iter().map(|d| slashed(d)).collect(), ..Dataset::default() };

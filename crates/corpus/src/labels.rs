@@ -80,7 +80,7 @@ impl Labels {
         let path = Path::new(text);
         if !path.exists() {
             let expected = "the path of a CSV, or a pattern with fields such as {genre}";
-            return Err(Error::invalid("`labels`", format!("`{text}`: no such file"), expected));
+            return Err(Error::invalid_parameter("labels", format!("`{text}`: no such file"), expected));
         }
         Ok(Labels::Table(LabelTable::load(path)?))
     }

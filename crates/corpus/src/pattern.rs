@@ -44,7 +44,7 @@ impl Pattern {
     pub fn parse(text: &str) -> Result<Self> {
         let wrong = |what: String| {
             let expected = "fields such as {genre} with text between them";
-            Error::invalid("`labels`", format!("`{text}`, a pattern with {what}"), expected)
+            Error::invalid_parameter("labels", format!("`{text}`, a pattern with {what}"), expected)
         };
         let normal = text.replace('\\', "/");
         let mut rest = normal.trim_start_matches("./");

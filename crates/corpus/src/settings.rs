@@ -119,7 +119,7 @@ impl Settings {
                 let expected = wrong.expected.unwrap_or_else(|| "the settings of a tokenizer".into());
                 Error::file(path, wrong.found, expected, HELP)
             }
-            None => Error::unsupported("`settings`", format!("{}; {HELP}", wrong.text)),
+            None => Error::unsupported_parameter("settings", format!("{}; {HELP}", wrong.text)),
         };
         if self.table.contains_key("scheme") {
             self.scheme();

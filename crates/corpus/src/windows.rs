@@ -17,8 +17,8 @@ use std::ops::Range;
 pub fn whole_words(context: usize, word: usize) -> Result<usize> {
     match context.checked_div(word) {
         Some(n) if n > 0 => Ok(n),
-        _ => Err(Error::invalid(
-            "`context`",
+        _ => Err(Error::invalid_parameter(
+            "context",
             format!("{context} tokens"),
             format!("at least the {word} tokens of one word, better three times that"),
         )),

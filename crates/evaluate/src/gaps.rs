@@ -218,8 +218,8 @@ pub fn frames_around(run: &LoadedRun, tokenizer: &Tokenizer, frames: usize) -> R
     };
     let room = room(&run.config, &run.tokens) / word;
     match room.saturating_sub(frames + 1).min(CONTEXT_FRAMES) {
-        0 => Err(Error::invalid(
-            "`frames`",
+        0 => Err(Error::invalid_parameter(
+            "frames",
             frames,
             format!("at most {}: the model sees {room}", room.saturating_sub(2)),
         )),

@@ -202,7 +202,7 @@ impl Provenance {
                 let (timeline, layout) = Timeline::load(path)?;
                 if let Some(other) = layout.labels.iter().find(|label| !request.timed_labels.contains(label)) {
                     let found = format!("{} with {other}", path.display());
-                    return Err(Error::invalid("`timeline`", found, "the labels that the dance was made with"));
+                    return Err(Error::invalid_parameter("timeline", found, "the labels that the dance was made with"));
                 }
                 prompt.path = layout.path().to_owned();
                 prompt.timeline = Some(timeline);

@@ -79,7 +79,7 @@ impl FromStr for DeviceName {
     fn from_str(text: &str) -> Result<DeviceName> {
         let card = text.strip_prefix("cuda:").and_then(|n| n.parse().ok()).map(DeviceName::Cuda);
         let named = if text == "cpu" { Some(DeviceName::Cpu) } else { card };
-        named.ok_or_else(|| Error::invalid("`device`", text, "cpu, or cuda:N as in cuda:0"))
+        named.ok_or_else(|| Error::invalid_parameter("device", text, "cpu, or cuda:N as in cuda:0"))
     }
 }
 
@@ -99,7 +99,7 @@ impl FromStr for Form {
         match text {
             "auto" => Ok(Form::Auto),
             "plain" => Ok(Form::Plain),
-            _ => Err(Error::invalid("`form`", text, "auto or plain")),
+            _ => Err(Error::invalid_parameter("form", text, "auto or plain")),
         }
     }
 }

@@ -40,7 +40,7 @@ pub fn charts(clip: &Clip, options: &SpectrumOptions) -> Result<[Chart; 3]> {
     let joint = options.joint;
     let name = names
         .get(joint)
-        .ok_or_else(|| Error::invalid("`joint`", joint, format!("below {}, the clip's joints", names.len())))?;
+        .ok_or_else(|| Error::invalid_parameter("joint", joint, format!("below {}, the clip's joints", names.len())))?;
     if names.len() > MAX_JOINTS {
         return Err(Error::limit("the charts", format!("{} joints", names.len()), format!("{MAX_JOINTS} joints"), ""));
     }

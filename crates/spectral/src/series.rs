@@ -137,7 +137,7 @@ fn check(joints: &[usize], clip: &Clip) -> Result<()> {
         }
         if joints[..i].contains(&joint) {
             let name = &clip.skeleton().names()[joint];
-            return Err(Error::invalid("`joints`", format!("{joint} ({name}) twice"), "each joint once"));
+            return Err(Error::invalid_parameter("joints", format!("{joint} ({name}) twice"), "each joint once"));
         }
     }
     Ok(())

@@ -34,13 +34,13 @@ impl WindowSpec {
     pub fn validate(&self) -> Result<()> {
         let WindowSpec { frames, hop, fps } = *self;
         if !(MIN_FRAMES..=MAX_FRAMES).contains(&frames) {
-            return Err(Error::invalid("`window`", frames, format!("{MIN_FRAMES} to {MAX_FRAMES} frames")));
+            return Err(Error::invalid_parameter("window", frames, format!("{MIN_FRAMES} to {MAX_FRAMES} frames")));
         }
         if hop == 0 {
-            return Err(Error::invalid("`hop`", hop, "at least 1 frame"));
+            return Err(Error::invalid_parameter("hop", hop, "at least 1 frame"));
         }
         if !(fps.is_finite() && fps > 0.0) {
-            return Err(Error::invalid("`fps`", fps, "a positive number"));
+            return Err(Error::invalid_parameter("fps", fps, "a positive number"));
         }
         Ok(())
     }

@@ -75,13 +75,10 @@ pub enum Error {
 
 /// The subject of an error: a parameter of the call, or something in a file or an input.
 ///
-/// Text of the code itself names a parameter by its library name in backquotes, and becomes one. Text that is put together
-/// at run time never does, since names of files and joints may have backquotes too.
-///
 /// ```
 /// # use kinelm_store::Subject;
-/// assert_eq!(Subject::from("the number of `labels`").parameter(), Some("labels"));
-/// assert_eq!(Subject::from(format!("clip {}", "a`b`.bvh")).parameter(), None);
+/// assert_eq!(Subject::about("the number of `labels`", "labels").parameter(), Some("labels"));
+/// assert_eq!(Subject::from("clip a`b`.bvh").parameter(), None);
 /// let joints = Subject::of_parameter("joints").with("tail");
 /// assert_eq!((joints.parameter(), joints.to_string().as_str()), (Some("joints"), "`joints` tail"));
 /// ```
@@ -96,6 +93,11 @@ impl Subject {
     pub fn of_parameter(name: impl Into<String>) -> Subject {
         let name = name.into();
         Subject { text: format!("`{name}`"), parameter: Some(name) }
+    }
+
+    /// Something of the parameter with this library name, in words of its own.
+    pub fn about(text: impl Into<String>, name: impl Into<String>) -> Subject {
+        Subject { text: text.into(), parameter: Some(name.into()) }
     }
 
     /// With the value or the part that it is about, after a blank.
@@ -117,7 +119,7 @@ impl Subject {
 // only text of the code has this lifetime, so no name of a file or joint gets here
 impl From<&'static str> for Subject {
     fn from(text: &'static str) -> Subject {
-        Subject { text: text.into(), parameter: text.split('`').nth(1).map(Into::into) }
+        Subject { text: text.into(), parameter: None }
     }
 }
 
@@ -177,6 +179,11 @@ impl Error {
         Error::Invalid { name: name.into(), found: found.to_string(), expected: expected.into() }
     }
 
+    /// A parameter of the call, by its library name, with an invalid value.
+    pub fn invalid_parameter(name: &str, found: impl fmt::Display, expected: impl Into<String>) -> Error {
+        Error::invalid(Subject::of_parameter(name), found, expected)
+    }
+
     /// Inputs that lack what the work needs: "no `what`; `help`".
     pub fn missing(what: impl Into<String>, help: impl Into<String>) -> Error {
         Error::Missing { what: what.into(), help: help.into() }
@@ -185,6 +192,11 @@ impl Error {
     /// A request that this model, format or input doesn't allow: "`what`: `why`".
     pub fn unsupported(what: impl Into<Subject>, why: impl Into<String>) -> Error {
         Error::Unsupported { what: what.into(), why: why.into() }
+    }
+
+    /// A parameter of the call, by its library name, that this model, format or input doesn't allow.
+    pub fn unsupported_parameter(name: &str, why: impl Into<String>) -> Error {
+        Error::unsupported(Subject::of_parameter(name), why)
     }
 
     /// Work that takes more than the limit: "`what` takes `needs`, the limit is `limit`; `help`".
@@ -272,6 +284,15 @@ macro_rules! constructors {
                 $crate::Error::invalid(name, found, expected).into()
             }
 
+            /// A parameter of the call, by its library name, with an invalid value.
+            pub fn invalid_parameter(
+                name: &str,
+                found: impl ::std::fmt::Display,
+                expected: impl Into<String>,
+            ) -> $error {
+                $crate::Error::invalid_parameter(name, found, expected).into()
+            }
+
             /// Inputs that lack what the work needs: "no `what`; `help`".
             pub fn missing(what: impl Into<String>, help: impl Into<String>) -> $error {
                 $crate::Error::missing(what, help).into()
@@ -280,6 +301,11 @@ macro_rules! constructors {
             /// A request that this model, format or input doesn't allow: "`what`: `why`".
             pub fn unsupported(what: impl Into<$crate::Subject>, why: impl Into<String>) -> $error {
                 $crate::Error::unsupported(what, why).into()
+            }
+
+            /// A parameter of the call, by its library name, that this model, format or input doesn't allow.
+            pub fn unsupported_parameter(name: &str, why: impl Into<String>) -> $error {
+                $crate::Error::unsupported_parameter(name, why).into()
             }
 
             /// Work that takes more than the limit: "`what` takes `needs`, the limit is `limit`; `help`".
@@ -390,10 +416,10 @@ mod tests {
             assert_eq!(Error::unsupported(name.to_string(), "no").kind(), Kind::File);
             let of_call = Error::unsupported(Subject::of_parameter("music").with(name), "no");
             assert_eq!((of_call.kind(), of_call.to_string()), (Kind::Call, format!("`music` {name}: no")));
-            let key = Subject::from("`pose`").in_file(Path::new(name));
+            let key = Subject::of_parameter("pose").in_file(Path::new(name));
             assert_eq!(Error::invalid(key, 1, "none").kind(), Kind::File);
         }
-        assert_eq!(Error::invalid("`fps`", 0, "more").kind(), Kind::Call);
+        assert_eq!(Error::invalid_parameter("fps", 0, "more").kind(), Kind::Call);
         assert_eq!(Error::invalid("the rate of a clip", 0, "more").kind(), Kind::File);
     }
 

@@ -62,7 +62,7 @@ pub fn find(presets: &'static Presets, name_or_path: &Path, what: &str) -> Resul
 /// # Errors
 /// [`Error::Invalid`] for no `=`, an empty key, and a key below one that is no table; `example` says how it is written.
 pub fn set_key(table: &mut Table, pair: &str, example: &str) -> Result<()> {
-    let wrong = || Error::invalid("`set`", pair, format!("KEY=VALUE, such as {example}"));
+    let wrong = || Error::invalid_parameter("set", pair, format!("KEY=VALUE, such as {example}"));
     let (key, text) = pair.split_once('=').ok_or_else(wrong)?;
     // one key alone: a text with a line break could set others
     let value = format!("v = {text}").parse::<Table>().ok().filter(|table| table.len() == 1);

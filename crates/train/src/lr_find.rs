@@ -110,11 +110,11 @@ pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, progress: &mut dyn Fn
 fn check(options: &LrFindOptions) -> Result<()> {
     let LrFindOptions { steps, from, to, .. } = *options;
     if steps < 2 {
-        return Err(Error::invalid("`steps`", steps, "2 or more"));
+        return Err(Error::invalid_parameter("steps", steps, "2 or more"));
     }
     if !(from > 0.0 && to > from && to.is_finite()) {
-        return Err(Error::invalid(
-            "`from`",
+        return Err(Error::invalid_parameter(
+            "from",
             format!("{from} and `to` {to}"),
             "a first rate above 0 and a last above that",
         ));

@@ -36,7 +36,7 @@ impl std::str::FromStr for Precision {
             "f32" => Ok(Precision::F32),
             "bf16" => Ok(Precision::Bf16),
             "auto" => Ok(Precision::Auto),
-            other => Err(Error::invalid("`precision`", format!("{other:?}"), "f32, bf16 or auto")),
+            other => Err(Error::invalid_parameter("precision", format!("{other:?}"), "f32, bf16 or auto")),
         }
     }
 }

@@ -195,7 +195,7 @@ impl RunFile {
     pub fn data(&self, run: &Path, corpora: &[CorpusPart], opening: CorpusOptions) -> Result<Data> {
         if self.corpora.is_empty() {
             let why = "was imported, and has no training to resume; begin a new run `from` it";
-            return Err(Error::unsupported("`resume`", format!("{} {why}", run.display())));
+            return Err(Error::unsupported_parameter("resume", format!("{} {why}", run.display())));
         }
         let own: Vec<CorpusPart> =
             self.corpora.iter().map(|c| CorpusPart { path: c.path.clone(), weight: c.weight }).collect();
@@ -204,7 +204,7 @@ impl RunFile {
             let weights = |p: &[CorpusPart]| p.iter().map(|p| p.weight.to_string()).collect::<Vec<_>>().join(", ");
             let found = format!("of the weights {}", weights(parts));
             let expected = format!("the weights {}, as the run was begun", weights(&own));
-            return Err(Error::invalid("`corpora`", found, expected));
+            return Err(Error::invalid_parameter("corpora", found, expected));
         }
         let tokenizer = load_tokenizer(&run.join(TOKENIZER), &self.tokenizer_sha256)?;
         let open = |(p, own): (&CorpusPart, &RunCorpus)| {

@@ -130,7 +130,7 @@ impl TrainFile {
             let (table, key) = pair.split('=').next().unwrap_or_default().split_once('.').unwrap_or_default();
             if !["model", "train", "augment"].contains(&table.trim()) {
                 let expected = format!("a key of [model], [train] or [augment], such as {EXAMPLE}");
-                return Err(Error::invalid("`set`", pair, expected));
+                return Err(Error::invalid_parameter("set", pair, expected));
             }
             if table.trim() == "model" {
                 given.insert(key.split('.').next().unwrap_or_default().trim().into(), true.into());

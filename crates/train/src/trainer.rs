@@ -239,7 +239,7 @@ pub fn check_steps(run: &Path, steps: u64) -> Result<()> {
     match done.filter(|done| steps < *done) {
         Some(done) => {
             let expected = format!("{done} or more: the run has done {done}; or begin a new run");
-            Err(Error::invalid("`steps`", steps, expected))
+            Err(Error::invalid_parameter("steps", steps, expected))
         }
         None => Ok(()),
     }

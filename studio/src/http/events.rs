@@ -1,5 +1,6 @@
 //! The stream of events to one page.
 
+use kinelm_store::Subject;
 use super::App;
 use super::answer::{Answer, text_of};
 use crate::Error;
@@ -102,7 +103,7 @@ pub async fn frames(
     since: Result<Query<Since>, axum::extract::rejection::QueryRejection>,
 ) -> Answer {
     let Query(Since { since }) =
-        since.map_err(|e| Error::invalid("the `query`", e.body_text(), "since as a number"))?;
+        since.map_err(|e| Error::invalid(Subject::about("the `query`", "query"), e.body_text(), "since as a number"))?;
     let hub = app.studio.hub();
     let (events, last) = hub.since(hub.kept_since(since)).unwrap_or_default();
     let frames: Vec<String> = events.iter().filter_map(|event| as_json("frames", event)).collect();

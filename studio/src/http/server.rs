@@ -133,7 +133,7 @@ fn listeners(listen: &Listen) -> Result<(Vec<TcpListener>, u16)> {
     all.extend(bound((Ipv6Addr::LOCALHOST, port).into()).ok());
     for host in &listen.bind {
         let wrong = |found: String| {
-            Error::invalid("`bind`", found, "a name or an address of this machine, as browsers will name it")
+            Error::invalid_parameter("bind", found, "a name or an address of this machine, as browsers will name it")
         };
         let ip = host.parse::<IpAddr>();
         if host.is_empty() || host.contains(['/', ' ', '@']) || ip.is_ok_and(|ip| ip.is_unspecified()) {

@@ -51,7 +51,7 @@ pub fn unknown(map: &str) -> Error {
     let last = map.rsplit(['/', '\\']).next().unwrap_or_default();
     let built_in: Vec<&str> = SkeletonMap::names().collect();
     let expected = format!("a built-in map ({}), or one of the project: drop its .toml in", built_in.join(", "));
-    Error::invalid("`map`", plain_name(last), expected)
+    Error::invalid_parameter("map", plain_name(last), expected)
 }
 
 /// Stores a map under the name that the page gives it; it replaces none. Its name, as [`names`] has it.

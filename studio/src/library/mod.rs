@@ -279,7 +279,7 @@ impl Library {
         let record = self.project.clip(id)?;
         let info = self.info(id)?;
         if info.music {
-            return Err(Error::invalid("`clip`", &record.name, "a clip with a body; this is music"));
+            return Err(Error::invalid_parameter("clip", &record.name, "a clip with a body; this is music"));
         }
         let Info { fps, frames, floor_m, .. } = info;
         let reading = self.reading(&record);

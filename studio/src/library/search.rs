@@ -62,10 +62,10 @@ impl Library {
         // NaN and infinities of either bound come through here, and are refused below
         let middle = (looked.from_s + looked.to_s) / 2.0;
         if !middle.is_finite() || looked.from_s > looked.to_s {
-            return Err(Error::invalid("`from_s`", looked.from_s, "a time before `to_s`"));
+            return Err(Error::invalid_parameter("from_s", looked.from_s, "a time before `to_s`"));
         }
         if !(1..=MOST).contains(&looked.k) {
-            return Err(Error::invalid("`k`", looked.k, format!("1 to {MOST} matches")));
+            return Err(Error::invalid_parameter("k", looked.k, format!("1 to {MOST} matches")));
         }
         let (window, seconds) = (window_s(), source.frames as f64 / source.fps);
         // at its rate the index may have a frame less

@@ -114,7 +114,7 @@ impl Library {
         self.check_reading(&reading)?;
         let before = self.project.clip(id)?;
         if is_music(&before.file) {
-            return Err(Error::invalid("`clip`", &before.name, "a clip with a body; this is music"));
+            return Err(Error::invalid_parameter("clip", &before.name, "a clip with a body; this is music"));
         }
         let after = ClipRecord { reading, ..before.clone() };
         Ok(vec![Change::Clip { before: Some(Box::new(before)), after: Some(Box::new(after)) }])
@@ -129,10 +129,10 @@ impl Library {
             return Err(maps::unknown(map));
         }
         if let Some(floor) = reading.floor.filter(|floor| !floor.is_finite() || floor.abs() > HIGHEST_M) {
-            return Err(Error::invalid("`floor`", floor, format!("a height of -{HIGHEST_M} to {HIGHEST_M} metres")));
+            return Err(Error::invalid_parameter("floor", floor, format!("a height of -{HIGHEST_M} to {HIGHEST_M} metres")));
         }
         if let Some(fps) = reading.fps_source.filter(|fps| !(fps.is_finite() && *fps > 0.0)) {
-            return Err(Error::invalid("`fps_source`", fps, "frames per second, more than 0"));
+            return Err(Error::invalid_parameter("fps_source", fps, "frames per second, more than 0"));
         }
         Ok(())
     }

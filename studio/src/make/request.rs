@@ -128,11 +128,11 @@ impl Make {
     /// The number and its range.
     pub fn check(&self) -> Result<()> {
         if !(1..=MOST_VARIATIONS).contains(&self.variations) {
-            return Err(Error::invalid("`variations`", self.variations, format!("1 to {MOST_VARIATIONS}")));
+            return Err(Error::invalid_parameter("variations", self.variations, format!("1 to {MOST_VARIATIONS}")));
         }
         if let Some(best) = self.best.filter(|best| !(self.variations.max(2)..=MOST_BEST).contains(best)) {
             let expected = format!("{} to {MOST_BEST}, at least as many as variations", self.variations.max(2));
-            return Err(Error::invalid("`best`", best, expected));
+            return Err(Error::invalid_parameter("best", best, expected));
         }
         let limits = [
             ("`seconds`", self.seconds, 0.05, LONGEST_S),

@@ -232,7 +232,7 @@ impl Studio {
         if let Some(music) = &music {
             self.library.sound(&music.clip)?;
             if !music.from_s.is_finite() {
-                return Err(Error::invalid("`from_s`", music.from_s, "a time"));
+                return Err(Error::invalid_parameter("from_s", music.from_s, "a time"));
             }
         }
         let before = self.project.read(|document| document.music.clone());

@@ -120,7 +120,7 @@ impl Studio {
         if self.opens && is_empty && self.jobs.is_empty() {
             self.add_job(Make { seed: Some(1), ..Make::free() }, true)?;
         } else if let Some(first) = first.filter(|_| begun(Kind::Free) && !begun(Kind::Edit)) {
-            let free = "right_arm".parse().map_err(|e: String| Error::invalid("`free`", "right_arm", e))?;
+            let free = "right_arm".parse().map_err(|e: String| Error::invalid_parameter("free", "right_arm", e))?;
             let make = Make { kind: Kind::Edit, clip: Some(first), free: vec![free], variations: 4, ..Make::free() };
             self.add_job(Make { seed: Some(2), ..make }, true)?;
         }
@@ -185,12 +185,12 @@ impl Studio {
     pub fn export(&self, id: &str, format: &str, importer: Option<&str>) -> Result<(String, Vec<u8>)> {
         let kind = Format::of_name(Path::new(&format!("x.{format}"))).filter(|_| Format::WRITTEN.contains(&format));
         let Some(kind) = kind else {
-            return Err(Error::invalid("`format`", plain_name(format), "bvh, glb, npz or json"));
+            return Err(Error::invalid_parameter("format", plain_name(format), "bvh, glb, npz or json"));
         };
         let importer = match importer {
             None => None,
             Some("blender") => Some(Importer::Blender),
-            Some(other) => return Err(Error::invalid("`for`", plain_name(other), "blender")),
+            Some(other) => return Err(Error::invalid_parameter("for", plain_name(other), "blender")),
         };
         let source = self.library.source(id)?;
         let stem = plain_name(&source.name);

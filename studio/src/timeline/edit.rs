@@ -163,7 +163,7 @@ pub(super) fn apply(timelines: &Timelines, file: &mut TimelineFile, edit: &Edit)
         }
         Edit::Set { index, key, value } => {
             if !["clip", "joints", "from", "to", "at", "labels"].contains(&&**key) {
-                return Err(Error::invalid("`key`", key, "clip, joints, from, to, at or labels"));
+                return Err(Error::invalid_parameter("key", key, "clip, joints, from, to, at or labels"));
             }
             match value.as_str().filter(|_| key == "clip") {
                 Some(id) => {
@@ -182,7 +182,7 @@ pub(super) fn apply(timelines: &Timelines, file: &mut TimelineFile, edit: &Edit)
                 file.set_top(key, &json!(name))
             }
             ("transition" | "seconds", _) => file.set_top(key, value),
-            _ => Err(Error::invalid("`key`", key, "rig, transition or seconds")),
+            _ => Err(Error::invalid_parameter("key", key, "rig, transition or seconds")),
         },
         Edit::UseClip { id } => {
             let source = source(id)?;
@@ -201,10 +201,10 @@ pub(super) fn apply(timelines: &Timelines, file: &mut TimelineFile, edit: &Edit)
             let count = cuts.len();
             let cut = cuts
                 .get(*index)
-                .ok_or_else(|| Error::invalid("`index`", index, format!("one of the {count} segments, from 0")))?;
+                .ok_or_else(|| Error::invalid_parameter("index", index, format!("one of the {count} segments, from 0")))?;
             // both parts have a frame
             if !(cut.frames.start + 1..cut.frames.end).contains(&frame) {
-                return Err(Error::invalid("`at`", at, "a time inside the segment"));
+                return Err(Error::invalid_parameter("at", at, "a time inside the segment"));
             }
             segments::split(&mut cuts, *index, frame, fps);
             file.write(&cuts, fps)
@@ -240,7 +240,7 @@ pub(super) fn apply(timelines: &Timelines, file: &mut TimelineFile, edit: &Edit)
                 changed: [false; 3],
             };
             if !(0.0..=LONGEST_S).contains(at) {
-                return Err(Error::invalid("`at`", at, "a time of the clip"));
+                return Err(Error::invalid_parameter("at", at, "a time of the clip"));
             }
             segments::give(&mut cuts, new, fps);
             file.write(&cuts, fps)
@@ -257,7 +257,7 @@ fn selected(list: &str) -> Result<Vec<usize>> {
 fn check(from: f64, to: f64) -> Result<()> {
     match 0.0 <= from && from < to && to <= LONGEST_S {
         true => Ok(()),
-        false => Err(Error::invalid("`from`", format!("{from} to {to}"), "an end after the beginning, within an hour")),
+        false => Err(Error::invalid_parameter("from", format!("{from} to {to}"), "an end after the beginning, within an hour")),
     }
 }
 
@@ -265,7 +265,7 @@ fn frame(s: f64, fps: f64) -> Result<usize> {
     match (0.0..=LONGEST_S).contains(&s) {
         // an hour at any rate fits a usize; NaN is in no range
         true => Ok((s * fps).round() as usize),
-        false => Err(Error::invalid("`at`", s, "a time within an hour")),
+        false => Err(Error::invalid_parameter("at", s, "a time within an hour")),
     }
 }
 
@@ -273,7 +273,7 @@ fn frames(from: f64, to: f64, fps: f64) -> Result<Range<usize>> {
     check(from, to)?;
     let frames = frame(from, fps)?..frame(to, fps)?;
     match frames.is_empty() {
-        true => Err(Error::invalid("`from`", format!("{from} to {to}"), "a time of at least one frame")),
+        true => Err(Error::invalid_parameter("from", format!("{from} to {to}"), "a time of at least one frame")),
         false => Ok(frames),
     }
 }

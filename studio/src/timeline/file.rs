@@ -292,7 +292,7 @@ fn with_ends_of(before: &str, after: &str) -> String {
 }
 
 fn no_segment(index: usize, segments: usize) -> Error {
-    Error::invalid("`index`", index, format!("one of the {segments} segments, from 0"))
+    Error::invalid_parameter("index", index, format!("one of the {segments} segments, from 0"))
 }
 
 /// Puts a value in place of another; blanks and the comment around it stay.

@@ -203,7 +203,7 @@ impl Timelines {
                 (_, None) => return Err(Error::Conflict("the text of the timeline isn't whole".into())),
             }
         }
-        let file = file.ok_or_else(|| Error::invalid("`edits`", "none", "at least one"))?;
+        let file = file.ok_or_else(|| Error::invalid_parameter("edits", "none", "at least one"))?;
         let text = file.text();
         if file.is_empty() {
             return Ok((text, None));

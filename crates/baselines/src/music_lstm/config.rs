@@ -155,7 +155,7 @@ impl Settings for Config {
         }
         match (self.pose, self.effort, self.effort_every) {
             (Pose::None, Effort::None, _) => {
-                Err(Error::invalid("`pose`", "\"none\"", "a loss, as `effort` is \"none\" too"))
+                Err(Error::invalid_parameter("pose", "\"none\"", "a loss, as `effort` is \"none\" too"))
             }
             (Pose::None, _, every @ 2..) => {
                 Err(Error::invalid("effort_every", every, "1, as pose is \"none\": other updates have no loss"))

@@ -26,12 +26,12 @@ pub fn corpus_of(run: &Path) -> Result<PathBuf> {
     let run = run.display();
     let Some(most) = parts.reduce(|most, part| if part.weight > most.weight { part } else { most }) else {
         let why = format!("{run} was trained elsewhere and names no corpus; add `real` CORPUS");
-        return Err(Error::unsupported("`best`", why));
+        return Err(Error::unsupported_parameter("best", why));
     };
     if !most.path.join("corpus.json").exists() {
         let corpus = most.path.display();
         let why = format!("{corpus}, which {run} was trained on, isn't there any more; add `real` CORPUS");
-        return Err(Error::unsupported("`best`", why));
+        return Err(Error::unsupported_parameter("best", why));
     }
     Ok(most.path)
 }

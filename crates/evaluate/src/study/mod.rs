@@ -169,7 +169,7 @@ pub fn study(
 
 fn check_shown(rows: &[Row], shown: &[String]) -> Result<()> {
     match shown.iter().find(|name| rows.iter().all(|r| r.name != **name)) {
-        Some(name) => Err(Error::invalid("`show`", name, "the names of rows")),
+        Some(name) => Err(Error::invalid_parameter("show", name, "the names of rows")),
         None => Ok(()),
     }
 }

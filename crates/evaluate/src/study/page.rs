@@ -47,7 +47,7 @@ pub fn page(rows: &[RowMetrics], named: &[String], clips: &Clips, store: &Store)
 fn find<'a>(rows: &'a [RowMetrics], name: &str) -> Result<&'a RowMetrics> {
     rows.iter().find(|f| f.name() == name).ok_or_else(|| {
         let names: Vec<&str> = rows.iter().map(RowMetrics::name).collect();
-        Error::invalid("`show`", name, format!("one of {}", names.join(", ")))
+        Error::invalid_parameter("show", name, format!("one of {}", names.join(", ")))
     })
 }
 

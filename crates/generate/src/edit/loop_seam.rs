@@ -52,7 +52,7 @@ pub(crate) fn lengthen(looping: Loop, prompt: PromptClip, tokenizer: &Tokenizer)
         let why = format!(
             "the clip has {s:.2} s; with {over_s} s generated it needs {least} and a frame; generate less (`loop_over`)"
         );
-        return Err(Error::unsupported("`loop`", why));
+        return Err(Error::unsupported_parameter("loop", why));
     }
     let seam = LoopSeam { gap: frames - over..frames, appended };
     let turn = match looping.kind {

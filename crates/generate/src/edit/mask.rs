@@ -60,8 +60,8 @@ impl Mask {
     ) -> Result<ResolvedSpans> {
         let coded = bits(tokenizer.channels().joints());
         let (rig, map) = (motion.clip.skeleton(), motion.map());
-        let resolve = |name: &'static str, span: &Span| -> Result<ResolvedSpan> {
-            let wrong = |why: String| Error::unsupported(Subject::from(name).with(span), why);
+        let resolve = |name: &str, span: &Span| -> Result<ResolvedSpan> {
+            let wrong = |why: String| Error::unsupported(Subject::of_parameter(name).with(span), why);
             let list = joints::to_smpl_names(&span.joints, rig, map).map_err(|e| wrong(e.to_string()))?;
             let Selection { joints, .. } = joints::parse(&list).map_err(|e| wrong(e.to_string()))?;
             let all = list.split(',').any(|part| part.trim() == "all");
@@ -70,13 +70,13 @@ impl Mask {
                 let known: Vec<&str> = (0..24).filter(|&j| has(coded, j)).map(|j| smpl::NAMES[j]).collect();
                 return Err(wrong(format!("the model knows none of these joints; it knows {}", known.join(" "))));
             }
-            let frames = span.frames(scale).map_err(|e| Error::unsupported(name, e))?;
+            let frames = span.frames(scale).map_err(|e| Error::unsupported_parameter(name, e))?;
             let ambiguous = joints::ambiguous_names(&span.joints, rig, map);
             let (span, uncoded) = (Span { joints: list, ..span.clone() }, if all { Vec::new() } else { uncoded });
             Ok(ResolvedSpan { span, joints, uncoded, frames, ambiguous })
         };
-        let given = given.iter().map(|span| resolve("`given`", span)).collect::<Result<Vec<_>>>()?;
-        let free = free.iter().map(|span| resolve("`free`", span)).collect::<Result<Vec<_>>>()?;
+        let given = given.iter().map(|span| resolve("given", span)).collect::<Result<Vec<_>>>()?;
+        let free = free.iter().map(|span| resolve("free", span)).collect::<Result<Vec<_>>>()?;
         let model_fps = scale.model_fps.unwrap_or(scale.fps);
         let begin = if given.is_empty() { coded } else { 0 };
         let mut mask = Mask { given: vec![begin; scale.frames], coded, rates: (scale.fps, model_fps) };

@@ -15,6 +15,7 @@ pub(crate) use loop_seam::{LoopSeam, lengthen};
 pub use mask::Mask;
 pub(crate) use mask::{ResolvedSpan, ResolvedSpans};
 
+use kinelm_store::Subject;
 use crate::prompt::PromptClip;
 use crate::prompt::uncoded::mean_pose;
 use crate::request::{Edit, PromptRequest};
@@ -103,11 +104,11 @@ impl PreparedEdit {
         let within = |frames: usize| ((frames - 1) as f64 * fps / clip.fps() + 1e-9) as usize + 1;
         let known = seam.as_ref().map_or(prompt.frames(), |seam| within(seam.frames()));
         if let Some(frames) = frames.filter(|&frames| seam.is_some() && frames != known) {
-            return Err(Error::invalid("`frames`", frames, format!("{known}: a loop stays as long as its clip")));
+            return Err(Error::invalid_parameter("frames", frames, format!("{known}: a loop stays as long as its clip")));
         }
         if let Some(frames) = frames.filter(|&frames| frames < known) {
             let expected = format!("at least the {known} of the prompt, which is edited as a whole; cut it first");
-            return Err(Error::invalid("`frames`", frames, expected));
+            return Err(Error::invalid_parameter("frames", frames, expected));
         }
         let longer = frames.filter(|&frames| frames > known);
         if !spans.mask.has_free() && longer.is_none() {
@@ -272,7 +273,7 @@ fn whole(request: &PromptRequest, text: &[u8], read: &Motion, is_lengthened: boo
 fn joints_of_characters(tokenizer: &Tokenizer) -> Result<Vec<usize>> {
     let unsupported = |why: String| {
         let needs = "an edit needs a tokenizer of uniform or quantile bins, whose words are frames";
-        Error::unsupported("`given`, `free`", format!("{why}; {needs}"))
+        Error::unsupported(Subject::about("`given`, `free`", "given"), format!("{why}; {needs}"))
     };
     let (WordLength::Fixed(characters), 1) = (tokenizer.word_length(), tokenizer.frames_per_word()) else {
         return Err(unsupported("words of this tokenizer are no single frames".into()));

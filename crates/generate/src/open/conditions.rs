@@ -14,7 +14,7 @@ use kinelm_store::Subject;
 /// A model that isn't goal-conditioned, a scale that isn't finite.
 pub fn check_goal_guidance(scale: f64, run: &LoadedRun) -> Result<()> {
     if !scale.is_finite() {
-        return Err(Error::invalid("`goal_guidance`", scale, "a finite number"));
+        return Err(Error::invalid_parameter("goal_guidance", scale, "a finite number"));
     }
     if scale != 0.0 && !run.config.goal {
         let why = "this model isn't goal-conditioned; expected 0, or a model trained with model.goal";
@@ -35,7 +35,7 @@ pub fn check_passes(passes: Option<usize>, run: &LoadedRun) -> Result<()> {
     }
     match (1..=MOST_PASSES).contains(&passes) {
         true => Ok(()),
-        false => Err(Error::invalid("`passes`", passes, format!("1 to {MOST_PASSES}"))),
+        false => Err(Error::invalid_parameter("passes", passes, format!("1 to {MOST_PASSES}"))),
     }
 }
 
@@ -61,7 +61,7 @@ pub(super) fn add_tempo(
             let known = conditions.values(tempo::FIELD).join(", ");
             let why =
                 format!("this model knows of music its tempo alone, and no tempo that is a number ({known}); label it");
-            return Err(Error::unsupported("`music`", why));
+            return Err(Error::unsupported_parameter("music", why));
         }
         None => {}
     }
@@ -75,7 +75,7 @@ pub(super) fn unconditioned(request: &Resolved, run: &LoadedRun, conditions: &Co
         return Ok(None);
     }
     if !scale.is_finite() {
-        return Err(Error::invalid("`guidance`", scale, "a finite number"));
+        return Err(Error::invalid_parameter("guidance", scale, "a finite number"));
     }
     let unsupported = |why: &str| Err(Error::unsupported(Subject::of_parameter("guidance").with(scale), why));
     if request.music.is_none() && conditions.fields().is_empty() && run.config.music.is_none() {

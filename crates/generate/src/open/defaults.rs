@@ -44,17 +44,17 @@ pub const GAP_TOP_P: f64 = 0.7;
 pub(super) fn without_inputs(request: &Request) -> Result<Request> {
     if request.goal_guidance.is_some() && request.prompt.is_none() {
         let why = "goals are given frames after a gap, and there is no prompt or timeline";
-        return Err(Error::unsupported("`goal_guidance`", why));
+        return Err(Error::unsupported_parameter("goal_guidance", why));
     }
     let edit = request.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref());
     if edit.is_some() && request.uncoded_joints.is_some() {
         let why = "in an edited clip the uncoded joints are the clip's; leave it out";
-        return Err(Error::unsupported("`uncoded_joints`", why));
+        return Err(Error::unsupported_parameter("uncoded_joints", why));
     }
     let is_given = request.prompt.as_ref().is_some_and(|prompt| !prompt.lends());
     if request.uncoded_joints == Some(UncodedJoints::Follow) && !is_given {
         let why = "nothing of a prompt is given, so there is nothing to follow; leave it out";
-        return Err(Error::unsupported("`uncoded_joints` follow", why));
+        return Err(Error::unsupported(Subject::of_parameter("uncoded_joints").with("follow"), why));
     }
     let mut request = request.clone();
     if let Some(edit) = request.prompt.as_mut().and_then(|prompt| prompt.edit.as_mut()) {
@@ -86,7 +86,7 @@ pub(super) fn decide(request: Request, inputs: &Inputs) -> Result<(Resolved, Opt
     let lead_ins = lead_ins(&request, is_unprompted, inputs)?;
     let lead_in_from = lead_ins.as_ref().and_then(|all| lead_in_of(all, inputs, seed));
     if lead_in_from.is_none() && request.lead_in == Some(LeadInKind::Train) {
-        return Err(Error::unsupported("`lead_in` train", format!("{NO_LEAD_IN}; leave it out")));
+        return Err(Error::unsupported(Subject::of_parameter("lead_in").with("train"), format!("{NO_LEAD_IN}; leave it out")));
     }
     // joints of the first frame are given after free ones, and a causal model doesn't see them
     let begins_in_part = prompt.is_some_and(PreparedPrompt::begins_in_part) && !is_masked && !sampling.greedy;
@@ -149,7 +149,7 @@ fn music_guidance(conditioning: Music) -> f64 {
 fn lead_ins(request: &Request, is_unprompted: bool, inputs: &Inputs) -> Result<Option<LeadIns>> {
     if request.lead_in.is_some() && !is_unprompted {
         let why = "part of the first frame is given, and the dance continues from that; leave it out";
-        return Err(Error::unsupported("`lead_in`", why));
+        return Err(Error::unsupported_parameter("lead_in", why));
     }
     if !is_unprompted || request.lead_in == Some(LeadInKind::None) {
         return Ok(None);

@@ -1,5 +1,6 @@
 //! What a request names, read, and refused where it can't be danced to.
 
+use kinelm_store::Subject;
 use super::conditions::add_tempo;
 use super::labels::fronts;
 use super::{OpenMusic, PreparedPrompt};
@@ -26,13 +27,13 @@ fn check(request: &Request) -> Result<()> {
     let mut paths = [Some(&request.run), prompt.map(|p| &p.path), music.map(|m| &m.path)].into_iter().flatten();
     if let Some(path) = paths.find(|path| path.to_str().is_none()) {
         let found = format!("{}, which is no UTF-8", path.display());
-        return Err(Error::invalid("a path of the `request`", found, "a name that the sidecar can store"));
+        return Err(Error::invalid(Subject::about("a path of the `request`", "request"), found, "a name that the sidecar can store"));
     }
     match request.length {
         Some(Length::Seconds(s)) if !(s.is_finite() && s > 0.0) => {
-            return Err(Error::invalid("`seconds`", s, "a number above 0"));
+            return Err(Error::invalid_parameter("seconds", s, "a number above 0"));
         }
-        Some(Length::Frames(0)) => return Err(Error::invalid("`frames`", 0, "1 or more")),
+        Some(Length::Frames(0)) => return Err(Error::invalid_parameter("frames", 0, "1 or more")),
         _ => {}
     }
     request.fps.map_or(Ok(()), check_fps)?;
@@ -91,7 +92,7 @@ impl Inputs {
         let fronts = fronts(&conditions, &request.labels, &request.timed_labels, scale)?;
         if let Some(from) = from.filter(|from| *from >= frames) {
             let expected = format!("a frame before {frames}, the end of the dance: nothing is left to generate");
-            return Err(Error::invalid("`from_frame`", from, expected));
+            return Err(Error::invalid_parameter("from_frame", from, expected));
         }
         music.as_ref().map_or(Ok(()), |music| music.check(seconds))?;
         Ok(Inputs { run, tokenizer, conditions, prompt, music, frames, fronts })
@@ -101,9 +102,9 @@ impl Inputs {
 /// Refuses more candidates than can be sampled side by side.
 pub(super) fn check_candidates(request: &Resolved) -> Result<()> {
     let tries = request.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()?.tries).unwrap_or(1);
-    for (name, n, most) in [("`first_frames`", request.first_frames, u8::MAX.into()), ("`tries`", tries, MOST_TRIES)] {
+    for (name, n, most) in [("first_frames", request.first_frames, u8::MAX.into()), ("tries", tries, MOST_TRIES)] {
         if n > most {
-            return Err(Error::invalid(name, n, format!("{most} at most")));
+            return Err(Error::invalid_parameter(name, n, format!("{most} at most")));
         }
     }
     Ok(())

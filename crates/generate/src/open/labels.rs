@@ -24,7 +24,7 @@ pub(crate) fn fronts(
     let mut spans: Vec<Range<usize>> = Vec::new();
     for (i, label) in timed.iter().enumerate() {
         conditions.requested(&[(label.field.clone(), label.value.clone())])?;
-        let frames = label.span().frames(scale).map_err(|e| Error::unsupported("`labels`", e))?;
+        let frames = label.span().frames(scale).map_err(|e| Error::unsupported_parameter("labels", e))?;
         let meets = |(other, span): &(&TimedLabel, &Range<usize>)| {
             other.field == label.field && span.start < frames.end && frames.start < span.end
         };
@@ -32,7 +32,7 @@ pub(crate) fn fronts(
         let other = other.or(always.get(&label.field).map(|value| format!("{}={value}", label.field)));
         if let Some(other) = other {
             let expected = format!("one value of {} at a time", label.field);
-            return Err(Error::invalid("`labels`", format!("{label} and {other}"), expected));
+            return Err(Error::invalid_parameter("labels", format!("{label} and {other}"), expected));
         }
         spans.push(frames);
     }

@@ -27,7 +27,7 @@ pub(super) fn with(from: &LeadInFrom, request: &Resolved, tokenizer: &Tokenizer)
     let length = lead_in::words(tokenizer) * tokenizer.frames_per_word();
     if request.lead_in != length {
         let expected = format!("{length}, the frames of a train clip's second");
-        return Err(Error::invalid("`lead_in`", request.lead_in, expected));
+        return Err(Error::invalid_parameter("lead_in", request.lead_in, expected));
     }
     match all.find(from) {
         Some(_) => Ok(all),

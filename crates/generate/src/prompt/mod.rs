@@ -127,14 +127,14 @@ impl PromptClip {
     pub(crate) fn beginning(&self, tokenizer: &Tokenizer, frames: usize) -> Result<Vec<u32>> {
         if frames > self.frames() {
             let expected = format!("a frame of the prompt, which has {}", self.frames());
-            return Err(Error::invalid("`from_frame`", frames, expected));
+            return Err(Error::invalid_parameter("from_frame", frames, expected));
         }
         let whole = frames / tokenizer.frames_per_word();
         let unsettled = tokenizer.scheme().unsettled_words();
         if whole <= unsettled {
             let (least, has) = ((unsettled + 1) * tokenizer.frames_per_word(), self.frames());
             let expected = format!("at least {least} frames, a word of this tokenizer; the prompt has {has}");
-            return Err(Error::invalid("`from_frame`", frames, expected));
+            return Err(Error::invalid_parameter("from_frame", frames, expected));
         }
         let clip = self.clip.slice(0..whole * tokenizer.frames_per_word()).raised(-self.under_m);
         Ok(tokenizer.ids_of_words(&tokenizer.encode(&clip)?.words.slice(0..whole - unsettled))?)

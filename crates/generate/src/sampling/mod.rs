@@ -97,18 +97,18 @@ impl Sampling {
     pub fn validate(&self) -> Result<()> {
         let is_positive = |x: f64| x > 0.0 && x.is_finite();
         let faults = [
-            (!is_positive(self.temperature)).then_some(("`temperature`", self.temperature, "a number above 0")),
+            (!is_positive(self.temperature)).then_some(("temperature", self.temperature, "a number above 0")),
             (!is_positive(self.repetition_penalty)).then_some((
-                "`repetition_penalty`",
+                "repetition_penalty",
                 self.repetition_penalty,
                 "a number above 0; 1 is none",
             )),
-            self.top_k.filter(|&k| k == 0).map(|_| ("`top_k`", 0.0, "at least 1")),
-            self.top_p.filter(|p| !(*p > 0.0 && *p <= 1.0)).map(|p| ("`top_p`", p, "a number above 0 and up to 1")),
-            self.min_p.filter(|p| !(0.0..=1.0).contains(p)).map(|p| ("`min_p`", p, "a number from 0 to 1")),
+            self.top_k.filter(|&k| k == 0).map(|_| ("top_k", 0.0, "at least 1")),
+            self.top_p.filter(|p| !(*p > 0.0 && *p <= 1.0)).map(|p| ("top_p", p, "a number above 0 and up to 1")),
+            self.min_p.filter(|p| !(0.0..=1.0).contains(p)).map(|p| ("min_p", p, "a number from 0 to 1")),
         ];
         match faults.into_iter().flatten().next() {
-            Some((name, found, expected)) => Err(Error::invalid(name, found, expected)),
+            Some((name, found, expected)) => Err(Error::invalid_parameter(name, found, expected)),
             None => Ok(()),
         }
     }

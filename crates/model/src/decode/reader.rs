@@ -83,7 +83,7 @@ impl Reader {
     /// Readers of the same weights, as many streams each as `split` makes of the bytes that a token reads.
     fn split(gpt: &Gpt, options: ReaderOptions, split: impl FnOnce(usize) -> Vec<usize>) -> Result<Vec<Reader>> {
         if options.streams == 0 {
-            return Err(Error::invalid("`streams`", 0, "1 or more"));
+            return Err(Error::invalid_parameter("streams", 0, "1 or more"));
         }
         if gpt.config().kind == ModelKind::Masked {
             let why = "a masked model sees the whole window at once, so it can't be read token by token";

@@ -10,7 +10,7 @@ use crate::{Error, Result};
 /// Those of [`Motion::floor`]; [`Invalid`](kinelm_store::Error::Invalid) for a given floor that isn't finite.
 pub fn resolve_floor(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
     if let Some(given) = options.floor {
-        let fault = || Error::invalid("`floor`", given, "a height in metres");
+        let fault = || Error::invalid_parameter("floor", given, "a height in metres");
         return if given.is_finite() { Ok(given) } else { Err(fault()) };
     }
     let floor = motion.floor()?;

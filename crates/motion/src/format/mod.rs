@@ -217,7 +217,7 @@ fn skipped(motion: Motion, options: &ReadOptions) -> Result<Motion> {
 fn check(path: &Path, info: &FormatInfo, options: &ReadOptions) -> Result<()> {
     if let Some(fps) = options.fps_source.filter(|f| !is_rate(*f)) {
         let (found, expected) = (compact(fps), format!("frames per second, {FEWEST_FPS} to {MOST_FPS}"));
-        return Err(Error::invalid("`fps_source`", found, expected));
+        return Err(Error::invalid_parameter("fps_source", found, expected));
     }
     if options.mirror_axis.is_some() && info.is_smpl {
         let why = "its bones are SMPL's, whose left is left; `mirror_axis` is for files with bones of their own";

@@ -167,7 +167,7 @@ pub(crate) fn check_skip(path: &Path, skip: usize, frames: usize) -> Result<()> 
     if skip < frames {
         return Ok(());
     }
-    Err(Error::invalid("`skip`", skip, format!("fewer than all frames; there are {frames}")).in_clip(path))
+    Err(Error::invalid_parameter("skip", skip, format!("fewer than all frames; there are {frames}")).in_clip(path))
 }
 
 #[cfg(test)]

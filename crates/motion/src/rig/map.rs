@@ -91,7 +91,7 @@ impl SkeletonMap {
             let names: Vec<_> = SkeletonMap::names().collect();
             let hint = did_you_mean(name_or_path, names.iter().copied());
             let expected = format!("a file or one of {}{hint}", names.join(", "));
-            return Err(Error::invalid("`map`", format!("{name_or_path:?}"), expected));
+            return Err(Error::invalid_parameter("map", format!("{name_or_path:?}"), expected));
         }
         SkeletonMap::load(name_or_path)
     }

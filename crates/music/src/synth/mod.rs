@@ -71,10 +71,10 @@ pub fn render(score: &Score, rate: u32) -> Result<Vec<f32>> {
 
 fn check(score: &Score, rate: u32) -> Result<()> {
     if !(0.0..=LONGEST_S).contains(&score.seconds) {
-        return Err(Error::invalid("`seconds`", score.seconds, format!("0 to {LONGEST_S}")));
+        return Err(Error::invalid_parameter("seconds", score.seconds, format!("0 to {LONGEST_S}")));
     }
     if !(8_000..=192_000).contains(&rate) {
-        return Err(Error::invalid("`rate`", rate, "8000 to 192000 samples per second"));
+        return Err(Error::invalid_parameter("rate", rate, "8000 to 192000 samples per second"));
     }
     let outside = score.beats_s.iter().position(|b| !(0.0..=score.seconds).contains(b));
     let falls = score.beats_s.windows(2).position(|w| w[1] <= w[0]).map(|i| i + 1);

@@ -1,5 +1,6 @@
 //! A Butterworth low pass, run forth and back over a series so that nothing is delayed.
 
+use kinelm_store::Subject;
 use crate::{Error, Result};
 use std::f64::consts::PI;
 
@@ -32,7 +33,7 @@ impl Butterworth {
     /// An order outside 1..=[`MAX_ORDER`]; a cut-off that isn't above 0 and below half the rate.
     pub(crate) fn new(order: usize, cutoff_hz: f64, fps: f64) -> Result<Butterworth> {
         if !(1..=MAX_ORDER).contains(&order) {
-            return Err(Error::invalid("the Butterworth filter's `order`", order, format!("1 to {MAX_ORDER}")));
+            return Err(Error::invalid(Subject::about("the Butterworth filter's `order`", "order"), order, format!("1 to {MAX_ORDER}")));
         }
         if !(cutoff_hz > 0.0 && cutoff_hz < 0.5 * fps) {
             return Err(super::beyond(cutoff_hz, fps));

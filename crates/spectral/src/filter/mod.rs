@@ -128,7 +128,7 @@ impl Pass {
             Filter::Band { cutoff_hz } if !(cutoff_hz > 0.0 && cutoff_hz < 0.5 * fps) => Err(beyond(cutoff_hz, fps)),
             Filter::Band { cutoff_hz } => Ok(band(coefficients(f, fps, cutoff_hz).min(f))),
             Filter::Coefficients { keep } if keep == 0 || keep > f => {
-                Err(Error::invalid("`keep`", keep, format!("1 to {f}, the clip's frames")))
+                Err(Error::invalid_parameter("keep", keep, format!("1 to {f}, the clip's frames")))
             }
             Filter::Coefficients { keep } => Ok(band(keep)),
             Filter::Butterworth { order, cutoff_hz } => Ok(Pass::Butterworth(Butterworth::new(order, cutoff_hz, fps)?)),
@@ -156,7 +156,7 @@ impl Pass {
 fn beyond(cutoff_hz: f64, fps: f64) -> Error {
     let half = 0.5 * fps;
     let found = format!("{cutoff_hz} Hz at {fps} frames per second");
-    Error::invalid("`cutoff`", found, format!("above 0 and below half the rate, {half} Hz"))
+    Error::invalid_parameter("cutoff", found, format!("above 0 and below half the rate, {half} Hz"))
 }
 
 #[cfg(test)]

@@ -88,7 +88,7 @@ impl Alignment {
     fn frames(&self, motions: [&Motion; 2], clips: [&Clip; 2], notes: &mut Vec<String>) -> Result<usize> {
         if self.at_s.iter().any(|s| !(s.is_finite() && *s >= 0.0)) {
             let found = format!("{:?} s", self.at_s);
-            return Err(Error::invalid("`at_s`", found, "times from 0 on"));
+            return Err(Error::invalid_parameter("at_s", found, "times from 0 on"));
         }
         let left = [0, 1].map(|i| clips[i].frames().saturating_sub(self.start(i)));
         let shorter = left[0].min(left[1]);
@@ -98,7 +98,7 @@ impl Alignment {
             notes.push(format!("{longer}: cut to the other's {frames} frames"));
         }
         if self.frames.is_some() && !(MIN_FRAMES..=MAX_FRAMES).contains(&frames) {
-            return Err(Error::invalid("`window`", frames, format!("{MIN_FRAMES} to {MAX_FRAMES} frames")));
+            return Err(Error::invalid_parameter("window", frames, format!("{MIN_FRAMES} to {MAX_FRAMES} frames")));
         }
         let needed = frames.max(MIN_FRAMES);
         if let Some(i) = [0, 1].into_iter().find(|&i| left[i] < needed) {

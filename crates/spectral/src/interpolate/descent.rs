@@ -64,7 +64,7 @@ impl Descent {
         let rate = self.rate.unwrap_or_default();
         check_share("`strength`", self.strength)?;
         if !(rate > 0.0 && rate.is_finite()) {
-            return Err(Error::invalid("`rate`", rate, "a number above 0"));
+            return Err(Error::invalid_parameter("rate", rate, "a number above 0"));
         }
         Ok(rate)
     }
@@ -104,7 +104,7 @@ pub fn descend(transform: &Transform, channels: usize, a: &[f64], b: &[f64], met
             check_share("`amount`", amount)?;
             if matches!(transform, Transform::Stft(_)) {
                 let why = "magnitudes leave the phase free, so they have no closed form; give `strength` and `steps`, or take DCT or PCA";
-                return Err(Error::unsupported("`amount`", why));
+                return Err(Error::unsupported_parameter("amount", why));
             }
             let goal = Goal { transform, channels, target: to };
             let moved: Vec<f64> = goal.target.iter().zip(&from).map(|(t, f)| amount * (t - f)).collect();
@@ -160,7 +160,7 @@ impl Goal<'_> {
         let last = self.loss_and_gradient(&x).0;
         if !last.is_finite() || x.iter().any(|x| !x.is_finite()) {
             let rate = descent.rate.unwrap_or_default();
-            return Err(Error::invalid("`rate`", rate, "a smaller one, at which the loss stays finite"));
+            return Err(Error::invalid_parameter("rate", rate, "a smaller one, at which the loss stays finite"));
         }
         Ok(Moved { window: x, loss: [first, last] })
     }

@@ -142,7 +142,7 @@ impl InterpolateOptions {
             _ => self.alignment.low(frames),
         });
         if keep == 0 || keep > frames {
-            return Err(Error::invalid("`keep`", keep, format!("1 to {frames}, the window's frames")));
+            return Err(Error::invalid_parameter("keep", keep, format!("1 to {frames}, the window's frames")));
         }
         match self.spectrum {
             Spectrum::Dct => Ok(Transform::Dct(LowDct::new(frames, keep))),
@@ -168,7 +168,7 @@ impl InterpolateOptions {
             }
         }
         if count < keep {
-            return Err(Error::invalid("`keep`", keep, format!("at most {count}, the series that the clips have")));
+            return Err(Error::invalid_parameter("keep", keep, format!("at most {count}, the series that the clips have")));
         }
         fit.finish(keep)
     }

@@ -91,7 +91,7 @@ impl IndexOptions {
         if let FeatureKind::Dct { keep } | FeatureKind::Pca { keep } = self.transform
             && !(1..=frames).contains(&keep)
         {
-            return Err(Error::invalid("`keep`", keep, format!("1 to {frames}, a window's frames")));
+            return Err(Error::invalid_parameter("keep", keep, format!("1 to {frames}, a window's frames")));
         }
         if let Some(joint) = self.joints.iter().find(|&&j| j >= smpl::NAMES.len()) {
             return Err(Error::invalid("a joint", joint, format!("one of SMPL's, 0 to {}", smpl::NAMES.len() - 1)));

@@ -24,7 +24,7 @@ const DANCES: (f64, usize) = (60.0, 24);
 pub fn synthetic(kind: &FeatureKind, windows: usize) -> Result<Database> {
     let options = IndexOptions::new(kind.clone());
     if matches!(kind, FeatureKind::Pca { .. } | FeatureKind::Model { .. }) {
-        return Err(Error::invalid("`transform`", kind.name(), "stft or dct, which need no fitting"));
+        return Err(Error::invalid_parameter("transform", kind.name(), "stft or dct, which need no fitting"));
     }
     let extractor = FeatureExtractor::new(&options, None, Models::default())?;
     let numbers = extractor.numbers();

@@ -54,11 +54,11 @@ pub(super) fn resumed(options: &PretrainOptions, run: &RunFolder) -> Result<(Run
         let (given_model, own) = (given.model.resolved(&file.tokens), file.model.resolved(&file.tokens));
         if given_model != own || train != file.train || given.augment != file.augment {
             let why = format!("{} was begun with another configuration; leave it out", run.path().display());
-            return Err(Error::unsupported("`config`", why));
+            return Err(Error::unsupported_parameter("config", why));
         }
     }
     if let Some(seed) = options.seed.filter(|s| *s != file.train.seed) {
-        return Err(Error::invalid("`seed`", seed, format!("{}, which the run was begun with", file.train.seed)));
+        return Err(Error::invalid_parameter("seed", seed, format!("{}, which the run was begun with", file.train.seed)));
     }
     let train = changed(&file.train, options)?;
     if train.steps != file.train.steps {

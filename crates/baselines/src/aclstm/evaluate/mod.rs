@@ -41,11 +41,11 @@ pub struct Options {
 impl Options {
     fn check(&self) -> Result<()> {
         match () {
-            () if self.seeds == 0 => Err(Error::invalid("`seeds`", 0, "1 or more")),
+            () if self.seeds == 0 => Err(Error::invalid_parameter("seeds", 0, "1 or more")),
             () if self.longest() == 0 || self.lengths.contains(&0) => {
-                Err(Error::invalid("`seed_frames`", format!("{:?}", self.lengths), "lengths of 1 or more"))
+                Err(Error::invalid_parameter("seed_frames", format!("{:?}", self.lengths), "lengths of 1 or more"))
             }
-            () if self.frames < SHORT => Err(Error::invalid("`frames`", self.frames, format!("{SHORT} or more"))),
+            () if self.frames < SHORT => Err(Error::invalid_parameter("frames", self.frames, format!("{SHORT} or more"))),
             () => Ok(()),
         }
     }

@@ -44,7 +44,7 @@ struct True<'a> {
 /// network that diverges.
 pub fn evaluate(trained: &Trained, options: &Options, progress: &mut dyn FnMut(usize)) -> Result<Report> {
     if options.frames < FPS as usize {
-        return Err(Error::invalid("`frames`", options.frames, format!("{FPS} or more")));
+        return Err(Error::invalid_parameter("frames", options.frames, format!("{FPS} or more")));
     }
     let splits = [Split::Train, options.split];
     let measured = |one: &Recording| splits.contains(&one.split) && one.frames() >= FPS as usize;

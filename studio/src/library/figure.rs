@@ -92,9 +92,9 @@ impl Library {
     /// # Errors
     /// Those of [`Library::source`] and of reading; a rate or a length that isn't a number above 0.
     pub fn figure(&self, id: &str, part: Part) -> Result<Arc<str>> {
-        for (name, number) in [("`fps`", part.fps), ("`seconds`", part.seconds)] {
+        for (name, number) in [("fps", part.fps), ("seconds", part.seconds)] {
             if let Some(number) = number.filter(|number| !(*number > 0.0 && number.is_finite())) {
-                return Err(Error::invalid(name, number, "a number above 0"));
+                return Err(Error::invalid_parameter(name, number, "a number above 0"));
             }
         }
         let source = self.source(id)?;

@@ -135,15 +135,15 @@ impl Make {
             return Err(Error::invalid_parameter("best", best, expected));
         }
         let limits = [
-            ("`seconds`", self.seconds, 0.05, LONGEST_S),
-            ("`fps`", self.fps, 1.0, MOST_FPS),
-            ("`guidance`", self.guidance, 0.0, 10.0),
-            ("`loop_over`", self.loop_over, 0.1, 60.0),
-            ("`music_from_s`", self.music_from_s, 0.0, 24.0 * 3600.0),
+            ("seconds", self.seconds, 0.05, LONGEST_S),
+            ("fps", self.fps, 1.0, MOST_FPS),
+            ("guidance", self.guidance, 0.0, 10.0),
+            ("loop_over", self.loop_over, 0.1, 60.0),
+            ("music_from_s", self.music_from_s, 0.0, 24.0 * 3600.0),
         ];
         for (name, number, least, most) in limits {
             if let Some(number) = number.filter(|number| !(least..=most).contains(number)) {
-                return Err(Error::invalid(name, number, format!("{least} to {most}")));
+                return Err(Error::invalid_parameter(name, number, format!("{least} to {most}")));
             }
         }
         let sampling = self.sampling();

@@ -62,7 +62,7 @@ impl Descent {
     /// The rate, after checking rate and strength.
     fn check(&self) -> Result<f64> {
         let rate = self.rate.unwrap_or_default();
-        check_share("`strength`", self.strength)?;
+        check_share("strength", self.strength)?;
         if !(rate > 0.0 && rate.is_finite()) {
             return Err(Error::invalid_parameter("rate", rate, "a number above 0"));
         }
@@ -101,7 +101,7 @@ pub fn descend(transform: &Transform, channels: usize, a: &[f64], b: &[f64], met
     };
     match method.resolve(from.len()) {
         Method::Closed { amount } => {
-            check_share("`amount`", amount)?;
+            check_share("amount", amount)?;
             if matches!(transform, Transform::Stft(_)) {
                 let why = "magnitudes leave the phase free, so they have no closed form; give `strength` and `steps`, or take DCT or PCA";
                 return Err(Error::unsupported_parameter("amount", why));
@@ -130,7 +130,7 @@ fn check_share(name: &'static str, amount: f64) -> Result<()> {
     if (0.0..=1.0).contains(&amount) {
         return Ok(());
     }
-    Err(Error::invalid(name, amount, "0 (the first's spectrum) to 1 (the second's)"))
+    Err(Error::invalid_parameter(name, amount, "0 (the first's spectrum) to 1 (the second's)"))
 }
 
 /// A feature to come to.

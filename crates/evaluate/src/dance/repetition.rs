@@ -11,6 +11,7 @@ pub fn repeats(words: &[&[u32]], frames_per_word: usize, fps: f64) -> [usize; 2]
     let Some(last) = words.len().checked_sub(second) else { return [0, 0] };
     let repeated = |at: usize| {
         let next = &words[at..at + second];
+        // the earlier second ends by `at`, so that the two never overlap
         (at.saturating_sub(back)..=at).any(|end| end >= second && &words[end - second..end] == next)
     };
     let found = (0..=last).filter(|&at| repeated(at)).count();

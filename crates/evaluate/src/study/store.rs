@@ -67,7 +67,7 @@ impl Store {
         finished.map(|f| f.result)
     }
 
-    /// Keeps what was finished.
+    /// Stores a finished result.
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`] when it can't be written.

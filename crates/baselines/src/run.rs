@@ -146,6 +146,7 @@ pub trait RunConfig: Serialize + DeserializeOwned + Clone {
         })?;
         let wrong =
             |e: toml::de::Error| Error::in_text(&path, &text, e.span(), e.message(), "the settings of a run", "");
+        // kind and version first, or another kind's keys would be reported as unknown
         let head: Head = toml::from_str(&text).map_err(wrong)?;
         if head.kind.as_deref() != Some(kind.name) {
             let found = head.kind.map_or("a run of a GPT".into(), |kind| format!("a run of kind {kind:?}"));

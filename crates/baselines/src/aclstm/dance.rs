@@ -97,6 +97,7 @@ impl Request {
         let c = coder.channels();
         let seed = coder.frames(&clip.slice(self.from..needed));
         let steps = trained.roll_out(&[&seed], self.frames, progress)?.remove(0);
+        // the hip's place at the first new frame: steps say only how it moves from there
         let at = &seed[n * c..];
         let dance = frames_of_steps(&steps, c, [at[0], at[2]]);
         let skeleton = motion.clip.skeleton().clone();
@@ -108,6 +109,7 @@ impl Request {
             FootMode::Off => None,
             FootMode::Lock => {
                 let humanoid = motion.humanoid()?;
+                // of the clip: the feet of a generated dance may float or sink
                 Some(self.read.floor.map_or_else(|| humanoid.floor(&clip).map(|floor| floor.height_m), Ok)?)
             }
         };
@@ -134,6 +136,7 @@ pub fn source_hashes(dance: &Path, provenance: Option<&Provenance>) -> Result<Ve
     }
     match Sidecar::load(&kinelm_store::sidecar::path_of(dance)) {
         Ok(lstm) => Ok(vec![lstm.input_sha256]),
+        // no dance of an LSTM: a recording is its own source
         Err(_) => Ok(vec![hash::of_file(dance)?]),
     }
 }

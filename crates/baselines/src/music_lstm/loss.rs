@@ -75,6 +75,7 @@ fn of_one(terms: Terms, batch: usize, b: usize, found: &[f32], truth: &[f32]) ->
     let back = gradients.iter().zip(&own).zip(raw.iter().zip(&lengths)).flat_map(|((g, q), (raw, length))| {
         // below the least length, the output is scaled by a constant
         let along = if raw.length() < SHORTEST { 0.0 } else { g.dot(*q) };
+        // a normalised vector's slope: the gradient across it, over its length
         let g = (*g - *q * along) * (1.0 / length);
         [g.w as f32, g.x as f32, g.y as f32, g.z as f32]
     });

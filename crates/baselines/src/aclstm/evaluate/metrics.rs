@@ -106,6 +106,7 @@ impl Rollout {
         let true_steps = narrow(&steps(truth, c));
         let error = |found: &[f64]| loss(coder.form(), c, &narrow(found), &true_steps, &mut vec![0.0; COMPARED * c]);
         let mut still = last.repeat(COMPARED);
+        // in steps, a hip at rest moves by 0
         still.chunks_exact_mut(c).for_each(|step| (step[0], step[2]) = (0.0, 0.0));
         let start = [truth[0], truth[2]];
         let predicted = frames_of_steps(&rollout[..COMPARED * c], c, start);
@@ -115,6 +116,7 @@ impl Rollout {
         let positions = |frames: &[f64]| {
             let all = coder.places(frames, skeleton);
             let points = all.len() / (frames.len() / c).max(1);
+            // a frame's joints come first, its end sites after them
             all.chunks_exact(points).flat_map(|frame| frame[..joints].to_vec()).collect::<Vec<Vec3>>()
         };
         let true_positions = positions(compared);

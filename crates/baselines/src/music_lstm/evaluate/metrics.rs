@@ -135,11 +135,13 @@ impl Metrics {
             Mean::of(parts.iter().copied())
         };
         let over = |pick: fn(&One) -> f64| mean(&|one| [pick(one) * one.frames, one.frames]);
+        // rows to the clips' own music have neither
         let maybe = |pick: fn(&One) -> Option<f64>| {
             all.iter()
                 .all(|one| pick(one).is_some())
                 .then(|| mean(&|one| [pick(one).unwrap_or(0.0) * one.frames, one.frames]))
         };
+        // a ratio of sums: a mean of ratios would be that of the dances that hardly move
         let ratio = |pick: fn(&One) -> [f64; 2]| mean(&|one| pick(one).map(|x| x * one.frames));
         Metrics {
             dances: all.len(),

@@ -14,7 +14,7 @@ use kinelm_model::layout::{Init, Parameter, Role};
 use kinelm_train::optimizer::{Tensors, floats};
 use rayon::prelude::*;
 
-/// What the discriminant sees at a time: docs/results/classification.md, "Class tokens with LDA".
+/// Length of the discriminant's windows, seconds: docs/results/classification.md, "Class tokens with LDA".
 const SECONDS: f64 = 5.4;
 
 /// The weights that are tried.
@@ -54,6 +54,7 @@ impl Discriminants {
             let (mut rows, mut labels) = (Vec::new(), Vec::new());
             for (both, clip) in seen.iter().zip(train) {
                 let class = field.class_of(clip);
+                // in a mirror a clip shows the mirrored class; where there is none, nothing can be learned from it
                 for (windows, class) in both.iter().zip([class, class.and_then(|class| field.mirrored(class))]) {
                     let Some(class) = class else { continue };
                     rows.extend_from_slice(windows);

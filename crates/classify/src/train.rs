@@ -82,6 +82,7 @@ pub fn train(
         tokenizer: tokenizer.hash(),
         options: options.clone(),
     };
+    // the first thing on disk: what is refused above leaves no folder
     let (folder, saved) = Unfinished::open(out, &tokenizer, &call, resume)?;
     let checkpoints = folder.checkpoints();
     let (learner, state) = match saved {
@@ -157,6 +158,7 @@ impl Task for Training<'_> {
         let numbers = self.batches.batch(step)?;
         let dropout = Dropout { share: self.dropout, seed: self.options.seed, step, first: 0 };
         let dropout = (self.dropout > 0.0).then_some(&dropout);
+        // heads follow the same schedule from their own rate
         let rates = [rate, rate / self.options.rate * self.options.head_rate];
         let counted = numbers.targets.iter().filter(|&&t| t != self.pad).count();
         let found = self.learner.step(numbers.as_batch(self.layout), dropout, &self.train, rates)?;
@@ -172,6 +174,7 @@ impl Task for Training<'_> {
         let compat = self.options.compat;
         let Learner { model, heads, .. } = &mut self.learner;
         let scores = match read_windows(model, heads, self.layout, compat, &source) {
+            // a stop in between: the measurement is due when training is resumed
             Err(Error::Store(kinelm_store::Error::Stopped(_))) => return Ok(None),
             scores => scores?,
         };
@@ -273,7 +276,8 @@ pub(super) fn training_clips<'a>(
     if share < 1.0 { labelled(&train, &fields.0[0], share, seed) } else { train }
 }
 
-/// Of each class of the first field, the first clips by a hash of their take: a larger share contains a smaller one.
+/// Of each class of the first field, the first clips by a random number of their own: a larger share contains a smaller
+/// one.
 fn labelled<'a>(clips: &[&'a ClipRecord], field: &Field, share: f64, seed: u64) -> Vec<&'a ClipRecord> {
     let mut kept = Vec::new();
     for class in 0..field.classes.len() {

@@ -81,11 +81,11 @@ fn is_whole(place: &Path) -> bool {
         )
     };
     let is_plain = || owned::refuse_links(place, "a run", "").is_ok();
+    // links first: the files that are read below would be elsewhere
     is_plain() && small_files().all(holds) && weights() == Some(true)
 }
 
 /// All files but those of the checkpoint.
-// links first: what is read below would lie elsewhere
 fn small_files() -> impl Iterator<Item = (String, &'static [u8])> {
     let texts = FILES.into_iter().chain([("CARD.md", CARD)]).map(|(name, text)| (name.to_owned(), text.as_bytes()));
     let made = MADE_FILES.into_iter().map(|(name, bytes)| (name.to_owned(), bytes));
@@ -172,12 +172,12 @@ fn without_corpora(config: &str) -> String {
         !inside && !line.starts_with("corpora = ")
     };
     let kept: String = config.split_inclusive('\n').filter(keeps).collect();
+    // before any table, which would take the key for its own
     format!("corpora = []\n{kept}")
 }
 
 #[cfg(test)]
 mod tests {
-    // before any table, which would take the key for its own
     use super::*;
 
     #[test]

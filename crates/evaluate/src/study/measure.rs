@@ -126,8 +126,8 @@ fn timed<T>(work: impl Fn() -> Result<T>) -> Result<(T, f64)> {
         let start = Instant::now();
         let made = work()?;
         best = best.min(start.elapsed().as_secs_f64());
-        // a clock that hasn't moved would give an infinite rate
         if time == TIMES || begin.elapsed().as_secs_f64() > TIMED_S {
+            // a clock that hasn't moved would give an infinite rate
             return Ok((made, best.max(1e-9)));
         }
     }

@@ -75,8 +75,8 @@ fn seeds(recordings: &Recordings, options: &Options) -> Result<Vec<Seed>> {
     let digits = options.seeds.to_string().len().max(2);
     let mut seeds = Vec::new();
     for (i, one) in long.iter().enumerate() {
-        // seeds that don't divide evenly go to the first clips
         let clip = one.at_rate()?;
+        // seeds that don't divide evenly go to the first clips
         let count = (options.seeds + long.len() - 1 - i) / long.len();
         let room = clip.frames() - needed;
         for k in 0..count {

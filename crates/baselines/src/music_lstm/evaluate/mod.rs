@@ -105,7 +105,6 @@ fn truths<'a>(trained: &Trained, clips: &'a MusicClips, split: Split) -> Result<
 /// A dance to other music than the `i`-th: of another genre, if there is one.
 fn other<'a, 'b>(all: &'a [True<'b>], i: usize) -> Option<&'a True<'b>> {
     let genre = |one: &True| one.source.recording.item.labels.get("genre").cloned();
-    // another genre first: music of one genre may be danced alike
     let after = || (1..all.len()).map(|by| &all[(i + by) % all.len()]);
     let foreign = after().find(|one| genre(one) != genre(&all[i]) && one.source.music != all[i].source.music);
     foreign.or_else(|| after().find(|one| one.source.music != all[i].source.music))

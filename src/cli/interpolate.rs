@@ -136,7 +136,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     print(&format!("{line}\n"))
 }
 
-/// What can be known to be wrong before anything is read.
+/// Refuses what is wrong whatever the files contain.
 fn check(args: &Args) -> Result<()> {
     super::writable(&args.out)?;
     args.page.as_deref().map_or(Ok(()), super::page)?;

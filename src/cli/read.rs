@@ -97,6 +97,7 @@ impl ReadArgs {
             bvh_position: self.bvh_position.unwrap_or(read.bvh_position),
             root: self.root.clone().or(read.root.clone()),
             take: self.take.clone().or(read.take.clone()),
+            // a flag can only switch it on
             lenient: self.lenient || read.lenient,
             rest: match (self.keep_rest, self.drop_rest) {
                 (true, _) => RestFrame::Keep,

@@ -75,6 +75,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         Ok(dance)
     })?;
     let (numbers, dances): (Vec<usize>, Vec<Dance>) = read.into_iter().unzip();
+    // prints what it has gathered
     drop(odd);
     let mut report = real.report(&dances)?;
     let mut given: Option<Vec<bool>> = None;
@@ -92,6 +93,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
                 say.line(format_args!("{}: its music is not compared: {e}; --music says where it is", path.display()));
                 None
             }),
+            // one list for all dances, or one for each
             Some(beats) => Some(beats[i % beats.len()].clone()),
         });
         requested.push(match &args.fidelity {

@@ -63,7 +63,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
 }
 
-/// What needs no model: the last pose held, the last step repeated.
+/// Measures what needs no model: zero and constant velocity.
 fn without_model(args: &Args, say: Say) -> Result<()> {
     let (_, windows) = measured(args, &args.data.find(say)?, None, say)?;
     let what = format!("no {} clip is as long as a window, 3 s, at {} fps or more; give --fps", args.split, args.fps);
@@ -78,7 +78,7 @@ fn without_model(args: &Args, say: Say) -> Result<()> {
     print(&table(&rows, args.fps))
 }
 
-/// A model beside these.
+/// Measures a model beside these.
 fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
     let run = load_run(run, CheckpointChoice::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
@@ -102,6 +102,7 @@ fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
     let seen = predictor.context_seconds();
     let bar = crate::cli::progress::bar(own.len() as u64, "windows", say);
     let rows = predictor.rows(&own, &mut |n| bar.set_position(n as u64));
+    // the bar goes before an error of the rows is printed
     drop(bar);
     let joints = tokenizer.channels().joints();
     let mut all = baselines(&own, joints, "")?;

@@ -109,7 +109,7 @@ pub fn check(mut command: &Command, mut matches: &ArgMatches) -> Result<(), clap
     Ok(())
 }
 
-/// Whether a call has the option, with the value that may stand behind its name.
+/// Whether a call has the option, with the value that may follow its name.
 fn is_given(command: &Command, matches: &ArgMatches, option: &str) -> bool {
     let (name, value) = option.split_once('=').map_or((option, None), |(name, value)| (name, Some(value)));
     let Some(arg) = command.get_arguments().find(|arg| arg.get_long() == Some(name)) else { return false };

@@ -187,11 +187,11 @@ fn times(motion: &Motion) -> String {
 fn say_times(motions: &[Motion], say: Say) {
     let Some((first, others)) = motions.split_first() else { return };
     // the last frame at a slower rate may be earlier than at a faster one
-    let apart = |a: &Motion, b: &Motion| {
+    let differ = |a: &Motion, b: &Motion| {
         let frame = 1.0 / a.clip.fps().min(b.clip.fps());
         a.clip.fps() != b.clip.fps() || (a.clip.duration_s() - b.clip.duration_s()).abs() > frame
     };
-    if others.iter().any(|other| apart(first, other)) {
+    if others.iter().any(|other| differ(first, other)) {
         let all: Vec<String> =
             motions.iter().map(|motion| format!("{} {}", stem(&motion.path), times(motion))).collect();
         say.line(format_args!("each plays in its own time: {}", all.join("; ")));

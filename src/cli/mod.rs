@@ -104,6 +104,7 @@ fn work(call: Call) -> Result<()> {
     let _inputs = Inputs::record();
     // on a thread of the pool: from outside, every parallel step would wake its threads anew and wait for them asleep
     let whole = || rayon::scope(|_| command(call.command, say).and_then(|()| all_read()));
+    // arenas unwind where the system has no memory left: a message then, like that of any other error
     std::panic::catch_unwind(AssertUnwindSafe(whole)).unwrap_or_else(|payload| match payload.downcast::<NoMemory>() {
         Ok(none) => Err(Error::new(*none).context("memory ran out; a smaller model, batch or context takes less")),
         Err(other) => resume_unwind(other),

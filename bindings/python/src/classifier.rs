@@ -17,6 +17,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Class tokens of a model: dancer, genre or whatever a corpus labels.
 #[pyclass(frozen, module = "kinelm")]
+// a mutex: reading changes the model's working memory
 pub struct Classifier(Mutex<kinelm::classify::Classifier>);
 
 #[pymethods]

@@ -63,6 +63,7 @@ impl Data {
     }
 
     fn at(at: &SourcePos, found: &str, expected: &str) -> Data {
+        // both count from 1; 0 is no place
         let known = |n: usize| Some(n).filter(|n| *n > 0);
         Data {
             path: Some(at.path.display().to_string()),

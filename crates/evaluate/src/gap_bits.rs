@@ -131,7 +131,7 @@ mod tests {
         let mut fast = Fast::of(&gpt).unwrap();
         let of = |model: &mut dyn Scores, frames| gap_bits(model, &corpus, &clips, frames, &Conditions::none());
         let (plain, found) = (of(&mut gpt, 4).unwrap().unwrap(), of(&mut fast, 4).unwrap().unwrap());
-        // 7 frames before, 4 free, one behind: at 0, 11, 22, 33 of the first clip, at 0 of the second
+        // 7 frames before, 4 free, one after: at 0, 11, 22, 33 of the first clip, at 0 of the second
         assert_eq!((found.frames, found.gaps), (4, 5));
         for (a, b) in [
             (plain.unconditioned, found.unconditioned),

@@ -482,8 +482,10 @@ mod tests {
         let filled = |samples| Filled { straight: gap_error(3.0), held: gap_error(9.0), real_jerk: 2.0, samples };
         let found = summed(&[gap("a"), gap("b")], &[filled(samples.clone()), filled(samples)]);
         let cm: Vec<f64> = found.rows.iter().map(|row| row.mean.global_cm).collect();
+        // straight, held, the mean of the samples, the one that ends nearest, the best
         assert_eq!(cm, [3.0, 9.0, 4.0, 6.0, 2.0]);
         assert_eq!((found.gaps, found.takes, found.samples, found.real_jerk), (2, 2, 3, 2.0));
+        // only the third sample ends within 10 cm and 10 degrees
         assert!((found.within[0] - 1.0 / 3.0).abs() < 1e-12 && found.within[1] == 1.0);
         assert_eq!((found.closing_cm, found.rows[2].interval), ([20.0, 30.0], [4.0, 4.0]));
     }

@@ -279,6 +279,7 @@ mod tests {
     #[test]
     fn windows_are_those_of_the_protocol() {
         let found = windows(&turning(420, 60.0));
+        // 420 frames: windows of 180 begin at 0, 120 and 240
         assert_eq!(found.len(), 3);
         assert!(found.iter().all(|w| (w.seed.frames(), w.target.frames()) == (120, 24)));
         assert_eq!(found[1].target.pose(0), turning(420, 60.0).pose(240));
@@ -357,7 +358,7 @@ mod tests {
             draw: Sampling::default(),
             seed: 1,
         };
-        // of 14 words eight are for the target
+        // 14 words fit: eight of the target leave six, but the seed has half of them at least
         assert!((predictor.context_seconds() - 7.0 / 20.0).abs() < 0.051);
         let mut done = Vec::new();
         let rows = predictor.rows(&windows, &mut |n| done.push(n)).unwrap();

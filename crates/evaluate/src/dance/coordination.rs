@@ -3,6 +3,8 @@
 //! The correlation over time of the angular speeds of the given and the free joints, less the mean of the same with the
 //! given part shifted in time, is the effect. Speeds are each joint's in its parent's frame: positions in the world
 //! would be bound to one another by the body itself.
+//!
+//! Limits: angular speeds of the same step; a response that comes later, or in direction alone, is not seen.
 
 use kinelm_motion::Clip;
 use kinelm_motion::rotation::angle_between;

@@ -3,6 +3,8 @@
 //! Windows of two seconds, the pelvis at 0, the heading of the first frame removed. For each window of a dance, half a
 //! second apart, the nearest of all training windows: every offset, mirrored too. The same of real validation clips is
 //! the reference: a window is a copy if it is nearer than 99 % of those.
+//!
+//! Limits: every window is compared with every training window, so that time grows with the product of their numbers.
 
 use super::positions::heading_of;
 use crate::Result;
@@ -176,6 +178,7 @@ mod tests {
         rotations.iter_mut().step_by(24).for_each(|q| *q = turn * *q);
         let copy = Clip::new(stretch.skeleton().clone(), 20.0, root, rotations).unwrap();
         let found = nearest(&Track::of(&copy, &joints), &training);
+        // 80 frames: windows of 40 begin at 0, 10, .. 40
         assert_eq!(found.len(), 5);
         assert!(found.iter().all(|d| *d < 1e-6), "{found:?}");
         let other = nearest(&Track::of(&clips[2], &joints), &training);

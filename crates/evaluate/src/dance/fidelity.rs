@@ -2,6 +2,8 @@
 //!
 //! A linear discriminant learns from windows of the real train clips. It reads of every free channel the mean, the deviation
 //! and the mean step; not of the pelvis, for a dance may face and go anywhere.
+//!
+//! Limits: a label that shows only in the order of movements, or in the path through the room, is not recognised.
 
 use super::coded::Dance;
 use crate::{Error, Result};

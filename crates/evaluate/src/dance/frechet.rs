@@ -222,6 +222,7 @@ mod tests {
     fn gaussians_have_the_closed_form_and_few_rows_a_bias_that_the_line_takes_off() {
         let (a, b) = (normal(50_000, 3, (0.0, 1.0), 1), normal(50_000, 3, (0.5, 2.0), 2));
         let found = frechet_distance(&a, &b, 0.0).unwrap().unwrap();
+        // of each feature: (0.5 - 0)^2 of the means, (2 - 1)^2 of the deviations
         let wanted = 3.0 * (0.25 + 1.0);
         assert!((found / wanted - 1.0).abs() < 0.02, "{found}, {wanted}");
         let (few, real) = (normal(60, 8, (0.0, 1.0), 3), normal(4000, 8, (0.0, 1.0), 4));

@@ -188,6 +188,7 @@ mod tests {
     #[test]
     fn one_percent_of_the_training_frames_are_below_the_threshold() {
         let x = threshold((0..1000).rev().map(f64::from).collect()).unwrap();
+        // rank 0.01 * 999, between 9 and 10
         assert!((x - 9.99).abs() < 1e-9, "{x}");
         assert_eq!(threshold(vec![]), None);
         // in pieces, it is the same number

@@ -1,4 +1,7 @@
 //! Which of several dances is least unlike real ones: docs/generation.md, "The best of several".
+//!
+//! Limits: faults of the body's motion, freezes and copies; how well a dance suits its label or its music is not
+//! judged.
 
 use super::coded::Dance;
 use super::copying::Track;
@@ -286,6 +289,7 @@ mod tests {
             assert!(verdict(worse).score > own.score + by, "{} beside {own}", verdict(worse));
         }
         let stands = verdict(&still).freezes_s.unwrap();
+        // at rest from frame 75 on, 3.75 s, seen through the half second of E
         assert!((3.2..4.4).contains(&stands), "{stands}");
 
         let ranked = judge.ranked(&[copy.clone(), still.clone(), sunk, test], 2).unwrap();

@@ -1,4 +1,6 @@
 //! Mixtures of fixed densities over bins, their weights fitted by expectation maximisation.
+//!
+//! Limits: a fixed number of rounds without a test of convergence, as in the reference.
 
 /// Kernels around one centre.
 pub const KERNELS: usize = 1 + LAPLACE.len() + CAUCHY.len() + 1;

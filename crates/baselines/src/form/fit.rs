@@ -3,6 +3,9 @@
 //! Each joint gets the rotation that brings its bones at rest closest to their directions: Wahba's problem. One bone leaves
 //! its twist undetermined, no bone the whole rotation; what is undetermined follows the parent. Source: Davenport's
 //! q-method, as in Horn, "Closed-form solution of absolute orientation using unit quaternions" (1987).
+//!
+//! Limits: each joint is fitted by itself, and bones have the skeleton's lengths; positions that contradict these are
+//! missed.
 
 use kinelm_linalg::symmetric_eigen;
 use kinelm_motion::{Quat, Skeleton, Vec3};

@@ -167,6 +167,7 @@ mod tests {
         let names = ["hip", "knee", "foot"].map(String::from).to_vec();
         let offsets = vec![Vec3::ZERO, Vec3::Y * -3.0, Vec3::Y * -1.0];
         let leg = Skeleton::new(names, vec![None, Some(0), Some(1)], offsets, vec![]).unwrap();
+        // 4, 1 and 0 m of bones below
         assert_eq!(shares(&leg), [1.0, 0.25, 0.0]);
     }
 

@@ -2,6 +2,8 @@
 //!
 //! The discriminant reads windows longer than the class tokens'. The weights are those of the lowest -ln p on the validation clips:
 //! docs/classification.md, "A clip's class".
+//!
+//! Limits: one of 64 pairs of weights, chosen on the validation clips, whose own figures are optimistic therefore.
 
 use super::class_scores::{ClassScores, mean_log_p, normalised, of_clips};
 use super::features::Motion;

@@ -4,6 +4,8 @@
 //! the other: every class's covariance is shrunk by itself in standardised numbers, and they are averaged by their priors.
 //! Source of the shrinkage: Ledoit and Wolf, "A well-conditioned estimator for large-dimensional covariance matrices"
 //! (2004).
+//!
+//! Limits: one covariance for all classes, so that their borders are planes.
 
 use crate::{Error, Result};
 

@@ -336,6 +336,7 @@ fn mean(errors: impl Iterator<Item = GapError>) -> GapError {
         sum.in_between.add(&error.in_between);
         n += 1.0;
     }
+    // of no samples zeros, not NaN
     let n = f64::max(n, 1.0);
     GapError { global_cm: sum.global_cm / n, root_cm: sum.root_cm / n, border_jerk: sum.border_jerk / n, ..sum }
 }

@@ -132,6 +132,7 @@ impl Predictor<'_> {
         let Some(word) = self.tokenizer.tokens_per_word() else { return seed_words };
         // one more than the context: the last token is sampled and never read
         let room = (self.greedy.context() + 1).saturating_sub(self.conditions.len()) / word;
+        // half of the room is the seed's, however long the target
         seed_words.min(room.saturating_sub(words - seed_words).max(room / 2).max(1))
     }
 

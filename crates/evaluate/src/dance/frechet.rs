@@ -23,7 +23,7 @@ const ENOUGH: usize = 10;
 /// Vectors of one length, a row a piece of dance.
 pub type Rows = Vec<Vec<f64>>;
 
-/// A set of dances held to the real ones.
+/// A set of dances compared with the real ones.
 #[derive(Debug, Clone, Serialize)]
 pub struct SetDistance {
     /// Vectors of the set.
@@ -42,8 +42,8 @@ pub struct SetDistance {
 pub struct Standardizer {
     mean: Vec<f64>,
     sd: Vec<f64>,
-    /// Features that vary.
-    kept: Vec<usize>,
+    /// Features that are used: those that vary, or all.
+    used: Vec<usize>,
 }
 
 impl Standardizer {
@@ -54,20 +54,20 @@ impl Standardizer {
         let mean: Vec<f64> = (0..length).map(|i| real.iter().map(|row| row[i]).sum::<f64>() / n).collect();
         let variance = |i: usize| real.iter().map(|row| (row[i] - mean[i]).powi(2)).sum::<f64>() / n;
         let sd: Vec<f64> = (0..length).map(|i| variance(i).sqrt()).collect();
-        let kept = (0..length).filter(|&i| all || sd[i] >= LEAST_SD).collect();
+        let used = (0..length).filter(|&i| all || sd[i] >= LEAST_SD).collect();
         // published code divides by sd + 1e-10 and keeps constant features
         let sd = sd.into_iter().map(|sd| if all { sd + 1e-10 } else { sd }).collect();
-        Standardizer { mean, sd, kept }
+        Standardizer { mean, sd, used }
     }
 
     /// Features that are left out.
     pub fn left_out(&self) -> Vec<usize> {
-        (0..self.mean.len()).filter(|i| !self.kept.contains(i)).collect()
+        (0..self.mean.len()).filter(|i| !self.used.contains(i)).collect()
     }
 
     /// Rows in these measures.
     pub fn apply(&self, rows: &[Vec<f64>]) -> Rows {
-        let scaled = |row: &Vec<f64>| self.kept.iter().map(|&i| (row[i] - self.mean[i]) / self.sd[i]).collect();
+        let scaled = |row: &Vec<f64>| self.used.iter().map(|&i| (row[i] - self.mean[i]) / self.sd[i]).collect();
         rows.iter().map(scaled).collect()
     }
 }

@@ -21,6 +21,7 @@ const ROUNDING_CM_S: f64 = 1e-6;
 pub fn energy(places: &JointPositions) -> Vec<f64> {
     let steps = places.speeds();
     let half = ((HALF_S * places.fps).round() as usize).max(1);
+    // differences of these sums leave rounding in the E of a body at rest, hence [`ROUNDING_CM_S`]
     let mut before = vec![0.0];
     for speed in &steps {
         before.push(before[before.len() - 1] + speed);

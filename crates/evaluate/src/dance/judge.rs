@@ -110,11 +110,11 @@ impl<'a> Judge<'a> {
     }
 
     /// The dances from the best to the worst with their verdicts. Those that freeze or copy come after
-    /// all others; the search for copies ends with the `wanted`-th dance that is none.
+    /// all others; the search for copies ends with the `count`-th dance that is none.
     ///
     /// # Errors
     /// Clips that can't be mirrored.
-    pub(crate) fn ranked(&self, dances: &[Dance], wanted: usize) -> Result<Vec<(usize, Verdict)>> {
+    pub(crate) fn ranked(&self, dances: &[Dance], count: usize) -> Result<Vec<(usize, Verdict)>> {
         let mut all: Vec<(usize, Verdict)> = dances.iter().map(|dance| self.verdict(dance)).enumerate().collect();
         let order = |a: &(usize, Verdict), b: &(usize, Verdict)| {
             let key = |v: &Verdict| (v.doubt().is_some(), v.score);
@@ -125,7 +125,7 @@ impl<'a> Judge<'a> {
         let mut fine = 0;
         for (i, verdict) in &mut all {
             // sorted: every dance after the first doubtful one is doubtful too
-            if fine == wanted || verdict.doubt().is_some() {
+            if fine == count || verdict.doubt().is_some() {
                 break;
             }
             verdict.copied = self.is_copy(&dances[*i])?;

@@ -69,8 +69,10 @@ impl PromptMetrics {
         for (a, b) in a.chunks(24).zip(b.chunks(24)) {
             distances.extend(given.iter().map(|&j| ((a[j] - a[0]) - (b[j] - b[0])).length()));
         }
+        // beside a prompt at rest there is none
         let quotient = |dance: Option<f64>, prompt: Option<f64>| Some(dance? / prompt.filter(|x| *x > 0.0)?);
         let feet = feet(tokenizer.channels().joints())?;
+        // given feet are the prompt's own
         let is_free = feet.joints.iter().all(|(foot, _)| free.contains(foot));
         let skate = |clip: &Clip| Skate::of(&feet, clip).cm_s().filter(|_| is_free);
         Ok(Some(PromptMetrics {

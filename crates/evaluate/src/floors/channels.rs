@@ -268,6 +268,7 @@ fn channel_cost(kernels: &Kernels, bins: usize, train: &Series, test: &Series) -
     let b = |x: u32, b1: u32| delta.bits(step(x, b1));
     let c = |x: u32, b1: u32| bits(&previous, &kernels.row(b1, x));
     let mut cost =
+        // `both` has the extrapolation's kernels second
         ChannelCost { early: [0.0; 6], later: [0.0; 6], weight_on_extrapolation: mixed[KERNELS..].iter().sum() };
     for &x in &test.first {
         add(&mut cost.early, [a(x); 6]);

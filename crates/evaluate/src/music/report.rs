@@ -71,6 +71,7 @@ impl Report {
     /// The tempo that is counted, with its odds, and the likeliest other.
     fn tempo(&self) -> Option<(Tempo, Option<Tempo>)> {
         let (bpm, all) = (self.beats.bpm()?, &self.beats.tempi);
+        // in octaves: half and double are equally far
         let off = |tempo: &&Tempo| (tempo.bpm / bpm).log2().abs();
         let counted = all.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
         let other = all.iter().find(|tempo| *tempo != counted && tempo.odds >= UNLIKELY);

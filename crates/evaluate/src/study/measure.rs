@@ -184,7 +184,7 @@ pub fn loss(clips: &Clips, fps: f64, joints: &[usize]) -> Result<Loss> {
 /// The clip with all other joints straight.
 fn without(clip: &Clip, joints: &[usize]) -> Result<Clip> {
     let j = clip.joints();
-    let kept = |(i, q): (usize, &Quat)| if joints.contains(&(i % j)) { *q } else { Quat::IDENTITY };
-    let rotations = clip.rotations().iter().enumerate().map(kept).collect();
+    let own = |(i, q): (usize, &Quat)| if joints.contains(&(i % j)) { *q } else { Quat::IDENTITY };
+    let rotations = clip.rotations().iter().enumerate().map(own).collect();
     Ok(Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations)?)
 }

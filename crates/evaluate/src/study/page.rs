@@ -29,6 +29,7 @@ pub fn page(rows: &[RowMetrics], named: &[String], clips: &Clips, store: &Store)
     let longest = clips.test.iter().rev().max_by(|a, b| length(a).total_cmp(&length(b)));
     let Some(known) = longest else { return Ok(None) };
     let own = clips.get(known, known.fps)?;
+    // one frame more: 20 s have two ends
     let cut = |clip: &Clip| clip.slice(0..clip.frames().min((LONGEST_S * clip.fps()) as usize + 1));
     let mut motions = vec![(known.name().to_string(), format!("as it was, {} fps", short(known.fps)), cut(&own))];
     for f in shown {

@@ -75,6 +75,7 @@ pub fn parse(text: &str, path: &Path, defaults: &RowDefaults) -> Result<Vec<Row>
 const HELP: &str = "configs/tokenizer/study.toml is an example";
 
 fn one(mut table: toml::Table, defaults: &RowDefaults) -> std::result::Result<Row, String> {
+    // removed: what remains are settings of a tokenizer, which refuses keys that it doesn't know
     let mut text = |key: &str| match table.remove(key) {
         Some(toml::Value::String(text)) => Ok(Some(text)),
         Some(other) => Err(format!("{key} is {other}; expected text")),

@@ -123,6 +123,7 @@ pub trait RunConfig: Serialize + DeserializeOwned + Clone {
     /// # Errors
     /// What the system refuses.
     fn write(&self, run: &Path) -> Result<()> {
+        // relative paths, so that a run can be moved together with its data
         let file = self.with_paths(&|path| files::path_from(run, path));
         let text = toml::to_string(&file).expect("a run's configuration is TOML");
         Ok(files::write_whole(&run.join(CONFIG), text.as_bytes())?)

@@ -279,7 +279,7 @@ pub(super) fn training_clips<'a>(
 /// Of each class of the first field, the first clips by a random number of their own: a larger share contains a smaller
 /// one.
 fn labelled<'a>(clips: &[&'a ClipRecord], field: &Field, share: f64, seed: u64) -> Vec<&'a ClipRecord> {
-    let mut kept = Vec::new();
+    let mut chosen = Vec::new();
     for class in 0..field.classes.len() {
         let mut of_class: Vec<(u64, &ClipRecord)> = clips
             .iter()
@@ -287,11 +287,11 @@ fn labelled<'a>(clips: &[&'a ClipRecord], field: &Field, share: f64, seed: u64) 
             .map(|c| (random::stream(seed, "labelled", 0, c.key as u64).next_u64(), *c))
             .collect();
         of_class.sort_by_key(|(hash, c)| (*hash, c.key));
-        let keep = ((of_class.len() as f64 * share).round() as usize).max(1);
-        kept.extend(of_class.into_iter().take(keep).map(|(_, c)| c));
+        let count = ((of_class.len() as f64 * share).round() as usize).max(1);
+        chosen.extend(of_class.into_iter().take(count).map(|(_, c)| c));
     }
-    kept.sort_by_key(|c| c.key);
-    kept
+    chosen.sort_by_key(|c| c.key);
+    chosen
 }
 
 /// Mean -ln p of the classes of the validation windows, summed over the fields, and the mean accuracy.

@@ -165,15 +165,15 @@ pub fn pack(run: &Path, to: &Path) -> Result<()> {
 /// A run's configuration without its corpora, which are nowhere else.
 fn without_corpora(config: &str) -> String {
     let mut inside = false;
-    let keeps = |line: &&str| {
+    let is_other = |line: &&str| {
         if line.starts_with('[') {
             inside = line.trim() == "[[corpora]]";
         }
         !inside && !line.starts_with("corpora = ")
     };
-    let kept: String = config.split_inclusive('\n').filter(keeps).collect();
+    let others: String = config.split_inclusive('\n').filter(is_other).collect();
     // before any table, which would take the key for its own
-    format!("corpora = []\n{kept}")
+    format!("corpora = []\n{others}")
 }
 
 #[cfg(test)]

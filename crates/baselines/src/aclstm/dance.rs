@@ -101,7 +101,7 @@ impl Request {
         let at = &seed[n * c..];
         let dance = frames_of_steps(&steps, c, [at[0], at[2]]);
         let skeleton = motion.clip.skeleton().clone();
-        let (frames, kept) = match self.with_seed {
+        let (frames, given) = match self.with_seed {
             true => ([&seed[..n * c], &dance[..]].concat(), n),
             false => (dance, 0),
         };
@@ -115,7 +115,7 @@ impl Request {
         };
         let motion = motion.with_clip(coder.clip(&frames, &skeleton, FPS)?);
         let Some(floor_m) = floor_m else { return Ok(Generated { motion, clip_sha256, locked: None }) };
-        let fixed = FixedParts { root: false, path: false, legs: [false; 2], frames: kept };
+        let fixed = FixedParts { root: false, path: false, legs: [false; 2], frames: given };
         let (motion, locked) = lock_feet(motion, Some(floor_m), fixed)?;
         Ok(Generated { motion, clip_sha256, locked: Some(locked) })
     }

@@ -155,6 +155,7 @@ impl MusicClips {
 /// Reads every file once.
 fn read_spectra(all: &mut [MusicClip], audio: Audio) -> Result<()> {
     let mut of: BTreeMap<PathBuf, Vec<&mut MusicClip>> = BTreeMap::new();
+    // several clips may have one file, which is decoded once
     all.iter_mut().for_each(|one| of.entry(one.music.clone()).or_default().push(one));
     let files: Vec<(PathBuf, Vec<&mut MusicClip>)> = of.into_iter().collect();
     files.into_par_iter().try_for_each(|(path, mut dances)| {

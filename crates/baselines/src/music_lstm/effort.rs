@@ -55,6 +55,7 @@ pub fn effort(frames: &[Quat], weights: &[f64], fps: f64) -> Vec<f64> {
 
 /// Moving means over [`SMOOTH_S`], or over all numbers where there are fewer.
 fn smooth(effort: &[f64]) -> (usize, Vec<f64>) {
+    // 1 at least: windows of 0 panic
     let window = ((SMOOTH_S * FPS).round() as usize).clamp(1, effort.len().max(1));
     (window, effort.windows(window).map(|some| some.iter().sum::<f64>() / window as f64).collect())
 }

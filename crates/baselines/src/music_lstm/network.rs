@@ -107,6 +107,7 @@ impl Network {
     /// Tensors of another shape, here and below.
     pub fn pack(&mut self, weights: &[Floats]) {
         let first = SCALE + 2 * self.linear.len();
+        // the linear layers read their weights as they are
         self.recurrent.iter_mut().zip(weights[first..].chunks_exact(4)).for_each(|(layer, four)| layer.pack(four));
     }
 

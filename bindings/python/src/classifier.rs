@@ -46,6 +46,7 @@ impl Classifier {
         resume: bool,
         callback: Option<Py<PyAny>>,
     ) -> PyResult<Option<Classifier>> {
+        // the program's own patience
         let options = TrainOptions { fields, steps, batch, seed, patience: 5, ..TrainOptions::default() };
         detach(py, || {
             let run = exchange::load(&run).map_err(library)?;

@@ -44,6 +44,7 @@ impl Interrupt {
             }
             Ok(())
         });
+        // a stop that was requested before stays
         stop.fetch_or(raised.is_break() || !goes_on, Ordering::SeqCst);
     }
 

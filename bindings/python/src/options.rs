@@ -82,6 +82,7 @@ pub fn named<T: DeserializeOwned>(name: &str, parameter: &str, known: &[&str]) -
         let (last, others) = known.split_last().unwrap_or((&"", &[]));
         wrong(format!("{parameter} is {name:?}; expected {} or {last}", others.join(", ")))
     };
+    // only those that are listed: serde knows more
     let value = known.contains(&name).then(|| serde_json::from_value(name.into()).ok()).flatten();
     value.ok_or_else(unknown)
 }

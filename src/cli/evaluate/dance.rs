@@ -87,6 +87,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut joints_given = Vec::new();
     for (&i, dance) in numbers.iter().zip(&dances) {
         let (path, provenance) = (&files[i], provenances[i].take());
+        // sets of --best differ by the number that they were chosen among
         provenance.iter().filter_map(|provenance| provenance.best).for_each(|of| *best.entry(of.of).or_default() += 1);
         music_s.push(match &beats {
             None => own_beats(path, provenance.as_ref(), &mut pieces).unwrap_or_else(|e| {

@@ -128,6 +128,7 @@ fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
 /// The windows of the split's clips at the model's rate, if there is one, and at [`Args::fps`] of the clips that have it.
 fn measured(args: &Args, dataset: &Dataset, model: Option<ClipSpec>, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
     let options = args.read.options(RestFrame::Drop);
+    // without a model nothing is coded, and heights stay as they are
     let above_floor = model.is_some_and(|model| model.above_floor);
     let (mut own, mut protocol, odd) = (Vec::new(), Vec::new(), Odd::new(say));
     for item in dataset.items.iter().filter(|item| item.split == args.split) {

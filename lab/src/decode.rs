@@ -19,11 +19,11 @@ use std::time::Instant;
 const STEPS: usize = 32;
 /// Ids below it are special ones.
 const FIRST_ID: u32 = 6;
-/// Places of a word that a prompted dance has given: a shoulder, an elbow and a wrist of three angles each.
+/// Slots of a word that a prompted dance has given: a shoulder, an elbow and a wrist of three angles each.
 const GIVEN: Range<usize> = 27..36;
 /// And of a two-level model: the pelvis's place and turn.
 const ROOT: Range<usize> = 0..6;
-/// Frames of a second, at 20 a second, behind which times are compared, and how many frames at a time.
+/// Frames of the first second, at 20 a second, after which times are compared, and frames of a stretch.
 const LEAD_IN: usize = 20;
 const EVEN: usize = 64;
 /// Numbers that are read for the memory's bandwidth: 256 MiB.
@@ -130,6 +130,7 @@ impl Bench<'_> {
             // a frame's keys and the decoder's weights stay in the cache: memory doesn't bound it
             return self.row("decode", Unit::Tokens, rates, json!({}));
         }
+        // the mean of the steps, which read from `first` to `context` tokens
         let bytes = self.reader.weight_bytes() + streams * self.kv_bytes(context - steps / 2);
         let (read, most) = (bytes as f64 * rates.median / streams as f64 / 1e9, bandwidth());
         let more = json!({
@@ -140,7 +141,7 @@ impl Bench<'_> {
         self.row("decode", Unit::Tokens, rates, more)
     }
 
-    /// Bytes of keys and values that a token behind `seen` others reads.
+    /// Bytes of keys and values that a token after `seen` others reads.
     fn kv_bytes(&self, seen: usize) -> usize {
         let ModelConfig { layers, width, .. } = self.model.file.model;
         2 * layers * width * seen * if self.reading.kv == KvKind::F16 { 2 } else { 4 }
@@ -148,6 +149,7 @@ impl Bench<'_> {
 
     /// A whole context in one block, one sequence.
     fn prefill(&mut self) -> Result<()> {
+        // the other sequences read nothing
         let mut blocks = vec![&[][..]; self.reading.streams];
         blocks[0] = &self.tokens;
         let timed = seconds(1, self.repeats(10), || {
@@ -164,7 +166,7 @@ impl Bench<'_> {
         self.generate(|place| GIVEN.contains(&place) || root.contains(&place))
     }
 
-    /// Dances of which some places of a word are given; by default until the window has moved twice.
+    /// Dances of which some slots of a word are given; by default until the window has moved twice.
     fn generate(&mut self, is_given: impl Fn(usize) -> bool) -> Result<()> {
         let tokens = &self.model.tokens;
         let (word, window) = (tokens.word, tokens.room(self.tokens.len()) / tokens.word);
@@ -177,13 +179,13 @@ impl Bench<'_> {
         // untruncated: among ids that are all as likely, as random weights have them, truncating costs most
         let plan = SamplingPlan::free(grammar, frames, Sampling::default(), 1);
         let plan = SamplingPlan { given: given.clone(), prompt: prompt.clone(), ..plan };
-        let behind =
+        let after =
             SamplingPlan { beginnings: vec![prompt[..(window - 1) * word].to_vec()], words: window, ..plan.clone() };
         let repeats = self.args.how.repeats.unwrap_or(3);
         let readers = Reader::side_by_side(&self.gpt, self.reading, 1)?;
         let mut readers: Vec<Box<dyn NextToken>> = readers.into_iter().map(|reader| Box::new(reader) as _).collect();
         let runs = (0..repeats).map(|_| times(&mut readers, &plan)).collect::<Result<Vec<_>>>()?;
-        let later = (0..repeats).map(|_| Ok(times(&mut readers, &behind)?[window - 1])).collect::<Result<Vec<_>>>()?;
+        let later = (0..repeats).map(|_| Ok(times(&mut readers, &after)?[window - 1])).collect::<Result<Vec<_>>>()?;
         let whole: Vec<f64> = runs.iter().filter_map(|run| run.last().copied()).collect();
         let first: Vec<f64> = runs.iter().filter_map(|run| run.first().copied()).collect();
         let milliseconds = |seconds: &[f64]| rounded(1e3 / Rates::of(1.0, seconds).median, 1);
@@ -233,6 +235,7 @@ fn bandwidth() -> f64 {
     let sum = |part: &[f32]| {
         let (a, b) = part.split_at(part.len() / 2);
         let (a, b, c, d) = (a.split_at(a.len() / 2), b.split_at(b.len() / 2), 0u32, 0u32);
+        // as integers: sums of f32 have an order, and would wait for one another
         let pairs = a.0.iter().zip(a.1).zip(b.0.iter().zip(b.1));
         let (x, y) = pairs.fold((c, d), |(x, y), ((a, b), (c, d))| {
             (x.wrapping_add(a.to_bits() ^ b.to_bits()), y.wrapping_add(c.to_bits() ^ d.to_bits()))

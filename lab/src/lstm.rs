@@ -18,7 +18,7 @@ pub struct Args {
     /// Units of a layer
     #[arg(long, value_name = "N", default_value_t = 256)]
     width: u16,
-    /// Frames of its own that it is fed behind every 5 true ones; 0: none
+    /// Frames of its own that it is fed after every 5 true ones; 0: none
     #[arg(long, value_name = "N", default_value_t = 5)]
     condition: u16,
     /// Sequences of a step
@@ -41,8 +41,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let frames = config.batch * config.length;
     say.line(format_args!("{} parameters, {} x {} frames a step", shape.parameters(), config.batch, config.length));
     let mut rng = random::stream(1, "bench", 0, 0);
-    let mut draw = || (0..frames * CHANNELS).map(|_| 0.1 * random::normal(&mut rng) as f32).collect::<Vec<f32>>();
-    let (inputs, targets, given) = (draw(), draw(), config.given());
+    let mut sample = || (0..frames * CHANNELS).map(|_| 0.1 * random::normal(&mut rng) as f32).collect::<Vec<f32>>();
+    let (inputs, targets, given) = (sample(), sample(), config.given());
     let mut learner = Learner::new(config.form, shape, config.batch, config.length, initial(&shape, 1));
     let mut last = 0.0;
     let timed = seconds(WARM_UP, args.how.repeats.unwrap_or(10), || {

@@ -140,7 +140,7 @@ fn seconds(warm_up: u16, repeats: u16, mut work: impl FnMut() -> Result<()>) -> 
     (0..repeats).map(timed).collect()
 }
 
-/// `x` with `digits` digits behind the point, for JSON.
+/// `x` with `digits` digits after the point, for JSON.
 fn rounded(x: f64, digits: i32) -> Value {
     let unit = 10f64.powi(digits);
     json!((x * unit).round() / unit)
@@ -196,6 +196,7 @@ fn peak_rss_mb() -> Option<u64> {
 
 fn peak_of(status: &str) -> Option<u64> {
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    // 1024 bytes, whatever the unit's name says
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kib * 1024 / 1_000_000)
 }

@@ -12,7 +12,7 @@ use std::path::Path;
 const FIRST: u32 = 6;
 
 /// Tokens of a word: of 13 joints, and of two levels of the 18 that the default has.
-const WORD: usize = 43;
+const WORD: usize = 43; // 3 of the root, 3 a joint, the space
 const WIDE_WORD: usize = 58;
 
 #[derive(Debug, clap::Args)]
@@ -56,7 +56,7 @@ impl ModelArgs {
             }
         };
         file.model.dropout = self.dropout;
-        // a word and the special ids as joints have them: a place in space, then angles, of the same bins
+        // a word and the special ids as joints have them: a position, then angles, of the same bins
         let kind = |circular| SlotIds { first: FIRST, count: self.vocabulary - FIRST, circular };
         let places = [(3, false), (word - 4, true)].map(|(number, circular)| SlotRun { number, kind: kind(circular) });
         let tokens = TokenLayout {
@@ -78,7 +78,7 @@ impl ModelArgs {
 
 impl BenchModel {
     /// Numbers in the matrices that every token is multiplied with, the head among them: of several, the mean over a word's
-    /// places.
+    /// slots.
     pub fn matrices(&self) -> usize {
         let config = &self.file.model;
         let steps = Steps::of(&self.tokens.bins());
@@ -90,6 +90,7 @@ impl BenchModel {
                 (self.tokens.slot_ids().map(rows).sum::<usize>() + self.tokens.vocabulary) / self.tokens.word
             }
         };
+        // a block's matrices: 4 D x D of attention, 8 of the feed-forward layers
         let blocks = |layers: usize, width: usize| 12 * layers * width * width;
         let stacks = blocks(config.layers, config.width);
         let before_head = match config.architecture {

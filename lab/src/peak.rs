@@ -12,7 +12,7 @@ pub fn gflops(products: Products) -> f64 {
     (0..12).map(|_| once(products)).fold(0.0, f64::max)
 }
 
-/// Rows, depth and columns whose matrices stay in a core's own cache; in bf16 so many columns that rounding the left
+/// Rows, depth and columns whose matrices fit a core's own cache; in bf16 enough columns that rounding the left
 /// factor, once for all of them, weighs little.
 fn shape(products: Products) -> (usize, usize, usize) {
     if products == Products::Bf16 { (160, 512, 1536) } else { (192, 192, 192) }
@@ -29,9 +29,11 @@ fn once(products: Products) -> f64 {
             let right = Right { panels: &panels, block: k, first: 0 };
             products.product(&mut out, n, (m, k, n), Left::Rows { a: &a, lda: k }, right, Store::Set);
         };
+        // not timed: it fills the caches
         product();
         let started = Instant::now();
         (0..TURNS).for_each(|_| product());
+        // a product is a multiplication and an addition
         (2 * TURNS * m * k * n) as f64 / started.elapsed().as_secs_f64() / 1e9
     });
     rates.iter().sum()

@@ -37,12 +37,12 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     for distance in [Distance::Cosine, Distance::Euclid] {
         let (mut query, mut wrong, mut measured) = (0, 0, Vec::new());
         let timed = seconds(2, args.how.repeats.unwrap_or(15), || {
-            // a window somewhere, which is its own nearest neighbour
+            // a window by a prime step, so that none comes soon again; it is its own nearest neighbour
             query = (query + 7919) % count;
-            let wanted = SearchOptions { k: 10, distance, one_per_clip: false };
+            let search = SearchOptions { k: 10, distance, one_per_clip: false };
             let feature = database.feature(query)?;
-            let candidates = database.scan(&feature, wanted, &|_| true)?;
-            let hits = database.measure(&feature, &candidates, wanted)?;
+            let candidates = database.scan(&feature, search, &|_| true)?;
+            let hits = database.measure(&feature, &candidates, search)?;
             measured.push(candidates.len());
             wrong += usize::from(hits.len() != 10 || hits[0].window != query);
             Ok(())

@@ -85,7 +85,7 @@ fn usual_batch(name: &str) -> usize {
     }
 }
 
-/// A batch of ids drawn from a fixed seed; every target counts.
+/// A batch of ids sampled with a fixed seed; every target counts.
 fn made_up(bench: &BenchModel, batch: usize) -> Batch {
     let context = bench.file.model.context;
     let mut rng = random::stream(1, "bench", 0, 0);
@@ -118,8 +118,8 @@ fn operations(bench: &BenchModel, batch: &Batch) -> f64 {
         Architecture::TwoLevel => {
             let (decoder, word) = (model.decoder(), bench.tokens.word as f64);
             let frames = length / word;
-            let spelt = seen(windows * frames, word, decoder.layers, decoder.width);
-            seen(windows, frames, model.layers, model.width) + spelt
+            let decoded = seen(windows * frames, word, decoder.layers, decoder.width);
+            seen(windows, frames, model.layers, model.width) + decoded
         }
     };
     let attention = 2.0 * 6.0 * pairs;

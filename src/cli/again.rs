@@ -4,7 +4,7 @@ use super::generate::make;
 use super::updates::BaselineDance;
 use super::{ForceArgs, Say, convert, extension, writable, wrong_call};
 use crate::baselines::aclstm::dance::Request as Continued;
-use crate::baselines::music_lstm::dance::Request as Danced;
+use crate::baselines::music_lstm::dance::Request as ToMusic;
 use crate::baselines::sidecar::{Request, Sidecar};
 use crate::generate::make::Making;
 use crate::generate::provenance::{Moved, Provenance};
@@ -47,9 +47,9 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         args.only("an auto-conditioned LSTM", &["prompt"])?;
         return args.baseline(|request: &mut Continued| [&mut request.run, &mut request.clip], say);
     }
-    if is_of(<Danced as Request>::KEY) {
+    if is_of(<ToMusic as Request>::KEY) {
         args.only("a music LSTM", &["music"])?;
-        return args.baseline(|request: &mut Danced| [&mut request.run, &mut request.music], say);
+        return args.baseline(|request: &mut ToMusic| [&mut request.run, &mut request.music], say);
     }
     args.gpt(say)
 }
@@ -113,6 +113,7 @@ impl Args {
         let generated = dances.chosen.remove(0).decode(&open)?.generated;
         let bytes = generated.bytes(&out)?;
         first.check_bytes(&bytes)?;
+        // the sidecar describes these very bytes
         match self.has_sidecar(&out) {
             true => outputs.write(&out, &bytes).map(|_| ())?,
             false => first.copied_to(&out, &open, generated.motion.clip.fps()).write(&out, &bytes, &outputs)?,

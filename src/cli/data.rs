@@ -24,7 +24,7 @@ pub struct DataArgs {
 }
 
 impl DataArgs {
-    /// The files, with what was found out about them said.
+    /// The files; what was found out about them is printed.
     pub fn find(&self, say: Say) -> Result<Dataset> {
         let dataset = Dataset::find(&self.data, &self.labels)?;
         for line in &dataset.notes {

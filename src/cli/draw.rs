@@ -1,4 +1,4 @@
-//! How tokens are drawn, the same on every command that draws some.
+//! How tokens are sampled, the same on every command that samples some.
 
 use super::values::positive;
 use crate::generate::open::{GAP_TOP_P, GIVEN_TOP_P};

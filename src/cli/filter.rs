@@ -10,7 +10,7 @@ use kinelm_motion::metric::jitter;
 use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};
 
-/// Less movement than this of one frame to the next isn't worth a word: a share of all rotations.
+/// Share of rotations that are faster than the band, up to which no note is printed.
 const LOST_SHARE: f64 = 1e-3;
 
 #[derive(Debug, clap::Args)]

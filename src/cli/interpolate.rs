@@ -112,6 +112,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let at_s = [args.what.at_a.seconds(a.clip.fps()), args.what.at_b.seconds(b.clip.fps())];
     let done = interpolate(&a, &b, &args.settings(at_s))?;
     done.notes.iter().for_each(|line| say.line(line));
+    // the clips are A, B and the blend
     let between = super::written_as(&args.out, a.with_clip(done.clips[2].clone()))?;
     outputs.write(&args.out, &format::to_bytes(&args.out, &between)?)?;
     if let Some(path) = &args.page {
@@ -136,7 +137,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     print(&format!("{line}\n"))
 }
 
-/// What can be known to be wrong before anything is read.
+/// Refuses what is wrong whatever the files contain.
 fn check(args: &Args) -> Result<()> {
     super::writable(&args.out)?;
     args.page.as_deref().map_or(Ok(()), super::page)?;

@@ -56,6 +56,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let found = lr_find(&options, &stop, &mut |tried| {
         bar.get_or_insert_with(|| super::progress::bar(args.steps, "steps", say)).set_position(tried.step);
     });
+    // the bar goes before an error is printed
     drop(bar);
     let found = found?;
     super::draw_charts(&args.out, &[found.chart()], &outputs)?;

@@ -1,4 +1,4 @@
-//! Clips, and where what is made of them goes.
+//! Clips, and the outputs of a command on each of them.
 
 use crate::corpus::in_out::{Pair, into_folder, is_folder, written_for};
 use anyhow::Result;

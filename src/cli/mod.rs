@@ -87,7 +87,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
 }
 
 fn work(call: Call) -> Result<()> {
-    kernels_asked_for()?;
+    check_kernels()?;
     let mut pool = rayon::ThreadPoolBuilder::new().stack_size(STACK);
     if let Some(n) = call.threads {
         pool = pool.num_threads(n.into());
@@ -100,10 +100,11 @@ fn work(call: Call) -> Result<()> {
         return studio::run(args, say);
     }
     progress::report_waits(say);
-    // no command overwrites what it has read
+    // no command overwrites what it has read; a mere `_` would end the recording at once
     let _inputs = Inputs::record();
     // on a thread of the pool: from outside, every parallel step would wake its threads anew and wait for them asleep
     let whole = || rayon::scope(|_| command(call.command, say).and_then(|()| all_read()));
+    // arenas unwind where the system has no memory left: a message then, like that of any other error
     std::panic::catch_unwind(AssertUnwindSafe(whole)).unwrap_or_else(|payload| match payload.downcast::<NoMemory>() {
         Ok(none) => Err(Error::new(*none).context("memory ran out; a smaller model, batch or context takes less")),
         Err(other) => resume_unwind(other),
@@ -111,7 +112,7 @@ fn work(call: Call) -> Result<()> {
 }
 
 /// Refuses kernels that have no such name.
-fn kernels_asked_for() -> Result<()> {
+fn check_kernels() -> Result<()> {
     use kinelm_engine::dispatch::{NAMES, VARIABLE};
     match std::env::var(VARIABLE) {
         Ok(name) if !NAMES.contains(&name.as_str()) => {

@@ -7,10 +7,10 @@ use clap::ValueEnum;
 use kinelm_motion::format::{BvhPosition, MirrorAxis, ReadOptions, RestFrame, Unit, Up};
 use std::path::{Path, PathBuf};
 
-/// A file or a folder of the call, and the `key=value` that stand behind it.
+/// A file or a folder of the call, and the `key=value` pairs after its name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Named {
-    /// Without what stands behind it.
+    /// Without the pairs.
     pub path: PathBuf,
     /// How it is read, or all that is in it.
     own: Vec<(String, String)>,
@@ -31,11 +31,13 @@ impl Named {
     }
 }
 
-/// A file or a folder and its options, from the last `:` on, where what follows holds a `=` and nothing has the whole name.
+/// A file or a folder and its options, from the last `:` on, where what follows has a `=` and no file has the whole
+/// name.
 ///
 /// # Errors
-/// What stands behind the colon beside pairs.
+/// Anything but pairs after the colon.
 pub fn named(clip: &Path) -> Result<Named> {
+    // a name that exists is taken as it is: it may have a colon itself
     let parts = clip.to_str().filter(|_| !clip.exists()).and_then(|text| text.rsplit_once(':'));
     let Some((path, list)) = parts.filter(|(_, list)| list.contains('=')) else {
         return Ok(Named { path: clip.into(), own: Vec::new() });

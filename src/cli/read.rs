@@ -97,6 +97,7 @@ impl ReadArgs {
             bvh_position: self.bvh_position.unwrap_or(read.bvh_position),
             root: self.root.clone().or(read.root.clone()),
             take: self.take.clone().or(read.take.clone()),
+            // a flag can only switch it on
             lenient: self.lenient || read.lenient,
             rest: match (self.keep_rest, self.drop_rest) {
                 (true, _) => RestFrame::Keep,
@@ -168,6 +169,7 @@ impl ReadArgs {
 
 /// How a corpus read the file with this hash, if it contains it. A corpus that can't be read is added to `gone`.
 fn known_to<'a>(corpus: &'a Path, sha256: &str, gone: &mut BTreeSet<&'a Path>) -> Option<ReadOptions> {
+    // without the error: all such corpora are reported together, and the file is read all the same
     read_options_in(corpus, sha256).unwrap_or_else(|_| {
         gone.insert(corpus);
         None

@@ -79,6 +79,7 @@ fn watch(say: Say) -> impl FnMut(Event<'_>) {
                 let bar = shown.get_or_insert_with(|| progress::bar(of, "clips", say));
                 bar.set_position(done);
                 bar.set_message(name.clone());
+                // the last clip ends the bar, or the tables would follow one that is still drawn
                 if done == of {
                     shown = None;
                 }

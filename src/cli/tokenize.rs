@@ -46,6 +46,7 @@ pub struct Args {
 pub fn run(args: Args, say: Say) -> Result<()> {
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
     let mut dataset = args.data.find(say)?;
+    // `find` has printed these
     let notes = dataset.notes.len();
     let excluded = args.exclude.as_ref().map(|csv| exclude(&mut dataset, csv)).transpose()?.unwrap_or_default();
     dataset.notes[notes..].iter().for_each(|line| say.line(line));

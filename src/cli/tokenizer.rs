@@ -68,6 +68,7 @@ fn text(args: TextArgs, say: Say) -> Result<()> {
     let placed = ModelClip::load(&args.clip, &options, tokenizer.config().into())?;
     super::warn(&placed.motion, say);
     let encoded = tokenizer.encode(&placed.lowered())?;
+    // `clipped` counts both
     let (steps, heights) = (encoded.clipped.saturating_sub(encoded.off_range), encoded.off_range);
     if steps > 0 {
         say.line(format_args!("{steps} steps of the root lay outside the fitted range and are caught up later"));

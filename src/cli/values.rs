@@ -67,6 +67,7 @@ pub fn window(text: &str) -> Result<usize, String> {
 pub fn time(text: &str) -> Result<Moment, String> {
     match moment(text)? {
         Moment::Model(_) => Err(format!("`{text}`: there is no model; {EXPECTED}")),
+        // -0 is the start too
         time if time.number().is_sign_negative() && time.number() != 0.0 => Err("expected a time from 0 on".into()),
         time => Ok(time),
     }

@@ -17,6 +17,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Class tokens of a model: dancer, genre or whatever a corpus labels.
 #[pyclass(frozen, module = "kinelm")]
+// a mutex: reading changes the model's working memory
 pub struct Classifier(Mutex<kinelm::classify::Classifier>);
 
 #[pymethods]
@@ -45,6 +46,7 @@ impl Classifier {
         resume: bool,
         callback: Option<Py<PyAny>>,
     ) -> PyResult<Option<Classifier>> {
+        // the program's own patience
         let options = TrainOptions { fields, steps, batch, seed, patience: 5, ..TrainOptions::default() };
         detach(py, || {
             let run = exchange::load(&run).map_err(library)?;

@@ -176,6 +176,7 @@ impl Clip {
 
     /// The clip plays in a notebook.
     fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
+        // `&` first, or it would escape the escapes
         let page = self.page(py)?.replace('&', "&amp;").replace('"', "&quot;");
         Ok(format!("<iframe srcdoc=\"{page}\" width=\"100%\" height=\"480\" style=\"border:0\"></iframe>"))
     }

@@ -99,6 +99,7 @@ impl Corpus {
         let fields = in_order(&conditions.unwrap_or_default());
         let conditions = Conditions::new(&fields, self.0.tokenizer().vocabulary());
         let clips: Vec<usize> = (0..self.0.clips().len()).filter(|&i| self.0.clips()[i].split == split).collect();
+        // one more than the context: the last label needs no input
         let places = (context + 1).saturating_sub(conditions.len());
         let words = clips.iter().map(|&i| self.0.words(&self.0.clips()[i]));
         let windows = each_eval_window(words, places).map_err(library)?;
@@ -143,6 +144,7 @@ impl Sequences {
         let (pad, front) = (Special::Pad.id(), self.conditions.front(&clip.labels));
         let (mut input, mut target) = (vec![pad; self.context], vec![pad; self.context]);
         fill_sequence(&ids, &front, pad, &mut input, &mut target);
+        // labels are one ahead of inputs; tokens before the scored ones are context, and count in an earlier window
         let first = front.len() - 1 + window.scored.start;
         let counts = |(at, id): (usize, u32)| if at < first || id == pad { IGNORED } else { id.into() };
         Ok((input.into_iter().map(i64::from).collect(), target.into_iter().enumerate().map(counts).collect()))
@@ -156,6 +158,7 @@ impl Sequences {
     }
 
     fn __getitem__<'py>(&self, py: Python<'py>, index: isize) -> PyResult<Bound<'py, PyDict>> {
+        // from the end, as Python counts
         let at = if index < 0 { index + self.windows.len() as isize } else { index };
         let Some(window) = usize::try_from(at).ok().and_then(|at| self.windows.get(at)) else {
             let text = format!("sequence {index} of {}", self.windows.len());

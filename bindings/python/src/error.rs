@@ -28,6 +28,7 @@ pub fn motion(e: MotionError) -> PyErr {
 pub fn library(e: impl Into<kinelm::Error>) -> PyErr {
     let e = e.into();
     let data = match &e {
+        // an error of the store has the same data inside an error of motion
         kinelm::Error::Store(e) | kinelm::Error::Motion(MotionError::Store(e)) => Data::of(e),
         kinelm::Error::Motion(MotionError::File(e)) => Data::at(&e.at, &e.found, &e.expected),
         _ => Data::default(),
@@ -63,6 +64,7 @@ impl Data {
     }
 
     fn at(at: &SourcePos, found: &str, expected: &str) -> Data {
+        // both count from 1; 0 is no place
         let known = |n: usize| Some(n).filter(|n| *n > 0);
         Data {
             path: Some(at.path.display().to_string()),

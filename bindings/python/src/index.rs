@@ -76,6 +76,7 @@ impl Index {
         let distance: Distance = named(distance, "distance", &["cosine", "euclid"])?;
         let exclusions = ["none", "self", "overlap", "clip", "take", "choreography"];
         let exclude: Exclude = named(exclude, "exclude", &exclusions)?;
+        // without reading options, a clip of the index is read as it was for the index
         let as_indexed = reading.is_none_or(|reading| reading.is_empty());
         let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
         let query = Query { clip, read, as_indexed, at_s: at, k, distance, exclude, one_per_clip, models: MODELS };

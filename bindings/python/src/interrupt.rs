@@ -26,7 +26,8 @@ impl Interrupt {
         }
     }
 
-    /// Tells a callback what `said` makes, if there is one; sets `stop` where it returns False or raises, and at Ctrl-C.
+    /// Calls the callback, if there is one, with what `said` makes; sets `stop` where it returns False or raises, and
+    /// at Ctrl-C.
     pub fn tell<'a>(
         &mut self,
         callback: Option<&Py<PyAny>>,
@@ -38,16 +39,19 @@ impl Interrupt {
             py.check_signals()?;
             if let Some(callback) = callback {
                 let answer = callback.call1(py, (said(py)?,))?;
+                // a callback that returns None goes on
                 goes_on = answer.extract::<bool>(py).unwrap_or(true);
             }
             Ok(())
         });
+        // a stop that was requested before stays
         stop.fetch_or(raised.is_break() || !goes_on, Ordering::SeqCst);
     }
 
     /// The result of the work, or what ended it.
     pub fn result<T>(self, result: Result<T, impl Into<kinelm::Error>>) -> PyResult<T> {
         match self.0 {
+            // the exception itself, not the library's error that it was stopped
             Some(e) => Err(e),
             None => result.map_err(library),
         }

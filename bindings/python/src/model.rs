@@ -27,10 +27,10 @@ pub struct Model {
     run: PathBuf,
 }
 
-/// What a dance is asked for, besides its prompt.
+/// Options of a dance, besides its prompt.
 #[derive(Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-struct Asked {
+struct DanceOptions {
     joints: Option<String>,
     from_frame: Option<usize>,
     free: Vec<String>,
@@ -65,31 +65,31 @@ impl Model {
 
     /// The request of a call.
     fn request(&self, prompt: Option<PathBuf>, kwargs: Option<&Bound<'_, PyDict>>) -> PyResult<Request> {
-        let asked: Asked = parsed(kwargs)?;
-        let Asked { fps_source, skip, up, unit, map, root, take, mirror_axis, .. } = asked;
+        let options: DanceOptions = parsed(kwargs)?;
+        let DanceOptions { fps_source, skip, up, unit, map, root, take, mirror_axis, .. } = options;
         let read = Reading { fps_source, skip, up, unit, map, root, take, mirror_axis }.options()?;
-        let free = asked.free.iter().map(|span| span.parse::<Span>()).collect::<Result<Vec<_>, _>>();
+        let free = options.free.iter().map(|span| span.parse::<Span>()).collect::<Result<Vec<_>, _>>();
         let free = free.map_err(|e| wrong(e.to_string()))?;
-        let looping = asked.r#loop.then(Loop::default);
+        let looping = options.r#loop.then(Loop::default);
         let is_edited = !free.is_empty() || looping.is_some();
         let edit = is_edited.then(|| Edit { looping, ..Edit::of(free) });
-        let rig = asked.rig.as_deref().map(|rig| named(rig, "rig", &["model", "prompt"])).transpose()?;
-        let (joints, from_frame) = (asked.joints, asked.from_frame);
+        let rig = options.rig.as_deref().map(|rig| named(rig, "rig", &["model", "prompt"])).transpose()?;
+        let (joints, from_frame) = (options.joints, options.from_frame);
         if prompt.is_none() && (joints.is_some() || from_frame.is_some() || is_edited || rig == Some(Rig::Prompt)) {
             return Err(wrong("joints, from_frame, free, loop and rig=\"prompt\" are of a prompt; give one".into()));
         }
         let usual = Sampling::default();
         Ok(Request {
             prompt: prompt.map(|path| PromptRequest { read, joints, from_frame, edit, ..PromptRequest::of(path) }),
-            labels: asked.labels,
-            guidance: asked.guidance,
-            length: asked.frames.map(Length::Frames).or(asked.seconds.map(Length::Seconds)),
-            fps: asked.fps,
-            music: asked.music.map(|path| MusicRequest::of(path, None)),
-            seed: asked.seed,
-            sampling: Sampling { top_p: asked.top_p, ..asked.temperature.map_or(usual, Sampling::temperature) },
+            labels: options.labels,
+            guidance: options.guidance,
+            length: options.frames.map(Length::Frames).or(options.seconds.map(Length::Seconds)),
+            fps: options.fps,
+            music: options.music.map(|path| MusicRequest::of(path, None)),
+            seed: options.seed,
+            sampling: Sampling { top_p: options.top_p, ..options.temperature.map_or(usual, Sampling::temperature) },
             rig,
-            feet: asked.lock_feet.map(|lock| if lock { FootMode::Lock } else { FootMode::Off }),
+            feet: options.lock_feet.map(|lock| if lock { FootMode::Lock } else { FootMode::Off }),
             ..Request::of(&self.run)
         })
     }
@@ -145,6 +145,7 @@ impl Model {
         detach(py, || {
             let open = OpenRequest::open(&request).map_err(library)?;
             let mut interrupt = Interrupt::default();
+            // nothing is written: a name for each dance, whose extension is that of a format
             let outs = vec![PathBuf::from("dance.bvh"); count];
             let dances = open.make(&Making::of(&outs), &mut |_| interrupt.check());
             let chosen = interrupt.result(dances)?.chosen.into_iter();
@@ -170,6 +171,7 @@ impl Model {
     #[pyo3(signature = (path, **reading))]
     fn bits_per_frame(&self, py: Python<'_>, path: PathBuf, reading: Option<&Bound<'_, PyDict>>) -> PyResult<f64> {
         let read: ReadOptions = Reading::of(reading)?;
+        // a prompt gives something; the bits are of all its words
         let prompt = PromptRequest { read, joints: Some("root".into()), ..PromptRequest::of(path) };
         let request = Request { prompt: Some(prompt), ..Request::of(&self.run) };
         detach(py, || {

@@ -54,6 +54,7 @@ pub fn parsed<T: Default + DeserializeOwned>(kwargs: Option<&Bound<'_, PyDict>>)
     let py = kwargs.py();
     let plain = |args: &Bound<'_, PyTuple>, _: Option<&Bound<'_, PyDict>>| -> PyResult<Py<PyAny>> {
         let value = args.get_item(0)?;
+        // numpy's numbers have `item`; `fspath` takes paths, and raises for all else
         let plain = match value.hasattr("item")? {
             true => value.call_method0("item")?,
             false => value.py().import("os")?.call_method1("fspath", (value,))?,
@@ -65,6 +66,7 @@ pub fn parsed<T: Default + DeserializeOwned>(kwargs: Option<&Bound<'_, PyDict>>)
     let text: String = py.import("json")?.call_method("dumps", (kwargs,), Some(&options))?.extract()?;
     let whole = |e: serde_json::Error| {
         let text = e.to_string();
+        // a position in JSON that the caller never sees
         let place = text.find(" at line ").unwrap_or(text.len());
         PyTypeError::new_err(text[..place].to_owned())
     };
@@ -80,6 +82,7 @@ pub fn named<T: DeserializeOwned>(name: &str, parameter: &str, known: &[&str]) -
         let (last, others) = known.split_last().unwrap_or((&"", &[]));
         wrong(format!("{parameter} is {name:?}; expected {} or {last}", others.join(", ")))
     };
+    // only those that are listed: serde knows more
     let value = known.contains(&name).then(|| serde_json::from_value(name.into()).ok()).flatten();
     value.ok_or_else(unknown)
 }

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-/// Tells a callback of a training, and stops it.
+/// Reports a training to a callback, which may stop it.
 struct Watch<'a> {
     callback: Option<&'a Py<PyAny>>,
     stop: &'a AtomicBool,
@@ -64,10 +64,10 @@ fn watched(
     })
 }
 
-/// What a training is asked for.
+/// Options of a training.
 #[derive(Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-struct Asked {
+struct TrainingOptions {
     steps: Option<u64>,
     seed: Option<u64>,
     conditions: Option<Vec<String>>,
@@ -81,7 +81,7 @@ fn options(
     config: &Path,
     kwargs: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<PretrainOptions> {
-    let Asked { steps, seed, conditions, precision } = parsed(kwargs)?;
+    let TrainingOptions { steps, seed, conditions, precision } = parsed(kwargs)?;
     let precision = precision.map(|name| name.parse::<Precision>().map_err(|e| wrong(e.to_string())));
     let corpora: Vec<PathBuf> = corpus.into();
     Ok(PretrainOptions {

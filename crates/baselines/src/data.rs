@@ -101,6 +101,7 @@ impl Recordings {
             let options = item.read_options(&sources.read);
             let (motion, sha256) = read(&item.path, &options)?;
             doubts.add(&item.file_name(), FileRate::of(&motion, &options));
+            // the first clip's rig is the run's, unless a resumed run has one
             let known = loaded.as_ref().map(|loaded| &loaded.rig).or(rig);
             if let Some(rig) = known {
                 rig.check(&item.path, motion.clip.skeleton())?;
@@ -131,6 +132,7 @@ impl Recordings {
     pub fn sha256(&self) -> String {
         let mut hash = Sha256::new();
         for one in &self.all {
+            // labels and `fps_source` change splits and strides without changing a file
             hash.update(format!("{}\0{}\0{}\0{}\n", one.name, one.split, one.stride, one.sha256));
         }
         kinelm_store::hash::hex(hash)

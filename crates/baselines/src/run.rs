@@ -123,6 +123,7 @@ pub trait RunConfig: Serialize + DeserializeOwned + Clone {
     /// # Errors
     /// What the system refuses.
     fn write(&self, run: &Path) -> Result<()> {
+        // relative paths, so that a run can be moved together with its data
         let file = self.with_paths(&|path| files::path_from(run, path));
         let text = toml::to_string(&file).expect("a run's configuration is TOML");
         Ok(files::write_whole(&run.join(CONFIG), text.as_bytes())?)
@@ -146,6 +147,7 @@ pub trait RunConfig: Serialize + DeserializeOwned + Clone {
         })?;
         let wrong =
             |e: toml::de::Error| Error::in_text(&path, &text, e.span(), e.message(), "the settings of a run", "");
+        // kind and version first, or another kind's keys would be reported as unknown
         let head: Head = toml::from_str(&text).map_err(wrong)?;
         if head.kind.as_deref() != Some(kind.name) {
             let found = head.kind.map_or("a run of a GPT".into(), |kind| format!("a run of kind {kind:?}"));

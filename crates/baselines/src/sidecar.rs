@@ -113,11 +113,13 @@ impl<R: Request> Sidecar<R> {
         let expected = format!("what {} wrote beside a dance", R::COMMAND);
         let wrong = |e: serde_json::Error| Error::file(path, e.to_string(), expected.clone(), "");
         let mut value: Value = serde_json::from_str(text).map_err(wrong)?;
+        // the version first: keys of another one would be reported as unknown
         if value["schema"] != SCHEMA {
             let found = format!("schema {}", value["schema"]);
             let expected = format!("schema {SCHEMA}: {expected}");
             return Err(Error::file(path, found, expected, "make it again with this version"));
         }
+        // both keys depend on the model; under fixed names serde can read them
         if let Some(object) = value.as_object_mut() {
             for (theirs, ours) in [(R::KEY, "request"), (R::INPUT[1], "input_sha256")] {
                 match object.remove(theirs) {

@@ -214,6 +214,7 @@ impl<N: Network> Task for Training<'_, N> {
         if !loss.is_finite() {
             return Err(not_finite(loss, &clips));
         }
+        // not before: a loss that isn't finite must leave the weights as they are
         self.network.parameters().update(self.plan.rate, self.plan.clip);
         state.step += 1;
         state.windows += self.plan.batch as u64;
@@ -227,6 +228,7 @@ impl<N: Network> Task for Training<'_, N> {
     }
 
     fn files(&mut self, _due: bool) -> Result<Files> {
+        // the checkpoint names a step up to which the lines must be on disk
         self.metrics.sync()?;
         let parameters = self.network.parameters();
         let weights = named(&parameters.list, &parameters.weights)?;

@@ -40,6 +40,7 @@ impl<'a> Batches<'a> {
             let mut counts = vec![0usize; field.classes.len()];
             windows.iter().filter_map(|w| field.class_of(clips[w.clip])).for_each(|class| counts[class] += 1);
             let (all, some) = (counts.iter().sum::<usize>() as f64, counts.iter().filter(|&&n| n > 0).count() as f64);
+            // each class that occurs gets an equal share of the whole weight
             let one = |&n: &usize| if options.unbalanced || n == 0 { 1.0 } else { all / (some * n as f64) };
             counts.iter().map(one).collect()
         };
@@ -70,6 +71,7 @@ impl<'a> Batches<'a> {
         let t = self.layout.places();
         for (table, field) in self.fields.0.iter().enumerate() {
             let class = |w: &Window| field.class_of(self.clips[w.clip]);
+            // the mean is over the windows with a label, and these differ by field
             let counted = chosen.iter().filter(|w| class(w).is_some()).count().max(1) as f64;
             for (i, window) in chosen.iter().enumerate() {
                 let Some(class) = class(window) else { continue };
@@ -82,7 +84,7 @@ impl<'a> Batches<'a> {
         Ok(numbers)
     }
 
-    /// The window at a place of all passes, one after the other.
+    /// The window at an index that is counted through all passes.
     fn window(&mut self, place: u64) -> Window {
         let all = self.windows.len() as u64;
         let (pass, at) = (place / all, (place % all) as usize);

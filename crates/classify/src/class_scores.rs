@@ -41,6 +41,7 @@ pub fn of_clips(windows: &[ClassScores]) -> Vec<ClassScores> {
 
 /// ln p of every class of a clip: the mean over its windows, one or more, normalised.
 pub(super) fn mean_log_p(windows: &[impl AsRef<[f64]>]) -> Vec<f64> {
+    // a mean: a sum would count overlapping windows as independent, and be too sure
     let sum = |class: usize| windows.iter().map(|w| w.as_ref()[class]).sum::<f64>();
     let classes = windows[0].as_ref().len();
     normalised((0..classes).map(|class| sum(class) / windows.len() as f64).collect())
@@ -48,6 +49,7 @@ pub(super) fn mean_log_p(windows: &[impl AsRef<[f64]>]) -> Vec<f64> {
 
 /// Logits as ln p: log-softmax.
 pub(super) fn normalised(logits: Vec<f64>) -> Vec<f64> {
+    // less the largest, or `exp` would overflow
     let most = logits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let sum = most + logits.iter().map(|l| (l - most).exp()).sum::<f64>().ln();
     logits.into_iter().map(|l| l - sum).collect()

@@ -1,9 +1,9 @@
 //! A language model's own embedding of a window: the mean of its final vectors over the window's tokens, of a two-level model
-//! the mean of its trunk's vectors over the rows behind each of the window's frames.
+//! the mean of its trunk's vectors over the rows after each of the window's frames.
 //!
-//! The window's frames are brought to the run's rate and tokenized with the run's tokenizer; what stands in front says of
-//! every label that it is unknown. Windows longer than the context are read in overlapping pieces as when a model is
-//! measured ([`eval_windows`]), each token counting once. Not in the thesis.
+//! The window's frames are brought to the run's rate and tokenized with the run's tokenizer; in the front every label
+//! is unknown. Windows longer than the context are read in overlapping pieces as when a model is measured
+//! ([`eval_windows`]), each token counting once. Not in the thesis.
 
 use crate::{Error, Result};
 use kinelm_corpus::words::ClipWords;
@@ -65,7 +65,7 @@ fn open(run: &Path, weights: &str) -> Result<ModelEmbedding> {
     if loaded.config.kind != ModelKind::Causal {
         return Err(Error::file(run, "a masked model", "a causal one", "give a run of `kind = \"causal\"`"));
     }
-    // labels must not stand in what is compared by labels
+    // embeddings are compared by labels, which the model must therefore not read
     let conditions: Conditions = loaded.load_conditions()?.unknown();
     let front = conditions.front(&Default::default());
     let (context, width, pad) = (loaded.config.context, loaded.config.width, loaded.tokens.pad);
@@ -89,8 +89,8 @@ impl WindowEmbedding for ModelEmbedding {
     fn tokens(&self, window: &Clip) -> kinelm_corpus::Result<Tokens> {
         let clip = resample(window, self.tokenizer.fps(), Method::Auto)?;
         let ids = self.tokenizer.ids_of_words(&self.tokenizer.encode(&clip)?.words)?;
-        let behind = ids.iter().enumerate().filter(|(_, id)| **id == SPACE).map(|(i, _)| i as u32 + 1);
-        let starts = std::iter::once(0).chain(behind).filter(|&start| (start as usize) < ids.len()).collect();
+        let after = ids.iter().enumerate().filter(|(_, id)| **id == SPACE).map(|(i, _)| i as u32 + 1);
+        let starts = std::iter::once(0).chain(after).filter(|&start| (start as usize) < ids.len()).collect();
         Ok(Tokens { ids, starts })
     }
 
@@ -110,7 +110,7 @@ impl Reader {
     /// Ids outside the vocabulary; a model whose vectors are not finite.
     fn embed(&mut self, windows: &[Tokens]) -> Result<Vec<f32>> {
         let words = windows.iter().map(|w| ClipWords::Varying { starts: &w.starts, tokens: w.ids.len() });
-        // the row that has read a frame is the one behind it
+        // the row that has read a frame is the one after it
         let room =
             self.frame.map_or(self.context - self.front.len(), |word| self.context + 1 - self.front.len() - word);
         let pieces = eval_windows(words, room)?;
@@ -134,8 +134,9 @@ impl Reader {
         Ok(sums.into_iter().map(|x| x as f32).collect())
     }
 
-    /// Adds the vectors of what counts of each piece to the sum of its window.
+    /// Adds the vectors of each piece's scored tokens to the sum of its window.
     fn read(&mut self, windows: &[Tokens], pieces: &[EvalWindow], length: usize, sums: &mut [f64]) -> Result<()> {
+        // padding comes after the tokens, where the rows of a causal model don't see it
         let mut inputs = vec![self.pad; pieces.len() * length];
         let (front, frame) = (self.front.len(), self.frame);
         let places = frame.map_or(length, |word| (length + 1 - front) / word);
@@ -168,7 +169,7 @@ mod tests {
     use super::*;
     use kinelm_model::fixtures;
 
-    /// Every frame of a window counts once by the row behind it, in windows that fit and in longer ones.
+    /// Every frame of a window counts once by the row after it, in windows that fit and in longer ones.
     #[test]
     fn a_two_level_model_tells_windows_by_the_rows_behind_their_frames() {
         let (levels, tokens) = fixtures::every(36).into_iter().find(|(c, _)| !c.architecture.is_flat()).unwrap();
@@ -190,7 +191,7 @@ mod tests {
             let rows = gpt.final_vectors(&ids, &gpt.mask()).unwrap().to_vec2::<f32>().unwrap();
             rows[1 + first..].to_vec()
         };
-        // 6 frames hold 5 and the row behind them: a hop of 2, and of the second piece what the first has not read
+        // 6 frames hold 5 and the row after them: a hop of 2, and of the second piece what the first has not read
         let windows = [window(5), window(2), window(7)];
         let long = [vectors(&windows[2].ids[..5 * word], 0), vectors(&windows[2].ids[2 * word..], 3)].concat();
         let expected = [vectors(&windows[0].ids, 0), vectors(&windows[1].ids, 0), long];

@@ -13,12 +13,14 @@ pub fn moments_of(x: &[f64]) -> [f64; 3] {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;
     let deviation = (x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
+    // a single frame has no step: 0 / 1
     let steps = x.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / (n - 1.0).max(1.0);
     [mean, deviation, steps]
 }
 
 /// Numbers of [`Motion::window`].
 pub(super) fn count(tokenizer: &Tokenizer) -> usize {
+    // three moments of three numbers: of each joint's rotation vector, and of the root's step
     3 * (3 * tokenizer.config().joints.len() + 3)
 }
 
@@ -62,6 +64,7 @@ impl Motion {
         let series = Series::of(&clip, &joints, clip.fps(), false)?;
         let steps = [0, 1, 2].map(|axis| {
             let at = |frame: usize| clip.root()[frame][axis];
+            // the first frame has no step, 0
             let step = |frame: usize| (at(frame) - at(frame.saturating_sub(1))) * clip.fps();
             (0..clip.frames()).map(step).collect()
         });
@@ -71,21 +74,23 @@ impl Motion {
     /// [`moments_of`] every channel over some words (docs/classification.md, "Plain classifiers").
     pub fn window(&self, words: &Range<usize>) -> Vec<f64> {
         let from = words.start * self.frames_per_word;
+        // the last tile may reach beyond the clip
         let to = (words.end * self.frames_per_word).min(self.clip.frames());
         let rotations = self.series.window(from, to - from);
         let steps = self.steps.iter().map(|steps| &steps[from..to]);
         rotations.chunks_exact(to - from).chain(steps).flat_map(moments_of).collect()
     }
 
-    /// [`Motion::window`] of `seconds`, at least a word, half of that apart, the last of them to the clip's end; the whole of
-    /// a shorter clip.
+    /// [`Motion::window`] of `seconds`, at least a word, at a hop of half of that, the last of them to the clip's end;
+    /// the whole of a shorter clip.
     pub fn windows(&self, seconds: f64) -> Vec<Vec<f64>> {
         let all = self.clip.frames().div_ceil(self.frames_per_word);
+        // rounding must not take a word from a length of whole words
         let words = (seconds * self.clip.fps() / self.frames_per_word as f64 + 1e-9) as usize;
         half_apart(words.max(1), all).map(|words| self.window(&words)).collect()
     }
 
-    /// What doesn't move: the logarithm of the number of frames, and the first pose.
+    /// Static features: the logarithm of the number of frames, and the first pose.
     pub(crate) fn start(&self) -> Vec<f64> {
         let pose = self.series.window(0, 1).into_iter().chain(self.steps.iter().map(|steps| steps[0]));
         std::iter::once((self.clip.frames() as f64).ln()).chain(pose).collect()
@@ -104,6 +109,7 @@ impl Motion {
         let one = |start: usize| {
             let held = |x: &[f64]| (0..spec.frames).map(|f| x[f.min(frames - 1)]).collect::<Vec<f64>>();
             let window: Vec<f64> = series.window(start, frames).chunks_exact(frames).flat_map(held).collect();
+            // a window of zeros stays one
             let mut feature = transform.feature(&window, series.channels.len());
             let norm = feature.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
             feature.iter_mut().for_each(|x| *x /= norm);

@@ -28,6 +28,7 @@ impl Field {
     pub fn mirrored(&self, class: usize) -> Option<usize> {
         let name = &self.classes[class];
         let mut swapped = String::with_capacity(name.len());
+        // words end at any other sign: `left_foot` and `left-foot` have two
         for part in name.split_inclusive(|c: char| !c.is_alphanumeric()) {
             let word = part.trim_end_matches(|c: char| !c.is_alphanumeric());
             let other = match word {

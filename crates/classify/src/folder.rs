@@ -88,6 +88,7 @@ impl Classifier {
             }
             _ => Error::io(&path)(e),
         })?;
+        // the version first: another one's keys would be reported as unknown
         let found = serde_json::from_str::<serde_json::Value>(&text).ok().and_then(|v| v["schema"].as_u64());
         if found != Some(SCHEMA.into()) {
             let found = found.map_or("no schema".into(), |n| format!("schema {n}"));
@@ -101,6 +102,7 @@ impl Classifier {
         let manifest: Manifest = serde_json::from_str(&text)
             .map_err(|e| Error::file(&path, e.to_string(), "the manifest of a classifier", help))?;
         let (name, record) = &manifest.weights;
+        // a name with folders in it would be read from outside of the classifier's
         if !files::is_plain(name) {
             let expected = "the name of a file in the classifier's folder";
             return Err(Error::file(&path, format!("weights in `{name}`"), expected, help));

@@ -2,6 +2,8 @@
 //!
 //! The discriminant reads windows longer than the class tokens'. The weights are those of the lowest -ln p on the validation clips:
 //! docs/classification.md, "A clip's class".
+//!
+//! Limits: one of 64 pairs of weights, chosen on the validation clips, whose own figures are optimistic therefore.
 
 use super::class_scores::{ClassScores, mean_log_p, normalised, of_clips};
 use super::features::Motion;
@@ -14,7 +16,7 @@ use kinelm_model::layout::{Init, Parameter, Role};
 use kinelm_train::optimizer::{Tensors, floats};
 use rayon::prelude::*;
 
-/// What the discriminant sees at a time: docs/results/classification.md, "Class tokens with LDA".
+/// Length of the discriminant's windows, seconds: docs/results/classification.md, "Class tokens with LDA".
 const SECONDS: f64 = 5.4;
 
 /// The weights that are tried.
@@ -54,6 +56,7 @@ impl Discriminants {
             let (mut rows, mut labels) = (Vec::new(), Vec::new());
             for (both, clip) in seen.iter().zip(train) {
                 let class = field.class_of(clip);
+                // in a mirror a clip shows the mirrored class; where there is none, nothing can be learned from it
                 for (windows, class) in both.iter().zip([class, class.and_then(|class| field.mirrored(class))]) {
                     let Some(class) = class else { continue };
                     rows.extend_from_slice(windows);

@@ -4,6 +4,8 @@
 //! the other: every class's covariance is shrunk by itself in standardised numbers, and they are averaged by their priors.
 //! Source of the shrinkage: Ledoit and Wolf, "A well-conditioned estimator for large-dimensional covariance matrices"
 //! (2004).
+//!
+//! Limits: one covariance for all classes, so that their borders are planes.
 
 use crate::{Error, Result};
 
@@ -33,9 +35,11 @@ impl Lda {
         };
         let features = first.len();
         let (mean, deviation) = moments(rows, features);
+        // features that don't vary are divided by 1, as in StandardScaler
         let scale: Vec<f64> = deviation.iter().map(|&s| if s > 0.0 { s } else { 1.0 }).collect();
         let standard = |row: &Vec<f64>| -> Vec<f64> { (0..features).map(|i| (row[i] - mean[i]) / scale[i]).collect() };
         let standard: Vec<Vec<f64>> = rows.iter().map(standard).collect();
+        // no more components than rows, as in PCA
         let components = components.min(features).min(rows.len());
         let (_, vectors) = eigen(features, &covariance(&standard, features))?;
         let basis = vectors[..components * features].to_vec();
@@ -121,6 +125,7 @@ fn shrunk_covariance(rows: &[Vec<f64>], p: usize) -> Vec<f64> {
     let mu = trace / p as f64;
     let squares = covariance.iter().map(|c| c * c).sum::<f64>();
     let fourth = x.iter().map(|row| dot(row, row).powi(2)).sum::<f64>();
+    // beta and delta as in scikit-learn's `ledoit_wolf_shrinkage`
     let beta = (fourth / n - squares) / (p as f64 * n);
     let delta = (squares - 2.0 * mu * trace + p as f64 * mu * mu) / p as f64;
     let beta = beta.min(delta);
@@ -143,6 +148,7 @@ fn eigen(n: usize, matrix: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
 /// The smallest x of least |A x - b| for every b: A symmetric and not negative, as a covariance.
 fn solve(n: usize, matrix: &[f64], all: &[Vec<f64>]) -> Result<Vec<f64>> {
     let (values, vectors) = eigen(n, matrix)?;
+    // eigenvalues up to this are zeros with rounding, and have no inverse
     let least = values.first().map_or(0.0, |v| v.abs()) * n as f64 * f64::EPSILON;
     let one = |b: &Vec<f64>| {
         let mut x = vec![0.0; n];

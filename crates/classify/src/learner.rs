@@ -80,6 +80,7 @@ impl Learner {
         let (model, heads) = (&mut self.model, &self.heads);
         let found = model.gradients_with_classes(batch.windows, dropout, of_model, heads, batch.rows, of_heads)?;
         let norm = self.optimizer.norm();
+        // before the update, which would spread it over all weights
         if let Some(wrong) = [found.tokens + found.classes, norm].into_iter().find(|x| !x.is_finite()) {
             return Err(not_finite(wrong, batch.clips));
         }
@@ -87,6 +88,7 @@ impl Learner {
         let rates = |i: usize, parameter: &Parameter| Rates {
             rate: if i < pretrained { rate } else { new_rate },
             decay: if parameter.role == Role::Matrix { train.weight_decay } else { 0.0 },
+            // in their table the class tokens' rows are the last
             tail: (i == table).then_some((row, new_rate)),
         };
         let weights = self.model.weights_mut().par_iter_mut().chain(&mut self.heads);

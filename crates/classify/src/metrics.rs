@@ -74,6 +74,7 @@ impl Metrics {
             count: outcomes.len(),
             clips: clips.len(),
             accuracy: hits as f64 / outcomes.len() as f64,
+            // windows of a clip are not independent, and Wilson's interval takes them to be
             accuracy_95: match clips.len() == outcomes.len() {
                 true => wilson(hits, outcomes.len()),
                 false => bootstrap(outcomes, &clips, seed),
@@ -101,7 +102,7 @@ pub fn wilson(hits: usize, n: usize) -> [f64; 2] {
     [(middle - half) / scale, (middle + half) / scale].map(|x| x.clamp(0.0, 1.0))
 }
 
-/// The middle 95 % of the accuracy of clips drawn with replacement.
+/// The middle 95 % of the accuracy of clips resampled with replacement.
 fn bootstrap(outcomes: &[Outcome], clips: &[usize], seed: u64) -> [f64; 2] {
     let mut tally = vec![[0usize; 2]; clips.len()];
     for o in outcomes {
@@ -128,11 +129,14 @@ fn calibration(outcomes: &[Outcome]) -> f64 {
     let mut bins = [[0.0; 2]; 10];
     for o in outcomes {
         let predicted = likeliest(&o.log_p);
+        // rounding may leave the largest ln p just above 0
         let sure = o.log_p[predicted].exp().min(1.0);
+        // a confidence of 1 belongs to the last bin
         let bin = &mut bins[((sure * 10.0) as usize).min(9)];
         bin[0] += sure;
         bin[1] += f64::from(u8::from(predicted == o.class));
     }
+    // sums in place of means: times a bin's share its count cancels
     bins.iter().map(|[sure, right]| (sure - right).abs()).sum::<f64>() / outcomes.len() as f64
 }
 

@@ -128,6 +128,7 @@ impl Plain {
 /// ln p of a class by its share of the training clips.
 fn majority(labels: &[Option<usize>], classes: usize) -> Vec<f64> {
     let count = |class: usize| labels.iter().filter(|l| **l == Some(class)).count() as f64;
+    // a class without clips: 0 has no logarithm
     normalised((0..classes).map(|class| count(class).max(f64::MIN_POSITIVE).ln()).collect())
 }
 

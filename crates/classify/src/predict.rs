@@ -80,6 +80,7 @@ fn seconds(windows: &[ClassScores], table: usize, second: f64) -> Vec<Vec<f64>> 
     let count = (words as f64 / second).ceil() as usize;
     let one = |s: usize| {
         let (from, to) = (s as f64 * second, (s + 1) as f64 * second);
+        // half open: a window that ends where the second begins shows nothing of it
         let shows = |w: &&ClassScores| (w.words.start as f64) < to && w.words.end as f64 > from;
         let some: Vec<&ClassScores> = windows.iter().filter(shows).collect();
         let classes = windows[0].log_p[table].len();

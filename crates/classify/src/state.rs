@@ -61,6 +61,7 @@ impl TrainState {
         let (valid_nats, valid_accuracy) = measured.unzip();
         self.lines += 1;
         let better = match (valid_nats, self.valid_nats) {
+            // of equals the earlier stays, and NaN is never better
             (Some(now), Some(before)) => now < before,
             _ => true,
         };

@@ -105,6 +105,7 @@ fn learns(run: fn(&Path) -> LoadedRun) {
     assert!(right("class tokens", "way") >= 0.75, "{found:?}");
     assert!(right("class tokens and LDA", "place") == 1.0, "{found:?}");
     assert!((0.4..=0.6).contains(&right("majority class", "way")));
+    // two fields, each by five plain classifiers and by two of its own
     assert_eq!(found.rows.len(), 14);
     let text = found.to_string();
     assert!(
@@ -168,6 +169,7 @@ fn a_share_of_the_labels_and_a_filter_choose_the_clips() {
     let dir = tempfile::tempdir().unwrap();
     let (corpus, run) = (corpus(dir.path()), run(dir.path()));
     let few = TrainOptions { share: 0.01, steps: 2, ..options() };
+    // one clip of each class
     assert_eq!(trained(dir.path(), &run, &corpus, &few, "few").unwrap().clips, 2);
     let some = |share: f64| {
         let all: Vec<&ClipRecord> = fields::clips(&corpus, &[]).unwrap();
@@ -175,6 +177,7 @@ fn a_share_of_the_labels_and_a_filter_choose_the_clips() {
         super::train::training_clips(&all, &fields, share, 1).iter().map(|c| c.key).collect::<Vec<_>>()
     };
     let (third, half) = (some(0.3), some(0.5));
+    // of twelve clips of each class 3.6 and 6
     assert!(third.len() == 8 && half.len() == 12 && third.iter().all(|k| half.contains(k)), "{third:?} {half:?}");
     let only = vec!["place=high".parse::<kinelm_corpus::labels::LabelFilter>().unwrap()];
     let high = TrainOptions { only, fields: vec!["way".into()], steps: 2, scratch: true, ..options() };

@@ -82,6 +82,7 @@ pub fn train(
         tokenizer: tokenizer.hash(),
         options: options.clone(),
     };
+    // the first thing on disk: what is refused above leaves no folder
     let (folder, saved) = Unfinished::open(out, &tokenizer, &call, resume)?;
     let checkpoints = folder.checkpoints();
     let (learner, state) = match saved {
@@ -157,6 +158,7 @@ impl Task for Training<'_> {
         let numbers = self.batches.batch(step)?;
         let dropout = Dropout { share: self.dropout, seed: self.options.seed, step, first: 0 };
         let dropout = (self.dropout > 0.0).then_some(&dropout);
+        // heads follow the same schedule from their own rate
         let rates = [rate, rate / self.options.rate * self.options.head_rate];
         let counted = numbers.targets.iter().filter(|&&t| t != self.pad).count();
         let found = self.learner.step(numbers.as_batch(self.layout), dropout, &self.train, rates)?;
@@ -172,6 +174,7 @@ impl Task for Training<'_> {
         let compat = self.options.compat;
         let Learner { model, heads, .. } = &mut self.learner;
         let scores = match read_windows(model, heads, self.layout, compat, &source) {
+            // a stop in between: the measurement is due when training is resumed
             Err(Error::Store(kinelm_store::Error::Stopped(_))) => return Ok(None),
             scores => scores?,
         };
@@ -273,9 +276,10 @@ pub(super) fn training_clips<'a>(
     if share < 1.0 { labelled(&train, &fields.0[0], share, seed) } else { train }
 }
 
-/// Of each class of the first field, the first clips by a hash of their take: a larger share contains a smaller one.
+/// Of each class of the first field, the first clips by a random number of their own: a larger share contains a smaller
+/// one.
 fn labelled<'a>(clips: &[&'a ClipRecord], field: &Field, share: f64, seed: u64) -> Vec<&'a ClipRecord> {
-    let mut kept = Vec::new();
+    let mut chosen = Vec::new();
     for class in 0..field.classes.len() {
         let mut of_class: Vec<(u64, &ClipRecord)> = clips
             .iter()
@@ -283,11 +287,11 @@ fn labelled<'a>(clips: &[&'a ClipRecord], field: &Field, share: f64, seed: u64) 
             .map(|c| (random::stream(seed, "labelled", 0, c.key as u64).next_u64(), *c))
             .collect();
         of_class.sort_by_key(|(hash, c)| (*hash, c.key));
-        let keep = ((of_class.len() as f64 * share).round() as usize).max(1);
-        kept.extend(of_class.into_iter().take(keep).map(|(_, c)| c));
+        let count = ((of_class.len() as f64 * share).round() as usize).max(1);
+        chosen.extend(of_class.into_iter().take(count).map(|(_, c)| c));
     }
-    kept.sort_by_key(|c| c.key);
-    kept
+    chosen.sort_by_key(|c| c.key);
+    chosen
 }
 
 /// Mean -ln p of the classes of the validation windows, summed over the fields, and the mean accuracy.

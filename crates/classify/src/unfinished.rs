@@ -112,6 +112,7 @@ impl Unfinished {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Vec::new(),
             text => text.map_err(Error::io(&path))?,
         };
+        // later lines are written again by the updates that are repeated
         let lines = text.split_inclusive(|&b| b == b'\n').take(state.lines);
         self.metrics = lines.flatten().copied().collect();
         Ok(Some(Saved { state, tensors: tensors(WEIGHTS)?, moments: tensors(MOMENTS)? }))
@@ -136,6 +137,7 @@ impl Unfinished {
         let name = format!("model-{:08}.safetensors", manifest.step);
         manifest.weights = (name.clone(), FileRecord::of(&bytes));
         let json = serde_json::to_vec_pretty(&manifest).expect("a manifest is JSON");
+        // the manifest comes last: it must never name weights that aren't whole
         files::write_whole(&self.folder.path().join(&name), &bytes)?;
         files::write_whole(&self.folder.path().join(MANIFEST), &json)?;
         self.remove(|other| other.starts_with("model-") && other != name)
@@ -155,6 +157,7 @@ impl Unfinished {
     /// # Errors
     /// What the system refuses.
     pub fn finish(&self) -> Result<()> {
+        // renamed first: a kill after it leaves a whole classifier, and some files to spare
         files::rename_new(self.folder.path(), &self.out)?;
         part::sync_folder(part::folder_of(&self.out))?;
         let dir = self.out.join("checkpoints");

@@ -1,4 +1,6 @@
-//! How sure a mean is: clips of one take are no independent ones, so that takes are drawn.
+//! Intervals of means by bootstrap over takes, since clips of one take are not independent.
+//!
+//! Limits: plain percentile intervals without a bias correction; over a handful of takes they are too narrow.
 
 use kinelm_store::random;
 
@@ -8,24 +10,26 @@ const RESAMPLES: usize = 2000;
 /// A take, and sum and count over its clips.
 type Take<'a> = (&'a str, f64, f64);
 
-/// The middle 95 % of sums over counts, when takes are drawn with replacement; each part is (take, sum, count).
+/// The middle 95 % of sum over count, when takes are resampled with replacement; each part is (take, sum, count).
 ///
 /// Source: Efron, "Bootstrap methods" (1979), of clusters.
 pub fn interval<'a>(parts: impl IntoIterator<Item = (&'a str, f64, f64)>) -> [f64; 2] {
     let takes = by_take(parts);
-    middle(|resample| mean(&takes, &drawn(takes.len(), resample, 0)))
+    middle(|resample| mean(&takes, &resampled(takes.len(), resample, 0)))
 }
 
-/// The same of the difference of two means, the second's less the first's. Where both have the same takes these are drawn once
-/// for both.
+/// The same of the difference of two means, the second's less the first's. Where both have the same takes, each
+/// resample has the same takes of both.
 pub(crate) fn difference<'a>(parts: [impl IntoIterator<Item = (&'a str, f64, f64)>; 2]) -> [f64; 2] {
     let [mut a, mut b] = parts.map(by_take);
+    // index i must be the same take on both sides, or paired resamples would mix takes
     a.sort_by_key(|take| take.0);
     b.sort_by_key(|take| take.0);
     let paired = a.iter().map(|take| take.0).eq(b.iter().map(|take| take.0));
     middle(|resample| {
-        let of_a = drawn(a.len(), resample, 0);
-        let of_b = if paired { of_a.clone() } else { drawn(b.len(), resample, 1) };
+        let of_a = resampled(a.len(), resample, 0);
+        // unpaired sides need independent streams: on one stream their errors would cancel
+        let of_b = if paired { of_a.clone() } else { resampled(b.len(), resample, 1) };
         mean(&b, &of_b) - mean(&a, &of_a)
     })
 }
@@ -41,14 +45,14 @@ fn by_take<'a>(parts: impl IntoIterator<Item = Take<'a>>) -> Vec<Take<'a>> {
     takes
 }
 
-/// Which takes a resample has.
-fn drawn(takes: usize, resample: usize, side: u64) -> Vec<usize> {
+/// The indices of a resample's takes.
+fn resampled(takes: usize, resample: usize, side: u64) -> Vec<usize> {
     let mut rng = random::stream(0, "takes", resample as u64, side);
     (0..takes).map(|_| ((random::unit(&mut rng) * takes as f64) as usize).min(takes - 1)).collect()
 }
 
-fn mean(takes: &[Take], drawn: &[usize]) -> f64 {
-    let (sum, all) = drawn.iter().map(|&t| takes[t]).fold((0.0, 0.0), |(sum, all), (_, s, n)| (sum + s, all + n));
+fn mean(takes: &[Take], resample: &[usize]) -> f64 {
+    let (sum, all) = resample.iter().map(|&t| takes[t]).fold((0.0, 0.0), |(sum, all), (_, s, n)| (sum + s, all + n));
     sum / all
 }
 

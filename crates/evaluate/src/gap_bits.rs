@@ -9,7 +9,7 @@ use serde::Serialize;
 use std::f64::consts::LN_2;
 use std::ops::Range;
 
-/// What a model makes of gaps of one length.
+/// The bits of a model in gaps of one length.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct GapBits {
     /// Frames of a gap.
@@ -26,7 +26,7 @@ pub struct GapBits {
     pub conditioned_end: f64,
 }
 
-/// Bits of gaps of so many `frames`, all characters free, spread over the clips without overlap; each behind 64 known
+/// Bits in gaps of `frames` frames, all characters free, spread over the clips without overlap; each after 64 known
 /// frames, or as many as a window holds. `None` where no clip is long enough.
 ///
 /// # Errors
@@ -39,6 +39,7 @@ pub fn gap_bits(
     conditions: &Conditions,
 ) -> Result<Option<GapBits>> {
     let window = model.config().frames(model.tokens());
+    // one more for the goal, the frame after the gap
     let before = CONTEXT_FRAMES.min(window.saturating_sub(frames + 1));
     if frames == 0 || before == 0 {
         let most = window.saturating_sub(2);
@@ -50,6 +51,8 @@ pub fn gap_bits(
     let end = gap.end - frames.div_ceil(4)..gap.end;
     let (mut gaps, mut sums) = (0, [0.0; 4]);
     for clip in clips {
+        // neighbours share a frame, the goal of one and the first context frame of the other: no gap's frame counts
+        // twice
         for start in (0..(clip.frames + 1).saturating_sub(shown)).step_by(before + frames) {
             let [unconditioned, conditioned] = nats(model, (corpus, clip, start), (&gap, shown), &ahead, conditions)?;
             let sum = |nats: &[f64], of: &Range<usize>| nats[of.clone()].iter().sum::<f64>();
@@ -84,10 +87,12 @@ fn nats(
 ) -> Result<[Vec<f64>; 2]> {
     let (pad, word, c) = (model.tokens().pad, model.tokens().word, ahead.characters());
     let ids = corpus.ids(clip, start * word..(start + shown) * word)?;
+    // targets are one ahead of inputs, so the front's last token predicts the first of the words
     let (front, first) = (conditions.front(&clip.labels), conditions.len() - 1);
     let length = first + ids.len();
     let (mut inputs, mut targets, mut found) = (vec![pad; length], vec![pad; length], vec![0.0; length]);
     fill_sequence(&ids, &front, pad, &mut inputs, &mut targets);
+    // padded targets cost 0: the model reads all, but only the gap is scored
     targets[..first + gap.start * word].fill(pad);
     targets[first + gap.end * word..].fill(pad);
     let given = (0..shown).flat_map(|frame| vec![!gap.contains(&frame); c]).collect();
@@ -126,7 +131,7 @@ mod tests {
         let mut fast = Fast::of(&gpt).unwrap();
         let of = |model: &mut dyn Scores, frames| gap_bits(model, &corpus, &clips, frames, &Conditions::none());
         let (plain, found) = (of(&mut gpt, 4).unwrap().unwrap(), of(&mut fast, 4).unwrap().unwrap());
-        // 7 frames before, 4 free, one behind: at 0, 11, 22, 33 of the first clip, at 0 of the second
+        // 7 frames before, 4 free, one after: at 0, 11, 22, 33 of the first clip, at 0 of the second
         assert_eq!((found.frames, found.gaps), (4, 5));
         for (a, b) in [
             (plain.unconditioned, found.unconditioned),

@@ -1,8 +1,9 @@
 //! How well a model fills a gap: docs/measures.md, "Gaps".
 //!
-//! Gaps of so many frames are spread evenly over the clips of a split. What stands before a gap, up to 64 frames, and the
-//! frame behind it are given, as coded and decoded, to a masked model as many frames behind it as its window holds; the model samples the frames between several times, each is closed as
-//! `generate --given --free` closes it, and the joints at the gap's middle are held to where they were.
+//! Gaps of one length are spread evenly over the clips of a split. The model is given up to 64 frames before a gap and
+//! the frame after it, coded and decoded; a masked model gets as many frames after it as its window holds. It samples
+//! the frames between several times, each sample is closed as `generate --given --free` closes it, and the joints at
+//! the gap's middle are compared with the recorded ones.
 
 use super::bootstrap;
 use crate::number::number;
@@ -27,7 +28,7 @@ use std::sync::Arc;
 
 /// Frames before a gap that the model is given, at most.
 pub(super) const CONTEXT_FRAMES: usize = 64;
-/// Frames behind it that borders are measured with.
+/// Frames after it that border jerk is measured with.
 const FRAMES_AFTER: usize = 3;
 
 /// A piece of a clip with a gap in it.
@@ -41,8 +42,9 @@ pub struct Gap {
     frames: Range<usize>,
 }
 
-/// `most` gaps of so many `frames`, spread evenly over the places that a split's clips have for them behind `before` frames.
-/// After a gap stand the clip's next frames, `after` at most and three at least.
+/// `most` gaps of `frames` frames, spread evenly over all positions in a split's clips that have `before` frames before
+/// them.
+/// Each comes with the clip's next frames, at least three and at most `after`.
 ///
 /// # Errors
 /// [`kinelm_store::Error::Missing`] where no clip is long enough; what reading the corpus fails with.
@@ -65,11 +67,13 @@ pub fn gaps(
     let mut found = Vec::with_capacity(count);
     let (mut clip, mut passed) = (0, 0);
     for i in 0..count {
+        // the middle of the i-th of `count` equal stretches of positions: neither end of the data is favoured
         let at = (2 * i + 1) * places / (2 * count);
         while at >= passed + clips[clip].frames + 1 - length {
             passed += clips[clip].frames + 1 - length;
             clip += 1;
         }
+        // words are frames of one length, see [`frames_around`]
         let word = clips[clip].tokens / clips[clip].frames;
         let from = (at - passed) * word;
         let to = (from + (before + frames + after.max(FRAMES_AFTER)) * word).min(clips[clip].tokens);
@@ -79,7 +83,8 @@ pub fn gaps(
     Ok(found)
 }
 
-/// How the places of the coded joints vary in at most 1,000 gaps of the train clips, or where none is long enough, in `gaps`.
+/// Spread of the coded joints' positions in at most 1,000 gaps of the train clips; in `gaps` where no train clip is
+/// long enough.
 ///
 /// # Errors
 /// Words that can't be decoded.
@@ -98,7 +103,7 @@ fn decoded(tokenizer: &Tokenizer, ids: &[u32]) -> Result<Clip> {
     Ok(tokenizer.decode(&tokenizer.words_of_ids(ids).words, tokenizer.uncoded_pose())?)
 }
 
-/// One way through one gap.
+/// The errors of one method in one gap.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct GapError {
     /// Mean distance of the coded joints in the middle frame, cm.
@@ -112,7 +117,7 @@ pub struct GapError {
     pub in_between: InBetween,
 }
 
-/// A way through all gaps.
+/// The errors of one method over all gaps.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
     /// Its name.
@@ -121,7 +126,7 @@ pub struct Row {
     pub mean: GapError,
     /// 95 % interval of `global_cm` over takes.
     pub interval: [f64; 2],
-    /// Mean distance of places, in standard deviations of real ones: L2P.
+    /// Mean distance of positions, in standard deviations of real ones: L2P.
     pub l2p: Option<f64>,
     /// Mean distance of world rotations: L2Q.
     pub l2q: Option<f64>,
@@ -129,7 +134,7 @@ pub struct Row {
     pub npss: Option<f64>,
 }
 
-/// What was measured.
+/// The errors of all methods.
 #[derive(Debug, Clone, Serialize)]
 pub struct GapReport {
     /// Frames of a gap.
@@ -140,15 +145,17 @@ pub struct GapReport {
     pub takes: usize,
     /// Samples of each.
     pub samples: usize,
-    /// Ways: slerp and a straight path, the last frame held, one sample (the mean of all), the sample that ended nearest, the best.
+    /// Methods: slerp and a straight path, the last frame held, one sample (the mean of all), the sample that ended
+    /// nearest, the best.
     pub rows: Vec<Row>,
     /// Border jerk of the clips themselves, m/s³.
     pub real_jerk: f64,
-    /// Where samples stood before they were closed: median and 90th percentile, cm and degrees of heading.
+    /// How far samples ended from the given frame before they were closed: median and 90th percentile, cm and degrees
+    /// of heading.
     pub closing_cm: [f64; 2],
     /// See `closing_cm`.
     pub closing_degrees: [f64; 2],
-    /// The share of samples within 10 cm and 10 degrees, and of those that were nearest_end.
+    /// Share within 10 cm and 10 degrees: of all samples, and of those that end nearest.
     pub within: [f64; 2],
 }
 
@@ -197,7 +204,7 @@ pub struct Filler<'a> {
     pub draw: Sampling,
     /// The seed; every gap has one of its own, made from it.
     pub seed: u64,
-    /// Whether feet are held.
+    /// Whether feet are locked.
     pub lock_feet: bool,
     /// The unit of L2P, see [`position_scale`].
     pub scale: &'a PositionScale,
@@ -207,7 +214,8 @@ pub struct Filler<'a> {
     pub passes: Option<usize>,
 }
 
-/// Frames before and after a gap of so many that a model has room for. A causal model sees none after it.
+/// Frames before and after a gap of `frames` frames that fit into the model's context. A causal model sees none after
+/// it.
 ///
 /// # Errors
 /// [`kinelm_store::Error::Invalid`] where it has none before it.
@@ -231,7 +239,7 @@ impl Filler<'_> {
     /// Fills gaps and measures; `progress` gets the number of gaps done.
     ///
     /// # Errors
-    /// What drawing and decoding fail with.
+    /// What sampling and decoding fail with.
     pub fn measure(&mut self, gaps: &[Gap], progress: &mut dyn FnMut(usize)) -> Result<GapReport> {
         let mut found = Vec::with_capacity(gaps.len());
         for (i, gap) in gaps.iter().enumerate() {
@@ -248,6 +256,7 @@ impl Filler<'_> {
         let (frames, true_gap) = (truth.frames(), TrueGap::new(&truth, &gap.frames, self.scale));
         let error = |clip: &Clip| error(clip, &truth, gap, joints, &true_gap);
         let mask = Mask::with_gap(frames, joints, self.tokenizer.fps(), gap.frames.clone());
+        // the space is no character
         let characters = gap.ids.len() / frames - 1;
         let flags = |is_so: &dyn Fn(usize) -> bool| -> Vec<bool> {
             (0..frames).flat_map(|frame| std::iter::repeat_n(is_so(frame), characters)).collect()
@@ -327,11 +336,12 @@ fn mean(errors: impl Iterator<Item = GapError>) -> GapError {
         sum.in_between.add(&error.in_between);
         n += 1.0;
     }
+    // of no samples zeros, not NaN
     let n = f64::max(n, 1.0);
     GapError { global_cm: sum.global_cm / n, root_cm: sum.root_cm / n, border_jerk: sum.border_jerk / n, ..sum }
 }
 
-/// The gap by shortest turns and a straight path, or its last frame held.
+/// The gap by slerp along a straight root path, or with the frame before it held.
 fn between(truth: &Clip, gap: &Range<usize>, moves: bool) -> Result<Clip> {
     let (mut root, mut rotations) = (truth.root().to_vec(), truth.rotations().to_vec());
     let (a, b, j) = (gap.start.saturating_sub(1), gap.end, truth.joints());
@@ -357,11 +367,12 @@ fn error(clip: &Clip, truth: &Clip, gap: &Gap, joints: &[usize], true_gap: &True
     GapError { global_cm: 100.0 * global / n, root_cm: 100.0 * root / n, border_jerk, in_between }
 }
 
-/// Mean size of the third differences that touch a border, of places (F, J).
+/// Mean size of the third differences that touch a border, of positions (F, J).
 fn border_jerk(places: &[Vec3], clip: &Clip, gap: &Gap, joints: &[usize]) -> f64 {
     let j = clip.joints();
     let at = |frame: usize, joint: usize| places[frame * j + joint];
     let third = |f: usize, k: usize| (at(f + 3, k) - (at(f + 2, k) - at(f + 1, k)) * 3.0 - at(f, k)).length();
+    // a difference from frame f reads f to f + 3: these are the ones with frames on both sides of a border
     let starts = [gap.frames.start, gap.frames.end].into_iter().flat_map(|border| border.saturating_sub(3)..border);
     let starts = starts.filter(|f| f + 3 < clip.frames());
     let sizes: Vec<f64> = starts.flat_map(|f| joints.iter().map(move |&k| third(f, k))).collect();
@@ -472,8 +483,10 @@ mod tests {
         let filled = |samples| Filled { straight: gap_error(3.0), held: gap_error(9.0), real_jerk: 2.0, samples };
         let found = summed(&[gap("a"), gap("b")], &[filled(samples.clone()), filled(samples)]);
         let cm: Vec<f64> = found.rows.iter().map(|row| row.mean.global_cm).collect();
+        // straight, held, the mean of the samples, the one that ends nearest, the best
         assert_eq!(cm, [3.0, 9.0, 4.0, 6.0, 2.0]);
         assert_eq!((found.gaps, found.takes, found.samples, found.real_jerk), (2, 2, 3, 2.0));
+        // only the third sample ends within 10 cm and 10 degrees
         assert!((found.within[0] - 1.0 / 3.0).abs() < 1e-12 && found.within[1] == 1.0);
         assert_eq!((found.closing_cm, found.rows[2].interval), ([20.0, 30.0], [4.0, 4.0]));
     }

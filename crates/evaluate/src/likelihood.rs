@@ -1,4 +1,4 @@
-//! What the likelihood of a model on a split is printed with: static floors, joints, gaps.
+//! The report of a model's likelihood on a split: beside static floors, by joint, in gaps.
 
 use crate::Floors;
 use crate::floors::channels::figure_row;

@@ -1,6 +1,6 @@
 //! Figures in tables.
 
-/// With so many digits after the point; `n/a` where there is none.
+/// `x` with `digits` digits after the point; `n/a` for `None`.
 pub(crate) fn number(x: Option<f64>, digits: usize) -> String {
     x.map_or("n/a".into(), |x| format!("{x:.digits$}"))
 }

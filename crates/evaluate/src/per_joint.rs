@@ -9,10 +9,10 @@ use kinelm_motion::smpl;
 use kinelm_tokenizer::{Channel, Tokenizer};
 use serde::Serialize;
 
-/// What the tokens at one place of a word cost.
+/// The bits of one slot of a word.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SlotBits {
-    /// What stands there: a channel, or `space`.
+    /// The slot's channel, or `space`.
     pub channel: String,
     /// The part of the body that it belongs to: `translation`, a joint, or `space`.
     pub part: String,
@@ -20,7 +20,7 @@ pub struct SlotBits {
     pub bits_per_frame: f64,
 }
 
-/// The places of a tokenizer's words, the space last, without bits.
+/// The slots of a tokenizer's words, the space last, without bits.
 ///
 /// # Errors
 /// [`Error::Tokenizer`] or [`kinelm_store::Error::Invalid`] with the reason, where a character belongs to no one joint.
@@ -44,7 +44,7 @@ pub fn slots(tokenizer: &Tokenizer) -> Result<Vec<SlotBits>> {
     Ok(all)
 }
 
-/// [`kinelm_model::likelihood::likelihood`], and how its bits fall on the places of a word.
+/// [`kinelm_model::likelihood::likelihood`], and its bits by slot.
 ///
 /// # Errors
 /// A masked model; those of [`slots`] and of the likelihood.
@@ -63,6 +63,7 @@ pub fn by_slot(
     let word = all.len();
     let mut nats = vec![0.0; word];
     let found =
+        // `token` is the index in the clip, which begins with a whole word
         likelihood_by_token(model, corpus, clips, most, conditions, &mut |_, token, x| nats[token % word] += x)?;
     Ok(found.map(|found| {
         let frames = found.tokens as f64 / word as f64;

@@ -1,4 +1,4 @@
-//! What a model foretells of the next 400 ms: docs/measures.md, "Short-term prediction".
+//! How well a model predicts the next 400 ms: docs/measures.md, "Short-term prediction".
 //!
 //! Clips are cut into windows of 3 s that begin 2 s apart; of each the first 2 s are the seed and the next 0.4 s the
 //! target. The model sees as many of the seed's last words as its context has room for beside the target's. Targets are
@@ -15,12 +15,12 @@ use kinelm_motion::{Clip, Quat};
 use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 use serde::Serialize;
 
-/// Lengths of a window, its seed, and its target, and how far windows are apart, seconds.
+/// Lengths of a window, its seed and its target, and the hop from one window to the next, seconds.
 const WINDOW_S: f64 = 3.0;
 const SEED_S: f64 = 2.0;
 const TARGET_S: f64 = 0.4;
 const STRIDE_S: f64 = 2.0;
-/// Up to when figures are summed, milliseconds.
+/// The horizons up to which errors are summed, milliseconds.
 pub(crate) const TIMES_MS: [u32; 4] = [100, 200, 300, 400];
 
 /// A seed and what follows it.
@@ -28,7 +28,7 @@ pub(crate) const TIMES_MS: [u32; 4] = [100, 200, 300, 400];
 pub struct Window {
     /// Two seconds.
     pub seed: Clip,
-    /// The 400 ms behind it.
+    /// The 400 ms after it.
     pub target: Clip,
 }
 
@@ -44,10 +44,10 @@ pub fn windows(clip: &Clip) -> Vec<Window> {
     starts.map(of).collect()
 }
 
-/// The figures of one way to predict.
+/// The metrics of one predictor.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
-    /// The way.
+    /// Its name.
     pub name: String,
     /// Frames per second that it was measured at; sums are brought to 60.
     pub fps: f64,
@@ -79,21 +79,23 @@ pub(crate) fn zero_velocity(window: &Window) -> Result<Clip> {
 pub(crate) fn constant_velocity(window: &Window) -> Result<Clip> {
     extrapolate(window, |before, last, n| {
         let step = before.conjugate() * last;
+        // renormalised at each step: a product of many quaternions drifts off unit length
         (0..n).fold(last, |q, _| (q * step).normalize())
     })
 }
 
-/// Every joint's rotation n frames behind the seed's last two.
+/// Every joint's rotation n frames after the seed, from its last two.
 fn extrapolate(window: &Window, at: impl Fn(Quat, Quat, usize) -> Quat) -> Result<Clip> {
     let (seed, target) = (&window.seed, &window.target);
     let last = seed.frames().checked_sub(1).ok_or_else(no_window)?;
+    // a seed of one frame has no velocity: both are that frame
     let (a, b) = (seed.pose(last.saturating_sub(1)), seed.pose(last));
     let rotations = (1..=target.frames()).flat_map(|n| a.iter().zip(b).map(move |(a, b)| (n, *a, *b)));
     let rotations = rotations.map(|(n, a, b)| at(a, b, n)).collect();
     Ok(Clip::new(seed.skeleton().clone(), seed.fps(), vec![seed.root()[last]; target.frames()], rotations)?)
 }
 
-/// Rows of standing still and going on, on those of the 15 joints that are among `joints`.
+/// Rows of zero and of constant velocity, over those of the protocol's 15 joints that are among `joints`.
 ///
 /// # Errors
 /// No windows; none of the joints.
@@ -108,27 +110,29 @@ pub fn baselines(windows: &[Window], joints: &[usize], what: &str) -> Result<Vec
     Ok(vec![row("zero velocity", zero_velocity)?, row("constant velocity", constant_velocity)?])
 }
 
-/// A model that foretells.
+/// A model that predicts.
 pub struct Predictor<'a> {
     /// Reads one sequence.
     pub greedy: &'a mut dyn NextToken,
-    /// Reads k sequences; `None`: no samples are drawn.
+    /// Reads k sequences; `None`: nothing is sampled.
     pub samples: Option<&'a mut dyn NextToken>,
     /// Its tokenizer.
     pub tokenizer: &'a Tokenizer,
     /// Its conditions; every label is unknown.
     pub conditions: &'a Conditions,
-    /// How samples are drawn.
+    /// How tokens are sampled.
     pub draw: Sampling,
     /// Their seed; every window has one of its own, made from it.
     pub seed: u64,
 }
 
 impl Predictor<'_> {
-    /// Words of a seed that the model sees, of those that it has: as many of the last as fit beside the target's.
+    /// How many of a seed's last words the model sees: as many as fit beside the target's.
     pub(crate) fn seen(&self, seed_words: usize, words: usize) -> usize {
         let Some(word) = self.tokenizer.tokens_per_word() else { return seed_words };
+        // one more than the context: the last token is sampled and never read
         let room = (self.greedy.context() + 1).saturating_sub(self.conditions.len()) / word;
+        // half of the room is the seed's, however long the target
         seed_words.min(room.saturating_sub(words - seed_words).max(room / 2).max(1))
     }
 
@@ -136,6 +140,7 @@ impl Predictor<'_> {
     pub fn context_seconds(&self) -> f64 {
         let length = self.tokenizer.frames_per_word();
         let frames = |seconds: f64| (seconds * self.tokenizer.fps()).round() as usize;
+        // a seed's last words may depend on frames that the model is to predict
         let known = (frames(SEED_S) / length).saturating_sub(self.tokenizer.scheme().unsettled_words());
         let all = (frames(SEED_S) + frames(TARGET_S)).div_ceil(length);
         (self.seen(known, all) * length) as f64 / self.tokenizer.fps()
@@ -177,7 +182,7 @@ impl Predictor<'_> {
         Ok(rows)
     }
 
-    /// The frames of a window's target, drawn.
+    /// The frames of a window's target, sampled.
     fn predict(&mut self, window: &Window, index: usize, sampled: bool) -> Result<Vec<Clip>> {
         let (tokenizer, length) = (self.tokenizer, self.tokenizer.frames_per_word());
         let (seed, target) = (window.seed.frames(), window.target.frames());
@@ -275,6 +280,7 @@ mod tests {
     #[test]
     fn windows_are_those_of_the_protocol() {
         let found = windows(&turning(420, 60.0));
+        // 420 frames: windows of 180 begin at 0, 120 and 240
         assert_eq!(found.len(), 3);
         assert!(found.iter().all(|w| (w.seed.frames(), w.target.frames()) == (120, 24)));
         assert_eq!(found[1].target.pose(0), turning(420, 60.0).pose(240));
@@ -353,7 +359,7 @@ mod tests {
             draw: Sampling::default(),
             seed: 1,
         };
-        // of 14 words eight are for the target
+        // 14 words fit: eight of the target leave six, but the seed has half of them at least
         assert!((predictor.context_seconds() - 7.0 / 20.0).abs() < 0.051);
         let mut done = Vec::new();
         let rows = predictor.rows(&windows, &mut |n| done.push(n)).unwrap();

@@ -38,7 +38,7 @@ const MADE_FILES: [(&str, &[u8]); 3] = [
     ("corpus-made/clips.jsonl", include_bytes!("../data/corpus-made/clips.jsonl")),
     ("corpus-made/tokens.u16", include_bytes!("../data/corpus-made/tokens.u16")),
 ];
-/// Of all files, as [`pack`] wrote it.
+/// The version of all files, as [`pack`] wrote it.
 const VERSION: &str = include_str!("../data/version.txt");
 
 /// The ready model's run folder, in the cache folder of the user; written, if it isn't there, and written again where it is
@@ -52,7 +52,7 @@ pub fn run() -> Result<PathBuf> {
 
 fn run_in(cache: &Path) -> Result<PathBuf> {
     let place = cache.join(format!("ready-{}", VERSION.trim()));
-    // what a call left behind that was killed while it wrote
+    // parts of a call that was killed while it wrote
     part::sweep(&[&place]);
     if !is_whole(&place) {
         prepare(&place)?.commit_instead()?;
@@ -60,7 +60,7 @@ fn run_in(cache: &Path) -> Result<PathBuf> {
     Ok(place)
 }
 
-/// Whether a folder is the run, as far as can be told at once. The weights are hashed where they were changed after they had
+/// Whether a folder is the run, by a quick look. The weights are hashed where they were changed after they had
 /// been written; whoever loads them hashes them in any case.
 fn is_whole(place: &Path) -> bool {
     let holds = |(name, bytes): (String, &[u8])| input::peek_bytes(&place.join(name)).is_ok_and(|found| found == bytes);
@@ -69,16 +69,19 @@ fn is_whole(place: &Path) -> bool {
         let state = checkpoints.steps().ok().and_then(|steps| checkpoints.state(*steps.last()?).ok())?;
         let (record, dir) = (state.files.get(WEIGHTS)?.clone(), checkpoints.path(state.step));
         let (found, written) = (dir.join(WEIGHTS).metadata().ok()?, dir.join(STATE_NAME).metadata().ok()?);
+        // the state is written last: newer weights were changed since
         let is_as_written = found.modified().ok()? <= written.modified().ok()?;
         let is_it = found.len() == record.bytes
             && (is_as_written || hash::of_file(&dir.join(WEIGHTS)).is_ok_and(|hash| hash == record.sha256));
         Some(
             is_it
                 && checkpoints.named("latest") == Some(state.step)
+                // the packed state names no files, for their hashes are the run's own
                 && State { files: Default::default(), ..state } == packed_state().ok()?,
         )
     };
     let is_plain = || owned::refuse_links(place, "a run", "").is_ok();
+    // links first: the files that are read below would be elsewhere
     is_plain() && small_files().all(holds) && weights() == Some(true)
 }
 
@@ -121,7 +124,7 @@ fn tokenizer() -> &'static str {
     FILES.iter().find(|(name, _)| *name == TOKENIZER).map_or("", |(_, text)| text)
 }
 
-/// Where programs keep what they can make again: XDG_CACHE_HOME, else as the system has it.
+/// Where programs store what they can make again: XDG_CACHE_HOME, else as the system has it.
 fn cache_folder() -> Result<PathBuf> {
     let set = std::env::var_os("XDG_CACHE_HOME").filter(|value| !value.is_empty()).map(PathBuf::from);
     let system = || choose_native_strategy().ok().map(|system| system.cache_dir());
@@ -162,14 +165,15 @@ pub fn pack(run: &Path, to: &Path) -> Result<()> {
 /// A run's configuration without its corpora, which are nowhere else.
 fn without_corpora(config: &str) -> String {
     let mut inside = false;
-    let keeps = |line: &&str| {
+    let is_other = |line: &&str| {
         if line.starts_with('[') {
             inside = line.trim() == "[[corpora]]";
         }
         !inside && !line.starts_with("corpora = ")
     };
-    let kept: String = config.split_inclusive('\n').filter(keeps).collect();
-    format!("corpora = []\n{kept}")
+    let others: String = config.split_inclusive('\n').filter(is_other).collect();
+    // before any table, which would take the key for its own
+    format!("corpora = []\n{others}")
 }
 
 #[cfg(test)]

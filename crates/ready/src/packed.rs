@@ -1,6 +1,8 @@
 //! Weights in a quarter of their size: matrices as 8-bit integers with a scale for each row, an output of the matrix or a
 //! row of a table; vectors as they are.
 //!
+//! Limits: f32 alone; a number of a matrix is off by up to half a step, about 1/254 of the largest of its row.
+//!
 //! A file: `KINELMW1`; for each tensor, by name: the name's length (u16) and bytes, the number of sides (u8) and each side
 //! (u32), then of a vector its numbers (f32), of anything else a scale (f32) for each row, and the rows (i8). Little-endian.
 
@@ -35,6 +37,7 @@ pub fn pack(weights: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
         let scales: Vec<f32> = numbers.chunks(width).map(scale_of).collect();
         out.extend(scales.iter().flat_map(|x| x.to_le_bytes()));
         for (row, &scale) in numbers.chunks(width).zip(&scales) {
+            // a row of zeros has no step
             let whole = |x: &f32| if scale > 0.0 { (x / scale).round() as i8 } else { 0 };
             out.extend(row.iter().map(|x| whole(x) as u8));
         }
@@ -45,6 +48,7 @@ pub fn pack(weights: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
 /// The step of a row's integers. Its last 8 bits are 0, so that 127 steps are exact, and packing again gives the same.
 fn scale_of(row: &[f32]) -> f32 {
     let most = row.iter().fold(0.0f32, |most, x| most.max(x.abs()));
+    // rounded up, so that no number is more than 127 steps
     f32::from_bits((most / MOST).to_bits().div_ceil(256) * 256)
 }
 
@@ -68,6 +72,7 @@ pub fn expand(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
             rest.floats(count)?
         } else {
             let scales = rest.floats(sides[0])?;
+            // at least 1: `chunks` of 0 panics, and empty tensors have no row
             let width = (count / sides[0].max(1)).max(1);
             let rows = rest.take(count)?.chunks(width).zip(&scales);
             rows.flat_map(|(row, &scale)| row.iter().map(move |&x| f32::from(x as i8) * scale)).collect()

@@ -72,6 +72,7 @@ impl BaselineDance for Request {
         trained.notes.iter().for_each(|note| say.line(note));
         let bar = progress::bar(self.frames as u64, "frames", say);
         let made = Request::generate(self, &trained, &mut |frames| bar.set_position(frames as u64));
+        // the bar goes before an error is printed
         drop(bar);
         let made = made?;
         warn(&made.motion, say);

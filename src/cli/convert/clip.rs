@@ -10,16 +10,17 @@ use std::path::Path;
 
 /// A motion at the rate and on the rig of the output.
 pub fn converted(args: &Args, rig: Option<&TargetRig>, motion: Motion, output: &Path) -> Result<Motion> {
-    let wanted = wanted(args, rig, &motion, output)?;
-    Ok(convert(motion, &wanted)?)
+    let options = convert_options(args, rig, &motion, output)?;
+    Ok(convert(motion, &options)?)
 }
 
 /// The conversion for a motion that goes to `output`.
-fn wanted(args: &Args, rig: Option<&TargetRig>, motion: &Motion, output: &Path) -> Result<ConvertOptions> {
+fn convert_options(args: &Args, rig: Option<&TargetRig>, motion: &Motion, output: &Path) -> Result<ConvertOptions> {
     let selection = |list: &str| {
         let list = joints::to_smpl_names(list, motion.clip.skeleton(), motion.map())?;
         joints::parse(&list)
     };
+    // AMASS files are on SMPL's rig, whatever that of the input
     let npz = || (extension(output) == "npz" && !args.positions).then(|| TargetRig::Smpl(smpl::neutral()));
     Ok(ConvertOptions {
         fps: args.fps,

@@ -91,7 +91,7 @@ fn metres(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    // not the parser's num_args: it would count anew behind an option that stands between them
+    // not the parser's num_args: it would count anew after an option that is between them
     if let [only] = &args.paths[..] {
         let what = format!("{} alone; expected what to read, then what to write: IN OUT", only.display());
         return Err(WrongCall(what).into());

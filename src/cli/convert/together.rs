@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 /// The GLB that several clips are written to, and the clips.
 pub fn together(args: &Args) -> Option<(&Path, &[PathBuf])> {
     let (out, given) = args.paths.split_last()?;
+    // a .glb holds no mere positions
     (given.len() > 1 && extension(out) == "glb" && !out.is_dir() && !args.positions).then_some((out, given))
 }
 

@@ -75,6 +75,7 @@ fn measured(corpus: &Corpus, path: &Path, options: &ReadOptions, odd: &Odd, say:
     let dance = Dance::load(corpus, path, provenance.as_ref(), options)?;
     odd.rate(&dance.name, dance.rate.clone());
     let prompt = provenance.as_ref().and_then(|provenance| provenance.request.prompt.as_ref());
+    // of no file in the corpus: dances of one prompt are one take
     let itself = || (prompt.map_or(path, |prompt| &prompt.path).display().to_string(), false);
     let (take, in_training) = take_of(corpus, &sha256).unwrap_or_else(itself);
     let prompted = provenance.and_then(|provenance| prompt_metrics(&dance, path, &provenance, corpus.tokenizer(), say));

@@ -75,6 +75,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         Ok(dance)
     })?;
     let (numbers, dances): (Vec<usize>, Vec<Dance>) = read.into_iter().unzip();
+    // prints what it has gathered
     drop(odd);
     let mut report = real.report(&dances)?;
     let mut given: Option<Vec<bool>> = None;
@@ -86,12 +87,14 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut joints_given = Vec::new();
     for (&i, dance) in numbers.iter().zip(&dances) {
         let (path, provenance) = (&files[i], provenances[i].take());
+        // sets of --best differ by the number that they were chosen among
         provenance.iter().filter_map(|provenance| provenance.best).for_each(|of| *best.entry(of.of).or_default() += 1);
         music_s.push(match &beats {
             None => own_beats(path, provenance.as_ref(), &mut pieces).unwrap_or_else(|e| {
                 say.line(format_args!("{}: its music is not compared: {e}; --music says where it is", path.display()));
                 None
             }),
+            // one list for all dances, or one for each
             Some(beats) => Some(beats[i % beats.len()].clone()),
         });
         requested.push(match &args.fidelity {

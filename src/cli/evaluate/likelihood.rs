@@ -85,7 +85,7 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
     let reading = args.reading.get(1);
     let mut model = match reading == ReaderOptions::default() {
         true => run.scores(args.compute.get())?,
-        // as it is read when it generates
+        // as the model is read when it generates
         false => Box::new(run.reader(reading)?),
     };
     let known = run.load_conditions()?;
@@ -95,10 +95,11 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
     };
     let mut nats_of: BTreeMap<String, f64> = BTreeMap::new();
     let found = if args.per_joint {
+        // for its message: the error of `by_slot` doesn't name the flag
         slots(corpus.tokenizer()).map_err(|e| WrongCall(format!("--per-joint: {e}")))?;
         by_slot(&mut *model, corpus, &clips, args.windows, &conditions)?.map(|(found, bits)| (found, Some(bits)))
     } else {
-        // of some windows alone nobody knows how many tokens they have
+        // how many tokens a part of the windows has is known only after they are read
         let tokens = if args.windows == 0 { clips.iter().map(|c| c.tokens).sum() } else { 0 };
         let (bar, mut done) = (progress::bar(tokens as u64, "tokens", say), 0);
         let mut each = |clip: &ClipRecord, _, nats: f64| {
@@ -107,6 +108,7 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
                 None => drop(nats_of.insert(clip.name.clone(), nats)),
             }
             done += 1;
+            // moving the bar at every token would take longer than the sum
             if done % 512 == 0 {
                 bar.set_position(done);
             }
@@ -121,7 +123,7 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
         let found = gap_bits(&mut *model, corpus, &clips, frames, &conditions);
         gaps.extend(found.map_err(|e| WrongCall(format!("--gaps {frames}: {e}")))?);
     }
-    // of some windows a clip's bits are not known
+    // a part of the windows doesn't cover whole clips
     let whole = |c: &&&ClipRecord| args.windows == 0 && c.frames > 0;
     let bits = |c: &&ClipRecord| Some((c.name.clone(), nats_of.get(&c.name)? / LN_2 / c.frames as f64));
     let whole_clips = clips.iter().filter(whole).filter_map(bits).collect();

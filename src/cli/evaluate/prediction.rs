@@ -63,7 +63,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
 }
 
-/// What needs no model: the last pose held, the last step repeated.
+/// Measures what needs no model: zero and constant velocity.
 fn without_model(args: &Args, say: Say) -> Result<()> {
     let (_, windows) = measured(args, &args.data.find(say)?, None, say)?;
     let what = format!("no {} clip is as long as a window, 3 s, at {} fps or more; give --fps", args.split, args.fps);
@@ -78,7 +78,7 @@ fn without_model(args: &Args, say: Say) -> Result<()> {
     print(&table(&rows, args.fps))
 }
 
-/// A model beside these.
+/// Measures a model beside these.
 fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
     let run = load_run(run, CheckpointChoice::Auto)?;
     run.notes.iter().for_each(|note| say.line(note));
@@ -102,6 +102,7 @@ fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
     let seen = predictor.context_seconds();
     let bar = crate::cli::progress::bar(own.len() as u64, "windows", say);
     let rows = predictor.rows(&own, &mut |n| bar.set_position(n as u64));
+    // the bar goes before an error of the rows is printed
     drop(bar);
     let joints = tokenizer.channels().joints();
     let mut all = baselines(&own, joints, "")?;
@@ -127,6 +128,7 @@ fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
 /// The windows of the split's clips at the model's rate, if there is one, and at [`Args::fps`] of the clips that have it.
 fn measured(args: &Args, dataset: &Dataset, model: Option<ClipSpec>, say: Say) -> Result<(Vec<Window>, Vec<Window>)> {
     let options = args.read.options(RestFrame::Drop);
+    // without a model nothing is coded, and heights stay as they are
     let above_floor = model.is_some_and(|model| model.above_floor);
     let (mut own, mut protocol, odd) = (Vec::new(), Vec::new(), Odd::new(say));
     for item in dataset.items.iter().filter(|item| item.split == args.split) {

@@ -115,7 +115,7 @@ impl DanceArgs {
         self.run.clone().map_or_else(|| Ok(kinelm_ready::run()?), Ok)
     }
 
-    /// Whether the prompt's own rig is asked for by name.
+    /// Whether the prompt's own rig is requested by name.
     pub fn is_on_own_rig(&self) -> bool {
         self.rig == Some(Rig::Prompt)
     }

@@ -72,7 +72,7 @@ pub fn with_bar<T>(say: Say, making: impl FnOnce(&mut Watch<'_>) -> T) -> T {
     making(&mut |progress| {
         bar.get_or_insert_with(|| progress::bar(progress.of as u64, "frames", say))
             .set_position(progress.frames as u64);
-        // the best are chosen without it
+        // the best are chosen after it
         bar = bar.take().filter(|_| progress.frames < progress.of);
         ControlFlow::Continue(())
     })

@@ -75,9 +75,9 @@ pub fn run(args: Args, say: Say) -> Result<()> {
 
 fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
     if args.check {
-        let (_, laid) = Timeline::load(&args.timeline)?;
-        laid.notes.iter().for_each(|note| say.line(note));
-        return print(&chart(&laid));
+        let (_, layout) = Timeline::load(&args.timeline)?;
+        layout.notes.iter().for_each(|note| say.line(note));
+        return print(&chart(&layout));
     }
     let outs = args.dance.outs(true, None)?;
     let (prompt, layout) = edit::of_timeline(&args.timeline, &args.dance, say)?;

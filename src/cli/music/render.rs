@@ -43,7 +43,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
     let outputs = args.force.outputs(Vec::<PathBuf>::new());
     outputs.check([&*args.out])?;
-    // the first beat stands where a tracker, and a dancer, can hear it coming
+    // late enough for a tracker, and a dancer, to expect the first beat
     let beats_s = (0..).map(|i| FIRST_S + 60.0 / args.bpm * f64::from(i)).take_while(|beat| *beat < args.seconds);
     let score =
         Score { style: args.style, beats_s: beats_s.collect(), downbeat: 0, seconds: args.seconds, seed: args.seed };

@@ -39,6 +39,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let options = Options { split: args.split, frames: args.frames as usize, cutoff_hz: args.cutoff };
     let bar = progress::bar(0, "frames", say);
     let report = evaluate(&trained, &options, &mut |done| bar.set_position(done as u64));
+    // the bar goes before an error is printed
     drop(bar);
     let report = report?;
     print(&if args.json { format!("{}\n", serde_json::to_string(&report)?) } else { format!("{report}\n") })

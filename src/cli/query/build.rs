@@ -52,6 +52,7 @@ pub struct Args {
 
 pub fn run(args: Args, say: Say) -> Result<()> {
     let said = args.transform.is_some() || args.no_dc || args.keep.is_some() || args.run.is_some();
+    // --run and --no-dc imply their transform
     let usual = if args.run.is_some() { TransformArg::Model } else { TransformArg::Dct };
     let transform = args.transform.unwrap_or(if args.no_dc { TransformArg::Stft } else { usual });
     let request = IndexRequest {

@@ -84,6 +84,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if args.run.is_some() && !measured(TransformArg::Model) {
         wrong_call!("--run: only the transform model reads a run; add model to --transform");
     }
+    // no_dc is of the STFT, and refused by the others
     let kind = |t: &TransformArg| t.kind(args.no_dc && *t == TransformArg::Stft, None, args.run.as_deref());
     let options = EvaluateOptions {
         build: args.data.build_options(args.read.options(RestFrame::Drop)),

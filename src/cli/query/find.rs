@@ -59,6 +59,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let as_indexed = read == ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
     let Args { clip, at, k, distance, exclude, one_per_clip, page, json, .. } = args;
     let at_s = match at {
+        // a time in frames needs the rate of the file, which is read for it
         Some(at @ Moment::Frames(_)) => Some(at.seconds(format::read(&clip, &read)?.clip.fps())),
         at => at.map(Moment::number),
     };

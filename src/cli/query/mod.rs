@@ -62,7 +62,7 @@ impl TransformArg {
     }
 }
 
-/// `--joints`, all of them as none.
+/// The joints of `--joints`; none stands for all 24.
 fn joints_of(list: &str) -> Result<Vec<usize>> {
     let found = joints::parse(list).map_err(|e| WrongCall(format!("--joints {list}: {e}")))?.joints;
     Ok(if found.len() == 24 { Vec::new() } else { found })

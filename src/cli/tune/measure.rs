@@ -12,9 +12,9 @@ use kinelm_motion::joints;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// What is given of a clip.
+/// The joints that are given of a clip.
 const GIVEN: &str = "root,right_arm";
-/// So many clips are danced to, for so long at most, seconds.
+/// Clips that are danced to, and the longest dance, seconds.
 const CLIPS: usize = 4;
 const SECONDS: f64 = 10.0;
 
@@ -24,7 +24,7 @@ pub struct HeldOut<'a> {
     corpus: &'a Corpus,
     /// Those that are danced to.
     clips: Vec<Clip<'a>>,
-    /// Of these clips, where the dances are free.
+    /// The metrics of these clips, over what the dances invent.
     real: Aims,
     compute: Compute,
 }
@@ -37,7 +37,7 @@ struct Clip<'a> {
     judge: Judge<'a>,
 }
 
-/// What was measured under a run.
+/// The metrics of a run.
 pub struct Measured {
     bits_per_frame: f64,
     made: Aims,
@@ -66,6 +66,7 @@ impl<'a> HeldOut<'a> {
         let free: Vec<usize> = coded.copied().filter(|joint| !given.contains(joint)).collect();
         let most = (SECONDS * corpus.manifest().fps).round() as usize;
         let file = |record: &&ClipRecord| {
+            // the file of a segment holds more than the clip
             let item = dataset.items.iter().find(|item| item.name == record.name && item.segment.is_none())?;
             Some(item.path.clone())
         };
@@ -92,7 +93,7 @@ impl<'a> HeldOut<'a> {
 }
 
 impl Clip<'_> {
-    /// What is to be said of a dance of a run that is given a part of the clip.
+    /// The verdict on a dance of a run that is given a part of the clip.
     fn dance(&self, run: &Path, fps: f64) -> Result<Verdict> {
         let read = self.record.read.clone();
         let prompt = PromptRequest { read, joints: Some(GIVEN.into()), ..PromptRequest::of(&self.file) };
@@ -100,6 +101,7 @@ impl Clip<'_> {
         // measured as it is sampled: a resampled dance is smoother
         let request = Request { prompt: Some(prompt), length, fps: Some(fps), ..Request::of(run) };
         let open = OpenRequest::open(&request)?;
+        // of one sample: the judge measures, and has nothing to choose
         let (outs, best) = (["dance.bvh".into()], Some(BestOf { samples: 1, judge: &self.judge }));
         let dances = open.make(&Making { outs: &outs, best, guesses: None }, &mut unwatched)?;
         dances.chosen[0].best.map(|best| best.verdict).context("a judged dance")

@@ -78,6 +78,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let outputs = outputs(&clips);
     outputs.check(pairs.iter().map(|p| &*p.output))?;
     each_file(&clips, say, |i, clip| {
+        // options after a folder's name are those of all clips in it
         let place = given.iter().find(|place| clip.starts_with(&place.path)).unwrap_or(&given[0]);
         one(&args, &[place.of(clip.into())], &pairs[i].output, &outputs, say)
     })?;
@@ -93,6 +94,7 @@ fn viewed(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Result<
     let paths: Vec<&Path> = clips.iter().map(|clip| &*clip.path).collect();
     let mut all = related(&paths, read.of_files(&paths, RestFrame::Keep, say));
     for (file, named) in all.iter_mut().zip(clips) {
+        // after the sidecar's options: those of the name win
         named.set(&mut file.options)?;
         if together {
             (file.world, file.floor_m) = (Some(0), 0.0);
@@ -187,11 +189,11 @@ fn times(motion: &Motion) -> String {
 fn say_times(motions: &[Motion], say: Say) {
     let Some((first, others)) = motions.split_first() else { return };
     // the last frame at a slower rate may be earlier than at a faster one
-    let apart = |a: &Motion, b: &Motion| {
+    let differ = |a: &Motion, b: &Motion| {
         let frame = 1.0 / a.clip.fps().min(b.clip.fps());
         a.clip.fps() != b.clip.fps() || (a.clip.duration_s() - b.clip.duration_s()).abs() > frame
     };
-    if others.iter().any(|other| apart(first, other)) {
+    if others.iter().any(|other| differ(first, other)) {
         let all: Vec<String> =
             motions.iter().map(|motion| format!("{} {}", stem(&motion.path), times(motion))).collect();
         say.line(format_args!("each plays in its own time: {}", all.join("; ")));

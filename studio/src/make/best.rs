@@ -35,6 +35,7 @@ fn of_library(open: &OpenRequest, library: &Library) -> Result<PathBuf> {
         let help = "drop some clips in, or start the studio with `real` CORPUS";
         return Err(Error::missing("real dances to compare with", help));
     }
+    // of these clips in the words of this model: others make another corpus
     let key = hash::of(format!("{} {}", fingerprint(&sources), open.tokenizer.hash()).as_bytes());
     let cache = library.project().folder().join(CACHE);
     let out = cache.join(format!("real-{}", &key[..16]));

@@ -27,7 +27,7 @@ const MOST_WAITING: usize = 32;
 /// How often a job is begun without an end: one that ends the process isn't begun for ever.
 const MOST_BEGUN: usize = 5;
 
-/// How a job stands.
+/// The state of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum State {
@@ -53,7 +53,7 @@ pub struct Job {
     pub make: Make,
     /// The ids of its dances, by variation.
     pub dances: Vec<String>,
-    /// How it stands.
+    /// Its state.
     pub state: State,
     /// How often it was begun, but for times that the user ended the studio.
     #[serde(default)]
@@ -104,17 +104,19 @@ impl Jobs {
     /// The list of a project; jobs that a process didn't end wait again.
     ///
     /// # Errors
-    /// I/O errors. Lines that are no jobs are left out: their dances can be asked for again.
+    /// I/O errors. Lines that are no jobs are left out: their dances can be requested again.
     pub fn open(project: &Project) -> Result<Jobs> {
         let (folder, path) = (project.folder(), project.folder().join(JOBS));
         let mut jobs = BTreeMap::new();
         for line in owned::bytes(folder, JOBS, MOST_BYTES)?.unwrap_or_default().split(|byte| *byte == b'\n') {
             let job = serde_json::from_slice::<Job>(line).ok();
             if let Some(job) = job.filter(|job| is_id(&job.id) && job.dances.iter().all(|id| is_id(id))) {
+                // a later line of a job replaces the earlier ones
                 jobs.insert(crate::project::document::number(&job.id), (job, Running::new()));
             }
         }
         for (job, _) in jobs.values_mut() {
+            // the journal lacks them, and no new job or dance may get their numbers
             job.dances.iter().chain([&job.id]).for_each(|id| project.leave_out(id));
             if job.state == State::Running {
                 job.state = State::Waiting;
@@ -129,6 +131,7 @@ impl Jobs {
         ended.iter().take(ended.len().saturating_sub(MOST_ENDED)).for_each(|number| {
             jobs.remove(number);
         });
+        // a line for each job: the list would grow for ever
         let lines = jobs.values().filter_map(|(job, _)| serde_json::to_string(job).ok()).map(|line| line + "\n");
         files::write_whole(&path, lines.collect::<String>().as_bytes())?;
         let file = owned::open(folder, JOBS, Access::Append, MOST_BYTES)?;
@@ -139,7 +142,7 @@ impl Jobs {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a job behind the others; it is on the disk when this returns.
+    /// Adds a job after the others; it is on the disk when this returns.
     ///
     /// # Errors
     /// Too many that wait; I/O errors.
@@ -150,6 +153,7 @@ impl Jobs {
             let help = "wait for them, or cancel some";
             return Err(Error::limit("the list of jobs", waiting + 1, format!("{MOST_WAITING} that wait"), help));
         }
+        // on the disk first: what pages know of must outlive the process
         inner.write(&job)?;
         inner.jobs.insert(crate::project::document::number(&job.id), (job, Running::new()));
         drop(inner);
@@ -185,8 +189,8 @@ impl Jobs {
         self.leave(id, |job| (job.state, job.text) = (state, text))
     }
 
-    /// Puts a job back that the studio's own end has stopped, as if it had not been begun: ends that the user wanted say
-    /// nothing against it.
+    /// Puts a job back that the studio's own end has stopped, as if it had not been begun: an end that the user
+    /// requested doesn't count against it.
     ///
     /// # Errors
     /// I/O errors.
@@ -253,6 +257,7 @@ impl Jobs {
 
     /// Ends the thread that makes them, and the job that it makes: it is begun again when the project is opened.
     pub fn stop(&self) {
+        // before the lock: a maker that waits for it must not begin another job
         self.stop.store(true, Ordering::Relaxed);
         let inner = self.inner();
         inner.jobs.values().for_each(|(_, running)| running.cancelled.store(true, Ordering::Relaxed));
@@ -327,7 +332,7 @@ mod tests {
         let ended = jobs.find("j1").unwrap();
         assert!(ended.state == State::Failed && ended.text.unwrap().contains("again and again"));
         for _ in 0..=MOST_BEGUN {
-            // ends that the user wanted don't count
+            // ends that the user requested don't count
             let (jobs, _) = open();
             assert_eq!(jobs.next().map(|(job, _)| (job.id, job.begun)), Some(("j3".into(), 1)));
             jobs.put_back("j3").unwrap();

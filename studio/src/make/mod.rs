@@ -1,9 +1,8 @@
-//! Dances that are made: a request of the page becomes the library's request, is sampled in a job, streamed while it
-//! is, and
-//! written with its sidecar.
+//! Dances that are made: a request of the page becomes the library's request, is sampled in a job, streamed while it is,
+//! and written with its sidecar.
 //!
 //! - [`model`]: the model that dances.
-//! - [`request`]: what a page may ask for.
+//! - [`request`]: what a page may request.
 //! - [`jobs`]: the list of jobs, which outlives a process.
 //! - [`stream`]: frames of dances that are still sampled.
 //! - [`best`]: the best of several.

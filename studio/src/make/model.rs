@@ -23,7 +23,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// Reads what is to be known of a run; without one of the ready model.
+    /// Reads a run's name, rate, labels and joints; without a run, those of the ready model.
     ///
     /// # Errors
     /// A run that can't be read.

@@ -1,4 +1,4 @@
-//! What a page may ask for, and the library's request that it is.
+//! What a page may request, as the library's request.
 
 use super::model::Model;
 use crate::library::{Library, Source};
@@ -19,7 +19,7 @@ pub const MOST_VARIATIONS: usize = 8;
 const MOST_BEST: usize = 16;
 /// The longest dance, seconds.
 const LONGEST_S: f64 = 600.0;
-/// The highest rate that may be asked for, frames a second.
+/// The highest rate that may be requested, frames a second.
 const MOST_FPS: f64 = 240.0;
 /// Seconds of a dance from nothing.
 const FREE_S: f64 = 8.0;
@@ -41,7 +41,7 @@ pub enum Kind {
     Timeline,
 }
 
-/// What a page asks for.
+/// A page's request.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Make {
@@ -130,6 +130,7 @@ impl Make {
         if !(1..=MOST_VARIATIONS).contains(&self.variations) {
             return Err(Error::invalid_parameter("variations", self.variations, format!("1 to {MOST_VARIATIONS}")));
         }
+        // the best of one is no choice
         if let Some(best) = self.best.filter(|best| !(self.variations.max(2)..=MOST_BEST).contains(best)) {
             let expected = format!("{} to {MOST_BEST}, at least as many as variations", self.variations.max(2));
             return Err(Error::invalid_parameter("best", best, expected));
@@ -179,6 +180,7 @@ impl Make {
         let (mut layout, mut source, mut rig) = (None, None, None);
         match self.kind {
             Kind::Free => {
+                // with music the dance is as long as the music
                 if request.music.is_none() {
                     request.length = request.length.or(Some(Length::Seconds(FREE_S)));
                 }
@@ -210,7 +212,7 @@ impl Make {
         Ok(Prepared { request, layout, source, rig })
     }
 
-    /// What is given of a clip.
+    /// The prompt that is made of a clip.
     fn prompt(&self, source: &Source) -> Result<PromptRequest> {
         let prompt = of_file(source);
         Ok(match self.kind {

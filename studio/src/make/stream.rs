@@ -14,7 +14,7 @@ use kinelm_view::data::{Drawn, LiveFigure};
 use serde::Serialize;
 use std::time::{Duration, Instant};
 
-/// The least time between two looks at a dance, and the share of the time that looking may take.
+/// The least pause between two looks at a dance, and how many times longer than a look the pause after it is.
 const EVERY: Duration = Duration::from_millis(40);
 const SHARE: u32 = 20;
 
@@ -92,6 +92,7 @@ impl<'a> Streams<'a> {
             // the first frames, or one that left the box: all again
             None => {
                 let whole = joined(&live.parts)?;
+                // a dance that left the box gets one around its newest frame
                 let around = if live.figure.is_none() { 0 } else { whole.frames() - 1 };
                 let figure = Figure::new(self.name, &whole);
                 let (figure, head) = LiveFigure::new(&figure, self.floor_m, self.map.as_ref(), around)?;

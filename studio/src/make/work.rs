@@ -39,7 +39,7 @@ pub struct Maker {
 }
 
 impl Maker {
-    /// Carries a job out. `progress` is told that frames were sampled, `made` of each dance.
+    /// Carries a job out. `progress` is called after frames were sampled, `made` with each dance.
     ///
     /// # Errors
     /// What the request can't be opened with, or sampled; [`kinelm_store::Error::Stopped`] where the user stopped it.

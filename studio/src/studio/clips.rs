@@ -27,6 +27,7 @@ impl Studio {
         let motion = motion_files(&folder.join(CLIPS)).unwrap_or_default();
         let entries = std::fs::read_dir(folder.join(CLIPS)).into_iter().flatten().flatten();
         let mut music: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| is_music(path)).collect();
+        // a folder lists its files in no order
         music.sort();
         let clips = motion.iter().chain(&music).filter_map(|path| path.strip_prefix(folder).ok());
         let clips: Vec<Change> = clips.map(|file| upload::added(&self.project, file.to_owned())).collect();
@@ -108,7 +109,7 @@ impl Studio {
         Ok(Some(id))
     }
 
-    /// What follows when a clip was read: pages are told, and the first one begins the timeline, unless it is back by a
+    /// What follows when a clip was read: pages get it, and the first one begins the timeline, unless it is back by a
     /// step that others follow.
     pub(super) fn clip_was_read(&self, id: &str) {
         let Ok(record) = self.project.clip(id) else { return };
@@ -151,6 +152,7 @@ impl Studio {
             Outcome::Failed { .. } => None,
         };
         let was = self.library.reading(&record);
+        // another root or take is other motion, to which a timeline's times don't apply
         let is_same_motion = (&was.root, &was.take) == (&reading.root, &reading.take);
         let length = |info: Info| Length { fps: info.fps, frames: info.frames };
         let lengths = before.map(length).zip(after.map(length));
@@ -210,6 +212,7 @@ impl Studio {
     /// An unknown id.
     pub fn remove(&self, id: &str) -> Result<()> {
         if let Ok(before) = self.project.dance(id) {
+            // a dance that was found in the folder has no other file
             let kept = before.kept.clone().filter(|_| before.made.is_none());
             let (name, after) =
                 (format!("remove {}", before.name), DanceRecord { kept, rejected: true, ..before.clone() });

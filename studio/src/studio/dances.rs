@@ -64,6 +64,7 @@ impl Studio {
 
     fn add_job(&self, mut make: Make, opening: bool) -> Result<String> {
         make.check()?;
+        // once, so that a job which is begun again makes the same dance
         if make.seed.is_none() {
             let mut bytes = [0; 4];
             getrandom::fill(&mut bytes).map_err(|e| Error::missing("random numbers", e.to_string()))?;
@@ -87,6 +88,7 @@ impl Studio {
         self.publish_job(&job.id);
         let progress = || self.publish_job(&job.id);
         let made = |change: Change| {
+            // no step of the user's, so none to undo
             let changes = self.project.plain(vec![change])?;
             self.publish(&changes);
             Ok(())
@@ -146,6 +148,7 @@ impl Studio {
         if known.kept.is_none() {
             let name = name.map_or_else(|| known.name.clone(), plain_name);
             let changes = self.project.step(&format!("keep {name}"), |document| {
+                // another page may have kept it meanwhile
                 let before = document.dance(id).filter(|dance| dance.kept.is_none());
                 let Some(before) = before else { return Ok(Vec::new()) };
                 let kept = file_for(self.project.folder(), document, &name);
@@ -200,6 +203,7 @@ impl Studio {
             return Ok((format!("{stem}-blender.{format}"), importer.to_bytes(&stem, &motion, kind)?));
         }
         let name = format!("{stem}.{format}");
+        // the file is a BVH already
         if kind == Format::Bvh {
             return Ok((name, bytes));
         }

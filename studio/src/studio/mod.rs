@@ -1,6 +1,6 @@
-//! A studio: all rooms together, and what pages are told of their changes.
+//! A studio: all rooms together, and the events by which pages follow its changes.
 //!
-//! - `view`: what a page is told.
+//! - `view`: the project as pages get it.
 //! - `clips`, `dances`: what a user does.
 
 mod clips;
@@ -71,6 +71,7 @@ impl Studio {
         let timelines = Arc::new(Timelines::new(project.clone(), library.clone()));
         let real = options.real.clone();
         let mut roots = roots(&options.files, &[project.folder(), &model.run]);
+        // the longest first: a folder within another is left out whole
         roots.sort_by_key(|root| std::cmp::Reverse(root.len()));
         let maker = Maker { model, real, library: library.clone(), timelines: timelines.clone(), hub: hub.clone() };
         let opens = !options.empty;
@@ -91,6 +92,7 @@ impl Studio {
         let (reads, makes) = (self.clone(), self.clone());
         let reading = std::thread::spawn(move || reads.library.read_on(&|id| reads.clip_was_read(id)));
         let making = std::thread::spawn(move || {
+            // a studio that can't open with a dance works all the same
             let _ = makes.begin_opening();
             while let Some((job, running)) = makes.jobs.next() {
                 makes.carry_out(&job, &running);
@@ -120,7 +122,7 @@ impl Studio {
         &self.project
     }
 
-    /// Tells all pages of changes, and has files read that are new or read otherwise.
+    /// Reports changes to all pages, and has files read that are new or read otherwise.
     pub fn publish(&self, changes: &[Change]) {
         for change in changes {
             match change {
@@ -169,7 +171,7 @@ impl Studio {
         Ok(self.undo_view())
     }
 
-    /// And on again.
+    /// The next step again.
     ///
     /// # Errors
     /// Those of [`Project::redo`].

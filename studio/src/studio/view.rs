@@ -1,4 +1,4 @@
-//! What a page is told of a project.
+//! The project as pages get it.
 
 use super::Studio;
 use crate::error::without_folders;

@@ -97,10 +97,11 @@ impl Request {
         let c = coder.channels();
         let seed = coder.frames(&clip.slice(self.from..needed));
         let steps = trained.roll_out(&[&seed], self.frames, progress)?.remove(0);
+        // the hip's place at the first new frame: steps say only how it moves from there
         let at = &seed[n * c..];
         let dance = frames_of_steps(&steps, c, [at[0], at[2]]);
         let skeleton = motion.clip.skeleton().clone();
-        let (frames, kept) = match self.with_seed {
+        let (frames, given) = match self.with_seed {
             true => ([&seed[..n * c], &dance[..]].concat(), n),
             false => (dance, 0),
         };
@@ -108,12 +109,13 @@ impl Request {
             FootMode::Off => None,
             FootMode::Lock => {
                 let humanoid = motion.humanoid()?;
+                // of the clip: the feet of a generated dance may float or sink
                 Some(self.read.floor.map_or_else(|| humanoid.floor(&clip).map(|floor| floor.height_m), Ok)?)
             }
         };
         let motion = motion.with_clip(coder.clip(&frames, &skeleton, FPS)?);
         let Some(floor_m) = floor_m else { return Ok(Generated { motion, clip_sha256, locked: None }) };
-        let fixed = FixedParts { root: false, path: false, legs: [false; 2], frames: kept };
+        let fixed = FixedParts { root: false, path: false, legs: [false; 2], frames: given };
         let (motion, locked) = lock_feet(motion, Some(floor_m), fixed)?;
         Ok(Generated { motion, clip_sha256, locked: Some(locked) })
     }
@@ -134,6 +136,7 @@ pub fn source_hashes(dance: &Path, provenance: Option<&Provenance>) -> Result<Ve
     }
     match Sidecar::load(&kinelm_store::sidecar::path_of(dance)) {
         Ok(lstm) => Ok(vec![lstm.input_sha256]),
+        // no dance of an LSTM: a recording is its own source
         Err(_) => Ok(vec![hash::of_file(dance)?]),
     }
 }

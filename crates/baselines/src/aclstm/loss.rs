@@ -76,6 +76,7 @@ fn quaternions(found: &[f32], truth: &[f32], gradients: &mut [f32], rows: f64) -
         let product: f64 = y.iter().zip(&t).map(|(y, t)| y * t).sum();
         let near = product.abs().min(NEAREST);
         sum += 2.0 * near.acos();
+        // the clamped arc cosine is constant, and its slope 0
         let slope = match product.abs() < NEAREST {
             true => -2.0 * product.signum() / (1.0 - near * near).sqrt() / (n * rows * length),
             false => 0.0,

@@ -32,6 +32,7 @@ pub fn outputs_and_gradients(
             let below = match (layer, shape.wiring) {
                 (0, _) => x.clone(),
                 (_, Wiring::Fixed) => states[layer - 1].0.clone(),
+                // as published: each layer reads the one below a step late
                 (_, Wiring::Compat) => before[layer - 1].clone(),
             };
             let [wx, wh, bx, bh] = &vars[4 * layer..4 * layer + 4] else { unreachable!("four a layer") };

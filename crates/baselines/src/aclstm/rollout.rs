@@ -48,9 +48,11 @@ impl Trained {
                 outputs[i % b].extend(row.iter().map(|x| *x as f64));
             }
         };
+        // the seed's last step has predicted the first frame already
         if frames > 0 {
             take(lstm.last_output());
         }
+        // steps without ground truth read the network's outputs, and only the size of this
         let no_input = vec![0.0; AT_ONCE * b * c];
         for first in (1..frames).step_by(AT_ONCE) {
             let n = AT_ONCE.min(frames - first);

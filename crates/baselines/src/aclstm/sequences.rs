@@ -22,6 +22,7 @@ impl Sequences {
     pub fn of(recordings: &Recordings, coder: &Coder, config: &Config) -> Result<Sequences> {
         let mut all = Sequences { clips: Vec::new(), short: Vec::new() };
         for one in recordings.split(Split::Train) {
+            // T inputs, the target of the last, and the frame that the last step leads to
             match one.frames() >= config.length + 2 {
                 true => {
                     let frames = coder.frames(&one.clip).into_iter().map(|x| x as f32).collect();

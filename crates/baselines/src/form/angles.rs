@@ -9,6 +9,7 @@ pub fn frames(clip: &Clip, orders: &[EulerOrder]) -> Vec<f64> {
     for f in 0..clip.frames() {
         frames.extend(clip.root()[f].to_array());
         for ((q, order), third) in clip.pose(f).iter().zip(orders).zip(&mut third) {
+            // at gimbal lock the last frame's third angle decides, so that angles stay continuous
             let angles = order.from_quat(*q, *third);
             *third = angles[2];
             frames.extend(angles);

@@ -3,6 +3,9 @@
 //! Each joint gets the rotation that brings its bones at rest closest to their directions: Wahba's problem. One bone leaves
 //! its twist undetermined, no bone the whole rotation; what is undetermined follows the parent. Source: Davenport's
 //! q-method, as in Horn, "Closed-form solution of absolute orientation using unit quaternions" (1987).
+//!
+//! Limits: each joint is fitted by itself, and bones have the skeleton's lengths; positions that contradict these are
+//! missed.
 
 use kinelm_linalg::symmetric_eigen;
 use kinelm_motion::{Quat, Skeleton, Vec3};
@@ -43,6 +46,7 @@ fn nearest(bones: &[(Vec3, Vec3)], above: Quat) -> Quat {
     if weight < 1e-12 {
         return above;
     }
+    // the parent's axes as three weak bones: they decide only what the real ones leave open
     let axes = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| (axis * (PARENT * weight), above * axis));
     // b[r][c]: sums of where (r) times rest (c)
     let mut b = [[0.0; 3]; 3];
@@ -56,6 +60,7 @@ fn nearest(bones: &[(Vec3, Vec3)], above: Quat) -> Quat {
     let trace = b[0][0] + b[1][1] + b[2][2];
     let z = [b[2][1] - b[1][2], b[0][2] - b[2][0], b[1][0] - b[0][1]];
     let s = |r: usize, c: usize| b[r][c] + b[c][r] - if r == c { trace } else { 0.0 };
+    // Horn's matrix: its eigenvector of the largest eigenvalue, the first, is the quaternion w, x, y, z
     #[rustfmt::skip]
     let k = [
         trace, z[0], z[1], z[2],

@@ -86,6 +86,7 @@ impl Coder {
         let by = Quat::from_rotation_y(angle);
         let hip = by * Vec3::from_slice(frame);
         hip.write_to_slice(frame);
+        // rotations are local: of these only the root's knows where a body faces
         match self.form {
             Form::Positional => points::turn(&mut frame[3..], by),
             Form::Euler => angles::turn(&mut frame[3..6], self.orders[0], by),

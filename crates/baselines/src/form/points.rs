@@ -9,6 +9,7 @@ pub fn frames(clip: &Clip) -> Vec<f64> {
         let hip = clip.root()[f];
         pose.set(clip.skeleton(), hip, clip.pose(f));
         frames.extend(hip.to_array());
+        // joint 0 is the hip itself
         let others = pose.positions[1..].iter().copied().chain(pose.ends(clip.skeleton()));
         frames.extend(others.flat_map(|p| (p - hip).to_array()));
     }

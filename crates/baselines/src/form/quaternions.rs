@@ -13,6 +13,7 @@ pub fn frames(clip: &Clip) -> Vec<f64> {
     for f in 0..clip.frames() {
         frames.extend(clip.root()[f].to_array());
         for (q, before) in clip.pose(f).iter().zip(&mut before) {
+            // q and -q are one rotation, and the network must not learn jumps between them
             *before = nearest_sign(*q, *before);
             frames.extend([before.w, before.x, before.y, before.z]);
         }

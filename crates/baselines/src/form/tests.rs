@@ -108,6 +108,7 @@ fn real(path: &Path, fps_source: Option<f64>) -> Motion {
 fn real_dances_come_back() {
     let Some(data) = shared_data::set("cmu-dance", "real_dances_come_back") else { return };
     let Some(other) = shared_data::set("bandai-1", "real_dances_come_back") else { return };
+    // 43 joints and 14 end sites: 3 * 57, 3 + 3 * 43, 3 + 4 * 43
     let motions = [
         (real(&data.join("salsa/01.bvh"), Some(60.0)), [171, 132, 175]),
         (real(&data.join("indian/04.bvh"), None), [171, 132, 175]),

@@ -173,6 +173,7 @@ impl Config {
 
     /// The effort's loss of update `step`, counted from 0.
     pub(crate) fn effort_of(&self, step: u64) -> Effort {
+        // counted from 1: the n-th update is the first with effort
         if (step + 1).is_multiple_of(self.effort_every) { self.effort } else { Effort::None }
     }
 }

@@ -86,7 +86,9 @@ impl Request {
     pub fn generate(&self, trained: &Trained, progress: &mut dyn FnMut(usize)) -> Result<Generated> {
         check_frames(self.frames.unwrap_or(0))?;
         let music_sha256 = hash::of_file(&self.music)?;
+        // a whole number that the division has blurred
         let first = (self.begins_s() * FPS).round();
+        // NaN is in no range
         if !(0.0..1e9).contains(&first) {
             let found = format!("a beginning at {} s", self.from_s);
             return Err(Error::file(&self.music, found, "0 s or more", "it is the music's time at the first frame"));
@@ -109,6 +111,7 @@ impl Request {
         })?;
         let spectra: &[f32] = if dancer.frames() > 0 { &loudest } else { &[] };
         check(&self.music, frames, &(first..end.unwrap_or(frames.max(first))), spectra)?;
+        // `check` lets music end a little early: its last spectrum is repeated
         while end.is_some_and(|end| first + dancer.frames() < end) {
             dancer.push(&last);
         }

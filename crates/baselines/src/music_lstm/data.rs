@@ -57,6 +57,7 @@ impl MusicClip {
     /// The spectrum at a frame of the clip.
     pub fn at(&self, frame: usize) -> &[f32] {
         let time = self.from + frame as f64 * FPS / self.recording.clip.fps();
+        // music may end up to [`SLACK`] spectra early: the last one is repeated
         let at = (time.round() as usize).saturating_sub(self.first).min(self.spectra.len() / SPECTRUM - 1);
         &self.spectra[at * SPECTRUM..][..SPECTRUM]
     }
@@ -109,10 +110,12 @@ impl MusicClips {
                 hashes.insert(music.clone(), hash::of_file(&music)?);
             }
             let from_s = one.item.music_from_s.unwrap_or(0.0);
+            // all clips are hashed, used or not: training and evaluation compare the same hash
             hash.update(format!("{}\0{from_s}\0{}\n", one.name, hashes[&music]));
             if !is_used(one) || one.clip.frames() == 0 {
                 continue;
             }
+            // the margin takes frames off the clip's start, so that its music begins later
             let from = (from_s + margin as f64 / one.clip.fps()) * FPS;
             if from < 0.0 {
                 return Err(Error::invalid(format!("`music_from` of {}", one.name), from_s, "0 or more seconds"));
@@ -152,6 +155,7 @@ impl MusicClips {
 /// Reads every file once.
 fn read_spectra(all: &mut [MusicClip], audio: Audio) -> Result<()> {
     let mut of: BTreeMap<PathBuf, Vec<&mut MusicClip>> = BTreeMap::new();
+    // several clips may have one file, which is decoded once
     all.iter_mut().for_each(|one| of.entry(one.music.clone()).or_default().push(one));
     let files: Vec<(PathBuf, Vec<&mut MusicClip>)> = of.into_iter().collect();
     files.into_par_iter().try_for_each(|(path, mut dances)| {
@@ -206,6 +210,7 @@ pub fn scale(clips: &[&MusicClip], audio: Audio) -> [Vec<f32>; 2] {
     let n = frames().count() as f64;
     let mut mean = vec![0.0f64; SPECTRUM];
     frames().for_each(|frame| mean.iter_mut().zip(frame).for_each(|(m, x)| *m += f64::from(*x) / n));
+    // a second pass: mean squares less the squared mean would cancel
     let mut square = vec![0.0f64; SPECTRUM];
     for frame in frames() {
         square.iter_mut().zip(&mean).zip(frame).for_each(|((s, m), x)| *s += (f64::from(*x) - m).powi(2) / n);
@@ -219,6 +224,7 @@ pub fn scale(clips: &[&MusicClip], audio: Audio) -> [Vec<f32>; 2] {
 /// # Errors
 /// [`kinelm_store::Error::Missing`] when none is.
 pub(crate) fn training_clips(clips: MusicClips, config: &Config) -> Result<(Vec<MusicClip>, Vec<String>)> {
+    // one more: the first frame is only the previous one of the second
     let needed = config.length + 1;
     let training = clips.all.into_iter().filter(|one| one.recording.split == Split::Train);
     let (long, short): (Vec<MusicClip>, Vec<MusicClip>) = training.partition(|one| one.recording.frames() >= needed);

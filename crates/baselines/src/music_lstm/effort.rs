@@ -21,6 +21,7 @@ pub fn shares(skeleton: &Skeleton) -> Vec<f64> {
     for end in skeleton.ends() {
         below[end.parent] += end.offset.length();
     }
+    // parents come before their children, so from the end each joint is complete when it is added
     for joint in (0..skeleton.joints()).rev() {
         if let Some(parent) = skeleton.parents()[joint] {
             below[parent] += below[joint] + skeleton.offsets()[joint].length();
@@ -40,6 +41,7 @@ fn turn(a: Quat, b: Quat) -> (f64, Quat, Quat) {
     let angle = 2.0 * sine.atan2(dot.abs());
     match sine > NO_TURN {
         true => (angle, of_a * (-2.0 / sine), of_b * (-2.0 / sine)),
+        // at rest the angle has a kink: 0 is one of its slopes
         false => (angle, Quat::from_xyzw(0.0, 0.0, 0.0, 0.0), Quat::from_xyzw(0.0, 0.0, 0.0, 0.0)),
     }
 }
@@ -53,6 +55,7 @@ pub fn effort(frames: &[Quat], weights: &[f64], fps: f64) -> Vec<f64> {
 
 /// Moving means over [`SMOOTH_S`], or over all numbers where there are fewer.
 fn smooth(effort: &[f64]) -> (usize, Vec<f64>) {
+    // 1 at least: windows of 0 panic
     let window = ((SMOOTH_S * FPS).round() as usize).clamp(1, effort.len().max(1));
     (window, effort.windows(window).map(|some| some.iter().sum::<f64>() / window as f64).collect())
 }
@@ -69,6 +72,7 @@ pub fn corrected(found: &[Quat], truth: &[Quat], weights: &[f64], scale: f64, gr
     for (t, (own, theirs)) in own.iter().zip(&theirs).enumerate() {
         let error = own.ln_1p() - theirs.ln_1p();
         loss += error * error / n;
+        // the chain rule: 1 / (1 + x) of ln(1 + x), 1 / window of the moving mean
         let slope = 2.0 * error / (n * (1.0 + own) * window as f64);
         by_step[t..t + window].iter_mut().for_each(|step| *step += slope);
     }
@@ -164,6 +168,7 @@ mod tests {
         let names = ["hip", "knee", "foot"].map(String::from).to_vec();
         let offsets = vec![Vec3::ZERO, Vec3::Y * -3.0, Vec3::Y * -1.0];
         let leg = Skeleton::new(names, vec![None, Some(0), Some(1)], offsets, vec![]).unwrap();
+        // 4, 1 and 0 m of bones below
         assert_eq!(shares(&leg), [1.0, 0.25, 0.0]);
     }
 

@@ -30,6 +30,7 @@ pub fn loss(terms: Terms, batch: usize, found: &[f32], truth: &[f32], gradients:
     assert!(found.len() == truth.len() && found.len() == gradients.len(), "as many numbers of each");
     assert!(found.len().is_multiple_of(row), "whole steps of {batch} sequences of {j} joints");
     let all: Vec<(f64, Vec<f32>)> = (0..batch).into_par_iter().map(|b| of_one(terms, batch, b, found, truth)).collect();
+    // rows are interleaved, step by step: each sequence has every `batch`-th
     for (b, (_, own)) in all.iter().enumerate() {
         for (to, from) in gradients.chunks_exact_mut(4 * j).skip(b).step_by(batch).zip(own.chunks_exact(4 * j)) {
             to.copy_from_slice(from);
@@ -75,6 +76,7 @@ fn of_one(terms: Terms, batch: usize, b: usize, found: &[f32], truth: &[f32]) ->
     let back = gradients.iter().zip(&own).zip(raw.iter().zip(&lengths)).flat_map(|((g, q), (raw, length))| {
         // below the least length, the output is scaled by a constant
         let along = if raw.length() < SHORTEST { 0.0 } else { g.dot(*q) };
+        // a normalised vector's slope: the gradient across it, over its length
         let g = (*g - *q * along) * (1.0 / length);
         [g.w as f32, g.x as f32, g.y as f32, g.z as f32]
     });

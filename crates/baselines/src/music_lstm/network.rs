@@ -36,6 +36,7 @@ pub fn list(shape: &Shape) -> Vec<Parameter> {
 /// Weights before training, as in PyTorch: uniform over +-1 / sqrt(inputs) for linear layers, +-1 / sqrt(units) for LSTM
 /// layers. `scale`: mean and deviation of each number of the spectra.
 pub fn initial(shape: &Shape, scale: [Vec<f32>; 2], seed: u64) -> Vec<Floats> {
+    // in PyTorch a layer's weight and bias share one bound
     let linear = shape.linear().into_iter().flat_map(|[inputs, _]| [inputs; 2]);
     let over = linear.chain(shape.recurrent().into_iter().flat_map(|[_, width]| [width; 4]));
     let sizes = list(shape).into_iter().skip(SCALE).map(|p| p.len());
@@ -106,6 +107,7 @@ impl Network {
     /// Tensors of another shape, here and below.
     pub fn pack(&mut self, weights: &[Floats]) {
         let first = SCALE + 2 * self.linear.len();
+        // the linear layers read their weights as they are
         self.recurrent.iter_mut().zip(weights[first..].chunks_exact(4)).for_each(|(layer, four)| layer.pack(four));
     }
 
@@ -134,6 +136,7 @@ impl Network {
         }
         let layers = self.shape.layers;
         for l in 0..layers {
+            // no dropout before the first LSTM layer, and none after the joints'
             let x = if l == 0 { &self.linear[last].out } else { &self.hidden[l - 1] };
             let out = self.recurrent[l].forward(x, TeacherForcing::NONE);
             self.hidden[l].copy_from_slice(out);
@@ -169,6 +172,7 @@ impl Network {
             };
             self.recurrent[l].backward(d_out, x, dx, own);
             if l > 0 {
+                // the same key as forward: gradients are dropped where outputs were
                 drop_out(&mut below[l - 1], self.shape.width, l - 1, dropout);
             }
         }
@@ -182,6 +186,7 @@ impl Network {
                 None => dense::backward(None, d_out, spectra, with, to, &mut own.space),
                 Some(Dense { out, d_out: Some(dx), .. }) => {
                     dense::backward(Some(dx), d_out, out, with, to, &mut own.space);
+                    // the ReLU's slope: outputs of 0 had none
                     dx.iter_mut().zip(out.iter()).filter(|(_, y)| **y <= 0.0).for_each(|(d, _)| *d = 0.0);
                 }
                 Some(_) => return,

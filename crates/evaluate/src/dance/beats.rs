@@ -1,7 +1,7 @@
 //! Whether dances keep to the beats of their music: docs/measures.md, "Beats".
 //!
-//! Twice: as published, over all joints and on the beat itself; and over knees and ankles, at the part of a beat by which
-//! those of the real clips come to rest behind it, since bodies needn't rest where the drum is hit.
+//! Twice: as published, over all joints and on the beat itself; and over knees and ankles with a lag, the fraction of a
+//! beat after which those of the real clips come to rest, since bodies needn't rest where the drum is hit.
 
 use super::Dance;
 use crate::Result;
@@ -16,9 +16,9 @@ use std::fmt;
 
 /// Knees and ankles.
 const LEGS: [usize; 4] = [4, 5, 7, 8];
-/// Parts of a beat that are tried, in hundredths.
+/// Lags that are tried, hundredths of a beat.
 const LAGS: std::ops::Range<i32> = -50..50;
-/// Where other music is begun, seconds.
+/// Where other music begins, seconds.
 const ELSEWHERE_S: f64 = 7.3;
 /// How near to the beat, half or double of it, the peak of a speed counts as its tempo.
 const SAME: f64 = 0.05;
@@ -56,19 +56,20 @@ impl BeatPair {
         BeatPair { music_s, ..self.clone() }
     }
 
-    /// Whether both have one piece of music, begun wherever: its beats at one distance from each other.
+    /// Whether both have the same piece of music, from any start: then their beats differ by a constant.
     fn has_the_music_of(&self, other: &BeatPair) -> bool {
         let (a, b) = (&self.music_s, &other.music_s);
-        let apart = |(a, b): (&f64, &f64)| a - b;
-        let first = a.iter().zip(b).map(apart).next().unwrap_or(0.0);
-        // times of beats are told to 0.1 ms
-        a.len() == b.len() && a.iter().zip(b).map(apart).all(|apart| (apart - first).abs() < 1e-3)
+        let offset = |(a, b): (&f64, &f64)| a - b;
+        let first = a.iter().zip(b).map(offset).next().unwrap_or(0.0);
+        // beat times are stored to 0.1 ms
+        a.len() == b.len() && a.iter().zip(b).map(offset).all(|x| (x - first).abs() < 1e-3)
     }
 
-    /// The music's beats, each later by a part of its own length.
+    /// The music's beats, each later by `lag` of its own length.
     fn later(&self, lag: f64) -> Vec<f64> {
         let steps = self.music_s.windows(2).map(|pair| pair[1] - pair[0]);
         let steps: Vec<f64> = steps.collect();
+        // the last beat has no length of its own and takes the one before
         let step = |i: usize| steps.get(i).or(steps.last()).copied().unwrap_or(0.0);
         self.music_s.iter().enumerate().map(|(i, beat)| beat + lag * step(i)).collect()
     }
@@ -79,7 +80,7 @@ impl BeatPair {
         [ShiftTest::of(all, &self.music_s, self.seconds), ShiftTest::of(legs, &self.later(lag), self.seconds)]
     }
 
-    /// Which beats of the music are hit: by all joints, on the beat; or by the legs, at a part of a beat behind it.
+    /// Which beats of the music are hit: by all joints, on the beat; or by the legs, `lag` of a beat after it.
     pub fn hits(&self, lag: Option<f64>) -> BeatHits {
         let [all, legs] = &self.own_s;
         match lag {
@@ -94,12 +95,13 @@ impl BeatPair {
             return false;
         };
         let bpm = 60.0 * (n as f64 - 1.0) / (last - first);
+        // a single beat makes `bpm` NaN, which is near nothing
         let near = |times: f64| self.pulse_bpm.is_some_and(|pulse| (pulse / (times * bpm) - 1.0).abs() <= SAME);
         [0.5, 1.0, 2.0].into_iter().any(near)
     }
 }
 
-/// The part of a beat by which the legs of clips come to rest behind it: where they score best. None of no clips.
+/// The lag, as a fraction of a beat, at which the legs of clips score best; `None` without clips.
 pub(crate) fn lag(all: &[BeatPair]) -> Option<f64> {
     let score = |lag: f64| all.iter().map(|p| BeatAlignment::of(&p.own_s[1], &p.later(lag)).motion).sum::<f64>();
     let lags: Vec<f64> = LAGS.map(|lag| f64::from(lag) / 100.0).collect();
@@ -111,15 +113,15 @@ pub(crate) fn lag(all: &[BeatPair]) -> Option<f64> {
 /// How dances keep to beats, their means.
 #[derive(Debug, Clone, Serialize)]
 pub struct BeatMetrics {
-    /// What they are.
+    /// The group's name.
     pub name: String,
     /// How many.
     pub dances: usize,
     /// All joints, on the beat.
     pub all: BeatScores,
-    /// The legs, behind it.
+    /// The legs, with the lag.
     pub legs: BeatScores,
-    /// The part of a beat by which.
+    /// The lag, fraction of a beat.
     pub lag: f64,
     /// Share of the dances whose legs' speed peaks at the music's tempo, its half or double, to 5 %.
     pub in_tempo: f64,
@@ -136,10 +138,10 @@ pub struct BeatScores {
     pub shifted: [f64; 2],
     /// What BA_motion is by chance, by the formula.
     pub chance: Option<f64>,
-    /// Of one dance: the shares of shifts that are less near.
+    /// Of one dance: the shares of shifts that score lower.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub percentile: Option<[f64; 2]>,
-    /// How many standard deviations of chance the means lie above it.
+    /// By how many standard deviations of chance the means exceed it.
     pub z: Option<[f64; 2]>,
 }
 
@@ -190,7 +192,7 @@ impl fmt::Display for BeatScores {
     }
 }
 
-/// The clips of a corpus that have beats, split by split, and the part of a beat by which those of train come to rest.
+/// The clips of a corpus that have beats, split by split, and the lag of those of train.
 ///
 /// # Errors
 /// Words that can't be decoded.
@@ -206,7 +208,7 @@ pub fn of_corpus(corpus: &Corpus, joints: &[usize]) -> Result<(Vec<BeatMetrics>,
     };
     let ways = [BeatSource::Music, BeatSource::Motion].into_iter().flat_map(|of| Split::ALL.map(|split| (split, of)));
     let all = ways.map(of_split).collect::<Result<Vec<_>>>()?;
-    // of music, as long as there is any
+    // the lag of train clips with music; of motion-derived beats only where there are none
     let lag = lag(&all[0].1).or(lag(&all[Split::ALL.len()].1)).unwrap_or(0.0);
     Ok((all.iter().filter_map(|(name, pairs)| BeatMetrics::of(name, pairs, lag)).collect(), lag))
 }
@@ -230,8 +232,8 @@ pub(crate) fn of_dances(
     Ok(BeatMetrics::of("dances", &all, lag).into_iter().chain(controls("the same", &all, lag)).chain(each).collect())
 }
 
-/// What says whether it is their own music that dances keep to: the same dances against that of the next one that has other
-/// music, begun elsewhere, and half a beat off. Nothing where all have the same.
+/// Controls of whether dances keep to their own music: the same dances against that of the next one that has other
+/// music, from another start, and half a beat off. Empty where all have the same.
 pub fn controls(name: &str, all: &[BeatPair], lag: f64) -> Vec<BeatMetrics> {
     let other = |i: usize| -> Option<BeatPair> {
         let next = all[i + 1..].iter().chain(&all[..i]).find(|next| !next.has_the_music_of(&all[i]))?;
@@ -248,7 +250,7 @@ pub fn controls(name: &str, all: &[BeatPair], lag: f64) -> Vec<BeatMetrics> {
     rows.into_iter().flatten().collect()
 }
 
-/// The beats of so many seconds of a piece that is begun elsewhere and comes round: pieces often begin alike.
+/// The beats of the first `seconds` of a piece, rotated by [`ELSEWHERE_S`]: pieces often begin alike.
 fn moved(beats_s: &[f64], seconds: f64) -> Vec<f64> {
     let inside = beats_s.iter().filter(|beat| (0.0..seconds).contains(*beat));
     let mut moved: Vec<f64> = inside.map(|beat| (beat + ELSEWHERE_S) % seconds).collect();

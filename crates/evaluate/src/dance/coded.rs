@@ -61,12 +61,13 @@ impl Dance {
 
     pub(super) fn new(name: String, words: Words, frames: usize, tokenizer: &Tokenizer) -> Result<Dance> {
         let clip = tokenizer.decode(&words, UncodedPose::Identity)?;
+        // a last tile is padded with frames that the clip doesn't have
         let clip = clip.slice(0..frames.min(clip.frames()));
         let ids = tokenizer.ids_of_words(&words)?;
         Ok(Dance { name, clip, words, file_fps: None, rate: FileRate::default(), ids })
     }
 
-    /// Its first frames, at most so many, in whole words.
+    /// Its first frames, at most `frames`, in whole words.
     pub(super) fn first(mut self, frames: usize, frames_per_word: usize) -> Dance {
         let words = frames.div_ceil(frames_per_word).min(self.words.len());
         let ids = self.word_ids()[..words].iter().map(|word| word.len()).sum();

@@ -28,11 +28,11 @@ pub struct MeasuredDance {
     pub take: String,
     /// Whether it, or its prompt, is a train clip of the corpus.
     pub in_training: bool,
-    /// What it made of its prompt.
+    /// How it follows its prompt.
     pub prompted: Option<PromptMetrics>,
 }
 
-/// Dances that are held to others.
+/// One of two sets that are compared.
 #[derive(Debug, Clone)]
 pub struct Side {
     /// What they are called.
@@ -62,12 +62,12 @@ pub fn take_of(corpus: &Corpus, sha256: &[String]) -> Option<(String, bool)> {
     (!takes.is_empty()).then(|| (takes.into_iter().collect::<Vec<_>>().join(" + "), in_training))
 }
 
-/// A mean over dances, and its middle 95 % when takes are drawn anew.
+/// A mean over dances, and the middle 95 % of the means over resampled takes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Estimate {
     /// The mean.
     pub mean: f64,
-    /// Where 95 % of the means of other takes lie.
+    /// The middle 95 %.
     pub interval: [f64; 2],
 }
 
@@ -76,10 +76,10 @@ pub struct Estimate {
 pub struct Row {
     /// What is measured, with its unit.
     pub what: &'static str,
-    /// Digits behind the point.
+    /// Digits after the point.
     #[serde(skip)]
     digits: usize,
-    /// Of the real train clips the mean.
+    /// Mean of the real train clips.
     pub real: Option<f64>,
     /// Of the two sets; `None` where no dance has it.
     pub sides: [Option<Estimate>; 2],
@@ -98,7 +98,7 @@ pub struct Comparison {
     pub dances: [usize; 2],
     /// Recordings of each.
     pub takes: [usize; 2],
-    /// Whether both have the same recordings, which are then drawn once for both.
+    /// Whether both have the same recordings, which are then resampled together.
     pub paired: bool,
     /// What makes the two hard to compare.
     pub doubts: Vec<String>,
@@ -136,7 +136,7 @@ fn share(some: usize, all: usize) -> Option<f64> {
 }
 
 impl Reference<'_> {
-    /// A chart a measure: of the real train clips and of each set, the share of clips that have so much or less.
+    /// A chart a measure: of the real train clips and of each set, the share of clips at or below each value.
     ///
     /// # Errors
     /// Words that can't be decoded.
@@ -152,6 +152,7 @@ impl Reference<'_> {
                 let mut found: Vec<f64> = dances.iter().filter_map(|(f, prompted)| of(f, *prompted)).collect();
                 found.sort_by(f64::total_cmp);
                 let share = |i: usize| 100.0 * i as f64 / found.len() as f64;
+                // two points at each value: the empirical distribution jumps there
                 let points = found.iter().enumerate().flat_map(|(i, x)| [(*x, share(i)), (*x, share(i + 1))]);
                 Series { name: (*name).into(), points: points.collect(), look: Look::Line, colour: Some(colour) }
             });
@@ -162,7 +163,7 @@ impl Reference<'_> {
         Ok(MEASURES.map(chart).into_iter().filter(|chart| !chart.is_empty()).collect())
     }
 
-    /// Holds two sets of dances to each other, beside the real train clips.
+    /// Compares two sets of dances with each other, beside the real train clips.
     ///
     /// # Errors
     /// Words that can't be decoded.
@@ -267,7 +268,7 @@ impl fmt::Display for Comparison {
             let digits = row.digits;
             let number = |x: f64| {
                 let text = format!("{x:.digits$}");
-                // no minus before nothing
+                // -0.0 and what rounds to it lose their sign
                 if text.chars().all(|c| matches!(c, '-' | '0' | '.')) { text.replace('-', "") } else { text }
             };
             let estimate = |estimate: Option<Estimate>| {
@@ -277,7 +278,7 @@ impl fmt::Display for Comparison {
                 estimate.map_or("n/a".into(), text)
             };
             let real = row.real.map_or("n/a".into(), number);
-            // one take has no spread
+            // one take has no spread: all its resamples are equal
             let star = self.takes.iter().all(|takes| *takes > 1)
                 && row.difference.is_some_and(|d| d.interval[0] > 0.0 || d.interval[1] < 0.0);
             let [a, b] = row.sides.map(estimate);

@@ -1,8 +1,10 @@
-//! Whether the free joints answer to the given ones: docs/measures.md, "The prompt".
+//! Whether the free joints respond to the given ones: docs/measures.md, "The prompt".
 //!
-//! The correlation over time of how fast the given and the free joints turn, beside the same with the given part shifted
-//! in time; what is left of it is the effect. Turning is that of each joint in its parent's frame: places in the world
+//! The correlation over time of the angular speeds of the given and the free joints, less the mean of the same with the
+//! given part shifted in time, is the effect. Speeds are each joint's in its parent's frame: positions in the world
 //! would be bound to one another by the body itself.
+//!
+//! Limits: angular speeds of the same step; a response that comes later, or in direction alone, is not seen.
 
 use kinelm_motion::Clip;
 use kinelm_motion::rotation::angle_between;
@@ -10,7 +12,7 @@ use kinelm_store::random;
 use rand_chacha::rand_core::RngCore;
 use serde::Serialize;
 
-/// How many random shifts stand for no coordination.
+/// Random shifts that estimate the correlation by chance.
 const SHIFTS: usize = 200;
 
 /// A correlation and what it would be by chance.
@@ -24,7 +26,7 @@ pub struct Coordination {
     pub effect: f64,
 }
 
-/// Of a dance of which these joints were given and those were free; `None` where either are none, or stand still, or the
+/// The coordination of a dance's given and free joints; `None` where either set is empty or stands still, or the
 /// dance is shorter than four frames.
 ///
 /// # Panics
@@ -35,6 +37,7 @@ pub fn coordination(clip: &Clip, given: &[usize], free: &[usize]) -> Option<Coor
     let mut rng = random::stream(1, "coordination", given.len() as u64, 0);
     let mut sum = 0.0;
     for _ in 0..SHIFTS {
+        // 1 to len - 1: a circular shift by 0 or by the length is none
         let by = 1 + rng.next_u64() as usize % (given.len() - 1);
         sum += pearson(given.iter().cycle().skip(by).take(given.len()).copied(), &free)?;
     }
@@ -61,6 +64,7 @@ fn pearson(a: impl Iterator<Item = f64> + Clone, b: &[f64]) -> Option<f64> {
         aa += (x - ma) * (x - ma);
         bb += (y - mb) * (y - mb);
     }
+    // below this the sums are rounding: joints at rest
     (aa > 1e-18 && bb > 1e-18).then(|| ab / (aa * bb).sqrt())
 }
 

@@ -2,7 +2,9 @@
 //!
 //! Windows of two seconds, the pelvis at 0, the heading of the first frame removed. For each window of a dance, half a
 //! second apart, the nearest of all training windows: every offset, mirrored too. The same of real validation clips is
-//! the reference; a copy is what is nearer than all but 1 % of it.
+//! the reference: a window is a copy if it is nearer than 99 % of those.
+//!
+//! Limits: every window is compared with every training window, so that time grows with the product of their numbers.
 
 use super::positions::heading_of;
 use crate::Result;
@@ -10,14 +12,14 @@ use kinelm_motion::mirror::mirror;
 use kinelm_motion::{Clip, Vec3};
 use rayon::prelude::*;
 
-/// Length of a window and how far windows of a dance are apart, seconds.
+/// Length of a window and the hop between windows of a dance, seconds.
 const WINDOW_S: f64 = 2.0;
 const HOP_S: f64 = 0.5;
 
 /// A clip as windows are taken from it.
 #[derive(Debug, Clone)]
 pub struct Track {
-    /// (F, J) places of joints from the pelvis, metres.
+    /// (F, J) positions of joints from the pelvis, metres.
     at: Vec<Vec3>,
     /// (F) cosine and sine of the heading.
     heading: Vec<(f64, f64)>,
@@ -34,6 +36,7 @@ impl Track {
         let all = clip.positions();
         let (mut at, mut heading, mut last) = (Vec::new(), Vec::new(), 0.0);
         for frame in all.chunks(clip.joints()) {
+            // a frame without a heading takes the last one
             last = heading_of(frame).unwrap_or(last);
             heading.push((last.cos(), last.sin()));
             at.extend(joints.iter().map(|&j| frame[j] - frame[0]));
@@ -54,12 +57,12 @@ impl Track {
         (WINDOW_S * self.fps).round() as usize
     }
 
-    /// How many windows begin at one frame after the other.
+    /// Windows at a hop of one frame.
     fn windows(&self) -> usize {
         (self.heading.len() + 1).saturating_sub(self.window())
     }
 
-    /// Places of a frame in a window that begins at frame `first`.
+    /// Positions in a frame, turned by the heading of frame `first`, where its window begins.
     fn turned(&self, first: usize, frame: usize) -> impl Iterator<Item = Vec3> + '_ {
         let (cos, sin) = self.heading[first];
         let places = &self.at[frame * self.joints..(frame + 1) * self.joints];
@@ -67,7 +70,7 @@ impl Track {
     }
 }
 
-/// How near the windows of dances come to training windows, which are shown one clip after the other.
+/// The nearest training window of every window of dances; training clips are added one by one.
 pub struct Nearest<'a> {
     dances: &'a [Track],
     windows: Vec<Window>,
@@ -98,6 +101,7 @@ impl Nearest<'_> {
             let dance = &dances[*dance];
             let window: Vec<Vec3> = (*first..*first + dance.window()).flat_map(|f| dance.turned(*first, f)).collect();
             let all = training.iter().flat_map(|t| (0..t.windows()).map(move |first| (t, first)));
+            // the best so far bounds the next sum, so that most windows are given up after a few frames
             *best = all.fold(*best, |best, (t, first)| best.min(bounded_distance(&window, t, first, best)));
         });
     }
@@ -128,8 +132,8 @@ fn bounded_distance(window: &[Vec3], training: &Track, first: usize, most: f64) 
     sum
 }
 
-/// Words of the longest run that stands, word by word, in a training clip too; where places are given, only the others
-/// are looked at.
+/// Words of the longest run that a training clip has too, word by word; given slots are not
+/// compared.
 pub fn longest_run(dance: &[&[u32]], clip: &[&[u32]], given: &[bool]) -> usize {
     let same = |a: &[u32], b: &[u32]| {
         let free = |i: usize| !given.get(i).copied().unwrap_or(false);
@@ -137,7 +141,7 @@ pub fn longest_run(dance: &[&[u32]], clip: &[&[u32]], given: &[bool]) -> usize {
     };
     let (mut runs, mut most) = (vec![0usize; clip.len() + 1], 0);
     for word in dance {
-        // from the end, so that the run of the word before still stands there
+        // from the end: `runs[i]` must still be that of the word before
         for i in (0..clip.len()).rev() {
             runs[i + 1] = if same(word, clip[i]) { runs[i] + 1 } else { 0 };
             most = most.max(runs[i + 1]);
@@ -174,6 +178,7 @@ mod tests {
         rotations.iter_mut().step_by(24).for_each(|q| *q = turn * *q);
         let copy = Clip::new(stretch.skeleton().clone(), 20.0, root, rotations).unwrap();
         let found = nearest(&Track::of(&copy, &joints), &training);
+        // 80 frames: windows of 40 begin at 0, 10, .. 40
         assert_eq!(found.len(), 5);
         assert!(found.iter().all(|d| *d < 1e-6), "{found:?}");
         let other = nearest(&Track::of(&clips[2], &joints), &training);

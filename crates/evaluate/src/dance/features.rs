@@ -1,4 +1,4 @@
-//! Dances and real ones as clouds of features, and how far these are apart: docs/referee.md.
+//! Dances and real ones as clouds of features, and the distances between them: docs/referee.md.
 
 use super::coded::Dance;
 use super::frechet::{Rows, SetDistance, Standardizer};
@@ -14,14 +14,14 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;
 
-/// Length of a window and the way from one to the next, seconds.
+/// Length of a window and the hop to the next, seconds.
 const WINDOW_S: f64 = 5.0;
 const HOP_S: f64 = 2.5;
-/// Published code looks at so many frames of a clip.
+/// Frames of a clip that published code reads, at most.
 const COMPAT_FRAMES: usize = 1200;
-/// Noise of the set that is worse than any, metres.
+/// Standard deviation of the noise of the worst control set, metres.
 const NOISE_M: f64 = 0.05;
-/// The seed of noise and of draws.
+/// The seed of noise and of random subsets.
 const SEED: u64 = 1;
 
 /// One kind of features in one form.
@@ -35,14 +35,14 @@ pub struct Features {
     pub left_out: Vec<usize>,
     /// Diversity of the real train clips.
     pub real_diversity: Option<f64>,
-    /// Sets held to the real train clips: what is real, what is real and spoilt, the dances.
+    /// Sets compared with the real train clips: other real ones, altered real ones, the dances.
     pub sets: Vec<(String, SetDistance)>,
-    /// Of sets with more vectors so many were taken, spread evenly; `None` where none has more.
+    /// The size to which larger sets were sampled, spread evenly; `None` where none is larger.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub most_vectors: Option<usize>,
 }
 
-/// Of a set with more vectors so many are taken, spread evenly: one of them is of 5 s, or of a clip.
+/// Vectors of a set at most, of larger ones a sample that is spread evenly: one vector is of 5 s, or of a clip.
 const MOST: usize = 4_000;
 
 /// What is done to clips before their features are taken.
@@ -78,6 +78,7 @@ pub fn features(reference: &Reference, sets: &[(&str, &[Dance])]) -> Result<Vec<
             clip += 1;
         })?;
         let [real, reversed, noise] = train;
+        // halves by clip: windows of one clip overlap, so halves by window would be too alike
         let half = |odd: usize| clouds(real.iter().filter(|(clip, _)| clip % 2 == odd).map(|(_, v)| v.clone()));
         let [even, odd] = [half(0), half(1)];
         let [real, reversed, noise] = [real, reversed, noise].map(|all| clouds(all.into_iter().map(|(_, v)| v)));
@@ -90,6 +91,7 @@ pub fn features(reference: &Reference, sets: &[(&str, &[Dance])]) -> Result<Vec<
             named.push((split.to_string(), clouds(all.into_iter().flatten())));
         }
         for (name, set) in sets {
+            // an empty set has no pieces at any rate
             let fps = set.first().map_or(1.0, |dance| dance.clip.fps());
             let pieces = Pieces::of(set.iter().map(|dance| dance.clip.frames()), fps, form);
             sampled |= pieces.sampled;
@@ -132,7 +134,7 @@ fn clouds(vectors: impl Iterator<Item = Vector>) -> [Rows; 2] {
     [kinetic, geometric]
 }
 
-/// Which pieces of the clips of a set are taken.
+/// The pieces that are taken of a set's clips.
 struct Pieces {
     form: Formulas,
     /// Of each clip.
@@ -141,10 +143,11 @@ struct Pieces {
 }
 
 impl Pieces {
-    /// Of clips of so many frames at `fps`: all pieces, or [`MOST`] of them.
+    /// Of clips with these frames at `fps`: all pieces, or [`MOST`] of them.
     fn of(clips: impl Iterator<Item = usize>, fps: f64, form: Formulas) -> Pieces {
         let (window, hop) = window_of(fps);
         let count = |frames: usize| match form {
+            // features are of speeds, which need two frames
             _ if frames < 2 => 0,
             Formulas::Compat => 1,
             Formulas::Fixed => (frames + 1).saturating_sub(window).div_ceil(hop),
@@ -155,6 +158,7 @@ impl Pieces {
         let (mut taken, mut before, mut next) = (Vec::with_capacity(counts.len()), 0, 0);
         for count in counts {
             let mut of_clip = Vec::new();
+            // the n-th taken piece is number `n * all / most`, counted through all clips
             while next < most && next * all / most < before + count {
                 of_clip.push(next * all / most - before);
                 next += 1;
@@ -184,7 +188,7 @@ impl Pieces {
     }
 }
 
-/// Places at the rate that a form is of; `compat` has the root's first place at 0.
+/// Positions at the rate of a form; `compat` has the root's first position at 0.
 fn places(clip: &Clip, form: Formulas) -> Result<JointPositions> {
     if form == Formulas::Fixed {
         return Ok(JointPositions::of(clip)?);
@@ -243,12 +247,14 @@ mod tests {
     #[test]
     fn windows_are_five_seconds_half_in_the_next() {
         let pieces = |clips: &[usize], form| Pieces::of(clips.iter().copied(), 20.0, form);
+        // of 220 frames the windows of 100 begin at 0, 50 and 100
         assert_eq!(pieces(&[220, 99, 100], Formulas::Fixed).taken, [vec![0, 1, 2], vec![], vec![0]]);
         assert_eq!(pieces(&[220, 1, 2], Formulas::Compat).taken, [vec![0], vec![], vec![0]]);
         assert_eq!(window_of(20.0), (100, 50));
         // of ten hours a sample
         let many = pieces(&[7_200; 100], Formulas::Fixed);
         let taken: usize = many.taken.iter().map(Vec::len).sum();
+        // 143 pieces a clip, 14,300 in all, of which 4,000 are taken: about every 3.6th
         assert_eq!((taken, many.sampled, &many.taken[99][..2]), (MOST, true, &[0, 3][..]));
         assert!(many.taken.iter().all(|of_clip| of_clip.iter().all(|piece| piece * 50 + 100 <= 7_200)));
     }

@@ -2,6 +2,8 @@
 //!
 //! A linear discriminant learns from windows of the real train clips. It reads of every free channel the mean, the deviation
 //! and the mean step; not of the pelvis, for a dance may face and go anywhere.
+//!
+//! Limits: a label that shows only in the order of movements, or in the path through the room, is not recognised.
 
 use super::coded::Dance;
 use crate::{Error, Result};
@@ -17,10 +19,10 @@ use std::fmt;
 use std::iter::StepBy;
 use std::ops::Range;
 
-/// Length of a window and the way from one to the next, seconds.
+/// Length of a window and the hop to the next, seconds.
 const WINDOW_S: f64 = 2.0;
 const HOP_S: f64 = 1.0;
-/// Windows of train clips that are learned from, at most; of more so many, spread evenly.
+/// About as many windows of train clips are learned from; more are thinned evenly, clip by clip.
 const MOST: usize = 10_000;
 
 /// How often clips are classified as requested.
@@ -34,7 +36,7 @@ pub struct Fidelity {
     pub joints: Vec<usize>,
     /// Real valid and test clips, dances.
     pub groups: Vec<Confusion>,
-    /// Of the train clips' windows one in so many was learned from, where they are more than 10,000.
+    /// One train window in this many was learned from, where there are more than 10,000.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub one_window_in: Option<usize>,
 }
@@ -108,6 +110,7 @@ pub fn fidelity(
         groups.push(group(format!("real, {split}"), clips.par_iter().map(named).collect::<Result<_>>()?));
     }
     let of_dance = |(dance, requested): &(&Dance, Option<String>)| {
+        // a field's classes are sorted
         let requested = requested.as_ref().and_then(|label| of_field.classes.binary_search(label).ok());
         Ok((requested, name(dance)?))
     };
@@ -118,16 +121,17 @@ pub fn fidelity(
 
 /// Frames of a window and to the next one.
 fn sizes(fps: f64) -> [usize; 2] {
+    // a mean step needs two frames
     [WINDOW_S, HOP_S].map(|s| ((s * fps).round() as usize).max(2))
 }
 
-/// Where windows of so many frames begin.
+/// First frames of the windows of a clip.
 fn starts(frames: usize, fps: f64) -> StepBy<Range<usize>> {
     let [size, hop] = sizes(fps);
     (0..(frames + 1).saturating_sub(size)).step_by(hop)
 }
 
-/// What is read of one in `every` windows of a dance; none of one that is shorter.
+/// The features of every n-th window of a dance, n = `every`; none of one that is shorter than a window.
 fn windows(dance: &Dance, joints: &[usize], every: usize) -> Result<Vec<Vec<f64>>> {
     let fps = dance.clip.fps();
     let size = sizes(fps)[0];
@@ -136,7 +140,7 @@ fn windows(dance: &Dance, joints: &[usize], every: usize) -> Result<Vec<Vec<f64>
     Ok(starts(series.frames, fps).step_by(every).map(one).collect())
 }
 
-/// The class with the largest sum of ln p.
+/// The class with the largest sum of ln p, as if windows were independent; only the order of classes is used.
 fn named(lda: &Lda, windows: &[Vec<f64>]) -> Option<usize> {
     let each: Vec<Vec<f64>> = windows.iter().map(|row| lda.log_p(row)).collect();
     let sum = |class: usize| each.iter().map(|log_p| log_p[class]).sum::<f64>();

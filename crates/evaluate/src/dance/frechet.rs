@@ -1,4 +1,7 @@
-//! How far sets of dances are apart as clouds of features: Fréchet distances and diversities.
+//! Distances between sets of dances as clouds of features: Fréchet distances, and diversities.
+//!
+//! Limits: each set counts as one Gaussian, so that nothing beyond mean and covariance is seen. Of few vectors the
+//! distance is biased upwards; [`SetDistance::at_infinity`] corrects that to first order in 1/N.
 //!
 //! Source: Heusel et al., "GANs trained by a two time-scale update rule converge to a local Nash equilibrium" (2017); of the
 //! extrapolation Chong and Forsyth, "Effectively unbiased FID and Inception score" (2020).
@@ -12,7 +15,7 @@ use serde::Serialize;
 const LEAST_SD: f64 = 1e-6;
 /// What is added to the diagonals of covariances.
 const RIDGE: f64 = 1e-6;
-/// Draws of a part of a set.
+/// Random subsets of each size.
 const DRAWS: usize = 10;
 /// Fewer vectors than this many times the features are too few.
 const ENOUGH: usize = 10;
@@ -20,7 +23,7 @@ const ENOUGH: usize = 10;
 /// Vectors of one length, a row a piece of dance.
 pub type Rows = Vec<Vec<f64>>;
 
-/// A set of dances held to the real ones.
+/// A set of dances compared with the real ones.
 #[derive(Debug, Clone, Serialize)]
 pub struct SetDistance {
     /// Vectors of the set.
@@ -35,12 +38,12 @@ pub struct SetDistance {
     pub too_few: bool,
 }
 
-/// What vectors are measured with: the mean and the spread of the real ones, whose features vary.
+/// Standardizes vectors by the mean and the spread of the real ones, and keeps the features that vary.
 pub struct Standardizer {
     mean: Vec<f64>,
     sd: Vec<f64>,
-    /// Features that vary.
-    kept: Vec<usize>,
+    /// Features that are used: those that vary, or all.
+    used: Vec<usize>,
 }
 
 impl Standardizer {
@@ -51,31 +54,33 @@ impl Standardizer {
         let mean: Vec<f64> = (0..length).map(|i| real.iter().map(|row| row[i]).sum::<f64>() / n).collect();
         let variance = |i: usize| real.iter().map(|row| (row[i] - mean[i]).powi(2)).sum::<f64>() / n;
         let sd: Vec<f64> = (0..length).map(|i| variance(i).sqrt()).collect();
-        let kept = (0..length).filter(|&i| all || sd[i] >= LEAST_SD).collect();
+        let used = (0..length).filter(|&i| all || sd[i] >= LEAST_SD).collect();
+        // published code divides by sd + 1e-10 and keeps constant features
         let sd = sd.into_iter().map(|sd| if all { sd + 1e-10 } else { sd }).collect();
-        Standardizer { mean, sd, kept }
+        Standardizer { mean, sd, used }
     }
 
     /// Features that are left out.
     pub fn left_out(&self) -> Vec<usize> {
-        (0..self.mean.len()).filter(|i| !self.kept.contains(i)).collect()
+        (0..self.mean.len()).filter(|i| !self.used.contains(i)).collect()
     }
 
     /// Rows in these measures.
     pub fn apply(&self, rows: &[Vec<f64>]) -> Rows {
-        let scaled = |row: &Vec<f64>| self.kept.iter().map(|&i| (row[i] - self.mean[i]) / self.sd[i]).collect();
+        let scaled = |row: &Vec<f64>| self.used.iter().map(|&i| (row[i] - self.mean[i]) / self.sd[i]).collect();
         rows.iter().map(scaled).collect()
     }
 }
 
 impl SetDistance {
-    /// A set held to the real ones, both scaled; `seed` of the draws.
+    /// Compares a set with the real ones, both scaled; `seed` is that of the random subsets.
     ///
     /// # Errors
     /// Covariances that have no square root: numbers that aren't finite.
     pub fn between(set: &[Vec<f64>], real: &[Vec<f64>], seed: u64) -> Result<SetDistance> {
         let features = real.first().map_or(0, Vec::len);
         let distance = frechet_distance(set, real, RIDGE)?;
+        // a quarter of 12 rows is 3, the fewest that have a distance
         let at_infinity =
             if distance.is_some() && set.len() >= 12 { Some(at_infinity(set, real, seed)?) } else { None };
         let too_few = set.len().min(real.len()) < ENOUGH * features;
@@ -93,14 +98,15 @@ pub fn frechet_distance(a: &[Vec<f64>], b: &[Vec<f64>], ridge: f64) -> Result<Op
     }
     let n = a[0].len();
     let ((m, s), (k, t)) = (gaussian(a, ridge), gaussian(b, ridge));
-    let apart: f64 = m.iter().zip(&k).map(|(x, y)| (x - y).powi(2)).sum();
+    let means: f64 = m.iter().zip(&k).map(|(x, y)| (x - y).powi(2)).sum();
     let trace = |s: &[f64]| (0..n).map(|i| s[i * n + i]).sum::<f64>();
     // (S1 S2)^(1/2) has the trace of (R S2 R)^(1/2) with R² = S1, which is symmetric
     let root = map_eigen(n, &s, f64::sqrt)?;
     let both = product(n, &product(n, &root, &t), &root);
     let (values, _) = eigen(n, &both)?;
+    // rounding leaves eigenvalues of a singular product just below 0
     let cross: f64 = values.into_iter().map(|value| value.max(0.0).sqrt()).sum();
-    Ok(Some(apart + trace(&s) + trace(&t) - 2.0 * cross))
+    Ok(Some(means + trace(&s) + trace(&t) - 2.0 * cross))
 }
 
 /// Where a line through the distances of N, N/2 and N/4 rows, over 1/N, meets 0.
@@ -129,9 +135,9 @@ fn at_infinity(set: &[Vec<f64>], real: &[Vec<f64>], seed: u64) -> Result<f64> {
 /// Mean distance of two rows; `None` of fewer than two.
 pub fn diversity(rows: &[Vec<f64>]) -> Option<f64> {
     let pairs = (0..rows.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
-    let apart = |(i, j): (usize, usize)| rows[i].iter().zip(&rows[j]).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt();
+    let norm = |(i, j): (usize, usize)| rows[i].iter().zip(&rows[j]).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt();
     let count = rows.len() * rows.len().saturating_sub(1) / 2;
-    (count > 0).then(|| pairs.map(apart).sum::<f64>() / count as f64)
+    (count > 0).then(|| pairs.map(norm).sum::<f64>() / count as f64)
 }
 
 /// Mean and covariance (n, n) of rows, a little added to its diagonal.
@@ -216,6 +222,7 @@ mod tests {
     fn gaussians_have_the_closed_form_and_few_rows_a_bias_that_the_line_takes_off() {
         let (a, b) = (normal(50_000, 3, (0.0, 1.0), 1), normal(50_000, 3, (0.5, 2.0), 2));
         let found = frechet_distance(&a, &b, 0.0).unwrap().unwrap();
+        // of each feature: (0.5 - 0)^2 of the means, (2 - 1)^2 of the deviations
         let wanted = 3.0 * (0.25 + 1.0);
         assert!((found / wanted - 1.0).abs() < 0.02, "{found}, {wanted}");
         let (few, real) = (normal(60, 8, (0.0, 1.0), 3), normal(4000, 8, (0.0, 1.0), 4));

@@ -21,6 +21,7 @@ const ROUNDING_CM_S: f64 = 1e-6;
 pub fn energy(places: &JointPositions) -> Vec<f64> {
     let steps = places.speeds();
     let half = ((HALF_S * places.fps).round() as usize).max(1);
+    // differences of these sums leave rounding in the E of a body at rest, hence [`ROUNDING_CM_S`]
     let mut before = vec![0.0];
     for speed in &steps {
         before.push(before[before.len() - 1] + speed);
@@ -38,7 +39,7 @@ pub fn threshold(mut energies: Vec<f64>) -> Option<f64> {
     super::percentile(&energies, PERCENTILE)
 }
 
-/// The threshold of frames that come in pieces: only as many are held as it needs, a hundredth or two.
+/// The threshold of frames that come in pieces: only the lowest are stored, 1 to 2 % of all.
 #[derive(Debug)]
 pub(crate) struct Threshold {
     /// How many of the lowest are needed.
@@ -48,7 +49,7 @@ pub(crate) struct Threshold {
 }
 
 impl Threshold {
-    /// Of at most so many frames.
+    /// Of at most `frames` frames.
     pub(crate) fn of(frames: usize) -> Threshold {
         Threshold { needed: super::ranks(frames, PERCENTILE), all: 0, lowest: Vec::new() }
     }
@@ -57,6 +58,7 @@ impl Threshold {
     pub(crate) fn add(&mut self, energies: &[f64]) {
         self.all += energies.len();
         self.lowest.extend(energies);
+        // trimmed at twice the size, so that the linear selection costs each frame O(1)
         if self.lowest.len() > 2 * self.needed {
             self.lowest.select_nth_unstable_by(self.needed - 1, f64::total_cmp);
             self.lowest.truncate(self.needed);
@@ -97,13 +99,14 @@ impl Freezing {
             frames,
             still: all_still,
             per_5_s: still.chunks(((5.0 * fps).round() as usize).max(1)).map(count).collect(),
+            // 20 frames at 20 fps are a second, whatever the quotient rounds to
             time_to_freeze_s: (frozen >= FROZEN_S - 1e-9).then_some(moving as f64 / fps),
             duration_s: frames as f64 / fps,
         }
     }
 }
 
-/// What several dances have together.
+/// The freezing of several dances together.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Summary {
     /// Dances.
@@ -186,6 +189,7 @@ mod tests {
     #[test]
     fn one_percent_of_the_training_frames_are_below_the_threshold() {
         let x = threshold((0..1000).rev().map(f64::from).collect()).unwrap();
+        // rank 0.01 * 999, between 9 and 10
         assert!((x - 9.99).abs() < 1e-9, "{x}");
         assert_eq!(threshold(vec![]), None);
         // in pieces, it is the same number

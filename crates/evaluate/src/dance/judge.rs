@@ -1,4 +1,7 @@
 //! Which of several dances is least unlike real ones: docs/generation.md, "The best of several".
+//!
+//! Limits: faults of the body's motion, freezes and copies; how well a dance suits its label or its music is not
+//! judged.
 
 use super::coded::Dance;
 use super::copying::Track;
@@ -21,28 +24,28 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-/// Real clips are measured in windows of so many seconds, one every so many.
+/// Length and hop of the windows in which real clips are measured, seconds.
 const WINDOW_S: f64 = 5.0;
 const HOP_S: f64 = 2.5;
 /// How many measures make up the score.
 const MEASURES: usize = 4;
-/// A spread of real windows is taken to be so much at least, or a thousandth more would count as far off: of the share of
-/// steps that slide, of penetration in cm, of shaking over its median, of the centre of mass outside the support in cm.
+/// Least spread of each measure, or a tiny excess over nearly equal real windows would decide the score: the share of
+/// steps that slide, penetration in cm, shaking over its median, the centre of mass outside the support in cm.
 const LEAST: [f64; MEASURES] = [0.02, 0.2, 0.1, 0.5];
 /// A dance is a copy if more than this share of its windows is nearer to training than 99 of 100 windows of real dances
 /// that nothing was trained on.
 const COPIED: f64 = 0.1;
 
-/// Holds dances of one recipe to real ones.
+/// Compares dances of one request with real ones.
 pub struct Judge<'a> {
     real: &'a Reference<'a>,
     invented: Vec<FreeSpan>,
     /// All that were invented in any frame.
     joints: Vec<usize>,
     typical: [Option<Typical>; MEASURES],
-    /// Of what was invented up to the end: the frames and joints, and the threshold under which they stand still, cm/s.
+    /// The span that is invented up to the end, and the threshold under which its joints stand still, cm/s.
     last: Option<(FreeSpan, f64)>,
-    /// By joints: how near a dance may come to training clips; nobody knows without validation clips.
+    /// By joints: the least distance to training clips that is no copy; `None` without validation clips.
     limits_cm: Mutex<BTreeMap<Vec<usize>, Option<f64>>>,
 }
 
@@ -74,6 +77,7 @@ impl<'a> Judge<'a> {
             values.sort_by(f64::total_cmp);
             let at = |p| percentile(&values, p);
             judge.typical[i] = at(0.5).zip(at(0.25).zip(at(0.75))).map(|(median, (low, high))| {
+                // shaking has no unit of its own, so its least spread is relative to the median
                 let least = if i == 2 { least * median } else { least };
                 Typical { median, spread: (high - low).max(least) }
             });
@@ -93,7 +97,7 @@ impl<'a> Judge<'a> {
         if all { JointPositions::of(clip, joints) } else { JointPositions::of_pose(clip, joints) }
     }
 
-    /// What is to be said of one dance; copies aren't looked for yet.
+    /// The verdict on one dance, before the search for copies.
     pub fn verdict(&self, dance: &Dance) -> Verdict {
         let found = self.measures(&dance.clip, &self.invented);
         let beyond = |(found, typical): (Option<f64>, Option<Typical>)| {
@@ -105,12 +109,12 @@ impl<'a> Judge<'a> {
         Verdict { score, skate_share, penetration_cm, shake, outside_cm, freezes_s, copied: false }
     }
 
-    /// The dances from the best to the worst, with what is said of them. Those that stand still for good or copy are behind
-    /// all others; copies are looked for until `wanted` dances are none.
+    /// The dances from the best to the worst with their verdicts. Those that freeze or copy come after
+    /// all others; the search for copies ends with the `count`-th dance that is none.
     ///
     /// # Errors
     /// Clips that can't be mirrored.
-    pub(crate) fn ranked(&self, dances: &[Dance], wanted: usize) -> Result<Vec<(usize, Verdict)>> {
+    pub(crate) fn ranked(&self, dances: &[Dance], count: usize) -> Result<Vec<(usize, Verdict)>> {
         let mut all: Vec<(usize, Verdict)> = dances.iter().map(|dance| self.verdict(dance)).enumerate().collect();
         let order = |a: &(usize, Verdict), b: &(usize, Verdict)| {
             let key = |v: &Verdict| (v.doubt().is_some(), v.score);
@@ -120,7 +124,8 @@ impl<'a> Judge<'a> {
         all.sort_by(order);
         let mut fine = 0;
         for (i, verdict) in &mut all {
-            if fine == wanted || verdict.doubt().is_some() {
+            // sorted: every dance after the first doubtful one is doubtful too
+            if fine == count || verdict.doubt().is_some() {
                 break;
             }
             verdict.copied = self.is_copy(&dances[*i])?;
@@ -130,7 +135,7 @@ impl<'a> Judge<'a> {
         Ok(all)
     }
 
-    /// Whether the invented joints of a dance are those of a training clip, in a tenth of its windows or more.
+    /// Whether the invented joints of a dance are those of a training clip, in more than [`COPIED`] of its windows.
     fn is_copy(&self, dance: &Dance) -> Result<bool> {
         let (mut all, mut copied) = (0, 0);
         for stretch in &self.invented {
@@ -143,7 +148,7 @@ impl<'a> Judge<'a> {
         Ok(copied as f64 > COPIED * all as f64)
     }
 
-    /// How near a dance may come to training clips, as these joints show them.
+    /// The least distance to training clips that is no copy, for these joints.
     fn limit_cm(&self, joints: &[usize]) -> Result<Option<f64>> {
         let mut known = self.limits_cm.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(limit) = known.get(joints) {
@@ -173,6 +178,7 @@ impl<'a> Judge<'a> {
                 balance.add(&Balance::of(&self.real.legs, &part));
             }
             if let Some(mean) = jitter_of(&part, &stretch.joints) {
+                // a mean over third differences, which are three fewer than the frames
                 jerk += (part.frames() - 3) as f64 * mean;
                 speed += JointPositions::of(&part, &stretch.joints).speeds().iter().sum::<f64>();
             }
@@ -182,7 +188,7 @@ impl<'a> Judge<'a> {
         [slides, ground.penetration_cm(), (speed > 0.0).then(|| jerk / speed), balance.outside_cm()]
     }
 
-    /// From when on what was invented up to the end stands still, seconds.
+    /// From when on the span that is invented up to the end stands still, seconds.
     fn freezes_s(&self, clip: &Clip) -> Option<f64> {
         let (last, threshold) = self.last.as_ref()?;
         // a frame more or less is the coding's
@@ -283,6 +289,7 @@ mod tests {
             assert!(verdict(worse).score > own.score + by, "{} beside {own}", verdict(worse));
         }
         let stands = verdict(&still).freezes_s.unwrap();
+        // at rest from frame 75 on, 3.75 s, seen through the half second of E
         assert!((3.2..4.4).contains(&stands), "{stands}");
 
         let ranked = judge.ranked(&[copy.clone(), still.clone(), sunk, test], 2).unwrap();

@@ -18,6 +18,7 @@ impl Dance {
         if provenance.is_none() {
             let sha256 = hash::of_file(path)?;
             let mut same = corpus.clips().iter().filter(|record| record.sha256 == sha256);
+            // an exclusion makes several clips of a file, none of which is the whole dance
             if let (Some(record), None) = (same.next(), same.next()) {
                 return Ok(Dance { name: path.display().to_string(), ..Dance::of_corpus(corpus, record)? });
             }

@@ -22,7 +22,7 @@ pub(super) struct DanceMetrics {
 /// The figures of several dances.
 #[derive(Debug, Clone, Serialize)]
 pub struct GroupMetrics {
-    /// What they are.
+    /// The group's name.
     pub name: String,
     /// In the world.
     pub world: Summary,
@@ -34,15 +34,15 @@ pub struct GroupMetrics {
     pub penetration_cm: Option<f64>,
     /// Share of frames in which it is as deep.
     pub penetration_share: Option<f64>,
-    /// Share of frames that hang in the air and are in no jump.
+    /// Share of frames that float: off the floor and in no jump.
     pub floating_share: Option<f64>,
-    /// Mean horizontal speed of foot joints that stand, cm/s.
+    /// Mean horizontal speed of foot joints in contact, cm/s.
     pub skate_cm_s: Option<f64>,
     /// Share of those steps that are faster than 10 cm/s.
     pub skate_share: Option<f64>,
     /// Physical foot contact, mean over the dances; see [`FootContact`].
     pub pfc: Option<f64>,
-    /// The least and the greatest that it is by where every n-th frame begins, where the rate is n times 30.
+    /// Least and greatest value over the n phases in which every n-th frame is read, where the rate is n times 30.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pfc_spread: Option<[f64; 2]>,
     /// Mean speed of the coded joints, cm/s.

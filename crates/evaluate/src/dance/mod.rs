@@ -1,4 +1,5 @@
-//! Measures of one dance: whether it freezes, repeats itself, answers to its prompt, copies. Defined in docs/measures.md.
+//! Measures of one dance: whether it freezes, repeats itself, responds to its prompt, copies. Defined in
+//! docs/measures.md.
 //!
 //! Real and generated clips go through the same coding and decoding: the tokenizer of the corpus that holds the real ones,
 //! the joints that it doesn't code at rest.

@@ -1,8 +1,8 @@
-//! JointPositions of joints as the measures of a dance see them.
+//! Positions of joints as the measures of a dance see them.
 
 use kinelm_motion::{Clip, Quat, Vec3};
 
-/// JointPositions of chosen joints, frame after frame.
+/// Positions of chosen joints, frame after frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointPositions {
     /// (F, J) metres.

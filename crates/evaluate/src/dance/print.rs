@@ -46,6 +46,7 @@ impl fmt::Display for Report {
                 percent(w.freeze_rate),
                 percent(w.freeze_rate_sd),
                 percent(group.pose.freeze_rate),
+                // the dance in the middle doesn't freeze: later than the longest lasts
                 w.median_time_to_freeze_s.map_or(format!("> {:.0}", w.duration_s[1]), |t| format!("{t:.1}")),
                 percent(w.never),
                 percent(group.repeat_rate),
@@ -85,8 +86,10 @@ impl fmt::Display for Report {
             vec![percent(group.outside_share), number(group.outside_cm, 2), percent(group.kick_share)]
         })?;
         write!(f, "\nfreeze % of every 5 s:")?;
+        // train, valid and the dances together
         for group in self.groups.iter().take(3).filter(|g| g.world.dances > 0) {
             write!(f, "\n{:<32}", shortened(&group.name))?;
+            // two minutes a line
             group.world.per_5_s.iter().take(24).try_for_each(|x| write!(f, " {:.1}", 100.0 * x))?;
         }
         for (name, p) in &self.prompted {

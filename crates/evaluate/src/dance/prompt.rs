@@ -1,4 +1,4 @@
-//! What a dance made of its prompt: docs/measures.md, "The prompt".
+//! How a dance follows its prompt: docs/measures.md, "The prompt".
 
 use super::coded::Dance;
 use super::coordination::{Coordination, coordination};
@@ -13,7 +13,7 @@ use kinelm_tokenizer::{Tokenizer, UncodedPose};
 use serde::Serialize;
 use std::path::Path;
 
-/// What a dance made of the joints that it was given.
+/// The metrics of a dance against the joints that it was given.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PromptMetrics {
     /// The joints, as requested.
@@ -25,14 +25,14 @@ pub struct PromptMetrics {
     /// Why not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub not_compared: Option<String>,
-    /// Mean distance of the given joints' places from the prompt's, both pelvises moved to 0, cm: free joints above them
-    /// move them.
+    /// Mean distance of the given joints' positions from the prompt's, both pelvises moved to 0, cm: free joints above
+    /// them move them.
     pub given_mpjpe_cm: f64,
     /// Jitter of the free joints over that of the same joints of the prompt, coded and decoded.
     pub free_jitter: Option<f64>,
     /// Foot skate over the prompt's, where the feet are free.
     pub free_skate: Option<f64>,
-    /// Whether the free joints answer.
+    /// Whether the free joints respond.
     pub coordination: Option<Coordination>,
 }
 
@@ -65,19 +65,21 @@ impl PromptMetrics {
         let (given, free): (Vec<usize>, Vec<usize>) = joints.partition(|j| selection.joints.contains(j));
         let (seen, made) = (seen.slice(0..frames), dance.clip.slice(0..frames));
         let (a, b) = (seen.positions(), made.positions());
-        let mut apart = Vec::new();
+        let mut distances = Vec::new();
         for (a, b) in a.chunks(24).zip(b.chunks(24)) {
-            apart.extend(given.iter().map(|&j| ((a[j] - a[0]) - (b[j] - b[0])).length()));
+            distances.extend(given.iter().map(|&j| ((a[j] - a[0]) - (b[j] - b[0])).length()));
         }
+        // beside a prompt at rest there is none
         let quotient = |dance: Option<f64>, prompt: Option<f64>| Some(dance? / prompt.filter(|x| *x > 0.0)?);
         let feet = feet(tokenizer.channels().joints())?;
+        // given feet are the prompt's own
         let is_free = feet.joints.iter().all(|(foot, _)| free.contains(foot));
         let skate = |clip: &Clip| Skate::of(&feet, clip).cm_s().filter(|_| is_free);
         Ok(Some(PromptMetrics {
             joints: list.clone(),
             mismatch,
             not_compared,
-            given_mpjpe_cm: 100.0 * apart.iter().sum::<f64>() / apart.len().max(1) as f64,
+            given_mpjpe_cm: 100.0 * distances.iter().sum::<f64>() / distances.len().max(1) as f64,
             free_jitter: quotient(jitter_of(&made, &free), jitter_of(&seen, &free)),
             free_skate: quotient(skate(&made), skate(&seen)),
             coordination: coordination(&made, &given, &free),

@@ -1,4 +1,4 @@
-//! Real dances, that others are held to.
+//! Real dances that others are compared with.
 
 use super::coded::Dance;
 use super::copying::{Nearest, Track};
@@ -16,7 +16,7 @@ use kinelm_motion::rig::{Feet, Humanoid};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Real dances, and the thresholds measured from them. They are decoded clip by clip whenever they are looked at, unless
+/// Real dances, and the thresholds measured from them. Clips are decoded one by one at each use, unless
 /// there are few.
 pub struct Reference<'a> {
     pub(super) corpus: &'a Corpus,
@@ -31,11 +31,11 @@ pub struct Reference<'a> {
     pub(super) thresholds: [f64; 2],
 }
 
-/// Train and validation clips of so many frames are held decoded, some 25 MB.
+/// Up to this many frames, train and validation clips are held decoded, some 25 MB.
 const HELD_FRAMES: usize = 20_000;
-/// Clips that are decoded before what was made of them is taken up.
+/// Clips that are decoded in parallel before their results are folded.
 const TOGETHER: usize = 64;
-/// Copies are judged beside validation clips of about so many frames.
+/// Frames of the validation clips that copies are judged beside, about.
 const REFERENCE_FRAMES: usize = 20_000;
 
 impl<'a> Reference<'a> {
@@ -63,7 +63,7 @@ impl<'a> Reference<'a> {
         real.fold(Split::Train, of_both, |energies| {
             thresholds.iter_mut().zip(energies).for_each(|(threshold, e)| threshold.add(&e));
         })?;
-        // not one of no frames
+        // `check` has refused a corpus without a training frame
         real.thresholds = thresholds.map(|threshold| threshold.get().unwrap_or(0.0));
         Ok(real)
     }
@@ -87,7 +87,7 @@ impl<'a> Reference<'a> {
         self.corpus
     }
 
-    /// What `of` makes of every clip of a split and its number, taken up in their order. Of each thread one clip is decoded at a
+    /// Folds what `of` makes of every clip of a split and its number, in their order. Each thread decodes one clip at a
     /// time.
     ///
     /// # Errors
@@ -167,8 +167,8 @@ impl<'a> Reference<'a> {
         (0..taken).into_par_iter().map(dance).collect()
     }
 
-    /// How near windows of dances, as some joints show them, come to the training clips and their mirror images, cm: for each
-    /// dance those of its windows, half a second apart.
+    /// Distances of windows of dances, as some joints show them, to the nearest of the training clips and their mirror
+    /// images, cm: for each dance those of its windows, half a second apart.
     ///
     /// # Errors
     /// Clips that can't be mirrored; as [`Reference::fold`].
@@ -183,6 +183,7 @@ impl<'a> Reference<'a> {
 pub(super) fn feet(joints: &[usize]) -> Result<Feet> {
     let mut feet = Humanoid::neutral().feet()?;
     let coded = feet.joints.iter().any(|(j, _)| joints.contains(j));
+    // 7 and 8 are the ankles
     feet.joints.retain(|(j, _)| if coded { joints.contains(j) } else { matches!(j, 7 | 8) });
     Ok(feet)
 }

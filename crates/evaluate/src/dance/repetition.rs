@@ -1,4 +1,6 @@
 //! Whether a dance repeats itself: docs/measures.md, "Repetition".
+//!
+//! Limits: only an exact repetition counts, so that finer bins find fewer.
 
 /// How far back a repetition may have ended, seconds.
 const BACK_S: f64 = 10.0;
@@ -11,6 +13,7 @@ pub fn repeats(words: &[&[u32]], frames_per_word: usize, fps: f64) -> [usize; 2]
     let Some(last) = words.len().checked_sub(second) else { return [0, 0] };
     let repeated = |at: usize| {
         let next = &words[at..at + second];
+        // the earlier second ends by `at`, so that the two never overlap
         (at.saturating_sub(back)..=at).any(|end| end >= second && &words[end - second..end] == next)
     };
     let found = (0..=last).filter(|&at| repeated(at)).count();
@@ -38,6 +41,7 @@ mod tests {
     #[test]
     fn what_ended_longer_ago_does_not_count() {
         let far = |between: u32| [vec![1, 2, 3, 4], (10..10 + between).collect(), vec![1, 2, 3, 4]].concat();
+        // ten seconds are 40 frames
         assert_eq!(of(&far(40))[0], 1);
         assert_eq!(of(&far(41))[0], 0);
     }
@@ -45,6 +49,7 @@ mod tests {
     #[test]
     fn tiles_count_with_all_their_frames() {
         let words: Vec<&[u32]> = [1, 2, 1, 2].chunks(1).collect();
+        // a second is two words: of the three places that have a next one, the last repeats the first
         assert_eq!(repeats(&words, 10, 20.0), [10, 30]);
     }
 }

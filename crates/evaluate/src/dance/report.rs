@@ -1,4 +1,4 @@
-//! Dances held to real ones.
+//! Dances compared with real ones.
 
 use super::beats::{self, BeatMetrics};
 use super::coded::Dance;
@@ -47,7 +47,7 @@ pub struct Report {
     pub pose_threshold_cm_s: f64,
     /// The real training and validation clips, the dances together, each dance.
     pub groups: Vec<GroupMetrics>,
-    /// What the dances made of their prompts, by name.
+    /// How the dances follow their prompts, by name.
     pub prompted: Vec<(String, PromptMetrics)>,
     /// Copies, if requested.
     pub copied: Option<Copied>,
@@ -104,7 +104,7 @@ impl Reference<'_> {
         Ok(real.into_iter().chain(beats::of_dances(dances, music_s, &self.joints, lag)?).collect())
     }
 
-    /// Whether dances are copies of training clips; `given`: the places of a word that were given to all of them.
+    /// Whether dances are copies of training clips; `given`: the slots of a word that were given to all of them.
     ///
     /// # Errors
     /// Clips that can't be mirrored.

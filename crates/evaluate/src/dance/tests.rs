@@ -52,7 +52,7 @@ fn real_dances_freeze_in_one_percent_and_a_statue_in_all() {
     let speeds = JointPositions::of(clip, &real.joints).speeds();
     let mean = 100.0 * speeds.iter().sum::<f64>() / speeds.len() as f64;
     assert!((valid.speed_cm_s.unwrap() / mean - 1.0).abs() < 1e-12);
-    // one that hangs floats, one that has sunk is in the floor
+    // a raised one floats, a lowered one is in the floor
     let at = |y: f64| {
         let clip = train_clip.clip.clone().raised(y);
         let moved = real.report(&[Dance { clip, ..train_clip.clone() }]).unwrap().groups.swap_remove(2);

@@ -86,6 +86,7 @@ impl ChannelFloors {
         let later: usize = codes.test.iter().map(|c| (c.len() / channels).saturating_sub(2)).sum();
         let by_channel: [Vec<f64>; 6] =
             std::array::from_fn(|m| costs.iter().map(|c| (c.early[m] + c.later[m]) / test[1] as f64).collect());
+        // 0 / 0 where no clip has a third frame; `then_some` drops it below
         let from_third = std::array::from_fn(|m| costs.iter().map(|c| c.later[m]).sum::<f64>() / later as f64);
         Ok(ChannelFloors {
             bins,
@@ -241,12 +242,14 @@ struct ChannelCost {
 }
 
 fn channel_cost(kernels: &Kernels, bins: usize, train: &Series, test: &Series) -> ChannelCost {
+    // an extrapolated line may leave the bins, and kernels are centred on bins alone
     let line = |b1: u32, b2: u32| (2 * i64::from(b1) - i64::from(b2)).clamp(0, bins as i64 - 1) as u32;
     let step = |x: u32, b: u32| (x + bins as u32 - b) % bins as u32;
 
     let order0 = Histogram::fit(bins, train.all());
     let delta = Histogram::fit(bins, train.pairs().map(|(x, b)| step(x, b)));
 
+    // equal cases are counted once: expectation maximisation reads every case in each round
     let (pairs, counts) = distinct(train.pairs().collect());
     let previous = fit(&counts, |i| kernels.row(pairs[i].1, pairs[i].0));
 
@@ -265,6 +268,7 @@ fn channel_cost(kernels: &Kernels, bins: usize, train: &Series, test: &Series) -
     let b = |x: u32, b1: u32| delta.bits(step(x, b1));
     let c = |x: u32, b1: u32| bits(&previous, &kernels.row(b1, x));
     let mut cost =
+        // `both` has the extrapolation's kernels second
         ChannelCost { early: [0.0; 6], later: [0.0; 6], weight_on_extrapolation: mixed[KERNELS..].iter().sum() };
     for &x in &test.first {
         add(&mut cost.early, [a(x); 6]);
@@ -294,6 +298,7 @@ fn weights_by_size<const N: usize>(
         by_size[size_of_step(b1, b2)].push((x, b1, line(b1, b2)));
     }
     by_size.map(|cases| {
+        // a few cases would fit the 27 weights to their noise
         if cases.len() < LEAST_CASES {
             return any_size;
         }

@@ -24,12 +24,14 @@ pub struct CodeSplits {
 }
 
 impl CodeSplits {
-    /// The codes of a corpus whose words are frames of so many characters each: without the space, and as they were before
-    /// any were merged. `measured` is the split that stands for `test`; the one for `train` is that of `fitted`, a corpus of the
+    /// The codes of a corpus whose words are frames of C characters: without spaces, and before any characters were
+    /// merged.
+    /// `measured` is the split that stands for `test`; `train` is the train split of `fitted`, a corpus of the
     /// same tokenizer.
     ///
     /// # Errors
-    /// [`kinelm_store::Error::Invalid`] for a corpus of other words; [`kinelm_store::Error::File`] when an id stands where it may not.
+    /// [`kinelm_store::Error::Invalid`] for a corpus of other words; [`kinelm_store::Error::File`] when an id is not
+    /// allowed in its slot.
     pub fn of_corpora(fitted: &Corpus, corpus: &Corpus, measured: Split, extent: Extent) -> Result<Self> {
         let Some(channels) = channels(corpus) else {
             return Err(Error::unsupported(

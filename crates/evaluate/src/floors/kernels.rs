@@ -1,4 +1,6 @@
 //! Mixtures of fixed densities over bins, their weights fitted by expectation maximisation.
+//!
+//! Limits: a fixed number of rounds without a test of convergence, as in the reference.
 
 /// Kernels around one centre.
 pub const KERNELS: usize = 1 + LAPLACE.len() + CAUCHY.len() + 1;
@@ -63,6 +65,7 @@ pub fn fit<const N: usize>(counts: &[f64], row: impl Fn(usize) -> [f64; N]) -> [
         for (i, &count) in counts.iter().enumerate() {
             let mut part = row(i);
             part.iter_mut().zip(&weights).for_each(|(p, w)| *p *= w);
+            // above 0: a density of the case is positive by contract, and FLOOR keeps every weight so
             let scale = count / part.iter().sum::<f64>();
             share.iter_mut().zip(&part).for_each(|(s, p)| *s += p * scale);
         }

@@ -29,7 +29,7 @@ impl Floors {
     /// The floors of a split of a corpus, fitted on the train clips of `fitted`, which may be the same.
     ///
     /// # Errors
-    /// Corpora of two tokenizers; a split without frames; ids that stand where they may not.
+    /// Corpora of two tokenizers; a split without frames; ids that are not allowed in their slots.
     pub fn of_corpora(fitted: &Corpus, corpus: &Corpus, split: Split, extent: Extent) -> Result<Floors> {
         let [found, expected] = [fitted, corpus].map(|corpus| corpus.tokenizer().base_hash());
         if found != expected {

@@ -3,13 +3,13 @@
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use std::ops::Range;
 
-/// Of a split with more frames than these a sample of about so many is taken.
+/// A split with more frames than this is sampled down to about this many.
 pub const MOST_FRAMES: usize = 200_000;
 
 /// Frames of a stretch of a sample, at most: each counts as a clip of its own.
 const STRETCH: usize = 1_000;
 
-/// What of a split is looked at.
+/// How much of a split is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Extent {
     /// All of it; memory grows with its hours.
@@ -20,13 +20,15 @@ pub enum Extent {
 }
 
 impl Extent {
-    /// Stretches of clips of so many units (frames, or words of `frames` frames) each: the clip's number and what of it.
-    /// Those of all clips, whole and in order, where they have few enough frames.
+    /// Stretches of clips, given each clip's units (frames, or words of `frames` frames): the clip's number and its
+    /// units.
+    /// Whole clips, in order, where they have few enough frames.
     pub(crate) fn stretches(self, clips: &[usize], frames: usize) -> Vec<(usize, Range<usize>)> {
         let all: usize = clips.iter().map(|units| units * frames).sum();
         if self == Extent::All || all <= MOST_FRAMES {
             return clips.iter().enumerate().map(|(clip, &units)| (clip, 0..units)).collect();
         }
+        // a stretch has a word at least, even where a word is longer than [`STRETCH`]
         let step = (STRETCH / frames).max(1);
         let of_clip = |(clip, &units): (usize, &usize)| {
             (0..units).step_by(step).map(move |first| (clip, first..(first + step).min(units)))
@@ -34,6 +36,7 @@ impl Extent {
         let stretches: Vec<_> = clips.iter().enumerate().flat_map(of_clip).collect();
         let there = stretches.len();
         let taken = (there * MOST_FRAMES / all).max(1);
+        // the i-th of `taken` equal parts begins at `i * there / taken`, so the sample is spread over all clips
         (0..taken).map(|i| stretches[i * there / taken].clone()).collect()
     }
 }
@@ -43,11 +46,11 @@ impl Extent {
 pub struct Stretch<'a> {
     /// The clip.
     pub clip: &'a ClipRecord,
-    /// Which of its words.
+    /// The range of its words.
     pub words: Range<usize>,
 }
 
-/// What is looked at of a split of a corpus.
+/// The stretches of a split that are measured.
 pub fn stretches(corpus: &Corpus, split: Split, extent: Extent) -> Vec<Stretch<'_>> {
     let clips: Vec<&ClipRecord> = corpus.split(split).collect();
     let words: Vec<usize> = clips.iter().map(|clip| corpus.words(clip).len()).collect();

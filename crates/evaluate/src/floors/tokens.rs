@@ -2,11 +2,11 @@
 //! on another split. The space is counted, since it says where a word ends.
 //!
 //! - order 0: add-one counts of all tokens;
-//! - by place: counts of their own for every place in the word;
-//! - by the token before: counts of their own behind every token, the front token before a clip's first.
+//! - by place: separate counts for each slot of a word;
+//! - by the token before: separate counts after each token, and after `<bos>` for a clip's first.
 //!
-//! A table of its own takes as many cases from order 0 as it has seen different tokens (Witten and Bell, "The zero-frequency
-//! problem", 1991), so that it gives every token some probability.
+//! Each of these tables backs off to order 0 with as much weight as it has seen different tokens (Witten and Bell, "The
+//! zero-frequency problem", 1991), so that every token has some probability.
 
 use super::channels::{figure_row, fmt_sample, sampled};
 use super::codes;
@@ -50,6 +50,7 @@ impl TokenFloors {
         let vocabulary = corpus.manifest().vocabulary.max(fitted.manifest().vocabulary);
         let (seen, held_out) = (stretches(fitted, Split::Train, extent), stretches(corpus, measured, extent));
         let (train, test) = (size(fitted, &seen, Split::Train)?, size(corpus, &held_out, measured)?);
+        // add-one counts: a token that train lacks keeps a probability, on which both other tables fall back
         let mut order0 = vec![1u64; vocabulary];
         let [mut place, mut before] = [Tables::default(), Tables::default()];
         each_token(fitted, &seen, |id, at, last| {
@@ -117,7 +118,7 @@ impl fmt::Display for TokenFloors {
     }
 }
 
-/// Clips, frames and tokens of what is looked at of a split, if there are some.
+/// Clips, frames and tokens of the measured stretches; an error where they have no frame.
 fn size(corpus: &Corpus, stretches: &[Stretch], split: Split) -> Result<[usize; 3]> {
     let size = stretches.iter().fold([0; 3], |[c, f, t], of| {
         let words = corpus.words(of.clip);
@@ -130,9 +131,10 @@ fn size(corpus: &Corpus, stretches: &[Stretch], split: Split) -> Result<[usize; 
     }
 }
 
-/// Every token of stretches with its place in its word and the token before it.
+/// Calls `take` with every token of the stretches, its slot, and the token before it.
 fn each_token(corpus: &Corpus, stretches: &[Stretch], mut take: impl FnMut(u32, u32, u32)) -> Result<()> {
     for of in stretches {
+        // a stretch counts as a clip of its own: its first token follows `<bos>`
         let (mut at, mut last) = (0, Special::Bos.id());
         for id in corpus.word_ids(of.clip, of.words.clone())? {
             take(id, at, last);
@@ -142,7 +144,7 @@ fn each_token(corpus: &Corpus, stretches: &[Stretch], mut take: impl FnMut(u32, 
     Ok(())
 }
 
-/// Counts of tokens behind each of what is known.
+/// Counts of tokens after each context: a slot, or a previous token.
 #[derive(Default)]
 struct Tables {
     cases: HashMap<(u32, u32), u64>,
@@ -155,6 +157,7 @@ impl Tables {
         let cases = self.cases.entry((known, id)).or_default();
         let total = self.totals.entry(known).or_default();
         total[0] += 1;
+        // a first case, since `cases` is raised below
         total[1] += u64::from(*cases == 0);
         *cases += 1;
     }

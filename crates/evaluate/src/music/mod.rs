@@ -1,4 +1,4 @@
-//! What is said and drawn of a piece of music.
+//! Reports and charts of a piece of music.
 
 pub mod picture;
 pub mod report;

@@ -48,6 +48,7 @@ pub fn charts(features: &Features, stretch: Range<f64>) -> Result<[Chart; 3]> {
             y: "semitones above C".into(),
             scales: LINEAR,
             heat: Some(Heat {
+                // cells are centred on their frames and pitch classes, hence the halves
                 x: [(from as f64 - 0.5) / fps, (to as f64 - 0.5) / fps],
                 y: [-0.5, 11.5],
                 columns: to - from,

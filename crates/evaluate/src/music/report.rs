@@ -44,6 +44,7 @@ pub fn report(path: &Path, range: Option<TempoRange>) -> Result<Report> {
         tracker.push(samples);
         Ok(())
     };
+    // one pass decodes for both: loudness at the file's own rate, beats at the tracker's
     let info = decode_at(path, &mut [(rate, &mut measure), (RATE, &mut track)])?;
     let rms = (squares / info.samples.unwrap_or(0).max(1) as f64).sqrt();
     Ok(Report { path: path.into(), info, peak, rms, beats: tracker.finish() })
@@ -59,7 +60,7 @@ impl Report {
         self.info.samples.unwrap_or(0) as f64 / f64::from(self.info.rate)
     }
 
-    /// Slowest and fastest of nine tenths of the piece, beats a minute.
+    /// 5th and 95th percentile of the piece's tempi, beats a minute.
     fn tempi(&self) -> Option<[f64; 2]> {
         let mut all = self.beats.tempi_bpm();
         all.sort_by(f64::total_cmp);
@@ -70,6 +71,7 @@ impl Report {
     /// The tempo that is counted, with its odds, and the likeliest other.
     fn tempo(&self) -> Option<(Tempo, Option<Tempo>)> {
         let (bpm, all) = (self.beats.bpm()?, &self.beats.tempi);
+        // in octaves: half and double are equally far
         let off = |tempo: &&Tempo| (tempo.bpm / bpm).log2().abs();
         let counted = all.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
         let other = all.iter().find(|tempo| *tempo != counted && tempo.odds >= UNLIKELY);

@@ -15,7 +15,7 @@ use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Bytes of clips that are kept in memory between rows; beyond that, files are read again.
+/// Bytes of clips that stay in memory between rows; beyond that, files are read again.
 const HELD_BYTES: usize = 512 << 20;
 
 /// A file that holds motion.
@@ -99,6 +99,7 @@ impl Clips {
                 match known.map(|(known, _)| known) {
                     Ok(known) if item.split == Split::Train => clips.train.push(known),
                     Ok(known) => clips.test.push(known),
+                    // the file is sound and holds no motion: no failure, even when strict
                     Err(Error::Motion(e)) if e.fault() == Some(FaultKind::NoMotion) => {}
                     Err(e) => {
                         failed += 1;
@@ -141,6 +142,7 @@ impl Clips {
     /// SHA-256 of all clips' numbers, in their order.
     pub fn sha256(&self) -> String {
         let mut hash = Sha256::new();
+        // names of one length: a clip that changes its part changes the hash
         for (part, known) in [(b"train", &self.train), (b"test_", &self.test)] {
             hash.update(part);
             known.iter().for_each(|k| hash.update(k.sha256.as_bytes()));
@@ -161,6 +163,7 @@ impl Clips {
         let clip = Arc::new(resample(&load(&known.item, &self.read)?.0, fps, Method::Auto)?);
         let bytes = clip.frames() * (clip.joints() * size_of::<Quat>() + size_of::<Vec3>());
         let mut held = held();
+        // two threads may load the same clip at once; only the first counts
         if held.bytes + bytes <= HELD_BYTES && held.clips.insert(key, clip.clone()).is_none() {
             held.bytes += bytes;
         }

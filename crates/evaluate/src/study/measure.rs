@@ -19,7 +19,7 @@ pub const PASSES: [usize; 2] = [2, 1];
 
 /// Frames of test clips that coding is timed on, about: they are held at once.
 const TIMED_FRAMES: usize = 50_000;
-/// Coding is timed so often, and for no longer than that; the best counts.
+/// Coding is timed up to three times and for about a second; the best counts.
 const TIMES: usize = 3;
 const TIMED_S: f64 = 1.0;
 
@@ -54,6 +54,7 @@ pub fn measure(row: &Row, clips: &Clips, step: &mut dyn FnMut()) -> Result<(RowM
         step();
         Ok(())
     })?;
+    // each word's space is a token too
     let tokens_per_frame = (test.tokens + test.words) as f64 / test.frames.max(1) as f64;
     let speed = speed(&tokenizer, clips, tokens_per_frame)?;
     Ok((RowMetrics::new(row.clone(), &tokenizer, &train, &test, &errors, speed), tokenizer))
@@ -62,6 +63,7 @@ pub fn measure(row: &Row, clips: &Clips, step: &mut dyn FnMut()) -> Result<(RowM
 fn fit(row: &Row, clips: &Clips, step: &mut dyn FnMut()) -> Result<Tokenizer> {
     let mut all = Fit::new(row.config.clone())?;
     let work = |known: &StudyClip| {
+        // clips are fitted apart and merged in order, so that sums don't depend on threads
         let mut one = Fit::new(row.config.clone())?;
         one.add(&*clips.get(known, row.config.fps)?)?;
         Ok(one)
@@ -125,13 +127,14 @@ fn timed<T>(work: impl Fn() -> Result<T>) -> Result<(T, f64)> {
         let made = work()?;
         best = best.min(start.elapsed().as_secs_f64());
         if time == TIMES || begin.elapsed().as_secs_f64() > TIMED_S {
+            // a clock that hasn't moved would give an infinite rate
             return Ok((made, best.max(1e-9)));
         }
     }
     unreachable!("the last time returns")
 }
 
-/// What is lost before anything is coded, on the test clips.
+/// What rate and joints lose before anything is coded, on the test clips.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Loss {
@@ -158,6 +161,7 @@ pub fn loss(clips: &Clips, fps: f64, joints: &[usize]) -> Result<Loss> {
     let work = |known: &StudyClip| {
         let (own, at_rate) = (clips.get(known, known.fps)?, clips.get(known, fps)?);
         let back = resample(&at_rate, known.fps, Method::Slerp)?;
+        // there and back may end a frame off
         let frames = back.frames().min(own.frames());
         let (own, back) = (own.slice(0..frames), back.slice(0..frames));
         let mut angle = GeodesicError::new((0..24).collect());
@@ -180,7 +184,7 @@ pub fn loss(clips: &Clips, fps: f64, joints: &[usize]) -> Result<Loss> {
 /// The clip with all other joints straight.
 fn without(clip: &Clip, joints: &[usize]) -> Result<Clip> {
     let j = clip.joints();
-    let kept = |(i, q): (usize, &Quat)| if joints.contains(&(i % j)) { *q } else { Quat::IDENTITY };
-    let rotations = clip.rotations().iter().enumerate().map(kept).collect();
+    let own = |(i, q): (usize, &Quat)| if joints.contains(&(i % j)) { *q } else { Quat::IDENTITY };
+    let rotations = clip.rotations().iter().enumerate().map(own).collect();
     Ok(Clip::new(clip.skeleton().clone(), clip.fps(), clip.root().to_vec(), rotations)?)
 }

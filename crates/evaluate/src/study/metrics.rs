@@ -24,7 +24,7 @@ pub struct RowMetrics {
     pub order0: Order0,
     /// Angles between the coded joints' rotations.
     pub angle: Angle,
-    /// PositionError of all 24 joints after forward kinematics on the neutral skeleton.
+    /// Position error of all 24 joints after forward kinematics on the neutral skeleton.
     pub mpjpe: PositionError,
     /// Jumps between words.
     pub border_jerk: Border,
@@ -124,11 +124,11 @@ pub struct Angle {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionError {
-    /// As the bodies stand.
+    /// In the world.
     pub global: f64,
     /// Both pelvises at 0.
     pub root: f64,
-    /// The largest, as they stand.
+    /// The largest, in the world.
     pub max: f64,
 }
 
@@ -160,7 +160,7 @@ pub struct Speed {
     pub decode_tokens: f64,
 }
 
-/// How far decoded test clips lie from what they were, added up.
+/// Errors of decoded test clips, added up.
 #[derive(Debug, Clone)]
 pub struct Errors {
     angle: GeodesicError,
@@ -193,7 +193,7 @@ impl Errors {
         Ok(self.borders.add_positions(&a, &b, original.joints())?)
     }
 
-    /// Adds what was measured apart, of the same tokenizer.
+    /// Adds errors that were measured separately, of the same tokenizer.
     pub fn merge(&mut self, other: &Errors) {
         self.angle.merge(&other.angle);
         self.vector.merge(&other.vector);

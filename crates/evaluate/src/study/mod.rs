@@ -1,8 +1,8 @@
 //! Every way of turning motion into text, measured on the user's own data.
 //!
-//! A row is a tokenizer: fitted on the train clips, measured on the test clips, kept on disk when it is done, so that a
-//! study that was interrupted goes on where it stood. Clips are read, encoded and measured few at a time; memory doesn't
-//! grow with the data.
+//! A row is a tokenizer: fitted on the train clips, measured on the test clips, written to disk when it is done, so
+//! that a study that was interrupted resumes. Clips are read, encoded and measured few at a time; memory doesn't grow
+//! with the data.
 
 mod clips;
 mod measure;
@@ -36,7 +36,7 @@ pub const USUAL_FPS: f64 = 60.0;
 pub struct StudyOptions {
     /// How files are read.
     pub build: BuildOptions,
-    /// The rows in TOML, and where they stand, for messages.
+    /// The rows in TOML, and their path, for messages.
     pub rows: (String, PathBuf),
     /// Joints of rows that state none.
     pub joints: Vec<usize>,
@@ -55,7 +55,7 @@ pub enum Event<'a> {
     Skipped(&'a Item, &'a Error),
     /// A row begins.
     Row(&'a str),
-    /// One more clip was worked on, of so many.
+    /// One more clip was processed.
     Step {
         /// So far.
         done: u64,
@@ -66,7 +66,7 @@ pub enum Event<'a> {
     Note(&'a str),
 }
 
-/// What stands in a study's folder beside `rows/`.
+/// The files of a study's folder beside `rows/`.
 const FILES: [&str; 7] = ["study.json", "study.md", "bins.svg", "bins.png", "rate.svg", "rate.png", "page.html"];
 
 /// All that a study found: `study.json`.
@@ -137,6 +137,7 @@ pub fn study(
         let defaults = RowDefaults { joints: options.joints.clone(), fps };
         row::parse(&options.rows.0, &options.rows.1, &defaults)
     };
+    // before hours of reading: wrong rows and names need no clip to be found
     check_shown(&rows_at(options.fps.unwrap_or(USUAL_FPS))?, &options.shown)?;
     let clips = Clips::scan(dataset, &options.build, &mut |item, e| watch(Event::Skipped(item, e)))?;
     clips.doubts.line().iter().for_each(|line| watch(Event::Note(line)));
@@ -179,8 +180,9 @@ fn measured(rows: &[Row], clips: &Clips, store: &Store, watch: &mut dyn FnMut(Ev
     let mut found = Vec::with_capacity(rows.len());
     for row in rows {
         let figures = store.get::<RowMetrics>(&row.name, &row.config);
-        // a group may have got another name since
+        // a row without its tokenizer is fitted again: the page reads that
         let figures = figures.filter(|_| store.tokenizer(row).is_file());
+        // results are found by name and settings; the group may have changed since
         found.push(figures.map(|f| RowMetrics { row: row.clone(), ..f }));
     }
     let open = found.iter().filter(|f| f.is_none()).count();

@@ -25,10 +25,11 @@ pub fn page(rows: &[RowMetrics], named: &[String], clips: &Clips, store: &Store)
         names => names.iter().map(|n| find(rows, n)).collect::<Result<Vec<_>>>()?,
     };
     let length = |k: &&StudyClip| (k.frames as f64 / k.fps).min(LONGEST_S);
-    // the first of the longest
+    // the first of the longest: of equals `max_by` takes the last
     let longest = clips.test.iter().rev().max_by(|a, b| length(a).total_cmp(&length(b)));
     let Some(known) = longest else { return Ok(None) };
     let own = clips.get(known, known.fps)?;
+    // one frame more: 20 s have two ends
     let cut = |clip: &Clip| clip.slice(0..clip.frames().min((LONGEST_S * clip.fps()) as usize + 1));
     let mut motions = vec![(known.name().to_string(), format!("as it was, {} fps", short(known.fps)), cut(&own))];
     for f in shown {
@@ -60,9 +61,9 @@ pub fn pair(rows: &[RowMetrics]) -> Vec<&RowMetrics> {
     let first = rows.iter().filter(|f| tiles(f)).min_by(|a, b| error(a).total_cmp(&error(b)));
     let first = first.or(rows.iter().filter(|f| uniform(f)).max_by(|a, b| error(a).total_cmp(&error(b))));
     let Some(first) = first.or(rows.first()) else { return Vec::new() };
-    let apart = |f: &&RowMetrics| (f.text.tokens_per_second / first.text.tokens_per_second).ln().abs();
+    let distance = |f: &&RowMetrics| (f.text.tokens_per_second / first.text.tokens_per_second).ln().abs();
     let lapped = rows.iter().filter(|f| scheme_name(&f.row.config.scheme) == "lapped");
-    let second = lapped.min_by(|a, b| apart(a).total_cmp(&apart(b)));
+    let second = lapped.min_by(|a, b| distance(a).total_cmp(&distance(b)));
     let others = rows.iter().filter(|f| f.name() != first.name());
     let second = second.or(others.min_by(|a, b| error(a).total_cmp(&error(b))));
     std::iter::once(first).chain(second).collect()

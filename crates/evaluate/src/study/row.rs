@@ -49,7 +49,7 @@ struct File {
 ///
 /// # Errors
 /// [`kinelm_store::Error::File`] with line, row and key for what is no such table, unknown keys, values outside their limits, a name
-/// that stands twice, and a file without rows.
+/// that is repeated, and a file without rows.
 pub fn parse(text: &str, path: &Path, defaults: &RowDefaults) -> Result<Vec<Row>> {
     let wrong = |span, found: &str, expected| Error::in_text(path, text, span, found, expected, HELP);
     let file: File = toml::from_str(text).map_err(|e| wrong(e.span(), e.message(), "a file of rows"))?;
@@ -75,6 +75,7 @@ pub fn parse(text: &str, path: &Path, defaults: &RowDefaults) -> Result<Vec<Row>
 const HELP: &str = "configs/tokenizer/study.toml is an example";
 
 fn one(mut table: toml::Table, defaults: &RowDefaults) -> std::result::Result<Row, String> {
+    // removed: what remains are settings of a tokenizer, which refuses keys that it doesn't know
     let mut text = |key: &str| match table.remove(key) {
         Some(toml::Value::String(text)) => Ok(Some(text)),
         Some(other) => Err(format!("{key} is {other}; expected text")),

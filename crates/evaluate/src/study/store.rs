@@ -56,6 +56,7 @@ impl Store {
     }
 
     fn path(&self, name: &str, key: &str, end: &str) -> PathBuf {
+        // 12 digits make the name; the file has the whole key, which `get` compares
         self.rows.join(format!("{name}-{}{end}", &key[..12]))
     }
 
@@ -67,7 +68,7 @@ impl Store {
         finished.map(|f| f.result)
     }
 
-    /// Keeps what was finished.
+    /// Stores a finished result.
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`] when it can't be written.

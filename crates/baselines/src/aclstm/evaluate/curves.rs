@@ -71,6 +71,7 @@ impl Curves {
 
 /// Charts of networks by name. Runs of the same name are one line, their mean.
 pub fn charts(all: &[(String, Curves)]) -> Vec<Chart> {
+    // each name once, in the order of the call
     let mut names: Vec<&str> = Vec::new();
     all.iter().for_each(|(name, _)| {
         if !names.contains(&name.as_str()) {
@@ -82,6 +83,7 @@ pub fn charts(all: &[(String, Curves)]) -> Vec<Chart> {
     let held = Curves::mean(all.iter().map(|(_, curves)| curves));
     let ms = 1000.0 / FPS;
     let chart = |title: &str, x: &str, y: &str, step: f64, scale, pick: fn(&Curves) -> &Vec<f64>, held: &[f64]| {
+        // a value is of the end of its frame or second
         let points = |values: &[f64]| values.iter().enumerate().map(|(i, v)| ((i + 1) as f64 * step, *v)).collect();
         let line = |(name, curves): &(&str, Curves)| Series {
             name: (*name).into(),

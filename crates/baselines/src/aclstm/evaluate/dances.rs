@@ -61,6 +61,7 @@ pub fn evaluate_dances(trained: &Trained, options: &Options, folder: &Path) -> R
 fn after_seed(trained: &Trained, path: &Path, seed: &Seed, length: usize) -> Result<Clip> {
     let (motion, _) = read(path, &ReadOptions::default())?;
     trained.file.rig.check(path, motion.clip.skeleton())?;
+    // for its message: the network's rate must divide the file's
     stride(path, motion.clip.fps())?;
     let clip = resample(&motion.clip, FPS, Method::Stride)?;
     if clip.frames() < length + SHORT {

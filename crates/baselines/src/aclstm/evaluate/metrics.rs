@@ -51,6 +51,7 @@ impl Movement {
     fn of(energy: &Energy, frames: usize, [x, y]: [f64; 2]) -> Movement {
         let part = |all: &[f64]| all[..frames.min(all.len())].to_vec();
         let (world, pose) = (part(&energy.world), part(&energy.pose));
+        // E is a moving mean of the speed, so that its mean is the speed's but for the ends
         let speed = world.iter().sum::<f64>() / world.len().max(1) as f64;
         let still = |frames: &[f64]| [frames.len(), Freezing::of(frames, FPS, y).still];
         let per_s = pose.chunks(FPS as usize).map(still).collect();
@@ -70,6 +71,7 @@ fn flips(clip: &Clip) -> [usize; 2] {
     let mut found = 0;
     for f in 0..clip.frames() {
         pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
+        // no flip in the first frame, where `before` is empty
         found += usize::from(before.iter().zip(&pose.rotations).any(|(a, b)| angle_between(*a, *b) > FLIP));
         before.clone_from(&pose.rotations);
     }
@@ -106,6 +108,7 @@ impl Rollout {
         let true_steps = narrow(&steps(truth, c));
         let error = |found: &[f64]| loss(coder.form(), c, &narrow(found), &true_steps, &mut vec![0.0; COMPARED * c]);
         let mut still = last.repeat(COMPARED);
+        // in steps, a hip at rest moves by 0
         still.chunks_exact_mut(c).for_each(|step| (step[0], step[2]) = (0.0, 0.0));
         let start = [truth[0], truth[2]];
         let predicted = frames_of_steps(&rollout[..COMPARED * c], c, start);
@@ -115,6 +118,7 @@ impl Rollout {
         let positions = |frames: &[f64]| {
             let all = coder.places(frames, skeleton);
             let points = all.len() / (frames.len() / c).max(1);
+            // a frame's joints come first, its end sites after them
             all.chunks_exact(points).flat_map(|frame| frame[..joints].to_vec()).collect::<Vec<Vec3>>()
         };
         let true_positions = positions(compared);

@@ -53,6 +53,7 @@ impl Report {
         let real = &test.real;
         let [flips, steps] = real.iter().fold([0, 0], |[f, s], (_, [found, all])| [f + found, s + all]);
         let takes: BTreeSet<&str> = seeds.iter().map(|seed| &*seed.take).collect();
+        // as if of one take: their intervals aren't printed
         let moves: Vec<(&str, &Movement)> = real.iter().map(|(moves, _)| ("real", moves)).collect();
         Report {
             schema: 2,

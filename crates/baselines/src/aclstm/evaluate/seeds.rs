@@ -65,6 +65,7 @@ impl Test {
 
 fn seeds(recordings: &Recordings, options: &Options) -> Result<Vec<Seed>> {
     let longest = options.longest();
+    // one more frame: the last compared step leads to it
     let needed = longest + COMPARED + 1;
     let long: Vec<&Recording> = recordings.split(options.split).filter(|one| one.frames() >= needed).collect();
     if long.is_empty() {
@@ -75,9 +76,11 @@ fn seeds(recordings: &Recordings, options: &Options) -> Result<Vec<Seed>> {
     let mut seeds = Vec::new();
     for (i, one) in long.iter().enumerate() {
         let clip = one.at_rate()?;
+        // seeds that don't divide evenly go to the first clips
         let count = (options.seeds + long.len() - 1 - i) / long.len();
         let room = clip.frames() - needed;
         for k in 0..count {
+            // the middle of the k-th of `count` equal parts of the room
             let at = longest + room * (2 * k + 1) / (2 * count);
             let name = format!("seed-{:0digits$}", seeds.len() + 1);
             seeds.push(Seed { name, take: one.take.clone(), clip: clip.clone(), at });

@@ -40,6 +40,7 @@ pub fn batch(sequences: &Sequences, coder: &Coder, config: &Config, step: u64) -
     let mut batch = Batch { inputs: vec![0.0; t * b * c], targets: vec![0.0; t * b * c], clips: Vec::new() };
     for (i, (clip, sequence)) in sampled.iter().enumerate() {
         batch.clips.push(*clip);
+        // targets are the same steps, one later
         for (late, to) in [&mut batch.inputs, &mut batch.targets].into_iter().enumerate() {
             let rows = to.chunks_exact_mut(c).skip(i).step_by(b);
             for (to, from) in rows.zip(sequence[late * c..].chunks_exact(c)) {

@@ -90,7 +90,7 @@ fn a_resumed_run_changes_what_it_may_and_keeps_it() {
     let runs = ["whole", "parts"].map(|name| dir.path().join(name));
     runs.iter().for_each(|run| assert_eq!(go(run, &new, 4).unwrap().0.step, 4));
     go(&runs[0], &slower, 99).unwrap();
-    // what changed stands in the run, and holds when it is resumed again
+    // what changed is stored in the run, and applies when it is resumed again
     assert_eq!(go(&runs[1], &slower, 1).unwrap().0.step, 5);
     let file = RunFile::read(&runs[1]).unwrap();
     assert_eq!((file.config.learning_rate, file.config.checkpoint_every, file.config.steps), (1e-4, 2, 8));

@@ -90,6 +90,7 @@ fn truths<'a>(trained: &Trained, clips: &'a MusicClips, split: Split) -> Result<
         .split(split)
         .map(|source| {
             let clip = source.recording.at_rate()?;
+            // generated dances have no root position, so the true ones get the same fixed one
             let root = vec![Vec3::from(trained.file.body.place); clip.frames()];
             let clip = Clip::new(trained.skeleton.clone(), FPS, root, clip.rotations().to_vec())?;
             Ok(True { source, clip, spectra: source.at_rate() })
@@ -114,8 +115,10 @@ fn mean_pose(all: &[True]) -> Vec<Quat> {
     let joints = all.first().map_or(0, |one| one.clip.joints());
     let mut sums = vec![Quat::from_xyzw(0.0, 0.0, 0.0, 0.0); joints];
     for frame in all.iter().flat_map(|one| one.clip.rotations().chunks_exact(joints)) {
+        // q and -q are one rotation: summed on one side
         sums.iter_mut().zip(frame).for_each(|(sum, q)| *sum += *q * if sum.dot(*q) < 0.0 { -1.0 } else { 1.0 });
     }
+    // rotations that cancel have no mean
     sums.into_iter().map(|sum| if sum.length() > 1e-9 { sum.normalize() } else { Quat::IDENTITY }).collect()
 }
 

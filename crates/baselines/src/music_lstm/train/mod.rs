@@ -106,6 +106,7 @@ pub fn batch(clips: &[MusicClip], channels: usize, config: &Config, step: u64) -
             let mut rng = random::stream(config.seed, "music lstm batch", step, index as u64);
             let clip = (rng.next_u64() % clips.len() as u64) as usize;
             let recording = &clips[clip].recording;
+            // at least 1: clips have `length` + 1 frames at the network's rate
             let room = recording.clip.frames() - t * recording.stride;
             (clip, (rng.next_u64() % room as u64) as usize)
         })
@@ -123,6 +124,7 @@ pub fn batch(clips: &[MusicClip], channels: usize, config: &Config, step: u64) -
     };
     let rows = batch.spectra.par_chunks_mut(SPECTRUM).enumerate();
     rows.for_each(|(i, row)| {
+        // the music of the frame that is predicted, not of the previous one
         let (clip, at) = frame(i, 1);
         row.copy_from_slice(clip.at(at));
     });
@@ -132,6 +134,7 @@ pub fn batch(clips: &[MusicClip], channels: usize, config: &Config, step: u64) -
             row.copy_from_slice(&clip.poses[at * c..][..c]);
         }
     }
+    // one choice for all sequences: the engine forces whole steps
     let mut rng = random::stream(config.seed, "music lstm told", step, 0);
     batch.forced = (0..t).map(|_| random::unit(&mut rng) < config.teacher).collect();
     batch

@@ -121,6 +121,7 @@ fn batches_are_true_frames_with_the_music_of_their_time() {
     let share = |teacher: f64| batch(&all, c, &Config { teacher, length: 80, ..config.clone() }, 0).forced;
     assert!(share(0.0).iter().all(|t| !t) && share(1.0).iter().all(|t| *t));
     let some = share(0.3).iter().filter(|t| **t).count();
+    // 80 * 0.3 = 24, and three standard deviations of 4.1 around it
     assert!((12..37).contains(&some), "{some}");
     for i in 0..b {
         let (dance, row) = (&all[seen.clips[i]], |t: usize| &seen.truth[(t * b + i) * c..][..c]);
@@ -174,6 +175,7 @@ fn what_can_not_be_learned_from_is_refused() {
     assert!(message.contains("no clip with music in ") && message.contains("4 without"), "{message}");
     let message = said(&Config { length: 400, ..config.clone() }, &places);
     assert!(message.contains("no training clip with music and 401 frames at 30 a second; 3 are shorter"), "{message}");
+    // the margin of two frames is 0.07 s
     let song = places.music.join("1.wav");
     fs::write(&song, wav::bytes(&vec![0.0; 64_000], 16_000)).unwrap();
     let message = said(&config, &places);

@@ -29,7 +29,7 @@ pub struct TrainArgs {
     /// Use only clips with this label; may be repeated
     #[arg(long, value_name = "FIELD=VALUE")]
     only: Vec<LabelFilter>,
-    /// Settings: a name that kinelm config list prints, or a TOML file
+    /// Settings: a name that kinelm config show knows, or a TOML file
     #[arg(long, value_name = "NAME|FILE")]
     config: Option<PathBuf>,
     /// Another value for one of its keys: steps=500, width=64; may be repeated

@@ -8,7 +8,7 @@ use crate::options::Reading;
 use crate::pool::detach;
 use kinelm::classify::TrainOptions;
 use kinelm::model::exchange;
-use kinelm::motion::format::{ReadOptions, RestFrame};
+use kinelm::motion::format::RestFrame;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
@@ -72,7 +72,7 @@ impl Classifier {
         path: PathBuf,
         reading: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
+        let read = Reading::of(reading, RestFrame::Drop)?;
         let predict = || self.0.lock().unwrap_or_else(PoisonError::into_inner).predict(&path, &read);
         python(py, &detach(py, || predict().map_err(library))?.1)
     }

@@ -3,7 +3,7 @@
 use crate::error::{library, motion, wrong};
 use crate::options::{Reading, free};
 use kinelm::motion::convert::{ConvertOptions, TargetRig, convert};
-use kinelm::motion::format::{self, ReadOptions};
+use kinelm::motion::format::{self, ReadOptions, RestFrame};
 use kinelm::motion::resample::check_fps;
 use kinelm::motion::{Motion, Quat, Skeleton, Vec3};
 use kinelm::store::files::write_whole;
@@ -60,7 +60,7 @@ impl Clip {
     #[staticmethod]
     #[pyo3(signature = (path, **reading))]
     fn read(py: Python<'_>, path: PathBuf, reading: Option<&Bound<'_, PyDict>>) -> PyResult<Clip> {
-        let options = Reading::of(reading)?;
+        let options = Reading::of(reading, RestFrame::Keep)?;
         py.detach(|| format::read(&path, &options)).map(Clip).map_err(motion)
     }
 

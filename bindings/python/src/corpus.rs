@@ -9,6 +9,7 @@ use crate::tokenizer::Tokenizer;
 use kinelm::corpus::conditions::in_order;
 use kinelm::corpus::windows::{EvalWindow, each_eval_window, fill_sequence};
 use kinelm::corpus::{BuildOptions, Conditions, Dataset, Split, tokenize};
+use kinelm::motion::format::RestFrame;
 use kinelm::store::memory;
 use kinelm::tokenizer::Special;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
@@ -47,7 +48,8 @@ impl Corpus {
         force: bool,
         reading: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Corpus> {
-        let options = BuildOptions { read: Reading::of(reading)?, force, ..BuildOptions::default() };
+        let read = Reading::of(reading, RestFrame::Drop)?;
+        let options = BuildOptions { read, force, ..BuildOptions::default() };
         let data: Vec<PathBuf> = data.into();
         detach(py, || {
             let dataset = Dataset::find(&data, &labels.unwrap_or_default()).map_err(library)?;

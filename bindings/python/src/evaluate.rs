@@ -7,7 +7,7 @@ use crate::options::{Paths, Reading};
 use crate::pool::detach;
 use kinelm::evaluate::dance::{Dance, Reference};
 use kinelm::generate::provenance;
-use kinelm::motion::format::{ReadOptions, RestFrame};
+use kinelm::motion::format::RestFrame;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
@@ -22,7 +22,7 @@ pub fn evaluate<'py>(
     copying: bool,
     reading: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
+    let read = Reading::of(reading, RestFrame::Drop)?;
     let files: Vec<PathBuf> = dances.into();
     let measure = || {
         let reference = Reference::load(&real.0)?;

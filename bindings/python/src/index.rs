@@ -7,7 +7,7 @@ use crate::options::{Paths, Reading, named, size};
 use crate::pool::detach;
 use kinelm::classify::embedding::MODELS;
 use kinelm::corpus::{BuildOptions, Dataset};
-use kinelm::motion::format::{ReadOptions, RestFrame};
+use kinelm::motion::format::RestFrame;
 use kinelm::spectral::query::{Distance, Exclude, IndexRequest, Query};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -43,7 +43,7 @@ impl Index {
         fps: Option<f64>,
         reading: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Index> {
-        let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
+        let read = Reading::of(reading, RestFrame::Drop)?;
         let options = BuildOptions { read, ..BuildOptions::default() };
         let request = IndexRequest { frames: window, hop, fps, models: MODELS, ..IndexRequest::default() };
         let data: Vec<PathBuf> = data.into();
@@ -78,7 +78,7 @@ impl Index {
         let exclude: Exclude = named(exclude, "exclude", &exclusions)?;
         // without reading options, a clip of the index is read as it was for the index
         let as_indexed = reading.is_none_or(|reading| reading.is_empty());
-        let read = ReadOptions { rest: RestFrame::Drop, ..Reading::of(reading)? };
+        let read = Reading::of(reading, RestFrame::Drop)?;
         let query = Query { clip, read, as_indexed, at_s: at, k, distance, exclude, one_per_clip, models: MODELS };
         let found = detach(py, || self.0.find(&query).map_err(library))?;
         python(py, &found.matches)

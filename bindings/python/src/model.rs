@@ -13,7 +13,7 @@ use kinelm::generate::request::{Edit, FootMode, Length, Loop, MusicRequest, Prom
 use kinelm::generate::sampler::{NextToken, Sampler};
 use kinelm::generate::sampling::Sampling;
 use kinelm::model::{CheckpointChoice, Compute, load_run};
-use kinelm::motion::format::ReadOptions;
+use kinelm::motion::format::RestFrame;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde::Deserialize;
@@ -67,7 +67,7 @@ impl Model {
     fn request(&self, prompt: Option<PathBuf>, kwargs: Option<&Bound<'_, PyDict>>) -> PyResult<Request> {
         let options: DanceOptions = parsed(kwargs)?;
         let DanceOptions { fps_source, skip, up, unit, map, root, take, mirror_axis, .. } = options;
-        let read = Reading { fps_source, skip, up, unit, map, root, take, mirror_axis }.options()?;
+        let read = Reading { fps_source, skip, up, unit, map, root, take, mirror_axis }.options(RestFrame::Drop)?;
         let free = options.free.iter().map(|span| span.parse::<Span>()).collect::<Result<Vec<_>, _>>();
         let free = free.map_err(|e| wrong(e.to_string()))?;
         let looping = options.r#loop.then(Loop::default);
@@ -170,7 +170,7 @@ impl Model {
     /// Bits per frame of a motion file: how surprising it is to the model.
     #[pyo3(signature = (path, **reading))]
     fn bits_per_frame(&self, py: Python<'_>, path: PathBuf, reading: Option<&Bound<'_, PyDict>>) -> PyResult<f64> {
-        let read: ReadOptions = Reading::of(reading)?;
+        let read = Reading::of(reading, RestFrame::Drop)?;
         // a prompt gives something; the bits are of all its words
         let prompt = PromptRequest { read, joints: Some("root".into()), ..PromptRequest::of(path) };
         let request = Request { prompt: Some(prompt), ..Request::of(&self.run) };

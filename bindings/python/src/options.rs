@@ -1,7 +1,7 @@
 //! Keyword arguments that several calls share.
 
 use crate::error::wrong;
-use kinelm::motion::format::{ReadOptions, Unit, Up};
+use kinelm::motion::format::{ReadOptions, RestFrame, Unit, Up};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyCFunction, PyDict, PyTuple};
@@ -25,8 +25,8 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The library's options.
-    pub fn options(self) -> PyResult<ReadOptions> {
+    /// The library's options; what is done with a rest frame where a motion begins with one is the call's.
+    pub fn options(self, rest: RestFrame) -> PyResult<ReadOptions> {
         let up = self.up.as_deref().map(|up| named(up, "up", &["x", "y", "z", "-x", "-y", "-z"])).transpose()?;
         let unit = self
             .unit
@@ -36,12 +36,12 @@ impl Reading {
         let mirror = self.mirror_axis.as_deref();
         let mirror_axis = mirror.map(|axis| named(axis, "mirror_axis", &["x", "y", "z"])).transpose()?;
         let Reading { fps_source, skip, map, root, take, .. } = self;
-        Ok(ReadOptions { fps_source, skip, up, unit, map, root, take, mirror_axis, ..ReadOptions::default() })
+        Ok(ReadOptions { fps_source, skip, up, unit, map, root, take, mirror_axis, rest, ..ReadOptions::default() })
     }
 
     /// The options of a call that has no other keyword arguments.
-    pub fn of(kwargs: Option<&Bound<'_, PyDict>>) -> PyResult<ReadOptions> {
-        parsed::<Reading>(kwargs)?.options()
+    pub fn of(kwargs: Option<&Bound<'_, PyDict>>, rest: RestFrame) -> PyResult<ReadOptions> {
+        parsed::<Reading>(kwargs)?.options(rest)
     }
 }
 

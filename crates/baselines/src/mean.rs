@@ -14,11 +14,6 @@ pub struct Mean {
 
 impl Mean {
     /// Of parts (take, sum, count).
-    ///
-    /// ```
-    /// let parts = [("a", 3.0, 1.0), ("b", 1.0, 1.0)];
-    /// assert_eq!(kinelm_baselines::Mean::of(parts.iter().copied()).mean, 2.0);
-    /// ```
     pub(crate) fn of<'a>(all: impl Iterator<Item = (&'a str, f64, f64)> + Clone) -> Mean {
         let (sum, count) = all.clone().fold((0.0, 0.0), |(s, n), (_, sum, count)| (s + sum, n + count));
         Mean { mean: sum / count, over_takes: interval(all) }
@@ -34,5 +29,16 @@ impl Mean {
     pub(crate) fn percent(&self, digits: usize) -> String {
         let mean = Mean { mean: 100.0 * self.mean, over_takes: self.over_takes.map(|x| 100.0 * x) };
         format!("{} %", mean.text(digits))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_is_over_counts() {
+        let parts = [("a", 3.0, 1.0), ("b", 1.0, 1.0)];
+        assert_eq!(Mean::of(parts.iter().copied()).mean, 2.0);
     }
 }

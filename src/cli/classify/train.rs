@@ -46,7 +46,7 @@ pub struct Args {
     /// Learning rate of the run's weights
     #[arg(long, value_name = "RATE", default_value_t = 2e-5, value_parser = crate::cli::values::positive)]
     rate: f64,
-    /// Learning rate of the heads and class tokens, which start at zero
+    /// Learning rate of the heads and class tokens, which are new
     #[arg(long, value_name = "RATE", default_value_t = 1e-3, value_parser = crate::cli::values::positive)]
     head_rate: f64,
     /// Updates between validations

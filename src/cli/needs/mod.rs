@@ -79,8 +79,6 @@ const NEEDS: &[Need] = &[
     Need { commands: &["aclstm evaluate"], options: &["force"], any_of: &["write-seeds"] },
     Need { commands: &["evaluate dance"], options: &["force"], any_of: &["plot"] },
     Need { commands: &["evaluate dance"], options: &["music-from"], any_of: &["music", "beats"] },
-    Need { commands: &["evaluate baselines"], options: &["bins"], any_of: &["tokens"] },
-    Need { commands: &["evaluate baselines"], options: &["split", "trust"], any_of: &["corpus"] },
     Need { commands: &["evaluate prediction"], options: DRAWING, any_of: &["run"] },
     Need { commands: &["evaluate prediction"], options: &["samples", "seed", "device", "form"], any_of: &["run"] },
 ];

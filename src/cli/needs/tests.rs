@@ -26,7 +26,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("corpus order", "corpus config steps seed out force trust", &[]),
     ("corpus stats", "json trust", &[]),
     ("demo", "out force seed train steps music device form", &[]),
-    ("evaluate baselines", "corpus json floors floors-from", &[]),
+    ("evaluate baselines", "corpus split json floors floors-from trust", &[]),
     ("evaluate dance", "compare real copying features fidelity beats music plot json trust", &[READING]),
     (
         "evaluate gaps",

@@ -125,7 +125,7 @@ mod tests {
         assert_eq!(thesis.matrices(), 25_370_624);
         // (3 x 787 + 39 x 394 + 400) / 43 rows
         assert_eq!(args("tiny").get().unwrap().matrices(), 786_432 + 421 * 128);
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train/small.toml");
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/train/small.toml");
         assert_eq!(args(folder.to_str().unwrap()).get().unwrap().name, "small");
         let refused = format!("{:#}", args("huge").get().unwrap_err());
         assert!(refused.contains("`config` \"huge\": no training file: neither a file nor one of tiny"), "{refused}");

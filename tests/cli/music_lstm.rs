@@ -81,7 +81,7 @@ fn a_run_goes_on_and_says_how_it_was_asked() {
     place.refused("aclstm resume other", "found a run of kind \"music-lstm\"");
     place.refused("music-lstm generate --run data --music songs/song0.wav --out x.bvh", "no config.toml");
     let wrong = [
-        (format!("{TRAIN} --set pose=none --run x"), "--pose is \"none\""),
+        (format!("{TRAIN} --set pose=none --run x"), "--set pose is \"none\""),
         (format!("{TRAIN} --set teacher=2 --run x"), "teacher is 2; expected 0 to 1"),
         (format!("{TRAIN} --only genre=waltz --run x"), "no clip with genre=waltz"),
         (format!("{TRAIN} --fps-source 50 --run x"), "found 50 frames a second, expected a multiple of 30"),

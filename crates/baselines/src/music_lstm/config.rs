@@ -155,7 +155,7 @@ impl Settings for Config {
         }
         match (self.pose, self.effort, self.effort_every) {
             (Pose::None, Effort::None, _) => {
-                Err(Error::invalid_parameter("pose", "\"none\"", "a loss, as `effort` is \"none\" too"))
+                Err(Error::invalid("pose", "\"none\"", "a loss, as effort is \"none\" too"))
             }
             (Pose::None, _, every @ 2..) => {
                 Err(Error::invalid("effort_every", every, "1, as pose is \"none\": other updates have no loss"))
@@ -247,7 +247,7 @@ mod tests {
         assert!(said("encoder = []").contains("encoder's layers is 0; expected 1 to 8"));
         assert!(said("teacher = 1.5").contains("teacher is 1.5; expected 0 to 1"));
         assert!(said("dropout = 1.0").contains("dropout is 1; expected 0 to below 1"));
-        assert!(said("pose = \"none\"").contains("`pose` is \"none\""));
+        assert!(said("pose = \"none\"").contains("pose is \"none\""));
         assert!(said("pose = \"none\"\neffort = \"compat\"").contains("effort_every is 4; expected 1"));
         assert!(said("effort = \"laban\"").contains("a.toml:1:"));
     }

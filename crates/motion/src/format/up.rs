@@ -174,6 +174,7 @@ impl Axes {
         let root = clip.root().iter().map(|&p| turn * p).collect();
         let joints = clip.joints();
         let (skeleton, rotations) = if self.rest_too {
+            // conjugation by the turn rotates only the vector part; a quarter turn then exchanges exact numbers
             let along = |q: &Quat| {
                 let v = turn * q.xyz();
                 Quat::from_xyzw(v.x, v.y, v.z, q.w)

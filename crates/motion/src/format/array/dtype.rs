@@ -83,6 +83,7 @@ impl Dtype {
         match self.element {
             Element::Bool => i64::from(bits != 0),
             Element::Int => {
+                // shifted up and back down as i64, which repeats the sign bit
                 let unused = 64 - 8 * self.size as u32;
                 ((bits << unused) as i64) >> unused
             }
@@ -137,6 +138,7 @@ fn half(bits: u16) -> f64 {
     let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
     let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
     sign * match exponent {
+        // subnormal: no implied leading 1
         0 => fraction * 2f64.powi(-24),
         31 if fraction == 0.0 => f64::INFINITY,
         31 => f64::NAN,

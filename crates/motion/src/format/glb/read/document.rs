@@ -189,6 +189,7 @@ impl<'a> Document<'a> {
             let found = format!("accessor {index} of {} elements", accessor.count);
             return Err(FileError::new(SourcePos::file(self.path), FaultKind::TooLarge, found, "fewer").into());
         }
+        // by the specification, an accessor without a view is all zeros
         let Some(view) = accessor.buffer_view else { return Ok(vec![0.0; accessor.count * width]) };
         let view = self.json.buffer_views.get(view).ok_or_else(|| bad("no buffer view".into(), "one"))?;
         let outside = self.json.buffers.get(view.buffer).is_none_or(|b| b.uri.is_some());

@@ -86,6 +86,7 @@ impl Vocabulary {
                     "ids of characters or of tokens merged before, each pair once",
                 ));
             }
+            // two pairs of the same characters are one token, as in Hugging Face's loaders, whose vocabulary is by text
             if known.insert(codes.clone()) {
                 self.merged.push(codes);
             }
@@ -187,6 +188,7 @@ impl Vocabulary {
         if let (Some(c), None) = (chars.next(), chars.next()) {
             return alphabet::code(c).filter(|&k| k < self.characters).map(|k| FIRST_CHARACTER + k);
         }
+        // before merged tokens: none has a bracket, so the order only saves the conversion to codes
         if let Some(at) = self.conditioning.iter().position(|t| t == token) {
             return Some(self.first_conditioning() + at as u32);
         }

@@ -101,6 +101,7 @@ impl Mix {
             JointTransform::Ica { .. } => {
                 let mut a = ica::fit(&scaled, channels, k)?;
                 for s in 0..k {
+                    // one step for all components needs equal units: unit columns in mixing, the inverse in unmixing
                     let length = (0..channels).map(|c| a.mixing[c * k + s].powi(2)).sum::<f64>().sqrt();
                     (0..channels).for_each(|c| a.mixing[c * k + s] /= length);
                     a.unmixing[s * channels..(s + 1) * channels].iter_mut().for_each(|x| *x *= length);
@@ -206,6 +207,7 @@ fn multiply(matrix: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
 fn multiply_rows<const R: usize>(rows: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
     let c = rows.len() / R;
     let rows: [&[f64]; R] = std::array::from_fn(|r| &rows[r * c..(r + 1) * c]);
+    // the rest is summed in the same order of channels, so a frame's bits don't depend on its place in a block
     let whole = n - n % BLOCK;
     for t in (0..whole).step_by(BLOCK) {
         let mut sums = [[0.0; BLOCK]; R];

@@ -26,7 +26,7 @@ pub struct UniformConfig {
     pub translation: Travel,
     /// How its y is coded. Default: above the clip's floor.
     pub height: Height,
-    /// What of a pose is coded: its rotation vectors (default) or components of them, over a fitted range.
+    /// The numbers of a pose that are coded: its rotation vectors (default) or components of them, over a fitted range.
     pub joint_transform: JointTransform,
 }
 

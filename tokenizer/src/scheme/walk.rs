@@ -90,11 +90,12 @@ impl Walk {
         self.at
     }
 
-    /// The codes of the step to a position, and which of them are clipped; moves to the decoded position.
+    /// The codes of the step to a position, each with whether it is clipped; moves to the decoded position.
     pub(crate) fn step(&mut self, bins: &[impl Scale; 3], place: Vec3) -> [(u16, bool); 3] {
         let ahead = self.turned_in(place - self.at);
-        let wanted = self.each(ahead, place, place.y - self.base);
-        let coded: [(u16, bool); 3] = std::array::from_fn(|i| bins[i].code(wanted[i]));
+        let values = self.each(ahead, place, place.y - self.base);
+        let coded: [(u16, bool); 3] = std::array::from_fn(|i| bins[i].code(values[i]));
+        // closed loop: the next step starts from the decoded position, so errors don't add up
         self.follow(bins, coded.map(|(code, _)| code));
         coded
     }

@@ -96,6 +96,7 @@ impl Lapped {
                 None => tile.fill(0.0),
                 Some(first) => {
                     first.forward(&mut tile[self.short..], scratch);
+                    // coefficients begin at the front; the place of the missing number becomes the last, which is 0
                     tile.rotate_left(self.short);
                     tile[first.len()..].fill(0.0);
                 }
@@ -139,8 +140,8 @@ impl Lapped {
 }
 
 impl Border {
-    /// Before the tiles' transform. Sums of what lies in mirror image at the border stay, differences are turned by an
-    /// orthonormal matrix.
+    /// Before the tiles' transform. Sums of values that mirror each other at the border stay, differences are
+    /// multiplied by an orthonormal matrix.
     fn smooth(&self, around: &mut [f64], scratch: &mut [f64]) {
         self.turn_differences(around, scratch, |differences, scratch| {
             self.fourth(differences, scratch);
@@ -160,7 +161,7 @@ impl Border {
         let half = self.second.len();
         let (before, after) = around.split_at_mut(half);
         let (differences, scratch) = scratch.split_at_mut(half);
-        // from the border outward: entry i of both sides lies i + 1/2 from it
+        // from the border outward: entry i of both sides is i + 1/2 away from it
         for (i, d) in differences.iter_mut().enumerate() {
             *d = before[half - 1 - i] - after[i];
         }

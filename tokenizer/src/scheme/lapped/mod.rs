@@ -216,6 +216,7 @@ impl Lapped {
         let size = x.abs();
         // each larger number costs about 1.5 bits more
         let n = (size + 0.5 - (1.6 * self.config.thrift).min(0.3)).floor();
+        // 0 or 1 is decided by the fitted threshold of this number alone
         let n = if n <= 1.0 { f64::from(size >= f64::from(self.thresholds[at]) / 1000.0) } else { n };
         limited(n.copysign(x), clipped)
     }

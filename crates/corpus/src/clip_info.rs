@@ -1,4 +1,4 @@
-//! What labels say of one clip, and the fields that are no labels.
+//! The labels of one clip, and the fields that are no labels.
 
 use super::csv::{FROM, TO};
 use super::item::TimedLabels;
@@ -64,7 +64,7 @@ impl ClipInfo {
         Ok(())
     }
 
-    /// What the fields of a pattern say of the file at `path`.
+    /// The information that a pattern's fields give about the file at `path`.
     pub(super) fn from_fields(fields: BTreeMap<String, String>, path: &str) -> Result<ClipInfo> {
         let mut info = ClipInfo::default();
         for (field, value) in fields {

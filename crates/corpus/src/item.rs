@@ -37,7 +37,7 @@ pub struct Item {
     pub music_from_s: Option<f64>,
     /// Its number among all items.
     pub key: usize,
-    /// Index into [`Dataset::sources`].
+    /// Index into [`Dataset::sources`](crate::Dataset::sources).
     pub source: usize,
 }
 

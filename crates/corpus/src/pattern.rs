@@ -61,6 +61,7 @@ impl Pattern {
                         return Err(wrong(format!("the field {name} twice")));
                     }
                     fields.push(name.to_owned());
+                    // reluctant, so that `{a}_{b}` gives the first field as little as possible
                     regex += "([^/]+?)";
                     end + 1
                 }

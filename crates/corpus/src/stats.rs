@@ -1,4 +1,4 @@
-//! What is in a corpus, and what looks wrong in it.
+//! The contents of a corpus, and what looks wrong in it.
 
 use super::record::{ClipRecord, Count, Split};
 use super::shared_runs::{SharedRun, shared_runs};
@@ -87,7 +87,7 @@ pub struct Stats {
     pub failed: usize,
 }
 
-/// What is kept of a clip that was looked at.
+/// The findings in a clip.
 struct Seen {
     glitches: Vec<Glitch>,
     /// Of its words, which it stands for.
@@ -101,6 +101,7 @@ fn look(corpus: &Corpus, record: &ClipRecord) -> Result<Seen> {
     let glitches = glitches(&record.name, &clip, &corpus.tokenizer().config().joints);
     let mut hash = Sha256::new();
     for word in words.iter() {
+        // with its length, so that the same codes in other words differ
         hash.update((word.len() as u64).to_le_bytes());
         hash.update(bytemuck::cast_slice::<u16, u8>(word));
     }

@@ -55,7 +55,7 @@ impl Corpus {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] when a file is of another version, damaged, or doesn't fit the others; it says
-    /// what was found, what was wanted and how to go on.
+    /// what was found, what was expected and how to go on.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
         Corpus::open_with(dir, CorpusOptions::default())
     }
@@ -275,8 +275,8 @@ pub fn read_options_in(dir: &Path, sha256: &str) -> Result<Option<ReadOptions>> 
 fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
     let path = dir.join(TOKENIZER);
     let tokenizer = Tokenizer::load(&path)?;
-    let (found, wanted) = (Coding::of(&tokenizer), manifest.coding());
-    if found != wanted {
+    let (found, expected) = (Coding::of(&tokenizer), manifest.coding());
+    if found != expected {
         let say = |s: &Coding| {
             let Coding { tokenizer, frames_per_word, tokens_per_word, vocabulary, fps } = s;
             let tokens = tokens_per_word.map_or("any number of".to_string(), |w| w.to_string());
@@ -285,7 +285,7 @@ fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
             )
         };
         let help = "put back the tokenizer.json that the corpus was made with, or make the corpus again";
-        return Err(Error::file(&path, say(&found), say(&wanted), help));
+        return Err(Error::file(&path, say(&found), say(&expected), help));
     }
     Ok(tokenizer)
 }
@@ -321,7 +321,7 @@ fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
     lines.map(parse).collect()
 }
 
-/// Whether the clips lie one after the other and sum to what the manifest counts.
+/// Checks that the clips are contiguous in the token file and sum to the manifest's counts.
 fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result<()> {
     let mut next = 0_usize;
     let music = manifest.music.as_ref().map_or(0, |file| file.bytes / (CHANNELS * size_of::<f32>()) as u64);
@@ -347,6 +347,7 @@ fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result
         }
         let words = manifest.words_of(clip.frames);
         let tokens = manifest.tokens_per_word.map_or(Some(clip.tokens), |w| words.checked_mul(w));
+        // starts of words are stored as u32
         if tokens != Some(clip.tokens) || u32::try_from(clip.tokens).is_err() {
             let found = format!("clip {} of {} frames in {} tokens", clip.name, clip.frames, clip.tokens);
             let expected = match manifest.tokens_per_word {

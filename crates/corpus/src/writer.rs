@@ -196,6 +196,7 @@ impl CorpusWriter {
         }
         let mut json = serde_json::to_string_pretty(&self.manifest).expect("a manifest is JSON");
         json.push('\n');
+        // last, since it has the hashes of all other files
         self.work.write(MANIFEST, json.as_bytes())?;
         match self.force {
             true => self.work.commit_over(&LAYOUT)?,
@@ -251,6 +252,7 @@ impl HashingFile {
     }
 
     fn finish(&mut self) -> Result<FileRecord> {
+        // synced before the folder is renamed, or a crash could leave a corpus of empty files
         self.file.flush().and_then(|()| self.file.get_ref().sync_all()).map_err(Error::io(&self.path))?;
         Ok(FileRecord { bytes: self.bytes, sha256: hex(self.hash.clone()) })
     }

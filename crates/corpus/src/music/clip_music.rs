@@ -15,7 +15,7 @@ pub struct ClipMusic<'a> {
 /// Features of a stretch of music at equally spaced times ([`kinelm_music::feature`]).
 #[derive(Debug, Clone, Default)]
 pub struct FeatureRows<'a> {
-    /// FeatureRows a second.
+    /// Rows a second.
     pub fps: f64,
     /// Time of the first row in seconds.
     pub from_s: f64,

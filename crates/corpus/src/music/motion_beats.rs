@@ -37,6 +37,7 @@ fn landings_s(clip: &Clip, floor_m: Option<f64>) -> Result<Vec<f64>> {
     let of_leg = |(side, leg): (usize, &Leg)| {
         contacts(&FootTrack::new(clip, leg), side, floor_m).into_iter().map(|contact| contact.from)
     };
+    // a contact from frame 0 on is no landing
     let mut frames: Vec<usize> = legs.iter().enumerate().flat_map(of_leg).filter(|from| *from > 0).collect();
     frames.sort_unstable();
     Ok(frames.into_iter().map(|frame| frame as f64 / clip.fps()).collect())

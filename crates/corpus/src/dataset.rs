@@ -110,6 +110,7 @@ impl Dataset {
                 Some((info, rule)) => {
                     let group = match rule {
                         Rule::Row(row) => {
+                            // in the notes all rows of a table are one rule
                             rows.entry(which).or_default().insert(row);
                             Rule::Row(0)
                         }

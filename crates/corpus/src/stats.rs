@@ -97,6 +97,7 @@ struct Seen {
 
 fn look(corpus: &Corpus, record: &ClipRecord) -> Result<Seen> {
     let words = corpus.clip_words(record)?;
+    // the last word may decode to more frames than the clip has
     let clip = corpus.tokenizer().decode(&words, UncodedPose::Identity)?.slice(0..record.frames);
     let glitches = glitches(&record.name, &clip, &corpus.tokenizer().config().joints);
     let mut hash = Sha256::new();
@@ -117,6 +118,7 @@ pub fn stats(corpus: &Corpus) -> Result<Stats> {
     let clips_with_glitches = seen.iter().filter(|seen| !seen.glitches.is_empty()).count();
     let mut glitches: Vec<Glitch> = seen.iter_mut().flat_map(|seen| std::mem::take(&mut seen.glitches)).collect();
     // metres and degrees side by side: each by how many times its limit it is
+    // steps are per frame and limits per second, which scales both kinds alike
     let size = |g: &Glitch| g.step / if g.what == "root" { ROOT_GLITCH_M_S * 100.0 } else { JOINT_GLITCH_DEG_S };
     glitches.sort_by(|a, b| size(b).total_cmp(&size(a)));
 
@@ -205,6 +207,7 @@ pub fn glitches(name: &str, clip: &Clip, joints: &[usize]) -> Vec<Glitch> {
 
 /// Frames whose step (`steps[0]` leads to frame 1) is above `limit` and stands out from those two steps away.
 fn standing_out(steps: &[f64], limit: f64) -> impl Iterator<Item = usize> + '_ {
+    // two steps away, because one bad frame makes two large steps in a row: there and back
     let far = |i: usize| {
         let before = i.checked_sub(2).map_or(0.0, |k| steps[k]);
         before.max(steps.get(i + 2).copied().unwrap_or(0.0))

@@ -212,6 +212,7 @@ impl Corpus {
         let grammar = self.tokenizer.grammar();
         let mut place = Slot::default();
         for (i, &id) in ids.iter().enumerate() {
+            // the hash says that these ids were written, not that they form words
             if !grammar.allows(place, id) {
                 let found = format!("id {id} at token {} of clip {}", first + i, clip.name);
                 let expected =
@@ -246,6 +247,7 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
         let at = kinelm_store::SourcePos { path: path.clone(), line: e.line(), column: e.column() };
         Error::at(at, e.to_string(), "the manifest of a corpus", "make the corpus again with `kinelm tokenize`")
     };
+    // the version alone, because a manifest of another one may lack fields of this one
     let head: Versioned = serde_json::from_slice(&text).map_err(bad)?;
     if head.version != VERSION {
         let help = match head.version > VERSION {
@@ -327,6 +329,7 @@ fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result
     let music = manifest.music.as_ref().map_or(0, |file| file.bytes / (CHANNELS * size_of::<f32>()) as u64);
     for clip in clips {
         let rows = clip.music.map_or(Some(0), |of| of.first.checked_add(of.rows));
+        // checked once here, so that slices of the music stay inside the file
         if rows.is_none_or(|rows| rows as u64 > music) {
             let found = format!("clip {} with music up to row {}", clip.name, rows.unwrap_or(usize::MAX));
             return Err(Error::file(

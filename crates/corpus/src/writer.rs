@@ -144,6 +144,7 @@ impl CorpusWriter {
         let expected = self.manifest.words_of(clip.frames);
         let (found, whole) = match self.manifest.tokens_per_word {
             Some(w) => (ids.len() / w.max(1), ids.len().is_multiple_of(w)),
+            // every word ends with a space, so spaces count the words and the last id is one
             None => (ids.iter().filter(|&&id| id == SPACE).count(), ids.last().is_none_or(|&id| id == SPACE)),
         };
         if found != expected || !whole {

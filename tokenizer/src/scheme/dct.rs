@@ -362,6 +362,7 @@ fn largest(coefficients: &[f64], share: f64, sizes: &mut Vec<u64>, mut keep: imp
     sizes.clear();
     sizes.extend(coefficients.iter().map(|x| x.abs().to_bits()));
     let (_, &mut least, above) = sizes.select_nth_unstable(count - most);
+    // `above` may have more of `least`'s size, so only larger ones are subtracted
     let mut ties = most - above.iter().filter(|&&size| size > least).count();
     for (i, &x) in coefficients.iter().enumerate() {
         let size = x.abs().to_bits();
@@ -390,6 +391,7 @@ impl DctTiles {
         let rows = rows(config, channels, &clips);
         let weights = config.weights(channels);
         let mix = Mix::fit(&config.joint_transform, &rows, series::open_count(channels), weights.as_deref())?;
+        // the largest array; the pass over the coefficients needs memory of its own
         drop(rows);
         let [path, turn, components] =
             kept(config, channels, &mix, first_height, &clips).map(|x| Table::fitted(config, x));

@@ -95,6 +95,7 @@ impl Mix {
             JointTransform::Pca { .. } => {
                 let p = pca::fit(&scaled, channels)?;
                 let forward = p.components[..k * channels].to_vec();
+                // components are orthonormal, so the inverse is the transpose
                 let inverse = (0..channels * k).map(|i| forward[i % k * channels + i / k]).collect();
                 (p.mean, forward, inverse)
             }
@@ -109,6 +110,7 @@ impl Mix {
                 (a.mean, a.unmixing, a.mixing)
             }
         };
+        // `forward` subtracts the mean before it scales, and this is the mean of scaled channels
         let mean = mean.iter().zip(&scale).map(|(m, s)| m / s).collect();
         Ok(Mix { mean, scale, forward, inverse })
     }
@@ -169,10 +171,12 @@ impl Mix {
         let k = transform.components(channels);
         let size = if *transform == (JointTransform::None {}) { 0 } else { k * channels };
         let lengths = [self.mean.len(), self.scale.len(), self.forward.len(), self.inverse.len()];
+        // NaN compares false, so it is refused too
         let fine = |x: &&f64| x.abs() < LARGEST;
         let all = [&self.mean, &self.scale, &self.forward, &self.inverse];
         let good = lengths == [channels, channels, size, size]
             && all.iter().all(|v| v.iter().all(|x| fine(&x)))
+            // decoding divides by the scale
             && self.scale.iter().all(|&s| s > 1.0 / LARGEST);
         good.then_some(()).ok_or_else(|| {
             Error::setting(
@@ -194,6 +198,7 @@ const BLOCK: usize = 4;
 fn multiply(matrix: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
     let c = series.len() / n.max(1);
     for (rows, out) in matrix.chunks(BLOCK * c.max(1)).zip(out.chunks_mut(BLOCK * n.max(1))) {
+        // c is not 0 here: a matrix without channels has no rows
         match rows.len() / c {
             4 => multiply_rows::<4>(rows, n, series, out),
             3 => multiply_rows::<3>(rows, n, series, out),

@@ -116,6 +116,7 @@ impl Quantile {
             fitted.first_height = first_height;
             if config.height == Height::Floor {
                 let [low, high] = heights.map(|y| y - first_height);
+                // 0 is the neutral height, which needs a bin
                 fitted.steps[1] = Bins::even(low.min(0.0), high.max(0.0), config.bins);
             }
         }
@@ -201,9 +202,11 @@ pub(super) struct Quantiles<'a> {
 
 impl Quantiles<'_> {
     fn of(&self, n: usize) -> [&Bins; 3] {
+        // pooled bins are one set for all channels
         let channel = |i: usize| &self.bins[i.min(self.bins.len() - 1)];
         match (self.tilts, n) {
             (true, 0) => [channel(0), &self.none, channel(1)],
+            // a tilt has no y, so the channels of later joints are one place earlier
             _ => [0, 1, 2].map(|i| channel(3 * n + i - usize::from(self.tilts))),
         }
     }

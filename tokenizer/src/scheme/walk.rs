@@ -48,6 +48,7 @@ impl Facing {
     pub(crate) fn face(&mut self, pelvis: Quat) {
         let z = pelvis * Vec3::Z;
         let along = (z.x * z.x + z.z * z.z).sqrt();
+        // closer to the vertical the direction would be rounding noise
         if along > 1e-6 {
             *self = Facing(z.x / along, z.z / along);
         }
@@ -164,6 +165,7 @@ pub(crate) fn check_bins(bins: u32, least: u32) -> Result<()> {
 
 /// Refuses an implausible mean height in a file.
 pub(crate) fn check_height(first_height: f64) -> Result<()> {
+    // NaN compares false, so it is refused too
     (first_height.abs() <= FARTHEST)
         .then_some(())
         .ok_or_else(|| Error::setting("first_height", first_height, "a height in metres"))

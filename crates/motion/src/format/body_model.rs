@@ -89,6 +89,7 @@ impl BodyModel {
             Some(table) if table.shape() == [2, n] => Some(table.integers()?),
             Some(table) => return Err(table.shape_fault(&format!("(2, {n})"))),
         };
+        // the models share the body's 22 joints; SMPL's own hands follow, or others' face and fingers
         let own = if n == 24 { 24 } else { 22 };
         if let Some(p) = &parents
             && let Some(j) = (1..own).find(|&j| p[j] != i64::from(smpl::PARENTS[j]))

@@ -100,6 +100,7 @@ pub const FORMATS: &[FormatInfo] = &[
         name: "BVH",
         extensions: &["bvh"],
         written: &["bvh"],
+        // its reader takes the other steps itself
         then: &[Step::Size],
         read: Some(bvh::read),
         write: Some(|_, motion| bvh::to_bytes(motion)),

@@ -195,6 +195,7 @@ impl Lapped {
         let (k, n) = (layout.open, layout.numbers());
         let lengths = [&self.mean, &self.forward, &self.inverse].map(Vec::len);
         let mut seen = vec![false; n];
+        // a permutation: otherwise a number would be written twice or never
         let order = self.order.iter().all(|&i| seen.get_mut(i as usize).is_some_and(|s| !std::mem::replace(s, true)));
         let all = self.mean.iter().chain(&self.forward).chain(&self.inverse);
         let good = lengths == [k, k * k, k * k]
@@ -367,6 +368,7 @@ impl Scheme for Lapped {
     }
 
     fn neutral(&self, _: &Channels) -> Vec<u16> {
+        // zeros at a word's end are not written
         Vec::new()
     }
 

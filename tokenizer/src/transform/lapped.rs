@@ -59,6 +59,7 @@ impl Lapped {
 
     fn with_first(hop: usize, short: usize) -> Self {
         assert!(hop > 0, "tiles of no numbers");
+        // with an odd hop the middle number of a tile is in no filter
         let half = hop / 2;
         Lapped {
             hop,
@@ -93,6 +94,7 @@ impl Lapped {
         for (k, tile) in series.chunks_exact_mut(self.hop).enumerate() {
             match &self.first {
                 _ if k > 0 || self.short == 0 => self.tile.forward(tile, scratch),
+                // with a hop of 1 the shorter first tile is empty
                 None => tile.fill(0.0),
                 Some(first) => {
                     first.forward(&mut tile[self.short..], scratch);
@@ -179,6 +181,7 @@ impl Border {
     /// The orthonormal DCT-IV, its own inverse.
     fn fourth(&self, x: &mut [f64], scratch: &mut [f64]) {
         self.fourth.process_dct4_with_scratch(x, scratch);
+        // rustdct leaves out the normalisation
         let scale = (2.0 / x.len() as f64).sqrt();
         x.iter_mut().for_each(|x| *x *= scale);
     }

@@ -44,6 +44,7 @@ impl Dtype {
         };
         let letter = *rest.as_bytes().first()?;
         let digits = rest.get(1..)?;
+        // 9 digits at most, so that 4 bytes a character stay below 2^32
         if !digits.bytes().all(|b| b.is_ascii_digit()) || digits.len() > 9 {
             return None;
         }
@@ -142,6 +143,7 @@ fn half(bits: u16) -> f64 {
         0 => fraction * 2f64.powi(-24),
         31 if fraction == 0.0 => f64::INFINITY,
         31 => f64::NAN,
+        // less the bias of 15 and the 10 bits of the fraction
         e => (1024.0 + fraction) * 2f64.powi(e - 25),
     }
 }

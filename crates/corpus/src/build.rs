@@ -176,6 +176,7 @@ pub fn fit(
         return Err(Error::missing("clip in the train split", "a tokenizer is fitted on that alone"));
     }
     let work = |item: &Item, loaded: &ItemClip| {
+        // a fit of its own: clips are added in parallel, and merged in the order of the items
         let mut one = Fit::new(config.clone())?;
         one.add(&loaded.clip).map_err(of_clip(item))?;
         Ok((one, loaded.clip.frames()))
@@ -220,6 +221,7 @@ pub fn tokenize(
                 (Some(ClipBeats { source: BeatSource::Music, times_s: beats_s }), features, tempo)
             }
             None if options.motion_beats => {
+                // a clip that was lowered has its floor at y = 0
                 let beats = motion_beats::beats_s(&loaded.clip, loaded.floor_m.map(|_| 0.0))?;
                 (beats.map(|times_s| ClipBeats { source: BeatSource::Motion, times_s }), Vec::new(), None)
             }
@@ -317,6 +319,7 @@ pub fn for_each_clip<T: Send, E: From<Error> + Display + Send>(
             Err(e) => return Worked::Failed(e.to_string()),
         };
         if loaded.clip.frames() == 0 {
+            // the file ends before the segment begins
             return Worked::Ended;
         }
         match work(item, &loaded) {

@@ -50,6 +50,7 @@ impl ClipInfo {
         let is_rate = |f: &f64| f.is_finite() && *f > 0.0;
         let is_time = |s: &f64| s.is_finite() && *s >= 0.0;
         match field {
+            // the table reads these itself
             "clip" | FROM | TO => {}
             "split" => self.split = number(value, |_| true, "train, valid or test")?,
             "take" => self.take = Some(value.to_owned()),

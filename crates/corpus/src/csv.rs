@@ -65,6 +65,7 @@ impl ClipTable {
         }
         let records: Vec<Vec<Field>> = records.collect();
         if let Some(record) = records.iter().find(|record| record.len() != header.len()) {
+            // the first field too many, or the last of too few
             let at = record[record.len().min(header.len() + 1) - 1].at.clone();
             let (found, expected) = (record.len(), header.len());
             return Err(Error::at(at, format!("{found} fields"), format!("{expected}, as the header has"), ""));
@@ -232,6 +233,7 @@ impl Reader<'_> {
         self.next();
         loop {
             match self.next() {
+                // two quotes inside a field are one (RFC 4180)
                 Some('"') if self.chars.peek() == Some(&'"') => text.extend(self.next()),
                 Some('"') => break,
                 Some(c) => text.push(c),

@@ -89,6 +89,7 @@ fn made(path: &Path, config: TokenizerConfig, clips: &[(usize, Split)], has_musi
         let times_s = all[key].beats_s.clone();
         new.record.beats = has_music(key).then_some(ClipBeats { source: BeatSource::Music, times_s });
         if has_music(key) {
+            // a clip's music goes on for one more second, 20 frames
             let rows = (0..frames + 20).flat_map(|row| (0..CHANNELS).map(move |c| row * (c + 1) % 17));
             new.music = rows.map(|x| x as f32).collect();
         }

@@ -126,6 +126,7 @@ impl SpanMasking {
         }
         // a uniform exponent gives log-uniform lengths
         let length = (((words + 1) as f64).powf(random::unit(rng)) as usize).clamp(1, words);
+        // `unit` is below 1, so the run ends inside the window
         let first = (random::unit(rng) * (words + 1 - length) as f64) as usize;
         let slots = self.slots(rng);
         let of_word = |word: usize| slots.iter().map(move |slot| word * self.word + slot);

@@ -65,6 +65,7 @@ pub(super) fn shared_runs(
                 if other as usize != c {
                     let shared = pairs.entry((other as usize, c)).or_insert_with(|| (Vec::new(), [at, start]));
                     shared.0.push(start);
+                    // runs come pass by pass, by their hashes, not in the order of frames
                     shared.1 = if start < shared.1[1] { [at, start] } else { shared.1 };
                 }
             }

@@ -99,6 +99,7 @@ pub fn describe(sidecar: &ReadOptions, read: &ReadOptions) -> Option<String> {
             add(true, format!("{what} {name}"));
         }
     }
+    // a lower floor would be shown as 0.000 m
     if let Some(floor) = sidecar.floor.filter(|floor| floor.abs() >= 5e-4 && sidecar.floor == read.floor) {
         add(true, format!("floor at {floor:.3} m"));
     }

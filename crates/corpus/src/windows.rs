@@ -92,6 +92,7 @@ fn shown_up_to(words: ClipWords, start: usize, done: usize, context: usize) -> u
 /// Where the window after one of `start..end` starts.
 fn next_start(words: ClipWords, start: usize, end: usize, context: usize) -> usize {
     let half = words.before(start + (end - start) / 2 + 1).saturating_sub(1);
+    // the last word that begins in the first half, else the one after the window's first
     let later = [half, words.before(start + 1)].map(|word| words.start(word));
     match later.into_iter().find(|&next| next > start && next <= end) {
         Some(next) => next,

@@ -87,7 +87,9 @@ impl Index {
         let (mut starts, mut before) = (Vec::new(), Vec::with_capacity(clips.len()));
         for clip in clips {
             before.push(starts.len());
+            // u32, by which `check_clips` bounds the tokens of a clip
             let mut start = 0;
+            // from 1, because the next word begins after a space
             for (i, id) in (1..).zip(tokens.ids(clip.offset..clip.offset + clip.tokens)?) {
                 if id == SPACE {
                     starts.push(start);

@@ -35,6 +35,7 @@ impl FeatureRows<'_> {
         }
         let (first, share) = (place as usize, place.fract() as f32);
         let row = |row: usize| &self.numbers[row * CHANNELS..][..CHANNELS];
+        // at the last row the share is 0, so that its neighbour doesn't count
         let next = row((first + 1).min(rows - 1));
         for ((to, a), b) in to.iter_mut().zip(row(first)).zip(next) {
             *to = a + share * (b - a);

@@ -53,6 +53,7 @@ impl MusicLibrary {
             }
         }
         let mut paths: Vec<&PathBuf> = files.values().collect();
+        // clips may share their music, which is analysed once
         paths.sort();
         paths.dedup();
         let analyse = |path: &PathBuf| (path.clone(), Track::analyse_if_possible(path, fps).ok());

@@ -49,6 +49,7 @@ fn clicks(times_s: &[f64], seconds: f64) -> Vec<f32> {
     let mut out = vec![0.0f32; (seconds * rate).round() as usize];
     for time in times_s {
         let start = (time * rate).round() as usize;
+        // after five decays a click is below 1 % of its height
         let end = (start + (5.0 * DECAY_S * rate) as usize).min(out.len());
         for (i, x) in out.iter_mut().enumerate().take(end).skip(start) {
             let t = i as f64 / rate - time;

@@ -137,6 +137,7 @@ impl Anchor {
             offset.y = clip.root()[f].y - self.base.unwrap_or(self.place.y);
             (out[t], out[n + t], out[2 * n + t]) = (offset.x, offset.y, offset.z);
             if channels.has_turn() {
+                // upside down the turn is undefined, and stays
                 if let Some(split) = Split::of(clip.pose(f)[0]) {
                     let off = split.turn - self.turn - turn;
                     turn += off - (off / TAU).round() * TAU;
@@ -174,6 +175,7 @@ pub fn lever_arms() -> [f64; 24] {
             .filter(|&k| skeleton.descends(k, j))
             .map(|k| (places[k] - places[j]).length_squared())
             .collect();
+        // leaves have no descendants and take the least arm
         (below.iter().sum::<f64>() / below.len().max(1) as f64).sqrt().max(SHORTEST)
     })
 }

@@ -25,6 +25,7 @@ pub(crate) fn topmost_mover(rig: &Skeleton, moves: impl Fn(usize) -> bool) -> us
     }
     // a bone that changes its length carries no body
     let topmost = (0..rig.joints()).filter(|&j| !is_under[j] && moves(j) && 3 * below[j] > rig.joints());
+    // of equal ones the first; `max_by_key` alone would take the last
     let Some(mut at) = topmost.max_by_key(|&j| (below[j], std::cmp::Reverse(j))) else { return 0 };
     loop {
         let mut children = rig.children(at);

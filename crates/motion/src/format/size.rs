@@ -8,9 +8,11 @@ use crate::{Clip, GlobalPose, Skeleton, Vec3, Warning};
 use std::ops::RangeInclusive;
 
 /// Ranges of leg lengths, hip to knee to ankle, and the unit in metres that they indicate.
+// CMU's unit is an inch divided by 0.45, the length that its ASF files state
 const LEGS: [(RangeInclusive<f64>, f64); 5] =
     [(0.6..=1.1, 1.0), (12.0..=19.0, 0.0564444), (23.0..=45.0, 0.0254), (60.0..=110.0, 0.01), (600.0..=1100.0, 0.001)];
 /// The legs of children, which are doubted.
+// these touch the adults' ranges, which are tried first
 const CHILDREN: [(RangeInclusive<f64>, f64); 3] = [(0.25..=0.6, 1.0), (45.0..=60.0, 0.01), (250.0..=600.0, 0.001)];
 /// The tallest body that is read in inches: a taller one is smaller than a person, in centimetres.
 const TALLEST_M: f64 = 2.1;

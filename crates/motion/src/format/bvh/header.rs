@@ -27,6 +27,7 @@ impl<'a> Parser<'a> {
                 let fault = self.text.fault(count_at, FaultKind::NumberBad, self.text.found(count_at), expected);
                 return Err(fault.help("count the rows that follow"));
             }
+            // a count beyond u64 becomes the largest, which is refused below unless `lenient`
             Some(digits) => digits.parse::<u64>().unwrap_or(u64::MAX),
         };
         // a count is hostile until the rows are there; `lenient` reads what is there and needs no count

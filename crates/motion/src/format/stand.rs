@@ -158,6 +158,7 @@ fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Uprightness> {
     // with all bones along one axis, every rotation about it stands equally well, but only one has the left at +x
     let up = best(|up| {
         let (cosine, left) = of(up);
+        // 2 more, because `left` may be -1 and an axis along which it stands must win
         if cosine < STANDS { cosine } else { 2.0 + cosine + left }
     });
     Some(Uprightness { up, cosine: of(up).0 })

@@ -32,6 +32,7 @@ impl Lapped {
         let mean = mean(layout.open, &rows);
         let (metric, turn_arm) = metric(config, channels, &clips, &rows);
         let (forward, inverse) = mix(config, layout.open, &metric, &mean, &rows)?;
+        // as for larger numbers, until the thresholds are fitted to the words that it gives
         let plain = ((500.0 + 1600.0 * config.thrift) as u16).min(HIGHEST);
         let mut scheme = Lapped {
             config: config.clone(),
@@ -150,6 +151,7 @@ fn moves(channels: &Channels, clip: &Clip, rows: &[f64], n: usize, frame: usize)
         after.iter().zip(&before).for_each(|(a, b)| out.extend(((*a - *b) / (2.0 * SMALL)).to_array()));
     }
     let (at, root) = (places(&values), values[k - 1]);
+    // the derivative of a turn about the vertical through the root
     at.iter().for_each(|p| out.extend(Vec3::Y.cross(*p - Vec3::Y * root).to_array()));
     out
 }
@@ -168,6 +170,7 @@ fn mix(
         m
     };
     if config.joint_transform == (LappedMix::None {}) {
+        // `LIGHTEST` is in the diagonal, so no arm is 0
         let arm = |i: usize| metric[i * k + i].sqrt();
         return Ok((diagonal(&arm), diagonal(&|i| 1.0 / arm(i))));
     }

@@ -144,6 +144,7 @@ impl<'a> Root<'a> {
     fn coefficient(&self, k: usize, tile: &[i32], frequency: usize, series: usize) -> f64 {
         let number = tile[self.layout.at(frequency, series)];
         match frequency {
+            // with a hop of 1 the first tile has no velocity
             0 if self.length(k) == 0.0 => 0.0,
             0 => f64::from(number) * self.displacement_step() / self.length(k).sqrt(),
             f => lifted(number) * self.steps[f],
@@ -211,6 +212,7 @@ fn turns(clip: &Clip) -> Vec<f64> {
     let mut now = 0.0;
     let turn = |f| {
         if let Some(split) = Split::of(clip.pose(f)[0]) {
+            // the first turn stays as it is: the rounding below would make -PI of PI
             let off: f64 = split.turn - now;
             now += if f == 0 { off } else { off - (off / TAU).round() * TAU };
         }

@@ -255,6 +255,7 @@ fn scaled_as(parents: &[Option<usize>], bound: Vec<Placed>, stand: &[Placed]) ->
         bones.sum()
     };
     let factor = length(stand) / length(&bound);
+    // a bind pose may differ a little from the standing one in its bones; a unit differs by far more
     let factor = if factor.is_finite() && !(0.8..1.25).contains(&factor) { factor } else { 1.0 };
     bound.into_iter().map(|(q, place)| (q, place * factor)).collect()
 }

@@ -31,6 +31,7 @@ pub fn code(c: char) -> Option<u32> {
     match c {
         '0'..='9' => Some(c as u32 - '0' as u32),
         'A'..='Z' => Some(c as u32 - 'A' as u32 + 10),
+        // after 10 digits and 26 capitals
         'a'..='z' => Some(c as u32 - 'a' as u32 + 36),
         '\u{4E00}'..='\u{9FFF}' => Some(c as u32 - CJK + 62),
         _ => None,

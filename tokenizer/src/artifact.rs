@@ -154,6 +154,7 @@ impl Tokenizer {
     }
 
     fn render(&self) -> (String, String) {
+        // the hash can't cover its own digits, so zeros of the same length stand in for them
         let blank = serde_json::to_string_pretty(&self.whole()).expect("plain data with text keys is JSON") + "\n";
         let hash = hex_sha256(blank.as_bytes());
         (blank.replacen(NO_HASH, &hash, 1), hash)
@@ -234,6 +235,7 @@ impl Tokenizer {
         let mut text = String::new();
         let file = kinelm_store::input::open(path).map_err(Error::io(path))?;
         let wrong = |what| Error::File { path: path.to_owned(), what };
+        // one byte more than allowed distinguishes a file at the limit from a longer one
         file.take(MAX_FILE_BYTES + 1).read_to_string(&mut text).map_err(|e| match e.kind() {
             std::io::ErrorKind::InvalidData => {
                 wrong("bytes that are no UTF-8; expected a tokenizer.json of kinelm".into())
@@ -275,9 +277,11 @@ impl Tokenizer {
                 )));
             }
         }
+        // after the version, since another version may hash differently, and before the tables are trusted
         check_hash(text, own.get("sha256").and_then(Value::as_str).unwrap_or("")).map_err(wrong)?;
         let own: Own = serde_json::from_value(own.clone()).map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
         let tokenizer = own.build().map_err(|e| wrong(format!("decoder.kinelm: {e}")))?;
+        // a right hash doesn't prove that vocabulary and merges, which their loaders read, are those of our settings
         if tokenizer.to_json() != text {
             return Err(wrong("its vocabulary is not what its settings give; fit it again".into()));
         }
@@ -291,6 +295,7 @@ impl Own {
         let fitted = self.fitted.with_config(&self.config.scheme, &self.config.channels())?;
         let mean_pose = mean_pose(&self.config, &self.mean_pose)?;
         let above_floor = self.config.above_floor();
+        // NaN fails both comparisons
         let good = |[low, high]: [f64; 2]| low <= high && low.abs().max(high.abs()) < 1e7;
         if self.height_range.is_some() != above_floor || !self.height_range.is_none_or(good) {
             let expected =

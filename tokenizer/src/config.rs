@@ -30,7 +30,7 @@ pub struct TokenizerConfig {
     pub scheme: SchemeConfig,
 }
 
-/// The most merged tokens: a corpus of 16-bit ids has room for them.
+/// The most merged tokens: with the alphabet's 21,054 characters and the labels, ids fit 16 bits.
 const MOST_MERGES: u32 = 40_000;
 
 impl Default for TokenizerConfig {

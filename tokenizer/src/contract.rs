@@ -1,4 +1,4 @@
-//! What every scheme must keep to, and clips to try it on.
+//! The contract of every scheme, and clips to check it on.
 
 use crate::scheme::dct::{DctConfig, Quantizer, Steps};
 use crate::scheme::lapped::LappedConfig;
@@ -39,7 +39,7 @@ pub fn wild(seed: u64, frames: usize, reach: f64, speed: f64) -> Clip {
     Clip::new(smpl::neutral(), 20.0, root, rotations).unwrap()
 }
 
-/// A small tokenizer of every scheme, to try promises on that all must keep.
+/// A small tokenizer of every scheme, for contracts that hold for all.
 pub fn presets() -> Vec<(&'static str, Tokenizer)> {
     let clips: Vec<Clip> = (0..6).map(|seed| bent(seed, 150)).collect();
     let fit = |config: TokenizerConfig| Tokenizer::fit(&clips, config).unwrap();

@@ -21,7 +21,7 @@ pub struct Fit {
     config: TokenizerConfig,
     channels: Channels,
     scheme: SchemeFit,
-    /// Frames for what can't be streamed: tables, matrices, merges.
+    /// Frames from which tables, matrices and merges are fitted, which can't be streamed.
     sample: Option<Sample>,
     /// Of the uncoded joints.
     poses: PoseSum,
@@ -74,6 +74,7 @@ impl Fit {
     /// # Errors
     /// [`Error::Rate`], [`Error::Skeleton`], [`Error::Frame`].
     pub fn add(&mut self, clip: &Clip) -> Result<()> {
+        // all that can fail comes before the first change, so a refused clip leaves the fit as it was
         check_rate(clip, self.config.fps)?;
         check_skeleton(clip)?;
         match &mut self.scheme {
@@ -132,20 +133,21 @@ impl Fit {
     pub fn finish(self) -> Result<Tokenizer> {
         let sample = self.sample.map(Sample::into_clips).unwrap_or_default();
         let [low, high] = if self.frames > 0 { self.heights } else { [0.0; 2] };
+        // a least margin, because a clip of standing has no range at all
         let margin = (MARGIN * (high - low)).max(LEAST_MARGIN_M);
         let heights = [low - margin, high + margin];
         let fitted = match self.scheme {
             SchemeFit::Uniform(u) => Fitted::Uniform(u.finish(heights)?),
             SchemeFit::Sampled => Fitted::fit(&self.config.scheme, &self.channels, &sample, heights)?,
         };
-        let wanted = self.config.merges;
+        let merges = self.config.merges;
         let mean_pose = self.poses.mean(&self.config.joints);
         let height_range = self.config.above_floor().then_some(heights);
         let tokenizer = Tokenizer::new(self.config, fitted, &[], 0, mean_pose, height_range)?;
-        if wanted == 0 && matches!(tokenizer.word_length(), WordLength::Fixed(_)) {
+        if merges == 0 && matches!(tokenizer.word_length(), WordLength::Fixed(_)) {
             return Ok(tokenizer);
         }
-        learn_from_words(tokenizer, &sample, wanted)
+        learn_from_words(tokenizer, &sample, merges)
     }
 }
 
@@ -178,6 +180,7 @@ fn learn_from_words(tokenizer: Tokenizer, sample: &[Clip], merges: u32) -> Resul
     let Tokenizer { config, fitted, mean_pose, height_range, .. } = tokenizer;
     let tokenizer = Tokenizer::new(config, fitted, &merges, 0, mean_pose, height_range)?;
     let ids = tokenizer.ids_of_words(&words)?;
+    // with merges applied, because models count tokens, not characters
     let longest = ids.split(|&id| id == crate::SPACE).map(<[u32]>::len).max().unwrap_or(0) + 1;
     Ok(Tokenizer { longest_word: longest, ..tokenizer })
 }

@@ -112,6 +112,7 @@ impl Grammar {
     pub fn allows(&self, slot: Slot, id: u32) -> bool {
         match id {
             SPACE => self.may_end(slot),
+            // a merged token is refused where it is longer than the rest of the word, even if its start would fit
             _ => self.of_words().contains(&id) && slot.characters + self.length_of(id) <= self.most(),
         }
     }
@@ -141,6 +142,7 @@ impl Grammar {
     pub fn allowed(&self, slot: Slot) -> Vec<Range<u32>> {
         let mut ranges: Vec<Range<u32>> = Vec::new();
         let mut add = |range: Range<u32>| match ranges.last_mut() {
+            // ids that follow one another become one range: a mask is then a few slices
             Some(last) if last.end == range.start => last.end = range.end,
             _ => ranges.push(range),
         };

@@ -41,6 +41,7 @@ impl Merges {
         while let Some(&best) = ranks.iter().min().filter(|&&r| r != NONE) {
             let at = ranks.iter().position(|&r| r == best).expect("the least is there");
             ids[at] = self.table[&(ids[at], ids[at + 1])].1;
+            // shifting is quadratic, but words are short
             ids.remove(at + 1);
             ranks.remove(at);
             if at > 0 {
@@ -87,6 +88,7 @@ pub(crate) fn learn(vocabulary: &Vocabulary, words: &Words, count: u32) -> Resul
         };
         let ((a, left), (b, right)) = (side(0)?, side(1)?);
         merges.push((left, right));
+        // two pairs may spell one token (ab + c, a + bc): the second takes the id of the first
         ids.entry(a + &b).or_insert_with(|| {
             next += 1;
             next - 1

@@ -91,6 +91,7 @@ impl RootState {
     pub fn step_to(&self, there: &RootState) -> [f64; 3] {
         let offset = self.walk.turned_in(there.walk.at() - self.walk.at());
         let turn = there.turns.radians() - self.turns.radians();
+        // turns are whole bins modulo a full turn, so their difference may need a full turn more or less
         [offset.x, offset.z, (turn + PI).rem_euclid(TAU) - PI]
     }
 }

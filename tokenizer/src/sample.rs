@@ -40,11 +40,13 @@ impl Sample {
         while self.pieces.contains_key(&key) {
             key.1 += 1;
         }
+        // what was dropped once must stay out, or the sample would depend on the order of the clips
         if self.full_from.is_some_and(|full| key >= full) {
             return;
         }
         self.frames += piece.frames();
         self.pieces.insert(key, piece);
+        // the largest hashes go: hashes are random, so the pieces that stay are a random sample
         while self.frames > MOST
             && let Some((key, piece)) = self.pieces.pop_last()
         {
@@ -59,6 +61,7 @@ impl Sample {
             && self.full_from.is_none_or(|own| full < own)
         {
             self.full_from = Some(full);
+            // pieces that the other part had no room for would be missing from its share
             for (_, piece) in self.pieces.split_off(&full) {
                 self.frames -= piece.frames();
             }

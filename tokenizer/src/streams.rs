@@ -1,4 +1,4 @@
-//! Any stream of ids decodes, in every scheme, and what an id changes stays where it belongs.
+//! Any stream of ids decodes, in every scheme, and an id changes its own word alone.
 
 use crate::contract::{bent, presets};
 use crate::{SPACE, Tokenizer, UncodedPose, WordLength};
@@ -49,8 +49,8 @@ fn a_million_random_streams_decode() {
     });
 }
 
-/// What of a clip doesn't change when it is shifted or turned about the vertical: from frame to frame the pelvis's turn and its
-/// step, seen from the pelvis, and its tilt.
+/// The invariants of a clip under a shift and a turn about the vertical: from frame to frame the pelvis's turn and its
+/// step, relative to the pelvis, and its tilt.
 fn relative(clip: &Clip, f: usize) -> (Vec3, Quat, f64) {
     let (q, next) = (clip.pose(f)[0], clip.pose(f + 1)[0]);
     (q.inverse() * (clip.root()[f + 1] - clip.root()[f]), q.inverse() * next, (q * Vec3::Y).y)
@@ -147,7 +147,7 @@ fn threads_change_nothing() {
     }
 }
 
-/// What an artefact says is what was fitted, in every scheme.
+/// An artefact reads back as it was fitted, in every scheme.
 #[test]
 fn every_scheme_is_read_back() {
     for (name, t) in &presets() {

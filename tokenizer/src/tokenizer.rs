@@ -196,6 +196,7 @@ impl Tokenizer {
         check_skeleton(clip)?;
         let mut encoded = self.scheme().encode(&self.channels, clip)?;
         if let Some([low, high]) = self.height_range {
+            // a clip that was written and read again may be off by rounding, which is no fault of its floor
             let outside = |y: f64| y < low - ROUNDING_M || y > high + ROUNDING_M;
             encoded.off_range = clip.root().iter().filter(|p| outside(p.y)).count() as u64;
         }

@@ -86,6 +86,7 @@ impl Vocabulary {
                     "ids of characters or of tokens merged before, each pair once",
                 ));
             }
+            // two pairs of the same characters are one token, as in Hugging Face's loaders, whose vocabulary is by text
             if known.insert(codes.clone()) {
                 self.merged.push(codes);
             }
@@ -169,6 +170,7 @@ impl Vocabulary {
         if let Some(code) = self.code_of_id(id) {
             return alphabet::character(code.into()).map(|c| c.to_string().into());
         }
+        // lower ids have returned by now, so neither difference is below 0
         if let Some(codes) = self.merged.get((id - self.first_merged()) as usize) {
             return codes.iter().map(|&k| alphabet::character(k.into())).collect::<Option<String>>().map(Cow::from);
         }
@@ -187,6 +189,7 @@ impl Vocabulary {
         if let (Some(c), None) = (chars.next(), chars.next()) {
             return alphabet::code(c).filter(|&k| k < self.characters).map(|k| FIRST_CHARACTER + k);
         }
+        // before merged tokens: none has a bracket, so the order only saves the conversion to codes
         if let Some(at) = self.conditioning.iter().position(|t| t == token) {
             return Some(self.first_conditioning() + at as u32);
         }
@@ -226,6 +229,7 @@ impl Vocabulary {
         if field.is_empty() || value.is_empty() || field.len() > 200 || value.len() > 200 {
             return fail("expected 1 to 200 bytes on either side of the colon");
         }
+        // the first colon ends the field, and brackets delimit a token in text
         if field.contains(':')
             || [field, value].iter().any(|s| s.contains(|c: char| matches!(c, '<' | '>') || c.is_control()))
         {

@@ -84,6 +84,7 @@ impl Words {
 
     /// The characters of all words, one word after the other.
     pub fn codes(&self) -> &[u16] {
+        // without the characters of a word that hasn't ended
         &self.codes[..self.ends.last().copied().unwrap_or(0)]
     }
 

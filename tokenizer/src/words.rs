@@ -50,6 +50,7 @@ impl Tokenizer {
             }
             WordLength::Varying { most } => {
                 let text: String = text.chars().filter(|c| !matches!(c, '\r' | '\n')).collect();
+                // the last space ends a word; `split` would see an empty one after it
                 let whole = text.strip_suffix(' ').unwrap_or(&text);
                 if !text.is_empty() {
                     whole.split(' ').try_for_each(|word| self.read_word(word, most, &mut words))?;
@@ -111,6 +112,7 @@ impl Tokenizer {
                 word.push(FIRST_CHARACTER + k);
                 continue;
             }
+            // specials are cut out before anything is merged, as Hugging Face's added tokens are
             let token = if c == '<' { self.token_after_bracket(rest.as_str()) } else { None };
             if let Some((_, length)) = token {
                 rest = rest.as_str()[length..].chars();
@@ -158,11 +160,12 @@ impl Tokenizer {
         let mut before = self.neutral();
         let (mut at, mut replaced, mut replaced_here) = (0, 0, 0);
         for &id in ids {
-            if at == 0 && self.stands_between_words(id) {
+            if at == 0 && self.is_between_words(id) {
                 continue;
             }
             let code = self.vocabulary.code_of_id(id);
             if at < c {
+                // counted only if the word is completed: an incomplete last word is dropped
                 replaced_here += u64::from(code.is_none());
                 codes.push(code.unwrap_or(before[at]));
                 at += 1;
@@ -204,7 +207,7 @@ impl Tokenizer {
             if id == SPACE {
                 end(&mut word, &mut out);
             } else if !self.vocabulary.expand(id, &mut word) {
-                out.replaced += u64::from(!(word.is_empty() && self.stands_between_words(id)));
+                out.replaced += u64::from(!(word.is_empty() && self.is_between_words(id)));
             }
         }
         match length {
@@ -214,7 +217,7 @@ impl Tokenizer {
         out
     }
 
-    fn stands_between_words(&self, id: u32) -> bool {
+    fn is_between_words(&self, id: u32) -> bool {
         let first = self.vocabulary.first_conditioning();
         [Special::Pad, Special::Bos, Special::Eos].iter().any(|s| s.id() == id)
             || (first..self.vocabulary.len()).contains(&id)

@@ -58,6 +58,7 @@ impl<T: Pod + Send + Sync> ArrayFile<T> {
             let mut all = vec![T::zeroed(); numbers];
             let block = stored.block();
             let blocks = all.par_chunks_mut(block).enumerate();
+            // positional reads need no shared cursor, so threads read one file at once
             blocks.try_for_each(|(i, numbers)| stored.fill(i * block, numbers))?;
             stored.held = Held::Memory(all);
         }
@@ -126,6 +127,7 @@ impl<T: Pod + Send + Sync> ArrayFile<T> {
         read_at(file, bytemuck::cast_slice_mut(numbers), at).map_err(|e| {
             let expected = (self.numbers * size_of::<T>()) as u64;
             match (e.kind(), file.metadata()) {
+                // the length was right when it was opened: the file was cut since
                 (std::io::ErrorKind::UnexpectedEof, Ok(now)) => {
                     Error::file(&self.path, format!("{} bytes", now.len()), format!("{expected} bytes"), self.help)
                 }

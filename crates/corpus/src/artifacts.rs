@@ -7,7 +7,7 @@ use std::path::Path;
 /// begin.
 type Kind = (&'static str, [&'static str; 2], &'static [&'static str]);
 
-/// What a corpus is.
+/// The name of a corpus folder.
 pub const CORPUS: &str = "a corpus";
 
 const KINDS: [Kind; 5] = [
@@ -38,7 +38,7 @@ fn find(folder: &Path) -> Option<&'static Kind> {
     KINDS.iter().find(|(_, all, _)| all.iter().all(|name| folder.join(name).exists()))
 }
 
-/// What the folder is, where it is one of ours.
+/// The kind of a folder, if it is one of ours.
 pub(crate) fn kind(folder: &Path) -> Option<&'static str> {
     find(folder).map(|(kind, ..)| *kind)
 }

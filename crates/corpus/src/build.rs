@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 /// Files of a block per thread: few enough that waiting results take little memory, enough that a long file at a block's
-/// end seldom keeps other threads waiting.
+/// end seldom leaves other threads idle.
 pub const BLOCK_PER_THREAD: usize = 8;
 
 /// How a corpus or a tokenizer is made.
@@ -36,7 +36,7 @@ pub struct BuildOptions {
     pub strict: bool,
     /// The part of the files to take; all if not given.
     pub shard: Option<Shard>,
-    /// Whether a corpus that stands at the output is replaced.
+    /// Whether a corpus that exists at the output is replaced.
     pub force: bool,
     /// The folder of the clips' music, whose beats and features the corpus gets; no music if not given.
     pub music: Option<PathBuf>,
@@ -176,6 +176,7 @@ pub fn fit(
         return Err(Error::missing("clip in the train split", "a tokenizer is fitted on that alone"));
     }
     let work = |item: &Item, loaded: &ItemClip| {
+        // a fit of its own: clips are added in parallel, and merged in the order of the items
         let mut one = Fit::new(config.clone())?;
         one.add(&loaded.clip).map_err(of_clip(item))?;
         Ok((one, loaded.clip.frames()))
@@ -220,6 +221,7 @@ pub fn tokenize(
                 (Some(ClipBeats { source: BeatSource::Music, times_s: beats_s }), features, tempo)
             }
             None if options.motion_beats => {
+                // a clip that was lowered has its floor at y = 0
                 let beats = motion_beats::beats_s(&loaded.clip, loaded.floor_m.map(|_| 0.0))?;
                 (beats.map(|times_s| ClipBeats { source: BeatSource::Motion, times_s }), Vec::new(), None)
             }
@@ -243,6 +245,7 @@ pub fn tokenize(
         let read = item.read_options(&options.read);
         let Item { name, mut labels, split, take, key, source, .. } = item.clone();
         if let Some(tempo) = tempo {
+            // a tempo that the user's labels state wins
             labels.entry(tempo::FIELD.into()).or_insert(tempo);
         }
         let record = ClipRecord {
@@ -316,6 +319,7 @@ pub fn for_each_clip<T: Send, E: From<Error> + Display + Send>(
             Err(e) => return Worked::Failed(e.to_string()),
         };
         if loaded.clip.frames() == 0 {
+            // the file ends before the segment begins
             return Worked::Ended;
         }
         match work(item, &loaded) {
@@ -327,6 +331,7 @@ pub fn for_each_clip<T: Send, E: From<Error> + Display + Send>(
     let (mut done, mut warned, mut read) = (0, BTreeSet::new(), HashSet::new());
     for block in items.chunks(BLOCK_PER_THREAD * rayon::current_num_threads()) {
         let results: Vec<_> = block.par_iter().map(|item| one(item)).collect();
+        // only the block's last file can have segments in the next block: items are in the order of files
         files.retain(block[block.len() - 1]);
         for (item, result) in block.iter().zip(results) {
             done += 1;
@@ -334,6 +339,7 @@ pub fn for_each_clip<T: Send, E: From<Error> + Display + Send>(
             match result {
                 Worked::Ended => {}
                 Worked::Done(result, sha256, warnings, rate) => {
+                    // a file of several segments has one rate to doubt
                     if read.insert(&item.path) {
                         summary.doubts.add(&item.file_name(), rate);
                     }
@@ -362,7 +368,7 @@ pub fn for_each_clip<T: Send, E: From<Error> + Display + Send>(
     Ok(summary)
 }
 
-/// What became of an item.
+/// The result of an item.
 enum Worked<T> {
     /// Its result, the hash of its file, and what reading it found.
     Done(T, String, Vec<Warning>, FileRate),

@@ -1,4 +1,4 @@
-//! What labels say of one clip, and the fields that are no labels.
+//! The labels of one clip, and the fields that are no labels.
 
 use super::csv::{FROM, TO};
 use super::item::TimedLabels;
@@ -50,6 +50,7 @@ impl ClipInfo {
         let is_rate = |f: &f64| f.is_finite() && *f > 0.0;
         let is_time = |s: &f64| s.is_finite() && *s >= 0.0;
         match field {
+            // the table reads these itself
             "clip" | FROM | TO => {}
             "split" => self.split = number(value, |_| true, "train, valid or test")?,
             "take" => self.take = Some(value.to_owned()),
@@ -64,7 +65,7 @@ impl ClipInfo {
         Ok(())
     }
 
-    /// What the fields of a pattern say of the file at `path`.
+    /// The information that a pattern's fields give about the file at `path`.
     pub(super) fn from_fields(fields: BTreeMap<String, String>, path: &str) -> Result<ClipInfo> {
         let mut info = ClipInfo::default();
         for (field, value) in fields {

@@ -118,7 +118,7 @@ pub fn in_order(fields: &[String]) -> Vec<String> {
     all
 }
 
-/// `tokenizer` with a token for every value that the clips have of these fields, behind those it has: field by field in
+/// `tokenizer` with a token for every value that the clips have of these fields, after those it has: field by field in
 /// their order, values sorted. Earlier ids stay.
 ///
 /// # Errors
@@ -144,6 +144,7 @@ pub fn with_labels<'a>(
             return Err(Error::missing(what, format!("the clips have {known}")));
         };
         for value in values {
+            // in a fixed order: ids are rows of a model's embedding and must not depend on the order of the clips
             grown.vocabulary_mut().add_conditioning(&field, value)?;
         }
     }

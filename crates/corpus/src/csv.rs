@@ -65,6 +65,7 @@ impl ClipTable {
         }
         let records: Vec<Vec<Field>> = records.collect();
         if let Some(record) = records.iter().find(|record| record.len() != header.len()) {
+            // the first field too many, or the last of too few
             let at = record[record.len().min(header.len() + 1) - 1].at.clone();
             let (found, expected) = (record.len(), header.len());
             return Err(Error::at(at, format!("{found} fields"), format!("{expected}, as the header has"), ""));
@@ -119,6 +120,7 @@ impl<'a> Row<'a> {
     pub fn range_s(self) -> Result<Option<(f64, f64)>> {
         let seconds = |column: &str| {
             let Some(field) = self.field(column).filter(|field| !field.text.is_empty()) else { return Ok(None) };
+            // `abs` turns -0 into 0, which would show in the names of segments
             let s = field.text.parse().ok().filter(|s: &f64| s.is_finite() && *s >= 0.0).map(f64::abs);
             let wrong = || Error::at(field.at.clone(), format!("{column} `{}`", field.text), "seconds, 0 or more", "");
             s.map(Some).ok_or_else(wrong)
@@ -147,6 +149,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<Vec<Field>>> {
     let mut records = Vec::new();
     while reader.chars.peek().is_some() {
         let record = reader.record()?;
+        // a blank line parses as one empty field
         if record.len() > 1 || !record[0].text.is_empty() {
             records.push(record);
         }
@@ -230,6 +233,7 @@ impl Reader<'_> {
         self.next();
         loop {
             match self.next() {
+                // two quotes inside a field are one (RFC 4180)
                 Some('"') if self.chars.peek() == Some(&'"') => text.extend(self.next()),
                 Some('"') => break,
                 Some(c) => text.push(c),

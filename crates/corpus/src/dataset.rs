@@ -111,6 +111,7 @@ impl Dataset {
                 Some((info, rule)) => {
                     let group = match rule {
                         Rule::Row(row) => {
+                            // in the notes all rows of a table are one rule
                             rows.entry(which).or_default().insert(row);
                             Rule::Row(0)
                         }
@@ -214,7 +215,7 @@ pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(walk.files.into_iter().map(|(path, _)| path).collect())
 }
 
-/// What `labels` say of a file. A file that was given itself is also looked up by the folders above it, longest path first,
+/// The labels of a file. A file that was given itself is also looked up by the folders above it, longest path first,
 /// but not by the known names: any folder would pass for a genre.
 fn info_of(labels: &Labels, file: &MotionFile) -> Result<Option<(ClipInfo, Rule)>> {
     if !file.is_source || matches!(labels, Labels::Auto) {
@@ -244,6 +245,7 @@ fn unique_names(found: &[MotionFile], sources: &[String]) -> Result<Vec<String>>
     let mut names: Vec<String> = found.iter().map(|f| without_extension(&f.relative).to_owned()).collect();
     let longer: [&dyn Fn(&MotionFile) -> String; 3] = [&|f| f.relative.clone(), &long, &|f| slashed(&f.path)];
     for longer in longer {
+        // only names that clash grow, so that adding a file seldom renames others
         let counts = count(&names);
         for (name, file) in names.iter_mut().zip(found) {
             if counts[name] > 1 {
@@ -308,6 +310,7 @@ impl Walk<'_> {
         let entries =
             fs::read_dir(folder).and_then(|all| all.map(|e| Ok(e?.file_name())).collect::<std::io::Result<_>>());
         let mut entries: Vec<_> = entries.map_err(Error::io(folder))?;
+        // a folder lists its entries in any order; keys and corpora must not depend on it
         entries.sort();
         for name in entries {
             let path = folder.join(&name);

@@ -60,6 +60,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<Row>> {
     }
     let parse = |row: super::csv::Row| {
         let (clip, line) = row.clip()?;
+        // a row without times excludes all of its clip
         let (from_s, to_s) = row.range_s()?.unwrap_or((0.0, f64::INFINITY));
         let why = row.field(COLUMNS[3]).map_or(String::new(), |field| field.text.clone());
         Ok((ExcludedRange { clip, from_s, to_s: to_s.is_finite().then_some(to_s), why }, line))
@@ -69,6 +70,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<Row>> {
 
 /// Formats ranges as such a CSV.
 pub fn to_csv(ranges: &[ExcludedRange]) -> String {
+    // blanks around a field without quotes would be dropped when it is read
     let quoted = |text: &str| match text.contains([',', '"', '\n', '\r']) || text.trim() != text {
         true => format!("\"{}\"", text.replace('"', "\"\"")),
         false => text.to_owned(),

@@ -13,7 +13,7 @@ use std::path::Path;
 /// The token that ends a word.
 const SPACE: u32 = 5;
 
-/// A corpus in `dir` of clips of so many frames. Characters walk by -1, 0 or 1 from frame to frame.
+/// A corpus in `dir` of clips of these numbers of frames. Characters walk by -1, 0 or 1 from frame to frame.
 /// Their genres are a and b in turn, the dancer is 61.
 pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     let path = dir.join("corpus");
@@ -25,6 +25,7 @@ pub fn corpus(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
         let mut codes = [5u32; 6];
         for _ in 0..frames {
             for code in &mut codes {
+                // 9, 10 or 11 more modulo 10: a step of -1, 0 or 1 without negative numbers
                 *code = (*code + 9 + rng.next_u32() % 3) % 10;
                 ids.push(6 + *code);
             }
@@ -46,7 +47,7 @@ pub fn foreign_tokenizer() -> Tokenizer {
     Tokenizer::fit([&faster], TokenizerConfig::uniform(&[0], 30.0, 10)).unwrap()
 }
 
-/// A corpus in `dir` of clips of so many frames of dances, in words of any length: merged characters of two joints.
+/// A corpus in `dir` of dances of these numbers of frames, in words of any length: merged characters of two joints.
 pub fn merged(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     let config = TokenizerConfig { merges: 60, ..TokenizerConfig::uniform(&[0, 4], 20.0, 20) };
     let corpus = danced(&dir.join("merged"), config, clips);
@@ -72,7 +73,7 @@ pub fn with_music(dir: &Path, clips: &[(usize, Split)]) -> Corpus {
     )
 }
 
-/// A corpus in the folder `path` of clips of so many frames of dances.
+/// A corpus in the folder `path` of dances of these numbers of frames.
 pub fn danced(path: &Path, config: TokenizerConfig, clips: &[(usize, Split)]) -> Corpus {
     made(path, config, clips, &|_| false)
 }
@@ -88,6 +89,7 @@ fn made(path: &Path, config: TokenizerConfig, clips: &[(usize, Split)], has_musi
         let times_s = all[key].beats_s.clone();
         new.record.beats = has_music(key).then_some(ClipBeats { source: BeatSource::Music, times_s });
         if has_music(key) {
+            // a clip's music goes on for one more second, 20 frames
             let rows = (0..frames + 20).flat_map(|row| (0..CHANNELS).map(move |c| row * (c + 1) % 17));
             new.music = rows.map(|x| x as f32).collect();
         }

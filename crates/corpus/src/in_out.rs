@@ -43,7 +43,7 @@ pub fn files(given: &[PathBuf]) -> Result<Vec<Found>> {
     Ok(all)
 }
 
-/// The format that is written for a file of another: of those that are read alone one that holds as much.
+/// The format to write for a file of this extension; for formats that are only read, one that stores as much.
 pub fn written_for(own: &str) -> &str {
     match own {
         "pkl" => "npz",
@@ -62,7 +62,7 @@ pub fn is_folder(given: &[PathBuf], out: &Path) -> bool {
     out.is_dir() || ends_as_folder(out) || given.len() > 1 || given.iter().any(|place| place.is_dir())
 }
 
-/// Where each file goes below the folder `out`, under the extension that `to` gives to its own. Files that lie in `out` are no
+/// Where each file goes below the folder `out`, under the extension that `to` gives to its own. Files inside `out` are no
 /// inputs, where that is a folder in one that was given.
 ///
 /// # Errors
@@ -81,7 +81,7 @@ pub fn into_folder(given: &[PathBuf], out: &Path, to: impl Fn(&str) -> String) -
     let mut pairs = Vec::new();
     let mut from: HashMap<PathBuf, PathBuf> = HashMap::new();
     for place in given {
-        // what stands in OUT was written by an earlier call, unless OUT itself was given, or lies above
+        // files in `out` were written by an earlier call, unless `out` itself or a folder in it was given
         let skip = place.is_dir() && !inside(place)?;
         for (input, below) in files(std::slice::from_ref(place))? {
             if skip && inside(&input)? {

@@ -44,6 +44,7 @@ pub struct Item {
 impl Item {
     /// The clip's name, without the range of a segment.
     pub(crate) fn clip_name(&self) -> &str {
+        // a clip's own name may have an `@` too, so the last one counts
         let of_segment = self.segment.and_then(|_| self.name.rsplit_once('@'));
         of_segment.map_or(&self.name, |(name, _)| name)
     }
@@ -52,6 +53,7 @@ impl Item {
     pub fn file_name(&self) -> String {
         let name = self.clip_name();
         match self.path.extension().map(|e| e.to_string_lossy()) {
+            // a name that clashed with another has its extension already
             Some(extension) if !name.ends_with(&format!(".{extension}")) => format!("{name}.{extension}"),
             _ => name.to_owned(),
         }

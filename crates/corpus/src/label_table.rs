@@ -123,6 +123,7 @@ impl Entry {
             let (from_s, to_s, labels) = (0.0, f64::INFINITY, info.labels.clone());
             TimedLabels { from_s, to_s, labels, line }
         };
+        // a row without times holds at all times, so one comparison covers both kinds of rows
         let (known_always, other_always) = (always(info, self.whole.unwrap_or(self.line)), always(&other, 0));
         for known in info.timed.iter().chain([&known_always]) {
             for new in other.timed.iter().chain([&other_always]).filter(|new| new.overlaps(known)) {

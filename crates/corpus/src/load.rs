@@ -11,7 +11,7 @@ use kinelm_store::FileRecord;
 use kinelm_tokenizer::TokenizerConfig;
 use std::path::Path;
 
-/// The form in which clips are wanted, always on the neutral SMPL-24 body.
+/// The form of requested clips, always on the neutral SMPL-24 body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClipSpec {
     /// Frames per second.
@@ -100,7 +100,7 @@ impl ModelClip {
         let (mut floor_m, mut clip_floor_m) = (None, 0.0);
         if let Some(first) = clip.root().first().filter(|_| above_floor) {
             let floor = resolve_floor(&mut motion, options)?;
-            // retargeting scales heights about a floor of its own: the difference tells where this one comes to lie
+            // retargeting scales heights about its own floor: the difference gives this floor's height under the clip
             let lowered = way.when_lowered(floor).clip(&motion.clip.slice(0..1).raised(-floor))?;
             (floor_m, clip_floor_m) = (Some(floor), first.y - lowered.root()[0].y);
         }
@@ -124,7 +124,7 @@ pub struct ItemClip {
     pub sha256: String,
     /// Oddities of the file.
     pub warnings: Vec<Warning>,
-    /// What the file says of its rate.
+    /// The rate of the file, with its doubt.
     pub rate: FileRate,
 }
 
@@ -163,7 +163,7 @@ impl ItemClip {
 }
 
 /// The clip of a dataset's file on the model's body at the file's own rate, lowered onto its floor if that is to be at y = 0,
-/// with what it says of its rate.
+/// with the doubt of its rate.
 ///
 /// # Errors
 /// The errors of reading and retargeting.

@@ -7,9 +7,9 @@ use kinelm_store::random;
 use kinelm_tokenizer::{Special, Tokenizer};
 use rand_chacha::rand_core::RngCore;
 
-/// Of the tokens that may be chosen, so many are.
+/// The fraction of eligible tokens that are chosen.
 const CHOSEN: f64 = 0.15;
-/// Of those chosen, so many become `<mask>`; the others stay in sight.
+/// The fraction of chosen tokens that become `<mask>`; the others stay visible.
 const HIDDEN: f64 = 0.9;
 
 /// How many of `n` tokens are chosen: 15 %, rounded up.
@@ -17,12 +17,13 @@ pub fn chosen(n: usize) -> usize {
     (CHOSEN * n as f64).ceil() as usize
 }
 
-/// Writes a sequence of T places from the tokens of a window: `front` and the tokens to `input`, `pad` behind them. Of the
+/// Writes a sequence of T places from the tokens of a window: `front` and the tokens to `input`, `pad` after them. Of the
 /// tokens whose number `may` allows, 15 % (rounded up) are chosen; the target of each stands at its own place, not one
 /// before as in [`fill_sequence`](super::fill_sequence), and all others are `pad`. Each of the chosen becomes `<mask>` in
 /// the input with probability 0.9.
 ///
-/// One number of `rng` is drawn for each token, those with the least are chosen; then one for each that is chosen, by place.
+/// One number of `rng` is sampled for each token, and those with the least are chosen; then one for each chosen token,
+/// by place.
 ///
 /// # Panics
 /// If `input` and `target` differ in length, or front and tokens don't fit.
@@ -35,11 +36,13 @@ pub fn fill_masked(
 ) {
     window.fill(input, target);
     let k = window.front.len();
-    let drawn: Vec<f64> = window.tokens.iter().map(|_| random::unit(rng)).collect();
-    let mut open: Vec<usize> = (0..drawn.len()).filter(|&i| may(i)).collect();
+    // for every token, so that a token's number doesn't depend on which others are eligible
+    let numbers: Vec<f64> = window.tokens.iter().map(|_| random::unit(rng)).collect();
+    let mut open: Vec<usize> = (0..numbers.len()).filter(|&i| may(i)).collect();
     let number = chosen(open.len());
-    open.sort_by(|&a, &b| drawn[a].total_cmp(&drawn[b]));
+    open.sort_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
     open.truncate(number);
+    // back in the order of places, in which the second numbers are sampled
     open.sort_unstable();
     for place in open.into_iter().map(|i| k + i) {
         target[place] = input[place];
@@ -49,14 +52,14 @@ pub fn fill_masked(
     }
 }
 
-/// What a masked model's window shows before anything is hidden.
+/// The tokens of a masked model's window before any is hidden.
 #[derive(Debug, Clone, Copy)]
 pub struct WindowTokens<'a> {
     /// Conditioning tokens.
     pub front: &'a [u32],
     /// The tokens of words.
     pub tokens: &'a [u32],
-    /// The id behind them.
+    /// The id that fills the rest.
     pub pad: u32,
 }
 
@@ -121,7 +124,9 @@ impl SpanMasking {
         if words == 0 {
             return;
         }
+        // a uniform exponent gives log-uniform lengths
         let length = (((words + 1) as f64).powf(random::unit(rng)) as usize).clamp(1, words);
+        // `unit` is below 1, so the run ends inside the window
         let first = (random::unit(rng) * (words + 1 - length) as f64) as usize;
         let slots = self.slots(rng);
         let of_word = |word: usize| slots.iter().map(move |slot| word * self.word + slot);

@@ -23,6 +23,7 @@ pub fn merge(shards: &[PathBuf], out: &Path, force: bool) -> Result<Manifest> {
     if clips.is_empty() {
         return Err(Error::missing("clip in the shards", "nothing was written"));
     }
+    // by key, the order in which a build without shards writes them
     clips.sort_by_key(|(_, clip)| clip.key);
     for (shard, clip) in clips {
         let music = shard.music(clip)?.rows.numbers.into_owned();

@@ -61,6 +61,7 @@ impl Pattern {
                         return Err(wrong(format!("the field {name} twice")));
                     }
                     fields.push(name.to_owned());
+                    // reluctant, so that `{a}_{b}` gives the first field as little as possible
                     regex += "([^/]+?)";
                     end + 1
                 }
@@ -76,6 +77,7 @@ impl Pattern {
                 }
             };
             let is_wildcard = matches!(first, '{' | '*');
+            // two side by side could split their text anywhere
             if is_wildcard && after_wildcard {
                 return Err(wrong(format!("nothing between `{}` and the field before it", &rest[..length])));
             }
@@ -116,6 +118,7 @@ pub(crate) fn aist_name(stem: &str) -> Option<(BTreeMap<String, String>, String)
     let fields = ["genre", "situation", "camera", "dancer", "music", "choreography"];
     let values = [genre(g), situation(s), camera, dancer, music, choreography];
     let labels = fields.into_iter().zip(values).map(|(f, v)| (f.to_owned(), v.to_owned())).collect();
+    // other parts are before the camera, so there is a `_` to cut with it
     let camera = found.get(3)?.range();
     Some((labels, format!("{}{}", &stem[..camera.start - 1], &stem[camera.end..])))
 }

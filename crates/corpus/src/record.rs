@@ -65,6 +65,7 @@ pub enum TokenType {
 impl TokenType {
     /// The narrowest type for ids below `vocabulary`.
     pub(crate) fn of_vocabulary(vocabulary: usize) -> Self {
+        // ids are below the vocabulary's size, so 65,536 ids still fit
         if vocabulary <= 1 << 16 { TokenType::U16 } else { TokenType::U32 }
     }
 
@@ -303,7 +304,7 @@ impl ClipRecord {
 pub struct ClipBeats {
     /// Where they come from.
     pub source: BeatSource,
-    /// Seconds from its first frame, ascending; some may lie before it or after its last.
+    /// Seconds from its first frame, ascending; some may be before it or after its last.
     pub times_s: Vec<f64>,
 }
 

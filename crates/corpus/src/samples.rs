@@ -14,7 +14,7 @@ pub fn walk(frames: usize) -> Clip {
     Clip::new(smpl::neutral(), 20.0, root, vec![Quat::IDENTITY; 24 * frames]).unwrap()
 }
 
-/// The dance of a body that turns about the vertical meanwhile, so many turns a second.
+/// The dance of a body that also turns about the vertical, at this many turns a second.
 pub fn spinning(clip: &Clip, turns_a_second: f64) -> Clip {
     let mut rotations = clip.rotations().to_vec();
     for (f, pose) in rotations.chunks_exact_mut(clip.joints()).enumerate() {

@@ -18,6 +18,7 @@ impl Segment {
 
 /// The first frame at or after a second.
 fn frame_at(s: f64, fps: f64) -> usize {
+    // 1e-6 of a frame, so that a time written with few decimals doesn't miss its own frame
     (s * fps - 1e-6).ceil().max(0.0) as usize
 }
 
@@ -110,7 +111,7 @@ pub(super) fn segment_of(item: &Item, clip: &Clip) -> Result<Clip> {
     let frame = |s: f64| frame_at(s, fps).min(frames);
     let seconds = frames as f64 / fps;
     let outside = (labelled && frame(from_s) >= frames) || (to_s.is_finite() && to_s * fps > frames as f64 + 1.0);
-    // an excluded range may lie past the end
+    // an excluded range may be past the clip's end, where it excludes nothing
     if outside && !beside_excluded {
         let until = if to_s.is_finite() { format!("{to_s} s") } else { "the end".into() };
         let found = format!("labels from {from_s} s to {until} of a clip of {seconds:.2} s");

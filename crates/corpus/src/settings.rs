@@ -121,6 +121,7 @@ impl Settings {
             }
             None => Error::unsupported_parameter("settings", format!("{}; {HELP}", wrong.text)),
         };
+        // a scheme without a type gets the default one
         if self.table.contains_key("scheme") {
             self.scheme();
         }

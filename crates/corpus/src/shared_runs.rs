@@ -1,4 +1,4 @@
-//! Clips that share frames: the same recording cut twice, or a clip that stands under two names.
+//! Clips that share frames: the same recording cut twice, or a clip under two names.
 
 use super::record::{ClipRecord, Split};
 use crate::Result;
@@ -17,7 +17,7 @@ pub struct SharedRun {
     pub clips: [String; 2],
     /// Their splits.
     pub splits: [Split; 2],
-    /// Frames of the second that stand in the first too.
+    /// Frames of the second that the first has too.
     pub frames: usize,
     /// The first of them, in each clip.
     pub at: [usize; 2],
@@ -32,7 +32,7 @@ impl fmt::Display for SharedRun {
 
 /// Pairs of clips with runs of a second or more whose words, a frame each, agree but for the translation's characters (steps are coded against
 /// the decoded past, so they differ where a run begins elsewhere). Runs in which a body hardly moves (fewer than half of
-/// the frames differ) tell nothing and are passed over; so are pairs inside the groups of `same`. Each clip is paired
+/// the frames differ) prove nothing and are skipped; so are pairs inside the groups of `same`. Each clip is paired
 /// with the first that has its frames. Sorted by frames, most first. `words` reads a clip's.
 ///
 /// Of a large corpus the clips are read several times, and each time only some of the runs are remembered, by their hash: memory
@@ -52,6 +52,7 @@ pub(super) fn shared_runs(
     // what a clip shares, the head of its group shares
     let heads: Vec<usize> = (0..clips.len()).filter(|c| group.get(c).is_none_or(|head| head == c)).collect();
     let frames: usize = heads.iter().map(|&c| clips[c].frames).sum();
+    // each pass takes one residue of the hashes, so that all runs are compared and few are held at a time
     let passes = frames.div_ceil(REMEMBERED).max(1) as u64;
     let mut pairs: BTreeMap<(usize, usize), Shared> = BTreeMap::new();
     for pass in 0..passes {
@@ -64,6 +65,7 @@ pub(super) fn shared_runs(
                 if other as usize != c {
                     let shared = pairs.entry((other as usize, c)).or_insert_with(|| (Vec::new(), [at, start]));
                     shared.0.push(start);
+                    // runs come pass by pass, by their hashes, not in the order of frames
                     shared.1 = if start < shared.1[1] { [at, start] } else { shared.1 };
                 }
             }
@@ -86,7 +88,7 @@ const REMEMBERED: usize = 1 << 20;
 /// Clips that are read at a time.
 const TOGETHER: usize = 16;
 
-/// Where runs of a clip begin that stand in another one too, and the first of these in both.
+/// The beginnings of a clip's runs that another clip has too, and the first of these in both.
 type Shared = (Vec<u32>, [u32; 2]);
 
 /// The runs of a clip in which it moves, of these hashes: where they begin, and their hashes.
@@ -98,7 +100,7 @@ fn runs_of(words: &Words, run: usize, translation: &Range<usize>, is_taken: impl
     taken.filter(|(.., window)| moves(window)).map(|(start, hash, _)| (start, hash)).collect()
 }
 
-/// Frames that runs of so many, which begin at `starts`, cover.
+/// The number of frames that runs of `run` frames, which begin at `starts`, cover.
 fn covered(mut starts: Vec<u32>, run: usize) -> usize {
     starts.sort_unstable();
     let gaps = starts.windows(2).map(|pair| ((pair[1] - pair[0]) as usize).min(run));

@@ -48,7 +48,7 @@ pub fn output_read_options(dance: &Path, clip: Option<(&Path, &ReadOptions)>) ->
     let Some((path, read)) = clip else { return ReadOptions { up, ..ReadOptions::default() } };
     let own = ReadOptions { up, map: read.map.clone(), floor: read.floor, ..ReadOptions::default() };
     if Format::of_name(path) != format {
-        // a rig that is no BVH is written as one in centimetres, which its legs need not tell
+        // a rig that is no BVH is written as one in centimetres, which its legs need not show
         let unit = if format == Some(Format::Bvh) { Unit::CENTIMETRE } else { Unit::Auto };
         return ReadOptions { unit, ..own };
     }
@@ -99,6 +99,7 @@ pub fn describe(sidecar: &ReadOptions, read: &ReadOptions) -> Option<String> {
             add(true, format!("{what} {name}"));
         }
     }
+    // a lower floor would be shown as 0.000 m
     if let Some(floor) = sidecar.floor.filter(|floor| floor.abs() >= 5e-4 && sidecar.floor == read.floor) {
         add(true, format!("floor at {floor:.3} m"));
     }

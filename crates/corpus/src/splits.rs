@@ -17,6 +17,7 @@ pub fn split_of_take(take: &str) -> Split {
 /// The first eight bytes of the SHA-256 of a take's name.
 fn hash_of_take(take: &str) -> u64 {
     let hash = Sha256::digest(take.as_bytes());
+    // in a fixed byte order, so that a take's split is the same on every machine
     u64::from_be_bytes(hash[..8].try_into().expect("SHA-256 has 32 bytes"))
 }
 

@@ -1,4 +1,4 @@
-//! What is in a corpus, and what looks wrong in it.
+//! The contents of a corpus, and what looks wrong in it.
 
 use super::record::{ClipRecord, Count, Split};
 use super::shared_runs::{SharedRun, shared_runs};
@@ -87,7 +87,7 @@ pub struct Stats {
     pub failed: usize,
 }
 
-/// What is kept of a clip that was looked at.
+/// The findings in a clip.
 struct Seen {
     glitches: Vec<Glitch>,
     /// Of its words, which it stands for.
@@ -97,10 +97,12 @@ struct Seen {
 
 fn look(corpus: &Corpus, record: &ClipRecord) -> Result<Seen> {
     let words = corpus.clip_words(record)?;
+    // the last word may decode to more frames than the clip has
     let clip = corpus.tokenizer().decode(&words, UncodedPose::Identity)?.slice(0..record.frames);
     let glitches = glitches(&record.name, &clip, &corpus.tokenizer().config().joints);
     let mut hash = Sha256::new();
     for word in words.iter() {
+        // with its length, so that the same codes in other words differ
         hash.update((word.len() as u64).to_le_bytes());
         hash.update(bytemuck::cast_slice::<u16, u8>(word));
     }
@@ -116,6 +118,7 @@ pub fn stats(corpus: &Corpus) -> Result<Stats> {
     let clips_with_glitches = seen.iter().filter(|seen| !seen.glitches.is_empty()).count();
     let mut glitches: Vec<Glitch> = seen.iter_mut().flat_map(|seen| std::mem::take(&mut seen.glitches)).collect();
     // metres and degrees side by side: each by how many times its limit it is
+    // steps are per frame and limits per second, which scales both kinds alike
     let size = |g: &Glitch| g.step / if g.what == "root" { ROOT_GLITCH_M_S * 100.0 } else { JOINT_GLITCH_DEG_S };
     glitches.sort_by(|a, b| size(b).total_cmp(&size(a)));
 
@@ -204,6 +207,7 @@ pub fn glitches(name: &str, clip: &Clip, joints: &[usize]) -> Vec<Glitch> {
 
 /// Frames whose step (`steps[0]` leads to frame 1) is above `limit` and stands out from those two steps away.
 fn standing_out(steps: &[f64], limit: f64) -> impl Iterator<Item = usize> + '_ {
+    // two steps away, because one bad frame makes two large steps in a row: there and back
     let far = |i: usize| {
         let before = i.checked_sub(2).map_or(0.0, |k| steps[k]);
         before.max(steps.get(i + 2).copied().unwrap_or(0.0))

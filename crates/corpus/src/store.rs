@@ -55,7 +55,7 @@ impl Corpus {
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] when a file is of another version, damaged, or doesn't fit the others; it says
-    /// what was found, what was wanted and how to go on.
+    /// what was found, what was expected and how to go on.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
         Corpus::open_with(dir, CorpusOptions::default())
     }
@@ -212,6 +212,7 @@ impl Corpus {
         let grammar = self.tokenizer.grammar();
         let mut place = Slot::default();
         for (i, &id) in ids.iter().enumerate() {
+            // the hash says that these ids were written, not that they form words
             if !grammar.allows(place, id) {
                 let found = format!("id {id} at token {} of clip {}", first + i, clip.name);
                 let expected =
@@ -246,6 +247,7 @@ fn read_manifest(dir: &Path) -> Result<(Manifest, String)> {
         let at = kinelm_store::SourcePos { path: path.clone(), line: e.line(), column: e.column() };
         Error::at(at, e.to_string(), "the manifest of a corpus", "make the corpus again with `kinelm tokenize`")
     };
+    // the version alone, because a manifest of another one may lack fields of this one
     let head: Versioned = serde_json::from_slice(&text).map_err(bad)?;
     if head.version != VERSION {
         let help = match head.version > VERSION {
@@ -275,8 +277,8 @@ pub fn read_options_in(dir: &Path, sha256: &str) -> Result<Option<ReadOptions>> 
 fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
     let path = dir.join(TOKENIZER);
     let tokenizer = Tokenizer::load(&path)?;
-    let (found, wanted) = (Coding::of(&tokenizer), manifest.coding());
-    if found != wanted {
+    let (found, expected) = (Coding::of(&tokenizer), manifest.coding());
+    if found != expected {
         let say = |s: &Coding| {
             let Coding { tokenizer, frames_per_word, tokens_per_word, vocabulary, fps } = s;
             let tokens = tokens_per_word.map_or("any number of".to_string(), |w| w.to_string());
@@ -285,7 +287,7 @@ fn load_tokenizer(dir: &Path, manifest: &Manifest) -> Result<Tokenizer> {
             )
         };
         let help = "put back the tokenizer.json that the corpus was made with, or make the corpus again";
-        return Err(Error::file(&path, say(&found), say(&wanted), help));
+        return Err(Error::file(&path, say(&found), say(&expected), help));
     }
     Ok(tokenizer)
 }
@@ -321,12 +323,13 @@ fn parse_clips(path: &Path, text: &[u8]) -> Result<Vec<ClipRecord>> {
     lines.map(parse).collect()
 }
 
-/// Whether the clips lie one after the other and sum to what the manifest counts.
+/// Checks that the clips are contiguous in the token file and sum to the manifest's counts.
 fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result<()> {
     let mut next = 0_usize;
     let music = manifest.music.as_ref().map_or(0, |file| file.bytes / (CHANNELS * size_of::<f32>()) as u64);
     for clip in clips {
         let rows = clip.music.map_or(Some(0), |of| of.first.checked_add(of.rows));
+        // checked once here, so that slices of the music stay inside the file
         if rows.is_none_or(|rows| rows as u64 > music) {
             let found = format!("clip {} with music up to row {}", clip.name, rows.unwrap_or(usize::MAX));
             return Err(Error::file(
@@ -347,6 +350,7 @@ fn check_clips(path: &Path, manifest: &Manifest, clips: &[ClipRecord]) -> Result
         }
         let words = manifest.words_of(clip.frames);
         let tokens = manifest.tokens_per_word.map_or(Some(clip.tokens), |w| words.checked_mul(w));
+        // starts of words are stored as u32
         if tokens != Some(clip.tokens) || u32::try_from(clip.tokens).is_err() {
             let found = format!("clip {} of {} frames in {} tokens", clip.name, clip.frames, clip.tokens);
             let expected = match manifest.tokens_per_word {

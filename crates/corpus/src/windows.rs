@@ -81,7 +81,7 @@ fn of_clip(clip: usize, words: ClipWords<'_>, context: usize) -> impl Iterator<I
     })
 }
 
-/// Where a window ends: behind its last whole word, or where it is full if no word ends behind what is `done`.
+/// Where a window ends: after its last whole word, or where it is full if no word ends after `done`.
 fn shown_up_to(words: ClipWords, start: usize, done: usize, context: usize) -> usize {
     let full = words.tokens().min(start + context);
     // the last word that begins at or before there ends the one before it
@@ -89,12 +89,14 @@ fn shown_up_to(words: ClipWords, start: usize, done: usize, context: usize) -> u
     if full < words.tokens() && end > done { end } else { full }
 }
 
-/// Where the window behind one of `start..end` starts.
+/// Where the window after one of `start..end` starts.
 fn next_start(words: ClipWords, start: usize, end: usize, context: usize) -> usize {
     let half = words.before(start + (end - start) / 2 + 1).saturating_sub(1);
+    // the last word that begins in the first half, else the one after the window's first
     let later = [half, words.before(start + 1)].map(|word| words.start(word));
     match later.into_iter().find(|&next| next > start && next <= end) {
         Some(next) => next,
+        // inside a word longer than the window: at least one token on, so that the windows end
         None => start + (context / 2).max(1),
     }
 }
@@ -112,6 +114,7 @@ pub fn fill_sequence(tokens: &[u32], front: &[u32], pad: u32, input: &mut [u32],
     targets[..tokens.len()].copy_from_slice(tokens);
     targets[tokens.len()..].fill(pad);
     input[..front.len()].copy_from_slice(front);
+    // the input lags by one: each target is predicted from the tokens before it
     input[front.len()..].copy_from_slice(&targets[..targets.len() - 1]);
     target[..front.len() - 1].fill(pad);
 }
@@ -156,7 +159,7 @@ mod tests {
             let e = eval_windows([ClipWords::Varying { starts: &starts, tokens }], context).unwrap();
             e.into_iter().map(|w| (w.start, w.tokens, w.scored)).collect::<Vec<_>>()
         };
-        // half of the 9 tokens shown lies in the second word, half of the 8 that follow in the third
+        // half of the 9 tokens shown is in the second word, half of the 8 that follow in the third
         assert_eq!(windows(&[4, 3, 2, 3, 3, 4], 10), [(0, 9, 0..9), (4, 8, 5..8), (7, 8, 5..8), (9, 10, 6..10)]);
         // words that don't fit are cut, and what is short before them is seen again
         assert_eq!(

@@ -47,7 +47,7 @@ impl ClipWords<'_> {
         }
     }
 
-    /// The first token of a word; behind the last word the clip's end.
+    /// The first token of a word; after the last word the clip's end.
     pub fn start(self, word: usize) -> usize {
         match self {
             ClipWords::Fixed { word: length, words } => length * word.min(words),
@@ -76,7 +76,7 @@ pub(super) enum Index {
 }
 
 impl Index {
-    /// Finds the words of clips that are known to lie in the token file one after the other.
+    /// Finds the words of clips that are known to be contiguous in the token file.
     ///
     /// # Errors
     /// Tokens that can't be read; [`kinelm_store::Error::File`] for a clip that has another number of words than its frames take, or doesn't end with a space.
@@ -87,7 +87,9 @@ impl Index {
         let (mut starts, mut before) = (Vec::new(), Vec::with_capacity(clips.len()));
         for clip in clips {
             before.push(starts.len());
+            // u32, by which `check_clips` bounds the tokens of a clip
             let mut start = 0;
+            // from 1, because the next word begins after a space
             for (i, id) in (1..).zip(tokens.ids(clip.offset..clip.offset + clip.tokens)?) {
                 if id == SPACE {
                     starts.push(start);

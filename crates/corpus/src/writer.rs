@@ -144,6 +144,7 @@ impl CorpusWriter {
         let expected = self.manifest.words_of(clip.frames);
         let (found, whole) = match self.manifest.tokens_per_word {
             Some(w) => (ids.len() / w.max(1), ids.len().is_multiple_of(w)),
+            // every word ends with a space, so spaces count the words and the last id is one
             None => (ids.iter().filter(|&&id| id == SPACE).count(), ids.last().is_none_or(|&id| id == SPACE)),
         };
         if found != expected || !whole {
@@ -196,6 +197,7 @@ impl CorpusWriter {
         }
         let mut json = serde_json::to_string_pretty(&self.manifest).expect("a manifest is JSON");
         json.push('\n');
+        // last, since it has the hashes of all other files
         self.work.write(MANIFEST, json.as_bytes())?;
         match self.force {
             true => self.work.commit_over(&LAYOUT)?,
@@ -251,6 +253,7 @@ impl HashingFile {
     }
 
     fn finish(&mut self) -> Result<FileRecord> {
+        // synced before the folder is renamed, or a crash could leave a corpus of empty files
         self.file.flush().and_then(|()| self.file.get_ref().sync_all()).map_err(Error::io(&self.path))?;
         Ok(FileRecord { bytes: self.bytes, sha256: hex(self.hash.clone()) })
     }

@@ -14,6 +14,7 @@ fn matrix(all: &[f64], columns: usize) -> ArrayView2<'_, f64> {
 }
 
 fn rows(all: &[f64], columns: usize, width: usize) -> ArrayView3<'_, f64> {
+    // a skeleton has a joint, but positions may be of none
     let rows = all.len() / (columns * width).max(1);
     ArrayView3::from_shape((rows, columns, width), all).expect("whole rows")
 }

@@ -1,6 +1,6 @@
 //! The drawable body of a skeleton: capsules for bones, spheres for joints, a head, and joints that leave trails.
 //!
-//! Only a head joint is found by its name. Trunk and limbs are told apart by the tree and its lengths, so that any rig looks
+//! Only a head joint is found by its name. Trunk and limbs are distinguished by the tree and its lengths, so that any rig looks
 //! like a body; one without a head joint gets a head beyond its neck or chest.
 
 use crate::{Clip, GlobalPose, Skeleton, Vec3};
@@ -66,6 +66,7 @@ impl CapsuleBody {
         let mut bones: Vec<Capsule> = Vec::new();
         for (b, parent) in skeleton.parents().iter().enumerate() {
             let Some(a) = *parent else { continue };
+            // a bone without length has no direction, and its capsule would be a ball within others
             if skeleton.offsets()[b].length() > 1e-4 * height {
                 let (ra, rb) = tree.radii(a, b);
                 bones.push(Capsule { a, b, ra, rb, given: given(a) });
@@ -130,6 +131,7 @@ pub fn standing_height_m(skeleton: &Skeleton) -> Option<f64> {
     for j in 1..skeleton.joints() {
         let parent = skeleton.parents()[j].unwrap_or(0);
         from_root[j] = from_root[parent] + skeleton.offsets()[j].length();
+        // only the branch of the root that leads to the head; arms on it would else count as legs
         neck_side[j] = neck_side[parent] || (parent == 0 && skeleton.descends(head, j));
         if !neck_side[j] {
             leg = leg.max(from_root[j]);
@@ -158,6 +160,7 @@ impl<'a> Tree<'a> {
             reach[end.parent] = reach[end.parent].max(end.offset.length());
         }
         let mut limbs = vec![0; joints];
+        // children come after their parents, so backwards a joint's reach is final when its parent takes it
         for j in (1..joints).rev() {
             if let Some(p) = skeleton.parents()[j] {
                 let through = reach[j] + skeleton.offsets()[j].length();
@@ -232,7 +235,8 @@ impl<'a> Tree<'a> {
         Some(Skull { from: joint, to: skeleton.joints() + i, further, ..skull })
     }
 
-    /// The first joint of the neck: of what is short beside the arms of a chest, the one that leads on from the trunk.
+    /// The first joint of the neck: of the chest's children that are shorter than its arms, the one most in line with
+    /// the trunk.
     fn neck(&self, chest: usize) -> Option<usize> {
         let skeleton = self.skeleton;
         let through = |j: usize| self.reach[j] + skeleton.offsets()[j].length();

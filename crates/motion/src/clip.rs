@@ -46,12 +46,13 @@ impl Clip {
         }
         for (i, q) in rotations.iter_mut().enumerate() {
             let n = q.length_squared();
+            // negated, so that NaN is refused too
             if !(n.is_finite() && n > 1e-12) {
                 let (f, name) = (i / j, &skeleton.names()[i % j]);
                 let (what, found) = (format!("frame {f}, joint {name}: the rotation"), format!("{q:?}"));
                 return Err(Error::invalid(what, found, "a finite quaternion that is not zero"));
             }
-            // a quaternion that is unit to rounding keeps its bits, so that making a clip again changes nothing
+            // a quaternion that is unit to rounding stays as it is, so that making a clip again changes nothing
             if (n - 1.0).abs() > 4.0 * f64::EPSILON {
                 *q = q.normalize();
             }

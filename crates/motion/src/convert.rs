@@ -66,9 +66,9 @@ pub struct ConvertOptions {
     pub fps: Option<f64>,
     /// The rig; the motion's own if not given.
     pub rig: Option<TargetRig>,
-    /// The SMPL joints that keep moving; the others get their rest rotation.
+    /// The SMPL joints that go on moving; the others get their rest rotation.
     pub joints: Option<Selection>,
-    /// What becomes of the way over the floor.
+    /// The treatment of the path over the floor.
     pub place: Place,
 }
 
@@ -80,7 +80,7 @@ pub enum Place {
     Own,
     /// Moved so that its first frame stands at x = z = 0.
     AtOrigin,
-    /// At x = z = 0 in every frame, as engines want it that move the character themselves; heights stay.
+    /// At x = z = 0 in every frame, for engines that move the character themselves; heights stay.
     InPlace,
 }
 
@@ -121,6 +121,7 @@ pub fn convert(mut motion: Motion, options: &ConvertOptions) -> Result<Motion> {
     let rest = motion.warnings.iter().any(|w| w.kind == "rest_frame") && format::has_rest_frame(&motion);
     let neutral = options.joints.is_some().then(|| TargetRig::Smpl(smpl::neutral()));
     if let Some(selection) = &options.joints {
+        // before the clip changes: the floor is detected on the rig that stands on it
         let floor_m = format::floor_height(&motion)?;
         let clip = keep_joints(&retarget::to_smpl(&motion)?, selection)?;
         motion = motion.with_clip(clip).with_source(Source::Retargeted { floor_m });
@@ -139,7 +140,7 @@ pub fn convert(mut motion: Motion, options: &ConvertOptions) -> Result<Motion> {
     Ok(motion)
 }
 
-/// Resamples a clip whose frame 0 is a rest pose: frame 0 is copied and kept out of the low pass.
+/// Resamples a clip whose frame 0 is a rest pose: frame 0 is copied, because a low pass would smear it into the motion.
 fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
     let rest = clip.slice(0..1);
     let moving = resample(&clip.slice(1..clip.frames()), fps, Method::Smooth)?;

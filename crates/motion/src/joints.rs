@@ -59,6 +59,7 @@ pub fn list_of(ids: &[usize]) -> String {
     let mut names = Vec::new();
     // the torso's pelvis comes without a translation
     let mut groups: Vec<_> = GROUPS.iter().filter(|(name, _)| !["torso", "lower_body"].contains(name)).collect();
+    // largest first, so that few names suffice; `root` early, since only it brings the translation
     groups.sort_by_key(|(name, ids)| (*name != "all", *name != "root", std::cmp::Reverse(ids.len())));
     for (name, ids) in groups {
         if ids.iter().all(|id| left.contains(id)) {
@@ -162,6 +163,7 @@ fn rig_joints<'a>(rig: &'a Skeleton, map: Option<&SkeletonMap>) -> Option<Vec<(&
 /// # Errors
 /// As [`parse`]; a joint of the rig that maps to no SMPL joint; a name that fits two joints.
 pub fn to_smpl_names(list: &str, rig: &Skeleton, map: Option<&SkeletonMap>) -> Result<String> {
+    // names that `parse` knows exactly are SMPL's, even where the rig has a joint of that name
     let is_plain = matches!(list.trim(), "13" | "18" | "24") || parts(list).all(|part| by_exact_name(part).is_some());
     let own = match rig_joints(rig, map) {
         Some(own) if !is_plain => own,
@@ -185,6 +187,7 @@ fn part_to_smpl(part: &str, own: &[(&str, Option<usize>)]) -> Result<String> {
     let of_rig = |is: fn(&str, &str) -> bool| -> Result<Option<String>> {
         let (mut meant, others): (Vec<_>, Vec<_>) =
             own.iter().copied().filter(|(own, _)| is(own, name)).partition(|(_, id)| id.is_some());
+        // unless `rig:` or an exact match excludes it, SMPL's joint of that name competes, so that doubt is reported
         if alone.is_none() && meant.iter().all(|(own, _)| *own != name) {
             let known: Vec<Option<usize>> = meant.iter().map(|(_, id)| *id).collect();
             let smpl = (0..24).filter(|&id| is(smpl::NAMES[id], name) && !known.contains(&Some(id)));

@@ -34,6 +34,7 @@ fn reflect(p: Vec3) -> Vec3 {
 
 /// `M R M` with `M = diag(-1, 1, 1)`.
 fn turned(q: Quat) -> Quat {
+    // a rotation's axis is a pseudovector: reflected in x, its y and z change sign
     Quat::from_xyzw(q.x, -q.y, -q.z, q.w)
 }
 
@@ -123,6 +124,7 @@ fn partners(rig: &Skeleton, reference: &ReferencePose) -> Vec<Option<usize>> {
         let at = &reference.global.positions;
         at[j] - rig.parents()[j].map_or(Vec3::ZERO, |p| at[p])
     };
+    // parents come first, so the parent's partner, whose children are the candidates, is known
     for j in 0..rig.joints() {
         if named[j] || partners[j].is_some() {
             continue;

@@ -35,6 +35,7 @@ impl GlobalPose {
         self.rotations.clear();
         for (j, &l) in local.iter().enumerate() {
             let (p, g) = match skeleton.parents()[j] {
+                // the root's own offset plays no part: `root` is its position in the world
                 None => (root, l),
                 Some(parent) => {
                     let g = self.rotations[parent];

@@ -63,6 +63,7 @@ impl Method {
 /// # Ok::<(), kinelm_motion::Error>(())
 /// ```
 pub fn resample(clip: &Clip, fps: f64, method: Method) -> Result<Clip> {
+    // 1e-9 of a frame, so that whole ratios don't lose their last frame to rounding
     let frames = (clip.frames().saturating_sub(1) as f64 * fps / clip.fps() + 1e-9).floor() + 1.0;
     resampled(clip, fps, method, frames)
 }
@@ -137,6 +138,7 @@ fn rate(fps: f64, expected: String) -> Error {
 
 /// Splits a time in frames into the frame before it and the fraction of the way to the next.
 fn between(time: f64) -> (usize, f64) {
+    // a time that is a whole frame but for rounding is that frame, bit for bit
     let frame = (time + 1e-9).floor();
     (frame as usize, (time - frame).max(0.0))
 }
@@ -174,6 +176,7 @@ fn curve(clip: &Clip, samples: impl Iterator<Item = (usize, f64)>) -> (Vec<Vec3>
         for k in 0..j {
             let (i, next) = (i * j + k, next * j + k);
             let turn = signed[i] * a + signed[next] * b + turns[i] * p + turns[next] * q;
+            // a spline through rotations that are far from each other cuts through the middle of the sphere
             let far = turn.length_squared() < 0.25;
             rotations.push(if far { slerp(signed[i], signed[next], t) } else { turn.normalize() });
         }
@@ -191,6 +194,7 @@ where
     let mut bends = vec![zero; values.len()];
     let mut shares = vec![0.0; frames];
     for f in 1..frames.saturating_sub(1) {
+        // Thomas algorithm; the matrix is diagonally dominant, so no pivot is needed and shares stay below 1/3
         shares[f] = 1.0 / (4.0 - shares[f - 1]);
         for k in f * joints..(f + 1) * joints {
             let right = (values[k + joints] - values[k] * 2.0 + values[k - joints]) * 6.0;
@@ -222,6 +226,7 @@ fn continuous(clip: &Clip) -> Vec<Quat> {
 fn filtered(clip: &Clip, cutoff: f64, times: impl Iterator<Item = f64>) -> (Vec<Vec3>, Vec<Quat>) {
     let (f, j) = (clip.frames() as i64, clip.joints());
     let smooth = continuous(clip);
+    // three lobes on either side, each as wide as half a period at the cutoff
     let reach = 3.0 / (2.0 * cutoff);
     let (mut root, mut rotations) = (Vec::new(), Vec::new());
     let mut taps: Vec<(usize, f64)> = Vec::new();
@@ -231,6 +236,7 @@ fn filtered(clip: &Clip, cutoff: f64, times: impl Iterator<Item = f64>) -> (Vec<
             taps.push((reflect(k, f), lanczos3(2.0 * cutoff * (k as f64 - t))));
         }
         let sum: f64 = taps.iter().map(|(_, w)| w).sum();
+        // a sampled Lanczos kernel doesn't sum to 1, which would scale the path with the phase of the frame
         taps.iter_mut().for_each(|(_, w)| *w /= sum);
         root.push(taps.iter().fold(Vec3::ZERO, |p, &(k, w)| p + clip.root()[k] * w));
         for joint in 0..j {

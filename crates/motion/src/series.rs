@@ -16,6 +16,7 @@ pub(crate) fn root_jumps(clip: &Clip) -> Vec<(usize, f64)> {
 pub(crate) fn jumps(steps: Vec<f64>, limit: f64) -> impl Iterator<Item = (usize, f64)> {
     let around = steps.clone();
     let neighbours = move |i: usize| {
+        // two frames away: a glitch of one frame makes two steps, there and back, which must not excuse each other
         let before = i.checked_sub(2).map_or(0.0, |k| around[k]);
         before.max(around.get(i + 2).copied().unwrap_or(0.0))
     };

@@ -43,6 +43,7 @@ impl Skeleton {
         for j in 0..n {
             match (j, parents[j]) {
                 (0, None) => {}
+                // also rules out cycles, so walks up the tree end
                 (_, Some(p)) if p < j => {}
                 (_, p) => {
                     let what = format!("the parent of joint {j} ({})", names[j]);

@@ -73,6 +73,7 @@ impl Counts {
 
 /// The bits of one slot's numbers.
 fn bits_at(test: &BTreeMap<i32, u64>, train: &BTreeMap<i32, u64>, alphabet: Alphabet) -> f64 {
+    // add-one counts, so that no number has probability 0 and infinitely many bits
     let seen = train.values().sum::<u64>() as f64;
     let (whole, unseen) = match alphabet {
         Alphabet::Known(size) => (seen + f64::from(size), 0.0),

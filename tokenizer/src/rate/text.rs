@@ -68,6 +68,7 @@ impl TextCounts {
                 self.first.add(&now);
             } else if by_frames {
                 steps.clear();
+                // modulo the symbols, the difference has as many values as a code, and circular bins have no jump
                 steps.extend(now.iter().zip(&before).map(|(a, b): (&i32, &i32)| (a - b).rem_euclid(symbols)));
                 self.differences.add(&steps);
             }

@@ -53,6 +53,7 @@ impl Angles {
         let n = f64::from(bins);
         let longest = (0.5 * n + 1.5).powi(2) + 0.125;
         let width = TAU / n;
+        // a vector of length a has a twin of length TAU - a, which must not decode beyond `longest`
         Angles { form, bins: bins.into(), width, longest, near: TAU - longest.sqrt() * width }
     }
 
@@ -115,12 +116,13 @@ impl Angles {
     /// The decoded vector of a canonical one, in bins.
     fn nearest(&self, v: Vec3) -> [i64; 3] {
         let angle = v.length();
+        // the twin of a zero vector has no direction
         if angle <= self.near || angle < 1e-9 {
             return v.to_array().map(|x| self.wrapped(x / self.width));
         }
         let [own, twin] = self.both(v);
-        let keeps = |c: Candidate| length_squared(c.decoded) as f64 <= self.longest;
-        match (keeps(own), keeps(twin)) {
+        let fits = |c: Candidate| length_squared(c.decoded) as f64 <= self.longest;
+        match (fits(own), fits(twin)) {
             (true, false) => own.decoded,
             (false, true) => twin.decoded,
             _ if (own.miss - twin.miss).abs() >= TIE => {

@@ -39,8 +39,9 @@ impl Bins {
     }
 
     /// As [`Bins::fitted`], for closed-loop steps, with at least 3 bins: two are for the extremes of the training values and 0,
-    /// chosen from halfway on, so that the walk keeps up with steady steps; and the bin of 0 decodes to 0.
+    /// with edges halfway, so that the decoded walk doesn't lag after steady steps; and the bin of 0 decodes to 0.
     pub(crate) fn fitted_to_steps(sorted: &[f64], bins: u32) -> Self {
+        // room for the two extremes, and pinning 0 adds none
         let mut fitted = Bins::fitted(sorted, bins - 2);
         let [low, high] = fitted.range;
         fitted.range = [low.min(0.0), high.max(0.0)];
@@ -70,6 +71,7 @@ impl Bins {
     fn pin_zero(&mut self) {
         for (k, edge) in self.edges.iter_mut().enumerate().filter(|(_, e)| (0.0..=2.0 * SLACK).contains(*e)) {
             *edge = 0.0;
+            // the bin below must not decode to 0 too, or its code would encode to this bin's
             self.values[k] = self.values[k].min(-2.0 * SLACK);
         }
         let zero = usize::from(self.code(0.0).0);
@@ -87,6 +89,7 @@ impl Bins {
         for k in 0..=edges.len() {
             let end = edges.get(k).map_or(sorted.len(), |edge| sorted.partition_point(|x| x + SLACK < *edge));
             let low = if k == 0 { f64::NEG_INFINITY } else { edges[k - 1] };
+            // a value at its upper edge would encode to the next bin, since edges have a slack
             let high = edges.get(k).map_or(f64::INFINITY, |edge| edge - 2.0 * SLACK);
             // the first and the last bin are not empty
             let middle = if start < end { quantile(&sorted[start..end], 0.5) } else { 0.5 * (low + high) };
@@ -159,6 +162,7 @@ pub(crate) fn quantile(sorted: &[f64], q: f64) -> f64 {
     let t = at - low;
     let i = (low as usize).min(sorted.len() - 1);
     let (a, b) = (sorted[i], sorted[(i + 1).min(sorted.len() - 1)]);
+    // NumPy's two forms: each is exact at its own end, and monotonic across the middle
     if t < 0.5 { a + (b - a) * t } else { b - (b - a) * (1.0 - t) }
 }
 
@@ -199,7 +203,7 @@ mod tests {
                 }
             };
             near(&bins.edges, &numbers(&case["edges"]), ROUNDING);
-            // a median that lies on its bin's upper edge stands off it
+            // a median at its bin's upper edge is moved below it
             near(bins.values(), &numbers(&case["medians"]), ROUNDING + 2.0 * SLACK);
             let codes: Vec<f64> = numbers(&case["values"]).iter().map(|x| f64::from(bins.code(*x).0)).collect();
             assert_eq!(codes, numbers(&case["codes"]), "{name}");

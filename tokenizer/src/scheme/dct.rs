@@ -183,6 +183,7 @@ impl Table {
                 Table::Uniform(Line::fitted(low, high, config.bins))
             }
             (Quantizer::Quantile, _) => {
+                // zeros are run-length coded, so bins would be wasted on them
                 kept.retain(|x| x.abs() >= ZERO);
                 kept.sort_by(f64::total_cmp);
                 Table::Quantile(if kept.is_empty() { Bins::at_zero() } else { Bins::fitted(&kept, config.bins) })
@@ -318,6 +319,7 @@ impl<'a> Tile<'a> {
         let before = self.anchor;
         self.advance();
         let (n, closed) = (self.length(), self.closed());
+        // most series of a tile are all zeros
         for x in self.series.chunks_exact_mut(n).filter(|x| x.iter().any(|x| *x != 0.0)) {
             self.dct.inverse(x, &mut self.scratch);
         }
@@ -350,6 +352,7 @@ impl<'a> Tile<'a> {
 /// Calls `keep` with the `share` largest coefficients by magnitude, in order; of equal ones the first.
 fn largest(coefficients: &[f64], share: f64, sizes: &mut Vec<u64>, mut keep: impl FnMut(usize, f64)) {
     let count = coefficients.len();
+    // rounding of the product must not add one: 0.07 of 100 is 7.000000000000001
     let most = ((share * count as f64 - 1e-9).ceil() as usize).clamp(1, count);
     if most == count {
         coefficients.iter().enumerate().for_each(|(i, &x)| keep(i, x));
@@ -359,6 +362,7 @@ fn largest(coefficients: &[f64], share: f64, sizes: &mut Vec<u64>, mut keep: imp
     sizes.clear();
     sizes.extend(coefficients.iter().map(|x| x.abs().to_bits()));
     let (_, &mut least, above) = sizes.select_nth_unstable(count - most);
+    // `above` may have more of `least`'s size, so only larger ones are subtracted
     let mut ties = most - above.iter().filter(|&&size| size > least).count();
     for (i, &x) in coefficients.iter().enumerate() {
         let size = x.abs().to_bits();
@@ -387,6 +391,7 @@ impl DctTiles {
         let rows = rows(config, channels, &clips);
         let weights = config.weights(channels);
         let mix = Mix::fit(&config.joint_transform, &rows, series::open_count(channels), weights.as_deref())?;
+        // the largest array; the pass over the coefficients needs memory of its own
         drop(rows);
         let [path, turn, components] =
             kept(config, channels, &mix, first_height, &clips).map(|x| Table::fitted(config, x));
@@ -483,6 +488,7 @@ fn kept(config: &DctConfig, channels: &Channels, mix: &Mix, height: f64, clips: 
             for (range, out) in groups.into_iter().zip(&mut out).filter(|(range, _)| !range.is_empty()) {
                 largest(&tile.series[range], config.keep, &mut sizes, |_, x| out.push(x));
             }
+            // by the unquantised end, since no bins exist yet
             tile.advance();
         }
     }

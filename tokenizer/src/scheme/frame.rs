@@ -31,12 +31,13 @@ pub(super) fn encode(
     let mut out = Encoded::default();
     let start = start(clip);
     for (f, word) in codes.chunks_exact_mut(length).enumerate() {
-        let (head, behind) = word.split_at_mut(3);
+        let (head, tail) = word.split_at_mut(3);
         for (place, (code, clipped)) in head.iter_mut().zip(walk.step(steps, clip.root()[f] - start)) {
             *place = code;
             out.clipped += u64::from(clipped);
         }
-        if let Some(pelvis) = poses.encode(clip.pose(f), behind, &mut out) {
+        if let Some(pelvis) = poses.encode(clip.pose(f), tail, &mut out) {
+            // the decoded heading, which the decoder has too: steps of the next frame are relative to it
             walk.face(pelvis);
         }
     }
@@ -56,6 +57,7 @@ pub(super) fn decode(
     let mut root = Vec::with_capacity(words.len());
     let mut rotations = Vec::with_capacity(words.len() * 24);
     for (f, word) in words.iter().enumerate() {
+        // position before rotation, as in the encoder: a step is in the heading of the frame before
         walk.follow(steps, [word[0], word[1], word[2]]);
         root.push(walk.at());
         uncoded.fill(f, &mut rotations);
@@ -116,6 +118,7 @@ impl<V: Vectors> Poses for Each<'_, V> {
             out.clipped += coded.clipped;
             out.second_codes += u64::from(coded.second);
         };
+        // a copy, because the closure borrows `self` for its bins
         let mut turns = self.turns;
         if let Some(turns) = &mut turns {
             let (step, (coded, tilt)) = turns.step(pose[0], |tilt| {
@@ -123,11 +126,11 @@ impl<V: Vectors> Poses for Each<'_, V> {
                 let decoded = self.tilt(coded.codes);
                 ((coded, decoded), decoded)
             });
-            let (place, behind) = places.split_at_mut(3);
+            let (place, tail) = places.split_at_mut(3);
             place.copy_from_slice(&[step, coded.codes[0], coded.codes[2]]);
             tally(&coded);
             pelvis = Some(about_y(turns.radians()) * exp_map::from_vector(tilt));
-            (joints, places) = (&joints[1..], behind);
+            (joints, places) = (&joints[1..], tail);
         }
         self.turns = turns;
         let first = usize::from(pelvis.is_some());
@@ -302,6 +305,7 @@ pub(super) fn training_steps<P: Poses>(
         return Ok(None);
     }
     let first_height = firsts.iter().sum::<f64>() / firsts.len() as f64;
+    // 0 is always among the steps: frame 0 has none in x and z, and standing must be codable
     let mut steps = [vec![0.0], firsts.iter().map(|y| y - first_height).collect(), vec![0.0]];
     for clip in clips {
         each_step(clip, length, poses(), |step| {

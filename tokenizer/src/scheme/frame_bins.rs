@@ -97,6 +97,7 @@ impl<T: FrameBins> Scheme for T {
         let (pose, mut counts) = ([Quat::IDENTITY; 24], Encoded::default());
         match (self.component_bins(), self.circular_zero()) {
             (Some((mix, bins)), _) => _ = self.mixed(channels, mix, bins).encode(&pose, rest, &mut counts),
+            // also the turn's code of no step, which is the same middle bin
             (None, Some(zero)) => rest.fill(zero),
             (None, None) => _ = self.each(channels).encode(&pose, rest, &mut counts),
         }

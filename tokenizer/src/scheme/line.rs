@@ -53,6 +53,7 @@ impl Line {
         let wide = (span * (1.0 + 2.0 * MARGIN)).max(span * n / (n - 1.0)).max(NARROWEST);
         let first = 0.5 * (low + high) - 0.5 * wide;
         let width = wide / n;
+        // the bin whose middle is nearest to 0; its middle becomes 0, which shifts all bins by at most half a width
         let zero = (-first / width - 0.5).round().clamp(0.0, n - 1.0);
         Line { width, zero: zero as u16, offset: 0.0, bins }
     }
@@ -69,6 +70,7 @@ impl Line {
     pub fn code(&self, value: f64) -> (u16, bool) {
         let k = nearest_whole((value - self.offset) / self.width); // saturates
         let k = k.saturating_add(self.zero.into()).clamp(0, i64::from(self.bins) - 1) as u16;
+        // 1e-9 of slack, since a value exactly between two bins is not clipped
         (k, (value - self.value(k)).abs() > 0.5 * self.width * (1.0 + 1e-9))
     }
 

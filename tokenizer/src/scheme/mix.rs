@@ -95,12 +95,14 @@ impl Mix {
             JointTransform::Pca { .. } => {
                 let p = pca::fit(&scaled, channels)?;
                 let forward = p.components[..k * channels].to_vec();
+                // components are orthonormal, so the inverse is the transpose
                 let inverse = (0..channels * k).map(|i| forward[i % k * channels + i / k]).collect();
                 (p.mean, forward, inverse)
             }
             JointTransform::Ica { .. } => {
                 let mut a = ica::fit(&scaled, channels, k)?;
                 for s in 0..k {
+                    // one step for all components needs equal units: unit columns in mixing, the inverse in unmixing
                     let length = (0..channels).map(|c| a.mixing[c * k + s].powi(2)).sum::<f64>().sqrt();
                     (0..channels).for_each(|c| a.mixing[c * k + s] /= length);
                     a.unmixing[s * channels..(s + 1) * channels].iter_mut().for_each(|x| *x *= length);
@@ -108,6 +110,7 @@ impl Mix {
                 (a.mean, a.unmixing, a.mixing)
             }
         };
+        // `forward` subtracts the mean before it scales, and this is the mean of scaled channels
         let mean = mean.iter().zip(&scale).map(|(m, s)| m / s).collect();
         Ok(Mix { mean, scale, forward, inverse })
     }
@@ -168,10 +171,12 @@ impl Mix {
         let k = transform.components(channels);
         let size = if *transform == (JointTransform::None {}) { 0 } else { k * channels };
         let lengths = [self.mean.len(), self.scale.len(), self.forward.len(), self.inverse.len()];
+        // NaN compares false, so it is refused too
         let fine = |x: &&f64| x.abs() < LARGEST;
         let all = [&self.mean, &self.scale, &self.forward, &self.inverse];
         let good = lengths == [channels, channels, size, size]
             && all.iter().all(|v| v.iter().all(|x| fine(&x)))
+            // decoding divides by the scale
             && self.scale.iter().all(|&s| s > 1.0 / LARGEST);
         good.then_some(()).ok_or_else(|| {
             Error::setting(
@@ -193,6 +198,7 @@ const BLOCK: usize = 4;
 fn multiply(matrix: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
     let c = series.len() / n.max(1);
     for (rows, out) in matrix.chunks(BLOCK * c.max(1)).zip(out.chunks_mut(BLOCK * n.max(1))) {
+        // c is not 0 here: a matrix without channels has no rows
         match rows.len() / c {
             4 => multiply_rows::<4>(rows, n, series, out),
             3 => multiply_rows::<3>(rows, n, series, out),
@@ -206,6 +212,7 @@ fn multiply(matrix: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
 fn multiply_rows<const R: usize>(rows: &[f64], n: usize, series: &[f64], out: &mut [f64]) {
     let c = rows.len() / R;
     let rows: [&[f64]; R] = std::array::from_fn(|r| &rows[r * c..(r + 1) * c]);
+    // the rest is summed in the same order of channels, so a frame's bits don't depend on its place in a block
     let whole = n - n % BLOCK;
     for t in (0..whole).step_by(BLOCK) {
         let mut sums = [[0.0; BLOCK]; R];

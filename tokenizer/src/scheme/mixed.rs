@@ -63,6 +63,7 @@ impl<'a, S: Scale> Mixed<'a, S> {
             return false;
         }
         let first = codes.to_vec();
+        // re-encoding may lengthen another vector, since each component moves all joints
         for attempt in 1..=TRIES {
             self.code(codes);
             self.unmix(codes);
@@ -70,6 +71,7 @@ impl<'a, S: Scale> Mixed<'a, S> {
                 return true;
             }
         }
+        // not stable after all attempts: the nearest codes are the better ones
         codes.copy_from_slice(&first);
         self.unmix(codes);
         false
@@ -92,6 +94,7 @@ impl<S: Scale> Poses for Mixed<'_, S> {
         let (turn, places) = word.split_at_mut(usize::from(step.is_some()));
         let mut clipped = self.code(places);
         let mut second = self.settle(places);
+        // known only after decoding: quantised components may tilt the pelvis to where its turn is undefined
         if self.numbers.turns != before && self.numbers.upside_down(&self.row) {
             self.numbers.turns = before;
             self.row.clear();

@@ -252,6 +252,7 @@ pub trait Scheme: Send + Sync {
 
 /// Refuses a clip of another rate.
 pub(crate) fn check_rate(clip: &Clip, fps: f64) -> Result<()> {
+    // relative, because the rounding of a rate grows with it
     if (clip.fps() - fps).abs() > 1e-9 * fps {
         return Err(Error::Rate { found: clip.fps(), expected: fps });
     }

@@ -48,6 +48,7 @@ pub fn about_y(turn: f64) -> Quat {
 /// The tilt left of a rotation after a turn, with its y set to 0.
 pub(crate) fn tilt_after(q: Quat, turn: f64) -> Quat {
     let left = about_y(-turn) * q;
+    // a tilt is at most half a turn, so its w is not negative
     let left = if left.w < 0.0 { -left } else { left };
     Quat::from_xyzw(left.x, 0.0, left.z, left.w).normalize()
 }
@@ -94,6 +95,7 @@ impl Turns {
         if let Some(split) = Split::of(q).filter(|split| !self.upside_down(exp_map::to_vector(split.tilt))) {
             let (codes, decoded) = tilt(split.tilt);
             if !self.upside_down(decoded) {
+                // whole bins from the decoded turn, so an error never accumulates
                 let step = (split.turn * self.bins as f64 / TAU).round() as i64 - self.at;
                 let code = ((step + self.bins / 2).rem_euclid(self.bins)) as u16;
                 self.follow(code);

@@ -33,7 +33,7 @@ pub struct QuantileConfig {
     pub bins: u32,
     /// Which training values share edges. Default: those of a channel.
     pub pooled: Pooled,
-    /// What of a pose is coded: its rotation vectors (default) or components of them.
+    /// The numbers of a pose that are coded: its rotation vectors (default) or components of them.
     pub joint_transform: JointTransform,
     /// How the height is coded: above the clip's floor in bins of equal width (default), or as steps.
     pub height: Height,
@@ -100,6 +100,7 @@ impl Quantile {
             Pooled::Global => sorted_columns(&rows, 1),
         };
         let rotations: Vec<Bins> = rotations.iter().map(|sorted| Bins::fitted(sorted, config.bins)).collect();
+        // the largest array; fitting the steps needs memory of its own
         drop(rows);
         let unknown = [(); 3].map(|()| Bins::at_zero());
         let mut fitted = Quantile { config: config.clone(), steps: unknown, first_height: 0.0, rotations, mix };
@@ -115,6 +116,7 @@ impl Quantile {
             fitted.first_height = first_height;
             if config.height == Height::Floor {
                 let [low, high] = heights.map(|y| y - first_height);
+                // 0 is the neutral height, which needs a bin
                 fitted.steps[1] = Bins::even(low.min(0.0), high.max(0.0), config.bins);
             }
         }
@@ -140,17 +142,17 @@ impl Quantile {
         if let Some(mix) = &self.mix {
             mix.validate(&self.config.joint_transform, columns)?;
         }
-        let wanted = match self.config.pooled {
+        let expected = match self.config.pooled {
             Pooled::Channel => self.mix.as_ref().map_or(columns, Mix::components),
             Pooled::Global => 1,
         };
         let mixes = self.config.joint_transform != JointTransform::None {};
-        let good = self.rotations.len() == wanted && self.mix.is_some() == mixes;
+        let good = self.rotations.len() == expected && self.mix.is_some() == mixes;
         good.then_some(()).ok_or_else(|| {
             Error::setting(
                 "rotation bins",
                 format!("bins of {} channels", self.rotations.len()),
-                format!("of {wanted}, for the joints and the joint transform of the settings"),
+                format!("of {expected}, for the joints and the joint transform of the settings"),
             )
         })
     }
@@ -200,9 +202,11 @@ pub(super) struct Quantiles<'a> {
 
 impl Quantiles<'_> {
     fn of(&self, n: usize) -> [&Bins; 3] {
+        // pooled bins are one set for all channels
         let channel = |i: usize| &self.bins[i.min(self.bins.len() - 1)];
         match (self.tilts, n) {
             (true, 0) => [channel(0), &self.none, channel(1)],
+            // a tilt has no y, so the channels of later joints are one place earlier
             _ => [0, 1, 2].map(|i| channel(3 * n + i - usize::from(self.tilts))),
         }
     }
@@ -244,6 +248,7 @@ impl Quantiles<'_> {
             }
             let nearer = |i: usize| {
                 let next = if v[i] > 0.0 { codes[i].checked_sub(1)? } else { codes[i] + 1 };
+                // strictly smaller, so the loop ends
                 (bins[i].value(next).abs() < v[i].abs()).then_some((i, next))
             };
             let largest = (0..3).filter_map(nearer).max_by(|a, b| v[a.0].abs().total_cmp(&v[b.0].abs()));

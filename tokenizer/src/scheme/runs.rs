@@ -100,6 +100,7 @@ impl Writer<'_> {
     pub fn value(&mut self, code: u16) {
         debug_assert!(code < self.runs.values, "value {code} of {}", self.runs.values);
         while self.zeros > 0 {
+            // longest runs first, so that a number of zeros has one spelling
             let run = self.zeros.min(usize::from(self.runs.longest));
             self.word.push(self.runs.values + (run - 1) as u16);
             self.zeros -= run;

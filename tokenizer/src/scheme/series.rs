@@ -47,6 +47,7 @@ pub(crate) fn open(channels: &Channels, clip: &Clip, frames: Range<usize>, n: us
             if t < frames.len() {
                 let q = clip.pose(frames.start + t)[joint];
                 let v = exp_map::to_vector(if tilt { tilt_of(q) } else { q });
+                // continuous within the tile only: a tile must decode without the ones before
                 before = if t == 0 { v } else { nearest(v, before) };
             }
             if tilt {
@@ -60,7 +61,7 @@ pub(crate) fn open(channels: &Channels, clip: &Clip, frames: Range<usize>, n: us
 
 /// Of all vectors of a rotation with the canonical vector `v`, the nearest to `before`.
 fn nearest(v: Vec3, before: Vec3) -> Vec3 {
-    // mostly v is near, and the next one is a full turn away
+    // within 3, less than half of the TAU between two vectors of a rotation, no other can be nearer
     if (v - before).length_squared() < 9.0 {
         return v;
     }
@@ -136,6 +137,7 @@ impl Anchor {
             offset.y = clip.root()[f].y - self.base.unwrap_or(self.place.y);
             (out[t], out[n + t], out[2 * n + t]) = (offset.x, offset.y, offset.z);
             if channels.has_turn() {
+                // upside down the turn is undefined, and stays
                 if let Some(split) = Split::of(clip.pose(f)[0]) {
                     let off = split.turn - self.turn - turn;
                     turn += off - (off / TAU).round() * TAU;
@@ -157,6 +159,7 @@ impl Anchor {
     /// Moves to the end of a tile: its last position and turn, and the heading of its decoded pelvis.
     pub(crate) fn move_to(&mut self, place: Vec3, turn: f64, pelvis: Quat) {
         self.place = place;
+        // within half a turn, so that sums of many tiles lose no digits
         self.turn = turn - (turn / TAU).round() * TAU;
         self.facing.face(pelvis);
     }
@@ -168,11 +171,12 @@ pub fn lever_arms() -> [f64; 24] {
     let skeleton = kinelm_motion::smpl::neutral();
     let places = kinelm_motion::GlobalPose::new(&skeleton, Vec3::ZERO, &[Quat::IDENTITY; 24]).positions;
     std::array::from_fn(|j| {
-        let hanging: Vec<f64> = (j + 1..24)
+        let below: Vec<f64> = (j + 1..24)
             .filter(|&k| skeleton.descends(k, j))
             .map(|k| (places[k] - places[j]).length_squared())
             .collect();
-        (hanging.iter().sum::<f64>() / hanging.len().max(1) as f64).sqrt().max(SHORTEST)
+        // leaves have no descendants and take the least arm
+        (below.iter().sum::<f64>() / below.len().max(1) as f64).sqrt().max(SHORTEST)
     })
 }
 

@@ -26,7 +26,7 @@ pub struct UniformConfig {
     pub translation: Travel,
     /// How its y is coded. Default: above the clip's floor.
     pub height: Height,
-    /// What of a pose is coded: its rotation vectors (default) or components of them, over a fitted range.
+    /// The numbers of a pose that are coded: its rotation vectors (default) or components of them, over a fitted range.
     pub joint_transform: JointTransform,
 }
 
@@ -63,6 +63,7 @@ impl UniformConfig {
         let zero = (self.bins / 2) as u16;
         let offset = match self.form {
             Form::Centred => 0.0,
+            // bin k begins at k widths above -PI, as the angles' bins do, and decodes to its middle
             Form::Edge => (0.5 + f64::from(zero)) * width - PI,
         };
         Line { width, zero, offset, bins: self.bins }
@@ -129,6 +130,7 @@ impl Uniform {
             Line::fitted(column().fold(0.0, f64::min), column().fold(0.0, f64::max), config.bins)
         };
         let lines: Vec<Line> = (0..mix.components()).map(line).collect();
+        // without the three characters of the step, whose bins are being fitted
         let length = Mixed::<Line>::length(channels, &mix) - 3;
         for clip in clips {
             fit.add_steps(clip, length, Mixed::new(channels, config.bins, &mix, &lines))?;

@@ -48,6 +48,7 @@ impl Facing {
     pub(crate) fn face(&mut self, pelvis: Quat) {
         let z = pelvis * Vec3::Z;
         let along = (z.x * z.x + z.z * z.z).sqrt();
+        // closer to the vertical the direction would be rounding noise
         if along > 1e-6 {
             *self = Facing(z.x / along, z.z / along);
         }
@@ -90,11 +91,12 @@ impl Walk {
         self.at
     }
 
-    /// The codes of the step to a position, and which of them are clipped; moves to the decoded position.
+    /// The codes of the step to a position, each with whether it is clipped; moves to the decoded position.
     pub(crate) fn step(&mut self, bins: &[impl Scale; 3], place: Vec3) -> [(u16, bool); 3] {
         let ahead = self.turned_in(place - self.at);
-        let wanted = self.each(ahead, place, place.y - self.base);
-        let coded: [(u16, bool); 3] = std::array::from_fn(|i| bins[i].code(wanted[i]));
+        let values = self.each(ahead, place, place.y - self.base);
+        let coded: [(u16, bool); 3] = std::array::from_fn(|i| bins[i].code(values[i]));
+        // closed loop: the next step starts from the decoded position, so errors don't add up
         self.follow(bins, coded.map(|(code, _)| code));
         coded
     }
@@ -163,6 +165,7 @@ pub(crate) fn check_bins(bins: u32, least: u32) -> Result<()> {
 
 /// Refuses an implausible mean height in a file.
 pub(crate) fn check_height(first_height: f64) -> Result<()> {
+    // NaN compares false, so it is refused too
     (first_height.abs() <= FARTHEST)
         .then_some(())
         .ok_or_else(|| Error::setting("first_height", first_height, "a height in metres"))

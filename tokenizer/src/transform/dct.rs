@@ -58,6 +58,7 @@ impl Dct {
         let n = series.len() as f64;
         let scale = (2.0 / n).sqrt();
         series.iter_mut().for_each(|x| *x *= scale);
+        // coefficient 0 has its own norm, sqrt(1/n)
         series[0] = series[0] * (1.0 / n).sqrt() / scale;
     }
 

@@ -44,6 +44,7 @@ const TURNED: f64 = 1e-6;
 pub fn fit(data: &[f64], channels: usize, components: usize) -> Result<Ica> {
     let pca = pca::fit(data, channels)?;
     let k = components.min(channels);
+    // whitening divides by deviations: noise of constant channels must not be blown up to variance 1
     let floor = RANK * pca.variances.first().copied().unwrap_or(0.0);
     let rank = pca.variances[..k].iter().take_while(|&&v| v > floor).count();
     let (turn, rounds) = search(&whitened(data, &pca, rank), rank)?;
@@ -63,6 +64,7 @@ pub fn fit(data: &[f64], channels: usize, components: usize) -> Result<Ica> {
     for (mixing, unmixing) in &mut sources {
         let before = mixing.clone();
         largest_positive(mixing);
+        // both or none: otherwise unmixing and mixing would no longer be inverse
         if *mixing != before {
             unmixing.iter_mut().for_each(|x| *x = -*x);
         }
@@ -105,6 +107,7 @@ fn search(data: &[f64], k: usize) -> Result<(Vec<f64>, usize)> {
         }
         let next = decorrelated(k, &next)?;
         let rows = next.chunks_exact(k).zip(turn.chunks_exact(k));
+        // a direction and its opposite are the same source, hence the absolute value
         let cosine = rows.map(|(a, b)| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>().abs());
         let turned = cosine.map(|c| 1.0 - c).fold(0.0, f64::max);
         turn = next;
@@ -125,11 +128,13 @@ fn bend(row: &mut [f64]) -> f64 {
 /// C library's took four fifths of a fit.
 fn tanh(x: f64) -> f64 {
     use std::f64::consts::{LN_2, LOG2_E};
-    // added and taken away it rounds to a whole number, which stands in the sum's lowest bits
+    // added and subtracted, it rounds to a whole number, which is then in the sum's lowest bits
     const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
+    // beyond, the result is 1 to the last bit, and the exponent stays within a double's
     let x = (2.0 * x).clamp(-40.0, 40.0);
     let rounded = x * LOG2_E + ROUND;
     let rest = x - (rounded - ROUND) * LN_2;
+    // 2^k from its bits: the exponent's bias is 1023, and the shift drops all but the whole number
     let power = f64::from_bits(rounded.to_bits().wrapping_add(1023) << 52);
     // the exponential of the rest, at most 0.35, by the first terms of its series
     let exponential = (1..=12).rev().fold(1.0, |sum, k| 1.0 + sum * rest * (1.0 / f64::from(k))) * power;
@@ -153,7 +158,7 @@ fn start(k: usize) -> Vec<f64> {
 /// The orthonormal rows nearest to those of `w` (K, K): `(w w')^(-1/2) w`.
 fn decorrelated(k: usize, w: &[f64]) -> Result<Vec<f64>> {
     let (values, vectors) = eigen(k, &product([k; 3], w, w, true))?;
-    // rows that lie in one plane, to rounding: their part outside it stays small instead of growing without bound
+    // for rows in one plane, up to rounding, the part outside it stays small instead of growing without bound
     let floor = values.first().map_or(0.0, |v| v * 1e-14).max(f64::MIN_POSITIVE);
     let mut along = product([k; 3], &vectors, w, false);
     for (i, x) in along.iter_mut().enumerate() {

@@ -59,6 +59,7 @@ impl Lapped {
 
     fn with_first(hop: usize, short: usize) -> Self {
         assert!(hop > 0, "tiles of no numbers");
+        // with an odd hop the middle number of a tile is in no filter
         let half = hop / 2;
         Lapped {
             hop,
@@ -93,9 +94,11 @@ impl Lapped {
         for (k, tile) in series.chunks_exact_mut(self.hop).enumerate() {
             match &self.first {
                 _ if k > 0 || self.short == 0 => self.tile.forward(tile, scratch),
+                // with a hop of 1 the shorter first tile is empty
                 None => tile.fill(0.0),
                 Some(first) => {
                     first.forward(&mut tile[self.short..], scratch);
+                    // coefficients begin at the front; the place of the missing number becomes the last, which is 0
                     tile.rotate_left(self.short);
                     tile[first.len()..].fill(0.0);
                 }
@@ -139,8 +142,8 @@ impl Lapped {
 }
 
 impl Border {
-    /// Before the tiles' transform. Sums of what lies in mirror image at the border stay, differences are turned by an
-    /// orthonormal matrix.
+    /// Before the tiles' transform. Sums of values that mirror each other at the border stay, differences are
+    /// multiplied by an orthonormal matrix.
     fn smooth(&self, around: &mut [f64], scratch: &mut [f64]) {
         self.turn_differences(around, scratch, |differences, scratch| {
             self.fourth(differences, scratch);
@@ -160,7 +163,7 @@ impl Border {
         let half = self.second.len();
         let (before, after) = around.split_at_mut(half);
         let (differences, scratch) = scratch.split_at_mut(half);
-        // from the border outward: entry i of both sides lies i + 1/2 from it
+        // from the border outward: entry i of both sides is i + 1/2 away from it
         for (i, d) in differences.iter_mut().enumerate() {
             *d = before[half - 1 - i] - after[i];
         }
@@ -178,6 +181,7 @@ impl Border {
     /// The orthonormal DCT-IV, its own inverse.
     fn fourth(&self, x: &mut [f64], scratch: &mut [f64]) {
         self.fourth.process_dct4_with_scratch(x, scratch);
+        // rustdct leaves out the normalisation
         let scale = (2.0 / x.len() as f64).sqrt();
         x.iter_mut().for_each(|x| *x *= scale);
     }

@@ -36,6 +36,7 @@ fn files_are_found_sorted_and_others_left_out() {
     fs::write(dir.path().join("b/2.kinelm.json"), r#"{"schema":1,"kinelm":"0.1.0"}"#).unwrap();
     let g = Dataset::find(&[dir.path().into()], &[]).unwrap();
     assert_eq!(names(&g), ["a/x", "b/10", "b/2", "c", "d"]);
+    // two AMASS files by their names, other.json, and the sidecar
     assert_eq!(g.no_motion, 4);
     assert!(notes(&g, "4 files hold no motion"), "{:?}", g.notes);
     assert_eq!(g.items[4].key, 4);

@@ -15,7 +15,7 @@ pub struct ClipMusic<'a> {
 /// Features of a stretch of music at equally spaced times ([`kinelm_music::feature`]).
 #[derive(Debug, Clone, Default)]
 pub struct FeatureRows<'a> {
-    /// FeatureRows a second.
+    /// Rows a second.
     pub fps: f64,
     /// Time of the first row in seconds.
     pub from_s: f64,
@@ -35,6 +35,7 @@ impl FeatureRows<'_> {
         }
         let (first, share) = (place as usize, place.fract() as f32);
         let row = |row: usize| &self.numbers[row * CHANNELS..][..CHANNELS];
+        // at the last row the share is 0, so that its neighbour doesn't count
         let next = row((first + 1).min(rows - 1));
         for ((to, a), b) in to.iter_mut().zip(row(first)).zip(next) {
             *to = a + share * (b - a);

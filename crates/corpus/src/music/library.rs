@@ -29,7 +29,7 @@ pub(crate) struct MusicLibrary {
 /// The music of a clip, in the time of the clip.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct AlignedMusic {
-    /// Beats in seconds from the clip's first frame; some may lie before it or after its last.
+    /// Beats in seconds from the clip's first frame; some may be before it or after its last.
     pub beats_s: Vec<f64>,
     /// (N, 35) features at each frame and for one more second, as far as the music goes; empty at rates without features.
     pub features: Vec<f32>,
@@ -53,6 +53,7 @@ impl MusicLibrary {
             }
         }
         let mut paths: Vec<&PathBuf> = files.values().collect();
+        // clips may share their music, which is analysed once
         paths.sort();
         paths.dedup();
         let analyse = |path: &PathBuf| (path.clone(), Track::analyse_if_possible(path, fps).ok());
@@ -86,7 +87,7 @@ impl MusicLibrary {
 }
 
 /// The beats of the music in `path`, in seconds from the beginning of a dance that lasts `seconds` and begins at the music's
-/// time `from_s`. Beats before and after the dance are kept.
+/// time `from_s`. Beats before and after the dance are included.
 ///
 /// # Errors
 /// [`kinelm_store::Error::File`]: music with fewer than two beats, a beginning outside the music, a dance that outlasts it.
@@ -169,6 +170,7 @@ fn list(folder: &Path) -> BTreeMap<OsString, PathBuf> {
         Some((rank, extension != EXTENSIONS[rank], name))
     };
     let mut all: Vec<_> = entries.filter_map(|entry| ranked(entry.file_name())).collect();
+    // by rank, then lower case, then name: the first of a stem counts, whatever the folder's order
     all.sort();
     let mut listed = BTreeMap::new();
     for (_, _, name) in all {

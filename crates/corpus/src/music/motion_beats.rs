@@ -37,6 +37,7 @@ fn landings_s(clip: &Clip, floor_m: Option<f64>) -> Result<Vec<f64>> {
     let of_leg = |(side, leg): (usize, &Leg)| {
         contacts(&FootTrack::new(clip, leg), side, floor_m).into_iter().map(|contact| contact.from)
     };
+    // a contact from frame 0 on is no landing
     let mut frames: Vec<usize> = legs.iter().enumerate().flat_map(of_leg).filter(|from| *from > 0).collect();
     frames.sort_unstable();
     Ok(frames.into_iter().map(|frame| frame as f64 / clip.fps()).collect())
@@ -48,6 +49,7 @@ fn clicks(times_s: &[f64], seconds: f64) -> Vec<f32> {
     let mut out = vec![0.0f32; (seconds * rate).round() as usize];
     for time in times_s {
         let start = (time * rate).round() as usize;
+        // after five decays a click is below 1 % of its height
         let end = (start + (5.0 * DECAY_S * rate) as usize).min(out.len());
         for (i, x) in out.iter_mut().enumerate().take(end).skip(start) {
             let t = i as f64 / rate - time;

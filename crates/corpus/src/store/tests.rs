@@ -17,6 +17,7 @@ fn what_was_written_is_read() {
     assert_eq!(manifest.splits[&Split::Train], Count { clips: 2, frames: 3 });
     let train: Vec<_> = c.split(Split::Train).map(|r| c.clip_ids(r).unwrap()).collect();
     assert_eq!(train, [ids[0].clone(), ids[2].clone()]);
+    // a word is six characters and a space
     assert_eq!(c.word_ids(&c.clips()[0], 1..2).unwrap(), ids[0][7..]);
     assert_eq!((c.tokens_per_frame(Split::Train), c.tokens_per_frame(Split::Valid)), (7.0, 0.0));
     assert_eq!((c.tokens().len(), c.clips()[1].frames, c.clips()[0].clipped), (3 * 7, 0, 2));
@@ -31,6 +32,7 @@ fn ids_that_the_tokenizer_has_not_are_refused() {
     let (tokens, manifest) = (dir.join("tokens.u16"), dir.join(MANIFEST));
     let mut bytes = fs::read(&tokens).unwrap();
     let before = FileRecord::of(&bytes).sha256;
+    // the high byte of the fifth id, which becomes 16,384 or more
     bytes[9] = 0x40;
     fs::write(&tokens, &bytes).unwrap();
     let text = fs::read_to_string(&manifest).unwrap().replace(&before, &FileRecord::of(&bytes).sha256);
@@ -64,6 +66,7 @@ fn damage_is_named() {
         (MANIFEST, manifest[..40].into(), "corpus.json:"),
         (MANIFEST, manifest.replace("\"fps\"", "\"fpz\"").into_bytes(), "fpz"),
         (CLIPS, b"{}\n".to_vec(), "clips.jsonl: found 3 bytes"),
+        // 3 words of 7 tokens of 2 bytes
         ("tokens.u16", vec![0; 41], "found 41 bytes, expected 42 bytes"),
         ("tokens.u16", vec![0; 42], "SHA-256"),
         (TOKENIZER, b"{}".to_vec(), "tokenizer.json"),
@@ -114,6 +117,7 @@ fn a_trusted_corpus_is_read_behind_its_2_32nd_token() {
     let (mut manifest, ids) = small(&dir);
     // two clips of zeros that take no room on the disk, then c
     let word = manifest.tokens_per_word.unwrap();
+    // as long as the second clip still begins before token 2^32: it ends after that
     let frames = (u32::MAX as usize - 6) / word;
     let text = fs::read_to_string(dir.join(CLIPS)).unwrap();
     let mut clips: Vec<ClipRecord> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -147,6 +151,7 @@ fn what_is_trusted_is_not_hashed_and_its_ids_are_refused_where_they_are_read() {
     small(&dir);
     let tokens = dir.join("tokens.u16");
     let mut bytes = fs::read(&tokens).unwrap();
+    // the high byte of the fifth id, which becomes 16,384 or more
     bytes[9] = 0x40;
     fs::write(&tokens, &bytes).unwrap();
     assert!(Corpus::open(&dir).unwrap_err().to_string().contains("SHA-256"));

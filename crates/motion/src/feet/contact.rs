@@ -42,7 +42,7 @@ impl Contact {
         self.from..self.to
     }
 
-    /// Keeps the first `given` frames: a contact that began in them stays at its position in the last of them.
+    /// Leaves the first `given` frames unchanged: a contact that began in them stays at its position in the last of them.
     pub fn begin_at(&mut self, given: usize, track: &FootTrack) {
         if self.from < given {
             let stood = track.at(given.min(self.to) - 1, self.point);
@@ -76,6 +76,7 @@ pub fn contacts(track: &FootTrack, side: usize, floor_m: f64) -> Vec<Contact> {
         while from > 0 && found.last().is_none_or(|c| c.to < from) && in_contact(from - 1, ENDS) {
             from -= 1;
         }
+        // ENDS is the looser pair, so the frame that began the contact passes too, and `f` advances
         while f < frames && in_contact(f, ENDS) {
             f += 1;
         }
@@ -108,6 +109,7 @@ fn split(
     let by_speed = |&a: &usize, &b: &usize| speeds[a].total_cmp(&speeds[b]).then(from_end(a).cmp(&from_end(b)));
     let Some(fastest) = (0..speeds.len()).max_by(by_speed) else { return };
     let peak = speeds[fastest];
+    // without a clear step the foot glides the whole time: dropping it is right, a lock would drag the body
     if peak < STEP * sorted[sorted.len() / 2] {
         return;
     }

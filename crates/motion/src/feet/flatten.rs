@@ -14,10 +14,11 @@ const STEEP: f64 = 0.8;
 /// Pitch that is left as it is, radians.
 const SLACK: f64 = 0.05;
 
-/// Pitch correction of a foot that is in contact in these frames, toes up, radians: most of the negative mean pitch over the contact; 0 for a
-/// rig with ankles only.
+/// Pitch correction of a foot that is in contact in these frames, toes up, radians: most of the negative mean pitch
+/// over the contact; 0 for a rig with ankles only.
 pub fn turn(track: &FootTrack, contact: Range<usize>) -> f64 {
     let Some(flat) = flat_drop_m(track.leg) else { return 0.0 };
+    // one angle for the whole contact: a correction per frame would remove the roll from heel to toe
     let up = |f: usize| track.sole(f).map_or(0.0, |sole| pitch(sole, flat));
     let mean = contact.clone().map(up).sum::<f64>() / contact.len().max(1) as f64;
     if mean.abs() > STEEP {

@@ -94,6 +94,7 @@ impl Leg {
         // a larger inner angle of the knee is a straighter leg
         let knee_turn = Quat::from_axis_angle(axis, inside(now.length()) - inside(distance));
         let bent = knee - hip + knee_turn * (ankle - knee);
+        // the knee has set the distance from hip to ankle; the hip only has to point the ankle at the goal
         let hip_turn = Quat::from_rotation_arc(bent.normalize(), goal.normalize());
         let parents = skeleton.parents();
         let world = |j: usize| pose.rotations[j];

@@ -102,6 +102,7 @@ pub fn lock(clip: &Clip, humanoid: &Humanoid, floor_m: f64, fixed: FixedParts) -
         locked.carried_cm = offsets.iter().map(|by| 100.0 * by.length()).fold(0.0, f64::max);
     }
     if fixed.root && fixed.legs == [false; 2] {
+        // with a fixed root the legs alone take up the height that the body would have settled by
         let down = Moves { by: ups.iter().map(|up| Vec3::Y * -up).collect(), turn: vec![0.0; clip.frames()] };
         settled = bent(&settled, legs.each_ref(), &[(0, down.clone()), (1, down)])?.0;
     }
@@ -207,6 +208,7 @@ fn hold(
             pose.set(clip.skeleton(), clip.root()[f], clip.pose(f));
             for (side, Moves { by, .. }) in &moves {
                 let needed = tracks[*side].leg.lowering(&pose, by[f], STRETCH) * begins.share(f);
+                // one foot out of reach must not pull the body into a crouch: its contact is dropped instead
                 *lower = lower.max(needed.min(LOWER_M));
             }
         }

@@ -30,6 +30,7 @@ pub fn offsets(least: &[f64], pelvis: &[f64], fps: f64) -> Vec<f64> {
     let jumps = aloft(least, pelvis, fps).into_iter().filter(|Aloft { frames, falls }| 2 * falls >= frames.len());
     jumps.for_each(|jump| heights[jump.frames].fill(0.0));
     let lowest = |around: &[f64]| around.iter().copied().fold(f64::INFINITY, f64::min);
+    // morphological opening: peaks shorter than the window vanish, longer ones stay as they are
     let floating = over(&over(&heights, half, lowest), half, highest);
     mean(&floating, smooth).into_iter().map(|h| h - h.clamp(-SLACK_M, SLACK_M)).collect()
 }
@@ -73,6 +74,7 @@ mod tests {
         let up = |from: usize, to: usize| (0..60).map(|f| if (from..to).contains(&f) { 0.2 } else { 0.0 }).collect();
         let (step, floating): (Vec<f64>, Vec<f64>) = (up(20, 24), up(20, 32));
         assert!(of(&step).iter().all(|x| *x == 0.0));
+        // 0.2 m less the slack of 1 cm
         assert!((of(&floating)[26] - 0.19).abs() < 1e-12 && of(&floating)[10] == 0.0);
         // thrown up at 3 m/s, 0.6 s in the air
         let thrown = |f: usize| (4.905 * (f as f64 / fps - 1.0) * (1.6 - f as f64 / fps)).max(0.0);

@@ -32,6 +32,7 @@ pub(crate) const GENERATED_FPS: f64 = 30.0;
 /// [`FaultKind::NotFinite`], [`FaultKind::ScaleBad`]; [`FaultKind::NoMotion`] for a pickle of anything but a dict;
 /// [`FaultKind::NotThisFormat`]; those of a body model.
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
+    // a pickle of protocol 0 has no magic, so only what is clearly another format is refused here
     if [&b"PK\x03\x04"[..], b"\x93NUMPY", b"HIERARCHY", b"{"].iter().any(|start| bytes.starts_with(start)) {
         let found = super::sniff(bytes);
         return Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, "a pickle").into());

@@ -82,7 +82,9 @@ pub fn write(clip: &Clip) -> Result<Vec<u8>> {
     let mut poses = vec![0.0; frames * SMPLH];
     let mut trans = Vec::with_capacity(frames * 3);
     for (f, row) in poses.chunks_exact_mut(SMPLH).enumerate() {
+        // SMPL+H has fingers in the place of SMPL's hand joints, 22 and 23
         for (j, &q) in clip.pose(f)[..22].iter().enumerate() {
+            // only the root's rotation is in the world's axes; the others are relative to their parents
             let q = if j == 0 { TURN.conjugate() * q } else { q };
             row[j * 3..j * 3 + 3].copy_from_slice(&exp_map::to_vector(q).to_array());
         }

@@ -89,6 +89,7 @@ impl BodyModel {
             Some(table) if table.shape() == [2, n] => Some(table.integers()?),
             Some(table) => return Err(table.shape_fault(&format!("(2, {n})"))),
         };
+        // the models share the body's 22 joints; SMPL's own hands follow, or others' face and fingers
         let own = if n == 24 { 24 } else { 22 };
         if let Some(p) = &parents
             && let Some(j) = (1..own).find(|&j| p[j] != i64::from(smpl::PARENTS[j]))
@@ -159,6 +160,7 @@ pub fn body(options: &ReadOptions, betas: &[f64]) -> Result<Body> {
         return Ok(Body { skeleton: smpl::neutral(), rest_pelvis: smpl::REST_PELVIS, from_model: false });
     };
     let about = std::fs::metadata(path).map_err(Error::io(path))?;
+    // path alone would serve a model that was replaced while the program runs
     let seen = (path.clone(), about.modified().ok(), about.len());
     let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
     let model = match last.as_ref().filter(|(s, _)| *s == seen) {
@@ -188,6 +190,7 @@ fn regressor(npz: &Npz) -> Result<Option<Weights>> {
     let dense = match npz.optional("J_regressor") {
         Ok(Some(dense)) => dense,
         Ok(None) => return Ok(None),
+        // official models pickle the regressor as a scipy object, which is never run; their `J` is enough
         Err(e) if e.fault() == Some(FaultKind::ObjectArray) && npz.has("J") => return Ok(None),
         Err(e) => return Err(e),
     };

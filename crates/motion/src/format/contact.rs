@@ -18,7 +18,7 @@ const STANDS_NOT: f64 = 0.5;
 const NO_FLOOR: f64 = 0.8;
 
 /// Whether the feet of a clip in its file's axes stand on a floor with `up` up, and with `other` up neither they nor
-/// anything else of the body: a dancer who lies is on the floor too.
+/// any other joint: a dancer lying down is on the floor too.
 pub(super) fn feet_stand(clip: &Clip, map: &SkeletonMap, up: Up, other: Up) -> bool {
     let Some(body) = Body::of(clip.skeleton(), map) else { return false };
     let [up, other] = body.heights(clip, [up, other].map(Up::axis));

@@ -33,13 +33,13 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     read_within(memory_limit(bytes.len()), path, bytes, options)
 }
 
-/// Bytes that each of ufbx's two allocators may take for a file of so many: real files take up to 7 times their size, made ones
-/// a thousand times.
+/// Bytes that each of ufbx's two allocators may take for a file of this size: real files take up to 7 times their size,
+/// hostile ones a thousand times.
 fn memory_limit(bytes: usize) -> usize {
     bytes.saturating_mul(64).saturating_add(64 << 20).min(1 << 30)
 }
 
-/// [`read`] within so many bytes an allocator.
+/// [`read`] with a limit of bytes for each allocator.
 fn read_within(limit: usize, path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let fault =
         |kind: FaultKind, found: String, expected: &str| FileError::new(SourcePos::file(path), kind, found, expected);
@@ -68,7 +68,7 @@ fn read_within(limit: usize, path: &Path, bytes: &[u8], options: &ReadOptions) -
     if nodes.len() > MOST_JOINTS {
         return Err(fault(FaultKind::TooLarge, format!("{} bones", nodes.len()), "4,096 at most").into());
     }
-    // what moves the figure: its bones and what they hang from
+    // a figure is moved by its bones and their ancestors
     let upwards = |&n: &usize| std::iter::successors(Some(n), |&n| parent(&scene.nodes[n]));
     let moving: BTreeSet<u32> = nodes.iter().flat_map(upwards).map(|n| scene.nodes[n].element.element_id).collect();
     let stack = take(&scene, &moving, options.take.as_deref(), &mut warnings).map_err(not_this)?;
@@ -98,6 +98,7 @@ fn read_within(limit: usize, path: &Path, bytes: &[u8], options: &ReadOptions) -
         rest: nodes.iter().map(|&n| split(&bind(&scene.nodes[n]))).collect(),
     };
     let frames = (0..count as usize).map(|frame| {
+        // the count is rounded, so the last frame may be past the end
         let time = (begin + frame as f64 / own).min(end);
         let how =
             EvaluateOpts { temp_allocator: allocator(), result_allocator: allocator(), ..EvaluateOpts::default() };

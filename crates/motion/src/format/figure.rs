@@ -1,4 +1,4 @@
-//! Which nodes of a scene are a figure's joints: of FBX and glTF, where skeletons hang among other nodes.
+//! Which nodes of a scene are a figure's joints: for FBX and glTF, whose skeletons are among other nodes.
 
 use crate::Warning;
 use std::collections::BTreeMap;
@@ -14,7 +14,7 @@ pub(super) struct Nodes {
     pub joints: Vec<bool>,
 }
 
-/// A figure: its nodes, parents first, and the one among them that the caller wants as the clip's root.
+/// A figure: its nodes, parents first, and the one among them that the caller named as the clip's root.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Chosen {
     pub nodes: Vec<usize>,
@@ -67,7 +67,7 @@ impl Nodes {
         }
     }
 
-    /// What `name` is of a figure: a joint of it, which is then the clip's root, or a node from its topmost joint up.
+    /// The meaning of `name` in a figure: a joint, which is then the clip's root, or a node from its topmost joint up.
     fn named(&self, figure: &Figure, name: &str) -> Option<Option<usize>> {
         let (top, below) = figure.nodes.split_first()?;
         if self.upwards(*top).any(|n| self.names[n] == name) {
@@ -110,7 +110,7 @@ impl Nodes {
                 Figure { nodes: nodes.clone(), armature, name: String::new() }
             })
             .collect();
-        // figures on the same rig differ by what they hang from
+        // figures on the same rig are named by their armatures
         let own: Vec<&str> = all.iter().map(|nodes| self.names[nodes[0]].as_str()).collect();
         for (n, figure) in figures.iter_mut().enumerate() {
             let shared = own.iter().filter(|name| **name == own[n]).count() > 1;
@@ -119,7 +119,7 @@ impl Nodes {
         figures
     }
 
-    /// Separates the joints of one tree, given by their ways from its top down: two bodies that hang from one node that is no
+    /// Separates the joints of one tree, given by their ways from its top down: two bodies below one node that is no
     /// joint are two figures.
     fn split(&self, ways: Vec<Vec<usize>>, figures: &mut Vec<Vec<usize>>) {
         let shared = ways.iter().skip(1).fold(ways[0].len(), |shared, way| {
@@ -129,6 +129,7 @@ impl Nodes {
         if !self.joints[top] {
             let mut parts: BTreeMap<usize, Vec<Vec<usize>>> = BTreeMap::new();
             for way in &ways {
+                // a way ends at a joint, and the shared top is none, so each goes on below it
                 parts.entry(way[shared]).or_default().push(way.clone());
             }
             if parts.values().filter(|part| part.len() >= FEWEST).count() > 1 {
@@ -137,7 +138,7 @@ impl Nodes {
                 return;
             }
         }
-        // with what lies between the joints; the file's own order, where parents come first in it
+        // with the nodes between the joints; in the file's order if parents come first in it
         let mut nodes: Vec<usize> = ways.iter().flat_map(|way| way[shared - 1..].iter().copied()).collect();
         nodes.sort_unstable();
         nodes.dedup();
@@ -200,7 +201,7 @@ mod tests {
         }
     }
 
-    /// A stage with two armatures, each a chain of so many joints.
+    /// A stage with two armatures, each a chain of this many joints.
     fn pair(joints: usize) -> Nodes {
         let mut all = vec![("stage", None)];
         for armature in ["one", "two"] {

@@ -43,7 +43,7 @@ pub struct FormatInfo {
     pub(super) written: &'static [&'static str],
     /// Whether its bones are SMPL's own, whose left is left and whose length is known.
     pub(super) is_smpl: bool,
-    /// What [`super::parse`] does after its reader.
+    /// The steps of [`super::parse`] after its reader.
     pub(super) then: &'static [Step],
     /// The feature of this crate that it needs; empty for a format that is always there.
     pub(super) feature: &'static str,
@@ -56,7 +56,7 @@ pub struct FormatInfo {
 type Read = fn(&Path, &[u8], &ReadOptions) -> Result<Motion>;
 type Write = fn(&Path, &Motion) -> Result<Vec<u8>>;
 
-/// What the readers of some formats leave to be done for all of these alike.
+/// A step after reading that several formats share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
     /// Drop the first frames.
@@ -80,7 +80,7 @@ macro_rules! of_feature {
     }};
 }
 
-/// A format that is always there, with bones of its own, and read only: what rows differ from.
+/// The defaults of a row: a format that is always there, with bones of its own, and read only.
 const READ_ONLY: FormatInfo = FormatInfo {
     format: Format::Bvh,
     name: "",
@@ -100,6 +100,7 @@ pub const FORMATS: &[FormatInfo] = &[
         name: "BVH",
         extensions: &["bvh"],
         written: &["bvh"],
+        // its reader takes the other steps itself
         then: &[Step::Size],
         read: Some(bvh::read),
         write: Some(|_, motion| bvh::to_bytes(motion)),

@@ -46,7 +46,7 @@ impl Importer {
         }
     }
 
-    /// The clip with names that the program keeps, each once, and a root whose offset is 0.
+    /// The clip with names that the program doesn't change, each once, and a root whose offset is 0.
     ///
     /// # Errors
     /// Those of [`Skeleton::new`].
@@ -61,12 +61,12 @@ impl Importer {
     }
 
     fn name(self, name: &str) -> String {
-        let keeps = |c: char| match self {
+        let is_allowed = |c: char| match self {
             Importer::Blender => !c.is_control(),
             Importer::Three => !c.is_control() && !c.is_whitespace() && !"[].:/".contains(c),
             Importer::Unreal => c.is_ascii_alphanumeric() || c == '_',
         };
-        name.chars().map(|c| if keeps(c) { c } else { '_' }).collect()
+        name.chars().map(|c| if is_allowed(c) { c } else { '_' }).collect()
     }
 
     fn unique(self, name: &str, taken: &mut HashSet<String>) -> String {
@@ -74,6 +74,7 @@ impl Importer {
         let candidate = |number: usize| {
             let ending = if number == 1 { String::new() } else { format!("_{number}") };
             let mut end = name.len().min(most - ending.len());
+            // the limit is in bytes: never cut within a character
             while !name.is_char_boundary(end) {
                 end -= 1;
             }

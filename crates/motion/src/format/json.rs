@@ -162,6 +162,7 @@ fn fault(path: &Path, found: String, expected: &str) -> FileError {
 
 fn malformed(path: &Path, e: &serde_json::Error) -> Error {
     let place = format!(" at line {} column {}", e.line(), e.column());
+    // serde_json appends the place, which the position has already
     let found = e.to_string().replace(&place, "");
     let at = SourcePos { path: path.to_owned(), line: e.line(), column: e.column() };
     FileError::new(at, FaultKind::JsonBad, found, "a clip as JSON").into()

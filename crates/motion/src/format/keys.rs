@@ -9,7 +9,7 @@ const SINGLE: f64 = 1e-7;
 /// Rates of film and television whose true rate is 1000/1001 of these.
 const FILM_FPS: [f64; 5] = [24.0, 30.0, 48.0, 60.0, 120.0];
 
-/// The rate of keys at these times, seconds, if nearly all are whole steps of the shortest apart: of the rates that the
+/// The rate of keys at these times, seconds, if nearly all steps are multiples of the shortest: of the rates that the
 /// times allow as they are rounded, a usual one, else one of film, a whole one, one of up to three decimals. `None` for
 /// keys that are not evenly spaced, and for fewer than two.
 pub(super) fn rate(mut times: Vec<f64>) -> Option<f64> {
@@ -31,8 +31,10 @@ pub(super) fn rate(mut times: Vec<f64>) -> Option<f64> {
     let (first, last) = (times[0], times[times.len() - 1]);
     let exact = frames[frames.len() - 1] / (last - first);
     let off = |fps: f64| times.iter().zip(&frames).map(|(t, f)| (t - first - f / fps).abs()).fold(0.0, f64::max);
+    // some exporters print times with three decimals, which allows far more rates than single precision
     let printed = |t: &f64| (t * 1e3 - (t * 1e3).round()).abs() < 1e-3;
     let rounding = if times.iter().all(printed) { 1e-3 } else { SINGLE * first.abs().max(last.abs()) };
+    // `exact` rests on two rounded times itself, so another rate may be off by twice as much
     let allowed = 2.0 * off(exact) + rounding;
     let usual = || USUAL_FPS.iter().map(|n| *n as f64);
     let rounded = |k: f64| (exact * k).round() / k;

@@ -124,7 +124,9 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
         let fault = FileError::new(SourcePos::file(path), FaultKind::RateBad, found, expected);
         return Err(fault.help("give the true rate as `fps_source`").into());
     }
+    // after the root is chosen: the rest frame is recognised by the root's rotation
     let mut motion = rest::handle_rest_frame(motion, options);
+    // after frames were dropped, which may have changed the reference pose
     let humanoid = motion.known().cloned();
     if let Some(humanoid) = &humanoid {
         motion.warnings.extend(rig::warnings(&motion.clip, humanoid));

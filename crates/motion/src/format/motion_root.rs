@@ -5,7 +5,7 @@ use crate::rig::{FoundMap, SkeletonMap, map_if_any};
 use crate::{Clip, EndSite, Quat, Result, Skeleton, Vec3, Warning};
 use std::sync::Arc;
 
-/// The lowest joint that all joints of a map descend from: the pelvis, or what pelvis and spine hang from. `None` if the map
+/// The lowest joint that all joints of a map descend from: the pelvis, or the common parent of pelvis and spine. `None` if the map
 /// fits no joint.
 pub(crate) fn of_map(rig: &Skeleton, map: &SkeletonMap) -> Option<usize> {
     let mapped = (0..24).filter_map(|id| rig.find(map.joint(id)?));
@@ -25,6 +25,7 @@ pub(crate) fn topmost_mover(rig: &Skeleton, moves: impl Fn(usize) -> bool) -> us
     }
     // a bone that changes its length carries no body
     let topmost = (0..rig.joints()).filter(|&j| !is_under[j] && moves(j) && 3 * below[j] > rig.joints());
+    // of equal ones the first; `max_by_key` alone would take the last
     let Some(mut at) = topmost.max_by_key(|&j| (below[j], std::cmp::Reverse(j))) else { return 0 };
     loop {
         let mut children = rig.children(at);
@@ -83,28 +84,28 @@ pub(crate) fn map_below(clip: &Clip, found: Option<FoundMap>, map: Option<&str>)
 /// None for finite numbers.
 pub(crate) fn from_joint(clip: &Clip, joint: usize, root: Vec<Vec3>) -> Result<Clip> {
     let rig = clip.skeleton();
-    let kept: Vec<usize> = (joint..rig.joints()).filter(|&j| rig.descends(j, joint)).collect();
-    let place = |j: usize| kept.binary_search(&j).ok();
+    let part: Vec<usize> = (joint..rig.joints()).filter(|&j| rig.descends(j, joint)).collect();
+    let place = |j: usize| part.binary_search(&j).ok();
     let skeleton = Skeleton::new(
-        kept.iter().map(|&j| rig.names()[j].clone()).collect(),
-        kept.iter().map(|&j| rig.parents()[j].filter(|_| j != joint).and_then(place)).collect(),
-        kept.iter().map(|&j| rig.offsets()[j]).collect(),
+        part.iter().map(|&j| rig.names()[j].clone()).collect(),
+        part.iter().map(|&j| rig.parents()[j].filter(|_| j != joint).and_then(place)).collect(),
+        part.iter().map(|&j| rig.offsets()[j]).collect(),
         rig.ends().iter().filter_map(|e| Some(EndSite { parent: place(e.parent)?, offset: e.offset })).collect(),
     )?;
     let mut above: Vec<usize> = std::iter::successors(Some(joint), |&j| rig.parents()[j]).collect();
     above.reverse();
-    let mut rotations = Vec::with_capacity(clip.frames() * kept.len());
+    let mut rotations = Vec::with_capacity(clip.frames() * part.len());
     for f in 0..clip.frames() {
         let pose = clip.pose(f);
         let whole = above.iter().fold(Quat::IDENTITY, |turn, &j| turn * pose[j]);
         rotations.push(whole.normalize());
-        rotations.extend(kept[1..].iter().map(|&j| pose[j]));
+        rotations.extend(part[1..].iter().map(|&j| pose[j]));
     }
     Clip::new(Arc::new(skeleton), clip.fps(), root, rotations)
 }
 
-/// What is said of the joints that are neither at `joint` or below it nor above: how many there are, and how far one `moved`
-/// (J) at most in the frame of what it hangs from, metres. `None` if there are none.
+/// The warning about joints that are neither at `joint` or below it nor above: how many there are, and how far one
+/// `moved` (J) at most in its parent's frame, metres. `None` if there are none.
 pub(crate) fn beside(rig: &Skeleton, joint: usize, moved: impl Fn(usize) -> f64) -> Option<Warning> {
     let beside: Vec<usize> =
         (0..rig.joints()).filter(|&j| !rig.descends(j, joint) && !rig.descends(joint, j)).collect();

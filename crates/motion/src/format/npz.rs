@@ -115,6 +115,7 @@ impl<'a> Npz<'a> {
         entry.by_ref().take(more).read_to_end(&mut bytes).map_err(|e| cut(&e))?;
         // the checksum is compared at the end of the entry
         entry.read(&mut [0]).map_err(|e| cut(&e))?;
+        // never below 0: no more was read than was compared with it above
         self.left.set(self.left.get() - bytes.len() as u64);
         Ok(bytes)
     }
@@ -145,8 +146,10 @@ pub(super) fn list(keys: &[String]) -> String {
 fn check_zip64(bytes: &[u8]) -> std::result::Result<(), &'static str> {
     let number = |at: usize| bytes.get(at..at + 8).map(|b| u64::from_le_bytes(b.try_into().expect("8 bytes")));
     for at in memory_find(bytes, b"PK\x06\x07").filter(|at| bytes[at + 4..].get(16..20) == Some(b"PK\x05\x06")) {
+        // the end record without extensible data is 56 bytes and precedes its locator; its number of entries is at 32
         let end = number(at + 8).and_then(|n| usize::try_from(n).ok()).filter(|&end| end.checked_add(56) == Some(at));
         let Some(end) = end else { return Err("a zip64 directory that is not where it is said to be") };
+        // an entry of a central directory takes 46 bytes or more
         if number(end + 32).is_none_or(|entries| entries > bytes.len() as u64 / 46) {
             return Err("a zip64 directory of more entries than the file has room for");
         }

@@ -31,7 +31,7 @@ pub struct ReadOptions {
     pub lenient: bool,
     /// What to do with a leading rest-pose frame.
     pub rest: RestFrame,
-    /// Frames to drop at the start. Above 0, no rest-pose frame is looked for.
+    /// Frames to drop at the start. Above 0, no rest-pose frame is detected.
     pub skip: usize,
     /// A body model (`SMPL_*.npz`) whose rest offsets replace the neutral skeleton's in AMASS and AIST++ files.
     pub body_model: Option<PathBuf>,
@@ -47,7 +47,7 @@ pub struct ReadOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Unit {
-    /// The unit that the file states; for a BVH, which states none, the one that its legs tell.
+    /// The unit that the file states; for a BVH, which states none, the one that its legs indicate.
     #[default]
     Auto,
     /// A length in metres, finite and above 0.
@@ -95,7 +95,7 @@ impl Unit {
 impl FromStr for Unit {
     type Err = String;
 
-    /// `auto`, a name, or a number of metres with or without an `m` behind it.
+    /// `auto`, a name, or a number of metres with or without an `m` after it.
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let text = text.trim();
         if text == "auto" {

@@ -32,9 +32,9 @@ pub(super) struct Posed {
 }
 
 impl Figure {
-    /// The clip of the placements (F, J) that `frames` gives in metres, by the unit of `stated_m` that the file states, with what
-    /// is said of it; another unit in the options is what its numbers really are. In the clip, as in a BVH, all
-    /// rotations are 0 at rest: what a joint is turned by at rest is removed. It begins at `root`, else at the motion root:
+    /// The clip of the placements (F, J) that `frames` gives in metres, by the unit of `stated_m` that the file states, with its
+    /// warnings; another unit in the options is what its numbers really are. In the clip, as in a BVH, all
+    /// rotations are 0 at rest: the rest rotation of each joint is removed. It begins at `root`, else at the motion root:
     /// everything above is composed into it.
     ///
     /// # Errors
@@ -58,9 +58,11 @@ impl Figure {
         let (mut moved, mut stretched) = (vec![0.0f64; offsets.len()], vec![0.0f64; offsets.len()]);
         for here in frames {
             let here = here?;
+            // `now * rest^-1` is the world rotation from rest, whatever axes the joint had
             let turned: Vec<Quat> = here.iter().zip(&self.rest).map(|(now, rest)| now.0 * rest.0.inverse()).collect();
             places.extend(here.iter().map(|placed| placed.1));
             for (j, parent) in self.parents.iter().enumerate() {
+                // local rotations between joints that are unrotated at rest, so rest offsets are world offsets
                 rotations.push(parent.map_or(turned[j], |p| turned[p].inverse() * turned[j]).normalize());
                 if let Some(p) = *parent {
                     let bone = here[j].1 - here[p].1;
@@ -86,8 +88,8 @@ impl Figure {
             (clip, found)
         };
         let of = |name: &String| self.names.iter().position(|n| n == name);
-        let kept = clip.skeleton().names()[1..].iter().filter_map(of);
-        let large: Vec<usize> = kept.filter(|&j| stretched[j] * metres > STRETCH_M).collect();
+        let below = clip.skeleton().names()[1..].iter().filter_map(of);
+        let large: Vec<usize> = below.filter(|&j| stretched[j] * metres > STRETCH_M).collect();
         let warning = large.iter().copied().max_by(|a, b| stretched[*a].total_cmp(&stretched[*b])).map(|most| {
             let (count, by, name) = (large.len(), stretched[most] * metres, &self.names[most]);
             let what = format!(

@@ -98,6 +98,7 @@ pub(crate) fn fall_g(clip: &Clip, jumps: &[(usize, f64)]) -> f64 {
         .filter(|&f| !near_jump(f))
         .map(|f| -(y[f + h].y - 2.0 * y[f].y + y[f - h].y) / (seconds * seconds * GRAVITY))
         .collect();
+    // not the maximum: one bad frame in 500 must not doubt a rate
     quantile(falls, 0.998).max(0.0)
 }
 

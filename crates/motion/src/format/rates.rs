@@ -6,7 +6,7 @@ use kinelm_store::hash;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// What a file says of its rate.
+/// The doubt of a file's rate, and the group that it is judged in.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct FileRate {
     /// The doubt by its own fall.
@@ -60,6 +60,7 @@ struct Group {
 impl Group {
     /// The likely rate of most doubted files; of several the highest.
     fn likely_fps(&self) -> Option<u64> {
+        // `max_by_key` returns the last of equals, which in a sorted map is the highest rate
         self.likely.iter().max_by_key(|(_, files)| **files).map(|(fps, _)| *fps)
     }
 }

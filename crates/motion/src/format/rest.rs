@@ -8,12 +8,12 @@ use crate::{Clip, Motion, Quat, Source, Warning};
 /// precision.
 const UNTURNED: f64 = 1e-6;
 
-/// Steps after the rest frame up to this many times the median of those behind them are the motion's own.
+/// Steps after the rest frame up to this many times the median of those that follow are the motion's own.
 const OWN: f64 = 3.0;
 /// The longest time in which a smeared jump from the rest pose is over, seconds: 8 frames of cmu-dance's 120 a second.
 const SMEARED_S: f64 = 0.1;
 
-/// Reports the rest-pose frame of a motion read with `options`, and keeps or drops it.
+/// Reports the rest-pose frame of a motion read with `options`; drops it if they say so.
 pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Motion {
     if options.skip > 0 || !has_rest_frame(&motion) {
         return motion;
@@ -29,7 +29,7 @@ pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Mo
         what += &format!("; {frames} out of it: `skip` {} leaves them out too", last + 1);
     }
     if options.rest == RestFrame::Drop {
-        // a reference pose that is made from the clip is made of the frames that stay
+        // a reference pose made from the clip is made again, without the dropped frame
         let found = motion.found().cloned();
         motion = motion.slice(1..motion.clip.frames()).with_found(found);
     }
@@ -37,21 +37,21 @@ pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Mo
     motion
 }
 
-/// Frames behind a rest frame, from `first` on, over which a filter has smeared the jump into the motion, its ringing
+/// Frames after a rest frame, from `first` on, over which a filter has smeared the jump into the motion, its ringing
 /// included, as in the conversions of cmu-dance; 0 if the motion begins there.
 pub fn smeared_frames(clip: &Clip, first: usize) -> usize {
     let window = ((SMEARED_S * clip.fps()) as usize).min(clip.frames()).max(3);
     let steps = steps(clip, first + 2 * window);
     let is_smeared = |f: usize| {
-        let behind = steps[(f + 1).min(steps.len())..].iter().take(window);
-        median(behind.copied().collect()).is_some_and(|median| steps[f] > OWN * median)
+        let following = steps[(f + 1).min(steps.len())..].iter().take(window);
+        median(following.copied().collect()).is_some_and(|median| steps[f] > OWN * median)
     };
     let mut all = (first..steps.len().min(first + window)).filter(|f| is_smeared(*f));
     // it begins at once, and falls as it goes
     all.next().filter(|f| *f == first).map_or(0, |f| all.next_back().unwrap_or(f) + 1 - first)
 }
 
-/// Whether a rest-pose frame is looked for and dropped.
+/// Whether a rest-pose frame is detected and dropped.
 pub(crate) fn drops_rest_frame(options: &ReadOptions) -> bool {
     options.skip == 0 && options.rest == RestFrame::Drop
 }

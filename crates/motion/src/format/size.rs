@@ -1,4 +1,4 @@
-//! The size of a body: which unit its legs tell, and whether the stated one makes a body.
+//! The size of a body: which unit its legs indicate, and whether the stated unit gives a plausible body.
 
 use super::Unit;
 use crate::rig::{Feet, ReferencePose, SkeletonMap};
@@ -8,18 +8,20 @@ use crate::{Clip, GlobalPose, Skeleton, Vec3, Warning};
 use std::ops::RangeInclusive;
 
 /// Ranges of leg lengths, hip to knee to ankle, and the unit in metres that they indicate.
+// CMU's unit is an inch divided by 0.45, the length that its ASF files state
 const LEGS: [(RangeInclusive<f64>, f64); 5] =
     [(0.6..=1.1, 1.0), (12.0..=19.0, 0.0564444), (23.0..=45.0, 0.0254), (60.0..=110.0, 0.01), (600.0..=1100.0, 0.001)];
 /// The legs of children, which are doubted.
+// these touch the adults' ranges, which are tried first
 const CHILDREN: [(RangeInclusive<f64>, f64); 3] = [(0.25..=0.6, 1.0), (45.0..=60.0, 0.01), (250.0..=600.0, 0.001)];
 /// The tallest body that is read in inches: a taller one is smaller than a person, in centimetres.
 const TALLEST_M: f64 = 2.1;
-/// What to do about a unit that isn't known.
+/// The help for an unknown unit.
 pub(crate) const GIVE_UNIT: &str = "give `unit`: m, dm, cm, mm, in, ft, cmu, or metres as 0.0725 m";
-/// Legs of somebody, and of an adult, metres.
+/// Legs of any person, and of an adult, metres.
 const BODY_LEGS_M: RangeInclusive<f64> = 0.25..=1.3;
 const ADULT_LEGS_M: RangeInclusive<f64> = 0.6..=1.1;
-/// How far what no map knows extends, metres.
+/// The extent of a figure that no map fits, metres.
 const ANYTHING_M: RangeInclusive<f64> = 0.2..=5.0;
 /// The height of a person, and by how much a body may be taller or shorter.
 const PERSON_M: f64 = 1.7;
@@ -69,12 +71,13 @@ pub(crate) fn unit_of_extent(extent: f64) -> Option<(f64, Option<Warning>)> {
 
 /// The unit in which `height` is most like a person's, by name and in metres.
 fn likeliest(height: f64) -> Option<(&'static str, f64)> {
+    // as a ratio: half and twice a person's height are equally unlikely
     let off = |metres: f64| (height * metres / PERSON_M).ln().abs();
     let best = units().min_by(|a, b| off(a.1).total_cmp(&off(b.1)))?;
     (off(best.1) <= AS_A_PERSON.ln()).then_some(best)
 }
 
-/// Units with what they are called, likeliest first.
+/// Units with their names, likeliest first.
 fn units() -> impl Iterator<Item = (&'static str, f64)> {
     Unit::NAMED.iter().filter_map(|(name, unit)| Some((*name, unit.metres()?)))
 }
@@ -122,7 +125,7 @@ pub(crate) fn extent(clip: &Clip) -> f64 {
     nearest_quantile((0..clip.frames()).step_by(step).map(|f| of(clip.global_pose(f))).collect(), 0.5)
 }
 
-/// Frames that are looked at, evenly spaced.
+/// Frames that are examined, evenly spaced.
 const FRAMES: usize = 60;
 
 /// The doubt of a clip whose body has no body's size in the unit that was taken for the file's numbers, of `unit_m` metres.

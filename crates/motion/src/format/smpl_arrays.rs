@@ -23,6 +23,7 @@ impl<'a> Vectors<'a> {
     pub fn new(array: &'a Array, widths: &[usize]) -> Result<Self> {
         let (frames, width) = match *array.shape() {
             [f, w] if widths.contains(&w) => (f, w),
+            // before the product, which a hostile shape would overflow
             [f, j, 3] if j < 1000 && widths.contains(&(j * 3)) => (f, j * 3),
             _ => {
                 let flat: Vec<String> = widths.iter().map(|w| format!("(F, {w})")).collect();

@@ -29,6 +29,7 @@ pub(crate) fn sniff(bytes: &[u8]) -> &'static str {
         "a gzip archive"
     } else if bytes.starts_with(b"glTF") {
         "a glTF file"
+    // protocols 0 and 1 have no magic and pass as text or binary data
     } else if bytes[0] == 0x80 && bytes.get(1).is_some_and(|&p| (2..=5).contains(&p)) {
         "a pickle"
     } else if starts(b"hierarchy") {

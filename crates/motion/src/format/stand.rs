@@ -107,6 +107,7 @@ fn best(how_well: impl Fn(Up) -> f64) -> Up {
     let mut best = (Up::Y, how_well(Up::Y));
     for up in Up::AXES {
         let it = how_well(up);
+        // ties within rounding go to the earlier axis, y first
         if it > best.1 + 1e-9 {
             best = (up, it);
         }
@@ -154,9 +155,10 @@ fn rest(rig: &Skeleton, map: &SkeletonMap) -> Option<Uprightness> {
     };
     let stands = Up::AXES.map(|up| (up, stands(up).unwrap_or((-1.0, 0.0))));
     let of = |up: Up| stands.iter().find(|(u, _)| *u == up).map_or((-1.0, 0.0), |s| s.1);
-    // if all bones lie along one axis, rotations about it stand equally well, but only one has the left side at +x
+    // with all bones along one axis, every rotation about it stands equally well, but only one has the left at +x
     let up = best(|up| {
         let (cosine, left) = of(up);
+        // 2 more, because `left` may be -1 and an axis along which it stands must win
         if cosine < STANDS { cosine } else { 2.0 + cosine + left }
     });
     Some(Uprightness { up, cosine: of(up).0 })

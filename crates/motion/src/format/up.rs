@@ -76,6 +76,7 @@ impl Up {
     /// The axis of a file with this up axis that points along `clip`, an axis of its clip.
     pub(super) fn in_file(self, clip: Up) -> Up {
         let axis = self.turn().transpose() * clip.axis();
+        // dot products of two axes are -1, 0 or 1
         Up::AXES.into_iter().find(|up| up.axis().dot(axis) > 0.5).unwrap_or(self)
     }
 
@@ -174,6 +175,7 @@ impl Axes {
         let root = clip.root().iter().map(|&p| turn * p).collect();
         let joints = clip.joints();
         let (skeleton, rotations) = if self.rest_too {
+            // conjugation by the turn rotates only the vector part; a quarter turn then exchanges exact numbers
             let along = |q: &Quat| {
                 let v = turn * q.xyz();
                 Quat::from_xyzw(v.x, v.y, v.z, q.w)
@@ -181,6 +183,7 @@ impl Axes {
             (Arc::new(skeleton(clip.skeleton(), turn)?), clip.rotations().iter().map(along).collect())
         } else {
             let q = Quat::from_mat3(&turn);
+            // other joints rotate relative to the root, so they turn with it
             let at_root = |(i, &r): (usize, &Quat)| if i % joints == 0 { q * r } else { r };
             (clip.skeleton().clone(), clip.rotations().iter().enumerate().map(at_root).collect())
         };

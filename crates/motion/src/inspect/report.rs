@@ -25,7 +25,7 @@ pub struct Report<'a> {
 /// Makes the report of a motion as it was read, with the given or detected floor, metres.
 pub fn report(motion: &Motion, floor_m: Option<f64>) -> Report<'_> {
     let stats = clip_stats(&motion.clip);
-    // what was found out is part of the report, not a doubt
+    // findings have lines of their own in the report; they are no doubts
     let is_doubt = |w: &&Warning| !matches!(w.kind, "up_axis" | "rig_recognised" | "joints_beside");
     let mut doubts: Vec<Warning> = motion.warnings.iter().filter(is_doubt).cloned().collect();
     doubts.extend(doubts_of(&stats, motion.clip.skeleton()));
@@ -121,7 +121,7 @@ impl Report<'_> {
     }
 }
 
-/// What a map makes of the file.
+/// The line about how well a map fits the file.
 fn fit_line(fit: &MapFit) -> String {
     let names = |ids: &[usize]| ids.iter().map(|&id| smpl::NAMES[id]).collect::<Vec<_>>().join(", ");
     let missing: Vec<usize> = (0..24).filter(|&id| fit.joints[id].is_none()).collect();
@@ -183,7 +183,7 @@ fn doubts_of(f: &ClipStats, skeleton: &Skeleton) -> Vec<Warning> {
     doubts
 }
 
-/// How many of something stand out, and the most of it.
+/// The doubt that `n` values stand out, with the largest.
 fn standing_out(n: usize, one: &str, many: &str, most: &str, how_much: &str, frame: usize) -> String {
     match n {
         1 => format!("1 {one} stands out: {how_much} into frame {frame}"),
@@ -268,6 +268,7 @@ fn bvh_lines(bvh: &BvhSource) -> Vec<String> {
 fn tree(skeleton: &Skeleton) -> Vec<String> {
     let mut lines = Vec::with_capacity(skeleton.joints());
     // (joint, prefix of its line, prefix of its children's lines)
+    // a stack, not recursion: a file decides how deep a tree is
     let mut stack = vec![(0, String::new(), String::new())];
     while let Some((joint, lead, below)) = stack.pop() {
         let o = skeleton.offsets()[joint] * 100.0;

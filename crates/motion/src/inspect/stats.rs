@@ -45,6 +45,7 @@ pub(crate) fn clip_stats(clip: &Clip) -> ClipStats {
     ClipStats {
         height_m: quantile(heights, 0.5),
         root_range: [low, high],
+        // not the maximum, which one glitch would set
         speed_m_s: quantile(top_speeds(clip), 0.999),
         joint_jumps: joint_jumps(clip),
         root_vector_flips: root_vector_flips(clip),
@@ -87,6 +88,7 @@ fn joint_jumps(clip: &Clip) -> Vec<(usize, usize, f64)> {
 
 fn root_vector_flips(clip: &Clip) -> usize {
     let vectors: Vec<Vec3> = (0..clip.frames()).map(|f| exp_map::to_vector(clip.pose(f)[0])).collect();
+    // canonical vectors are at most PI long: a step beyond PI is a jump to the other end of the ball
     vectors.windows(2).filter(|w| w[0].distance(w[1]) > PI).count()
 }
 

@@ -6,12 +6,12 @@ use crate::feet::track::FootTrack;
 use crate::smpl::MIRROR;
 use crate::{Clip, Vec3};
 
-/// Limbs of SMPL's left side: mass in percent of the whole body's, proximal and distal joint, and the share of the way
-/// between them at which the segment's centre of mass lies. Those of the right side are alike.
+/// Limbs of SMPL's left side: mass in percent of the whole body's, proximal and distal joint, and the position of the segment's
+/// centre of mass as a fraction of the way between them. Those of the right side are alike.
 ///
 /// Source: de Leva, "Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters" (1996), table 4, the mean of its
 /// women and men; trunk from the seventh cervical vertebra (our neck) to between the hips, shank to the ankle's centre. The
-/// head's centre is our head joint, which lies between vertex and neck; the foot's is taken from ankle to ball.
+/// head's centre is our head joint, which is between vertex and neck; the foot's is taken from ankle to ball.
 const LIMBS: [(f64, usize, usize, f64); 6] = [
     (2.63, 16, 18, 0.5763),
     (1.5, 18, 20, 0.4567),
@@ -26,7 +26,7 @@ const HEAD: (f64, usize) = (6.81, 15);
 const TRUNK: (f64, f64) = (43.015, 0.5051);
 /// A point of a foot in contact bears weight up to this height above its standing height, metres.
 const BEARS_M: f64 = 0.07;
-/// The support reaches so far beyond the joints of the feet, metres: heels, toes and sides have none.
+/// The support extends this far beyond the joints of the feet, metres: heels, toes and sides have none.
 const AROUND_M: f64 = 0.1;
 /// Further outside the support than this is out of balance, metres.
 const FAR_M: f64 = 0.15;
@@ -145,6 +145,7 @@ fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
 /// Whether a point is in a triangle that has an area.
 fn is_in(p: [f64; 2], [a, b, c]: [[f64; 2]; 3]) -> bool {
     let sides = [cross(a, b, p), cross(b, c, p), cross(c, a, p)];
+    // in a triangle without area every point of its line would have crosses of 0 and be inside
     cross(a, b, c) != 0.0 && (sides.iter().all(|x| *x >= 0.0) || sides.iter().all(|x| *x <= 0.0))
 }
 

@@ -46,6 +46,7 @@ pub fn beats_s(clip: &Clip, joints: &[usize], rule: BeatRule) -> Result<Vec<f64>
 
 /// The mean distance that the joints move in each step of 1/60 s.
 fn speeds(clip: &Clip, joints: &[usize]) -> Result<Vec<f64>> {
+    // the published definitions count frames at 60 fps; other rates would detect other beats
     let at_60 = if clip.fps() == FPS { None } else { Some(resample(clip, FPS, Method::Smooth)?) };
     let clip = at_60.as_ref().unwrap_or(clip);
     let (positions, j) = (clip.positions(), clip.joints());
@@ -70,6 +71,7 @@ pub fn pulse_bpm(clip: &Clip, joints: &[usize]) -> Result<Option<f64>> {
     if n < 2.0 * FPS {
         return Ok(None);
     }
+    // Hann, at half-integer points, so that no sample has weight 0
     let window = |i: usize| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / n).cos();
     x.iter_mut().enumerate().for_each(|(i, x)| *x = (*x - mean) * window(i));
     let power = |bpm: f64| {
@@ -78,6 +80,7 @@ pub fn pulse_bpm(clip: &Clip, joints: &[usize]) -> Result<Option<f64>> {
             x.iter().enumerate().fold((0.0, 0.0), |(a, b), (i, x)| (a + x * turn(i).cos(), b + x * turn(i).sin()));
         a * a + b * b
     };
+    // 40 to 300 in steps of 0.5
     let tempi = (0..=520).map(|i| 40.0 + 0.5 * f64::from(i));
     let peak = tempi.map(|bpm| (power(bpm), bpm)).max_by(|a, b| a.0.total_cmp(&b.0));
     Ok(peak.filter(|(power, _)| *power > 1e-18).map(|(_, bpm)| bpm))
@@ -141,6 +144,7 @@ fn nearness(of: &[f64], to: &[f64]) -> f64 {
 /// The beats of the music, shifted cyclically over a dance of `seconds`; each series ascending.
 fn shifts(music_s: &[f64], seconds: f64) -> impl Iterator<Item = Vec<f64>> {
     (0..SHIFTS).map(move |i| {
+        // evenly spaced instead of random, so that the chance level is the same in every run; shift 0 is included
         let by = seconds * i as f64 / SHIFTS as f64;
         let mut shifted: Vec<f64> = music_s.iter().map(|beat| (beat + by).rem_euclid(seconds)).collect();
         shifted.sort_by(f64::total_cmp);
@@ -234,8 +238,9 @@ impl ShiftTest {
     /// z-scores of the mean over dances against their shifts. `None` without variance.
     pub fn z(all: &[ShiftTest]) -> Option<BeatAlignment> {
         let z = |part: fn(&BeatAlignment) -> f64| {
-            let above: f64 = all.iter().map(|held| part(&held.found) - part(&held.mean)).sum();
-            let variance: f64 = all.iter().map(|held| part(&held.variance)).sum();
+            // of sums instead of means: variances of independent dances add up, and the number of dances cancels
+            let above: f64 = all.iter().map(|test| part(&test.found) - part(&test.mean)).sum();
+            let variance: f64 = all.iter().map(|test| part(&test.variance)).sum();
             (variance > 1e-12).then(|| above / variance.sqrt())
         };
         Some(BeatAlignment { motion: z(|a| a.motion)?, music: z(|a| a.music)? })

@@ -44,6 +44,7 @@ impl BorderJerk {
         for (positions, tallies) in [(original, &mut self.original), (decoded, &mut self.decoded)] {
             let last = (positions.len() / joints).saturating_sub(3);
             for t in 0..last {
+                // a border between t and t + 3: four positions from both tiles
                 let touches = (t + 3) / self.hop > t / self.hop;
                 for j in 0..joints {
                     let p = |k: usize| positions[(t + k) * joints + j];

@@ -5,7 +5,7 @@ use crate::{Clip, Result, Vec3};
 
 /// The rate at which it is defined, frames per second.
 const FPS: f64 = 30.0;
-/// How far a rate may be from a multiple of it, as a share.
+/// The relative tolerance of a multiple of that rate.
 const NEAR: f64 = 1e-6;
 /// Ankle and ball of each foot, SMPL ids.
 const FEET: [[usize; 2]; 2] = [[7, 10], [8, 11]];
@@ -33,6 +33,7 @@ impl FootContact {
     /// Those of [`resample`].
     pub fn of(clip: &Clip) -> Result<FootContact> {
         let times = (clip.fps() / FPS).round();
+        // film rates such as 59.94 are no multiples and go through the splines
         let is_multiple = times >= 1.0 && (clip.fps() / FPS - times).abs() <= NEAR * times;
         let curve = if is_multiple { None } else { Some(resample(clip, FPS, Method::Curve)?) };
         let clip = curve.as_ref().unwrap_or(clip);

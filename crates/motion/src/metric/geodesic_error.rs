@@ -104,6 +104,7 @@ impl Histogram {
         if x <= 2f64.powi(LOWEST as i32) {
             return 0;
         }
+        // positive doubles sort as their bits do; minus 1, so that a bin's upper end belongs to it
         let leading = (x.to_bits() - 1) >> (52 - STEPS.trailing_zeros());
         let first = ((1023 + LOWEST) as u64) * STEPS;
         (leading - first + 1).min(DOUBLINGS * STEPS) as usize
@@ -132,11 +133,11 @@ impl Histogram {
     /// The upper end of the bin with the `q` quantile.
     fn quantile(&self, q: f64) -> f64 {
         let total: u64 = self.counts.iter().sum();
-        let wanted = (q * total as f64).ceil() as u64;
+        let rank = (q * total as f64).ceil() as u64;
         let mut seen = 0;
         let class = self.counts.iter().position(|&n| {
             seen += n;
-            seen >= wanted && seen > 0
+            seen >= rank && seen > 0
         });
         class.map_or(0.0, Self::upper_end)
     }

@@ -35,6 +35,7 @@ impl Ground {
         };
         for Aloft { frames, falls } in aloft(least, pelvis, fps) {
             if frames.len() as f64 > UP_S * fps {
+                // frame by frame, so that only the part of a jump that isn't free fall counts
                 ground.floating += frames.len() - falls;
             }
         }

@@ -1,4 +1,4 @@
-//! What papers on in-betweening print of a filled gap: L2P, L2Q and NPSS.
+//! The metrics of published in-betweening, for a filled gap: L2P, L2Q and NPSS.
 //!
 //! Sources: Harvey, Yurick, Nowrouzezahrai and Pal, "Robust motion in-betweening" (2020), section 5.2, for L2P and L2Q;
 //! Gopalakrishnan, Mali, Kifer, Giles and Ororbia, "A neural temporal model for human motion prediction" (2019), section 3.3,
@@ -9,9 +9,9 @@ use crate::{Clip, Quat, Vec3};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-/// How much the places of joints vary in real gaps: what L2P is measured in.
+/// Standard deviations of joint positions in real clips with gaps: the unit of L2P.
 ///
-/// All places are seen from the frame before the gap: its root at the origin of the floor, its heading along z.
+/// All positions are relative to the frame before the gap: its root at the origin of the floor, its heading along z.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PositionScale {
     joints: Vec<usize>,
@@ -49,11 +49,12 @@ impl PositionScale {
     /// Standard deviations (3 J), metres; 0 before any clip.
     pub fn deviations(&self) -> Vec<f64> {
         let n = self.frames.max(1.0);
+        // rounding can make the difference of squares slightly negative
         self.sums.iter().map(|[sum, squares]| (squares / n - (sum / n).powi(2)).max(0.0).sqrt()).collect()
     }
 }
 
-/// Sums over gaps of what was filled beside the truth.
+/// Sums over gaps of the errors of what was filled.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct InBetween {
     gaps: f64,
@@ -63,7 +64,7 @@ pub struct InBetween {
     spectra: [f64; 2],
 }
 
-/// A gap of a real clip, prepared to measure what fills it.
+/// A gap of a real clip, prepared to measure fillings.
 pub struct TrueGap<'a> {
     truth: &'a Clip,
     frames: Range<usize>,
@@ -111,7 +112,7 @@ impl<'a> TrueGap<'a> {
     }
 }
 
-/// Coordinates (F, 3 J) in units of their deviations; what never varies has no unit.
+/// Coordinates (F, 3 J) in units of their deviations; 0 for a coordinate that never varies.
 fn in_units(mut coordinates: Vec<f64>, deviations: &[f64]) -> Vec<f64> {
     let units = deviations.iter().cycle();
     coordinates.iter_mut().zip(units).for_each(|(x, s)| *x = if *s > 0.0 { *x / s } else { 0.0 });
@@ -143,7 +144,7 @@ impl InBetween {
     }
 }
 
-/// Coordinates (F, 3 J) of joints in some frames, seen from the truth's frame before the gap.
+/// Coordinates (F, 3 J) of joints in some frames, relative to the truth's frame before the gap.
 fn places(clip: &Clip, truth: &Clip, gap: &Range<usize>, frames: Range<usize>, joints: &[usize]) -> Vec<f64> {
     let before = gap.start - 1;
     let origin = truth.root()[before].with_y(0.0);
@@ -186,25 +187,26 @@ fn distance(a: &[f64], b: &[f64], width: usize) -> f64 {
 /// Squared cosine transforms of the columns of `x` (F, `width`), by a `wave` (F) of their length: (`width`, F).
 fn power(x: &[f64], width: usize, wave: &[f64]) -> Vec<Vec<f64>> {
     let frames = wave.len();
+    // cos(TAU k t / n) repeats after n, so one period of samples serves all frequencies
     let cosine =
         |column: usize, k: usize| -> f64 { (0..frames).map(|t| x[t * width + column] * wave[k * t % frames]).sum() };
     (0..width).map(|column| (0..frames).map(|k| cosine(column, k).powi(2)).collect()).collect()
 }
 
-/// Of each column's power: the earth mover's distance of the spectra, normalised, times that of `wanted`, summed, and that of
-/// `wanted`.
-fn spectra(found: &[Vec<f64>], wanted: &[Vec<f64>]) -> [f64; 2] {
+/// Sums over columns: the earth mover's distance of the normalised spectra times the power of `truth`, and that power.
+fn spectra(found: &[Vec<f64>], truth: &[Vec<f64>]) -> [f64; 2] {
     let mut sums = [0.0; 2];
-    for (found, wanted) in found.iter().zip(wanted) {
-        let [total, of_wanted] = [found, wanted].map(|power| power.iter().sum::<f64>());
+    for (found, truth) in found.iter().zip(truth) {
+        let [total, of_truth] = [found, truth].map(|power| power.iter().sum::<f64>());
         let share = |x: f64, total: f64| if total > 0.0 { x / total } else { 0.0 };
-        let (mut apart, mut moved) = (0.0, 0.0f64);
-        for (x, y) in found.iter().zip(wanted) {
-            apart += share(*x, total) - share(*y, of_wanted);
-            moved += apart.abs();
+        // on a line, the distance is the sum of the absolute differences of the cumulative spectra
+        let (mut surplus, mut moved) = (0.0, 0.0f64);
+        for (x, y) in found.iter().zip(truth) {
+            surplus += share(*x, total) - share(*y, of_truth);
+            moved += surplus.abs();
         }
-        sums[0] += moved * of_wanted;
-        sums[1] += of_wanted;
+        sums[0] += moved * of_truth;
+        sums[1] += of_truth;
     }
     sums
 }

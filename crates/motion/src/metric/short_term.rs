@@ -143,6 +143,7 @@ impl ShortTerm {
         let windows = self.correct.chunks(each).flat_map(|window| &window[..frames]);
         let mut correct = [0.0; 9];
         windows.for_each(|c| correct.iter_mut().zip(c).for_each(|(sum, c)| *sum += c / (n * frames as f64)));
+        // the published code narrows the thresholds for short horizons: 6 of 9 below 100 ms, and so on
         let used = match (f64::from(ms) / 1000.0 * PROTOCOL_FPS).round() as u32 {
             ..6 => 6,
             6..12 => 7,
@@ -187,6 +188,7 @@ fn euler(q: Quat) -> [f64; 3] {
     let m = DMat3::from_quat(q);
     // element of row i, column j
     let r = |i: usize, j: usize| m.col(j)[i];
+    // clamped: rounding can take an element of a rotation matrix beyond 1, where asin is NaN
     let e2 = -r(0, 2).clamp(-1.0, 1.0).asin();
     let c = e2.cos();
     [(r(1, 2) / c).atan2(r(2, 2) / c), e2, (r(0, 1) / c).atan2(r(0, 0) / c)]

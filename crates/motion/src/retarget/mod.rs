@@ -94,6 +94,7 @@ impl Retarget {
             Some(Link { joint, turn: turn.normalize(), bent: bent(&rig, pose, id, joint) })
         });
         let pelvis = pose.joints[0].unwrap_or(0);
+        // joints above the pelvis needn't rotate: whatever they do, the pelvis's rotation is set in the world
         let above = |j: usize| j != pelvis && rig.descends(pelvis, j);
         let rest = (0..rig.joints()).map(|j| if above(j) { Quat::IDENTITY } else { pose.local[j] }).collect();
         let same = is_same(&rig, &smpl);
@@ -103,6 +104,7 @@ impl Retarget {
                 let joint = rig.names().iter().position(|name| name == smpl::NAMES[id]);
                 joint.is_some_and(|j| id == 0 || rig.offsets()[j].distance(smpl.offsets()[id]) < 1e-6)
             });
+        // exactly 1: the legs of a file with rounded offsets would scale every path by 1 + 1e-7
         let scale = if alike { 1.0 } else { scale };
         let mut retarget = Retarget { rig, smpl, links, rest, scale, rise: 0.0, floor: 0.0, same };
         if !alike {
@@ -122,6 +124,7 @@ impl Retarget {
         let stand = self.to_smpl(&stand)?;
         let at_zero = Clip::new(self.smpl.clone(), 1.0, vec![Vec3::ZERO], stand.rotations().to_vec())?;
         let feet = Humanoid::with_map(&self.smpl, Humanoid::neutral().map()).feet()?.clearance(&at_zero);
+        // the pelvis of `at_zero` is at y = 0, so minus the clearance is the height at which it stands
         Ok(-feet.first().copied().unwrap_or(0.0) - self.scale * Feet::from_pose(&self.rig, pose).pelvis_m)
     }
 
@@ -152,7 +155,7 @@ impl Retarget {
 
     /// Puts a clip of the rig on the SMPL-24 body. The root follows the rig's pelvis, scaled about the floor and raised so
     /// that the feet stay on it. SMPL joints without a counterpart keep their rest rotation. A clip that is on this SMPL body
-    /// already (offsets equal to a micrometre) keeps its numbers bit for bit.
+    /// already (offsets equal to a micrometre) is returned bit for bit.
     ///
     /// # Errors
     /// [`Invalid`](kinelm_store::Error::Invalid) when the clip is not on the rig.
@@ -173,6 +176,7 @@ impl Retarget {
                 let parent = smpl::PARENTS[id];
                 let above = if parent < 0 { Quat::IDENTITY } else { global[parent as usize] };
                 let Some(link) = &self.links[id] else {
+                    // its children continue from the parent's frame, as if the joint were rigid
                     global[id] = above;
                     rotations.push(Quat::IDENTITY);
                     continue;
@@ -258,6 +262,7 @@ impl Retarget {
         // upwards from the pelvis: its position in the frame of each ancestor
         let mut place = Vec3::ZERO;
         while let Some(parent) = self.rig.parents()[at] {
+            // a clip's root position replaces the root's offset, which therefore isn't added at the end of the loop
             place = self.rig.offsets()[at] + place;
             place = local[parent] * place;
             at = parent;

@@ -5,7 +5,7 @@ use crate::format::{floor_height, known_floor};
 use crate::rig::{Floor, Humanoid};
 use crate::{Clip, Motion, Result, Skeleton, Source, Vec3, smpl};
 
-/// Whether clips of this rig are on the neutral SMPL-24 body already: then [`to_smpl`] keeps their numbers bit for bit.
+/// Whether clips of this rig are on the neutral SMPL-24 body already: then [`to_smpl`] returns their numbers bit for bit.
 pub(crate) fn is_on_neutral(rig: &Skeleton) -> bool {
     is_same(rig, &smpl::neutral())
 }
@@ -54,6 +54,7 @@ impl OntoNeutral {
         if (!motion.has_own_map() || is_smpl_file) && is_on_neutral(rig) {
             return Ok(OntoNeutral { way: Way::Same, floor: None });
         }
+        // after the early return: a clip on the neutral body needs neither map nor floor
         let humanoid = motion.humanoid()?;
         let floor = if known_floor(motion).is_none() { Some(motion.floor()?.clone()) } else { None };
         let way = if is_smpl_file {
@@ -86,6 +87,7 @@ impl OntoNeutral {
             Way::Same => clip.clone().with_skeleton(smpl::neutral()),
             Way::Retargeted(retarget) => retarget.to_smpl(clip),
             Way::Scaled { scale, floor_m, on_m, from_m } => {
+                // floor + scale (y - floor - from_m) + on_m: heights of the pelvis above its standing height are scaled
                 let raise = floor_m * (1.0 - scale) + on_m - scale * from_m;
                 let root = clip.root().iter().map(|p| *p * *scale + Vec3::Y * raise).collect();
                 Clip::new(smpl::neutral(), clip.fps(), root, clip.rotations().to_vec())

@@ -55,7 +55,7 @@ pub fn rig(positions: &[Vec3], axes: &[Quat], extra: bool, lacks: &[usize]) -> (
     (Skeleton::new(names, parents, offsets, vec![]).unwrap(), map)
 }
 
-/// The SMPL body's places in a stand whose arms hang by `droop` radians, every bone `stretch[id]` times as long.
+/// The joint positions of the SMPL body in a stand whose arms hang by `droop` radians, every bone `stretch[id]` times as long.
 pub fn reference_positions(droop: f64, stretch: &[f64]) -> Vec<Vec3> {
     let mut pose = [Quat::IDENTITY; 24];
     pose[16] = Quat::from_rotation_z(-droop);

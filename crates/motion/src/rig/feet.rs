@@ -49,9 +49,11 @@ impl Feet {
         let ends = ends.into_iter().filter(|&(_, joint)| of_foot[joint]);
         let tips: Vec<(usize, usize)> = ends.chain(leaves.map(|j| (j, j))).collect();
         let lowest = joints.iter().copied().chain(tips.iter().map(|tip| tip.0)).map(y).fold(f64::MAX, f64::min);
+        // every map has both ankles, so two joints without tips are ankles: the rig's lowest point is no sole
         let ankles_alone = joints.len() == 2 && tips.is_empty();
         let under = if ankles_alone { smpl_ankle_m() * pose.leg_m() / smpl_leg_m() } else { 0.0 };
         let above = |y: f64| y - lowest + under;
+        // `joints` begins with both ankles, which every map has
         let ankle = |joint: usize| joints.iter().take(2).find(|&&ankle| rig.descends(joint, ankle));
         let is_toe = |&(point, joint): &(usize, usize)| {
             ankle(joint).is_some_and(|&ankle| y(point) <= y(ankle))

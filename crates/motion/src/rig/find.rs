@@ -32,13 +32,15 @@ pub enum FoundBy {
 
 impl FoundMap {
     /// A map with a reference pose in which the body of `rig` stands: its own, else the rest pose, else one made from the
-    /// clip. Of a map that was given its own is not judged, and of a recognised rig there is none to judge.
+    /// clip. The reference pose of a given map is used unchecked; a recognised rig has none to check.
     pub(super) fn standing(named: SkeletonMap, by: FoundBy, rig: &Skeleton, clip: Option<&Clip>) -> FoundMap {
         let joints = named.joints_of(rig);
         let is_own = match by {
+            // a recognised rig's reference pose is always derived anew: its rest pose, or one from the clip
             FoundBy::Shape => false,
             FoundBy::Given if named.has_reference() => true,
             _ => {
+                // without all required joints no pose can be judged; `ReferencePose::new` reports what is missing
                 !named.missing(rig.names()).is_empty()
                     || (named.has_reference() && stand::is_straight(rig, &named, &joints))
             }
@@ -62,7 +64,7 @@ impl FoundMap {
     }
 
     /// Whether the map or its reference pose comes from how the clip moves, so that another clip on the rig might give
-    /// another one: what is made of the clip has to keep it.
+    /// another one: whatever is derived from the clip has to store it.
     pub fn is_of_clip(&self) -> bool {
         self.by == FoundBy::Shape || self.made
     }
@@ -114,7 +116,7 @@ fn found(rig: &Skeleton, clip: Option<&Clip>, map: Option<&str>) -> Result<Found
     SEARCHES.fetch_add(1, Ordering::Relaxed);
     let named = SkeletonMap::fitting(rig.names());
     let built_in = |map: &SkeletonMap| FoundMap::standing(map.clone(), FoundBy::Names, rig, clip);
-    // names tell limbs from each other better than shape does, but many rigs share them with another trunk
+    // names identify limbs better than shape does, but rigs with these names differ in their trunks
     let turns = turns(rig, clip);
     if let Some(map) = named.iter().find(|map| covers_trunk(rig, &map.joints_of(rig), &turns)) {
         return Ok(built_in(map));
@@ -129,7 +131,7 @@ fn found(rig: &Skeleton, clip: Option<&Clip>, map: Option<&str>) -> Result<Found
     limbs.ok_or_else(|| reference::unknown_rig(rig.names(), None, recognised.as_ref()))
 }
 
-/// The error of a clip on a rig that was searched in vain.
+/// The error of a clip whose rig has no map.
 pub(crate) fn unknown(clip: &Clip) -> Error {
     let rig = clip.skeleton();
     reference::unknown_rig(rig.names(), None, recognise(rig, Some(clip)).as_ref())
@@ -161,11 +163,11 @@ pub(super) fn trunk(rig: &Skeleton, joints: &[Option<usize>; 24]) -> Vec<usize> 
     let top = joints[12].map_or(parting, |neck| rig.parents()[neck].unwrap_or(0));
     let mut trunk: Vec<usize> = upwards(top).take_while(|&j| j != pelvis).collect();
     trunk.reverse();
-    // a neck that hangs from no trunk
+    // the neck branches off at the pelvis or above it: there is no trunk between
     if rig.descends(top, pelvis) { trunk } else { Vec::new() }
 }
 
-/// What is said of a rig that is recognised for sure, or whose reference pose is made from the clip.
+/// The warning about a rig that was recognised, or whose reference pose is made from the clip.
 pub(super) fn warning(found: &FoundMap) -> Option<Warning> {
     if found.by == FoundBy::Shape {
         let joints = (0..24).filter(|&id| found.map.joint(id).is_some()).count();

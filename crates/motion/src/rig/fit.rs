@@ -6,13 +6,13 @@ use super::{Humanoid, ReferencePose};
 use crate::series::linear_quantile;
 use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, Warning, smpl};
 
-/// Frames of a clip that are looked at, evenly spaced.
+/// Frames of a clip that are examined, evenly spaced.
 const FRAMES: usize = 300;
 /// The mean error of the trunk's direction above which a map is doubted, degrees.
 const TRUNK_DEG: f64 = 5.0;
-/// A foot tells where it points if it is that long across the body's upright axis, as a share of its shin.
+/// A foot shows its direction if it is at least this long across the body's upright axis, as a fraction of its shin.
 const FOOT: f64 = 0.15;
-/// A foot below a shin tells where it points: the cosine of the shin with the body's upright axis.
+/// A foot shows its direction only below an upright shin: least cosine of the shin with the body's upright axis.
 const UPRIGHT_SHIN: f64 = 0.5;
 /// The median cosine of the toes with the facing of the hips below which a body is mirrored; recorded
 /// people are above 0.5.
@@ -35,7 +35,7 @@ pub struct MapFit {
 }
 
 impl Humanoid {
-    /// How well the map fits a clip on this rig. Of long clips 300 frames are looked at.
+    /// How well the map fits a clip on this rig. In long clips 300 frames are examined, evenly spaced.
     pub fn fit(&self, clip: &Clip) -> MapFit {
         let (joints, reference) = (self.map().joints_of(self.rig()), self.pose());
         let step = clip.frames().div_ceil(FRAMES).max(1);
@@ -89,6 +89,7 @@ fn trunk_error_deg(poses: &[GlobalPose], reference: &ReferencePose) -> Option<f6
         let mut turn = Quat::IDENTITY;
         let mut way = Vec3::ZERO;
         for (id, next) in [(0, 3), (3, 6), (6, 9), (9, 12)] {
+            // without a counterpart SMPL's joint goes with the one before, as after retargeting
             if let Some(j) = reference.joints[id] {
                 turn = pose.rotations[j] * reference.global.rotations[j].conjugate();
             }
@@ -106,10 +107,11 @@ fn toes_ahead(rig: &Skeleton, poses: &[GlobalPose], joints: &[Option<usize>; 24]
     let cosine = |pose: &GlobalPose| {
         let at = |j: usize| pose.positions[j];
         let up = (at(left_shoulder) + at(right_shoulder) - at(left_hip) - at(right_hip)).normalize_or_zero();
+        // left x up = front in right-handed axes, so a mirrored body gets the opposite sign
         let ahead = (at(left_hip) - at(right_hip)).cross(up);
-        // the foot that stands: one that swings may point anywhere
+        // the lower foot carries the body; a swinging foot may point anywhere
         let (knee, ankle, ball) = feet.into_iter().min_by(|a, b| up.dot(at(a.1)).total_cmp(&up.dot(at(b.1))))?;
-        // who kneels may lie on the tops of the feet
+        // in a kneeling body the tops of the feet may be down, toes to the back
         if up.dot((at(knee) - at(ankle)).normalize_or_zero()) < UPRIGHT_SHIN {
             return None;
         }
@@ -122,7 +124,7 @@ fn toes_ahead(rig: &Skeleton, poses: &[GlobalPose], joints: &[Option<usize>; 24]
     (!cosines.is_empty()).then(|| linear_quantile(cosines, 0.5))
 }
 
-/// From an ankle to the ball of its foot, else to the furthest of what hangs on the ankle.
+/// The vector from an ankle to the ball of its foot, else to the furthest of the ankle's children and end sites.
 fn foot(rig: &Skeleton, pose: &GlobalPose, ankle: usize, ball: Option<usize>) -> Vec3 {
     let here = pose.positions[ankle];
     if let Some(ball) = ball {

@@ -1,4 +1,4 @@
-//! A rig as a humanoid: what all work on its clips needs to know of it, found once.
+//! A rig as a humanoid: its map and reference pose, which all work on its clips needs, found once.
 
 use super::{Feet, Floor, FoundBy, FoundMap, ReferencePose, SkeletonMap, find_map};
 use crate::{Clip, Result, Skeleton, smpl};
@@ -70,7 +70,7 @@ impl Humanoid {
     pub fn pose(&self) -> Result<Cow<'_, ReferencePose>> {
         match &self.pose {
             Some(pose) => Ok(Cow::Borrowed(pose)),
-            // fails as it did before: an error is told anew to each who asks
+            // errors aren't `Clone`: failing a second time gives each caller its own
             None => ReferencePose::new(&self.rig, &self.found.map).map(Cow::Owned),
         }
     }

@@ -126,6 +126,7 @@ impl SkeletonMap {
             if names.is_empty() || names.iter().any(|n| n.trim().is_empty()) {
                 return Err(bad(span, "an empty name".into(), "a joint of the rig, or several to try in turn"));
             }
+            // a rig's joint can't move two SMPL joints: retargeting back would have two answers for it
             if let Some((other, name)) =
                 names.iter().find_map(|n| Some((joints.iter().position(|j| j.contains(n))?, n)))
             {
@@ -141,8 +142,8 @@ impl SkeletonMap {
         Ok(SkeletonMap { name: file.name.into_inner(), description: file.description, joints, reference })
     }
 
-    /// The map of a rig whose joints by SMPL id are known, with the local rotations (J) of its reference pose; none of them:
-    /// the rest pose is one.
+    /// The map of a rig whose joints by SMPL id are known, with the local rotations (J) of its reference pose; an empty
+    /// slice stands for the rest pose.
     pub(super) fn of_joints(rig: &Skeleton, joints: &[Option<usize>; 24], reference: &[Quat]) -> Self {
         let name = |j: &Option<usize>| j.map(|j| rig.names()[j].clone()).into_iter().collect();
         let map = SkeletonMap {
@@ -154,7 +155,7 @@ impl SkeletonMap {
         map.with_reference(rig, reference)
     }
 
-    /// The map with these local rotations (J) as its reference pose; none of them: the rest pose is one.
+    /// The map with these local rotations (J) as its reference pose; an empty slice stands for the rest pose.
     pub(super) fn with_reference(self, rig: &Skeleton, reference: &[Quat]) -> Self {
         let turned = reference.iter().enumerate().filter(|(_, q)| **q != Quat::IDENTITY);
         SkeletonMap { reference: turned.map(|(j, q)| (rig.names()[j].clone(), *q)).collect(), ..self }
@@ -171,6 +172,7 @@ impl SkeletonMap {
         let names = RigNames::new(names);
         let bound = |map: &SkeletonMap| {
             let bound = map.bound(&names);
+            // of maps that find as many joints, the one whose own spelling the rig uses
             let exact = (0..24).filter(|&id| bound.joints[id].iter().any(|n| map.joints[id].contains(n))).count();
             bound.has_required().then_some(((bound.count(), exact), bound))
         };
@@ -240,6 +242,7 @@ impl SkeletonMap {
         let mut used = vec![false; names.own.len()];
         let mut take = |candidate: &String| {
             let found = names.find(candidate, prefix).filter(|&j| !used[j])?;
+            // each joint once: a candidate of a later SMPL joint must not take it again
             used[found] = true;
             Some(names.own[found].clone())
         };
@@ -279,6 +282,7 @@ impl SkeletonMap {
         if !self.reference.is_empty() {
             out += "\n[reference]\norder = \"ZXY\"\n\n[reference.rotations]\n";
         }
+        // any order would do: `parse` reads it back from the file
         let order = EulerOrder::new([Axis::Z, Axis::X, Axis::Y]);
         for (name, q) in &self.reference {
             let degrees = order.map_or([0.0; 3], |o| o.from_quat(*q, 0.0).map(f64::to_degrees));
@@ -334,6 +338,7 @@ fn simplified(name: &str) -> String {
 const HELP: &str = "see docs/skeletons.md";
 
 fn place(text: &str, path: &Path, byte: usize) -> SourcePos {
+    // serde's spans are bytes, a position's columns are characters; a span past the end means the end
     let before = text.get(..byte).unwrap_or(text);
     let line_start = before.rfind('\n').map_or(0, |i| i + 1);
     SourcePos {

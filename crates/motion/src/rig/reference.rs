@@ -34,6 +34,7 @@ impl ReferencePose {
         let joints = bind(rig, map)?;
         let mut local = map.local_reference(rig);
         let mut global = GlobalPose::new(rig, rig.offsets()[0], &local);
+        // quarter turns first: they are exact, and only a body with y up has a heading for `facing` to correct
         let turn = upright(&global, &joints).ok_or_else(|| no_stand(map, "it has no up or no left"))?;
         if turn != Quat::IDENTITY {
             local[0] = turn * local[0];
@@ -81,6 +82,7 @@ impl ReferencePose {
                 return Err(no_stand(map, &format!("the bone from {a} to {b} {where_to}")));
             }
         }
+        // `upright` put the mean left at +x, so arms whose sides disagree with the hips' point inward
         for side in [[1, 16, 18, 20], [2, 17, 19, 21]] {
             let out = self.bone(side[1], side[3]).normalize() * if side[0] == 1 { 1.0 } else { -1.0 };
             if out.x < -0.5 || out.z < -0.8 {
@@ -156,13 +158,14 @@ fn upright(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> Option<Quat> {
     let at = |id: usize| joints[id].map(|j| pose.positions[j]);
     let up = (at(16)? + at(17)? - at(1)? - at(2)?).try_normalize()?;
     let left = (at(1)? - at(2)? + at(16)? - at(17)?).try_normalize()?;
+    // orthogonal to up, so that a body that leans isn't matched to a tilted pair of axes
     let left = (left - up * up.dot(left)).try_normalize()?;
     let mut best = (f64::MIN, Quat::IDENTITY);
     for (x, y) in quarter_axes() {
         // the columns are the body's left, up and front; the transpose rotates back
         let turn = Mat3::from_cols(x, y, x.cross(y)).transpose();
         let fit = (turn * left).x + (turn * up).y;
-        // identity if two fit equally well, so that an upright rig keeps its bits
+        // identity if two fit equally well, so that the numbers of an upright rig don't change by a bit
         if fit > best.0 + 1e-9 || (x == Vec3::X && y == Vec3::Y && fit > best.0 - 1e-9) {
             best = (fit, if (x, y) == (Vec3::X, Vec3::Y) { Quat::IDENTITY } else { Quat::from_mat3(&turn) });
         }
@@ -174,6 +177,7 @@ fn upright(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> Option<Quat> {
 fn facing(pose: &GlobalPose, joints: &[Option<usize>; 24]) -> Option<Quat> {
     let at = |id: usize| joints[id].map(|j| pose.positions[j]);
     let left = at(1)? - at(2)? + at(16)? - at(17)?;
+    // a body that faces +z has its left along +x; a rotation by `off` about y takes +x to (cos, 0, -sin)
     let off = (-left.z).atan2(left.x);
     (off.abs() > FACING).then(|| Quat::from_rotation_y(-off))
 }

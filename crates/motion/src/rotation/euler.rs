@@ -99,7 +99,9 @@ impl EulerOrder {
 
     /// The angles at gimbal lock, with middle and third angle given: `R(0) = L R(2)^-1 R(1)^-1`.
     fn at_pole(self, q: Quat, middle: f64, third: f64) -> [f64; 3] {
+        // both outer axes coincide here, so what the other two leave is a rotation about the first
         let rest = q * self.0[2].turn(-third) * self.0[1].turn(-middle);
+        // signed, unlike the length of the vector part
         let along = rest.xyz().dot(self.0[0].vector());
         let first = 2.0 * along.atan2(rest.w);
         [wrap(first), middle, third]

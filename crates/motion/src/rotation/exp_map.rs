@@ -15,6 +15,7 @@ pub fn from_vector(v: Vec3) -> Quat {
 pub fn to_vector(q: Quat) -> Vec3 {
     let q = if q.w < 0.0 { -q } else { q };
     let (v, s) = (q.xyz(), q.xyz().length());
+    // sin(angle / 2) = angle / 2 to the last bit; the quotient below would be 0 / 0 at 0
     if s < 1e-8 {
         return v * 2.0;
     }

@@ -43,6 +43,7 @@ pub fn slerp(a: Quat, b: Quat, t: f64) -> Quat {
     if t >= 1.0 {
         return b;
     }
+    // from the chord, because the arc cosine of the dot product loses small angles
     let chord = (b - a).length().min(2.0);
     let angle = 2.0 * (0.5 * chord).asin();
     if angle < 1e-9 {
@@ -59,6 +60,7 @@ pub fn slerp(a: Quat, b: Quat, t: f64) -> Quat {
 pub fn swing(from: Vec3, to: Vec3) -> Quat {
     let (Some(from), Some(to)) = (from.try_normalize(), to.try_normalize()) else { return Quat::IDENTITY };
     let w = 1.0 + from.dot(to);
+    // opposite directions: the cross product vanishes and any perpendicular is an axis
     if w < 1e-12 {
         let axis = if from.y.abs() < 0.9 { Vec3::Y } else { Vec3::Z };
         let axis = (axis - from * axis.dot(from)).normalize();

@@ -62,6 +62,7 @@ impl Control {
     /// Exchanges left and right.
     pub fn mirrored(&self) -> Self {
         let aside = Vec3::new(-1.0, 1.0, 1.0);
+        // rotation vectors are pseudovectors: mirrored in x, they change the other two signs
         let turned = Vec3::new(1.0, -1.0, -1.0);
         Control {
             wrists: [self.wrists[1], self.wrists[0]],

@@ -124,6 +124,7 @@ fn perform(score: &Score, seconds: f64, fps: f64) -> Result<Clip> {
     let controls = smoothed_controls(score, &times, fps);
     let steps = score.steps();
     let weight: Vec<f64> = times.iter().map(|&t| steps.weight(t)).collect();
+    // sigmas are seconds times the rate, so that a dance is the same at any rate
     let weight = smooth(&weight, 0.11 * fps);
     let feet: Vec<[Foot; 2]> =
         (0..times.len()).map(|f| [0, 1].map(|foot| foot_at(&steps, foot, times[f], &controls[f], weight[f]))).collect();
@@ -153,6 +154,7 @@ fn smoothed_controls(score: &Score, times: &[f64], fps: f64) -> Vec<Control> {
 fn foot_at(steps: &Steps, foot: usize, time_s: f64, c: &Control, weight: f64) -> Foot {
     let planned = steps.foot(foot, time_s);
     let away = planned.heading - c.turn;
+    // tanh limits the angle smoothly, so a foot begins to pivot without a jerk
     let turned = PIVOT * (away / PIVOT).tanh();
     let share = if foot == 0 { weight } else { 1.0 - weight };
     let light = (1.0 - share).powi(3) * 0.22;

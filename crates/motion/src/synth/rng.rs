@@ -23,11 +23,13 @@ impl Rng {
 
     /// Uniform in `low..high`.
     pub fn range(&mut self, low: f64, high: f64) -> f64 {
+        // the upper 53 bits, all that a double in 0..1 can hold
         low + (high - low) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// Uniform in `0..n`; 0 for `n = 0`.
     pub fn below(&mut self, n: usize) -> usize {
+        // rounding may give `n` itself
         ((self.range(0.0, n as f64)) as usize).min(n.saturating_sub(1))
     }
 }

@@ -95,6 +95,7 @@ impl Score {
                 }
                 let mirror = mirrored ^ (repeat == 1);
                 let part = Part { figure, mirrored: mirror, starts, turned };
+                // figures end where they began but for whole turns, which are added up
                 turned = part.at(part.ends(), 1.0).turn;
                 starts = part.ends();
                 parts.push(part);
@@ -102,6 +103,7 @@ impl Score {
                     break;
                 }
             }
+            // any figure but the one that just ended
             next = (next + 1 + rng.below(genre.figures.len() - 1)) % genre.figures.len();
             mirrored = rng.below(2) == 1;
         }
@@ -163,6 +165,7 @@ impl Score {
                 }
             }
         };
+        // out of standing within the upbeat; the heading isn't mixed, since part of a whole turn is another heading
         c = Control::REST.mix(&c, between(beat, -1.0, 0.8)).with_turn(c.turn);
         let home = Control { turn: self.turned_at_end(), ..Control::REST };
         c.mix(&home, 0.75 * between(beat, end, end + 1.6)).mix(&self.closing(), between(beat, end + 0.9, end + 3.0))

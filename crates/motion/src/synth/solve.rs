@@ -19,7 +19,7 @@ pub struct Targets {
     pub feet: [Foot; 2],
     /// Pelvis position: x and z between the feet, y its height, metres.
     pub pelvis: Vec3,
-    /// Velocity of the wrists in the control's axes, arm lengths per second: hands trail behind it.
+    /// Velocity of the wrists in the control's axes, arm lengths per second: hands lag after it.
     pub wrist_velocity: [Vec3; 2],
 }
 
@@ -101,6 +101,7 @@ struct Bend {
 
 /// Bends a limb of lengths `a`, `b` with its middle joint towards `pole`, by the law of cosines.
 fn bend(target: Vec3, a: f64, b: f64, pole: Vec3) -> Bend {
+    // neither folded nor straight: both have no bending plane
     let d = target.length().clamp((a - b).abs() + 1e-6, (a + b) * 0.9999);
     let t = target.normalize_or(Vec3::NEG_Y);
     let aside = (pole - t * t.dot(pole)).normalize_or(t.any_orthonormal_vector());
@@ -173,6 +174,7 @@ impl<'a> Body<'a> {
         let flexion = forearm.dot(inside).atan2(forearm.dot(along));
         self.turn(ELBOW[side], Quat::from_rotation_y(-outward * flexion));
         let drag = aside(velocity) * 0.13;
+        // saturates, so that a fast arm doesn't fold its hand back
         let drag = chest * (drag * (1.0 / (1.0 + drag.length())));
         let hand = forearm - (drag - forearm * forearm.dot(drag));
         let hand = self.global[ELBOW[side]].conjugate() * hand;

@@ -32,6 +32,7 @@ impl Lapped {
         let mean = mean(layout.open, &rows);
         let (metric, turn_arm) = metric(config, channels, &clips, &rows);
         let (forward, inverse) = mix(config, layout.open, &metric, &mean, &rows)?;
+        // as for larger numbers, until the thresholds are fitted to the words that it gives
         let plain = ((500.0 + 1600.0 * config.thrift) as u16).min(HIGHEST);
         let mut scheme = Lapped {
             config: config.clone(),
@@ -49,6 +50,7 @@ impl Lapped {
 
     /// Zero thresholds: half a step, plus `thrift` for each bit that a 1 costs more than a 0.
     fn fit_thresholds(&self, channels: &Channels, layout: Layout, clips: &[&Clip]) -> Vec<u16> {
+        // add-one counts of three symbols, so that no logarithm is infinite
         let (mut zeros, mut ones) = (vec![1.0; layout.numbers()], vec![2.0; layout.numbers()]);
         self.for_each_word(channels, layout, clips, |word| {
             for (i, number) in word.iter().enumerate() {
@@ -60,6 +62,7 @@ impl Lapped {
             }
         });
         let threshold = |(z, o): (&f64, &f64)| {
+            // a 1 and a -1 share the count, and each has its own character
             let bits = (z / (0.5 * o)).log2().max(0.0);
             (500.0 + 1000.0 * self.config.thrift * bits).round().min(HIGHEST.into()) as u16
         };
@@ -73,6 +76,7 @@ impl Lapped {
             others.iter_mut().zip(word).for_each(|(n, x)| *n += u64::from(*x != 0));
         });
         let mut order: Vec<u32> = (0..layout.numbers() as u32).collect();
+        // stable: of equals, the lower frequency first
         order.sort_by_key(|&i| std::cmp::Reverse(others[i as usize]));
         order
     }
@@ -112,6 +116,7 @@ fn metric(config: &LappedConfig, channels: &Channels, clips: &[&Clip], rows: &[V
             turn += turned.iter().map(|x| x * x).sum::<f64>();
             (poses, next) = (poses + 1, next + every);
         }
+        // poses are evenly spaced over all clips together, so short clips count by their length
         next -= n;
     }
     let scale = 1.0 / (24 * poses) as f64;
@@ -142,9 +147,11 @@ fn moves(channels: &Channels, clip: &Clip, rows: &[f64], n: usize, frame: usize)
         values[c] = value - SMALL;
         let before = places(&values);
         values[c] = value;
+        // central differences: the error falls with the square of the step
         after.iter().zip(&before).for_each(|(a, b)| out.extend(((*a - *b) / (2.0 * SMALL)).to_array()));
     }
     let (at, root) = (places(&values), values[k - 1]);
+    // the derivative of a turn about the vertical through the root
     at.iter().for_each(|p| out.extend(Vec3::Y.cross(*p - Vec3::Y * root).to_array()));
     out
 }
@@ -163,6 +170,7 @@ fn mix(
         m
     };
     if config.joint_transform == (LappedMix::None {}) {
+        // `LIGHTEST` is in the diagonal, so no arm is 0
         let arm = |i: usize| metric[i * k + i].sqrt();
         return Ok((diagonal(&arm), diagonal(&|i| 1.0 / arm(i))));
     }

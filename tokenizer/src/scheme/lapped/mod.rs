@@ -195,6 +195,7 @@ impl Lapped {
         let (k, n) = (layout.open, layout.numbers());
         let lengths = [&self.mean, &self.forward, &self.inverse].map(Vec::len);
         let mut seen = vec![false; n];
+        // a permutation: otherwise a number would be written twice or never
         let order = self.order.iter().all(|&i| seen.get_mut(i as usize).is_some_and(|s| !std::mem::replace(s, true)));
         let all = self.mean.iter().chain(&self.forward).chain(&self.inverse);
         let good = lengths == [k, k * k, k * k]
@@ -216,6 +217,7 @@ impl Lapped {
         let size = x.abs();
         // each larger number costs about 1.5 bits more
         let n = (size + 0.5 - (1.6 * self.config.thrift).min(0.3)).floor();
+        // 0 or 1 is decided by the fitted threshold of this number alone
         let n = if n <= 1.0 { f64::from(size >= f64::from(self.thresholds[at]) / 1000.0) } else { n };
         limited(n.copysign(x), clipped)
     }
@@ -366,6 +368,7 @@ impl Scheme for Lapped {
     }
 
     fn neutral(&self, _: &Channels) -> Vec<u16> {
+        // zeros at a word's end are not written
         Vec::new()
     }
 

@@ -57,12 +57,14 @@ impl<'a> Root<'a> {
             let step = self.displacement_step() / self.scheme.turn_arm;
             let facing = limited((turns[0] / step).round(), clipped);
             numbers[self.layout.facing()] = facing;
+            // what rounding leaves is added to the next hop's displacement: closed loop
             let mut residual = turns[0] - f64::from(facing) * step;
             let rates = self.coefficients(&turns, n);
             for (k, tile) in numbers.chunks_exact_mut(self.layout.numbers()).enumerate() {
                 let rates = &rates[k * self.layout.hop..];
                 self.waves(tile, turn, |f| rates[f] * self.scheme.turn_arm, clipped);
                 if self.length(k) > 0.0 {
+                    // coefficient 0 is orthonormal: the sum over the hop is sqrt(length) times it
                     residual += rates[0] * self.length(k).sqrt();
                     let number = limited((residual / step).round(), clipped);
                     tile[self.layout.at(0, turn)] = number;
@@ -142,6 +144,7 @@ impl<'a> Root<'a> {
     fn coefficient(&self, k: usize, tile: &[i32], frequency: usize, series: usize) -> f64 {
         let number = tile[self.layout.at(frequency, series)];
         match frequency {
+            // with a hop of 1 the first tile has no velocity
             0 if self.length(k) == 0.0 => 0.0,
             0 => f64::from(number) * self.displacement_step() / self.length(k).sqrt(),
             f => lifted(number) * self.steps[f],
@@ -179,6 +182,7 @@ impl<'a> Root<'a> {
             let turn = if self.length(k) > 0.0 { f64::from(tile[self.layout.at(0, turn)]) } else { 0.0 };
             let turn = turn * self.displacement_step() / self.scheme.turn_arm;
             now += self.facing(tile) + turn;
+            // the middle of the hop: half of its turn is still to come
             now - 0.5 * turn
         };
         tiles.enumerate().map(heading).collect()
@@ -208,6 +212,7 @@ fn turns(clip: &Clip) -> Vec<f64> {
     let mut now = 0.0;
     let turn = |f| {
         if let Some(split) = Split::of(clip.pose(f)[0]) {
+            // the first turn stays as it is: the rounding below would make -PI of PI
             let off: f64 = split.turn - now;
             now += if f == 0 { off } else { off - (off / TAU).round() * TAU };
         }
@@ -233,6 +238,7 @@ fn displacement_norms(hop: usize) -> Vec<f64> {
         squares.sum::<f64>().sqrt()
     };
     let mut displacement_norms: Vec<f64> = (0..hop).map(wave).collect();
+    // its displacement never ends; it counts for its own hop
     displacement_norms[0] = (hop as f64).sqrt();
     displacement_norms
 }

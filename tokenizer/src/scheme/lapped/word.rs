@@ -19,6 +19,7 @@ pub(super) struct Writing<'a> {
 
 impl<'a> Writing<'a> {
     pub(super) fn new(levels: u32, longest_run: u32, order: &'a [u32]) -> Self {
+        // at the most 20,000 + 16 + 1,000 codes by the settings' limits, within the alphabet's 21,054
         Writing { levels: levels as i32, runs: Runs::new(2 * levels + DIGITS, longest_run), order }
     }
 
@@ -33,8 +34,10 @@ impl<'a> Writing<'a> {
 
     /// A multiple of L in digits of 1 to 16, the highest first.
     fn digits(&self, mut count: i32) -> impl Iterator<Item = u16> + use<> {
+        // 2^20 has at most 6 digits
         let (mut digits, mut n) = ([0; 8], 0);
         while count > 0 {
+            // bijective base 16: without a digit 0, each count has one spelling
             let rest = (count - 1) % DIGITS as i32;
             digits[n] = rest as u16;
             n += 1;
@@ -67,6 +70,7 @@ impl<'a> Writing<'a> {
                 Part::Zeros(n) => (place, count) = (place + n, 0),
                 Part::Value(code) if i32::from(code) >= 2 * self.levels => {
                     let digit = i32::from(code) - 2 * self.levels + 1;
+                    // bounded at every digit: any stream decodes, and a long row of digits must not overflow
                     count = (count * DIGITS as i32 + digit).min(LARGEST);
                 }
                 Part::Value(code) => {

@@ -11,7 +11,7 @@ use std::path::Path;
 const MOST_BONES: usize = 4096;
 const DEEPEST: usize = 512;
 
-/// What a number of a frame does.
+/// The effect of a number of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Channel {
     Turn(Axis),
@@ -22,7 +22,7 @@ pub(super) enum Channel {
 
 /// A skeleton. Bones are ordered parents first; bone n is joint n + 1.
 pub(super) struct Asf {
-    /// What lengths are multiplied with: 0.45 in CMU's files.
+    /// The factor of lengths: 0.45 in CMU's files.
     pub length: f64,
     /// Whether the file's own angles are in degrees.
     pub degrees: bool,
@@ -40,7 +40,7 @@ pub(super) struct Root {
 
 pub(super) struct Bone {
     pub name: String,
-    /// The joint that it hangs from.
+    /// Its parent joint.
     pub parent: usize,
     /// From its beginning to its end, in the file's unit.
     pub way: Vec3,
@@ -67,6 +67,7 @@ impl Root {
 impl Bone {
     /// The local rotation of a frame, `C M C^-1`; angles are multiplied with `angle`.
     pub fn turn(&self, row: &[f64], angle: f64) -> Quat {
+        // channels rotate about the bone's own axes: into them, rotate, and back out
         self.axes * turned(&self.channels, row, angle) * self.axes.inverse()
     }
 }
@@ -227,6 +228,10 @@ impl Parser {
         }
         if bones.is_empty() {
             return Err(fault(1, FaultKind::UnexpectedWord, "no bone below root".into(), "a :hierarchy"));
+        }
+        // rows of no numbers can't be split into frames
+        if width == 0 {
+            return Err(fault(1, FaultKind::NoMotion, "no channels".into(), "an order of :root, or a dof of a bone"));
         }
         Ok(Asf { length: self.length.filter(|l| *l > 0.0).unwrap_or(1.0), degrees: !self.radians, root, bones, width })
     }

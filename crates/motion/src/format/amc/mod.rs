@@ -23,8 +23,8 @@ pub const FPS: f64 = 120.0;
 /// `_` (`07.asf` for `07_01.amc`), else the only one there is.
 ///
 /// # Errors
-/// [`FaultKind::NoMotion`] without an ASF or a frame; [`FaultKind::UnexpectedWord`], [`FaultKind::NumberBad`],
-/// [`FaultKind::RowWidth`] with line and column; [`FaultKind::UnitUnknown`] when neither the ASF nor the legs tell the unit;
+/// [`FaultKind::NoMotion`] without an ASF, a channel or a frame; [`FaultKind::UnexpectedWord`], [`FaultKind::NumberBad`],
+/// [`FaultKind::RowWidth`] with line and column; [`FaultKind::UnitUnknown`] when neither the ASF nor the legs show the unit;
 /// [`FaultKind::TooDeep`], [`FaultKind::TooLarge`].
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let beside = skeleton_beside(path)?;
@@ -74,8 +74,9 @@ fn skeleton_beside(path: &Path) -> Result<PathBuf> {
             found.push(file);
         }
     }
+    // folders list their files in any order; messages must not depend on it
     found.sort();
-    let of_stem = |wanted: &str| found.iter().find(|f| f.file_stem().is_some_and(|s| s.eq_ignore_ascii_case(wanted)));
+    let of_stem = |stem: &str| found.iter().find(|f| f.file_stem().is_some_and(|s| s.eq_ignore_ascii_case(stem)));
     let subject = stem.split('_').next().unwrap_or(&stem);
     match of_stem(&stem).or_else(|| of_stem(subject)) {
         Some(file) => Ok(file.clone()),
@@ -94,6 +95,7 @@ fn unit_m(asf: &Asf, beside: &Path, options: &ReadOptions) -> Result<f64> {
         return Ok(unit);
     }
     if asf.length != 1.0 {
+        // CMU's FAQ: lengths divided by the scale are inches; a scale of 1 is also what a file without one has
         return Ok(0.0254 / asf.length);
     }
     let rig = skeleton(asf, 1.0)?;
@@ -119,6 +121,7 @@ fn skeleton(asf: &Asf, unit_m: f64) -> Result<Skeleton> {
 
 /// A rotation about fixed axes, one after the other, radians.
 fn about_fixed(turns: impl Iterator<Item = (crate::rotation::Axis, f64)>) -> Quat {
+    // about fixed axes, each later rotation multiplies from the left
     turns.fold(Quat::IDENTITY, |before, (axis, angle)| axis.turn(angle) * before)
 }
 
@@ -179,5 +182,13 @@ mod tests {
             let message = said(&a, &m);
             assert!(message.contains(expected), "{from}: {message}");
         }
+    }
+
+    #[test]
+    fn a_skeleton_without_channels_is_refused() {
+        let asf =
+            ":root\n:bonedata\nbegin\nname leg\ndirection 0 1 0\nlength 1\nend\n:hierarchy\nbegin\nroot leg\nend\n";
+        let message = said(asf, "1\n2\n");
+        assert!(message.contains("no channels"), "{message}");
     }
 }

@@ -15,7 +15,7 @@ pub(super) struct Rows {
     pub frames: usize,
     /// Numbers (F, width of the skeleton), in the order of its bones.
     pub values: Vec<f64>,
-    /// What angles are multiplied with to be radians.
+    /// The factor from the file's angles to radians.
     pub angle: f64,
     /// The rate, if the file states one.
     pub fps: Option<f64>,
@@ -41,6 +41,7 @@ impl Rows {
                 ":degrees" => degrees = true,
                 ":samples-per-second" => fps = Some(line.number(1)?),
                 _ if key.starts_with(':') => {}
+                // a bone without dof has no line in an AMC, so a lone number can only be a frame's
                 _ if line.words.len() == 1 && key.parse::<u64>().is_ok() => {
                     missing += usize::from(frames > 0 && said.contains(&false));
                     said.fill(false);

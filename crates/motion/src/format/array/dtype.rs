@@ -44,6 +44,7 @@ impl Dtype {
         };
         let letter = *rest.as_bytes().first()?;
         let digits = rest.get(1..)?;
+        // 9 digits at most, so that 4 bytes a character stay below 2^32
         if !digits.bytes().all(|b| b.is_ascii_digit()) || digits.len() > 9 {
             return None;
         }
@@ -83,6 +84,7 @@ impl Dtype {
         match self.element {
             Element::Bool => i64::from(bits != 0),
             Element::Int => {
+                // shifted up and back down as i64, which repeats the sign bit
                 let unused = 64 - 8 * self.size as u32;
                 ((bits << unused) as i64) >> unused
             }
@@ -137,9 +139,11 @@ fn half(bits: u16) -> f64 {
     let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
     let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
     sign * match exponent {
+        // subnormal: no implied leading 1
         0 => fraction * 2f64.powi(-24),
         31 if fraction == 0.0 => f64::INFINITY,
         31 => f64::NAN,
+        // less the bias of 15 and the 10 bits of the fraction
         e => (1024.0 + fraction) * 2f64.powi(e - 25),
     }
 }

@@ -29,7 +29,7 @@ pub(super) fn doubt(source: &BvhSource, clip: &Clip) -> Option<Warning> {
     Some(Warning { kind: "positions_added", what })
 }
 
-/// The lowest height of the body with replaced and with added positions of the root, if these tell that they are added.
+/// The lowest height of the body with replaced and with added positions of the root, if these show that they are added.
 fn floors(source: &BvhSource, clip: &Clip) -> Option<[f64; 2]> {
     let frames = source.as_frames();
     let has_offset = |&&node: &&usize| frames.nodes[node].offset != [0.0; 3] && frames.moves(node);
@@ -47,6 +47,7 @@ fn floors(source: &BvhSource, clip: &Clip) -> Option<[f64; 2]> {
         shifts.push(root(BvhPosition::Add, f) - root(BvhPosition::Replace, f));
     }
     let (reach, replaced) = (source.reach_m(), quantile(lowest, 0.05));
+    // adding the OFFSETs above the root shifts the whole body, so its lowest point needs no second pose
     let added = replaced + quantile(shifts, 0.5);
     (replaced < -ELSEWHERE * reach && added.abs() < AT_ZERO * reach).then_some([replaced, added])
 }

@@ -11,7 +11,7 @@ const AXES: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 /// Offsets that differ by more than this belong to another body, metres.
 const SAME_M: f64 = 1e-9;
 
-/// What a rig lacks for a clip.
+/// The OFFSETs and channels that a rig lacks for a clip.
 struct Lack {
     /// Nodes with another OFFSET.
     offsets: Vec<(usize, Vec3)>,
@@ -35,6 +35,7 @@ impl BvhSource {
         }
         for (node, channel) in lack.channels {
             let at = match channel {
+                // positions before rotations, the usual order
                 Channel::Position(_) => 0,
                 Channel::Rotation(_) => rig.head.nodes[node].channels.len(),
             };
@@ -61,10 +62,12 @@ impl BvhSource {
         }
         let ends = self.body().filter(|&n| nodes[n].kind == NodeKind::End);
         let (own, its) = (own.ends(), skeleton.ends());
+        // end sites pair up by position alone; a clip with others leaves the file's
         if own.len() == its.len() && own.iter().zip(its).all(|(a, b)| a.parent == b.parent) {
             let differ = ends.zip(own.iter().zip(its)).filter(|(_, (a, b))| (a.offset - b.offset).length() > SAME_M);
             lack.offsets.extend(differ.map(|(n, (_, b))| (n, b.offset / rig.unit_m)));
         }
+        // each is inserted at the front, so backwards they end up as X, Y, Z
         for axis in [Axis::Z, Axis::Y, Axis::X] {
             let channel = Channel::Position(axis);
             let still = self.still_root()[axis.index()] * rig.unit_m;
@@ -75,7 +78,7 @@ impl BvhSource {
         }
         for (j, &node) in rig.joints.iter().enumerate() {
             let axes = turns(&nodes[node]);
-            // what is above the clip's root may turn it about any axis
+            // nodes above the clip's root may rotate it about any axis
             let composed = j == 0 && rig.chain.len() > 1;
             if axes.len() < 3 && (composed || (0..clip.frames()).any(|f| !expressible(&axes, clip.pose(f)[j]))) {
                 let missing = order(&axes).0.into_iter().skip(axes.len());
@@ -141,6 +144,7 @@ impl BvhSource {
                     self.turn(node, turn, previous, row);
                 } else {
                     let above = &self.rig.chain[..self.rig.chain.len() - 1];
+                    // read from this row, into which the nodes above were copied already
                     let above = self.as_frames().along(above, row).1;
                     self.turn(node, above.conjugate() * turn, previous, row);
                 }
@@ -150,8 +154,8 @@ impl BvhSource {
         numbers
     }
 
-    /// The nodes of the chain that keep the file's rows: all in an edit, and where other nodes hang from them. Otherwise what
-    /// is above the path is 0, and so is all of the chain in a motion that was put on this rig.
+    /// The nodes of the chain whose rows are copied from the file: all in an edit, and where other nodes descend from
+    /// them. Otherwise channels above the path are 0, and so is all of the chain in a motion that was put on this rig.
     fn kept_above(&self, is_edit: bool) -> Vec<usize> {
         let chain = &self.rig.chain;
         if chain.len() == 1 || (self.floor_m.is_some() && !is_edit) {
@@ -162,7 +166,7 @@ impl BvhSource {
         chain[if all { 0 } else { first }..].to_vec()
     }
 
-    /// Puts what is between the path and the clip's root where it is at rest.
+    /// Puts the nodes between the path and the clip's root at their rest positions.
     fn rest_below_path(&self, row: &mut [f64]) {
         let below = self.rig.chain.iter().skip_while(|n| !self.rig.path.contains(n)).skip(1);
         below.for_each(|&node| self.place_bone(node, Vec3::from_array(self.head.nodes[node].offset), row));
@@ -193,6 +197,7 @@ impl BvhSource {
         for (axis, &node) in AXES.into_iter().zip(path) {
             self.set(node, Channel::Position(axis), 0.0, row);
         }
+        // with the path's channels at 0, this is what they have to add
         let mut by = place - self.as_frames().along(chain, row).0;
         if chain.len() > 1 {
             // the ways along which the three channels move the root
@@ -202,6 +207,7 @@ impl BvhSource {
                 above.fold(Quat::IDENTITY, |turn, &n| turn * frames.turn(n, row)) * Vec3::AXES[axis.index()]
             };
             let ways = Mat3::from_cols(way(Axis::X), way(Axis::Y), way(Axis::Z));
+            // parallel ways have no inverse; the numbers are then not finite, and `not_finite` refuses them
             by = ways.inverse() * by;
         }
         for (axis, &node) in AXES.into_iter().zip(path) {
@@ -228,6 +234,7 @@ impl BvhSource {
         let place = |axis: Axis| n.channels.iter().position(|c| *c == Channel::Rotation(axis)).map(|i| n.column + i);
         let before = |axis: Axis| previous.zip(place(axis)).map(|(row, i)| row[i].to_radians());
         let order = order(&axes);
+        // in gimbal lock only the sum of two angles is defined: the third stays as in the previous frame
         let third = before(order.0[2]).unwrap_or(0.0);
         for (axis, angle) in order.0.into_iter().zip(order.from_quat(q, third)) {
             let angle = before(axis).map_or(angle, |b| unwrap_near(angle, b));
@@ -253,6 +260,7 @@ fn row_at(frame: usize, clip: &Clip, old: &BvhSource, before: Option<usize>) -> 
         None if clip.frames() == old.frames => frame as f64,
         None => frame as f64 / clip.fps() * old.read_fps,
     };
+    // `at as usize` truncates, so the share is the fraction, and no row after the last is read
     Some(if at >= last as f64 { (last, 0.0) } else { (at as usize, at.fract()) })
 }
 

@@ -15,6 +15,7 @@ impl BvhSource {
         let (own, others) = (&self.head, &other.head);
         own.width == others.width
             && own.nodes.len() == others.nodes.len()
+            // all but `at`, which depends on the layout
             && own.nodes.iter().zip(&others.nodes).all(|(a, b)| *a == Node { at: a.at, ..b.clone() })
             && self.rig.joints == other.rig.joints
             && self.rig.chain == other.rig.chain

@@ -55,10 +55,12 @@ fn nodes(skeleton: &Skeleton) -> Result<(Vec<Node>, Vec<usize>)> {
         return Err(Error::limit("a BVH of this skeleton", needs, MAX_JOINTS, ""));
     }
     let mut children = vec![Vec::new(); skeleton.joints()];
+    // backwards, since `next` is popped from its end: siblings come out in the skeleton's order
     for (j, parent) in skeleton.parents().iter().enumerate().rev() {
         parent.iter().for_each(|&p| children[p].push(j));
     }
     let (mut nodes, mut joints, mut column) = (Vec::new(), vec![0; skeleton.joints()], 0);
+    // a stack, not recursion: the depth is the caller's
     let mut next = vec![(0, None, 1)];
     while let Some((j, parent, depth)) = next.pop() {
         if depth >= MAX_DEPTH {
@@ -109,6 +111,7 @@ fn tips(skeleton: &Skeleton, joint: usize, leaf: bool) -> Vec<Vec3> {
         return own;
     }
     let bone = if joint == 0 { Vec3::ZERO } else { skeleton.offsets()[joint] };
+    // a bone without length has no direction to extend
     vec![if bone.length() > 1e-6 { bone * MADE_UP_TIP } else { Vec3::new(0.0, 0.02, 0.0) }]
 }
 

@@ -28,6 +28,7 @@ pub fn rate(text: &str) -> Option<f64> {
     let exact = 1.0 / seconds;
     let Some((digits, unit)) = decimal(text) else { return Some(exact) };
     let fits = |n: u128| {
+        // in integers, so that no text is misjudged by the rounding of a double; exporters truncate or round
         let (cut, rounded) = (unit / n, (2 * unit + n) / (2 * n));
         n > 0 && (cut == digits || rounded == digits)
     };
@@ -36,6 +37,7 @@ pub fn rate(text: &str) -> Option<f64> {
         all.iter().copied().filter(|&n| n > 0 && fits(n)).min_by(|a, b| nearness(a).total_cmp(&nearness(b)))
     };
     let whole = exact.floor() as u128;
+    // few digits fit several rates: 0.03 is 30 fps as well as 33
     let n = nearest(&USUAL_FPS).or_else(|| nearest(&[whole, whole + 1]));
     Some(n.map_or(exact, |n| n as f64))
 }
@@ -47,6 +49,7 @@ fn decimal(text: &str) -> Option<(u128, u128)> {
     let (whole, fraction) = mantissa.split_once('.').unwrap_or((mantissa, ""));
     let places = (fraction.len() as i64).checked_sub(exponent.parse::<i64>().ok()?)?;
     let all = format!("{whole}{fraction}");
+    // 10^30, doubled in `fits`, stays below 2^128
     let cut = (places - 30).max(0);
     let kept = (all.len() as i64 - cut).max(0) as usize;
     let kept = if kept == 0 { "0" } else { all.get(..kept)? };

@@ -149,6 +149,7 @@ impl<'a> Parser<'a> {
     fn enter(&mut self, kind: NodeKind, keyword: usize) -> Step {
         self.blanks();
         let from = self.at;
+        // names may have blanks (3ds Max: `Bip01 L Thigh`), so they end at the line or the brace
         while !matches!(self.byte(), None | Some(b'{' | b'\r' | b'\n')) {
             self.at += 1;
         }
@@ -322,6 +323,7 @@ impl<'a> Parser<'a> {
 
     fn channels(&mut self, node: usize) -> Step {
         let (at, word) = self.word(true);
+        // six channels exist, so a larger count is a damaged file, not a reason to reserve memory
         let count = std::str::from_utf8(word).ok().and_then(|w| w.parse::<usize>().ok()).filter(|&n| n <= 6);
         let Some(count) = count else {
             let label = self.label(node);

@@ -27,8 +27,10 @@ impl<'a> Parser<'a> {
                 let fault = self.text.fault(count_at, FaultKind::NumberBad, self.text.found(count_at), expected);
                 return Err(fault.help("count the rows that follow"));
             }
+            // a count beyond u64 becomes the largest, which is refused below unless `lenient`
             Some(digits) => digits.parse::<u64>().unwrap_or(u64::MAX),
         };
+        // a count is hostile until the rows are there; `lenient` reads what is there and needs no count
         let numbers = declared.checked_mul(self.width.max(1) as u64);
         if numbers.is_none_or(|n| n > MAX_NUMBERS) && !lenient {
             let found = format!("{} frames of {} channels", self.text.decode(count), self.width);
@@ -44,6 +46,7 @@ impl<'a> Parser<'a> {
         })?;
         let time_end = self.at;
         self.line_is_over("the end of the line after the frame time")?;
+        // one line end belongs to the header's last piece; blank lines after it are rows' white space
         let line_end = line_end_at(self.text.bytes, self.at);
         self.at += line_end.len();
         let bytes = self.text.bytes;
@@ -83,6 +86,7 @@ impl<'a> Parser<'a> {
         if self.byte() == Some(b':') {
             self.at += 1;
             self.blanks();
+        // without a colon at least a blank has to separate the value, or `Frames2` would pass
         } else if after == self.at && !matches!(self.byte(), None | Some(b'\r' | b'\n')) {
             return Err(self.missing(start, missing, expected));
         }

@@ -52,6 +52,7 @@ impl Frames<'_> {
             Channel::Rotation(axis) => Some(axis.turn(v.to_radians())),
             Channel::Position(_) => None,
         });
+        // no product with identity, which could flip the sign of a zero
         let first = turns.next().unwrap_or(Quat::IDENTITY);
         turns.fold(first, |q, t| q * t)
     }
@@ -59,7 +60,7 @@ impl Frames<'_> {
     /// Position, in the file's unit, and rotation of the last node of a chain from a ROOT down, in the file's world.
     pub fn along(&self, chain: &[usize], row: &[f64]) -> (Vec3, Quat) {
         let here = |&node: &usize| (self.place(node, row), self.turn(node, row));
-        // a node without any above keeps its bits
+        // `reduce`, not `fold` from identity: a node without any above must not change by a bit
         chain.iter().map(here).reduce(|(p, q), (place, turn)| (p + q * place, q * turn)).unwrap_or_default()
     }
 
@@ -74,20 +75,21 @@ impl Frames<'_> {
         }
         let positions = || (0..self.frames).map(|f| self.place(node, self.row(f)));
         let first = self.place(node, self.row(0));
+        // relative to the first, so that the mean of a constant is the constant, without rounding
         let mean = first + positions().map(|p| p - first).sum::<Vec3>() / self.frames as f64;
         (mean, positions().map(|p| p.distance(mean)).fold(0.0, f64::max))
     }
 }
 
-/// What is read of a file.
+/// The part of a file that is read.
 pub(crate) struct Chosen {
     /// The nodes of a ROOT and of everything below it.
     pub range: Range<usize>,
-    /// The node that the caller wants as the clip's root.
+    /// The node that the caller named as the clip's root.
     pub joint: Option<usize>,
 }
 
-/// What `root` of the options names: a ROOT, or a joint of one; without it the first ROOT.
+/// The ROOT, or joint of one, that `root` of the options names; without it the first ROOT.
 pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> Result<Chosen> {
     let nodes = &head.nodes;
     let roots: Vec<usize> = (0..nodes.len()).filter(|i| nodes[*i].kind == NodeKind::Root).collect();
@@ -105,6 +107,7 @@ pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> 
         let text = Text::new(path, &head.pieces[0]);
         text.fault(nodes.get(at).map_or(0, |n| n.at), FaultKind::RootUnknown, found, expected).help(help)
     };
+    // `name.2` may be a joint's own name too: names in the file come before those made unique
     match (named.as_slice(), unique.as_slice()) {
         ([joint], _) | ([], [joint]) => Ok(Chosen { range: head.below(root_of(*joint)), joint: Some(*joint) }),
         ([_, _, ..], _) => {
@@ -124,7 +127,7 @@ pub(crate) fn choose_root(path: &Path, head: &Header, options: &ReadOptions) -> 
     }
 }
 
-/// What the nodes of a file mean: the rig, a clip on it in the file's axes, and the map that fits it, if one does.
+/// The interpretation of a file's nodes: the rig, a clip on it in the file's axes, and the map that fits it, if any.
 pub(crate) struct Decided {
     pub rig: BvhRig,
     pub clip: Clip,
@@ -152,9 +155,9 @@ pub(crate) fn decide(path: &Path, head: &Header, frames: &Frames, fps: f64, opti
         let (unit_judged, axes) = (options.unit.metres().is_none(), Axes::OWN);
         Ok(BvhRig { chain, path, joints, skeleton, unit_m, unit_judged, position, stretch, axes })
     };
-    // all joints below the ROOT in the file's unit: how they hang together and turn tells the rig
+    // all joints below the ROOT in the file's unit: the rig is recognised by their hierarchy and rotations
     let whole = rig(vec![range.start], 1.0)?;
-    // a body in a mirrored world is looked at out of it
+    // a mirrored body would be recognised with left and right exchanged
     let unmirrored = |clip: Clip| Axes::OWN.mirrored(options.mirror_axis).to_y_up(clip);
     let on =
         |rig: &BvhRig| clip(rig, rig.skeleton.clone(), frames, fps).and_then(unmirrored).map_err(|e| e.in_clip(path));
@@ -202,6 +205,7 @@ fn path_nodes(frames: &Frames, chain: &[usize]) -> [usize; 3] {
             high - low
         };
         let measured = holds.map(|n| (n, spread(n)));
+        // strictly greater, and from the clip's root upwards: ties go to the innermost
         measured.reduce(|best, other| if other.1 > best.1 { other } else { best }).map_or(last, |(n, _)| n)
     })
 }

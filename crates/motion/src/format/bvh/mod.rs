@@ -122,6 +122,7 @@ fn motion(path: &Path, parsed: Parsed, options: &ReadOptions) -> Result<Motion> 
     let clip = axes.to_y_up(clip)?;
     (rig.axes, rig.skeleton) = (axes.mirrored(options.mirror_axis), clip.skeleton().clone());
     let source = BvhSource { head, numbers, frames, read_fps: fps, rig, floor_m: None };
+    // after the axes: the doubt needs heights, which exist only with y up
     warnings.extend(added::doubt(&source, &clip));
     Ok(Motion::read(path, clip, Source::Bvh(Box::new(source)), warnings, found))
 }

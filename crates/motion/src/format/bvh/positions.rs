@@ -33,6 +33,7 @@ pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Pos
         let row = frames.row(f);
         for (i, node) in range.clone().enumerate() {
             let (p, q) = (frames.place(node, row), frames.turn(node, row));
+            // parents precede children in the file, so theirs are done
             (world[i], turns[i]) = match nodes[node].parent {
                 None => (p, q),
                 Some(parent) => {

@@ -55,6 +55,7 @@ pub(super) fn print_head(head: &Header, frame_time: &str, frames: usize, numbers
     out.extend_from_slice(between);
     out.extend_from_slice(frame_time.as_bytes());
     out.extend_from_slice(after);
+    // a file of 0 frames may end right after its frame time
     if !after.ends_with(b"\n") && !after.ends_with(b"\r") {
         out.extend_from_slice(head.style.line_end.as_bytes());
     }
@@ -63,6 +64,7 @@ pub(super) fn print_head(head: &Header, frame_time: &str, frames: usize, numbers
 
 /// Appends a number with six decimals; zero has no sign.
 pub(super) fn push_number(out: &mut Vec<u8>, v: f64) {
+    // below it, at most 9 digits, the point and 6 decimals fill the buffer's 16 bytes
     if v.abs() >= 1e8 {
         // writing to a Vec can't fail
         let _ = write!(out, "{v:.6}");
@@ -98,6 +100,7 @@ impl Header {
     /// Prints the hierarchy anew after its nodes have changed.
     pub(super) fn write_nodes(&mut self) {
         let old = &self.pieces[0];
+        // from the end, because a joint may be called Motion
         let motion = old.windows(6).rposition(|w| w.eq_ignore_ascii_case(b"MOTION")).unwrap_or(old.len());
         let mut first = hierarchy(&self.nodes, &self.style);
         first.extend_from_slice(&old[motion..]);

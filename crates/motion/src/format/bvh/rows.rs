@@ -21,11 +21,13 @@ pub(crate) fn parse(text: &Text, head: &Header, lenient: bool) -> Result<Rows, F
     let (width, mut at) = (head.width, head.rows_at.min(bytes.len()));
     let declared = usize::try_from(head.declared).unwrap_or(usize::MAX);
     let left = bytes.len() - at;
+    // the declared count is trusted only up to what the bytes can hold; typical numbers take over 4 bytes
     let mut numbers = Vec::with_capacity(declared.saturating_mul(width).min(left / 4 + 1));
     let mut frames = 0;
     while frames < declared && width > 0 {
         let start = next_line(bytes, at);
         let first = numbers.len();
+        // a row takes at least a digit a number and a blank between: checked before memory for it is used
         if bytes.len() - start < 2 * width - 1 {
             return Slow { text, head, declared, lenient }.rest(numbers, frames, start);
         }
@@ -56,7 +58,7 @@ fn begins_with_number(bytes: &[u8], at: usize) -> bool {
     number(word_at(bytes, next_line(bytes, at))) != Err(BadNumber::Junk)
 }
 
-/// Reads the rows behind `Frames: 0`, or counts them in a fault.
+/// Reads the rows after `Frames: 0`, or counts them in a fault.
 fn undeclared(text: &Text, head: &Header, at: usize, lenient: bool) -> Result<Rows, FileError> {
     let rows = Slow { text, head, declared: usize::MAX, lenient: true }.rest(Vec::new(), 0, at)?;
     if lenient {
@@ -168,6 +170,7 @@ impl Slow<'_> {
     ) -> Result<Rows, FileError> {
         let width = self.head.width;
         if let Some(bad) = bad {
+            // the total is right, so the rows were only wrapped
             if numbers.len() == expected {
                 let what = format!("rows are wrapped over lines, from row {} on: read by count", bad.row);
                 let warnings = vec![Warning { kind: "rows_wrapped", what }];

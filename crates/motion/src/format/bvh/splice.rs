@@ -1,4 +1,4 @@
-//! Writing changed motion into a BVH while the rest keeps its text.
+//! Writing changed motion into a BVH; the text of the rest stays byte for byte.
 
 use super::frame_time;
 use super::print::{not_finite, print_head, push_number};
@@ -39,6 +39,7 @@ impl BvhSource {
         let copied = |frame: usize| self.copied(frame, changed, &rig);
         let numbers = rig.rows_with(&clip, self, Some(changed.before), |frame, row| {
             for (number, from) in row.iter_mut().zip(copied(frame)) {
+                // before the next row is made, whose angles continue from the numbers in the file
                 *number = from.map_or(*number, |column| self.numbers[(changed.before + frame) * own + column]);
             }
         });
@@ -50,6 +51,7 @@ impl BvhSource {
             let copied = copied(frame);
             let of_file = changed.before + frame;
             match words.get(of_file * own..(of_file + 1) * own) {
+                // an unchanged row is copied whole, blanks included
                 Some([first, .., last]) if width == own && copied.iter().all(Option::is_some) => {
                     out.extend_from_slice(&text[first.start..last.end]);
                 }

@@ -36,6 +36,7 @@ impl<'a> Text<'a> {
         let before = &self.bytes[self.start().min(at)..at.min(self.bytes.len())];
         let (mut line, mut begin) = (1, 0);
         for (i, &b) in before.iter().enumerate() {
+            // CR LF counts once, at its LF; a CR alone ended lines on old Macs
             let crlf = b == b'\r' && self.bytes.get(self.start() + i + 1) == Some(&b'\n');
             if b == b'\n' || (b == b'\r' && !crlf) {
                 line += 1;
@@ -110,6 +111,7 @@ pub(crate) fn number(word: &[u8]) -> Result<f64, BadNumber> {
         [b'+' | b'-', rest @ ..] => rest,
         rest => rest,
     };
+    // `str::parse` also takes `inf`, `nan` and `infinity`, which are faults here
     let starts = matches!(plain, [b'0'..=b'9' | b'.', ..]);
     if let (true, Ok(text)) = (starts, std::str::from_utf8(word))
         && let Ok(value) = text.parse::<f64>()

@@ -12,7 +12,7 @@ use std::path::Path;
 /// file's unit; `map` is the map that fits it.
 ///
 /// # Errors
-/// [`FaultKind::UnitUnknown`] when neither the legs nor the size of the body tell it.
+/// [`FaultKind::UnitUnknown`] when neither the legs nor the size of the body show it.
 pub(crate) fn judge(
     path: &Path,
     head: &Header,
@@ -32,7 +32,7 @@ pub(crate) fn judge(
     let length = |leg: &Vec<usize>| leg.iter().map(|&j| rig.offsets()[j].length()).sum::<f64>();
     let by_offset =
         |leg: &Vec<usize>| leg.iter().map(|&j| Vec3::from_array(head.nodes[node(j)].offset).length()).sum::<f64>();
-    // legs that the OFFSETs alone would tell are no child's
+    // a leg whose OFFSETs alone give a unit is no child's: its position channels are meant to be added
     let added = options.bvh_position == BvhPosition::Replace
         && leg.as_ref().is_some_and(|leg| size::unit_of_leg(length(leg)).is_none())
         && leg.as_ref().map(by_offset).and_then(size::unit_of_leg).is_some();
@@ -68,6 +68,7 @@ fn leg_by_words(head: &Header, range: Range<usize>) -> Option<Vec<usize>> {
     let any = |n: usize, words: &[&str]| words.iter().any(|w| plain(n).contains(w));
     let mut ankles =
         range.filter(|&n| head.nodes[n].kind != NodeKind::End && any(n, &["foot", "ankle"])).collect::<Vec<_>>();
+    // a foot is the ankle in most rigs, but the ball in rigs that name an ankle: named ankles first
     ankles.sort_by_key(|&n| !any(n, &["ankle"]));
     for ankle in ankles {
         let mut chain = vec![ankle];

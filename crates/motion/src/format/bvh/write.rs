@@ -72,6 +72,7 @@ impl BvhSource {
         }
         let (own, same) = (&self.head.frame_time, self.fps() == clip.fps());
         let time = |keep: bool| if keep { Ok(own.clone()) } else { frame_time::text(clip.fps()) };
+        // the file's own numbers, without the rounding of a way through quaternions
         if self.is_untouched(clip) {
             return print(&self.head, &time(same)?, clip.frames(), &self.numbers);
         }

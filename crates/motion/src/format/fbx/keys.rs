@@ -1,4 +1,4 @@
-//! Length and rate of a take, by what the file states of it or by its keys.
+//! Length and rate of a take, as the file states them or by its keys.
 
 use crate::format::keys;
 use crate::format::options::is_rate;

@@ -85,6 +85,7 @@ impl Buffer {
         document["bufferViews"] = self.views.into();
         document["accessors"] = self.accessors.into();
         let mut text = document.to_string().into_bytes();
+        // glTF 2.0, 4.4.3: chunks are aligned to 4 bytes, JSON with blanks and binary with zeros
         text.resize(text.len().next_multiple_of(4), b' ');
         let mut binary = self.bytes;
         binary.resize(binary.len().next_multiple_of(4), 0);

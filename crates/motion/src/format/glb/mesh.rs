@@ -60,6 +60,7 @@ impl Mesh {
         }
         self.add(b + along * rb, along, joint);
         let sides = SIDES as u32;
+        // `% sides` closes each ring: the last side shares its vertices with the first
         let at = |ring: u32, side: u32| first + 1 + ring * sides + side % sides;
         let last = first + 1 + rings * sides;
         for side in 0..sides {

@@ -1,7 +1,7 @@
 //! GLB (binary glTF 2.0): written for game engines and browsers, and [read](read()).
 //!
-//! Each clip that is written becomes a skeleton of nodes, a skinned body of capsules, and an animation with keys in every frame: rotations,
-//! and positions of the root. Metres, y up. All clips of a file play together in one animation. Joints that never rotate
+//! Each clip that is written becomes a skeleton of nodes, a skinned body of capsules, and an animation with keys in
+//! every frame: rotations, and positions of the root. Metres, y up. All clips of a file play together in one animation. Joints that never rotate
 //! have no keys.
 //!
 //! Source: Khronos Group, glTF 2.0 Specification (2021), sections 3.6, 3.7, 3.11, 4.4.
@@ -154,6 +154,7 @@ impl Scene {
 
 /// The rotations of a joint (F), with signs such that interpolation takes the shorter arc.
 fn turns(clip: &Clip, joint: usize) -> Vec<Quat> {
+    // a linear sampler takes the keys as they are; q after -q would go the long way round
     let mut before = Quat::IDENTITY;
     let next = |f: usize| {
         before = nearest_sign(clip.pose(f)[joint], before);

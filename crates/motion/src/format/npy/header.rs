@@ -130,6 +130,7 @@ impl Cursor<'_> {
         let end = self.0.iter().position(|&b| b == quote)?;
         let text = std::str::from_utf8(&self.0[..end]).ok()?.to_owned();
         self.0 = &self.0[end + 1..];
+        // no name or type has an escape, and the search for the end didn't respect any
         (!text.contains('\\')).then_some(text)
     }
 

@@ -79,6 +79,7 @@ impl<'a> Machine<'a> {
                 Ok(())
             }
             b'(' => Err(self.large(format!("more than {MAX_MARKS} open marks"))),
+            // POP on an open mark removes the mark, as in CPython
             b'0' if self.stack.len() == self.marks.last().copied().unwrap_or(0) => self.pop_mark().map(drop),
             b'0' => self.pop().map(drop),
             b'1' => self.pop_mark().map(drop),
@@ -211,6 +212,7 @@ impl<'a> Machine<'a> {
 
     fn put(&mut self, opcode: u8) -> Step {
         let index = match opcode {
+            // MEMOIZE numbers entries by their count, which all writers of protocol 4 and later rely on
             0x94 => self.memo.len() as u32,
             _ => self.memo_index(opcode == b'p', opcode == b'q')?,
         };

@@ -109,6 +109,7 @@ const FROM_JOBLIB: &str =
 /// The method by which joblib compressed a file.
 fn compression(bytes: &[u8]) -> Option<&'static str> {
     let methods: [(&[u8], &str); 10] = [
+        // the second byte is zlib's level: fastest, fast, default, best
         (b"\x78\x01", "zlib"),
         (b"\x78\x5e", "zlib"),
         (b"\x78\x9c", "zlib"),
@@ -118,6 +119,7 @@ fn compression(bytes: &[u8]) -> Option<&'static str> {
         (b"\xfd7zXZ\0", "xz"),
         (b"\x5d\0\0", "lzma"),
         (b"\x04\x22\x4d\x18", "lz4"),
+        // joblib up to 0.9: `ZF`, then the length as Python's `hex` writes it
         (b"ZF0x", "zlib"),
     ];
     methods.into_iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, method)| method)

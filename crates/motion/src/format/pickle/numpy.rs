@@ -76,6 +76,7 @@ impl<'a> Machine<'a> {
             },
             _ => return Err(self.refuse("a state for what is no array".into())),
         };
+        // in place: the memo refers to it, and later references must see the finished array
         self.values[target as usize] = built;
         Ok(())
     }

@@ -152,6 +152,7 @@ pub(crate) struct Style {
 impl Header {
     /// A node and all nodes below it, which follow it in the file.
     pub(crate) fn below(&self, node: usize) -> Range<usize> {
+        // the nodes are in depth-first order, so those below are the run whose parents don't precede the node
         let is_below = |n: &usize| self.nodes[*n].parent.is_some_and(|parent| parent >= node);
         node..(node + 1..self.nodes.len()).find(|n| !is_below(n)).unwrap_or(self.nodes.len())
     }

@@ -46,6 +46,7 @@ impl Motion {
     /// The same with another clip: other frames of its rig, or the frames of another rig.
     pub fn with_clip(self, clip: Clip) -> Motion {
         let is_same = clip.skeleton() == self.clip.skeleton();
+        // another clip has its own floor, but on the same rig the same humanoid
         let humanoid = if is_same { self.humanoid } else { OnceLock::new() };
         Motion { clip, humanoid, floor: OnceLock::new(), ..self }
     }
@@ -73,7 +74,7 @@ impl Motion {
 
     /// The motion with the map that was found for another view of its rig, or with none.
     pub(crate) fn with_found(self, found: Option<FoundMap>) -> Motion {
-        // what the clip has no part in is the same in all views
+        // a map that doesn't come from the clip is the same in all views
         let of_clip = |found: FoundMap| if found.is_of_clip() { found.on(&self.clip) } else { found };
         let humanoid = found.map(of_clip).map(|found| Arc::new(Humanoid::new(found, self.clip.skeleton())));
         Motion { humanoid: OnceLock::from(humanoid), ..self }
@@ -128,6 +129,7 @@ impl Motion {
     /// If the range leaves the clip.
     pub fn slice(&self, frames: Range<usize>) -> Motion {
         let source = match &self.source {
+            // rows correspond to frames only until the clip was resampled or cut
             Source::Bvh(s) if s.frames == self.clip.frames() => Source::Bvh(Box::new(s.slice(frames.clone()))),
             other => other.clone(),
         };

@@ -43,6 +43,7 @@ pub fn geometric(positions: &JointPositions, form: Formulas) -> [f64; GEOMETRIC]
         Formulas::Fixed => (positions.lengths, positions.fps),
     };
     let mut shares = [0.0; GEOMETRIC];
+    // from the second frame on, because velocities need the one before
     for frame in 1..positions.frames() {
         let holds = At { positions, frame, fps }.relations(lengths, form);
         shares.iter_mut().zip(holds).for_each(|(share, holds)| *share += f64::from(u8::from(holds)));
@@ -166,6 +167,7 @@ fn part(vector: Vec3, direction: Vec3) -> f64 {
 
 /// Whether the angle between two vectors is between these limits, degrees.
 fn within(a: Vec3, b: Vec3, low: f64, high: f64) -> bool {
+    // NaN for a zero vector, for which no comparison below holds
     let degrees = a.angle_between(b).to_degrees();
     low < degrees && degrees < high
 }

@@ -28,6 +28,7 @@ pub fn kinetic(positions: &JointPositions, form: Formulas) -> [f64; KINETIC] {
         features[3 * joint..3 * joint + 3].iter_mut().for_each(|x| *x /= steps as f64);
     }
     if form == Formulas::Fixed {
+        // energies span powers of ten; 0.001 bounds the logarithm of a joint that stands still
         features.iter_mut().for_each(|x| *x = (*x + 1e-3).ln());
     }
     features

@@ -1,4 +1,9 @@
-//! The likeliest body: which pairs of limbs are legs and arms, what lies between and above them, which side is left.
+//! The likeliest body: which pairs of limbs are legs and arms, which joints are between and above them, which side is
+//! left.
+//!
+//! Scores are sums of log likelihoods, so that a deviation counts by its square. Limits: a body has one pair of legs
+//! and one of arms; further pairs are ignored. Left and right come from names, feet, and the bend of knees and elbows: an
+//! unnamed rig with straight limbs and no feet has no certain side.
 
 use super::limbs::{LimbPair, Tree, pairs};
 use super::names::{Hint, Side};
@@ -6,7 +11,7 @@ use crate::Vec3;
 
 /// What one joint's name counts for, in the unit of the scores: minus half of a squared deviation.
 pub(super) const NAME: f64 = 3.0;
-/// As many pairs of limbs are tried as legs, and as many as arms.
+/// The number of pairs of limbs that are tried as legs, and as arms.
 const CANDIDATES: usize = 40;
 /// No single measurement counts for more.
 const MOST: f64 = 8.0;
@@ -48,14 +53,15 @@ pub(super) struct Evidence<'a> {
     pub tree: Tree<'a>,
     /// What the names (J) say.
     pub hints: Vec<Hint>,
-    /// Places (J) of the joints in some poses.
+    /// Positions (J) of the joints in some poses.
     pub poses: Vec<Vec<Vec3>>,
-    /// Whether each joint (J) turns in its parent's frame; all, where no clip tells.
+    /// Whether each joint (J) rotates in its parent's frame; all, without a clip that shows it.
     pub turns: Vec<bool>,
 }
 
 /// Minus half the squared deviation of `x`, at most [`MOST`].
 pub(super) fn normal(x: f64, (mean, deviation): (f64, f64)) -> f64 {
+    // NaN comes from bones without length, as ln(0 / 0): the worst fit
     if x.is_nan() { -MOST } else { (-0.5 * ((x - mean) / deviation).powi(2)).max(-MOST) }
 }
 
@@ -69,6 +75,7 @@ impl Evidence<'_> {
             scored.truncate(CANDIDATES);
             scored
         };
+        // long pairs first: two fingers of a hand are like chains with well-proportioned bones too
         let longest = pairs.iter().map(LimbPair::length).fold(0.0, f64::max);
         let legs = likeliest(&|p| self.leg(p) + (p.length() / longest).ln());
         let arms = likeliest(&|p| self.arm(p) + (p.length() / longest).ln());
@@ -95,7 +102,8 @@ impl Evidence<'_> {
         normal((pair.bones[1] / pair.bones[0]).ln(), ratio) - pair.uneven.min(MOST) + self.stiff(pair)
     }
 
-    /// A bone is as long in every pose as the way along it: what bends between its ends is no bone.
+    /// How straight the bones are in the poses: a joint that bends between two ends makes their distance less than the
+    /// length along the chain.
     fn stiff(&self, pair: &LimbPair) -> f64 {
         let mut sum = 0.0;
         for side in 0..2 {
@@ -103,9 +111,9 @@ impl Evidence<'_> {
             for bone in 0..2 {
                 let (a, b) = (joints[bone], joints[bone + 1]);
                 let way = self.tree.way(a, b);
-                let apart =
+                let straight =
                     self.poses.iter().map(|p| p[a].distance(p[b])).sum::<f64>() / self.poses.len().max(1) as f64;
-                sum += normal(1.0 - apart / way, (0.0, 0.02));
+                sum += normal(1.0 - straight / way, (0.0, 0.02));
             }
         }
         0.5 * sum
@@ -115,7 +123,7 @@ impl Evidence<'_> {
         NAME * self.hints[joint].agreement(id)
     }
 
-    /// What names say of a pair as the left joints `ids` and their right ones, whichever way round they fit.
+    /// The agreement of a pair's names with the left joints `ids` and their right ones, the sides as they fit best.
     fn named_pair(&self, pair: &LimbPair, ids: [usize; 3]) -> f64 {
         let way = |left: usize| -> f64 {
             let of = |side: usize, right: usize| -> f64 {
@@ -123,6 +131,7 @@ impl Evidence<'_> {
             };
             of(left, 0) + of(1 - left, 1)
         };
+        // sides are settled later, in `left`; here the names only have to agree with each other
         way(0).max(way(1))
     }
 
@@ -131,10 +140,10 @@ impl Evidence<'_> {
         let tree = &self.tree;
         let arm = &if self.crossed(leg, arm) { arm.swapped() } else { arm.clone() };
         let limbs = |pair: &LimbPair| [pair.paths[0][0], pair.paths[1][0]];
-        let apart = limbs(leg).iter().all(|&l| !tree.rig.descends(arm.parent, l))
+        let separate = limbs(leg).iter().all(|&l| !tree.rig.descends(arm.parent, l))
             && limbs(arm).iter().all(|&a| !tree.rig.descends(leg.parent, a))
             && limbs(leg).iter().all(|l| !limbs(arm).contains(l));
-        if !apart {
+        if !separate {
             return None;
         }
         let trunk_root = tree.common(leg.parent, arm.parent);
@@ -148,7 +157,7 @@ impl Evidence<'_> {
         let beyond = |pair: &LimbPair| (0..2).map(|s| tree.reach[pair.joints(s)[2]]).sum::<f64>() / (2.0 * scale);
         build += if (0.02..0.6).contains(&beyond(leg)) { 0.0 } else { -1.5 };
         build += if beyond(arm) < 0.5 { 0.0 } else { -2.0 };
-        // what lies between trunk and limb is short
+        // the way from trunk to limb, a pelvis's or a collar's width, is short
         let before = |pair: &LimbPair| tree.way(pair.parent, pair.joints(0)[0]) / scale;
         build += normal(before(leg).max(0.2) - 0.2, (0.0, 0.1)) + normal(before(arm).max(0.35) - 0.35, (0.0, 0.1));
 
@@ -186,7 +195,7 @@ impl Evidence<'_> {
             })
             .collect();
         let Some(middle) = median(&mut cosines) else { return 0.0 };
-        // not limited: who goes on all fours is no humanoid, whatever else fits
+        // not limited to MOST: a body on all fours is no humanoid, whatever else fits
         -0.5 * ((middle + 0.85).max(0.0) / 0.2).powi(2)
     }
 
@@ -203,6 +212,7 @@ impl Evidence<'_> {
         let across = |pair: &LimbPair, p: &[Vec3]| (p[pair.joints(0)[0]] - p[pair.joints(1)[0]]).normalize_or_zero();
         let seen: f64 = self.poses.iter().map(|p| across(leg, p).dot(across(arm, p))).sum();
         let seen = seen / self.poses.len().max(1) as f64;
+        // 6 joints of a pair have at most 6 votes: both pairs fully named outweigh the positions, 4 to 2
         names(leg) * names(arm) / 9.0 + 2.0 * seen < 0.0
     }
 
@@ -238,12 +248,14 @@ impl Evidence<'_> {
             for side in 0..2 {
                 let [hip, knee, ankle] = at(leg, side);
                 if let Some(toe) = leg.next(side) {
+                    // across the shin: the part of a foot along it, as on tiptoe, says nothing about the front
                     let along = (ankle - knee).normalize_or_zero();
                     let foot = p[toe] - ankle;
                     front += foot - along * foot.dot(along);
                 }
                 front += off_line(hip, knee, ankle);
                 let [shoulder, elbow, wrist] = at(arm, side);
+                // an elbow points back where a knee points ahead; arms rotate about their own axis, so it counts half
                 front -= 0.5 * off_line(shoulder, elbow, wrist);
             }
             front -= up * front.dot(up);
@@ -252,6 +264,7 @@ impl Evidence<'_> {
             sum += up.cross(front).dot(across) / leg.length();
             size += front.length() / leg.length();
         }
+        // the second factor fades evidence from bends under 5 % of the leg, which may be noise or a T-pose
         (sum / (2.0 * size)).clamp(-1.0, 1.0) * (size / (0.05 * self.poses.len().max(1) as f64)).min(1.0)
     }
 }

@@ -6,10 +6,11 @@ use crate::Skeleton;
 const UNEVEN: f64 = 0.05;
 /// The lower bone of a limb over its upper one. CMU's forearms end at two thirds, where a joint is called wrist.
 const RATIO: std::ops::Range<f64> = 0.3..2.5;
-/// A limb has at most so many joints on its way, a joint so many children that could be limbs, a rig so many pairs that
-/// are looked at: what no body needs, and a hostile file could fill.
+/// Most joints along a limb. This limit and the next two are beyond any body; they bound the work on a hostile file.
 const LONGEST: usize = 12;
+/// Most children of a joint that are tried as limbs.
 const SIBLINGS: usize = 16;
+/// Most pairs of limbs of a rig.
 const MOST_PAIRS: usize = 20_000;
 
 /// A rig as a tree of lengths.
@@ -29,11 +30,13 @@ impl<'a> Tree<'a> {
         for end in rig.ends() {
             reach[end.parent] = f64::max(reach[end.parent], end.offset.length());
         }
+        // parents precede their children, so backwards every child's reach is final when it is added
         for j in (1..joints).rev() {
             let Some(parent) = rig.parents()[j] else { continue };
             children[parent].push(j);
             reach[parent] = f64::max(reach[parent], rig.offsets()[j].length() + reach[j]);
         }
+        // the backward loop collected them in reverse; ties in scores go by the file's order
         children.iter_mut().for_each(|c| c.reverse());
         Tree { rig, children, reach }
     }
@@ -79,7 +82,7 @@ impl<'a> Tree<'a> {
 /// A limb on both sides: three joints (hip, knee, ankle or shoulder, elbow, wrist) on two ways down from siblings.
 #[derive(Debug, Clone)]
 pub(super) struct LimbPair {
-    /// The joint that both sides hang from.
+    /// The parent of both sides.
     pub parent: usize,
     /// The ways down of both sides; the same places on both correspond.
     pub paths: [Vec<usize>; 2],
@@ -146,16 +149,18 @@ fn of_ways(tree: &Tree, parent: usize, a: &[usize], b: &[usize], found: &mut Vec
             .collect::<Vec<f64>>()
     });
     let length = |side: usize, from: usize, to: usize| ways[side][to] - ways[side][from];
+    // any three joints of the ways: collars precede a limb, and twist joints split its bones
     for i in 0..n {
         for j in i + 1..n {
             for k in j + 1..n {
                 let bones = [[i, j], [j, k]].map(|[from, to]| [length(0, from, to), length(1, from, to)]);
                 let mean = bones.map(|[a, b]| 0.5 * (a + b));
+                // before the ratio, which would be NaN or infinite
                 if mean[0].min(mean[1]) < 1e-6 || !RATIO.contains(&(mean[1] / mean[0])) {
                     continue;
                 }
-                let apart = |[a, b]: [f64; 2]| ((2.0 * (a - b).abs() / (a + b) - UNEVEN).max(0.0) / UNEVEN).powi(2);
-                let uneven = bones.map(apart).iter().sum();
+                let excess = |[a, b]: [f64; 2]| ((2.0 * (a - b).abs() / (a + b) - UNEVEN).max(0.0) / UNEVEN).powi(2);
+                let uneven = bones.map(excess).iter().sum();
                 found.push(LimbPair { parent, paths: [a.to_vec(), b.to_vec()], at: [i, j, k], bones: mean, uneven });
             }
         }

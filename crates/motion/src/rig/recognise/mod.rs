@@ -20,26 +20,27 @@ use names::side_of;
 
 /// More joints than any humanoid has.
 const MOST_JOINTS: usize = 2048;
-/// Frames of a clip that are looked at, evenly spaced.
+/// Frames of a clip that are examined, evenly spaced.
 const FRAMES: usize = 60;
 /// The score of hierarchy and proportions at which a rig is as likely a body as not.
 const EVEN: f64 = -6.0;
-/// How far from it the odds are as one to e, and the most that names make up for.
+/// Scores this far from [`EVEN`] have odds of one to e.
 const SPREAD: f64 = 0.6;
+/// The most that names add to that score.
 const NAMED: f64 = 2.0;
-/// The share of what proportions count against a body that its names take away, if they say what each required joint is.
+/// The fraction of the proportions' penalty that names cancel, if they identify every required joint.
 const BUILD_BY_NAME: f64 = 0.6;
-/// But not from a posture below this: what goes on all fours has thighs and forearms too.
+/// Below this posture names cancel nothing: four-legged animals have thighs and forearms too.
 const UPRIGHT: f64 = -2.0;
 /// Two bodies whose scores differ by this have odds of one to e.
 const SOFTNESS: f64 = 1.2;
 /// Spine, neck, head, collars and balls of the feet: where one ends and the next begins, lengths say little.
 const VAGUE: [usize; 9] = [3, 6, 9, 10, 11, 12, 13, 14, 15];
-/// As sure as they can be without a name.
+/// The highest confidence of such a joint without a name.
 const UNNAMED: f64 = 0.8;
 /// Below this a rig is no humanoid.
 const NONE: f64 = 0.02;
-/// The confidence from which a map is used without asking.
+/// The confidence from which a map is used without the caller's consent.
 pub const SURE: f64 = 0.9;
 
 /// A body recognised in a rig.
@@ -61,7 +62,7 @@ impl Recognised {
         REQUIRED.iter().map(|&id| self.confidence[id]).fold(1.0, f64::min)
     }
 
-    /// Whether the map may be used without asking.
+    /// Whether the map may be used without the caller's consent.
     pub fn is_sure(&self) -> bool {
         self.confidence() >= SURE
     }
@@ -102,11 +103,14 @@ pub fn recognise(rig: &Skeleton, clip: Option<&Clip>) -> Option<Recognised> {
     let bodies = evidence.bodies();
     let best = bodies.first()?;
     let named = evidence.named(best);
+    // `build` is a sum of penalties, at most 0: subtracting a share of it raises the score
     let shape = best.shape() - BUILD_BY_NAME * named * best.build;
     let humanoid = logistic((shape + (0.5 * best.names).min(NAMED) - EVEN) / SPREAD);
+    // a rig whose names identify every required joint is reported with its doubts, not with a built-in map's names
     if humanoid < NONE && named < 1.0 {
         return None;
     }
+    // relative to the best score, so that `exp` can't underflow for all bodies and the sum is at least 1
     let weight = |b: &Body| ((b.score() - best.score()) / SOFTNESS).exp();
     let all: f64 = bodies.iter().map(weight).sum();
     let mut confidence = [0.0; 24];
@@ -115,7 +119,7 @@ pub fn recognise(rig: &Skeleton, clip: Option<&Clip>) -> Option<Recognised> {
             let share = bodies.iter().filter(|b| b.joints[id] == best.joints[id]).map(weight).sum::<f64>() / all;
             *c = humanoid * share * if side_of(id).1.is_some() { best.sides } else { 1.0 };
             let named = best.joints[id].is_some_and(|j| evidence.is_named(j, id));
-            // what turns above the joint that legs and trunk part at may be the pelvis too
+            // a joint above the one where legs and trunk part may be the pelvis too, if it rotates in the clip
             let below = |j: usize| evidence.tree.upwards(j).skip(1).any(|above| evidence.turns[above]);
             let vague = VAGUE.contains(&id) || (id == 0 && best.joints[0].is_some_and(below));
             if vague && !named {
@@ -167,7 +171,7 @@ pub(super) fn turns(rig: &Skeleton, clip: Option<&Clip>) -> Vec<bool> {
     if found.iter().any(|t| *t) { found } else { all }
 }
 
-/// Places (J) of the joints in some frames of the clip, else in the rest pose.
+/// Positions (J) of the joints in some frames of the clip, else in the rest pose.
 fn poses(rig: &Skeleton, clip: Option<&Clip>) -> Vec<Vec<Vec3>> {
     match clip.filter(|c| c.frames() > 0) {
         Some(clip) => {

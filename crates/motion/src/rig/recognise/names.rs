@@ -1,7 +1,8 @@
 //! What the name of a joint says: its part of the body, its side, and whether it is a joint of the body at all.
 //!
-//! Names are evidence and no more: each is split into words (`CC_Base_L_ThighTwist01` is l, thigh, twist), and a word may
-//! speak for several joints. Which of them it is, hierarchy and proportions decide.
+//! Names are evidence and no more: each is split into words (`CC_Base_L_ThighTwist01` is l, thigh, twist), and a word
+//! may stand for several joints, between which hierarchy and proportions decide. Limits: the words are English, those
+//! of MikuMikuDance Japanese; names in other languages say nothing.
 
 use super::super::map::without_namespace;
 
@@ -249,7 +250,7 @@ const PARTS: &[(&[&str], Weights)] = &[
     (&["ulna"], &[(18, 0.9)]),
     (&["hand"], HAND),
     (&["wrist"], WRIST),
-    // what motion capture says of vertebrae, and MikuMikuDance of bodies
+    // vertebrae as Xsens names them, and the bones of MikuMikuDance
     (&["l", "5"], &[(3, 0.7)]),
     (&["l", "3"], &[(3, 0.5), (6, 0.5)]),
     (&["t", "12"], &[(6, 0.8)]),
@@ -299,6 +300,7 @@ pub fn hints(names: &[String]) -> Vec<Hint> {
         words.iter().map(|words| hint(&words[shared.min(words.len().saturating_sub(1))..])).collect();
     for side in [Some(Side::Left), Some(Side::Right), None] {
         let says = |hint: &Hint, part: Weights| hint.side == side && hint.kind == Kind::Body && hint.parts == part;
+        // where a rig has wrists, its hands are the joints beyond them; else a hand is the wrist itself
         if hints.iter().any(|hint| says(hint, WRIST) && hint.plain) {
             hints.iter_mut().filter(|hint| says(hint, HAND)).for_each(|hint| hint.parts = HAND_BEYOND);
         }
@@ -316,7 +318,7 @@ fn shared_start(words: &[Vec<String>]) -> usize {
         shared = shared.min(first.iter().zip(other).take_while(|(a, b)| a == b).count());
         count += 1;
     }
-    // a prefix of few names says nothing
+    // few names may share a first word by chance
     if count < 8 { 0 } else { shared }
 }
 
@@ -337,6 +339,7 @@ fn hint(words: &[String]) -> Hint {
     let (run, parts) = found.map_or((0, &[][..]), |(run, parts)| (run.len(), *parts));
     let plain = rest.iter().filter(|w| w.parse::<u64>().is_err()).count() <= run;
     let says = |kind: Kind| KINDS.iter().any(|(k, list)| *k == kind && rest.iter().any(|w| list.contains(w)));
+    // the first kind that fits wins: the IK target of a twist joint is a control
     let kind = if says(Kind::Ik) {
         Kind::Ik
     } else if says(Kind::Twist) {
@@ -345,6 +348,7 @@ fn hint(words: &[String]) -> Hint {
         Kind::Extra
     } else if says(Kind::Face) {
         Kind::Face
+    // fingers have sides; without one, "mid", "middle" or "in" may belong to a joint of the trunk
     } else if side.is_some() && says(Kind::Finger) {
         Kind::Finger
     } else {
@@ -380,7 +384,7 @@ fn words(name: &str) -> Vec<String> {
         }
         before = Some(c);
     }
-    // LUArm and RFArm: the side and the first letter stand together
+    // LUArm and RFArm: two capitals in a row are one word so far, the side and the first letter of upper or fore
     for i in 1..words.len() {
         if words[i] == "arm" && matches!(words[i - 1].as_str(), "lu" | "lf" | "ru" | "rf") {
             let letter = words[i - 1].split_off(1);
@@ -398,8 +402,10 @@ fn trimmed(word: &str) -> String {
 fn split_side(word: String) -> Vec<String> {
     let kinds = |rest: &str| rest.len() > 3 && KINDS.iter().any(|(_, list)| list.contains(&rest));
     let known = |rest: &str| PARTS.iter().any(|(run, _)| *run == [rest]) || kinds(rest) || is_joined(rest);
+    // longer spellings follow shorter ones in SIDES: backwards, `left` is tried before `l`
     for (side, _) in SIDES.iter().rev() {
         let Some(rest) = word.strip_prefix(side).filter(|r| !r.is_empty()) else { continue };
+        // one or two letters begin many words (`leg`, `root`): they are a side only before a known word
         if side.len() > 2 || known(rest) {
             return std::iter::once((*side).to_owned()).chain(split_joined(rest.to_owned())).collect();
         }

@@ -5,7 +5,7 @@ use crate::rig::SkeletonMap;
 use crate::rotation::{Mat3, nearest_sign, quarter_axes, swing};
 use crate::{Clip, GlobalPose, Quat, Skeleton, Vec3, smpl};
 
-/// Frames of a clip that are looked at, evenly spaced.
+/// Frames of a clip that are examined, evenly spaced.
 const FRAMES: usize = 300;
 /// Up to these angles, radians, legs are straight and below the trunk, and both sides are alike.
 const STRAIGHT: [f64; 2] = [0.2, 0.06];
@@ -96,9 +96,11 @@ impl Mean<'_> {
         let mut sum = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
         let mut last = Quat::IDENTITY;
         for pose in self.poses {
+            // q and -q are one rotation: unless their signs agree, a sum of quaternions cancels
             last = nearest_sign(pose.rotations[of].inverse() * pose.rotations[joint], last);
             sum += last;
         }
+        // rotations all around: there is no mean, and normalising would give NaN
         if sum.length() < 1e-9 { last } else { sum.normalize() }
     }
 
@@ -122,7 +124,7 @@ impl Mean<'_> {
         let mut local = Vec::with_capacity(rig.joints());
         let mut whole: Vec<Quat> = Vec::with_capacity(rig.joints());
         for (j, own) in global.into_iter().enumerate() {
-            // joints of no part keep their mean place to the joint above; what is above the pelvis goes with it
+            // joints without an SMPL counterpart keep their mean local rotation; those above the pelvis go with it
             let parent = rig.parents()[j];
             let q = own.unwrap_or_else(|| match parent {
                 _ if rig.descends(pelvis, j) => upright * self.rotation(pelvis, j),
@@ -135,8 +137,8 @@ impl Mean<'_> {
         local
     }
 
-    /// Trunk and neck, as straight as SMPL's at rest, so that who bows in the mean bows on SMPL too; the head, which looks
-    /// ahead in the mean, as it is then.
+    /// Trunk and neck, as straight as SMPL's at rest, so that a body that bows in the mean bows on SMPL too. The head keeps
+    /// its mean rotation, since people look ahead in the mean.
     fn trunk(&self, upright: Quat, pelvis: usize, global: &mut [Option<Quat>]) {
         let body = smpl::neutral();
         let chain: Vec<(usize, usize)> =
@@ -164,7 +166,9 @@ impl Mean<'_> {
         let unit = |at: &dyn Fn(usize) -> Vec3, bone: usize| (at(ids[bone + 1]) - at(ids[bone])).normalize_or_zero();
         for (bone, joint) in [upper, lower].into_iter().enumerate() {
             let own = self.vector(joint, |at| unit(at, bone));
+            // the sine of the bend is the cross product's length, so poses with straight limbs add nothing to the mean
             let axis = self.vector(joint, |at| unit(at, 0).cross(unit(at, 1)));
+            // a limb that hardly bends has no hinge: it retains its mean roll, and only its direction corrected
             global[joint] = Some(if axis.length() > BENT {
                 frame(along, hinge) * frame(own, axis).inverse()
             } else {
@@ -183,10 +187,12 @@ impl Mean<'_> {
     /// lowest, heel and ball together. `None` for a foot without a ball.
     fn foot_ahead(&self, ankle: usize, ball: usize) -> Option<Quat> {
         let (ankle, ball) = (self.joints[ankle]?, self.joints[ball]?);
+        // the floor's normal is needed here, and the axis of up isn't known before the reference pose is
         let level = self.to_y_up();
         let height = |pose: &GlobalPose| (level * (pose.positions[ball] + pose.positions[ankle])).y;
         let mut low: Vec<&GlobalPose> = self.poses.iter().collect();
         low.sort_by(|a, b| height(a).total_cmp(&height(b)));
+        // feet in the air point anywhere; those on the floor are flat
         low.truncate(self.poses.len().div_ceil(10));
         let mut sum = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
         let mut last = Quat::IDENTITY;
@@ -204,6 +210,7 @@ impl Mean<'_> {
         let at = |pose: &GlobalPose, id: usize| self.joints[id].map_or(Vec3::ZERO, |j| pose.positions[j]);
         let up: Vec3 = self.poses.iter().map(|p| at(p, 16) + at(p, 17) - at(p, 7) - at(p, 8)).sum();
         let axes = [Vec3::Y, Vec3::Z, Vec3::X, Vec3::NEG_Z, Vec3::NEG_X, Vec3::NEG_Y];
+        // the margin makes ties go to the earlier axis, whatever the last bit of a sum is
         let nearest = axes.into_iter().fold(Vec3::Y, |best, a| if up.dot(a) > up.dot(best) + 1e-9 { a } else { best });
         swing(nearest, Vec3::Y)
     }
@@ -212,6 +219,7 @@ impl Mean<'_> {
 /// The frame whose first axis is along `x` and whose second is as near to `y` as it can be.
 fn frame(x: Vec3, y: Vec3) -> Quat {
     let x = x.normalize_or(Vec3::X);
+    // Gram-Schmidt; with y along x any perpendicular will do, since nothing shows the roll
     let y = (y - x * x.dot(y)).normalize_or(x.any_orthonormal_vector());
     Quat::from_mat3(&Mat3::from_cols(x, y, x.cross(y)))
 }

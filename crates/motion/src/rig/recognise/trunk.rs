@@ -1,4 +1,4 @@
-//! What hangs between and beyond the limbs: pelvis, spine, neck, head, collars, balls of the feet, hands.
+//! The joints between and beyond the limbs: pelvis, spine, neck, head, collars, balls of the feet, hands.
 
 use super::body::{Evidence, NAME, median, normal};
 use super::limbs::LimbPair;
@@ -28,6 +28,7 @@ impl Evidence<'_> {
         let pelvis = joints[0].unwrap_or(trunk_root);
         let mut spine: Vec<usize> = tree.upwards(arm.parent).take_while(|&j| j != pelvis).collect();
         spine.reverse();
+        // joints that never rotate are helpers; in a clip where none does, nothing shows which
         if spine.iter().any(|&j| self.turns[j]) {
             spine.retain(|&j| self.turns[j]);
         }
@@ -39,12 +40,12 @@ impl Evidence<'_> {
         };
         let first = best(upwards, score);
         let mut above = first.map(|c| self.upper_path(c)).unwrap_or_default();
-        // necks and heads may be still in a whole clip
+        // a neck or head may not rotate in a whole clip: its name retains it
         let named = |j: usize| self.hints[j].agreement(12).max(self.hints[j].agreement(15)) > 0.5;
         if above.iter().any(|&j| self.turns[j]) {
             above.retain(|&j| self.turns[j] || named(j));
         }
-        // Biped's collars hang from the neck
+        // 3ds Max Biped parents its collars to the neck, so the joint where the arms part is the neck, not the chest
         let neck_below = above.first().is_some_and(|&c| self.hints[c].agreement(15) > 0.5)
             && self.hints[arm.parent].agreement(12) > 0.5
             && spine.last() == Some(&arm.parent);
@@ -52,6 +53,7 @@ impl Evidence<'_> {
             spine.pop();
             above.insert(0, arm.parent);
         }
+        // the half point per joint prefers the lowest where names say the same or nothing
         let neck = best(0..above.len(), |i| self.agreement(above[i], 12) - 0.5 * i as f64);
         if let Some(n) = neck {
             let says_head = self.hints[above[n]].agreement(15) > 0.5;
@@ -73,7 +75,7 @@ impl Evidence<'_> {
         }
     }
 
-    /// The joint between the first and last of the spine that lies nearest to where SMPL's spine2 does.
+    /// The joint between the first and last of the spine that is nearest to the position of SMPL's spine2.
     fn middle(&self, spine: &[usize]) -> Option<usize> {
         let offsets = smpl::neutral();
         let [lower, upper] = [6, 9].map(|id| offsets.offsets()[id].length());
@@ -154,7 +156,7 @@ impl Evidence<'_> {
     }
 }
 
-/// The SMPL joint of the only joint of a trunk: spine1 (3), or spine3 (9) where it is nearer to that one's share of the way
+/// The SMPL joint of the only joint of a trunk: spine1 (3) or spine3 (9), whichever is nearer as a fraction of the way
 /// from pelvis to neck.
 pub(in crate::rig) fn id_of_one(rig: &Skeleton, pelvis: usize, joint: usize, neck: usize) -> usize {
     let body = smpl::neutral();
@@ -169,5 +171,6 @@ pub(in crate::rig) fn id_of_one(rig: &Skeleton, pelvis: usize, joint: usize, nec
 
 /// The item with the highest score, the first of equals.
 fn best(items: impl Iterator<Item = usize>, score: impl Fn(usize) -> f64) -> Option<usize> {
+    // `max_by` returns the last of equals, so the lower index has to count as greater
     items.max_by(|&a, &b| score(a).total_cmp(&score(b)).then(b.cmp(&a)))
 }

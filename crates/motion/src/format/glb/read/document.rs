@@ -13,6 +13,7 @@ const HARMLESS: [&str; 8] = [
     "KHR_texture",
     "KHR_lights",
     "KHR_mesh_quantization",
+    // of meshes alone; EXT_meshopt_compression, which is not here, may compress animations too
     "KHR_draco",
     "EXT_texture",
     "VRM",
@@ -133,6 +134,7 @@ impl<'a> Document<'a> {
         if word(4) != Some(2) {
             return Err(bad(format!("glTF of version {}", word(4).unwrap_or(0)), "version 2"));
         }
+        // magic, version and length, 4 bytes each, are before the first chunk
         let (mut at, mut json, mut binary) = (12usize, None, &bytes[..0]);
         while let (Some(length), Some(kind)) = (word(at), word(at + 4)) {
             let chunk = bytes.get(at + 8..(at + 8).saturating_add(length as usize));
@@ -189,6 +191,7 @@ impl<'a> Document<'a> {
             let found = format!("accessor {index} of {} elements", accessor.count);
             return Err(FileError::new(SourcePos::file(self.path), FaultKind::TooLarge, found, "fewer").into());
         }
+        // by the specification, an accessor without a view is all zeros
         let Some(view) = accessor.buffer_view else { return Ok(vec![0.0; accessor.count * width]) };
         let view = self.json.buffer_views.get(view).ok_or_else(|| bad("no buffer view".into(), "one"))?;
         let outside = self.json.buffers.get(view.buffer).is_none_or(|b| b.uri.is_some());
@@ -219,6 +222,7 @@ impl<'a> Document<'a> {
 
 fn number(kind: u32, raw: &[u8]) -> f64 {
     match (kind, raw) {
+        // -128 would be below -1, so the specification clamps
         (5120, [a]) => (f64::from(*a as i8) / 127.0).max(-1.0),
         (5121, [a]) => f64::from(*a) / 255.0,
         (5122, [a, b]) => (f64::from(i16::from_le_bytes([*a, *b])) / 32767.0).max(-1.0),

@@ -149,8 +149,8 @@ impl<'a> Tree<'a> {
         Ok(chosen)
     }
 
-    /// Which nodes are joints: those of the skins; without skins what an animation moves, with everything below what these
-    /// nodes hang from that is no mesh or camera, since a joint may never turn.
+    /// Which nodes are joints: those of the skins; without skins the nodes that an animation moves, and all nodes below
+    /// their common ancestor that are no mesh or camera, since a joint may never rotate.
     fn joints(&self) -> Result<Vec<bool>> {
         let json = &self.document.json;
         let mut joints = vec![false; json.nodes.len()];
@@ -181,7 +181,7 @@ impl<'a> Tree<'a> {
                 whole[n] = whole[p];
             }
         }
-        // a node stands below what all moving nodes of its tree hang from, or below one that moves
+        // a node is under the common ancestor of its tree's moving nodes, or under one that moves
         let mut under = vec![false; joints.len()];
         for &n in &self.order {
             let Some(p) = self.parents[n] else { continue };
@@ -211,6 +211,7 @@ impl<'a> Tree<'a> {
                 let Some(j) = place(node).filter(|&j| bound[j].is_none()) else { continue };
                 let column = |c: usize| Vec3::new(m[4 * c], m[4 * c + 1], m[4 * c + 2]);
                 let inverse = DAffine3::from_cols(column(0), column(1), column(2), column(3));
+                // a singular matrix has no bind pose to give
                 if inverse.matrix3.determinant().abs() > 1e-12 {
                     bound[j] = Some(split(&inverse.inverse()));
                 }
@@ -229,6 +230,7 @@ impl<'a> Tree<'a> {
         for &n in &self.order {
             let node = &self.document.json.nodes[n];
             let local = match (node.matrix, take.map(|(take, time)| (take.of(n), time))) {
+                // an animated node must not have a matrix: where a file has both, its tracks win
                 (Some(m), None | Some((None, _))) => DAffine3::from_mat4(glam::DMat4::from_cols_array(&m)),
                 (_, moved) => {
                     let at = |path: usize| moved.and_then(|(tracks, time)| Some((tracks?[path].as_ref()?, time)));
@@ -253,6 +255,7 @@ fn scaled_as(parents: &[Option<usize>], bound: Vec<Placed>, stand: &[Placed]) ->
         bones.sum()
     };
     let factor = length(stand) / length(&bound);
+    // a bind pose may differ a little from the standing one in its bones; a unit differs by far more
     let factor = if factor.is_finite() && !(0.8..1.25).contains(&factor) { factor } else { 1.0 };
     bound.into_iter().map(|(q, place)| (q, place * factor)).collect()
 }

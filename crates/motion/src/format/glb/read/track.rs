@@ -31,6 +31,7 @@ impl Track {
 
     fn value(&self, key: usize) -> &[f64] {
         let cubic = self.between == Between::Cubic;
+        // in-tangent, value, out-tangent for each key
         let at = if cubic { (3 * key + 1) * self.width } else { key * self.width };
         &self.values[at..at + self.width]
     }
@@ -49,6 +50,7 @@ impl Track {
             Between::Linear => from.iter().zip(to).map(|(p, q)| p + (q - p) * u).collect(),
             Between::Cubic => {
                 let span = self.times[b] - self.times[a];
+                // stored tangents are per second, Hermite's are per segment (appendix C)
                 let tangent = |key: usize, side: usize, c: usize| span * self.values[(3 * key + side) * self.width + c];
                 let (u2, u3) = (u * u, u * u * u);
                 let hermite = |c: usize| {

@@ -42,6 +42,7 @@ impl ModelConfig {
     pub(super) fn two_levels(&self, tokens: &TokenLayout) -> ModelConfig {
         let window = self.window.unwrap_or(WINDOW);
         ModelConfig {
+            // one input fewer than tokens: the front's last token predicts the first, a window's last predicts nothing
             context: window * tokens.word + tokens.front - 1,
             window: Some(window),
             decoder: Some(self.decoder()),
@@ -91,6 +92,7 @@ impl ModelConfig {
             return Err(Error::invalid("model.decoder.width", found, "heads that divide the width"));
         }
         let wrong = [
+            // characters are predicted as steps from the previous frame, which may be `<mask>` in a masked model
             ("kind = \"masked\"", self.kind == ModelKind::Masked),
             ("previous_frame = false", self.previous_frame == Some(false)),
             ("head = \"absolute\"", self.head == Some(HeadKind::Absolute)),
@@ -117,6 +119,7 @@ impl ModelConfig {
                        or quantile scheme without merges";
             return Err(Error::unsupported("model.architecture = \"two_level\"", why));
         }
+        // part of a frame has no row in the trunk, so a context between two whole windows means nothing
         let expected = self.two_levels(tokens).context;
         match self.context == expected {
             true => Ok(()),

@@ -47,7 +47,7 @@ pub struct LoadedRun {
     pub label_dropout: Option<f64>,
     /// Its weights by name, on the CPU, in f32: their moving average if the checkpoint has it.
     pub weights: BTreeMap<String, Tensor>,
-    /// Where the tokenizer lies that it was trained with; [`LoadedRun::load_tokenizer`] makes sure of it.
+    /// Path of the tokenizer that it was trained with; [`LoadedRun::load_tokenizer`] checks its hash.
     pub tokenizer: PathBuf,
     /// The hash of that tokenizer.
     pub tokenizer_sha256: String,
@@ -124,7 +124,7 @@ impl LoadedRun {
         likelihood(&mut *self.scores(compute)?, corpus, &clips, 0, &self.load_conditions()?)
     }
 
-    /// The model in the form that is wanted, to measure with.
+    /// The model in the requested form, to measure with.
     ///
     /// # Errors
     /// As [`LoadedRun::plain`]; a device that isn't there.
@@ -216,6 +216,7 @@ pub fn load_run(run: &Path, which: CheckpointChoice) -> Result<LoadedRun> {
         .map_err(|e| Error::file(&path, e.message().to_string(), "the configuration of a run", ""))?;
     let mut notes = Vec::new();
     let found = Checkpoints::of(run).find(which, &[WEIGHTS], &[AVERAGED], &mut |n| notes.push(n))?;
+    // the validation figures, by which the best was chosen, are the average's too
     let file = if found.files.contains_key(AVERAGED) { AVERAGED } else { WEIGHTS };
     let weights = weights::from_bytes(&found.dir.join(file), &found.files[file])?;
     Ok(LoadedRun {

@@ -27,6 +27,7 @@ pub(super) fn serialize<'a>(
     for (name, tensor) in tensors {
         let numbers = tensor.flatten_all()?.to_vec1::<f32>()?;
         let bytes: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+        // sorted by name, so that the same tensors give the same bytes
         raw.insert(name, (tensor.dims().to_vec(), bytes));
     }
     let views: std::result::Result<Vec<_>, _> = raw

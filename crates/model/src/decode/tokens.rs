@@ -79,7 +79,7 @@ impl Weights {
             missing: tokens.pad as usize,
             step: numbers.floats("previous.step.weight"),
         });
-        // every token behind the front may be a word
+        // words of varying length may have one token each, and 0 is the front
         let angles = is_rotary.then(|| Angles::new(context + 1, width / config.heads));
         let stack = Stack { layers: config.layers, heads: config.heads, width };
         Ok(Weights {
@@ -150,6 +150,7 @@ impl TokenDecoder {
 
     /// A stream forgets all but its first `length` tokens.
     pub fn truncate(&mut self, stream: usize, length: usize) {
+        // keys and ids after it stay: the next read overwrites them before a row attends to them
         self.lengths[stream] = self.lengths[stream].min(length);
     }
 
@@ -171,9 +172,11 @@ impl TokenDecoder {
                 let (n, place) = (tokens.len(), self.lengths[stream]);
                 let row = self.stack.push(Run { stream, place, rows: n });
                 self.embed(row, tokens, stream);
+                // after `embed`, which counts the piece's places from the old length
                 self.lengths[stream] += n;
                 let first = match logits {
                     Logits::All => 0,
+                    // only the piece with the block's last token has the row whose logits are returned
                     Logits::Last => n - usize::from(behind.is_empty()),
                 };
                 self.wanted.extend((first..n).map(|i| LogitRow { row: row + i, stream, place: place + i }));
@@ -207,6 +210,7 @@ impl TokenDecoder {
                 for (x, (place, &id)) in x.chunks_exact_mut(width).zip((first..).zip(tokens)) {
                     if place < weights.front {
                         add_row(x, front, place);
+                        // words are counted from the end of the front
                         at[place + 1] = WordPosition::default();
                         continue;
                     }
@@ -222,7 +226,7 @@ impl TokenDecoder {
                     at[place + 1] = counter.next(at[place], id);
                 }
                 if word.is_none() {
-                    // the front stands in no word: it isn't rotated
+                    // tokens of the front belong to no word: they aren't rotated
                     for (position, place) in self.stack.positions_mut(row).iter_mut().zip(first..) {
                         *position = if place < weights.front { 0 } else { 1 + at[place].word as u32 };
                     }
@@ -238,7 +242,7 @@ impl TokenDecoder {
         }
     }
 
-    /// Takes the rows through the stack and appends the logits that are wanted.
+    /// Takes the rows through the stack and appends the requested logits.
     fn pass(&mut self) {
         let weights = &self.weights;
         self.stack.forward(&weights.stack);

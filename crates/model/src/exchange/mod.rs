@@ -59,6 +59,7 @@ pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
 /// not finite: each is named.
 pub fn load(folder: &Path) -> Result<LoadedRun> {
     let has = |name: &str| folder.join(name).is_file();
+    // a run has its weights under `checkpoints`, so a stray `pytorch_model.bin` beside them says nothing
     if !has(CONFIG) {
         check_form(folder)?;
     }
@@ -73,7 +74,7 @@ pub fn load(folder: &Path) -> Result<LoadedRun> {
     }
 }
 
-/// What of a folder's `about` and `weights` becomes a model; both are checked.
+/// A run of the model that `about` and `weights` of a folder describe; both are checked.
 fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes: Vec<String>) -> Result<LoadedRun> {
     let About { model: config, tokens, conditions, tokenizer_sha256, step, .. } = about;
     check(&config, &tokens, &weights, &folder.join(WEIGHTS))?;

@@ -24,7 +24,7 @@ pub(super) struct About {
     /// Every key, defaults included.
     pub model: ModelConfig,
     pub tokens: TokenLayout,
-    /// The label fields whose tokens stand in front of a window, in order.
+    /// The label fields whose tokens begin a window after `<bos>`, in order.
     pub conditions: Vec<String>,
     pub tokenizer_sha256: String,
     /// Updates that the weights have seen.
@@ -67,6 +67,7 @@ impl About {
         let text = input::text(&path).map_err(Error::io(&path))?;
         let wrong = |found: String, expected: &str| Error::file(&path, found, expected, "");
         #[derive(Deserialize)]
+        // read by itself first: another schema has keys that `About` would refuse with a worse message
         struct Schema {
             schema: u32,
         }

@@ -100,6 +100,7 @@ impl Pass {
         let nats = self.heads.loss(model, last, scale, &mut self.dx, gradients);
         match &mut self.body {
             Body::Flat(flat) => {
+                // after the heads, which set the norm's gradient, and before the body, which uses up dx
                 added(model, flat.last(), &mut self.dx, gradients);
                 flat.backward(model, windows, keys, &mut self.dx, gradients);
             }

@@ -32,7 +32,7 @@ const SPELLING: Rules<'static> = Rules { mask: Mask::Causal, dropout: None, rope
 /// The buffers of one shape.
 pub(super) struct TwoLevel {
     frames: Frames,
-    /// K - 1: tokens of a window before those that the frames begin behind, all but the first of which are labels.
+    /// K - 1: tokens of a window before the one after which frames begin; all but the first are labels.
     skipped: usize,
     /// T.
     length: usize,
@@ -52,7 +52,7 @@ pub(super) struct TwoLevel {
     own: Vec<u32>,
     /// (N) each of the K - 1: rows of the tables of labels.
     labels: Vec<Vec<u32>>,
-    /// (B T, d), where K > 1: what the decoder gave, and 0 where nobody asks.
+    /// (B T, d), where K > 1: what the decoder gave, and 0 for tokens that predict nothing.
     rows: Floats,
     /// (N, 2 C e) What the trunk reads.
     read: Floats,
@@ -145,6 +145,7 @@ impl TwoLevel {
         let shape = |batch, tokens, width, heads| Shape { batch, tokens, width, heads, hidden: 4 * width };
         let stack =
             |prefix, layers, shape| Stack::new(&model.parameters, Blocks { prefix, layers }, shape, products, learn);
+        // without labels the decoder's rows are the model's rows, and need no copy
         let where_labelled = |n: usize| Floats::new(if skipped > 0 { n } else { 0 });
         TwoLevel {
             skipped,
@@ -166,6 +167,7 @@ impl TwoLevel {
             normed: Floats::new(n * trunk),
             conditioning: Floats::new(n * d),
             tell: dense::Workspace::new(n, trunk, d, products, learn),
+            // a frame is a sequence of its own to the decoder, so its attention ends at the frame
             decoder: stack(SPELL, decoder.layers, shape(n, word, d, decoder.heads)),
             tellings: {
                 let telling = |numbers: fn(&Conditioning) -> &[f32], names, p| {
@@ -206,7 +208,7 @@ impl TwoLevel {
                 TrunkRow { position: *position, class: *class, .. } = trunk_row(row, shown, self.class_rows);
             }
         }
-        // a class row reads what the first row behind the frames does
+        // a class row reads the same two frames as the first row after the window's frames
         let read = |row: usize| match self.classes[row] {
             NONE => row % number,
             class => row % number - class as usize,
@@ -266,6 +268,7 @@ impl TwoLevel {
         }
         let d = self.decoder.shape().width;
         embed(self.decoder.input(), d, &lookups[..used]);
+        // no dropout in the decoder: keys exist for the trunk's blocks alone, as in the plain form
         self.decoder.forward(&model.weights, SPELLING, None);
         if self.skipped > 0 {
             let (length, skipped) = (self.length * d, self.skipped * d);
@@ -308,10 +311,12 @@ impl TwoLevel {
         for (name, ids) in SPELT.iter().zip(&self.spelt) {
             into_table(&mut gradients[model.index(name)], d, ids, dx);
         }
+        // the frame's vector was added to all its W rows, so its gradient is their sum
         into_table(d_told, d, &self.own, dx);
         into_labels(model, gradients, SPELT_LABEL, d_label, &self.labels, d_told);
         for name in GOAL.iter().chain(&MUSIC) {
             if let Some(i) = model.find(name) {
+                // a batch without goals or music must not leave the gradients of the one before
                 gradients[i].fill(0.0);
             }
         }
@@ -342,6 +347,7 @@ impl TwoLevel {
         if self.class_rows > 0 {
             into_table(&mut gradients[model.index(CLASS)], width, &self.classes, d_trunk);
         }
+        // a label's vector has reached both levels, through two tables
         into_labels(model, gradients, LABEL, d_label, &self.labels, d_trunk);
         let to = gradients_of(model, gradients, JOIN);
         dense::backward(Some(d_read), d_trunk, &self.read, model.weight(JOIN[1]), to, &mut self.join);
@@ -372,6 +378,7 @@ fn into_labels(model: &Fast, gradients: &mut [Floats], name: &str, room: &mut [f
     for ids in labels {
         let room = &mut room[..gradient.len()];
         into_table(room, dx.len() / ids.len(), ids, dx);
+        // a sum over the labels, of which `into_table` sets one
         gradient.iter_mut().zip(room).for_each(|(g, d)| *g += *d);
     }
 }

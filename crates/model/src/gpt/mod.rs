@@ -90,7 +90,7 @@ impl Gpt {
         self.net.ids(ids, length)
     }
 
-    /// Logits (B, T, V) of the token behind each of `ids` (B, T), in a masked model of the token itself, T at most the
+    /// Logits (B, T, V) of the token after each of `ids` (B, T), in a masked model of the token itself, T at most the
     /// context; minus infinity where an id can't come. Differentiable.
     ///
     /// # Errors
@@ -127,7 +127,7 @@ impl Gpt {
         self.net.final_vectors(ids, mask)
     }
 
-    /// As [`Gpt::forward`] without dropout, and nothing is kept for gradients.
+    /// As [`Gpt::forward`] without dropout and without a graph for gradients.
     ///
     /// # Errors
     /// As [`Gpt::forward`].
@@ -153,7 +153,7 @@ impl Gpt {
     /// Sum over the targets that aren't `<pad>` of -ln p, in nats; `targets` holds B T ids.
     ///
     /// # Errors
-    /// As [`Gpt::forward`]; targets outside the vocabulary; under a relative head targets behind no bin.
+    /// As [`Gpt::forward`]; targets outside the vocabulary; under a relative head targets without a bin before them.
     pub fn loss_sum(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
         self.loss_sum_conditioned(ids, targets, dropout, None)
     }
@@ -229,6 +229,7 @@ impl Gpt {
     }
 
     fn frozen(&self) -> Result<Net> {
+        // detached tensors share the numbers but record no graph, so a long reading doesn't grow
         Net::new(&self.config, &self.tokens, self.vars.iter().map(|(name, var)| (name, var.as_tensor().detach())))
     }
 

@@ -38,8 +38,8 @@ impl Block {
         })
     }
 
-    /// (B, T, D) from (B, T, D). `kept`: keys and values (1, H, T', d) that were kept, and how many tokens they are of; the
-    /// new ones are written behind them.
+    /// (B, T, D) from (B, T, D). `kept`: cached keys and values (1, H, T', d), and how many tokens they are of; the
+    /// new ones are written after those.
     pub fn forward(
         &self,
         x: &Tensor,
@@ -56,6 +56,7 @@ impl Block {
         };
         let (mut q, mut k, mut v) = self.qkv(x, heads)?;
         if let Some(rotary) = rotary {
+            // before caching: a key is rotated by its own word, whatever reads it later
             (q, k) = (rotary.apply(&q)?, rotary.apply(&k)?);
         }
         if let Some((keys, values, before)) = kept {
@@ -82,7 +83,7 @@ impl Block {
     }
 }
 
-/// Writes `new` (1, H, n, d) behind the first `before` that are `kept`; gives them all.
+/// Writes `new` (1, H, n, d) into the cache `kept` after the first `before`; returns all of them.
 fn behind(kept: &Tensor, new: &Tensor, before: usize) -> Result<Tensor> {
     kept.slice_set(new, 2, before)?;
     kept.narrow(2, 0, before + new.dim(2)?)

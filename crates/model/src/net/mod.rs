@@ -50,7 +50,7 @@ enum Body {
 
 /// What was read before.
 pub(super) struct Memory<'a> {
-    /// Keys and values (1, H, T, d) of every layer, filled from the front; keys as they are turned.
+    /// Keys and values (1, H, T, d) of every layer, filled from the front; keys are rotated.
     pub keys: &'a [Tensor],
     pub values: &'a [Tensor],
     /// The ids, from the window's first on.
@@ -74,6 +74,7 @@ impl Net {
         tensors: impl Iterator<Item = (&'a String, Tensor)>,
     ) -> Result<Net> {
         let tensors: HashMap<String, Tensor> = tensors.map(|(name, tensor)| (name.clone(), tensor)).collect();
+        // every model has it, and all tensors share its type and device
         let table = &tensors[config.ids_table()];
         let (dtype, device) = (table.dtype(), table.device().clone());
         let vars = &VarBuilder::from_tensors(tensors, dtype, &device);

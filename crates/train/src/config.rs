@@ -226,6 +226,7 @@ impl TrainConfig {
             |holds: bool, key, found: f64, limits| check(holds && found.is_finite(), key, found.to_string(), limits);
         check((1..=65_536).contains(&self.batch), "batch", self.batch.to_string(), "1 to 65536")?;
         check(self.steps <= 1 << 40, "steps", self.steps.to_string(), "at most 2^40")?;
+        // `number` refuses what is not finite, which comparisons with infinity let pass
         number(self.learning_rate > 0.0, "learning_rate", self.learning_rate, "a number above 0")?;
         number((0.0..=1.0).contains(&self.final_share), "final_share", self.final_share, "0 to 1")?;
         for beta in self.betas {
@@ -237,6 +238,7 @@ impl TrainConfig {
         number(table_rate, "table_rate", self.table_rate, "a number above 0 and at most 100")?;
         validate_stages(&self.stages)?;
         number(self.clip_norm >= 0.0, "clip_norm", self.clip_norm, "0 (no limit) or more")?;
+        // `contains` alone lets 0 pass, a Gaussian without a width
         let width = (0.0..=100.0).contains(&self.ordinal_width) && self.ordinal_width > 0.0;
         number(width, "ordinal_width", self.ordinal_width, "a number above 0 and at most 100")?;
         // TOML has no larger integers
@@ -266,6 +268,7 @@ pub(super) fn validate_stages(stages: &[Stage]) -> Result<()> {
         let wrong = |key: &str, found: String, limits: String| {
             Err(Error::invalid(format!("train.stages: `{key}` of stage {}", i + 1), found, limits))
         };
+        // negated, so that NaN is refused
         if !(stage.until > before && stage.until < 1.0) {
             return wrong("until", stage.until.to_string(), format!("more than {before} and less than 1"));
         }

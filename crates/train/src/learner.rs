@@ -131,6 +131,7 @@ impl<'a> Fit<'a> {
 /// assert_eq!(clip_share(0.5, 1.0), 1.0);
 /// ```
 pub fn clip_share(norm: f64, limit: f64) -> f64 {
+    // 1e-6 is PyTorch's, against a norm of 0
     if limit > 0.0 { (limit / (norm + 1e-6)).min(1.0) } else { 1.0 }
 }
 

@@ -53,6 +53,7 @@ impl Metrics {
                 object.and_then(|o| o["step"].as_u64()).is_some_and(|s| s <= step)
             };
             let kept: String = old.lines().filter(earlier).flat_map(|l| [l, "\n"]).collect();
+            // also a last line that a full disk cut: it parses as nothing, and the next line would be joined to it
             if kept != old {
                 files::write_whole(&path, kept.as_bytes())?;
             }

@@ -72,6 +72,7 @@ impl Optimizer {
     pub fn norm(&mut self) -> f64 {
         let squares = self.squares.par_iter_mut().zip(&self.gradients);
         squares.for_each(|(square, gradient)| *square = adamw::norm_squared(gradient));
+        // summed in the order of the tensors: the number of threads changes no bit
         self.squares.iter().sum::<f64>().sqrt()
     }
 

@@ -32,6 +32,7 @@ pub fn order(run: &RunFile, data: &Data, steps: u64) -> Result<Order> {
     }
     let mut batches = Batches::of_run(run, data)?;
     let rows = run.train.batch * run.train.accumulate;
+    // checked, as `steps` comes from the command line
     if steps.checked_mul(rows as u64).is_none_or(|all| all > MOST_WINDOWS) {
         let (needs, limit) = (format!("{rows} windows each"), format!("{MOST_WINDOWS} windows"));
         return Err(Error::limit(format!("an order of {steps} steps"), needs, limit, "request fewer `steps`"));

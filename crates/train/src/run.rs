@@ -178,6 +178,7 @@ impl RunFile {
         let wrong =
             |e: toml::de::Error| Error::in_text(&path, &text, e.span(), e.message(), "the configuration of a run", "");
         check_kind(&path, &text)?;
+        // the version first, since keys of another one would be refused as unknown
         let head: Versioned = toml::from_str(&text).map_err(wrong)?;
         if head.version != VERSION {
             let help = "take the kinelm that wrote it, or begin a new run";
@@ -255,6 +256,7 @@ fn with_music_scale(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
     rate_of(data.tokenizer().fps())?;
     let of_data = data.music_scale()?;
     match of_data {
+        // a fine-tuned model stays with the scale that its weights have learned
         Some(_) => Ok(ModelConfig { music_scale: model.music_scale.or(of_data), ..model }),
         None => none("music features"),
     }

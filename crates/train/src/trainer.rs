@@ -144,6 +144,7 @@ impl<T: Task> Trainer<T> {
     fn step(&mut self) -> Result<T::Step> {
         let next = self.state.step + 1;
         let step = self.task.update(&mut self.state).map_err(|e| located(next, e, &self.checkpoints))?;
+        // the state has moved on: what was saved is an earlier one's
         self.saved = None;
         self.due = self.is_every(self.cadence.eval_every);
         self.settle()?;
@@ -172,6 +173,7 @@ impl<T: Task> Trainer<T> {
         let Some(checkpoints) = &self.checkpoints else { return Ok(()) };
         let files = self.task.files(self.due).map_err(|e| located(self.state.step, e, &self.checkpoints))?;
         self.saved = Some(checkpoints.write(self.state.clone(), &files)?);
+        // after the write: there is a whole checkpoint at any moment
         checkpoints.prune(self.cadence.keep)
     }
 }
@@ -211,6 +213,7 @@ pub fn last_checkpoint(
 ) -> Result<Option<Checkpoint>> {
     if !checkpoints.steps()?.is_empty() {
         let mut found = checkpoints.find(CheckpointChoice::Latest, wanted, &[], note)?;
+        // a checkpoint's list of files is made anew when it is written
         found.state.files.clear();
         return Ok(Some(found));
     }

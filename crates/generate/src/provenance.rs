@@ -164,6 +164,7 @@ impl Provenance {
         }
         let parsed: Provenance =
             serde_json::from_value(value).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
+        // a sidecar may come from anywhere: its name must not lead out of the folder
         if !files::is_plain(&parsed.output.file) {
             let expected = "the name of a dance beside this file, without a folder";
             let help = "it isn't as it was written";
@@ -190,6 +191,7 @@ impl Provenance {
     /// A file that has moved and that the dance doesn't have; a timeline that can't be read or has other labels.
     pub fn request_at(&self, moved: &Moved) -> Result<Resolved> {
         let mut request = self.request.clone();
+        // a single dance again: the variation's seed becomes its own
         request.seed = variation_seed(request.seed, self.variation.saturating_sub(1));
         if let Some(run) = &moved.run {
             request.run.clone_from(run);

@@ -159,6 +159,7 @@ impl OpenRequest {
             _ => (0..samples).map(|number| (number, None)).collect(),
         };
         let chosen = ranked.into_iter().zip(outs).map(|((number, best), out)| {
+            // a judge names each dance once
             let words = std::mem::take(&mut words[number]);
             Chosen { out: out.clone(), number, words, best }
         });

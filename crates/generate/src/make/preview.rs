@@ -75,6 +75,7 @@ impl Preview {
         self.decoded += words.len() * length;
         let first = from * length;
         let held = self.rest.frames().min(first + words.len() * length);
+        // at least one frame of it, which decoding holds to the end
         let rest = self.rest.slice(first.min(self.rest.frames().saturating_sub(1))..held);
         let clip = tokenizer.decode(&words, UncodedPose::Clip(&rest))?;
         let clip = match self.last {
@@ -85,6 +86,7 @@ impl Preview {
                 let new = clip.slice(before + 1..end - first);
                 let root = new.root().iter().map(|p| turn * (*p - there) + at).collect();
                 let mut rotations = new.rotations().to_vec();
+                // normalised, as the turn is multiplied from chunk to chunk
                 rotations.iter_mut().step_by(24).for_each(|pelvis| *pelvis = (turn * *pelvis).normalize());
                 Clip::new(new.skeleton().clone(), new.fps(), root, rotations)?
             }
@@ -144,7 +146,7 @@ mod tests {
                 }
             }
             assert_eq!((frame, preview.shown()), (lead_in + frames, frames));
-            // of every look one new word, and the two or three that say where it stands
+            // in each call one new word, and the two or three from which its place follows
             let looks = words.len() * (3 + tokenizer.scheme().reach().div_ceil(tokenizer.frames_per_word()));
             let most = looks * tokenizer.frames_per_word() + lead_in;
             assert!(preview.decoded <= most, "{} of {most} frames", preview.decoded);

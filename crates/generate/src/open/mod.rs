@@ -45,7 +45,7 @@ pub struct OpenRequest {
     pub frames: usize,
     /// The model's labels.
     conditions: Conditions,
-    /// The tokens in front of windows, `<bos>` and the labels, each with the frame from which on they stand there.
+    /// The fronts of windows, `<bos>` and the labels, each with its first frame.
     fronts: Vec<(usize, Vec<u32>)>,
     /// The same with every label unknown, where the dance is guided.
     unconditioned: Option<Vec<u32>>,

@@ -99,6 +99,7 @@ impl PreparedPrompt {
             _ => Vec::new(),
         };
         let beginning = request.from_frame.map(|n| clip.beginning(tokenizer, n)).transpose()?.unwrap_or_default();
+        // taken out, as preparing it borrows the rest of the request
         let mut edit = request.edit.take();
         let mut seam = None;
         if let Some(looping) = edit.as_ref().and_then(|edit| edit.looping) {

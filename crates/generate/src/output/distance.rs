@@ -46,6 +46,7 @@ pub(crate) fn free_ancestors_of_span(edit: &PreparedEdit, span: &ResolvedSpan) -
     let mut seen = BTreeSet::new();
     for frame in span.frames.clone() {
         let is_free = |j: usize| mask.is_coded(j) && !mask.is_given(frame, j);
+        // spans have few different frames: each combination is followed once
         if seen.insert((0..24).map(is_free).collect::<Vec<bool>>()) {
             found.extend(ancestors(|j| span.joints.contains(&j) && !is_free(j), is_free));
         }

@@ -50,6 +50,7 @@ pub(crate) fn mean_pose(clip: &Clip) -> Vec<Quat> {
         let zero = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
         let near = |f: usize| nearest_sign(clip.pose(f)[j], first);
         let sum = (0..clip.frames()).fold(zero, |sum, f| sum + near(f));
+        // rotations that cancel have no mean
         if sum.length_squared() > 1e-12 { sum.normalize() } else { first }
     };
     (0..clip.joints()).map(mean).collect()

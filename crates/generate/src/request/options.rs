@@ -75,7 +75,7 @@ pub enum UncodedJoints {
     Follow,
 }
 
-/// Where the first frame of a prompt stands and how it faces, on the model's body.
+/// Position and heading of a prompt's first frame, on the model's body.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Placement {

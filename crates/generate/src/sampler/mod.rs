@@ -168,6 +168,7 @@ fn at_once<T: Send, R: Send>(all: Vec<T>, each: impl Fn(T) -> Result<R> + Sync +
     if all.len() < 2 {
         return all.into_iter().map(each).collect();
     }
+    // one task a model, and all run to their end: which error is the first doesn't depend on timing
     let done: Vec<Result<R>> = all.into_par_iter().with_max_len(1).map(each).collect();
     done.into_iter().collect()
 }
@@ -260,6 +261,7 @@ impl Batch {
     /// Reads the model once and samples what its logits allow to.
     fn step(&mut self, model: &mut (impl NextToken + ?Sized)) -> Result<()> {
         let guesses = if model.is_exact() { self.plan.guesses } else { 0 };
+        // a guided dance has two streams: the conditioned one, then the other
         let each = self.plan.streams();
         for (i, sequence) in self.sequences.iter_mut().enumerate() {
             let read = sequence.prepare(guesses);

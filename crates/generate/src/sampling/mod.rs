@@ -171,6 +171,7 @@ impl Sampling {
 pub(crate) fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -> f64 {
     let Some(mut all) = candidates(logits, allowed) else { return f64::NEG_INFINITY };
     centre(&mut all);
+    // centred, so that no exponential overflows and at least one is 1
     let own = all.iter().find(|candidate| candidate.id == id).map_or(f64::NEG_INFINITY, |own| own.logit);
     own - all.iter().map(|candidate| candidate.logit.exp()).sum::<f64>().ln()
 }

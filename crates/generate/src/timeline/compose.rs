@@ -82,6 +82,7 @@ impl TimelineLayout {
                 let left_out = self.clips[&segment.clip].left_out;
                 Some((of_segment[n]?, left_out + segment.at + frame - segment.frames.start))
             });
+            // rows need words in every column before `spliced` writes the new numbers over them
             Some(given.unwrap_or(of_rig))
         };
         let text = source.composed(&pieces, self.frames, words);

@@ -104,7 +104,7 @@ impl Default for DecoderConfig {
 pub enum ModelKind {
     /// Itself and the tokens before it; it predicts the next one.
     Causal,
-    /// Every token of the window; some are hidden behind `<mask>`, and each predicts what it hides.
+    /// Every token of the window; some are replaced by `<mask>`, and each predicts what it hides.
     Masked,
 }
 

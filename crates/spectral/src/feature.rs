@@ -55,6 +55,7 @@ impl Transform {
             match self {
                 Transform::Stft(t) => t.magnitudes_back(series, gradient),
                 Transform::Dct(t) => t.low_back(gradient),
+                // the transpose without the mean, which a gradient doesn't see
                 Transform::Pca(t) => t.adjoint(gradient),
             }
         })

@@ -154,7 +154,7 @@ fn a_gpt_2_folder_holds_what_transformers_reads() {
     assert_eq!(shape("transformer.h.1.attn.c_attn.weight"), [8, 24]);
     assert_eq!((shape("transformer.h.0.mlp.c_proj.weight"), shape("lm_head.weight")), (vec![32, 8], vec![16, 8]));
     assert_eq!(found.len(), 2 + 2 * 12 + 2 + 1);
-    // place 0 of word 2 of 7 tokens, behind the front
+    // place 0 of word 2 of 7 tokens, after the front
     let row = |name: &str, i: usize| made.run.weights[name].get(i).unwrap();
     let sum = (row("position.frame.weight", 2) + row("position.place.weight", 0)).unwrap();
     assert_eq!(numbers(&found["transformer.wpe.weight"].get(15).unwrap()), numbers(&sum));

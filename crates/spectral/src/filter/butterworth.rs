@@ -43,12 +43,12 @@ impl Butterworth {
         Ok(Butterworth { order, sections })
     }
 
-    /// How many numbers are put before and behind a series: it must be longer. Scipy's `3 max(len(a), len(b))`.
+    /// Numbers of padding on either side of a series, which must be longer. Scipy's `3 max(len(a), len(b))`.
     pub(crate) fn padding(&self) -> usize {
         3 * (self.order + 1)
     }
 
-    /// A series without what lies above the cut-off, undelayed: forth, then back, each begun as if its first number had
+    /// A series without frequencies above the cut-off, undelayed: forth, then back, each as if its first number had
     /// always been there. Beyond its ends the series goes on turned by half a circle about its end points.
     ///
     /// Agrees with scipy's `filtfilt(*butter(order, cutoff, fs=fps), series)`.
@@ -67,6 +67,7 @@ impl Butterworth {
             return Err(Error::unsupported(what, why));
         }
         let (first, last) = (series[0], series[n - 1]);
+        // odd about the end points: value and slope go on, where a mirrored series would turn back
         let before = (1..=pad).rev().map(|i| 2.0 * first - series[i]);
         let behind = (1..=pad).map(|i| 2.0 * last - series[n - 1 - i]);
         let mut x: Vec<f64> = before.chain(series.iter().copied()).chain(behind).collect();
@@ -97,6 +98,7 @@ impl Section {
     /// The `i`-th pair of poles, or the one real pole of an odd order.
     fn of(order: usize, i: usize, bent: f64) -> Section {
         if 2 * i + 1 == order {
+            // the bilinear transform of the pole -bent; its zero is at half the rate
             let pole = (1.0 - bent) / (1.0 + bent);
             let gain = 0.5 * (1.0 - pole);
             return Section { b: [gain, gain, 0.0], a: [-pole, 0.0] };

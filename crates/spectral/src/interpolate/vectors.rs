@@ -34,6 +34,7 @@ pub fn to_nearest_branches(series: &mut Series, to: &Series) {
             path
         };
         let mut best = own;
+        // a turn at a time, while it helps; more turns than frames no body makes
         for _ in 0..series.frames {
             let paths = [-1.0, 1.0].map(|turns| begun(&best, turns));
             let Some(path) = paths.into_iter().find(|path| off(path) < off(&best)) else { break };
@@ -46,6 +47,7 @@ pub fn to_nearest_branches(series: &mut Series, to: &Series) {
 /// Of all vectors of a rotation, `v + 2 PI k v/|v|`, the one nearest to another.
 fn nearest(v: Vec3, to: Vec3) -> Vec3 {
     let angle = v.length();
+    // no axis to add turns along
     if angle < 1e-9 {
         return v;
     }

@@ -40,13 +40,16 @@ impl Distance {
     /// `b`, by the least or greatest that their cosine may be.
     pub(super) fn rank(self, cosine: f64, side: Side, a: f64, b: f64) -> f64 {
         let (rank, size) = match self {
+            // exactly 0, as `score` has it for a feature of zeros
             Distance::Cosine if a * b == 0.0 => (0.0, 0.0),
             Distance::Cosine => (cosine, 1.0),
             Distance::Euclid => {
                 let squares = a * a + b * b;
+                // |a - b|^2 by the cosine, which is all that a scan knows
                 (2.0 * a * b * cosine - squares, squares)
             }
         };
+        // outward, so that rounding never drops a window that is among the nearest
         match side {
             Side::Least => rank - SLACK * size,
             Side::Greatest => rank + SLACK * size,

@@ -55,7 +55,7 @@ pub struct EvaluateOptions {
 pub struct Row {
     /// The label.
     pub field: String,
-    /// As [`FeatureKind::name`]; `chance` is neighbours drawn at random from those allowed.
+    /// As [`FeatureKind::name`]; `chance` is neighbours sampled at random from those allowed.
     pub transform: String,
     /// Cosine or Euclid.
     pub distance: Option<Distance>,
@@ -122,7 +122,7 @@ struct LoadedClip {
 ///
 /// # Errors
 /// Files that can't be read where `strict` is given; [`kinelm_store::Error::Missing`] when no clip is as long as a window or has the labels
-/// wanted, a label that some clip doesn't have, or has but one value.
+/// requested, a label that some clip doesn't have, or has but one value.
 pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildProgress<'_>) -> Result<Report> {
     options.windows.validate()?;
     let mut of_kind = Vec::new();
@@ -140,6 +140,7 @@ pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildP
     options.exclude.check(entries.clone())?;
     let excludes: Vec<Exclude> = Exclude::ALL.into_iter().filter(|e| e.check(entries.clone()).is_ok()).collect();
     let mut takes: Vec<&str> = held.iter().map(|h| h.entry.take.as_str()).collect();
+    // sorted, since `count` looks recordings up by bisection
     takes.sort_unstable();
     takes.dedup();
     let labels: Vec<Labels> = fields.iter().map(|f| Labels::of(&held, f)).collect();
@@ -157,6 +158,7 @@ pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildP
         rows: Vec::new(),
         summary,
     };
+    // a second cut of the same clips shows how much figures depend on where windows begin
     for phase in [0, options.windows.hop / 2] {
         let count = held.iter().map(|h| options.windows.starts(h.clip.frames(), phase).count()).sum();
         report.queries.push((phase, count));
@@ -165,10 +167,12 @@ pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildP
             let judge =
                 Judge { database: &database, labels: &labels, takes: &takes, options, excludes: &excludes, phase };
             report.rows.extend(judge.ask(&kind.transform)?);
+            // chance doesn't depend on the feature
             if kind == &of_kind[0] {
                 report.rows.extend(judge.chance());
             }
         }
+        // half a hop is 0 then, and the second phase would be the first again
         if options.windows.hop < 2 {
             break;
         }
@@ -338,7 +342,7 @@ impl Judge<'_> {
         Ok(self.rows(kind.name(), &ways, &tallies))
     }
 
-    /// Neighbours drawn at random from those allowed.
+    /// Neighbours sampled at random from those allowed.
     fn chance(&self) -> Vec<Row> {
         let ways: Vec<(Option<Distance>, Exclude)> = self.excludes.iter().map(|&e| (None, e)).collect();
         let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];

@@ -88,7 +88,7 @@ pub struct Exclusion<'a> {
 }
 
 impl<'a> Exclusion<'a> {
-    /// What of `database`, whose windows have `frames` frames, is left out for a query from `origin`.
+    /// The exclusion for a query from `origin` in `database`, whose windows have `frames` frames.
     pub fn new(database: &'a Database, exclude: Exclude, origin: Origin<'a>, frames: usize) -> Exclusion<'a> {
         let out = |(i, clip): (usize, &ClipEntry)| {
             // the same file may be in there twice, read in two ways

@@ -106,6 +106,7 @@ impl Database {
                 let mut all = PcaFit::new(options.windows.frames);
                 for block in clips.chunks(BLOCK) {
                     let fits = block.par_iter().map(|(clip, entry)| fit_of(clip, &entry.starts, options));
+                    // in the clips' order: sums have the same bits on any number of threads
                     fits.collect::<Result<Vec<_>>>()?.iter().for_each(|one| all.merge(one));
                 }
                 Some(all.finish(keep)?)

@@ -27,7 +27,7 @@ pub struct Query {
     pub read: ReadOptions,
     /// Whether a file that the index has is read as it was read then instead.
     pub as_indexed: bool,
-    /// Where the window begins, seconds; by itself such that it lies in the clip's middle.
+    /// The window's beginning, seconds; `None`: such that the window is in the clip's middle.
     pub at_s: Option<f64>,
     /// How many windows.
     pub k: usize,
@@ -116,6 +116,7 @@ impl Index {
         let feature = extractor.embed(extractor.extract(&clip, &[start])?)?;
         let own = query_window(query, entry, start, spec.frames, spec.fps, read, sha256);
         let origin = Origin { clip: known, entry, start };
+        // from here on the time of a search: reading the clip is its own business
         let begun = Instant::now();
         let exclusion = Exclusion::new(database, query.exclude, origin, spec.frames);
         let options = SearchOptions { k: query.k, distance: query.distance, one_per_clip: query.one_per_clip };
@@ -230,6 +231,7 @@ impl ClipWindow {
         }
         let clip = clip.slice(self.start..self.start + frames);
         let first = clip.root().first().copied().unwrap_or_default();
+        // beside each other on a page: only the place on the floor is taken off
         let away = Vec3::new(first.x, 0.0, first.z);
         let root = clip.root().iter().map(|p| *p - away).collect();
         Ok(Clip::new(clip.skeleton().clone(), fps, root, clip.rotations().to_vec())?)

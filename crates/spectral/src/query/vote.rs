@@ -75,6 +75,7 @@ impl Tally {
             self.groups.iter().filter(|g| g.1 > 0).map(|&(right, queries)| right as f64 - p * queries as f64).collect();
         let count = groups.len() as f64;
         let squares: f64 = groups.iter().map(|d| d * d).sum();
+        // over recordings, not windows: windows of one recording agree, and would make the interval too narrow
         (groups.len() > 1).then(|| 1.96 * (count / (count - 1.0) * squares).sqrt() / n)
     }
 

@@ -25,7 +25,7 @@ impl ModelConfig {
         }
     }
 
-    /// The table whose rows answer for all ids.
+    /// The table whose rows give the logits of all ids.
     pub(crate) fn ids_table(&self) -> &'static str {
         match self.architecture.is_flat() && self.tied_head {
             true => "token.weight",
@@ -38,7 +38,7 @@ impl ModelConfig {
         tokens.room(self.context) / tokens.word.max(1)
     }
 
-    /// The keys of a two-level model, with those that say the same in its own words.
+    /// A two-level model's keys, with those that follow from them filled in.
     pub(super) fn two_levels(&self, tokens: &TokenLayout) -> ModelConfig {
         let window = self.window.unwrap_or(WINDOW);
         ModelConfig {
@@ -54,7 +54,7 @@ impl ModelConfig {
         }
     }
 
-    /// Checks what is said of the architecture.
+    /// Checks the keys of the architecture.
     ///
     /// # Errors
     /// The first key that doesn't go with it, or is outside its limits.
@@ -106,7 +106,7 @@ impl ModelConfig {
         }
     }
 
-    /// Checks that words are frames, and the context whole ones.
+    /// Checks that words are frames, and that the context is a whole number of them.
     ///
     /// # Errors
     /// Tokens of tiles or merges; a context that isn't the window's.

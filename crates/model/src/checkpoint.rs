@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 const SCHEMA: u32 = 1;
 const STATE: &str = "state.json";
 
-/// `state.json`: where a run stood.
+/// `state.json`: the state of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct State {
@@ -47,7 +47,7 @@ pub struct State {
 pub struct Best {
     /// After how many updates.
     pub step: u64,
-    /// How many bits a frame took.
+    /// Bits per frame.
     pub bits_per_frame: f64,
 }
 
@@ -129,7 +129,7 @@ impl Checkpoints {
         step_of(input::text(&self.run.join(which)).ok()?.trim())
     }
 
-    /// The step of the best checkpoint. The last state that can be read says so too: where `best` is missing, damaged or
+    /// The step of the best checkpoint. The last readable state has it too: where `best` is missing, damaged or
     /// names another, that state decides, and `note` reports it.
     fn best(&self, steps: &[u64], note: &mut dyn FnMut(String)) -> Option<u64> {
         let named = self.named("best");
@@ -218,7 +218,7 @@ impl Checkpoints {
         Ok(())
     }
 
-    /// Where the run stood at a checkpoint; its files are not looked at.
+    /// The state of a checkpoint; its files are not checked.
     ///
     /// # Errors
     /// No such checkpoint, or one without a state.
@@ -248,7 +248,8 @@ impl Checkpoints {
     /// The requested checkpoint, or the nearest earlier one that is whole; `note` reports those passed over.
     ///
     /// # Errors
-    /// Links in the run; no checkpoint that is whole, with the reason of the last one tried; too little memory to read the one wanted.
+    /// Links in the run; no checkpoint that is whole, with the reason of the last one tried; too little memory
+    /// for the requested one.
     pub fn find(
         &self,
         which: CheckpointChoice,
@@ -361,7 +362,7 @@ fn short_of_memory(e: std::io::Error) -> std::io::Error {
     }
 }
 
-/// Whether an error speaks against a checkpoint: being out of memory says nothing of its files.
+/// Whether an error means that a checkpoint is damaged: running out of memory doesn't.
 fn is_fault(e: &Error) -> bool {
     match e {
         Error::Store(kinelm_store::Error::Io { source, .. }) => source.kind() != ErrorKind::OutOfMemory,

@@ -260,7 +260,7 @@ impl ModelConfig {
         self.goal || !self.music.is_none()
     }
 
-    /// The same model with every key said.
+    /// The same model with every key set.
     pub fn resolved(&self, tokens: &TokenLayout) -> ModelConfig {
         if self.architecture == Architecture::TwoLevel {
             return self.two_levels(tokens);

@@ -262,7 +262,7 @@ impl GoalTrack {
                 continue;
             };
             let (bins, all) = (self.encoder.frames.places()[place], self.encoder.frames.steps());
-            let (d, angle) = apart(goal.code, word[place].into(), (bins.count.into(), bins.circular));
+            let (d, angle) = distance(goal.code, word[place].into(), (bins.count.into(), bins.circular));
             for (i, number) in [angle.sin(), 1.0 - angle.cos(), angle, 8.0 * angle / goal.left].into_iter().enumerate()
             {
                 numbers[i * c + place] = number as f32;
@@ -332,7 +332,7 @@ fn until(frames: usize, n: usize, is: impl Fn(usize, usize) -> bool) -> Vec<u8> 
 }
 
 /// The distance from a code to a goal in a slot of `bins` bins: in bins, and as an angle.
-fn apart(goal: i64, from: i64, (bins, circular): (i64, bool)) -> (i64, f64) {
+fn distance(goal: i64, from: i64, (bins, circular): (i64, bool)) -> (i64, f64) {
     match circular {
         true => {
             // the short way round, -bins/2 up to below bins/2

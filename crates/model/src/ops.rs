@@ -1,4 +1,4 @@
-//! The model's operations from the tensor library's differentiable steps: slow, right by looking at them, the same on every
+//! The model's operations from the tensor library's differentiable steps: slow, checkable by reading, the same on every
 //! device and in f32 and f64.
 //!
 //! The library's own layer norm, softmax and GELU don't serve here: the first two cut the graph silently (no

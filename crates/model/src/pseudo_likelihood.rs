@@ -1,4 +1,4 @@
-//! What a masked model makes of clips: a figure of its own kind (docs/measures.md, "Bits a frame").
+//! The pseudo-likelihood of clips under a masked model (docs/measures.md, "Bits a frame").
 
 use super::scored_windows::{Likelihood, MeasuredClips, Score, Taken, room};
 use crate::{Result, Scores};

@@ -35,7 +35,7 @@ pub const TOKENIZER: &str = "tokenizer.json";
 /// In a run whose real dances may not go with it: a corpus of dances that the model made itself, chosen beside them.
 pub const MADE: &str = "corpus-made";
 
-/// A model and what belongs to it, of no form yet.
+/// A model's weights and settings, in no form yet.
 pub struct LoadedRun {
     /// The model's shape.
     pub config: ModelConfig,
@@ -53,7 +53,7 @@ pub struct LoadedRun {
     pub tokenizer_sha256: String,
     /// The checkpoint's folder.
     pub checkpoint: PathBuf,
-    /// Where the run stood there.
+    /// The run's state at that checkpoint.
     pub state: State,
     /// What the user should know: checkpoints that were passed over, and why.
     pub notes: Vec<String>,

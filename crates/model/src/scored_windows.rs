@@ -8,7 +8,7 @@ use serde::Serialize;
 /// Tokens that the model scores at a time, in whole windows.
 const BATCH_TOKENS: usize = 4096;
 
-/// What a model makes of some clips.
+/// The likelihood of some clips under a model.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Likelihood {
     /// Bits of all scored tokens, spaces included, divided by their frames.
@@ -60,7 +60,7 @@ impl Taken {
         Ok(taken)
     }
 
-    /// They, in order, each with its number among all.
+    /// These windows in order, each with its number among all.
     ///
     /// # Errors
     /// As [`Taken::of`].

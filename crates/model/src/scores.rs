@@ -1,4 +1,4 @@
-//! What a model thinks of given tokens.
+//! The likelihood of given tokens under a model.
 
 use super::config::{ModelConfig, TokenLayout};
 use super::goal::Conditioning;

@@ -39,7 +39,7 @@ pub(super) fn serialize<'a>(
     Ok(written.map_err(candle_core::Error::from)?)
 }
 
-/// [`to_bytes`] for a checkpoint: one that would only spread numbers that are none is not written.
+/// [`to_bytes`] for a checkpoint, which isn't written with numbers that aren't finite.
 ///
 /// # Errors
 /// [`Error::NotFinite`] with the first of them; `file` is for the message. Tensors that are not f32.

@@ -1,4 +1,6 @@
 //! A basis of series, fitted to a database.
+//!
+//! The fit holds N^2 numbers and takes time by N^3: for windows, not for whole clips.
 
 use crate::{Error, Result};
 use kinelm_linalg::principal_components;

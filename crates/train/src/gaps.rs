@@ -47,7 +47,7 @@ impl Gaps {
         Ok(Some(Gaps { share, seed, goals: GoalEncoder::of(tokenizer)?, joints }))
     }
 
-    /// Words after a window that the goals of its gaps may lie in.
+    /// Words after a window that may hold the goals of its gaps.
     pub fn reach(&self) -> usize {
         FARTHEST
     }

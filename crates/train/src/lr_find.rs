@@ -3,6 +3,9 @@
 //!
 //! Source: Smith, "Cyclical learning rates for training neural networks" (2017); the smoothing, and stopping at a multiple
 //! of the least loss, are fastai's.
+//!
+//! The losses are of training batches: the test finds rates at which training is stable, not the one that generalises
+//! best.
 
 use super::config::TrainConfig;
 use super::data::{CorpusPart, Data};

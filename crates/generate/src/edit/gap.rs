@@ -4,6 +4,8 @@
 //! frame after the gap, which is given. The difference between the two is the closing error, which is spread over the gap: of
 //! path and heading over all of it, rigidly, of other joints over its last second, each by a smooth step. The difference in
 //! speed is spread over its last 0.3 s.
+//!
+//! Contacts are not considered: feet in contact slide where the path's error is large.
 
 use super::mask::Mask;
 use crate::Result;

@@ -1,7 +1,7 @@
 //! Dances made: sampled, the best of several chosen, decoded with their feet locked, and the bytes and the sidecar of each.
 //!
-//! The program, the studio, the package for Python and the demos open a request and call [`OpenRequest::make`]; they say what
-//! came, and write it where it belongs.
+//! The program, the studio, the package for Python and the demos open a request and call [`OpenRequest::make`]; they
+//! report the result and write it to its place.
 
 mod preview;
 
@@ -130,7 +130,7 @@ pub struct Dance<'a> {
 }
 
 impl OpenRequest {
-    /// Makes dances: samples them, chooses the best where that is asked for, and gives them to be decoded.
+    /// Makes dances: samples them, chooses the best where that is requested, and returns them to be decoded.
     ///
     /// # Errors
     /// What sampling and the judge fail with; [`kinelm_store::Error::Stopped`] when `watch` stopped it.

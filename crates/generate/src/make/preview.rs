@@ -1,7 +1,7 @@
 //! Frames of a dance while it is sampled, each decoded once: a sketch, in which no foot is locked and no end of a gap closed.
 //!
-//! Steps and turns of the root are coded from the frame before, so frames that are decoded without their beginning are right but
-//! for where they stand and face. The last frame that is out is decoded again with the new ones, and says that.
+//! Steps and turns of the root are coded from the frame before, so frames decoded without their beginning are right but
+//! for position and heading. The last frame that was shown is decoded again with the new ones, which gives both.
 
 use crate::Result;
 use crate::open::OpenRequest;
@@ -58,7 +58,7 @@ impl Preview {
         self.next_by(&open.tokenizer, |clip| open.standing(clip))
     }
 
-    /// The same; `standing` puts the first frames, lead-in included, where the dance stands, and leaves the lead-in out.
+    /// The same; `standing` moves the first frames, lead-in included, to the dance's place, and drops the lead-in.
     fn next_by(&mut self, tokenizer: &Tokenizer, standing: impl FnOnce(Clip) -> Result<Clip>) -> Result<Option<Clip>> {
         let (length, reach) = (tokenizer.frames_per_word(), tokenizer.scheme().reach());
         let sampled = self.words.len() * length;

@@ -39,7 +39,7 @@ pub struct Sampling {
     /// Always the most likely id; of equals the first. Every other rule but the penalty is without effect then. Default
     /// false.
     pub greedy: bool,
-    /// Divides the probability of an id that stood in the same slot of one of the last `repetition_words` words; above 0,
+    /// Divides the probability of an id that was in the same slot of one of the last `repetition_words` words; above 0,
     /// 1: no penalty. Default 1.
     pub repetition_penalty: f64,
     /// Words that the penalty looks back. Default 20.

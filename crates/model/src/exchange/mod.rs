@@ -92,7 +92,7 @@ fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes:
     })
 }
 
-/// Forms in which `transformers` leaves weights and that are not read: the file that tells them, and what it is.
+/// Forms of weights of `transformers` that are not read: the file that identifies each, and what it is.
 const OTHER_FORMS: [(&str, &str); 3] = [
     ("model.safetensors.index.json", "the list of weights that are in several files (shards)"),
     (
@@ -147,7 +147,7 @@ fn check(config: &ModelConfig, tokens: &TokenLayout, weights: &BTreeMap<String, 
 }
 
 /// # Errors
-/// A tokenizer of another language than the model's.
+/// A tokenizer with other ids or words than the model's.
 fn check_tokenizer(tokens: &TokenLayout, tokenizer: &Tokenizer, path: &Path) -> Result<()> {
     let found = TokenLayout::of(tokenizer);
     let describe = |t: &TokenLayout| {

@@ -29,8 +29,8 @@ pub(super) struct About {
     pub tokenizer_sha256: String,
     /// Updates that the weights have seen.
     pub step: u64,
-    /// SHA-256 of the weights' file, of a folder in our own form: a bit that flips in a weight is a weight all the same.
-    /// Folders of earlier versions don't say it, nor do those that other programs may train on.
+    /// SHA-256 of the weights' file, of a folder in our own form: a weight with a flipped bit is still a weight.
+    /// Left out of folders that other programs may train on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights_sha256: Option<String>,
 }

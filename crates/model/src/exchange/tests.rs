@@ -181,7 +181,7 @@ fn reweigh(folder: &Path, change: &dyn Fn(&mut BTreeMap<String, Tensor>)) {
     change(&mut all);
     let bytes = crate::weights::to_bytes(all.iter().map(|(name, t)| (name.as_str(), t))).unwrap();
     fs::write(folder.join(WEIGHTS), bytes).unwrap();
-    // of an early version, so that the tensors themselves are looked at
+    // without the hash, so that the tensors themselves are checked
     let about = fs::read_to_string(folder.join(own::ABOUT)).unwrap();
     let mut about: serde_json::Value = serde_json::from_str(&about).unwrap();
     about.as_object_mut().unwrap().remove("weights_sha256");

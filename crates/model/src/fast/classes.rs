@@ -1,4 +1,4 @@
-//! Linear heads over the final vectors of some tokens, beside the heads over ids: what names a dance.
+//! Linear heads over the final vectors of some tokens, beside the heads over ids: those of classifiers.
 
 use super::{Fast, Windows};
 use crate::{Architecture, Dropout, Result};
@@ -23,7 +23,7 @@ pub struct ClassRow {
     pub weight: f32,
 }
 
-/// What the two kinds of heads say of a batch.
+/// The losses of both kinds of heads on a batch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Losses {
     /// Sum of -ln p over the targets that aren't `<pad>`, in nats.

@@ -77,7 +77,7 @@ impl Heads {
     /// Takes the rows of `inputs` (B, T), T = `length`, whose target counts.
     ///
     /// # Errors
-    /// As [`Questions::sort`].
+    /// As [`HeadGroups::sort`].
     pub fn set_targets(&mut self, inputs: &[u32], targets: &[u32], length: usize) -> Result<()> {
         self.head_groups.sort(inputs.chunks(length), targets, &mut self.groups)?;
         self.places.fill(NONE);

@@ -114,7 +114,7 @@ impl Gpt {
     /// As [`Gpt::forward`]; conditioning of other frames.
     #[cfg(test)]
     pub fn forward_conditioned(&self, ids: &Tensor, conditioning: &Conditioning) -> Result<Tensor> {
-        self.check_told(ids, Some(conditioning))?;
+        self.check_conditioning(ids, Some(conditioning))?;
         self.net.forward(ids, &self.mask(), Beside { dropout: None, conditioning: Some(conditioning) }, None)
     }
 
@@ -170,7 +170,7 @@ impl Gpt {
         conditioning: Option<&Conditioning>,
     ) -> Result<Tensor> {
         self.check(ids, targets)?;
-        self.check_told(ids, conditioning)?;
+        self.check_conditioning(ids, conditioning)?;
         Ok(self.net.nats(ids, targets, Beside { dropout, conditioning }, self.smoothing.as_ref())?.sum_all()?)
     }
 
@@ -206,11 +206,11 @@ impl Gpt {
         conditioning: Option<&Conditioning>,
     ) -> Result<Tensor> {
         self.check(ids, targets)?;
-        self.check_told(ids, conditioning)?;
+        self.check_conditioning(ids, conditioning)?;
         self.frozen()?.nats(ids, targets, Beside { dropout: None, conditioning }, None)
     }
 
-    fn check_told(&self, ids: &Tensor, conditioning: Option<&Conditioning>) -> Result<()> {
+    fn check_conditioning(&self, ids: &Tensor, conditioning: Option<&Conditioning>) -> Result<()> {
         let (batch, length) = ids.dims2()?;
         conditioning.map_or(Ok(()), |conditioning| conditioning.check(&self.config, &self.tokens, batch, length))
     }

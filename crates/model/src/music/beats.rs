@@ -3,6 +3,8 @@
 //!
 //! The phase goes evenly from 0 at a beat to a turn at the next. Before the first beat and after the last it goes on as
 //! between the two nearest, for `BEYOND` beats.
+//!
+//! A beat is a time alone: neither its strength nor its place in the bar is known.
 
 use super::AHEAD_S;
 use std::f64::consts::TAU;

@@ -2,6 +2,8 @@
 //!
 //! The nearest window by the Euclidean distance of cosine transforms is looked up at every second of a clip, among the
 //! windows that begin at any frame of another one; it is a copy if the joints' rotations are nearly the same all along.
+//!
+//! Copies that are mirrored, played at another speed or shorter than a window are not found.
 
 use super::{Fault, Finding, LoadedClip};
 use crate::query::record::ClipEntry;

@@ -8,8 +8,8 @@ pub const MAX_ORDER: usize = 8;
 
 /// The digital low pass of one order and cut-off, as second-order sections.
 ///
-/// Made as scipy's `butter` makes it: the poles of the analogue prototype, its cut-off bent as the bilinear transform will
-/// bend it, the bilinear transform. Sections instead of two polynomials, which lose their digits where all poles lie near
+/// Made as scipy's `butter` makes it: the poles of the analogue prototype, its cut-off prewarped, then the bilinear
+/// transform. Sections instead of two polynomials, which lose their digits where all poles are near
 /// 1: order 6 at 0.4 Hz of 120 frames a second.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Butterworth {

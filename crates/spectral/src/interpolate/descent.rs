@@ -19,7 +19,7 @@ pub enum Method {
     Plain(Descent),
 }
 
-/// InterpolateOptions of gradient descent.
+/// Options of gradient descent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Descent {
     /// The goal's place on the line from a's feature (0) to b's (1).

@@ -3,6 +3,8 @@
 //! [`Alignment`] makes two clips comparable, [`Relative`] makes their rotations numbers, [`descent::descend`] moves the
 //! first's, [`interpolate()`] does all of it and measures the result. The root's path stays the first's but for its fast
 //! part, which turns with the body. Source: the motion-language thesis; docs/interpolation.md.
+//!
+//! Only rotations are blended, without a look at contacts: feet may slide or sink.
 
 pub mod align;
 mod chart;

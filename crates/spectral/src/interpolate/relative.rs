@@ -142,7 +142,7 @@ mod tests {
         assert!(apart(&second, &b) < 1e-7);
     }
 
-    /// The hips shake, the spine takes it back: what is above it stands still, in a blend with one who bends the spine too.
+    /// The hips shake and the spine takes it back: the chest stays still, also in a blend with one who bends the spine.
     #[test]
     fn fast_movements_that_fit_together_still_do_in_another_pose() {
         let [a, b] = dances();

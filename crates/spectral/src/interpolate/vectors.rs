@@ -75,7 +75,7 @@ mod tests {
     use kinelm_motion::rotation::exp_map;
     use std::sync::Arc;
 
-    /// Two dancers that stand on both sides of half a turn are near each other.
+    /// Two dancers on either side of half a turn are near each other.
     #[test]
     fn vectors_stand_on_one_branch() {
         let one = |from: f64, speed: f64| {

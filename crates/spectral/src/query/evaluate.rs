@@ -28,7 +28,7 @@ const QUERIES: usize = 64;
 pub struct EvaluateOptions {
     /// How files are read.
     pub build: BuildOptions,
-    /// Where windows lie.
+    /// How series are cut into windows.
     pub windows: WindowSpec,
     /// SMPL joints; all if empty. A model reads its own.
     pub joints: Vec<usize>,
@@ -50,7 +50,7 @@ pub struct EvaluateOptions {
     pub models: Models,
 }
 
-/// Accuracy and entropy of one way to ask.
+/// Accuracy and entropy of one kind of query.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
     /// The label.
@@ -89,7 +89,7 @@ pub struct Report {
     pub schema: u32,
     /// The program's version.
     pub version: &'static str,
-    /// Where windows lie.
+    /// How series are cut into windows.
     pub windows: WindowSpec,
     /// Neighbours.
     pub k: usize,
@@ -118,7 +118,7 @@ struct LoadedClip {
     entry: ClipEntry,
 }
 
-/// Reads the clips, and asks for each window at both phases (windows from the clip's first frame on, and from half a hop on).
+/// Reads the clips, and queries each window at both phases (windows from a clip's first frame on, and from half a hop on).
 ///
 /// # Errors
 /// Files that can't be read where `strict` is given; [`kinelm_store::Error::Missing`] when no clip is as long as a window or has the labels
@@ -310,7 +310,7 @@ struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// Asks for every window, in every way.
+    /// Queries every window by every distance and exclusion.
     fn ask(&self, kind: &FeatureKind) -> Result<Vec<Row>> {
         let ways: Vec<(Option<Distance>, Exclude)> = self.ways(&self.options.distances);
         let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];

@@ -1,4 +1,4 @@
-//! What else moves like this.
+//! The windows of an index that are nearest to one of a clip.
 
 use super::distance::{Distance, SearchOptions};
 use super::embedding::Models;
@@ -79,7 +79,7 @@ pub struct Match {
 /// The answer to a [`Query`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct SearchResult {
-    /// What was query with.
+    /// The query's window.
     pub query: ClipWindow,
     /// Nearest first.
     pub matches: Vec<Match>,

@@ -16,7 +16,7 @@ const MOST: f64 = 127.0;
 pub struct Size {
     /// Length of the feature.
     pub norm: f64,
-    /// The most that what the bytes stand for is off the feature over its length.
+    /// A bound of the distance between what the bytes stand for and the feature over its length.
     pub error: f64,
     /// The square of the length of s b.
     pub square: f64,

@@ -3,6 +3,8 @@
 //! Cosines with all windows come first from signed bytes (one query: reading memory is all it waits for) or from a product
 //! of matrices (many queries), each with a bound on how far it is off. Whatever may then be among the k nearest is measured
 //! again from the features themselves, in f64. The answer is that of measuring everything, whatever the number of threads.
+//!
+//! Nothing is skipped: a query reads the bytes of all windows, and its time grows with their number.
 
 use super::candidates::Candidates;
 use super::database::Database;

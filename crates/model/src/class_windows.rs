@@ -62,12 +62,12 @@ impl Layout {
         let (word, pad) = (tokens.word, tokens.pad);
         if !config.architecture.is_flat() {
             // the row after the last frame is the first that has read it: needed even without a field
-            let (frames, behind) = (config.frames(tokens), fields.max(1));
-            if frames <= behind {
+            let (frames, class_rows) = (config.frames(tokens), fields.max(1));
+            if frames <= class_rows {
                 let found = format!("{frames} frames and {fields} class rows");
                 return Err(Error::invalid("a window", found, "room for a frame and the class rows"));
             }
-            return Ok(Layout { front, word, words: frames - behind, class_token: None, fields, pad });
+            return Ok(Layout { front, word, words: frames - class_rows, class_token: None, fields, pad });
         }
         // with W fields the last class token predicts into a second word, whose previous frame is class tokens
         let room = config.context.saturating_sub(tokens.front + fields);
@@ -104,7 +104,7 @@ impl Layout {
     }
 
     /// The first row after `words` words.
-    fn behind(&self, words: usize) -> usize {
+    fn row_after(&self, words: usize) -> usize {
         self.class_token.map_or(words, |_| self.front.len() + words * self.word)
     }
 
@@ -126,14 +126,14 @@ impl Layout {
 
     /// The rows that classify a window of m words.
     pub fn rows(&self, words: usize) -> Range<usize> {
-        let first = self.behind(words);
+        let first = self.row_after(words);
         first..first + self.fields
     }
 
     /// The rows that have read the window's motion: its tokens, or in a two-level model the row after each frame.
     pub fn motion_rows(&self, words: usize) -> std::ops::Range<usize> {
         match self.class_token {
-            Some(_) => self.behind(0)..self.behind(words),
+            Some(_) => self.row_after(0)..self.row_after(words),
             None => 1..words + 1,
         }
     }

@@ -22,7 +22,7 @@ pub(super) struct TokenDecoder {
     tokens: Vec<u32>,
     /// Positions of those tokens and of the next, T + 1 per stream; empty where no words are counted.
     at: Vec<WordPosition>,
-    wanted: Vec<LogitRow>,
+    pending: Vec<LogitRow>,
     logits: Vec<f32>,
 }
 
@@ -127,7 +127,7 @@ impl TokenDecoder {
             lengths: vec![0; streams],
             tokens: vec![0; streams * context],
             at: vec![WordPosition::default(); streams * counted],
-            wanted: Vec::with_capacity(stack.free()),
+            pending: Vec::with_capacity(stack.free()),
             logits: Vec::with_capacity(streams * weights.vocabulary),
             weights,
             stack,
@@ -168,7 +168,7 @@ impl TokenDecoder {
         for (stream, block) in blocks.iter().enumerate() {
             let mut rest = *block;
             while !rest.is_empty() {
-                let (tokens, behind) = rest.split_at(rest.len().min(self.stack.free()));
+                let (tokens, after) = rest.split_at(rest.len().min(self.stack.free()));
                 let (n, place) = (tokens.len(), self.lengths[stream]);
                 let row = self.stack.push(Run { stream, place, rows: n });
                 self.embed(row, tokens, stream);
@@ -177,13 +177,13 @@ impl TokenDecoder {
                 let first = match logits {
                     Logits::All => 0,
                     // only the piece with the block's last token has the row whose logits are returned
-                    Logits::Last => n - usize::from(behind.is_empty()),
+                    Logits::Last => n - usize::from(after.is_empty()),
                 };
-                self.wanted.extend((first..n).map(|i| LogitRow { row: row + i, stream, place: place + i }));
+                self.pending.extend((first..n).map(|i| LogitRow { row: row + i, stream, place: place + i }));
                 if self.stack.free() == 0 {
                     self.pass();
                 }
-                rest = behind;
+                rest = after;
             }
         }
         if self.stack.rows() > 0 {
@@ -246,13 +246,13 @@ impl TokenDecoder {
     fn pass(&mut self) {
         let weights = &self.weights;
         self.stack.forward(&weights.stack);
-        if !self.wanted.is_empty() {
-            self.stack.norm(&weights.norm, self.wanted.iter().map(|wanted| wanted.row));
+        if !self.pending.is_empty() {
+            self.stack.norm(&weights.norm, self.pending.iter().map(|pending| pending.row));
             let (tokens, context) = (&self.tokens, weights.context);
             let ids = |row: &LogitRow| (&tokens[row.stream * context..][..=row.place], row.place);
-            weights.head.logits(&mut self.logits, &mut self.stack, self.wanted.iter().map(ids));
+            weights.head.logits(&mut self.logits, &mut self.stack, self.pending.iter().map(ids));
         }
-        self.wanted.clear();
+        self.pending.clear();
         self.stack.clear();
     }
 }

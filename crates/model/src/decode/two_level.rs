@@ -34,7 +34,7 @@ pub(super) struct TwoLevelDecoder {
     trunk_rows: Vec<(usize, usize)>,
     inputs: Floats,
     conditioning: Conditioning,
-    wanted: Vec<LogitRow>,
+    pending: Vec<LogitRow>,
     logits: Vec<f32>,
 }
 
@@ -191,7 +191,7 @@ impl TwoLevelDecoder {
             trunk_rows: Vec::with_capacity(trunk.free()),
             inputs: Floats::new(trunk.free() * weights.input_width()),
             conditioning: Conditioning::new(numbers, gpt.config(), streams, window, word),
-            wanted: Vec::with_capacity(decoder.free()),
+            pending: Vec::with_capacity(decoder.free()),
             logits: Vec::with_capacity(streams * weights.vocabulary),
             trunk,
             decoder,
@@ -373,8 +373,8 @@ impl TwoLevelDecoder {
                 weights.tables.iter().zip(rows).for_each(|(table, row)| add_row(x, table, row));
                 self.conditioning.add_rows(x, stream, frame, i % word);
             }
-            let wanted = (from..from + n).zip(row..).filter(|&(place, _)| place >= first);
-            self.wanted.extend(wanted.map(|(place, row)| LogitRow { row, stream, place }));
+            let pending = (from..from + n).zip(row..).filter(|&(place, _)| place >= first);
+            self.pending.extend(pending.map(|(place, row)| LogitRow { row, stream, place }));
             self.progress[stream].rows += n;
             if self.decoder.free() == 0 {
                 self.pass_decoder();
@@ -386,14 +386,14 @@ impl TwoLevelDecoder {
     fn pass_decoder(&mut self) {
         let weights = &self.weights;
         self.decoder.forward(&weights.decoder);
-        if !self.wanted.is_empty() {
-            self.decoder.norm(&weights.norm, self.wanted.iter().map(|wanted| wanted.row));
+        if !self.pending.is_empty() {
+            self.decoder.norm(&weights.norm, self.pending.iter().map(|pending| pending.row));
             let tokens = &self.tokens;
             let ids =
                 |row: &LogitRow| (&tokens[row.stream * weights.context() + weights.skipped..][..=row.place], row.place);
-            weights.head.logits(&mut self.logits, &mut self.decoder, self.wanted.iter().map(ids));
+            weights.head.logits(&mut self.logits, &mut self.decoder, self.pending.iter().map(ids));
         }
-        self.wanted.clear();
+        self.pending.clear();
         self.decoder.clear();
     }
 }

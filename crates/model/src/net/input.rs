@@ -98,19 +98,19 @@ impl Position {
         };
         let (windows, length) = seen(counter, windows);
         let all = front.dim(0)?;
-        let (fronts, behind) = (before.min(all)..length.min(all), before.max(all)..length);
+        let (fronts, after) = (before.min(all)..length.min(all), before.max(all)..length);
         let mut parts = Vec::new();
         if !fronts.is_empty() {
             let rows = front.narrow(0, fronts.start, fronts.len())?.unsqueeze(0)?;
             parts.push(rows.broadcast_as((windows.len(), fronts.len(), front.dim(1)?))?.contiguous()?);
         }
-        if !behind.is_empty() {
-            let (words, places) = all_counted(counter, windows, behind.clone());
+        if !after.is_empty() {
+            let (words, places) = all_counted(counter, windows, after.clone());
             let mut rows = rows_of(place, places)?;
             if let Some(frame) = frame {
                 rows = (rows_of(frame, words)? + rows)?;
             }
-            parts.push(rows.reshape((windows.len(), behind.len(), ()))?);
+            parts.push(rows.reshape((windows.len(), after.len(), ()))?);
         }
         Tensor::cat(&parts, 1)
     }

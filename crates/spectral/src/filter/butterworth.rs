@@ -69,8 +69,8 @@ impl Butterworth {
         let (first, last) = (series[0], series[n - 1]);
         // odd about the end points: value and slope go on, where a mirrored series would turn back
         let before = (1..=pad).rev().map(|i| 2.0 * first - series[i]);
-        let behind = (1..=pad).map(|i| 2.0 * last - series[n - 1 - i]);
-        let mut x: Vec<f64> = before.chain(series.iter().copied()).chain(behind).collect();
+        let after = (1..=pad).map(|i| 2.0 * last - series[n - 1 - i]);
+        let mut x: Vec<f64> = before.chain(series.iter().copied()).chain(after).collect();
         self.run(&mut x);
         x.reverse();
         self.run(&mut x);

@@ -165,7 +165,7 @@ impl Checkpoints {
         let (dir, path) = (self.dir(), self.path(state.step));
         fs::create_dir_all(&dir).map_err(Error::io(&dir))?;
         state.files = contents.iter().map(|(n, bytes)| (n.to_string(), FileRecord::of(bytes))).collect();
-        // a resumed run writes its first step again: the same bytes stay as they are
+        // a resumed run with nothing left to do saves its state again: the same bytes stay as they are
         let whole = read_state(&path).is_ok_and(|s| s == state) && check(&path, &state, &[]).is_ok();
         if !whole {
             let work = PendingFolder::create(&path)?;

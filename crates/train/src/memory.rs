@@ -19,7 +19,6 @@ pub fn needed(config: &ModelConfig, tokens: &TokenLayout, train: &TrainConfig) -
         Architecture::Flat => (config.layers, config.width),
         Architecture::TwoLevel => (config.decoder().layers, config.decoder().width),
     };
-    // u128, as widths and contexts at their limits multiply beyond u64
     let activations = tokens_a_step * width as u128 * (11 * layers as u128 + 30);
     4 * (copies * parameters + activations)
 }

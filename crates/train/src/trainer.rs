@@ -173,7 +173,7 @@ impl<T: Task> Trainer<T> {
         let Some(checkpoints) = &self.checkpoints else { return Ok(()) };
         let files = self.task.files(self.due).map_err(|e| located(self.state.step, e, &self.checkpoints))?;
         self.saved = Some(checkpoints.write(self.state.clone(), &files)?);
-        // after the write: there is a whole checkpoint at any moment
+        // after the write: earlier checkpoints go only when this one is whole
         checkpoints.prune(self.cadence.keep)
     }
 }

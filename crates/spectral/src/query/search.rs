@@ -82,7 +82,7 @@ impl Database {
             for ((row, &product), size) in rows.clone().zip(&*products).zip(&part.sizes[rows.clone()]) {
                 let rank = |cosine, side| wanted.distance.rank(cosine, side, norm, size.norm);
                 let greatest = rank(query.greatest(product, size), Side::Greatest);
-                // the bound first: `allowed` looks clips and labels up
+                // the bound first: it is cheaper than looking up whether a window is allowed
                 if found.may(greatest) && allowed(first + row) {
                     found.offer(first + row, [rank(query.least(product, size), Side::Least), greatest]);
                 }

@@ -1,4 +1,4 @@
-//! What is known of a dance that was chosen among several; `kinelm_evaluate::dance::judge` measures it.
+//! The rank and measures of a dance chosen among several; `kinelm_evaluate::dance::judge` measures it.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 /// The version of the layout.
 const SCHEMA: u32 = 5;
 
-/// What a sidecar holds.
+/// The contents of a sidecar.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {

@@ -160,7 +160,7 @@ impl Checkpoints {
     /// Writes a checkpoint, then `latest`, and `best` if it is the best.
     ///
     /// # Errors
-    /// What the system refuses; the run's earlier checkpoints are still there then.
+    /// I/O errors; the run's earlier checkpoints are still there then.
     pub fn write(&self, mut state: State, contents: &[(&str, Vec<u8>)]) -> Result<PathBuf> {
         let (dir, path) = (self.dir(), self.path(state.step));
         fs::create_dir_all(&dir).map_err(Error::io(&dir))?;
@@ -190,7 +190,7 @@ impl Checkpoints {
     /// Removes all but the last `keep` checkpoints and the best, and what a killed process left half written.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn prune(&self, keep: usize) -> Result<()> {
         let steps = self.steps()?;
         // by the state, not the file alone: a damaged `best` must not cost the best checkpoint
@@ -205,7 +205,7 @@ impl Checkpoints {
     /// Removes what a killed process left half written.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn sweep(&self) -> Result<()> {
         for entry in fs::read_dir(self.dir()).into_iter().flatten().flatten() {
             let name = entry.file_name();

@@ -9,7 +9,7 @@ use kinelm_engine::op::attention::Mask;
 use kinelm_tokenizer::Special;
 use std::ops::Range;
 
-/// What all windows of a classifier share.
+/// The layout that all windows of a classifier share.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
     /// K ids: `<bos>`, and `<unk>` for every condition the model knows.

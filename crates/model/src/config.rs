@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ModelConfig {
-    /// What it is built of. Default `flat`.
+    /// Its architecture. Default `flat`.
     #[serde(skip_serializing_if = "Architecture::is_flat")]
     pub architecture: Architecture,
-    /// What a token may see. Default `causal`.
+    /// The tokens that a token may see. Default `causal`.
     pub kind: ModelKind,
     /// L: transformer blocks, 1..=96. Default 4.
     pub layers: usize,
@@ -60,7 +60,7 @@ pub struct ModelConfig {
     pub classes: usize,
 }
 
-/// What a model is built of.
+/// The architecture of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Architecture {
@@ -98,7 +98,7 @@ impl Default for DecoderConfig {
     }
 }
 
-/// What a token may see.
+/// The tokens that a token may see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ModelKind {
@@ -123,7 +123,7 @@ pub enum Positions {
     Rope,
 }
 
-/// What the softmax over the next token is over.
+/// The choices that the softmax over the next token ranges over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum HeadKind {

@@ -19,7 +19,7 @@ pub struct Dropout {
     pub first: u64,
 }
 
-/// What a mask is for, made once.
+/// The purpose of a mask, formatted once.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Purpose(String);
 

@@ -1,4 +1,4 @@
-//! What can go wrong from the model upwards.
+//! The errors of models and of the crates above.
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;

@@ -110,7 +110,7 @@ pub fn conditioning(config: &ModelConfig, tokens: &TokenLayout, windows: usize) 
     Some(conditioning)
 }
 
-/// What a form is, for messages.
+/// A form in words, for messages.
 pub fn name(config: &ModelConfig, tokens: &TokenLayout) -> String {
     let ModelConfig { architecture, kind, positions, previous_frame, head, tied_head, dropout, goal, music, .. } =
         config;

@@ -17,13 +17,13 @@ pub struct Parameter {
     pub name: String,
     /// Its shape; matrices are (in, out).
     pub shape: Vec<usize>,
-    /// What it holds before training.
+    /// Its numbers before training.
     pub init: Init,
-    /// What it is to the optimizer.
+    /// Its role in the optimizer.
     pub role: Role,
 }
 
-/// What a tensor is to the optimizer.
+/// A tensor's role in the optimizer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// A norm's weights, or a bias.
@@ -34,7 +34,7 @@ pub enum Role {
     Table,
 }
 
-/// What a tensor holds before training.
+/// A tensor's numbers before training.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Init {
     /// Zeros.
@@ -143,7 +143,7 @@ pub const CLASS: &str = "frame.class.weight";
 pub const GOAL: [&str; 4] = ["ahead.frame.weight", "ahead.spell.weight", "ahead.step.weight", "ahead.pace.weight"];
 /// Music conditioning is projected by these: into the trunk's row, and into those of the decoder.
 pub const MUSIC: [&str; 2] = ["music.frame.weight", "music.spell.weight"];
-/// What the names of the trunk's blocks begin with, and of the decoder's.
+/// The prefixes of the names of the trunk's blocks, and of the decoder's.
 pub(super) const TRUNK: &str = "trunk.";
 pub(super) const SPELL: &str = "spell.";
 

@@ -43,7 +43,7 @@ pub struct LeadIns {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LeadIn {
-    /// Where it is from.
+    /// Its source.
     pub from: LeadInFrom,
     /// The clip's labels, of the fields that condition the model.
     pub labels: BTreeMap<String, String>,
@@ -51,7 +51,7 @@ pub struct LeadIn {
     pub ids: Vec<u32>,
 }
 
-/// Where a lead-in is from.
+/// The source of a lead-in.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LeadInFrom {

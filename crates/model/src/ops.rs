@@ -35,7 +35,7 @@ pub fn layer_norm(x: &Tensor, weight: &Tensor, bias: &Tensor, epsilon: f64) -> R
     normal.broadcast_mul(weight)?.broadcast_add(bias)
 }
 
-/// What a token may see.
+/// The tokens that a token may see.
 #[derive(Debug, Clone)]
 pub enum Mask {
     /// Itself and the tokens before it.
@@ -50,7 +50,7 @@ pub enum Mask {
 /// A mask as it is added to scores.
 #[derive(Debug, Clone)]
 pub struct Hiding {
-    /// What to add; finite.
+    /// Numbers that are added to the scores; finite.
     add: Tensor,
     /// 1 where a place is seen, 0 where it is hidden; only where a row may hide everything.
     seen: Option<Tensor>,

@@ -39,7 +39,7 @@ pub const MADE: &str = "corpus-made";
 pub struct LoadedRun {
     /// The model's shape.
     pub config: ModelConfig,
-    /// What its tokenizer decided.
+    /// The layout of its tokens.
     pub tokens: TokenLayout,
     /// The label fields that condition it, in the order of their tokens after `<bos>`.
     pub conditions: Vec<String>,
@@ -55,7 +55,7 @@ pub struct LoadedRun {
     pub checkpoint: PathBuf,
     /// The run's state at that checkpoint.
     pub state: State,
-    /// What the user should know: checkpoints that were passed over, and why.
+    /// Notes for the user: checkpoints that were passed over, and why.
     pub notes: Vec<String>,
 }
 

@@ -23,7 +23,7 @@ pub trait Scores {
     /// Its `[model]` table.
     fn config(&self) -> &ModelConfig;
 
-    /// What its tokenizer decided.
+    /// The layout of its tokens.
     fn tokens(&self) -> &TokenLayout;
 
     /// `out` (B, T) becomes -ln p of each target in nats, 0 where it is `<pad>`.

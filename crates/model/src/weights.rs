@@ -7,7 +7,7 @@ use safetensors::tensor::TensorView;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// What the file's metadata say it is.
+/// The entry of the file's metadata that identifies the format.
 const FORMAT: (&str, &str) = ("kinelm", "weights 1");
 
 /// The bytes of a safetensors file: `tensors` in f32 under their names, the same bytes for the same tensors.
@@ -79,7 +79,7 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>>
 /// The tensors of `all` on `device`.
 ///
 /// # Errors
-/// What the device refuses.
+/// Errors of the device.
 pub fn to_device(all: &BTreeMap<String, Tensor>, device: &Device) -> Result<BTreeMap<String, Tensor>> {
     all.iter().map(|(name, tensor)| Ok((name.clone(), tensor.to_device(device)?))).collect()
 }

@@ -69,7 +69,7 @@ impl AdamW {
     /// The moments as tensors on the CPU: `first.{name}` and `second.{name}`.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the device.
     pub fn tensors(&self) -> Result<Tensors> {
         let mut all = Tensors::new();
         for (p, moments) in self.parameters.iter().zip(&self.moments) {

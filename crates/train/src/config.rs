@@ -69,7 +69,7 @@ pub struct TrainConfig {
     /// Needs `model.goal`. Default 0.
     #[serde(skip_serializing_if = "is_none")]
     pub gaps: f64,
-    /// What is hidden in the windows of a masked model. Default `tokens`.
+    /// The tokens that are hidden in the windows of a masked model. Default `tokens`.
     #[serde(skip_serializing_if = "Masking::is_tokens")]
     pub masking: Masking,
     /// The shorter windows of the first steps. Default none.
@@ -113,7 +113,7 @@ pub enum Loss {
     Ordinal,
 }
 
-/// What is hidden in the windows of a masked model.
+/// The tokens that are hidden in the windows of a masked model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Masking {

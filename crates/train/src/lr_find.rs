@@ -33,7 +33,7 @@ const RISEN: f64 = 1.1;
 /// The suggestion is the turn over this.
 const SAFETY: f64 = 10.0;
 
-/// What is tested, and over which rates.
+/// A model and the range of rates to test.
 #[derive(Debug, Clone)]
 pub struct LrFindOptions {
     /// The training file; its rate, schedule, steps, stages and run are ignored.

@@ -44,7 +44,7 @@ impl Metrics {
     /// Opens the metrics of `run`, taking out those of steps after `step`: the run goes on from there.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn open(run: &Path, step: u64) -> Result<Metrics> {
         let path = run.join(METRICS);
         if let Ok(old) = input::text(&path) {
@@ -66,7 +66,7 @@ impl Metrics {
     /// Syncs the file to disk, so that no later checkpoint is ahead of it.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn sync(&mut self) -> Result<()> {
         self.file.sync_data().map_err(Error::io(&self.path))
     }
@@ -74,7 +74,7 @@ impl Metrics {
     /// Writes the metrics of a step.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn step(&mut self, metrics: &StepMetrics) -> Result<()> {
         self.line("train", metrics)?;
         let f = metrics;
@@ -91,7 +91,7 @@ impl Metrics {
     /// Writes a measurement on the validation clips.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub(crate) fn valid(&mut self, step: u64, found: &Likelihood) -> Result<()> {
         #[derive(Serialize)]
         struct Valid<'a> {
@@ -108,7 +108,7 @@ impl Metrics {
     /// Writes any metrics of a step: a line of this kind, and these values for TensorBoard.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn other(&mut self, kind: &str, step: u64, metrics: &impl Serialize, values: &[(&str, f64)]) -> Result<()> {
         self.line(kind, metrics)?;
         self.events.scalars(step, values)

@@ -11,7 +11,7 @@ use kinelm_model::layout::Parameter;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// What the names of the two moments begin with in a checkpoint.
+/// The prefixes of the names of the two moments in a checkpoint.
 pub const MOMENTS: [&str; 2] = ["first", "second"];
 
 /// Tensors by name.

@@ -50,7 +50,7 @@ impl Order {
     /// `windows` (steps, rows, 3) int64 as a file: `windows.npy` in the folder `out`, or an archive if `out` ends in `.npz`.
     ///
     /// # Errors
-    /// What writing the archive refuses.
+    /// Errors of writing the archive.
     pub fn to_file(&self, out: &Path) -> Result<(PathBuf, Vec<u8>)> {
         let shape = [self.windows.len() / 3 / self.rows, self.rows, 3];
         let values = Values::I64(&self.windows);

@@ -30,7 +30,7 @@ impl Plain {
     /// Before the first update, on the model's device.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the device.
     pub fn new(mut model: Gpt, train: &TrainConfig) -> Result<Plain> {
         model.smooth_targets(train.smoothing());
         let share = model.config().dropout;

@@ -46,7 +46,7 @@ impl std::str::FromStr for Precision {
 pub struct Resolved {
     /// The kernels.
     pub products: Products,
-    /// What the user should know.
+    /// Notes for the user.
     pub notes: Vec<String>,
 }
 

@@ -10,7 +10,7 @@ use kinelm_model::{ModelConfig, TokenLayout};
 /// What a model's windows hold: its tokens, and the label fields after `<bos>`.
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
-    /// What the tokenizer and the fields decide.
+    /// The layout of its tokens, the front included.
     pub tokens: &'a TokenLayout,
     /// The label fields.
     pub conditions: &'a [String],

@@ -20,7 +20,7 @@ impl EventFile {
     /// of earlier files.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn create(folder: &Path, step: u64, config: &str) -> Result<EventFile> {
         let time = now();
         let (mut path, mut file) = (PathBuf::new(), Err(std::io::ErrorKind::AlreadyExists.into()));
@@ -46,7 +46,7 @@ impl EventFile {
     /// Adds the values of `step`.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn scalars(&mut self, step: u64, values: &[(&str, f64)]) -> Result<()> {
         let event = event(now(), step, values);
         self.record(&event)

@@ -11,7 +11,7 @@ pub type Files = Vec<(&'static str, Vec<u8>)>;
 
 /// A network with its data, as a [`Trainer`] trains it.
 pub trait Task {
-    /// What an update reports.
+    /// The report of an update.
     type Step;
 
     /// Makes the update after `state.step` others, and counts it in `state`.
@@ -24,7 +24,7 @@ pub trait Task {
     /// was interrupted: it is made again before the next update.
     ///
     /// # Errors
-    /// What measuring fails with.
+    /// Errors of measuring.
     fn measure(&mut self, _state: &mut State) -> Result<Option<bool>> {
         Ok(Some(false))
     }
@@ -84,7 +84,7 @@ pub struct Cadence {
 /// # Result::Ok(())
 /// ```
 pub struct Trainer<T> {
-    /// What is trained.
+    /// The network and its data.
     pub task: T,
     cadence: Cadence,
     checkpoints: Option<Checkpoints>,

@@ -19,7 +19,7 @@ fn gaps(mask: &Mask) -> Vec<Range<usize>> {
     gaps
 }
 
-/// What foot locking must not move in a gap.
+/// The parts that foot locking must not move in a gap.
 fn fixed(mask: &Mask, gap: &Range<usize>) -> FixedParts {
     let given = |joint: usize| mask.is_coded(joint) && gap.clone().any(|frame| mask.is_given(frame, joint));
     let legs = LEGS.map(|leg| leg.into_iter().any(given));

@@ -38,11 +38,11 @@ pub(crate) struct ResolvedSpan {
 
 /// The spans of an edit, and the mask that they make.
 pub(crate) struct ResolvedSpans {
-    /// What is given.
+    /// The spans of given joints.
     pub given: Vec<ResolvedSpan>,
-    /// What is free.
+    /// The spans of free joints.
     pub free: Vec<ResolvedSpan>,
-    /// What is given in the end.
+    /// The joints that are given in the end.
     pub mask: Mask,
 }
 

@@ -44,7 +44,7 @@ pub struct PreparedEdit {
     pub frames: usize,
     /// Frames that are written, without those left out.
     written: usize,
-    /// What is given at the model's rate.
+    /// The given joints at the model's rate.
     mask: Mask,
     /// (C) the joint of each character.
     joints: Vec<usize>,
@@ -60,7 +60,7 @@ pub(crate) struct ClosedGaps {
     pub clip: Clip,
     /// The errors at the ends of gaps, before they were spread.
     pub errors: Vec<ClosingError>,
-    /// What was done to feet, gap by gap.
+    /// The changes by foot locking, gap by gap.
     pub locked: Vec<FootLock>,
 }
 
@@ -139,7 +139,7 @@ impl PreparedEdit {
         self.known
     }
 
-    /// What is given at the model's rate.
+    /// The given joints at the model's rate.
     pub(crate) fn mask(&self) -> &Mask {
         &self.mask
     }

@@ -40,17 +40,17 @@ impl<'a> Making<'a> {
 pub struct BestOf<'a> {
     /// Dances that are sampled.
     pub samples: usize,
-    /// What compares them.
+    /// The judge that compares them.
     pub judge: &'a dyn Judge,
 }
 
-/// What chooses among sampled dances: `kinelm_evaluate::dance::judge`.
+/// Chooses among sampled dances: `kinelm_evaluate::dance::judge`.
 pub trait Judge {
     /// The best `count`, best first, each with its number among them, from 0. They are measured as if they were read back from
     /// a file named `out`.
     ///
     /// # Errors
-    /// What writing, reading and coding the dances fails with.
+    /// Errors of writing, reading and coding the dances.
     fn best(&self, open: &OpenRequest, sampled: &[Words], out: &Path, count: usize) -> Result<Vec<(usize, Best)>>;
 }
 
@@ -169,7 +169,7 @@ impl OpenRequest {
     /// One dance, to be written to `out`, that nobody watches.
     ///
     /// # Errors
-    /// What sampling and decoding fail with.
+    /// Errors of sampling and decoding.
     pub fn make_one(&self, out: &Path) -> Result<Dance<'_>> {
         let outs = [out.to_owned()];
         self.make(&Making::of(&outs), &mut unwatched)?.chosen.remove(0).decode(self)

@@ -10,7 +10,7 @@ use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 
 /// The sampled part of a dance on SMPL-24, at the model's rate.
 pub struct Preview {
-    /// As which the joints move that the tokenizer doesn't code.
+    /// The clip from which uncoded joints take their motion.
     rest: Clip,
     words: Words,
     /// Words of the whole dance.

@@ -1,4 +1,4 @@
-//! What a request names, read, and refused where it can't be danced to.
+//! The inputs that a request names, read and checked.
 
 use super::conditions::add_tempo;
 use super::labels::fronts;
@@ -44,7 +44,7 @@ fn check(request: &Request) -> Result<()> {
     Ok(())
 }
 
-/// What a request names, read.
+/// The inputs that a request names, read.
 pub(super) struct Inputs {
     pub run: LoadedRun,
     pub tokenizer: Tokenizer,

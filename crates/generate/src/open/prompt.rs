@@ -27,7 +27,7 @@ pub struct PreparedPrompt {
     pub beginning: Vec<u32>,
     /// Frames of which something is given: all if joints are, those of the first words if they are, else none.
     pub frames: usize,
-    /// What stays and what is generated, if the clip is edited.
+    /// The given and the generated parts, if the clip is edited.
     pub edit: Option<PreparedEdit>,
 }
 

@@ -82,7 +82,7 @@ impl OpenRequest {
         frames.div_ceil(length) + self.resolved.lead_in / length
     }
 
-    /// What the sampler is to do for `variations` dances.
+    /// The sampling plan of `variations` dances.
     fn plan(&self, variations: usize) -> Result<SamplingPlan> {
         let request = &self.resolved;
         let length = self.tokenizer.frames_per_word();

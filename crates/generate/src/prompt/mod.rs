@@ -78,7 +78,7 @@ impl PromptClip {
     /// The same prompt with another motion of the same rig, rate and first frame.
     ///
     /// # Errors
-    /// What retargeting and coding fail with.
+    /// Errors of retargeting and coding.
     pub(crate) fn with_motion(self, motion: Motion, tokenizer: &Tokenizer) -> Result<PromptClip> {
         let clip = resample(&retarget::to_smpl(&motion)?, tokenizer.fps(), Method::Auto)?;
         let words = tokenizer.encode(&clip.clone().raised(-self.under_m))?.words;
@@ -192,7 +192,7 @@ fn height_warning(coded: &Encoded, frames: usize) -> Option<Warning> {
 /// sampled: its rate is no multiple of the tokenizer's.
 ///
 /// # Errors
-/// What reading, retargeting and coding fail with.
+/// Errors of reading, retargeting and coding.
 pub fn read_back(
     dance: &Path,
     request: &Resolved,

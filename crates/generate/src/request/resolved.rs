@@ -66,12 +66,12 @@ pub struct Resolved {
     /// What is done to the feet.
     #[serde(default, skip_serializing_if = "is_default")]
     pub feet: FootMode,
-    /// Where and how the model computes.
+    /// The device and the form that compute a model.
     pub computing: Computing,
 }
 
 impl Resolved {
-    /// What it names, as a request.
+    /// The request that resolves to it.
     pub fn request(&self) -> Request {
         Request {
             run: self.run.clone(),

@@ -115,7 +115,7 @@ impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
         Ok(Sampler { parts, words: plan.words, yielded: 0, has_failed: false })
     }
 
-    /// What has been sampled so far.
+    /// The tokens sampled so far.
     pub(crate) fn into_tokens(self) -> SampledTokens {
         let mut all = SampledTokens::default();
         for sequence in self.parts.into_iter().flat_map(|part| part.batch.sequences) {

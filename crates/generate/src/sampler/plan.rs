@@ -1,4 +1,4 @@
-//! What the sampler is to do.
+//! The plan of a sampling.
 
 use super::guidance::Guidance;
 use super::model::NextToken;
@@ -27,7 +27,7 @@ pub fn check_frames(frames: usize) -> Result<()> {
     }
 }
 
-/// What the sampler is to do. Words count from the first lead-in word; a word has C characters and a space.
+/// The plan of a sampling. Words count from the first lead-in word; a word has C characters and a space.
 #[derive(Debug, Clone)]
 pub struct SamplingPlan {
     /// Words to sample, the lead-in included.

@@ -25,7 +25,7 @@ impl TimelineLayout {
         ReadOptions { skip: 0, rest: RestFrame::Keep, up, floor, ..self.rig.own.options() }
     }
 
-    /// What the clips give of the dance.
+    /// The spans that the clips give.
     pub(crate) fn given(&self) -> Vec<Span> {
         let span = |segment: &PlacedSegment| {
             let [from, to] = [segment.frames.start, segment.frames.end].map(|f| Some(Moment::Frames(f as f64)));

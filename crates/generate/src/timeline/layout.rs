@@ -80,7 +80,7 @@ pub struct TimelineLayout {
     pub fps: f64,
     /// Labels, in seconds of the dance.
     pub labels: Vec<TimedLabel>,
-    /// What the user should know.
+    /// Notes for the user.
     pub notes: Vec<String>,
     /// The clip that lends its rig.
     pub(super) rig: TimelineRig,

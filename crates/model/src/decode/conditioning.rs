@@ -1,4 +1,4 @@
-//! What frames are conditioned on beside the tokens read: goals and music.
+//! Conditioning of frames beside the tokens read: goals and music.
 
 use super::add_row;
 use super::numbers::Numbers;

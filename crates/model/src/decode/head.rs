@@ -19,7 +19,7 @@ enum Table {
 
 const TABLES: [Table; 3] = [Table::Absolute, Table::Circular, Table::Clamped];
 
-/// Where the logits of a row come from.
+/// The source of a row's logits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Task {
     /// Those of all tokens.

@@ -22,7 +22,7 @@ impl Made {
     }
 }
 
-/// What GPT-2 can express.
+/// A model that GPT-2 can express.
 fn gpt2(positions: Positions, tied_head: bool) -> ModelConfig {
     ModelConfig {
         layers: 2,
@@ -38,7 +38,7 @@ fn gpt2(positions: Positions, tied_head: bool) -> ModelConfig {
     }
 }
 
-/// What it can't.
+/// Models that it can't.
 fn beyond() -> [ModelConfig; 4] {
     let of = |positions| gpt2(positions, true);
     [

@@ -19,7 +19,7 @@ pub struct ClassRow {
     pub table: usize,
     /// The right class: a row of that table.
     pub class: u32,
-    /// What its -ln p and the gradient of it are multiplied with.
+    /// The factor of its -ln p and of the gradient.
     pub weight: f32,
 }
 

@@ -42,7 +42,7 @@ impl Flat {
         self.stack.forward(&model.weights, rules, keys);
     }
 
-    /// What the last block gave (N, D).
+    /// The output of the last block (N, D).
     pub fn last(&self) -> &[f32] {
         self.stack.last()
     }

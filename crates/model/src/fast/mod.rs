@@ -36,7 +36,7 @@ use std::collections::BTreeMap;
 /// Tensors of a block, in the order of their names.
 const BLOCK: usize = 12;
 
-/// What a pass reads.
+/// The inputs of a pass.
 #[derive(Debug, Clone, Copy)]
 pub struct Windows<'a> {
     /// (B, T) ids.
@@ -104,7 +104,7 @@ impl Fast {
         Fast::from_tensors(gpt.config(), gpt.tokens(), tensors)
     }
 
-    /// What attention sees in a model of this kind.
+    /// The mask of attention in a model of this kind.
     pub fn mask(&self) -> Mask<'static> {
         match self.config.kind {
             ModelKind::Causal => Mask::Causal,

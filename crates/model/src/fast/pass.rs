@@ -21,7 +21,7 @@ pub(super) struct Pass {
     dx: Floats,
 }
 
-/// What makes a row of every token.
+/// The part of a model that makes a row of every token.
 enum Body {
     Flat(Box<Flat>),
     TwoLevel(Box<TwoLevel>),

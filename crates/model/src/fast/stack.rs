@@ -11,7 +11,7 @@ use kinelm_engine::op::matmul::Store;
 /// Which blocks of a model they are.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Blocks<'a> {
-    /// What their names begin with.
+    /// The prefix of their names.
     pub prefix: &'a str,
     /// How many.
     pub layers: usize,
@@ -114,7 +114,7 @@ fn block(weights: &[Floats], first: usize) -> block::Weights<'_> {
     block_tensors(std::array::from_fn(|i| &*weights[first + i]))
 }
 
-/// What goes into a block and where its output goes.
+/// The input and the output buffer of a block.
 fn two(stream: &mut [Floats], layer: usize) -> (&[f32], &mut [f32]) {
     let (from, to) = (layer % stream.len(), (layer + 1) % stream.len());
     // with two buffers they take turns, so `from` may be the higher one

@@ -242,7 +242,7 @@ impl TwoLevel {
         self.trunk.forward(&model.weights, between_frames(windows.mask), keys);
     }
 
-    /// What the trunk's last block gave (N, D).
+    /// The output of the trunk's last block (N, D).
     pub fn vectors(&self) -> &[f32] {
         self.trunk.last()
     }
@@ -278,7 +278,7 @@ impl TwoLevel {
         }
     }
 
-    /// What the decoder gave (B T, d); 0 for the tokens of the front but its last.
+    /// The output of the decoder (B T, d); 0 for the tokens of the front but its last.
     pub fn last(&self) -> &[f32] {
         if self.skipped > 0 { &self.rows } else { self.decoder.last() }
     }

@@ -53,7 +53,7 @@ impl Gpt {
         &self.config
     }
 
-    /// What its tokenizer decided.
+    /// The layout of its tokens.
     pub fn tokens(&self) -> &TokenLayout {
         &self.tokens
     }
@@ -136,7 +136,7 @@ impl Gpt {
         self.frozen()?.forward(ids, &self.mask(), Beside::default(), None)
     }
 
-    /// What attention sees in a model of this kind.
+    /// The mask of attention in a model of this kind.
     pub fn mask(&self) -> Mask {
         self.net.mask()
     }

@@ -1,4 +1,4 @@
-//! What goes into the first block: a vector for the token, and what is added to it.
+//! The input of the first block: a vector for the token, its position and its previous-frame features.
 
 use super::rotary::Rotary;
 use super::{rows_of, table};

@@ -41,14 +41,14 @@ pub(super) struct Net {
     head: Head,
 }
 
-/// What makes a row of every token.
+/// The part of a model that makes a row of every token.
 #[derive(Clone)]
 enum Body {
     Flat(Flat),
     TwoLevel(TwoLevel),
 }
 
-/// What was read before.
+/// The tokens read earlier, with their keys and values.
 pub(super) struct Memory<'a> {
     /// Keys and values (1, H, T, d) of every layer, filled from the front; keys are rotated.
     pub keys: &'a [Tensor],
@@ -57,10 +57,10 @@ pub(super) struct Memory<'a> {
     pub before: &'a [u32],
 }
 
-/// What goes into a pass beside the ids.
+/// Inputs of a pass beside the ids.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Beside<'a> {
-    /// What is dropped.
+    /// The dropout, if any.
     pub dropout: Option<&'a Dropout>,
     /// The goal conditioning of frames.
     pub conditioning: Option<&'a Conditioning>,
@@ -93,7 +93,7 @@ impl Net {
         self.head.ids().device()
     }
 
-    /// What attention sees.
+    /// The mask of attention.
     pub(super) fn mask(&self) -> Mask {
         match self.kind {
             ModelKind::Causal => Mask::Causal,

@@ -31,7 +31,7 @@ const SINKS_S: f64 = 0.25;
 /// jumps away and back is wrong in between.
 const MERGE_S: f64 = 0.5;
 
-/// What is wrong.
+/// The kind of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Fault {
     /// A step that no body makes.
@@ -71,7 +71,7 @@ struct LoadedClip {
     finds: Vec<Finding>,
 }
 
-/// What was found.
+/// The faults found, and their sums.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CleaningReport {
     /// The ranges, by clip and time.
@@ -121,7 +121,7 @@ pub fn clean(
     Ok(merge(held, config.fps, summary))
 }
 
-/// What is wrong with a clip by itself.
+/// Faults of a clip by itself.
 fn of_clip(name: &str, clip: &Clip, joints: &[usize]) -> Result<Vec<Finding>> {
     let found = glitches(name, clip, joints).into_iter().map(|glitch| {
         let unit = if glitch.what == "root" { "cm" } else { "degrees" };

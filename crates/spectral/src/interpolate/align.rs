@@ -38,7 +38,7 @@ pub struct Aligned {
     pub a: Clip,
     /// The second's, on the first's rig and facing as it does.
     pub b: Clip,
-    /// What was changed, for the user.
+    /// Notes for the user on the changes.
     pub notes: Vec<String>,
 }
 

@@ -62,9 +62,9 @@ pub enum Coordinates {
 pub struct InterpolateOptions {
     /// Which parts of them.
     pub alignment: Alignment,
-    /// By which numbers.
+    /// The numbers of the rotations that are blended.
     pub coordinates: Coordinates,
-    /// By which spectrum of them.
+    /// The spectrum of these numbers.
     pub spectrum: Spectrum,
     /// Coefficients or components that are moved; `None`: those up to 3.5 Hz, 16 for a basis.
     pub keep: Option<usize>,
@@ -77,9 +77,9 @@ pub struct InterpolateOptions {
 pub struct Interpolated {
     /// The first's window, the second's on the first's rig, and the one between, on the first's rig.
     pub clips: [Clip; 3],
-    /// What was changed to make the two comparable.
+    /// Notes on the changes that made the two comparable.
     pub notes: Vec<String>,
-    /// What was measured.
+    /// The measures of the blend.
     pub report: Report,
 }
 

@@ -1,4 +1,4 @@
-//! What is measured of a blend.
+//! Measures of a blend.
 
 use super::Coordinates;
 use crate::Transform;
@@ -19,7 +19,7 @@ pub struct Likeness {
     pub c_b: f64,
 }
 
-/// What was measured of a blend.
+/// The measures of a blend.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
     /// Frames of the window.

@@ -50,7 +50,7 @@ impl IndexRequest {
     }
 }
 
-/// What a build did.
+/// The result of a build.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BuildReport {
     /// Of the files that were read.

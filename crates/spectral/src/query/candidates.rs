@@ -1,4 +1,4 @@
-//! What may be among the k nearest, by bounds.
+//! Windows that may be among the k nearest, by bounds.
 
 use super::database::Database;
 use super::distance::SearchOptions;

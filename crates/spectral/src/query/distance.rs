@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// What f64 sums of a feature's numbers may be off, as a share: far below what their order changes.
 const SLACK: f64 = 1e-11;
 
-/// What "near" means.
+/// The measure of nearness.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -64,12 +64,12 @@ pub(super) enum Side {
     Greatest,
 }
 
-/// What is looked for.
+/// The options of a search.
 #[derive(Debug, Clone, Copy)]
 pub struct SearchOptions {
     /// k.
     pub k: usize,
-    /// What "near" means.
+    /// The measure of nearness.
     pub distance: Distance,
     /// Of each clip only its nearest window.
     pub one_per_clip: bool,

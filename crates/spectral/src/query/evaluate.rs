@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 /// Queries in a batch.
 const QUERIES: usize = 64;
 
-/// What is measured.
+/// The options of an evaluation.
 #[derive(Debug, Clone)]
 pub struct EvaluateOptions {
     /// How files are read.
@@ -36,13 +36,13 @@ pub struct EvaluateOptions {
     pub raw: bool,
     /// The feature that windows are compared by.
     pub transforms: Vec<FeatureKind>,
-    /// What "near" means.
+    /// The measure of nearness.
     pub distances: Vec<Distance>,
     /// Label fields; by themselves those that all clips have with at least two values.
     pub fields: Vec<String>,
     /// Only clips with these labels.
     pub only: Vec<LabelFilter>,
-    /// What is left out of the neighbours in the main figures.
+    /// The exclusion of the main figures.
     pub exclude: Exclude,
     /// Neighbours.
     pub k: usize,
@@ -59,7 +59,7 @@ pub struct Row {
     pub transform: String,
     /// Cosine or Euclid.
     pub distance: Option<Distance>,
-    /// What was left out.
+    /// The exclusion.
     pub exclude: Exclude,
     /// The first frame of a clip's first window.
     pub phase: usize,
@@ -93,7 +93,7 @@ pub struct Report {
     pub windows: WindowSpec,
     /// Neighbours.
     pub k: usize,
-    /// What is left out in the main figures.
+    /// The exclusion of the main figures.
     pub exclude: Exclude,
     /// Clips with at least one window.
     pub clips: usize,

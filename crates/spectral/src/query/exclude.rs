@@ -57,12 +57,12 @@ impl Exclude {
     }
 }
 
-/// Where a query is from.
+/// The origin of a query.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Origin<'a> {
     /// Its clip, if the database has it.
     pub clip: Option<usize>,
-    /// What is known of it, if anything is.
+    /// Its entry in the database, if it has one.
     pub entry: Option<&'a ClipEntry>,
     /// Its first frame.
     pub start: usize,

@@ -22,7 +22,7 @@ enum Source {
     Model(Box<dyn WindowEmbedding>),
 }
 
-/// What comes of a clip before a model reads.
+/// The windows of a clip before a model reads them.
 pub enum Extracted {
     /// (N, D).
     Features(Vec<f32>),
@@ -126,7 +126,7 @@ impl Database {
     }
 }
 
-/// What a basis is fitted on, of one clip.
+/// The sums of one clip that a basis is fitted on.
 pub fn fit_of(clip: &Clip, starts: &[usize], options: &IndexOptions) -> Result<PcaFit> {
     let frames = options.windows.frames;
     let series = series(clip, options)?;

@@ -31,9 +31,9 @@ pub struct Query {
     pub at_s: Option<f64>,
     /// How many windows.
     pub k: usize,
-    /// What "near" means.
+    /// The measure of nearness.
     pub distance: Distance,
-    /// What doesn't count.
+    /// The windows that don't count.
     pub exclude: Exclude,
     /// Of each clip only its nearest window.
     pub one_per_clip: bool,
@@ -50,9 +50,9 @@ pub struct ClipWindow {
     pub path: PathBuf,
     /// First frame at the index's rate.
     pub start: usize,
-    /// Where it begins in the clip, seconds.
+    /// Its beginning in the clip, seconds.
     pub start_s: f64,
-    /// Where it ends.
+    /// Its end.
     pub end_s: f64,
     /// The recording.
     pub take: String,
@@ -89,7 +89,7 @@ pub struct SearchResult {
     pub measured: usize,
     /// Seconds that the search took, without opening the index and reading the clip.
     pub seconds: f64,
-    /// What the user should know.
+    /// Notes for the user.
     pub notes: Vec<String>,
     frames: usize,
     fps: f64,

@@ -1,4 +1,4 @@
-//! What an index holds of each window.
+//! The options of an index: the feature that it stores of each window.
 
 use crate::{Error, LowDct, PcaBasis, Result, Stft, WindowSpec};
 use kinelm_motion::smpl;

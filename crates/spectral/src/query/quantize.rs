@@ -135,7 +135,7 @@ pub struct Query {
     square: f64,
     /// Of s (v - c).
     dots: dots::Query,
-    /// What sums in f64 may be off, as a share.
+    /// A bound of the relative error of sums in f64.
     slack: f64,
 }
 

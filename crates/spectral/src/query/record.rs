@@ -31,7 +31,7 @@ pub struct Manifest {
     pub numbers: usize,
     /// `basis.json`, where the transform is fitted.
     pub basis: Option<FileRecord>,
-    /// What was added, in this order.
+    /// The parts, in the order in which they were added.
     pub parts: Vec<PartRecord>,
 }
 

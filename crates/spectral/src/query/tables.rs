@@ -58,7 +58,7 @@ pub fn tables(report: &Report) -> Vec<ReportTable> {
         .collect()
 }
 
-/// What a reader should know before the tables.
+/// Notes for the reader, before the tables.
 pub fn notes(report: &Report) -> Vec<String> {
     let Report { clips, short, takes, k, windows, .. } = report;
     let queries: Vec<String> = report.queries.iter().map(|(phase, n)| format!("{n} from frame {phase} on")).collect();

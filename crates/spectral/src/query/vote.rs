@@ -1,6 +1,6 @@
 //! What neighbours say of a label, and how sure a share over many queries is.
 
-/// What the neighbours of a window say.
+/// The vote of a window's neighbours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vote {
     /// The value that most of them have; of as many the one with the greater summed score, then the nearest one's.

@@ -65,7 +65,7 @@ pub struct Listed {
     pub parameters: Option<usize>,
 }
 
-/// What a list shows of `config.toml`.
+/// The part of `config.toml` that a list shows.
 struct Shown {
     steps: u64,
     model: String,

@@ -1,7 +1,7 @@
 //! Token-by-token reading in the plain form: the keys and values of earlier tokens are cached.
 //!
-//! Flat models only. Blocks cut otherwise give logits that differ by rounding; the fast form ([`super::Reader`]) gives the
-//! same bits.
+//! Flat models only. Blocks cut otherwise give logits that differ by rounding; the fast form ([`super::Reader`]) gives
+//! the same bits.
 
 use super::net::{Beside, Memory, Net};
 use super::ops::Mask;

@@ -1,7 +1,7 @@
 //! Short-time Fourier transforms of series.
 //!
-//! Frequencies are multiples of the rate over the window: with 16 numbers at 60 a second 3.75 Hz, so that slow movements
-//! share the lowest two.
+//! Frequencies are multiples of the rate over the window: with 16 numbers at 60 a second 3.75 Hz, so that slow
+//! movements share the lowest two.
 
 use std::f64::consts::PI;
 

@@ -10,8 +10,8 @@ use std::ops::ControlFlow;
 
 const MASK: u32 = 3;
 
-/// Prefers in every slot the character of the slot before it, plus one, modulo ten characters, where that is known, by as
-/// much as it is sure; records what it has read.
+/// Prefers in every slot the character of the slot before it, plus one, modulo ten characters, where that is known, by
+/// as much as it is sure; records what it has read.
 struct Following {
     context: usize,
     read: Vec<Vec<u32>>,

@@ -141,9 +141,9 @@ impl PromptClip {
         Ok(tokenizer.ids_of_words(&tokenizer.encode(&clip)?.words.slice(0..whole - unsettled))?)
     }
 
-    /// A dance on SMPL-24 with its floor at y = 0, retargeted to the prompt's rig as it will be written, about the height
-    /// `about_m` of that rig, metres. Joints without an SMPL joint move as in `base`, a clip on that rig, or hold the
-    /// rest pose.
+    /// A dance on SMPL-24 with its floor at y = 0, retargeted to the prompt's rig as it will be written, about the
+    /// height `about_m` of that rig, metres. Joints without an SMPL joint move as in `base`, a clip on that rig, or
+    /// hold the rest pose.
     ///
     /// # Errors
     /// A rig that no skeleton map knows.

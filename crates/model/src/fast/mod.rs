@@ -51,8 +51,8 @@ pub struct Windows<'a> {
     pub conditioning: Option<&'a Conditioning>,
 }
 
-/// Called in a backward pass at the final vectors' norm, with its input (N, D): adds to the gradients of that and of the
-/// model's tensors.
+/// Called in a backward pass at the final vectors' norm, with its input (N, D): adds to the gradients of that and of
+/// the model's tensors.
 type Added<'a> = &'a mut dyn FnMut(&Fast, &[f32], &mut [f32], &mut [Floats]);
 
 /// A model whose passes the engine computes, on the rayon pool they are called in.

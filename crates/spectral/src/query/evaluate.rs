@@ -118,7 +118,8 @@ struct LoadedClip {
     entry: ClipEntry,
 }
 
-/// Reads the clips, and queries each window at both phases (windows from a clip's first frame on, and from half a hop on).
+/// Reads the clips, and queries each window at both phases (windows from a clip's first frame on, and from half a hop
+/// on).
 ///
 /// # Errors
 /// Files that can't be read where `strict` is given; [`kinelm_store::Error::Missing`] when no clip is as long as a window or has the labels

@@ -9,7 +9,7 @@ use std::fmt;
 pub struct Best {
     /// Dances that were sampled.
     pub of: usize,
-    /// How many of them are better.
+    /// The number of them that are better.
     pub better: usize,
     /// Its measures.
     pub verdict: Verdict,

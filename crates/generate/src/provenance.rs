@@ -176,7 +176,7 @@ impl Provenance {
     /// Writes the sidecar, then the dance: wherever this is interrupted, the file that is there is known by its hash.
     ///
     /// # Errors
-    /// What [`Outputs::write`] refuses; a path that isn't UTF-8, which JSON can't hold.
+    /// Errors of [`Outputs::write`]; a path that isn't UTF-8, which JSON can't hold.
     pub fn write(mut self, dance: &Path, bytes: &[u8], outputs: &Outputs) -> Result<()> {
         let sha256 = self.output.sha256.clone();
         Ok(sidecar::write_beside(dance, bytes, &sha256, outputs, |replaced| {

@@ -270,7 +270,7 @@ impl ModelConfig {
     }
 }
 
-/// What the tokenizer decides about a model.
+/// The part of a model that its tokenizer decides.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TokenLayout {
@@ -299,7 +299,7 @@ pub struct TokenLayout {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SlotRun {
-    /// How many places.
+    /// The number of places.
     pub number: usize,
     /// Their ids: ascending bins.
     pub kind: SlotIds,
@@ -314,7 +314,7 @@ fn is_one(n: &usize) -> bool {
 }
 
 impl TokenLayout {
-    /// What a tokenizer decides about models of its tokens.
+    /// The part that a tokenizer decides of models of its tokens.
     pub fn of(tokenizer: &Tokenizer) -> TokenLayout {
         TokenLayout {
             vocabulary: tokenizer.vocabulary().len() as usize,

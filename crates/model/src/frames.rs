@@ -16,7 +16,7 @@ use kinelm_engine::op::embedding::NONE;
 /// The tables whose rows are added for a token of the frame decoder.
 pub const SPELT: [&str; 4] = ["spell.last.weight", "spell.place.weight", "spell.character.weight", "spell.step.weight"];
 
-/// How many previous frames the trunk reads.
+/// The number of previous frames that the trunk reads.
 pub const BACK: usize = 2;
 
 /// Reads windows whose words are frames.

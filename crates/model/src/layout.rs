@@ -231,7 +231,7 @@ fn linear(all: &mut Vec<Parameter>, name: &str, rows: usize, columns: usize, sd:
 }
 
 impl Parameter {
-    /// How many numbers it has.
+    /// The number of its elements.
     pub fn len(&self) -> usize {
         self.shape.iter().product()
     }

@@ -154,7 +154,7 @@ pub fn load_tokenizer(path: &Path, expected: &str) -> Result<Tokenizer> {
     }
 }
 
-/// What is needed of `config.toml`; the rest is for training.
+/// The keys of `config.toml` that are read; the others are for training.
 #[derive(Deserialize)]
 struct Needed {
     tokenizer_sha256: String,
@@ -173,7 +173,7 @@ fn scaled(model: ModelConfig, path: &Path) -> Result<ModelConfig> {
     Ok(model)
 }
 
-/// What is needed of its `[train]` table.
+/// The keys of its `[train]` table that are read.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct TrainKeys {

@@ -74,7 +74,7 @@ pub(crate) mod tests {
     use kinelm_store::random;
     use serde::Deserialize;
 
-    /// What scipy and scikit-learn made of the same numbers; `scripts/reference/spectral.py`.
+    /// Results of scipy and scikit-learn for the same numbers; `scripts/reference/spectral.py`.
     #[derive(Deserialize)]
     pub struct Golden {
         pub stft: Vec<StftCase>,

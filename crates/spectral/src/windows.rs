@@ -52,7 +52,7 @@ impl WindowSpec {
         last.into_iter().flat_map(move |last| phase..=last).step_by(self.hop)
     }
 
-    /// How long a window is.
+    /// The length of a window.
     pub fn seconds(&self) -> f64 {
         self.frames as f64 / self.fps
     }

@@ -155,7 +155,7 @@ impl Data {
         &self.conditions
     }
 
-    /// What the tokenizer and the label fields decide about a model.
+    /// The part of a model that the tokenizer and the label fields decide.
     pub fn tokens(&self) -> TokenLayout {
         TokenLayout { front: self.conditions.len(), ..TokenLayout::of(&self.tokenizer) }
     }

@@ -7,7 +7,7 @@ use kinelm_corpus::conditions::in_order;
 use kinelm_model::layout::{self, CLASS, GOAL, MUSIC};
 use kinelm_model::{ModelConfig, TokenLayout};
 
-/// What a model's windows hold: its tokens, and the label fields after `<bos>`.
+/// The contents of a model's windows: its tokens, and the label fields after `<bos>`.
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
     /// The layout of its tokens, the front included.

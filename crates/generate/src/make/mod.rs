@@ -104,7 +104,7 @@ pub struct Dances {
     pub chosen: Vec<Chosen>,
     /// Tokens that were guessed ahead.
     pub guessed: u64,
-    /// How many of the guesses were right.
+    /// The number of right guesses.
     pub right: u64,
 }
 
@@ -133,7 +133,7 @@ impl OpenRequest {
     /// Makes dances: samples them, chooses the best where that is requested, and returns them to be decoded.
     ///
     /// # Errors
-    /// What sampling and the judge fail with; [`kinelm_store::Error::Stopped`] when `watch` stopped it.
+    /// Errors of sampling and of the judge; [`kinelm_store::Error::Stopped`] when `watch` stopped it.
     pub fn make(&self, making: &Making<'_>, watch: &mut Watch<'_>) -> Result<Dances> {
         let outs = making.outs;
         let samples = making.best.as_ref().map_or(outs.len(), |best| best.samples);
@@ -178,7 +178,7 @@ impl OpenRequest {
     /// Makes one dance and writes it with its sidecar. The extension says the format.
     ///
     /// # Errors
-    /// What sampling and decoding fail with; a file in the way that is no dance with its sidecar, see [`Outputs::write`].
+    /// Errors of sampling and decoding; a file in the way that is no dance with its sidecar, see [`Outputs::write`].
     pub fn write(&self, out: impl AsRef<Path>) -> Result<()> {
         let is_file = |path: &Path| Ok(sidecar::is_beside_its_file(path) || sidecar::has_hash_of(path)?);
         let dances = Ours { is_marked: |_| false, is_file, owner: |_| None };

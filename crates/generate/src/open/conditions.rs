@@ -1,4 +1,4 @@
-//! What a dance is conditioned on beside its own words: goals, the tempo of its music, and the unconditioned reading.
+//! The conditions of a dance beside its own words: goals, the tempo of its music, and the unconditioned reading.
 
 use crate::masked::MOST_PASSES;
 use crate::request::{Request, Resolved};

@@ -1,4 +1,4 @@
-//! How far the given joints of a dance are from the prompt's, on the prompt's own rig.
+//! The distance of the given joints of a dance from the prompt's, on the prompt's own rig.
 //!
 //! A given joint is only where its ancestors leave it. So it is measured in the frame of its nearest free ancestor, of the
 //! pelvis where no coded joint between is free.

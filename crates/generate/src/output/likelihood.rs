@@ -1,4 +1,4 @@
-//! How likely a dance is under the model that generated it.
+//! The likelihood of a dance under the model that generated it.
 
 use crate::open::OpenRequest;
 use crate::{Error, Result};

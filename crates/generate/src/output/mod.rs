@@ -30,7 +30,7 @@ use std::sync::Arc;
 pub struct Generated {
     /// On its rig, at its rate.
     pub motion: Motion,
-    /// What was done to its feet, gap by gap where a clip is edited. Frames are [`Generated::locked_fps`] per second.
+    /// The changes by foot locking, gap by gap where a clip is edited. Frames are [`Generated::locked_fps`] per second.
     pub locked: Vec<FootLock>,
     /// The rate at which feet were locked.
     pub locked_fps: f64,

@@ -37,7 +37,7 @@ impl PromptClip {
     /// Reads a prompt.
     ///
     /// # Errors
-    /// What reading fails with; a rig that no skeleton map knows; a clip without frames, or that can't be coded.
+    /// Errors of reading; a rig that no skeleton map knows; a clip without frames, or that can't be coded.
     pub fn load(path: &Path, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<PromptClip> {
         PromptClip::of(ModelClip::load(path, options, tokenizer.config().into())?, tokenizer)
     }

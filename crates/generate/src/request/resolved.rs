@@ -52,18 +52,18 @@ pub struct Resolved {
     pub passes: Option<usize>,
     /// Seed of the random streams.
     pub seed: u64,
-    /// What the random streams derive from beside the seed.
+    /// Inputs of the random streams beside the seed.
     pub seeding: Seeding,
     /// How free characters are sampled.
     pub sampling: Sampling,
     /// The rig that the dance is written on.
     pub rig: Rig,
-    /// What the joints do that the tokenizer doesn't code.
+    /// Motion of the joints that the tokenizer doesn't code.
     pub uncoded_joints: UncodedJoints,
     /// The prompt's place, which is the dance's too; `None`: as decoded, at x = z = 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub placement: Option<Placement>,
-    /// What is done to the feet.
+    /// Foot locking.
     #[serde(default, skip_serializing_if = "is_default")]
     pub feet: FootMode,
     /// The device and the form that compute a model.

@@ -38,7 +38,7 @@ pub struct SampledTokens {
     pub lookahead: Vec<Vec<(usize, u32)>>,
     /// Tokens that were guessed ahead.
     pub guessed: u64,
-    /// How many of the guesses were right.
+    /// The number of right guesses.
     pub right: u64,
 }
 

@@ -28,7 +28,7 @@ pub(super) struct Sequence {
     first: usize,
     /// Tokens of the window that the model has read.
     read: usize,
-    /// What the model reads next: the unread part of the window, then the guesses.
+    /// The tokens that the model reads next: the unread part of the window, then the guesses.
     block: Vec<u32>,
     /// The same for the unconditioned reading, if there is one.
     unconditioned: Vec<u32>,
@@ -47,7 +47,7 @@ pub(super) struct Sequence {
     goals: Option<GoalConditioning>,
     /// Tokens guessed so far.
     pub guessed: u64,
-    /// How many of the guesses were right.
+    /// The number of right guesses.
     pub right: u64,
 }
 
@@ -118,7 +118,7 @@ impl Sequence {
         (self.ids, self.lookahead)
     }
 
-    /// What the model reads next; nothing when the dance is done.
+    /// The tokens that the model reads next; none when the dance is done.
     pub(crate) fn block(&self) -> &[u32] {
         &self.block
     }

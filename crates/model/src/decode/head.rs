@@ -125,7 +125,7 @@ impl Head {
         }
     }
 
-    /// Where the logits after input `i` of the sequence `ids` come from.
+    /// The source of the logits after input `i` of the sequence `ids`.
     fn task(&self, ids: &[u32], i: usize) -> Task {
         let known = |steps: &StepTables| Some((steps.words.bin(ids, i, 1)?, steps.words.steps()));
         let Some(((bins, bin), steps)) = self.steps.as_ref().and_then(known) else { return Task::All };

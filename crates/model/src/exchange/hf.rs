@@ -170,7 +170,7 @@ fn tokenizer_json(config: &ModelConfig) -> Value {
     })
 }
 
-/// What is needed of `config.json`, with GPT-2's defaults.
+/// The keys of `config.json` that are read, with GPT-2's defaults.
 #[derive(Debug, Deserialize)]
 struct Config {
     model_type: String,

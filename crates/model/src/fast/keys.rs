@@ -14,7 +14,7 @@ pub(super) struct Keys {
     blocks: Vec<[Key; 3]>,
 }
 
-/// What is dropped for, and a key a sequence.
+/// The purpose of a mask, and a key per sequence.
 struct Key(Purpose, Vec<u64>);
 
 impl Keys {

@@ -72,7 +72,7 @@ impl Pass {
         self.heads.logits(model, self.body.last(), windows.inputs, windows.length, out);
     }
 
-    /// What [`Fast::final_vectors`] are of, before their norm: (B T, D), of a two-level model the trunk's rows (B F, D).
+    /// The input of the norm of [`Fast::final_vectors`]: (B T, D), of a two-level model the trunk's rows (B F, D).
     pub fn vectors(&mut self, model: &Fast, windows: Windows) -> &[f32] {
         match &mut self.body {
             Body::Flat(flat) => {

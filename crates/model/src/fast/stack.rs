@@ -56,12 +56,12 @@ impl Stack {
         self.shape
     }
 
-    /// (N, D) What goes into the first block.
+    /// (N, D) The input of the first block.
     pub fn input(&mut self) -> &mut [f32] {
         &mut self.stream[0]
     }
 
-    /// (N, D) What the last block gave.
+    /// (N, D) The output of the last block.
     pub fn last(&self) -> &[f32] {
         &self.stream[self.layers % self.stream.len()]
     }

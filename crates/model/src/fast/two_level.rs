@@ -54,7 +54,7 @@ pub(super) struct TwoLevel {
     labels: Vec<Vec<u32>>,
     /// (B T, d), where K > 1: what the decoder gave, and 0 for tokens that predict nothing.
     rows: Floats,
-    /// (N, 2 C e) What the trunk reads.
+    /// (N, 2 C e) The input of the trunk.
     read: Floats,
     join: dense::Workspace,
     trunk: Stack,
@@ -69,7 +69,7 @@ pub(super) struct TwoLevel {
     back: Option<Back>,
 }
 
-/// How conditioning numbers are projected.
+/// The projection of conditioning numbers.
 struct Projection {
     /// Which conditioning.
     numbers: fn(&Conditioning) -> &[f32],
@@ -90,7 +90,7 @@ struct Matrix {
     back: Option<MatrixBack>,
 }
 
-/// What a matrix's gradient needs and nobody reads: (N, P) and (n).
+/// Buffers for a matrix's gradient that nothing reads: (N, P) and (n).
 struct MatrixBack {
     d_numbers: Floats,
     d_bias: Floats,

@@ -118,7 +118,7 @@ impl Gpt {
         self.net.forward(ids, &self.mask(), Beside { dropout: None, conditioning: Some(conditioning) }, None)
     }
 
-    /// What the heads read of `ids` (B, T): the final norm's output (B T, D). Differentiable.
+    /// The input of the heads for `ids` (B, T): the final norm's output (B T, D). Differentiable.
     ///
     /// # Errors
     /// As [`Gpt::forward_masked`].

@@ -1,4 +1,4 @@
-//! What the plain form computes: embedded inputs, blocks of attention and a perceptron, a head, from tensors by their use.
+//! The plain form: embedded inputs, blocks of attention and a perceptron, a head, from tensors by their use.
 //!
 //! Linear layers and tables are candle-nn's, and its `VarBuilder` finds their tensors by name. Three more of its parts don't
 //! serve: its initialisers can't be seeded on the CPU (ours are [`crate::layout::initial`], a random stream a tensor), its
@@ -134,7 +134,7 @@ impl Net {
         self.head.nats(&hidden, &windows, targets, smoothing)
     }
 
-    /// What the final norm gives (N, D); of a two-level model the trunk's, a row a frame.
+    /// The output of the final norm (N, D); of a two-level model the trunk's, a row a frame.
     pub(super) fn final_vectors(&self, ids: &Tensor, mask: &Mask) -> Result<Tensor> {
         let windows = windows(ids, None)?;
         match &self.body {

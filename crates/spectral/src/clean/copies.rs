@@ -63,7 +63,7 @@ pub fn find(held: &mut [LoadedClip], fps: f64) -> Result<()> {
     Ok(())
 }
 
-/// Where a window is, and the clip that it is a copy of, if it is one.
+/// The place of a window, and the clip that it is a copy of, if it is one.
 fn copy(
     held: &[LoadedClip],
     database: &Database,

@@ -14,7 +14,7 @@ pub struct Alignment {
     pub frames: Option<usize>,
     /// Frames per second.
     pub fps: f64,
-    /// Where the first clip's begins and where the second's, seconds.
+    /// The beginning of the part in the first clip, and in the second, seconds.
     pub at_s: [f64; 2],
     /// Leave the second clip's heading as it is, instead of turning it so that both begin facing the same way.
     pub keep_heading: bool,

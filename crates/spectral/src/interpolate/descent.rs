@@ -1,7 +1,7 @@
 //! From one window towards the spectrum of another.
 //!
 //! Letters: C channels, N frames of a window, n numbers of its feature. A window x is (C, N), radians; F(x) its feature.
-//! What is made small is `L(x) = sum (F(x) - target)^2 / n` with `target = F(a) + strength (F(b) - F(a))`, from x = a on.
+//! It minimizes `L(x) = sum (F(x) - target)^2 / n` with `target = F(a) + strength (F(b) - F(a))`, from x = a on.
 
 use crate::{Error, Result, Transform};
 

@@ -86,7 +86,7 @@ pub struct Interpolated {
 /// Interpolates from the first dance towards the second.
 ///
 /// # Errors
-/// What [`Alignment::of`] and [`descent::descend`] refuse; more coefficients than frames; a basis of more components than
+/// Errors of [`Alignment::of`] and [`descent::descend`]; more coefficients than frames; a basis of more components than
 /// the clips have series, or over a window of more than 1,024 frames.
 pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Result<Interpolated> {
     let Aligned { a: first, b: second, notes } = options.alignment.of(a, b)?;

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 /// Rotation vectors of every joint of a clip, without jumps through any number of turns.
 ///
 /// # Errors
-/// What [`Series::of`] refuses.
+/// Errors of [`Series::of`].
 pub fn unwound(clip: &Clip) -> Result<Series> {
     let mut series = Series::of(clip, &[], clip.fps(), true)?;
     for joint in 0..series.channels.len() / 3 {

@@ -1,8 +1,8 @@
-//! How near two features are, and what is looked for.
+//! The nearness of two features, and the options of a search.
 
 use serde::{Deserialize, Serialize};
 
-/// What f64 sums of a feature's numbers may be off, as a share: far below what their order changes.
+/// A bound of the relative error of f64 sums of a feature's numbers: far below what their order changes.
 const SLACK: f64 = 1e-11;
 
 /// The measure of nearness.

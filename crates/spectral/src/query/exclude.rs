@@ -5,7 +5,7 @@ use super::record::ClipEntry;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// What is left out of an answer: each leaves out what those before it do. See docs/query.md, "Exclusions".
+/// The windows left out of an answer: each leaves out what those before it do. See docs/query.md, "Exclusions".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]

@@ -10,7 +10,7 @@ use crate::{PcaBasis, Result, Series, Transform};
 use kinelm_motion::Clip;
 use rayon::prelude::*;
 
-/// What makes features; many clips side by side. A model then reads its part one after the other
+/// Makes features; many clips side by side. A model then reads its part one after the other
 /// ([`FeatureExtractor::embed`]).
 pub struct FeatureExtractor {
     options: IndexOptions,
@@ -31,7 +31,7 @@ pub enum Extracted {
 }
 
 impl FeatureExtractor {
-    /// What makes the features of `options`; `basis` is that of a fitted transform.
+    /// The extractor of the features of `options`; `basis` is that of a fitted transform.
     ///
     /// # Errors
     /// A run that can't be read or isn't the one of the options.

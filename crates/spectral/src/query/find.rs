@@ -29,7 +29,7 @@ pub struct Query {
     pub as_indexed: bool,
     /// The window's beginning, seconds; `None`: such that the window is in the clip's middle.
     pub at_s: Option<f64>,
-    /// How many windows.
+    /// The number of windows.
     pub k: usize,
     /// The measure of nearness.
     pub distance: Distance,

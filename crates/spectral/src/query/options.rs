@@ -16,7 +16,7 @@ pub enum FeatureKind {
     },
     /// Low coefficients of a cosine transform.
     Dct {
-        /// How many.
+        /// The number of coefficients.
         keep: usize,
     },
     /// Coordinates in a basis that is fitted to all channels of the windows that an index begins with.

@@ -10,7 +10,7 @@ use kinelm_engine::op::dots;
 /// The largest byte.
 const MOST: f64 = 127.0;
 
-/// What is stored of a feature beside its numbers.
+/// The quantities stored beside a feature's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Size {

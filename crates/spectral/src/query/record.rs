@@ -1,4 +1,4 @@
-//! What an index says of itself: `index.json`, and the lines of `clips.jsonl`.
+//! The description of an index: `index.json`, and the lines of `clips.jsonl`.
 
 use super::options::IndexOptions;
 use crate::{Error, Result, WindowSpec};

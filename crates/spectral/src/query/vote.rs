@@ -1,4 +1,4 @@
-//! What neighbours say of a label, and how sure a share over many queries is.
+//! The vote of neighbours on a label, and the error of a share over many queries.
 
 /// The vote of a window's neighbours.
 #[derive(Debug, Clone, Copy, PartialEq)]

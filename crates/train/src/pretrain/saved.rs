@@ -20,7 +20,7 @@ pub fn before(file: &RunFile) -> State {
 /// The files of a model that learns.
 ///
 /// # Errors
-/// What the device refuses; a number that is not finite, with its tensor.
+/// Errors of the device; a number that is not finite, with its tensor.
 pub fn files(learner: &dyn Learner) -> Result<Files> {
     to_bytes(learner.weights()?, learner.moments()?, learner.averages()?)
 }

@@ -1,4 +1,4 @@
-//! What is known of a dance that was chosen among several; `kinelm_evaluate::dance::judge` measures it.
+//! The rank and measures of a dance chosen among several; `kinelm_evaluate::dance::judge` measures it.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -9,7 +9,7 @@ use std::fmt;
 pub struct Best {
     /// Dances that were sampled.
     pub of: usize,
-    /// How many of them are better.
+    /// The number of them that are better.
     pub better: usize,
     /// Its measures.
     pub verdict: Verdict,

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 /// The version of the layout.
 const SCHEMA: u32 = 5;
 
-/// What a sidecar holds.
+/// The contents of a sidecar.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
@@ -164,6 +164,7 @@ impl Provenance {
         }
         let parsed: Provenance =
             serde_json::from_value(value).map_err(|e| Error::file(path, e.to_string(), expected, ""))?;
+        // a sidecar may come from anywhere: its name must not lead out of the folder
         if !files::is_plain(&parsed.output.file) {
             let expected = "the name of a dance beside this file, without a folder";
             let help = "it isn't as it was written";
@@ -175,7 +176,7 @@ impl Provenance {
     /// Writes the sidecar, then the dance: wherever this is interrupted, the file that is there is known by its hash.
     ///
     /// # Errors
-    /// What [`Outputs::write`] refuses; a path that isn't UTF-8, which JSON can't hold.
+    /// Errors of [`Outputs::write`]; a path that isn't UTF-8, which JSON can't hold.
     pub fn write(mut self, dance: &Path, bytes: &[u8], outputs: &Outputs) -> Result<()> {
         let sha256 = self.output.sha256.clone();
         Ok(sidecar::write_beside(dance, bytes, &sha256, outputs, |replaced| {
@@ -190,6 +191,7 @@ impl Provenance {
     /// A file that has moved and that the dance doesn't have; a timeline that can't be read or has other labels.
     pub fn request_at(&self, moved: &Moved) -> Result<Resolved> {
         let mut request = self.request.clone();
+        // a single dance again: the variation's seed becomes its own
         request.seed = variation_seed(request.seed, self.variation.saturating_sub(1));
         if let Some(run) = &moved.run {
             request.run.clone_from(run);

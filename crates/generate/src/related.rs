@@ -12,9 +12,9 @@ pub struct ViewedFile {
     pub path: PathBuf,
     /// How it is read.
     pub options: ReadOptions,
-    /// Files with the same number keep their positions relative to each other.
+    /// Files with the same number are shown at their positions relative to each other.
     pub world: Option<usize>,
-    /// The height in the file that stands on the floor of that world, metres: a dance that follows a clip has its floor at 0,
+    /// The file's height that is on the floor of that world, metres: a dance that follows a clip has its floor at 0,
     /// wherever the clip's is.
     pub floor_m: f64,
     /// The parts that were generated, seconds, where the rest was given.

@@ -25,7 +25,7 @@ impl ModelConfig {
         }
     }
 
-    /// The table whose rows answer for all ids.
+    /// The table whose rows give the logits of all ids.
     pub(crate) fn ids_table(&self) -> &'static str {
         match self.architecture.is_flat() && self.tied_head {
             true => "token.weight",
@@ -38,10 +38,11 @@ impl ModelConfig {
         tokens.room(self.context) / tokens.word.max(1)
     }
 
-    /// The keys of a two-level model, with those that say the same in its own words.
+    /// A two-level model's keys, with those that follow from them filled in.
     pub(super) fn two_levels(&self, tokens: &TokenLayout) -> ModelConfig {
         let window = self.window.unwrap_or(WINDOW);
         ModelConfig {
+            // one input fewer than tokens: the front's last token predicts the first, a window's last predicts nothing
             context: window * tokens.word + tokens.front - 1,
             window: Some(window),
             decoder: Some(self.decoder()),
@@ -53,7 +54,7 @@ impl ModelConfig {
         }
     }
 
-    /// Checks what is said of the architecture.
+    /// Checks the keys of the architecture.
     ///
     /// # Errors
     /// The first key that doesn't go with it, or is outside its limits.
@@ -91,6 +92,7 @@ impl ModelConfig {
             return Err(Error::invalid("model.decoder.width", found, "heads that divide the width"));
         }
         let wrong = [
+            // characters are predicted as steps from the previous frame, which may be `<mask>` in a masked model
             ("kind = \"masked\"", self.kind == ModelKind::Masked),
             ("previous_frame = false", self.previous_frame == Some(false)),
             ("head = \"absolute\"", self.head == Some(HeadKind::Absolute)),
@@ -104,7 +106,7 @@ impl ModelConfig {
         }
     }
 
-    /// Checks that words are frames, and the context whole ones.
+    /// Checks that words are frames, and that the context is a whole number of them.
     ///
     /// # Errors
     /// Tokens of tiles or merges; a context that isn't the window's.
@@ -117,6 +119,7 @@ impl ModelConfig {
                        or quantile scheme without merges";
             return Err(Error::unsupported("model.architecture = \"two_level\"", why));
         }
+        // part of a frame has no row in the trunk, so a context between two whole windows means nothing
         let expected = self.two_levels(tokens).context;
         match self.context == expected {
             true => Ok(()),

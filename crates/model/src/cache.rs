@@ -1,4 +1,7 @@
-//! Reading token after token: keys and values of what was read are kept.
+//! Token-by-token reading in the plain form: the keys and values of earlier tokens are cached.
+//!
+//! Flat models only. Blocks cut otherwise give logits that differ by rounding; the fast form ([`super::Reader`]) gives
+//! the same bits.
 
 use super::net::{Beside, Memory, Net};
 use super::ops::Mask;
@@ -7,7 +10,7 @@ use candle_core::{DType, Device, IndexOp, Tensor};
 
 /// One sequence being read by a model.
 ///
-/// Known tokens go in in blocks as long as one likes, so that a window that slides is read again in one go:
+/// Known tokens are read in blocks of any length, so a window that slides is read again in one pass:
 /// [`Cache::reset`], then [`Cache::read`] the window.
 pub struct Cache {
     net: Net,
@@ -28,6 +31,7 @@ impl Cache {
         device: &Device,
     ) -> Result<Cache> {
         let room = || -> Result<Vec<Tensor>> {
+            // the whole context at once: growing by concatenation would copy all keys for every token
             (0..layers).map(|_| Ok(Tensor::zeros((1, heads, context, d), DType::F32, device)?)).collect()
         };
         Ok(Cache { net, keys: room()?, values: room()?, context, read: Vec::with_capacity(context) })
@@ -50,6 +54,7 @@ impl Cache {
 
     /// Forgets every token.
     pub fn reset(&mut self) {
+        // keys and values stay where they are: tokens count by `read` alone, and the next ones overwrite them
         self.read.clear();
     }
 
@@ -58,7 +63,7 @@ impl Cache {
         self.read.truncate(length);
     }
 
-    /// Reads `tokens` behind those read before; logits (V) of the token that follows the last.
+    /// Reads `tokens` after those read before; logits (V) of the token that follows the last.
     ///
     /// # Errors
     /// No tokens, more than the context has room for, ids outside the vocabulary.
@@ -67,7 +72,7 @@ impl Cache {
         Ok(logits.i(tokens.len() - 1)?.to_vec1()?)
     }
 
-    /// As [`Cache::read`], with the logits (n, V) behind every one of the n tokens.
+    /// As [`Cache::read`], with the logits (n, V) after each of the n tokens.
     ///
     /// # Errors
     /// As [`Cache::read`].
@@ -80,6 +85,7 @@ impl Cache {
         let ids = self.net.ids(tokens, tokens.len())?;
         let memory = Memory { keys: &self.keys, values: &self.values, before: &self.read };
         let logits = self.net.forward(&ids, &Mask::Causal, Beside::default(), Some(&memory))?;
+        // after the pass: where it fails, the tokens don't count as read
         self.read.extend_from_slice(tokens);
         Ok(logits.squeeze(0)?)
     }

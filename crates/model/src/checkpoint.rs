@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 const SCHEMA: u32 = 1;
 const STATE: &str = "state.json";
 
-/// `state.json`: where a run stood.
+/// `state.json`: the state of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct State {
@@ -47,7 +47,7 @@ pub struct State {
 pub struct Best {
     /// After how many updates.
     pub step: u64,
-    /// How many bits a frame took.
+    /// Bits per frame.
     pub bits_per_frame: f64,
 }
 
@@ -58,7 +58,7 @@ impl State {
     }
 }
 
-/// Which checkpoint is wanted.
+/// Which checkpoint to read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CheckpointChoice {
     /// The best, or the latest of a run without validation clips.
@@ -68,7 +68,7 @@ pub enum CheckpointChoice {
     Best,
     /// The latest.
     Latest,
-    /// That after so many updates.
+    /// The one after this many updates.
     Step(u64),
 }
 
@@ -129,10 +129,11 @@ impl Checkpoints {
         step_of(input::text(&self.run.join(which)).ok()?.trim())
     }
 
-    /// The step of the best checkpoint. The last state that can be read says so too: where `best` is missing, damaged or
+    /// The step of the best checkpoint. The last readable state has it too: where `best` is missing, damaged or
     /// names another, that state decides, and `note` reports it.
     fn best(&self, steps: &[u64], note: &mut dyn FnMut(String)) -> Option<u64> {
         let named = self.named("best");
+        // a killed process may have written a checkpoint and not yet `best`: the newest readable state decides
         let last = steps.iter().rev().find_map(|&step| self.state(step).ok());
         let stored = last.as_ref().and_then(|state| state.best).map(|best| best.step);
         let path = self.run.join("best");
@@ -159,16 +160,18 @@ impl Checkpoints {
     /// Writes a checkpoint, then `latest`, and `best` if it is the best.
     ///
     /// # Errors
-    /// What the system refuses; the run's earlier checkpoints are still there then.
+    /// I/O errors; the run's earlier checkpoints are still there then.
     pub fn write(&self, mut state: State, contents: &[(&str, Vec<u8>)]) -> Result<PathBuf> {
         let (dir, path) = (self.dir(), self.path(state.step));
         fs::create_dir_all(&dir).map_err(Error::io(&dir))?;
         state.files = contents.iter().map(|(n, bytes)| (n.to_string(), FileRecord::of(bytes))).collect();
+        // a resumed run with nothing left to do saves its state again: the same bytes stay as they are
         let whole = read_state(&path).is_ok_and(|s| s == state) && check(&path, &state, &[]).is_ok();
         if !whole {
             let work = PendingFolder::create(&path)?;
             let json = serde_json::to_vec_pretty(&state).expect("a state is plain data");
             contents.iter().try_for_each(|(name, bytes)| work.write(name, bytes))?;
+            // last: a folder without a state is never whole
             work.write(STATE, &json)?;
             if path.exists() {
                 // the same step again after a damaged one, or after going back
@@ -176,6 +179,7 @@ impl Checkpoints {
             }
             work.commit("")?;
         }
+        // only now: a pointer never names a folder that isn't there
         files::write_whole(&self.run.join("latest"), format!("{}\n", name(state.step)).as_bytes())?;
         if state.best.is_some_and(|b| b.step == state.step) {
             files::write_whole(&self.run.join("best"), format!("{}\n", name(state.step)).as_bytes())?;
@@ -186,9 +190,10 @@ impl Checkpoints {
     /// Removes all but the last `keep` checkpoints and the best, and what a killed process left half written.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn prune(&self, keep: usize) -> Result<()> {
         let steps = self.steps()?;
+        // by the state, not the file alone: a damaged `best` must not cost the best checkpoint
         let best = self.best(&steps, &mut |_| ());
         for step in steps.iter().rev().skip(keep).filter(|s| Some(**s) != best) {
             let path = self.path(*step);
@@ -200,10 +205,11 @@ impl Checkpoints {
     /// Removes what a killed process left half written.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn sweep(&self) -> Result<()> {
         for entry in fs::read_dir(self.dir()).into_iter().flatten().flatten() {
             let name = entry.file_name();
+            // only what this program names so: other files in the folder are the user's
             let of = name.to_str().and_then(part::left_over).and_then(|(name, _)| step_of(name));
             if of.is_some() && entry.path().is_dir() {
                 fs::remove_dir_all(entry.path()).map_err(Error::io(entry.path()))?;
@@ -212,7 +218,7 @@ impl Checkpoints {
         Ok(())
     }
 
-    /// Where the run stood at a checkpoint; its files are not looked at.
+    /// The state of a checkpoint; its files are not checked.
     ///
     /// # Errors
     /// No such checkpoint, or one without a state.
@@ -227,6 +233,7 @@ impl Checkpoints {
     pub fn read(&self, step: u64, wanted: &[&str], also: &[&str]) -> Result<Checkpoint> {
         let dir = self.path(step);
         let state = read_state(&dir)?;
+        // a renamed folder would pass every hash and resume at another step
         if state.step != step {
             let found = format!("step {}", state.step);
             return Err(Error::file(dir.join(STATE), found, format!("step {step}"), ""));
@@ -241,7 +248,8 @@ impl Checkpoints {
     /// The requested checkpoint, or the nearest earlier one that is whole; `note` reports those passed over.
     ///
     /// # Errors
-    /// Links in the run; no checkpoint that is whole, with the reason of the last one tried; too little memory to read the one wanted.
+    /// Links in the run; no checkpoint that is whole, with the reason of the last one tried; too little memory
+    /// for the requested one.
     pub fn find(
         &self,
         which: CheckpointChoice,
@@ -249,6 +257,7 @@ impl Checkpoints {
         also: &[&str],
         note: &mut dyn FnMut(String),
     ) -> Result<Checkpoint> {
+        // before anything is opened, since a link may lead out of the run
         refuse_links(&self.run)?;
         let steps = self.steps()?;
         let latest = || self.named("latest").filter(|s| steps.contains(s)).or(steps.last().copied());
@@ -268,9 +277,11 @@ impl Checkpoints {
         let nothing = || Error::file(&self.run, "no checkpoint", "a run that reached its first one", "train it first");
         let first = first.ok_or_else(nothing)?;
         let mut reason = match self.read(first, wanted, also) {
+            // a step by its number is what the user asked for: no other stands in for it
             Err(e) if !matches!(which, CheckpointChoice::Step(_)) && is_fault(&e) => e,
             other => return other,
         };
+        // never a later one: none measured better than the best
         for &step in steps.iter().rev().filter(|s| **s < first) {
             note(format!("{reason}; going back to the checkpoint of step {step}"));
             match self.read(step, wanted, also) {
@@ -298,6 +309,7 @@ pub fn refuse_links(run: &Path) -> Result<()> {
 }
 
 fn name(step: u64) -> String {
+    // eight digits, so that a listing by name is a listing by step
     format!("step-{step:08}")
 }
 
@@ -350,7 +362,7 @@ fn short_of_memory(e: std::io::Error) -> std::io::Error {
     }
 }
 
-/// Whether an error speaks against a checkpoint: being out of memory says nothing of its files.
+/// Whether an error means that a checkpoint is damaged: running out of memory doesn't.
 fn is_fault(e: &Error) -> bool {
     match e {
         Error::Store(kinelm_store::Error::Io { source, .. }) => source.kind() != ErrorKind::OutOfMemory,

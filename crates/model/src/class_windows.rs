@@ -1,7 +1,7 @@
 //! The windows of a clip as a classifier reads them.
 //!
-//! What answers is a row of the model behind the window's last word, one a field. In a flat model the row is a class token's;
-//! in a two-level model the trunk has rows of its own there, and no token stands for them.
+//! One row of the model after the window's last word classifies each field. In a flat model the row is a class token's;
+//! in a two-level model the trunk has class rows there, which belong to no token.
 
 use crate::{Error, ModelConfig, Result, TokenLayout};
 use kinelm_corpus::fill_sequence;
@@ -9,7 +9,7 @@ use kinelm_engine::op::attention::Mask;
 use kinelm_tokenizer::Special;
 use std::ops::Range;
 
-/// What all windows of a classifier share.
+/// The layout that all windows of a classifier share.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
     /// K ids: `<bos>`, and `<unk>` for every condition the model knows.
@@ -36,9 +36,10 @@ pub struct Window {
     pub words: usize,
 }
 
-/// Ranges of `most` words, half of that apart, the last of them to the end of `all`; one for a clip that is shorter.
+/// Ranges of `most` words that advance by half of that, the last one to the end of `all`; one for a shorter clip.
 pub fn half_apart(most: usize, all: usize) -> impl Iterator<Item = Range<usize>> {
     let words = most.min(all);
+    // the last window ends with the clip rather than half-way, so no word is left out and none is padding
     let last = all - words;
     (0..last).step_by((most / 2).max(1)).chain([last]).map(move |word| word..word + words)
 }
@@ -60,15 +61,15 @@ impl Layout {
         let front = (0..tokens.front).map(|i| if i == 0 { tokens.bos } else { Special::Unk.id() }).collect();
         let (word, pad) = (tokens.word, tokens.pad);
         if !config.architecture.is_flat() {
-            // a row behind the last frame has read it, and is there without a field too
-            let (frames, behind) = (config.frames(tokens), fields.max(1));
-            if frames <= behind {
+            // the row after the last frame is the first that has read it: needed even without a field
+            let (frames, class_rows) = (config.frames(tokens), fields.max(1));
+            if frames <= class_rows {
                 let found = format!("{frames} frames and {fields} class rows");
                 return Err(Error::invalid("a window", found, "room for a frame and the class rows"));
             }
-            return Ok(Layout { front, word, words: frames - behind, class_token: None, fields, pad });
+            return Ok(Layout { front, word, words: frames - class_rows, class_token: None, fields, pad });
         }
-        // the last class token must not see into a word behind the last
+        // with W fields the last class token predicts into a second word, whose previous frame is class tokens
         let room = config.context.saturating_sub(tokens.front + fields);
         if room < tokens.word || fields >= tokens.word {
             let (context, word) = (config.context, tokens.word);
@@ -76,6 +77,7 @@ impl Layout {
             let expected = "room for a word, and fewer class tokens than a word has tokens";
             return Err(Error::invalid("the context", found, expected));
         }
+        // class tokens take the ids after the vocabulary, in rows that a classifier's table has and the model's lacks
         let class_token = Some(tokens.vocabulary as u32);
         Ok(Layout { front, word, words: room / word, class_token, fields, pad })
     }
@@ -101,8 +103,8 @@ impl Layout {
         }
     }
 
-    /// The row behind so many words.
-    fn behind(&self, words: usize) -> usize {
+    /// The first row after `words` words.
+    fn row_after(&self, words: usize) -> usize {
         self.class_token.map_or(words, |_| self.front.len() + words * self.word)
     }
 
@@ -111,7 +113,7 @@ impl Layout {
         half_apart(self.words, all).map(|w| Window { clip, word: w.start, words: w.len() }).collect()
     }
 
-    /// Writes a window's `ids` of whole words to `input` and `target` (T), the class tokens behind them, `<pad>` to the end.
+    /// Writes a window's `ids` of whole words to `input` and `target` (T), then the class tokens and `<pad>`.
     pub fn fill(&self, ids: &[u32], input: &mut [u32], target: &mut [u32]) {
         fill_sequence(ids, &self.front, self.pad, input, target);
         let first = self.front.len() + ids.len();
@@ -122,22 +124,22 @@ impl Layout {
         }
     }
 
-    /// The rows that answer for a window of m words.
+    /// The rows that classify a window of m words.
     pub fn rows(&self, words: usize) -> Range<usize> {
-        let first = self.behind(words);
+        let first = self.row_after(words);
         first..first + self.fields
     }
 
-    /// The rows that have read the window's motion: its tokens, or of a two-level model the rows behind each of its frames.
+    /// The rows that have read the window's motion: its tokens, or in a two-level model the row after each frame.
     pub fn motion_rows(&self, words: usize) -> std::ops::Range<usize> {
         match self.class_token {
-            Some(_) => self.behind(0)..self.behind(words),
+            Some(_) => self.row_after(0)..self.row_after(words),
             None => 1..words + 1,
         }
     }
 
-    /// Of windows of so many words: what hides class tokens from each other, (B, T, T) or a row a frame; none where there is
-    /// one field or they may see those before them, as a causal mask lets them (`compat`).
+    /// The mask that hides class tokens from each other in windows of these `words`, (B, T, T) or (B, F, F); none where
+    /// there is one field, or where `compat` lets them see earlier ones as a causal mask does.
     pub fn hiding(&self, words: &[usize], compat: bool) -> Option<Vec<f32>> {
         if self.fields < 2 || compat {
             return None;
@@ -146,6 +148,7 @@ impl Layout {
         let mut mask = vec![0.0; words.len() * t * t];
         for (square, &words) in mask.chunks_exact_mut(t * t).zip(words) {
             for (query, row) in square.chunks_exact_mut(t).enumerate() {
+                // the causal part too: the plain form's additive mask has none of its own
                 row[query + 1..].fill(f32::NEG_INFINITY);
                 let rows = self.rows(words);
                 if rows.contains(&query) {

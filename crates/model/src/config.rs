@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ModelConfig {
-    /// What it is built of. Default `flat`.
+    /// Its architecture. Default `flat`.
     #[serde(skip_serializing_if = "Architecture::is_flat")]
     pub architecture: Architecture,
-    /// What a token may see. Default `causal`.
+    /// The tokens that a token may see. Default `causal`.
     pub kind: ModelKind,
     /// L: transformer blocks, 1..=96. Default 4.
     pub layers: usize,
@@ -28,7 +28,7 @@ pub struct ModelConfig {
     pub context: usize,
     /// How a token's position is encoded. Default `frame_joint`.
     pub positions: Positions,
-    /// To every input is added what stood one frame back at the place about to be predicted, and its last step. Left out:
+    /// Every input gets the previous frame's character in the slot about to be predicted, and its last step. Left out:
     /// where that is possible, see `ModelConfig::reads_previous`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub previous_frame: Option<bool>,
@@ -54,13 +54,13 @@ pub struct ModelConfig {
     /// The scale that music features are standardised by. Not in a training file: a new run takes it from its training clips.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub music_scale: Option<Scale>,
-    /// Class rows of a two-level model's trunk, behind a window's last frame, that a classifier reads (see `frames`). Not in any
+    /// Class rows of a two-level model's trunk after a window's last frame, for a classifier (see `frames`). Not in any
     /// file: the classifier sets it.
     #[serde(skip)]
     pub classes: usize,
 }
 
-/// What a model is built of.
+/// The architecture of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Architecture {
@@ -98,13 +98,13 @@ impl Default for DecoderConfig {
     }
 }
 
-/// What a token may see.
+/// The tokens that a token may see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ModelKind {
     /// Itself and the tokens before it; it predicts the next one.
     Causal,
-    /// Every token of the window; some are hidden behind `<mask>`, and each predicts what it hides.
+    /// Every token of the window; some are replaced by `<mask>`, and each predicts what it hides.
     Masked,
 }
 
@@ -116,14 +116,14 @@ pub enum Positions {
     Absolute,
     /// A learned vector for the word of the window and one for the place in the word, added. Where words differ in length,
     /// both are counted from the tokens: words up to T/2, places up to the longest word that the tokenizer was fitted on;
-    /// what lies behind shares the last vector.
+    /// positions after the last share its vector.
     FrameJoint,
-    /// Queries and keys are turned by the number of their word, so that attention sees how many words lie between two
+    /// Queries and keys are rotated by the number of their word, so that attention sees how many words are between two
     /// tokens; a learned vector for the place in the word is added.
     Rope,
 }
 
-/// What the softmax over the next token is over.
+/// The choices that the softmax over the next token ranges over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum HeadKind {
@@ -212,6 +212,7 @@ impl ModelConfig {
     pub fn validate_for(&self, tokens: &TokenLayout) -> Result<()> {
         self.validate()?;
         tokens.validate()?;
+        // after the layout's own check: `front - 1` below needs a front
         self.validate_frames(tokens)?;
         if tokens.places.is_empty() {
             self.refuse_frame_before("words of this tokenizer have no places of one kind each")?;
@@ -221,6 +222,7 @@ impl ModelConfig {
             let found = format!("{} tokens", self.context);
             return Err(Error::invalid("model.context", found, format!("{least} or more")));
         }
+        // two words: in one alone no token has a word before it, and a relative head has nothing to count from
         let needed = 2 * tokens.word + tokens.front - 1;
         if !tokens.varying && self.context < needed {
             let found = format!("{} tokens and a word has {}", self.context, tokens.word);
@@ -229,7 +231,7 @@ impl ModelConfig {
         Ok(())
     }
 
-    /// Whether the inputs tell of the frame before: as `previous_frame` says; left out, in causal models of words whose
+    /// Whether inputs have previous-frame features: as `previous_frame` says; left out, in causal models of words whose
     /// places are of one kind each.
     pub(crate) fn reads_previous(&self, tokens: &TokenLayout) -> bool {
         self.previous_frame.unwrap_or(self.knows_frame_before(tokens))
@@ -258,7 +260,7 @@ impl ModelConfig {
         self.goal || !self.music.is_none()
     }
 
-    /// The same model with every key said.
+    /// The same model with every key set.
     pub fn resolved(&self, tokens: &TokenLayout) -> ModelConfig {
         if self.architecture == Architecture::TwoLevel {
             return self.two_levels(tokens);
@@ -268,7 +270,7 @@ impl ModelConfig {
     }
 }
 
-/// What the tokenizer decides about a model.
+/// The part of a model that its tokenizer decides.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TokenLayout {
@@ -288,18 +290,18 @@ pub struct TokenLayout {
     pub bos: u32,
     /// The id that ends a word.
     pub space: u32,
-    /// What stands at the places of a word up to its space, stretch by stretch; empty where that isn't the same for all words.
+    /// The kinds of a word's slots up to its space, run by run; empty where words differ in them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub places: Vec<SlotRun>,
 }
 
-/// Places of a word, one behind the other, that hold numbers of one kind.
+/// Neighbouring slots of a word that hold numbers of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SlotRun {
-    /// How many places.
+    /// The number of places.
     pub number: usize,
-    /// The ids that stand there: ascending bins.
+    /// Their ids: ascending bins.
     pub kind: SlotIds,
 }
 
@@ -312,7 +314,7 @@ fn is_one(n: &usize) -> bool {
 }
 
 impl TokenLayout {
-    /// What a tokenizer decides about models of its tokens.
+    /// The part that a tokenizer decides of models of its tokens.
     pub fn of(tokenizer: &Tokenizer) -> TokenLayout {
         TokenLayout {
             vocabulary: tokenizer.vocabulary().len() as usize,
@@ -333,10 +335,11 @@ impl TokenLayout {
 
     /// Word tokens that a window of `context` tokens predicts: all but those of the front.
     pub fn room(&self, context: usize) -> usize {
+        // + 1: the last word token is a target without being an input
         (context + 1).saturating_sub(self.front)
     }
 
-    /// What stands at each place of a word up to its space; nothing where that isn't the same for all words.
+    /// The kind of each slot of a word up to its space; nothing where words differ in them.
     pub fn slot_ids(&self) -> impl Iterator<Item = SlotIds> + '_ {
         self.places.iter().flat_map(|s| std::iter::repeat_n(s.kind, s.number))
     }
@@ -362,6 +365,7 @@ impl TokenLayout {
         }
         let places: usize = self.places.iter().map(|s| s.number).sum();
         let outside = |s: &SlotRun| s.kind.count == 0 || s.kind.ids().end as usize > self.vocabulary;
+        // + 1 for the space, which ends every word and is no slot
         if !self.places.is_empty() && (self.varying || places + 1 != self.word || self.places.iter().any(outside)) {
             let word = self.word;
             let expected = format!("those of all {word} tokens of a word but the last");

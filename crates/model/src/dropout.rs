@@ -19,7 +19,7 @@ pub struct Dropout {
     pub first: u64,
 }
 
-/// What a mask is for, made once.
+/// The purpose of a mask, formatted once.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Purpose(String);
 
@@ -40,9 +40,10 @@ impl Dropout {
         random::stream(self.seed, &purpose.0, self.step, self.first + sequence as u64).next_u64()
     }
 
-    /// Drops from `x` (B, .., columns). What is kept grows by 1/(1 - share).
+    /// Drops from `x` (B, .., columns). Numbers that stay grow by 1/(1 - share).
     pub(super) fn apply(&self, x: &Tensor, purpose: &str) -> Result<Tensor> {
         let (batch, columns) = (x.dim(0)?, x.dim(candle_core::D::Minus1)?);
+        // attention weights (B, H, T, T) have H T rows a sequence, everything else T
         let rows = x.elem_count() / (batch * columns).max(1);
         let mask = self.mask(batch, rows, columns, purpose);
         x.mul(&Tensor::from_vec(mask, x.shape(), x.device())?.to_dtype(x.dtype())?)

@@ -1,4 +1,4 @@
-//! What can go wrong from the model upwards.
+//! The errors of models and of the crates above.
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -22,7 +22,7 @@ pub enum Error {
     /// The tensor library refused.
     #[error("tensors: {0}")]
     Tensor(#[from] candle_core::Error),
-    /// Numbers of a model that learns ran away: its loss, its gradients or its weights.
+    /// Training diverged: a loss, a gradient or a weight isn't finite.
     #[error("{0}")]
     NotFinite(String),
     /// Tensors that don't make the model that is described.

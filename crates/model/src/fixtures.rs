@@ -59,7 +59,7 @@ pub fn all(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
     fixtures
 }
 
-/// The same and small two-level models, in windows of about so many tokens: each has its own context.
+/// The same and small two-level models, in windows of about `length` tokens: each has its own context.
 pub fn every(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
     let alone = TokenLayout { front: 1, ..placed() };
     let decoder = DecoderConfig { layers: 2, heads: 2, width: 8, character_width: 3 };
@@ -110,7 +110,7 @@ pub fn conditioning(config: &ModelConfig, tokens: &TokenLayout, windows: usize) 
     Some(conditioning)
 }
 
-/// What a form is, for messages.
+/// A form in words, for messages.
 pub fn name(config: &ModelConfig, tokens: &TokenLayout) -> String {
     let ModelConfig { architecture, kind, positions, previous_frame, head, tied_head, dropout, goal, music, .. } =
         config;

@@ -16,7 +16,7 @@ use kinelm_engine::op::embedding::NONE;
 /// The tables whose rows are added for a token of the frame decoder.
 pub const SPELT: [&str; 4] = ["spell.last.weight", "spell.place.weight", "spell.character.weight", "spell.step.weight"];
 
-/// How many previous frames the trunk reads.
+/// The number of previous frames that the trunk reads.
 pub const BACK: usize = 2;
 
 /// Reads windows whose words are frames.
@@ -92,6 +92,7 @@ pub struct TrunkRow {
 
 /// Row `row` of the trunk in a window of `shown` frames and `classes` class rows.
 pub fn trunk_row(row: usize, shown: usize, classes: usize) -> TrunkRow {
+    // rows after the class rows are padding: they are computed as frames and never scored
     match row.checked_sub(shown).filter(|class| *class < classes) {
         Some(class) => TrunkRow { frame: shown, position: NONE, class: class as u32 },
         None => TrunkRow { frame: row, position: row as u32, class: NONE },
@@ -129,13 +130,13 @@ mod tests {
     #[test]
     fn the_decoder_reads_steps_round_the_circle_and_up_to_the_ends() {
         let frames = frames();
-        // begin; then bins of a first frame, behind one that is missing the beginning again
+        // begin; then bins of a first frame, after a missing one the beginning again
         assert_eq!(frames.spelt(&INPUTS, 0), [18, 0, 7, 18]);
         assert_eq!(frames.spelt(&INPUTS, 1), [19, 1, 7, 18]);
         assert_eq!(frames.spelt(&INPUTS, 2), [18, 2, 7, 18]);
         // the second frame: 0 to 6 is 6 round a circle of 7
         assert_eq!(frames.spelt(&INPUTS, 7), [6, 1, 7, 18]);
-        // behind a character whose frame before is missing, its bin
+        // after a character that is missing in the previous frame, its bin
         assert_eq!(frames.spelt(&INPUTS, 8), [18 + 1 + 1, 2, 0, 18]);
         // the third: a height from 5 down to 0, 11 clamped steps around 7 + 5
         assert_eq!(frames.spelt(&INPUTS, 16), [7 + 5 - 5, 4, 3, 7 + 5 + 3]);

@@ -28,11 +28,12 @@ pub const FARTHEST: usize = 64;
 /// Numbers for the root.
 const ROOT: usize = 8;
 /// Buckets for the frames left.
+// l is at most FARTHEST + 1 = 65, so buckets 2 to 12 are in use; P stays, as it is part of a model's shape
 const BUCKETS: usize = 16;
 /// The distance of neighbouring bins of a slot that isn't circular.
 const CLAMPED_BIN: f64 = 0.01;
 
-/// P: numbers of a frame with so many characters.
+/// P: conditioning numbers of a frame of `characters`.
 pub fn numbers(characters: usize) -> usize {
     4 * characters + ROOT + BUCKETS
 }
@@ -261,11 +262,12 @@ impl GoalTrack {
                 continue;
             };
             let (bins, all) = (self.encoder.frames.places()[place], self.encoder.frames.steps());
-            let (d, angle) = apart(goal.code, word[place].into(), (bins.count.into(), bins.circular));
+            let (d, angle) = distance(goal.code, word[place].into(), (bins.count.into(), bins.circular));
             for (i, number) in [angle.sin(), 1.0 - angle.cos(), angle, 8.0 * angle / goal.left].into_iter().enumerate()
             {
                 numbers[i * c + place] = number as f32;
             }
+            // d is at most half a circle or a clamped slot's bins less one, so it has a row
             steps[place] = all.row_by(bins, d) as u32;
             paces[place] = all.row_by(bins, (d as f64 / goal.left).round_ties_even() as i64) as u32;
         }
@@ -293,6 +295,7 @@ impl GoalTrack {
     fn way(&self, frame: usize, stand: &RootState) -> Option<([f64; 3], f64)> {
         let given = &self.given[frame * self.characters()..];
         let encoder = usize::from(self.next_root[frame]);
+        // a root of which one step is given can't take the even step to its goal
         let is_free = encoder > 0 && STEP_SLOTS.iter().all(|&place| !given[place]);
         is_free.then(|| (stand.step_to(&self.stands[frame + encoder]), (encoder + 1) as f64))
     }
@@ -315,6 +318,7 @@ impl GoalTrack {
 /// (F, n): frames up to the next later one in which `is` holds for the column; 0 where none is within reach.
 fn until(frames: usize, n: usize, is: impl Fn(usize, usize) -> bool) -> Vec<u8> {
     let mut next = vec![0u8; frames * n];
+    // backwards, so that each frame takes its successor's count plus one
     for frame in (0..frames.saturating_sub(1)).rev() {
         for column in 0..n {
             next[frame * n + column] = match next[(frame + 1) * n + column] {
@@ -327,14 +331,16 @@ fn until(frames: usize, n: usize, is: impl Fn(usize, usize) -> bool) -> Vec<u8> 
     next
 }
 
-/// The distance from a code to a goal in a slot of so many bins: in bins, and as an angle.
-fn apart(goal: i64, from: i64, (bins, circular): (i64, bool)) -> (i64, f64) {
+/// The distance from a code to a goal in a slot of `bins` bins: in bins, and as an angle.
+fn distance(goal: i64, from: i64, (bins, circular): (i64, bool)) -> (i64, f64) {
     match circular {
         true => {
+            // the short way round, -bins/2 up to below bins/2
             let d = (goal - from + bins / 2).rem_euclid(bins) - bins / 2;
             (d, d as f64 * std::f64::consts::TAU / bins as f64)
         }
         false => {
+            // a root's even step may be beyond what a slot can say
             let d = goal.clamp(0, bins - 1) - from;
             (d, d as f64 * CLAMPED_BIN)
         }
@@ -429,7 +435,7 @@ mod tests {
         assert!(!is(&drawn, 3));
         assert!(is(&course.stand(3, &codes[27..36], Some(&course.stands[2])).unwrap(), 3));
         assert!(is(&course.stand(5, &[30; 9], Some(&drawn)).unwrap(), 5));
-        // a gap whose beginning stands nowhere has no goal of the root
+        // a gap that begins without a known root has no goal of the root
         let (mut numbers, mut rows) = (vec![0.0; numbers(9)], [vec![0; 10], vec![0; 10]]);
         let [a, b] = &mut rows;
         assert!(course.encode(3, &codes[18..27], None, &mut numbers, [a, b]));

@@ -62,7 +62,7 @@ impl Case<'_> {
         self.targets.iter().filter(|&&t| t != self.gpt.tokens().pad).count()
     }
 
-    /// Logits (B, T, V) of the rows that the case tells.
+    /// Logits (B, T, V) of the rows that the case lists.
     fn check_logits(&self, form: &str, logits: &[f64], bound: f64) {
         let (name, vocabulary) = (&self.golden["name"], self.gpt.tokens().vocabulary);
         for row in self.golden["rows"].as_array().unwrap() {

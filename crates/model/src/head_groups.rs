@@ -49,7 +49,7 @@ impl HeadGroups {
         self.previous_frames.as_ref().filter(|_| self.head == HeadKind::Relative)
     }
 
-    /// What the logits of input `i` of `window` stand for.
+    /// The basis of the logits of input `i` of `window`.
     pub fn basis(&self, window: &[u32], i: usize) -> Basis {
         self.steps().map_or(Basis::Ids, |previous_frames| previous_frames.basis(window, i))
     }
@@ -60,6 +60,7 @@ impl HeadGroups {
         let mut most = [0; 3];
         for i in 0..length {
             let bins = previous_frames.bins(i).filter(|_| previous_frames.has_frame_before(i));
+            // by slot alone: an input without a bin one frame back moves to ids, but then it has no target
             most[bins.map_or(0, |bins| 1 + usize::from(!bins.circular))] += 1;
         }
         most
@@ -116,6 +117,7 @@ impl HeadGroups {
                 Basis::Ids => previous_frames.first_frame(window, i, bins)?,
             }
         }
+        // smoothing spreads a target over neighbouring bins; a space or a label has none
         let bins = bins.filter(|bins| bins.bin(target).is_some()).unwrap_or(Bins::NONE);
         Ok((0, RowTarget { target, first: 0, count: self.vocabulary, bins }))
     }
@@ -123,6 +125,7 @@ impl HeadGroups {
 
 fn step(previous_frames: &PreviousFrames, bins: Bins, from: usize, bin: usize) -> RowTarget {
     let column = |to| previous_frames.steps().column(bins, from, to) as u32;
+    // a circular slot's columns begin at step 0, a clamped slot's at the step down to bin 0
     let (first, count) = (if bins.circular { 0 } else { column(0) }, bins.count);
     RowTarget { target: column(bin), first, count, bins: Bins { first, ..bins } }
 }

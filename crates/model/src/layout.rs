@@ -17,13 +17,13 @@ pub struct Parameter {
     pub name: String,
     /// Its shape; matrices are (in, out).
     pub shape: Vec<usize>,
-    /// What it holds before training.
+    /// Its numbers before training.
     pub init: Init,
-    /// What it is to the optimizer.
+    /// Its role in the optimizer.
     pub role: Role,
 }
 
-/// What a tensor is to the optimizer.
+/// A tensor's role in the optimizer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// A norm's weights, or a bias.
@@ -34,7 +34,7 @@ pub enum Role {
     Table,
 }
 
-/// What a tensor holds before training.
+/// A tensor's numbers before training.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Init {
     /// Zeros.
@@ -64,11 +64,12 @@ pub fn parameters(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> 
         let tables = tables.into_iter().filter(|(_, rows)| *rows > 0);
         all.extend(tables.map(|(name, rows)| Parameter { role: Role::Matrix, ..embedding(name, rows, d) }));
     }
+    // the fast form finds tensors by binary search, and files are the same bytes
     all.sort_by(|a, b| a.name.cmp(&b.name));
     all
 }
 
-/// What stands before the last norm of a flat model.
+/// The tensors before the last norm of a flat model.
 fn flat(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     let d = config.width;
     let mut all = vec![embedding("token.weight", tokens.vocabulary, d)];
@@ -92,7 +93,7 @@ fn flat(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     all
 }
 
-/// What stands before the last norm of a two-level model.
+/// The tensors before the last norm of a two-level model.
 fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     let (frames, decoder, trunk) = (Frames::of(tokens), config.decoder(), config.width);
     let (e, d, c) = (decoder.character_width, decoder.width, frames.characters());
@@ -124,6 +125,7 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
         all.extend(GOAL.into_iter().zip(shapes).map(begin));
     }
     if !config.music.is_none() {
+        // zeros for the same reason as goals
         let begin = |(name, width)| Parameter { init: Init::Zeros, ..embedding(name, config.music.numbers(), width) };
         all.extend(MUSIC.into_iter().zip([trunk, d]).map(begin));
     }
@@ -134,19 +136,20 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
 pub(super) const LABEL: &str = "frame.label.weight";
 /// Another, whose rows are added to every row of the decoder.
 pub(super) const SPELT_LABEL: &str = "spell.label.weight";
-/// What stands in the place of a position in the rows behind the last frame that a classifier reads.
+/// The vectors that class rows, after the last frame, have instead of a position.
 pub const CLASS: &str = "frame.class.weight";
 /// Goal conditioning is projected by these: its numbers into the trunk's row and into those of the decoder,
 /// and two tables of steps.
 pub const GOAL: [&str; 4] = ["ahead.frame.weight", "ahead.spell.weight", "ahead.step.weight", "ahead.pace.weight"];
 /// Music conditioning is projected by these: into the trunk's row, and into those of the decoder.
 pub const MUSIC: [&str; 2] = ["music.frame.weight", "music.spell.weight"];
-/// What the names of the trunk's blocks begin with, and of the decoder's.
+/// The prefixes of the names of the trunk's blocks, and of the decoder's.
 pub(super) const TRUNK: &str = "trunk.";
 pub(super) const SPELL: &str = "spell.";
 
 /// Blocks of width `d`, whose names begin with `prefix`.
 fn stack(all: &mut Vec<Parameter>, prefix: &str, layers: usize, d: usize) {
+    // two outputs a block are summed into the stream: its variance stays that of one at any depth
     let residual = 0.02 / (2.0 * layers as f64).sqrt();
     for layer in 0..layers {
         let block = format!("{prefix}{}", block_name(layer));
@@ -201,11 +204,13 @@ pub fn initial(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Result<
 /// Words that have a position of their own: those that a window can hold, a character and a space each if words differ in
 /// length.
 pub(super) fn word_rows(config: &ModelConfig, tokens: &TokenLayout) -> usize {
+    // rounded up, as the last word of a window may be cut
     tokens.room(config.context).div_ceil(if tokens.varying { 2 } else { tokens.word })
 }
 
-/// The name of a block's tensors, up to the first dot behind its number.
+/// The name of a block's tensors, up to the dot after its number.
 pub(super) fn block_name(layer: usize) -> String {
+    // two digits, as there are at most 96 layers: names sort as numbers do
     format!("block.{layer:02}")
 }
 
@@ -226,7 +231,7 @@ fn linear(all: &mut Vec<Parameter>, name: &str, rows: usize, columns: usize, sd:
 }
 
 impl Parameter {
-    /// How many numbers it has.
+    /// The number of its elements.
     pub fn len(&self) -> usize {
         self.shape.iter().product()
     }
@@ -236,7 +241,7 @@ impl Parameter {
         self.len() == 0
     }
 
-    /// Its numbers before training; every tensor draws from a stream of its own name.
+    /// Its numbers before training; every tensor has the random stream of its own name.
     pub fn initial(&self, seed: u64) -> Vec<f32> {
         match self.init {
             Init::Zeros => vec![0.0; self.len()],
@@ -283,7 +288,7 @@ mod tests {
         let p = Parameter { name: "x".into(), shape: vec![200, 100], init: Init::Normal(0.02), role: Role::Matrix };
         let x = p.initial(3);
         let sd = (x.iter().map(|x| x * x).sum::<f32>() / x.len() as f32).sqrt();
-        // the sd of 20,000 draws lies within 2 % but for 1 in 10,000 seeds
+        // the sd of 20,000 normal numbers is within 2 % for all but 1 in 10,000 seeds
         assert!((sd / 0.02 - 1.0).abs() < 0.02, "{sd}");
         assert_eq!(x, p.initial(3));
         assert_ne!(x, p.initial(4));

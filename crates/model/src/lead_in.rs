@@ -1,6 +1,6 @@
-//! Lead-ins: seconds of train clips that unprompted dances go on from, kept in the run folder as ids.
+//! Lead-ins: seconds of train clips that unprompted dances continue, stored in the run folder as ids.
 //!
-//! A lead-in stands in front of the first frame and is dropped from the output, so that a dance begins in the middle of
+//! A lead-in precedes the first frame and is dropped from the output, so that a dance begins in the middle of
 //! movement as the train clips have it. `train/lead_ins.rs` chooses them.
 
 use crate::{Error, Result};
@@ -21,6 +21,7 @@ const SECONDS: f64 = 1.0;
 
 /// Words of a lead-in.
 pub fn words(tokenizer: &Tokenizer) -> usize {
+    // rounded up to whole words: the model continues after a space
     (SECONDS * tokenizer.fps() / tokenizer.frames_per_word() as f64).ceil() as usize
 }
 
@@ -42,7 +43,7 @@ pub struct LeadIns {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LeadIn {
-    /// Where it is from.
+    /// Its source.
     pub from: LeadInFrom,
     /// The clip's labels, of the fields that condition the model.
     pub labels: BTreeMap<String, String>,
@@ -50,7 +51,7 @@ pub struct LeadIn {
     pub ids: Vec<u32>,
 }
 
-/// Where a lead-in is from.
+/// The source of a lead-in.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LeadInFrom {
@@ -106,12 +107,13 @@ impl LeadIns {
         self.any.iter().chain(&self.labelled)
     }
 
-    /// The one that a dance under the tokens of `requested` labels, (K) as [`Conditions::front`] gives them, goes on from: drawn
+    /// The one that a dance under the tokens of `requested` labels (K), as of [`Conditions::front`], continues: sampled
     /// by the seed from those that have most of the labels, or from those of any clips where none has one. `None` if there
     /// is none.
     pub fn choose(&self, conditions: &Conditions, requested: &[u32], seed: u64) -> Option<&LeadIn> {
         let shared = |lead_in: &&LeadIn| {
             let own = conditions.front(&lead_in.labels);
+            // skips `<bos>`, which all have; an unknown label would match every clip without one
             let known = requested.iter().zip(&own).skip(1).filter(|(id, _)| **id != Special::Unk.id());
             known.filter(|(requested, own)| requested == own).count()
         };
@@ -121,6 +123,7 @@ impl LeadIns {
             _ => self.labelled.iter().filter(|lead_in| shared(lead_in) == most).collect(),
         };
         let draw = kinelm_store::random::stream(seed, "lead-in", 0, 0).next_u64();
+        // 64 bits over a few hundred lead-ins: the remainder favours none by more than 1e-16
         fit.get((draw % fit.len().max(1) as u64) as usize).copied()
     }
 
@@ -131,7 +134,7 @@ impl LeadIns {
 }
 
 impl LeadIn {
-    /// Whether its ids are so many words.
+    /// Whether its ids are exactly `words` whole words.
     fn has_words(&self, words: usize, tokenizer: &Tokenizer) -> bool {
         let (grammar, mut place) = (tokenizer.grammar(), Slot::default());
         let whole = self.ids.iter().all(|&id| {

@@ -60,6 +60,7 @@ pub fn likelihood_by_token(
     let (pad, before) = (own.pad, conditions.len() - 1);
     let measured = MeasuredClips { corpus, clips, conditions, length: taken.longest + before, taken };
     let fill = |_, window: &EvalWindow, ids: &[u32], front: &[u32], input: &mut [u32], target: &mut [u32]| {
+        // all tokens are read, but those that the window before has scored are no targets
         fill_sequence(ids, front, pad, input, target);
         target[..before + window.scored.start].fill(pad);
         target[before + window.scored.end..].fill(pad);

@@ -1,8 +1,8 @@
-//! The model's operations from the tensor library's differentiable steps: slow, right by looking at them, the same on every
+//! The model's operations from the tensor library's differentiable steps: slow, checkable by reading, the same on every
 //! device and in f32 and f64.
 //!
-//! The library's own layer norm, softmax and GELU don't serve here: the first two cut the graph without a word (no
-//! gradient reaches what stands before them), the third has constants of seven digits in its gradient.
+//! The library's own layer norm, softmax and GELU don't serve here: the first two cut the graph silently (no
+//! gradient reaches what comes before them), the third has constants of seven digits in its gradient.
 
 use candle_core::{D, DType, Device, Result, Tensor};
 use kinelm_engine::op::cross_entropy::RowTarget;
@@ -28,13 +28,14 @@ pub fn gelu(x: &Tensor) -> Result<Tensor> {
 /// # Errors
 /// Shapes that don't fit.
 pub fn layer_norm(x: &Tensor, weight: &Tensor, bias: &Tensor, epsilon: f64) -> Result<Tensor> {
+    // centred first: the mean of squares less the square of the mean cancels where rows are far from 0
     let centred = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
     let variance = centred.sqr()?.mean_keepdim(D::Minus1)?;
     let normal = centred.broadcast_div(&(variance + epsilon)?.sqrt()?)?;
     normal.broadcast_mul(weight)?.broadcast_add(bias)
 }
 
-/// What a token may see.
+/// The tokens that a token may see.
 #[derive(Debug, Clone)]
 pub enum Mask {
     /// Itself and the tokens before it.
@@ -49,7 +50,7 @@ pub enum Mask {
 /// A mask as it is added to scores.
 #[derive(Debug, Clone)]
 pub struct Hiding {
-    /// What to add; finite.
+    /// Numbers that are added to the scores; finite.
     add: Tensor,
     /// 1 where a place is seen, 0 where it is hidden; only where a row may hide everything.
     seen: Option<Tensor>,
@@ -74,6 +75,7 @@ impl Mask {
             Mask::Causal | Mask::Full => Ok(None),
             Mask::Additive(mask) => {
                 let mask = mask.to_device(device)?.to_dtype(dtype)?;
+                // a row that hides all gets even weights from the softmax, which `seen` then sets to 0
                 Ok(Some(Hiding { add: mask.maximum(HIDDEN)?, seen: Some(mask.gt(HIDDEN)?.to_dtype(dtype)?) }))
             }
         }
@@ -126,6 +128,7 @@ pub fn nats(logits: &Tensor, targets: &[RowTarget], smoothing: Option<&Smoothing
     let nats = (&sum - x.gather(&columns_of_targets, 1)?)?.squeeze(1)?;
     let Some(smoothing) = smoothing else { return Ok(nats) };
     let smooth = (sum.squeeze(1)? - mean_of_neighbours(&x, targets, smoothing)?)?;
+    // the value of one, the gradient of the other
     nats.detach() + (&smooth - smooth.detach())?
 }
 
@@ -138,6 +141,7 @@ fn mean_of_neighbours(x: &Tensor, targets: &[RowTarget], smoothing: &Smoothing) 
             columns.push(column);
             shares.push(share);
         });
+        // padding points at the target, whose logit is finite: 0 times minus infinity would be NaN
         columns.resize((i + 1) * most, a.target);
         shares.resize((i + 1) * most, 0.0);
     }

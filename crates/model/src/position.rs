@@ -4,18 +4,18 @@
 use super::config::{ModelConfig, Positions, TokenLayout};
 use super::layout::word_rows;
 
-/// Counts words, and places in them. Those behind the end of their table take its last row.
+/// Counts words, and slots in them. Positions after the end of their table take its last row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Counter {
     space: u32,
     front: usize,
-    /// W, if all words have so many tokens.
+    /// W, if all words have one length.
     length: Option<usize>,
     words: usize,
     slots: usize,
 }
 
-/// Position of a token behind the front, counted from the tokens before it.
+/// Position of a token after the front, counted from the tokens before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct WordPosition {
     /// The number of its word.
@@ -30,7 +30,7 @@ impl Counter {
         let words = match config.positions {
             Positions::Absolute => return None,
             Positions::FrameJoint => word_rows(config, tokens),
-            // turns have no table that could end
+            // rotary angles need no table, so nothing limits the words
             Positions::Rope => usize::MAX,
         };
         Some(Counter {
@@ -57,6 +57,7 @@ impl Counter {
 
     /// A position's rows of the tables.
     pub fn rows(self, at: WordPosition) -> WordPosition {
+        // words of varying length may be longer than any that the tokenizer was fitted on
         WordPosition { word: at.word.min(self.words - 1), slot: at.slot.min(self.slots - 1) }
     }
 

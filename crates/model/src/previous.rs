@@ -9,7 +9,7 @@ use crate::words::{Steps, Words};
 use crate::{Error, Result};
 use kinelm_engine::bins::Bins;
 
-/// What the logits of a row stand for.
+/// The ids or steps that the logits of a row belong to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Basis {
     /// All ids.
@@ -73,7 +73,7 @@ impl PreviousFrames {
         [a.unwrap_or(self.pad), step as u32]
     }
 
-    /// What the logits of input `i` of `window` stand for under a relative head: all ids in the first frame, for spaces,
+    /// The basis of the logits of input `i` of `window` under a relative head: all ids in the first frame, for spaces,
     /// and where a is no bin of its slot (`<mask>`, `<pad>`).
     pub fn basis(&self, window: &[u32], i: usize) -> Basis {
         self.words.bin(window, i, 1).map_or(Basis::Ids, |(bins, from)| Basis::Steps { bins, from })
@@ -140,7 +140,7 @@ mod tests {
         assert_eq!(basis[4], Basis::Steps { bins: angle, from: 3 });
         assert_eq!(basis[6], Basis::Ids);
         assert_eq!(basis[10], Basis::Steps { bins: angle, from: 0 });
-        // behind <mask> there is no step, and nothing to count from
+        // after <mask> there is no step, and nothing to count from
         let more = [&window[..], &[8]].concat();
         assert_eq!((previous_frames.previous(&more, 11), previous_frames.basis(&more, 11)), ([2, 4], Basis::Ids));
     }

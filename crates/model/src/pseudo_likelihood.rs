@@ -1,4 +1,4 @@
-//! What a masked model makes of clips: a figure of its own kind (docs/measures.md, "Bits a frame").
+//! The pseudo-likelihood of clips under a masked model (docs/measures.md, "Bits a frame").
 
 use super::scored_windows::{Likelihood, MeasuredClips, Score, Taken, room};
 use crate::{Result, Scores};
@@ -6,7 +6,7 @@ use kinelm_corpus::{ClipRecord, Conditions, Corpus, EvalWindow, WindowTokens, fi
 use kinelm_store::random;
 
 /// Mean loss over 15 % of the tokens of each window, hidden in a tenth less, times the tokens of a frame: bits a frame that
-/// are no likelihood, since both sides of a token are seen. What is hidden hangs on a window's number alone.
+/// are no likelihood, since both sides of a token are seen. A window's number alone decides what is hidden.
 ///
 /// # Errors
 /// A context without room for a word; a model whose probabilities are not finite, with the clip named.
@@ -22,6 +22,7 @@ pub(super) fn pseudo(
     let measured = MeasuredClips { corpus, clips, conditions, length: taken.longest + conditions.len(), taken };
     let mut shown = 0;
     let fill = |number, window: &EvalWindow, ids: &[u32], front: &[u32], input: &mut [u32], target: &mut [u32]| {
+        // seed 0 for all: models and checkpoints are compared on the same hidden tokens
         let mut rng = random::stream(0, "mask", 0, number);
         fill_masked(WindowTokens { front, tokens: ids, pad }, &|_| true, &mut rng, input, target);
         shown += window.scored.len();
@@ -54,7 +55,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let corpus = fixture::corpus(dir.path(), &[(30, Split::Valid), (2, Split::Valid)]);
         let clips: Vec<_> = corpus.split(Split::Valid).collect();
-        // 5 words of 7 behind <bos>
+        // 5 words of 7 after <bos>
         let config =
             ModelConfig { kind: ModelKind::Masked, layers: 1, heads: 1, width: 8, context: 36, ..Default::default() };
         let mut gpt = Gpt::new(&config, &TOKENS, 1).unwrap();

@@ -35,11 +35,11 @@ pub const TOKENIZER: &str = "tokenizer.json";
 /// In a run whose real dances may not go with it: a corpus of dances that the model made itself, chosen beside them.
 pub const MADE: &str = "corpus-made";
 
-/// A model and what belongs to it, of no form yet.
+/// A model's weights and settings, in no form yet.
 pub struct LoadedRun {
     /// The model's shape.
     pub config: ModelConfig,
-    /// What its tokenizer decided.
+    /// The layout of its tokens.
     pub tokens: TokenLayout,
     /// The label fields that condition it, in the order of their tokens after `<bos>`.
     pub conditions: Vec<String>,
@@ -47,15 +47,15 @@ pub struct LoadedRun {
     pub label_dropout: Option<f64>,
     /// Its weights by name, on the CPU, in f32: their moving average if the checkpoint has it.
     pub weights: BTreeMap<String, Tensor>,
-    /// Where the tokenizer lies that it was trained with; [`LoadedRun::load_tokenizer`] makes sure of it.
+    /// Path of the tokenizer that it was trained with; [`LoadedRun::load_tokenizer`] checks its hash.
     pub tokenizer: PathBuf,
     /// The hash of that tokenizer.
     pub tokenizer_sha256: String,
     /// The checkpoint's folder.
     pub checkpoint: PathBuf,
-    /// Where the run stood there.
+    /// The run's state at that checkpoint.
     pub state: State,
-    /// What the user should know: checkpoints that were passed over, and why.
+    /// Notes for the user: checkpoints that were passed over, and why.
     pub notes: Vec<String>,
 }
 
@@ -124,7 +124,7 @@ impl LoadedRun {
         likelihood(&mut *self.scores(compute)?, corpus, &clips, 0, &self.load_conditions()?)
     }
 
-    /// The model in the form that is wanted, to measure with.
+    /// The model in the requested form, to measure with.
     ///
     /// # Errors
     /// As [`LoadedRun::plain`]; a device that isn't there.
@@ -154,7 +154,7 @@ pub fn load_tokenizer(path: &Path, expected: &str) -> Result<Tokenizer> {
     }
 }
 
-/// What is needed of `config.toml`; the rest is for training.
+/// The keys of `config.toml` that are read; the others are for training.
 #[derive(Deserialize)]
 struct Needed {
     tokenizer_sha256: String,
@@ -173,7 +173,7 @@ fn scaled(model: ModelConfig, path: &Path) -> Result<ModelConfig> {
     Ok(model)
 }
 
-/// What is needed of its `[train]` table.
+/// The keys of its `[train]` table that are read.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct TrainKeys {
@@ -216,6 +216,7 @@ pub fn load_run(run: &Path, which: CheckpointChoice) -> Result<LoadedRun> {
         .map_err(|e| Error::file(&path, e.message().to_string(), "the configuration of a run", ""))?;
     let mut notes = Vec::new();
     let found = Checkpoints::of(run).find(which, &[WEIGHTS], &[AVERAGED], &mut |n| notes.push(n))?;
+    // the validation figures, by which the best was chosen, are the average's too
     let file = if found.files.contains_key(AVERAGED) { AVERAGED } else { WEIGHTS };
     let weights = weights::from_bytes(&found.dir.join(file), &found.files[file])?;
     Ok(LoadedRun {

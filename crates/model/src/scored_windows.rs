@@ -8,7 +8,7 @@ use serde::Serialize;
 /// Tokens that the model scores at a time, in whole windows.
 const BATCH_TOKENS: usize = 4096;
 
-/// What a model makes of some clips.
+/// The likelihood of some clips under a model.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Likelihood {
     /// Bits of all scored tokens, spaces included, divided by their frames.
@@ -19,7 +19,7 @@ pub struct Likelihood {
     pub tokens: usize,
     /// Their frames, rounded; those of a word that was scored in part are shared out over its tokens.
     pub frames: usize,
-    /// Windows they stood in.
+    /// Windows that were scored.
     pub windows: usize,
     /// Windows there are; more than `windows` where a limit was set.
     pub all_windows: usize,
@@ -28,7 +28,7 @@ pub struct Likelihood {
     pub pseudo: bool,
 }
 
-/// Word tokens of a window: a masked model's last input predicts no token behind it.
+/// Word tokens of a window: a masked model's last input predicts itself and no token after it.
 pub fn room(config: &ModelConfig, tokens: &TokenLayout) -> usize {
     match config.kind {
         ModelKind::Causal => tokens.room(config.context),
@@ -36,7 +36,7 @@ pub fn room(config: &ModelConfig, tokens: &TokenLayout) -> usize {
     }
 }
 
-/// The windows of clips that are measured: all, or some that are spread evenly. They are never held together.
+/// The windows of clips that are measured: all, or some that are spread evenly. They are never in memory together.
 pub(super) struct Taken {
     room: usize,
     /// Windows there are.
@@ -60,7 +60,7 @@ impl Taken {
         Ok(taken)
     }
 
-    /// They, in order, each with its number among all.
+    /// These windows in order, each with its number among all.
     ///
     /// # Errors
     /// As [`Taken::of`].
@@ -72,6 +72,7 @@ impl Taken {
         let (all, count, mut next) = (self.all, self.count, 0);
         let windows = each_eval_window(clips.iter().map(|c| corpus.words(c)), self.room)?;
         Ok(windows.enumerate().filter(move |(number, _)| {
+            // the floors of even steps: they rise by 1 or more, as count is at most all
             let is_taken = next < count && *number == next * all / count;
             next += usize::from(is_taken);
             is_taken
@@ -91,7 +92,7 @@ fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWindow) -> f64
     (words.before(scored.start + 1) - 1..words.before(scored.end)).map(frames).sum()
 }
 
-/// Clips that a model is measured on, by windows behind what conditions them.
+/// Clips that a model is measured on, in windows that begin with their labels.
 pub(super) struct MeasuredClips<'a> {
     pub corpus: &'a Corpus,
     pub clips: &'a [&'a ClipRecord],
@@ -146,6 +147,7 @@ impl MeasuredClips<'_> {
             model.nats(batch, &mut nats)?;
             for ((_, window), nats) in windows.iter().zip(nats.chunks(length)) {
                 let sum: f64 = nats.iter().map(|&x| f64::from(x)).sum();
+                // a NaN in a mean would name no clip
                 if !sum.is_finite() {
                     let clip = &self.clips[window.clip].name;
                     return Err(Error::NotFinite(format!("{clip} from token {}: {sum} nats", window.start)));

@@ -1,4 +1,4 @@
-//! What a model thinks of given tokens.
+//! The likelihood of given tokens under a model.
 
 use super::config::{ModelConfig, TokenLayout};
 use super::goal::Conditioning;
@@ -23,7 +23,7 @@ pub trait Scores {
     /// Its `[model]` table.
     fn config(&self) -> &ModelConfig;
 
-    /// What its tokenizer decided.
+    /// The layout of its tokens.
     fn tokens(&self) -> &TokenLayout;
 
     /// `out` (B, T) becomes -ln p of each target in nats, 0 where it is `<pad>`.

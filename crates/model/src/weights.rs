@@ -7,7 +7,7 @@ use safetensors::tensor::TensorView;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// What the file's metadata say it is.
+/// The entry of the file's metadata that identifies the format.
 const FORMAT: (&str, &str) = ("kinelm", "weights 1");
 
 /// The bytes of a safetensors file: `tensors` in f32 under their names, the same bytes for the same tensors.
@@ -27,6 +27,7 @@ pub(super) fn serialize<'a>(
     for (name, tensor) in tensors {
         let numbers = tensor.flatten_all()?.to_vec1::<f32>()?;
         let bytes: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+        // sorted by name, so that the same tensors give the same bytes
         raw.insert(name, (tensor.dims().to_vec(), bytes));
     }
     let views: std::result::Result<Vec<_>, _> = raw
@@ -38,7 +39,7 @@ pub(super) fn serialize<'a>(
     Ok(written.map_err(candle_core::Error::from)?)
 }
 
-/// [`to_bytes`] for a checkpoint: one that would only spread numbers that are none is not written.
+/// [`to_bytes`] for a checkpoint, which isn't written with numbers that aren't finite.
 ///
 /// # Errors
 /// [`Error::NotFinite`] with the first of them; `file` is for the message. Tensors that are not f32.
@@ -78,7 +79,7 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>>
 /// The tensors of `all` on `device`.
 ///
 /// # Errors
-/// What the device refuses.
+/// Errors of the device.
 pub fn to_device(all: &BTreeMap<String, Tensor>, device: &Device) -> Result<BTreeMap<String, Tensor>> {
     all.iter().map(|(name, tensor)| Ok((name.clone(), tensor.to_device(device)?))).collect()
 }

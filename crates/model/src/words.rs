@@ -51,13 +51,14 @@ impl Words {
         i + 1 >= self.front + self.length()
     }
 
-    /// The token of `ids` so many `words` before the slot that follows input `i`; `None` where there is none.
+    /// The token of `ids` that is `words` words before the slot that follows input `i`; `None` where there is none.
     pub fn back(&self, ids: &[u32], i: usize, words: usize) -> Option<u32> {
+        // what follows input i is token i + 1; a front token is no word's
         let at = (i + 1).checked_sub(words * self.length()).filter(|&at| at >= self.front)?;
         ids.get(at).copied()
     }
 
-    /// The bins of the slot that follows input `i` of `ids`, and its bin so many `words` back.
+    /// The bins of the slot that follows input `i` of `ids`, and its bin `words` words back.
     pub(crate) fn bin(&self, ids: &[u32], i: usize, words: usize) -> Option<(Bins, usize)> {
         let bins = self.follows(i)?;
         Some((bins, bins.bin(self.back(ids, i, words)?)?))

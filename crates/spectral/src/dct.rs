@@ -2,7 +2,7 @@
 
 use kinelm_tokenizer::transform::dct::Dct;
 
-/// The orthonormal DCT-II of series of N numbers, of which the first coefficients are kept.
+/// The first coefficients of the orthonormal DCT-II of series of N numbers.
 ///
 /// `X_k = c_k sum_n x_n cos(PI (n + 1/2) k / N)` with `c_0 = sqrt(1/N)`, else `sqrt(2/N)`. Coefficient k is a wave of `k / (2 N)`
 /// turns a frame: at 128 frames and 60 frames per second, k times 0.234 Hz.
@@ -14,12 +14,13 @@ pub struct LowDct {
 
 impl PartialEq for LowDct {
     fn eq(&self, other: &Self) -> bool {
+        // a transform is its length: the tables follow from it
         (self.all.len(), self.keep) == (other.all.len(), other.keep)
     }
 }
 
 impl LowDct {
-    /// Coefficients kept unless said otherwise: up to 3.5 Hz.
+    /// Coefficients by default: up to 3.5 Hz at 60 frames per second.
     pub const KEEP: usize = 16;
 
     /// For series of `length` numbers, `keep` coefficients.
@@ -36,7 +37,7 @@ impl LowDct {
         self.all.len()
     }
 
-    /// How many are kept.
+    /// K, the number of first coefficients.
     pub fn kept(&self) -> usize {
         self.keep
     }
@@ -51,7 +52,7 @@ impl LowDct {
         numbers
     }
 
-    /// The series (N) of all its coefficients (N): the inverse of [`LowDct::forward`], and its transposed.
+    /// The series (N) of all its coefficients (N): the inverse of [`LowDct::forward`], and its transpose.
     ///
     /// # Panics
     /// When there are not N.
@@ -61,7 +62,7 @@ impl LowDct {
         numbers
     }
 
-    /// The coefficients that are kept.
+    /// The first K coefficients.
     ///
     /// # Panics
     /// When the series has another length.
@@ -74,7 +75,7 @@ impl LowDct {
     /// The series (N) of these coefficients and no others: the transposed of [`LowDct::low`].
     ///
     /// # Panics
-    /// When there are not as many as are kept.
+    /// When there are not K.
     pub(crate) fn low_back(&self, coefficients: &[f64]) -> Vec<f64> {
         assert_eq!(coefficients.len(), self.keep, "other than the kept coefficients");
         let mut all = vec![0.0; self.length()];

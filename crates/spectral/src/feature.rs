@@ -55,6 +55,7 @@ impl Transform {
             match self {
                 Transform::Stft(t) => t.magnitudes_back(series, gradient),
                 Transform::Dct(t) => t.low_back(gradient),
+                // the transpose without the mean, which a gradient doesn't see
                 Transform::Pca(t) => t.adjoint(gradient),
             }
         })
@@ -73,7 +74,7 @@ pub(crate) mod tests {
     use kinelm_store::random;
     use serde::Deserialize;
 
-    /// What scipy and scikit-learn made of the same numbers; `scripts/reference/spectral.py`.
+    /// Results of scipy and scikit-learn for the same numbers; `scripts/reference/spectral.py`.
     #[derive(Deserialize)]
     pub struct Golden {
         pub stft: Vec<StftCase>,

@@ -5,7 +5,7 @@
 //! cosine transform, or coordinates in a basis of principal components. Source: the motion-language thesis
 //! (docs/query.md).
 //!
-//! Beside these, [`filter`] takes fast movements away, and [`interpolate`] draws one dance towards another.
+//! Beside these, [`filter`] takes fast movements away, and [`interpolate`] moves one dance towards another.
 //!
 //! **Letters**: C channels (three a joint), N frames of a window. Windows are (C, N), features (C, numbers a channel).
 #![forbid(unsafe_code)]

@@ -1,4 +1,6 @@
 //! A basis of series, fitted to a database.
+//!
+//! The fit holds N^2 numbers and takes time by N^3: for windows, not for whole clips.
 
 use crate::{Error, Result};
 use kinelm_linalg::principal_components;
@@ -68,7 +70,7 @@ impl PcaBasis {
     }
 }
 
-/// What a [`PcaBasis`] is fitted on: sums over series, so that none has to be kept.
+/// Sums over series that a [`PcaBasis`] is fitted on, so that no series has to be in memory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PcaFit {
     length: usize,
@@ -95,6 +97,7 @@ impl PcaFit {
             self.count += 1;
             self.sum.iter_mut().zip(x).for_each(|(s, x)| *s += x);
             for (i, &scale) in x.iter().enumerate() {
+                // the lower triangle alone: half of the additions, and the rest is its mirror
                 self.products[i * n..i * n + i + 1].iter_mut().zip(x).for_each(|(p, x)| *p += scale * x);
             }
         }
@@ -126,6 +129,7 @@ impl PcaFit {
         let mut covariance = vec![0.0; n * n];
         for i in 0..n {
             for j in 0..=i {
+                // one pass: radians of a few turns leave f64 ten digits after the subtraction
                 covariance[i * n + j] = self.products[i * n + j] / count - mean[i] * mean[j];
             }
         }
@@ -133,6 +137,7 @@ impl PcaFit {
             Error::invalid("the covariance of the windows", "out of range", "rotations in radians: are they right?")
         })?;
         components.truncate(keep * n);
+        // over all N, before the rest is dropped
         let total_variance = variances.iter().sum();
         Ok(PcaBasis { mean, components, variances: variances[..keep].to_vec(), total_variance })
     }

@@ -7,12 +7,12 @@ use kinelm_linalg::symmetric_eigen;
 use kinelm_motion::Clip;
 use kinelm_view::plot::{Chart, Heat, Look, Rule, Scale, Series as Curve};
 
-/// Joints of a clip that is drawn, at most: the embedding takes time by the cube of their number.
+/// The most joints of a charted clip: the time of the embedding grows with the cube of their number.
 const MAX_JOINTS: usize = 512;
-/// Decibels below the loudest that the darkest colour stands for.
+/// Decibels of the darkest colour below the loudest.
 const DEPTH_DB: f64 = 60.0;
 
-/// What of a clip is drawn.
+/// Which part of a clip is charted, and how.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SpectrumOptions {
     /// The joint of spectrogram and coefficients, by its number in the clip's skeleton.
@@ -23,7 +23,7 @@ pub struct SpectrumOptions {
     pub seconds: Option<f64>,
     /// Frames per second, to which the clip is brought.
     pub fps: f64,
-    /// Leave out the mean pose, which outweighs all movement: the mean of every component, and what stands at 0 Hz.
+    /// Leave out the mean pose, which outweighs all movement: the mean of every component, and the magnitude at 0 Hz.
     pub no_dc: bool,
 }
 
@@ -55,9 +55,10 @@ pub fn charts(clip: &Clip, options: &SpectrumOptions) -> Result<[Chart; 3]> {
     let spectra: Vec<Vec<f64>> = (0..series.channels.len()).map(spectrum).collect();
     let of_joint = length(&spectra[3 * joint..3 * joint + 3]);
     let heat = |values: Vec<f64>, limits: [f64; 2], label: &str, title: String| {
+        // a cell is drawn about its frequency, half a bin to either side
         let half = 0.5 * series.fps / (stft.bins() - 1) as f64 * 0.5;
         let places = stft.frames() as f64 * Stft::HOP as f64 / series.fps;
-        // a window stands for the hop about its middle
+        // a window's column is the hop about its middle
         let first = options.from_s + 0.5 * (Stft::WINDOW - Stft::HOP) as f64 / series.fps;
         Chart {
             title,
@@ -75,6 +76,7 @@ pub fn charts(clip: &Clip, options: &SpectrumOptions) -> Result<[Chart; 3]> {
             ..Chart::default()
         }
     };
+    // above 0, so that a joint at rest has decibels instead of NaN
     let loudest = of_joint.iter().fold(0.0f64, |m, x| m.max(*x)).max(f64::MIN_POSITIVE);
     let decibels = of_joint.iter().map(|x| 20.0 * (x / loudest).log10()).map(|d| d.max(-DEPTH_DB)).collect();
     let embedded = embedding(&spectra)?;
@@ -100,6 +102,7 @@ pub fn embedding(spectra: &[Vec<f64>]) -> Result<Vec<f64>> {
     let (c, n) = (spectra.len(), spectra.first().map_or(0, Vec::len));
     assert!(spectra.iter().all(|s| s.len() == n), "spectrograms of one shape");
     let mean: Vec<f64> = (0..n).map(|i| spectra.iter().map(|s| s[i]).sum::<f64>() / c as f64).collect();
+    // or the spectrogram that all channels share would be the first component
     let off: Vec<Vec<f64>> = spectra.iter().map(|s| s.iter().zip(&mean).map(|(x, m)| x - m).collect()).collect();
     // of C channels and many more numbers: the small one of the two products
     let mut products = vec![0.0; c * c];
@@ -119,12 +122,13 @@ pub fn embedding(spectra: &[Vec<f64>]) -> Result<Vec<f64>> {
         picture.iter_mut().zip(spectrum).for_each(|(p, x)| *p += share * x);
     }
     let size = picture.iter().map(|x| x * x).sum::<f64>().sqrt();
+    // an eigenvector has no sign of its own: the same clip must give the same picture everywhere
     let sign = if picture.iter().sum::<f64>() < 0.0 { -1.0 } else { 1.0 };
     picture.iter_mut().for_each(|x| *x *= sign / size);
     Ok(picture)
 }
 
-/// The part of a series that is drawn.
+/// The part of a series that is charted.
 fn stretch(series: &Series, options: &SpectrumOptions) -> Result<Series> {
     let at = |s: f64| (s * series.fps).round() as usize;
     let start = at(options.from_s).min(series.frames);

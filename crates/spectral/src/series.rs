@@ -171,6 +171,7 @@ fn nearer(v: Vec3, to: Vec3) -> Vec3 {
 /// At half a turn, where both directions of an axis are canonical, one that depends on no rounding is taken.
 pub(crate) fn outwards(vectors: &mut [Vec3], nearest: impl Fn(Vec3, Vec3) -> Vec3) {
     let least = vectors.iter().map(|v| v.length()).fold(f64::INFINITY, f64::min);
+    // within SAME_RAD: among equal angles rounding must not choose the frame
     let Some(start) = vectors.iter().position(|v| v.length() <= least + SAME_RAD) else { return };
     // no axis through corners, edges or faces of a cube is square to this one
     let is_behind = vectors[start].dot(Vec3::new(1.0, 1.0 / 3.0, 1.0 / 9.0)) < 0.0;

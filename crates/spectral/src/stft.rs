@@ -1,4 +1,7 @@
 //! Short-time Fourier transforms of series.
+//!
+//! Frequencies are multiples of the rate over the window: with 16 numbers at 60 a second 3.75 Hz, so that slow
+//! movements share the lowest two.
 
 use std::f64::consts::PI;
 
@@ -42,6 +45,7 @@ impl Stft {
             "windows of {window} in series of {length}"
         );
         assert!(hop > 0, "a hop of 0");
+        // n mod w first: the wave repeats, and small angles are exact
         let turn = |n: usize| 2.0 * PI * (n % window) as f64 / window as f64;
         let under_window = |b: usize, n: usize, wave: fn(f64) -> f64| 0.5 * (1.0 - turn(n).cos()) * wave(turn(b * n));
         let table = |wave: fn(f64) -> f64| -> Vec<f64> {
@@ -106,7 +110,7 @@ impl Stft {
         series
     }
 
-    /// (T, B) magnitudes of a series (N), without those at 0 Hz where they are not wanted.
+    /// (T, B) magnitudes of a series (N), without those at 0 Hz where `no_dc` says so.
     ///
     /// # Panics
     /// When the series has another length.
@@ -128,6 +132,7 @@ impl Stft {
         for (i, (re, im)) in real.iter_mut().zip(&mut imaginary).enumerate() {
             let size = re.hypot(*im);
             let slope = if self.keeps(i) { gradient.next().copied().unwrap_or(0.0) } else { 0.0 };
+            // a length has no gradient at 0, where slope / size would be NaN
             let scale = if size > 0.0 { slope / size } else { 0.0 };
             (*re, *im) = (*re * scale, *im * scale);
         }

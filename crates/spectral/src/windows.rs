@@ -1,4 +1,4 @@
-//! Where windows lie in a clip.
+//! The windows of a clip.
 
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -45,13 +45,14 @@ impl WindowSpec {
         Ok(())
     }
 
-    /// The starts of the windows that lie wholly in a clip of `frames` frames, from frame `phase` on.
+    /// The starts of the windows that are wholly in a clip of `frames` frames, from frame `phase` on.
     pub fn starts(&self, frames: usize, phase: usize) -> impl Iterator<Item = usize> + use<> {
+        // `None`: a clip shorter than a window has none
         let last = frames.checked_sub(self.frames);
         last.into_iter().flat_map(move |last| phase..=last).step_by(self.hop)
     }
 
-    /// How long a window is.
+    /// The length of a window.
     pub fn seconds(&self) -> f64 {
         self.frames as f64 / self.fps
     }

@@ -51,6 +51,7 @@ impl AdamW {
             let g = (gradient * share)?;
             *first = ((&*first * b1)? + (&g * (1.0 - b1))?)?;
             *second = ((&*second * b2)? + (g.sqr()? * (1.0 - b2))?)?;
+            // epsilon is added to the corrected root, as in PyTorch: the other order changes the first updates
             let root = ((second.sqrt()? / correction2.sqrt())? + self.epsilon)?;
             let (rate, decayed) = match parameter.role {
                 Role::Vector => (rate, 1.0),
@@ -58,6 +59,7 @@ impl AdamW {
                 Role::Table => (rate * self.table_rate, 1.0),
             };
             let var = &model.vars()[&parameter.name];
+            // decay before the step, and on the detached tensor: an update must not enter the next graph
             let x = (var.as_detached_tensor() * decayed)?;
             var.set(&(x - (&*first * (rate / correction1))?.div(&root)?)?)?;
         }
@@ -67,7 +69,7 @@ impl AdamW {
     /// The moments as tensors on the CPU: `first.{name}` and `second.{name}`.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the device.
     pub fn tensors(&self) -> Result<Tensors> {
         let mut all = Tensors::new();
         for (p, moments) in self.parameters.iter().zip(&self.moments) {

@@ -99,6 +99,7 @@ impl<'a> Batches<'a> {
     /// A corpus without a training clip that has a frame; a context shorter than a word, where all words have one length;
     /// more than 2^32 windows a pass.
     pub(crate) fn new(data: &'a Data, context: usize, train: &TrainConfig) -> Result<Batches<'a>> {
+        // the last token is a target and no input, so a window shows one token more than it reads
         let room = (context + 1).saturating_sub(data.conditions().len());
         whole_words(room, 1)?;
         let (mut clips, mut ends, mut shares, mut total) = (Vec::new(), Vec::new(), Vec::new(), 0);
@@ -107,6 +108,7 @@ impl<'a> Batches<'a> {
             let first = total;
             for record in corpus.split(Split::Train).filter(|c| c.frames > 0) {
                 let words = corpus.words(record);
+                // rounded up: with one window fewer, some words of a pass would be in none
                 total += match whole {
                     Some(n) => words.len().div_ceil(n),
                     None => words.tokens().div_ceil(room),
@@ -123,6 +125,7 @@ impl<'a> Batches<'a> {
             shares.push(Share { first, windows, a_pass: ((weight * windows as f64).round() as usize).max(1) });
         }
         let pass: usize = shares.iter().map(|s| s.a_pass).sum();
+        // the order of a pass is in memory, 16 bytes a window
         if u32::try_from(pass).is_err() {
             return Err(Error::limit(
                 "a pass",
@@ -189,6 +192,7 @@ impl<'a> Batches<'a> {
     /// A corpus that can no longer be read.
     pub fn batch(&mut self, step: u64) -> Result<Batch> {
         let (b, t) = (self.batch, self.context);
+        // before the parallel part, since a new pass shuffles the order that all share
         let windows: Vec<WindowId> = (0..b as u64).map(|i| self.window(step * b as u64 + i)).collect();
         let (mut inputs, mut targets) = (vec![0; b * t], vec![0; b * t]);
         let rows = (inputs.par_chunks_mut(t), targets.par_chunks_mut(t), &windows);
@@ -221,6 +225,7 @@ impl<'a> Batches<'a> {
         let gaps = self.gaps.as_ref().filter(|gaps| gaps.takes(window));
         // gaps reach beyond the window
         let beyond = gaps.map_or(0, |gaps| gaps.reach() * self.word);
+        // changed together with the window: goals after it have to be of the same mirrored, turned, stretched motion
         let wide = WindowSpan { tokens: (record.tokens - span.start).min(span.tokens + beyond), ..span };
         let changed = augment.and_then(|a| a.ids(corpus, record, &wide, window, self.room + beyond));
         let (mut ids, first, factor) = match changed {
@@ -234,6 +239,7 @@ impl<'a> Batches<'a> {
         let shown = ids.len().min(span.tokens);
         let goals =
             gaps.map(|gaps| gaps.conditioning(window, &ids, shown / self.word, self.room / self.word, &dropped));
+        // only now: the goals have read the words after the window
         ids.truncate(shown);
         if self.masked {
             let may = |k: usize| !dropped.contains(&(k % self.word));
@@ -247,9 +253,11 @@ impl<'a> Batches<'a> {
             fill_sequence(&ids, &front, pad, input, target);
         }
         if let Some(augment) = augment {
+            // after the targets and goals were taken from the clean ids
             augment.disturb(window, &mut input[front.len()..]);
         }
         if !dropped.is_empty() {
+            // a causal target is one place before its input, a masked one at the same place
             let first = front.len() - usize::from(!self.masked);
             hide(&dropped, self.word, &mut input[front.len()..], &mut target[first..]);
         }
@@ -280,6 +288,7 @@ impl<'a> Batches<'a> {
                     random::shuffle(&mut numbers, &mut random::stream(self.seed, "round", round, share.first as u64));
                 }
                 let mut taken = numbers[low as usize..high as usize].to_vec();
+                // sorted, so that the order comes from the shuffle of the whole pass alone
                 taken.sort_unstable();
                 order.extend(taken.into_iter().map(|number| WindowId { round, number }));
             }
@@ -297,6 +306,7 @@ impl<'a> Batches<'a> {
             None => conditions.front(&clip.labels),
         };
         let mut rng = random::stream(self.seed, "label dropout", round, number as u64);
+        // `<bos>` is never hidden
         for id in &mut front[1..] {
             if random::unit(&mut rng) < self.label_dropout {
                 *id = Special::Unk.id();
@@ -313,6 +323,7 @@ impl<'a> Batches<'a> {
         let (stretch, stretches) = (number - before, self.ends[index] - before);
         // up to the first word from which the whole rest fits
         let starts = (words.before(words.tokens().saturating_sub(self.room)) + 1).min(words.len());
+        // of equal words no stretch is empty: w - n + 1 starts are at least ceil(w / n) for all w >= n
         let (low, high) = (starts * stretch / stretches, starts * (stretch + 1) / stretches);
         let mut rng = random::stream(self.seed, "window", round, number as u64);
         let word = low + (random::unit(&mut rng) * (high - low) as f64) as usize;

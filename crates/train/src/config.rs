@@ -69,7 +69,7 @@ pub struct TrainConfig {
     /// Needs `model.goal`. Default 0.
     #[serde(skip_serializing_if = "is_none")]
     pub gaps: f64,
-    /// What is hidden in the windows of a masked model. Default `tokens`.
+    /// The tokens that are hidden in the windows of a masked model. Default `tokens`.
     #[serde(skip_serializing_if = "Masking::is_tokens")]
     pub masking: Masking,
     /// The shorter windows of the first steps. Default none.
@@ -113,7 +113,7 @@ pub enum Loss {
     Ordinal,
 }
 
-/// What is hidden in the windows of a masked model.
+/// The tokens that are hidden in the windows of a masked model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Masking {
@@ -226,6 +226,7 @@ impl TrainConfig {
             |holds: bool, key, found: f64, limits| check(holds && found.is_finite(), key, found.to_string(), limits);
         check((1..=65_536).contains(&self.batch), "batch", self.batch.to_string(), "1 to 65536")?;
         check(self.steps <= 1 << 40, "steps", self.steps.to_string(), "at most 2^40")?;
+        // `number` refuses what is not finite, which comparisons with infinity let pass
         number(self.learning_rate > 0.0, "learning_rate", self.learning_rate, "a number above 0")?;
         number((0.0..=1.0).contains(&self.final_share), "final_share", self.final_share, "0 to 1")?;
         for beta in self.betas {
@@ -237,6 +238,7 @@ impl TrainConfig {
         number(table_rate, "table_rate", self.table_rate, "a number above 0 and at most 100")?;
         validate_stages(&self.stages)?;
         number(self.clip_norm >= 0.0, "clip_norm", self.clip_norm, "0 (no limit) or more")?;
+        // `contains` alone lets 0 pass, a Gaussian without a width
         let width = (0.0..=100.0).contains(&self.ordinal_width) && self.ordinal_width > 0.0;
         number(width, "ordinal_width", self.ordinal_width, "a number above 0 and at most 100")?;
         // TOML has no larger integers
@@ -266,6 +268,7 @@ pub(super) fn validate_stages(stages: &[Stage]) -> Result<()> {
         let wrong = |key: &str, found: String, limits: String| {
             Err(Error::invalid(format!("train.stages: `{key}` of stage {}", i + 1), found, limits))
         };
+        // negated, so that NaN is refused
         if !(stage.until > before && stage.until < 1.0) {
             return wrong("until", stage.until.to_string(), format!("more than {before} and less than 1"));
         }

@@ -57,6 +57,7 @@ impl FromStr for CorpusPart {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<CorpusPart> {
+        // the last `=`, and only before a number: a folder's name may hold one
         let part = match text.rsplit_once('=').and_then(|(path, weight)| Some((path, weight.parse().ok()?))) {
             Some((path, weight)) => CorpusPart { path: path.into(), weight },
             None => CorpusPart::once(text),
@@ -87,7 +88,7 @@ impl Data {
     /// for every value that training clips have of the fields.
     ///
     /// # Errors
-    /// No corpus; one that can't be opened, or has another tokenizer (labels apart); a field that no clip has.
+    /// No corpus; one that can't be opened, or has another tokenizer (apart from labels); a field that no clip has.
     pub fn open(
         parts: &[CorpusPart],
         tokenizer: Option<&Tokenizer>,
@@ -110,6 +111,7 @@ impl Data {
             return Err(Error::missing("corpus", "give `corpus`, or `corpus` in the training file"));
         };
         let own = tokenizer.unwrap_or(first.corpus.tokenizer());
+        // without labels: corpora that differ in them share the codes, and the run's tokenizer has all labels
         let base = own.base_hash();
         for Part { corpus, .. } in &parts {
             let found = corpus.tokenizer().base_hash();
@@ -153,7 +155,7 @@ impl Data {
         &self.conditions
     }
 
-    /// What the tokenizer and the label fields decide about a model.
+    /// The part of a model that the tokenizer and the label fields decide.
     pub fn tokens(&self) -> TokenLayout {
         TokenLayout { front: self.conditions.len(), ..TokenLayout::of(&self.tokenizer) }
     }
@@ -181,6 +183,7 @@ impl Data {
         let mut scaling = Scaling::default();
         for part in &self.parts {
             for clip in part.corpus.split(Split::Train) {
+                // by the weights, since the model sees the corpora by them
                 scaling.add(&part.corpus.music(clip)?.rows.numbers, part.weight);
             }
         }
@@ -208,6 +211,7 @@ impl Data {
         let all: usize = windows.iter().sum();
         let mut found = Vec::new();
         for ((part, clips), windows) in self.parts.iter().zip(&clips).zip(windows) {
+            // 1 at least, as 0 would mean all of a small corpus
             let share = if most == 0 { 0 } else { (most * windows / all.max(1)).max(1) };
             found.extend(likelihood(model, &part.corpus, clips, share, &self.conditions)?);
         }

@@ -42,6 +42,7 @@ pub(crate) fn add(sum: &mut [f32], x: &[f32], share: f32, first: bool) {
     assert_eq!(sum.len(), x.len(), "a sum of other numbers");
     sum.par_chunks_mut(CHUNK).zip(x.par_chunks(CHUNK)).for_each(|(sum, x)| {
         for (s, x) in sum.iter_mut().zip(x) {
+            // overwritten rather than zeroed before: the buffer may hold another step's gradients
             *s = if first { share * x } else { *s + share * x };
         }
     });

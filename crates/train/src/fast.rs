@@ -52,6 +52,7 @@ impl FastLearner {
         let nats = self.model.gradients(windows, dropout.as_ref(), &mut self.optimizer.gradients)?;
         match nats.is_finite() {
             true => Ok(nats),
+            // before the update: these numbers haven't reached the weights yet
             false => Err(not_finite(nats, &batch.clips)),
         }
     }
@@ -60,6 +61,7 @@ impl FastLearner {
     fn of_batches(&mut self, batches: &[Batch], step: u64) -> Result<f64> {
         let pad = Scores::tokens(&self.model).pad;
         let counted = |batch: &Batch| batch.counted(pad) as f64;
+        // each batch's gradient is of its own mean; shares of the targets make it the mean over all
         let all = batches.iter().map(counted).sum::<f64>().max(1.0);
         if self.sum.is_empty() {
             self.sum = self.model.like_weights();
@@ -72,6 +74,7 @@ impl FastLearner {
             let sums = self.sum.par_iter_mut().zip(&self.optimizer.gradients);
             sums.for_each(|(sum, gradient)| ema::add(sum, gradient, share, i == 0));
         }
+        // swapped, not copied: the next step overwrites `sum`
         std::mem::swap(&mut self.sum, &mut self.optimizer.gradients);
         Ok(nats)
     }

@@ -16,6 +16,7 @@ use std::time::Duration;
 /// The file that the writing process locks; it contains the process id.
 const LOCK: &str = ".lock";
 /// Bytes of that file, at most.
+// a process id has ten digits; more is no lock of ours, and isn't read into a message
 const MOST_LOCK: u64 = 1 << 10;
 /// Attempts to lock, and the time between them: [`is_written`] holds the lock for an instant.
 const TRIES: (u32, Duration) = (5, Duration::from_millis(40));
@@ -78,6 +79,7 @@ impl RunFolder {
                     let write = |f: &mut File| f.set_len(0).and_then(|()| write!(f, "{}", std::process::id()));
                     write(&mut file).map_err(Error::io(&path))?;
                     for folder in [run.to_owned(), run.join("samples")].iter().filter(|folder| folder.is_dir()) {
+                        // only under the lock: what looks unfinished may be another process's work
                         sweep_locked(folder)?;
                     }
                     return Ok(RunFolder { path: run.to_owned(), _lock: Some(file) });
@@ -120,6 +122,7 @@ pub fn remove(run: &Path) -> Result<()> {
         let entries = fs::read_dir(folder).map_err(Error::io(folder))?;
         Ok(entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect())
     };
+    // what training writes and nothing else: a file that somebody put there must not go with the run
     let own = |name: &str| {
         EARLY.contains(&name)
             || [CONFIG, LEAD_INS, METRICS, "latest", "best"].contains(&name)
@@ -163,6 +166,7 @@ fn is_free(run: &Path) -> bool {
     let Ok(entries) = fs::read_dir(run) else { return false };
     let names: Vec<String> = entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
     let early = |name: &String| EARLY.contains(&name.as_str()) || is_corpus(name) || is_unfinished_file(name);
+    // without the lock the same names may be somebody's own folder
     names.is_empty() || (names.iter().any(|n| n == LOCK) && names.iter().all(early))
 }
 

@@ -47,7 +47,7 @@ impl Gaps {
         Ok(Some(Gaps { share, seed, goals: GoalEncoder::of(tokenizer)?, joints }))
     }
 
-    /// Words after a window that the goals of its gaps may lie in.
+    /// Words after a window that may hold the goals of its gaps.
     pub fn reach(&self) -> usize {
         FARTHEST
     }
@@ -71,6 +71,7 @@ impl Gaps {
         let all = codes.len() / c;
         let mut rng = self.stream("gap", window);
         let free = self.free(&mut rng, hidden);
+        // outside the gaps all is known, so no character there has a goal
         let mut given = vec![true; codes.len()];
         for gap in sampled(&mut rng, shown.min(all), all) {
             for word in given[gap.start * c..gap.end * c].chunks_exact_mut(c) {
@@ -94,6 +95,7 @@ impl Gaps {
         }
         let mut free = vec![false; self.goals.characters()];
         joints.into_iter().flatten().for_each(|&place| free[place] = true);
+        // a slot that isn't free has no goal, and a hidden one has no code to lead to
         hidden.iter().for_each(|&place| free[place] = false);
         free
     }
@@ -101,11 +103,13 @@ impl Gaps {
 
 /// Gaps that begin within the first `shown` frames and end before the last of `all`.
 fn sampled(rng: &mut impl RngCore, shown: usize, all: usize) -> Vec<Range<usize>> {
+    // log-uniform: as many gaps of 2 to 4 frames as of 30 to 60
     let mut length = |least: f64, most: f64| (least * (random::unit(rng) * (most / least).ln()).exp()) as usize;
     let (mut gaps, mut at) = (Vec::new(), 0);
     loop {
         let start = at + length(1.0, RUN);
         let end = start + length(2.0, GAP);
+        // a gap that no given frame follows would have no goal
         if start >= shown || end >= all {
             return gaps;
         }

@@ -48,6 +48,7 @@ pub fn select(seed: u64, data: &Data) -> Result<LeadIns> {
     for (number, part) in (1..).zip(data.parts()) {
         let (corpus, weight) = (&part.corpus, part.weight);
         for clip in corpus.split(Split::Train) {
+            // + 1: a clip of exactly that many words has one start
             let starts = (corpus.words(clip).len() + 1).saturating_sub(words);
             all.extend((starts > 0).then_some(Candidate { number, corpus, clip, starts, weight }));
         }
@@ -79,6 +80,7 @@ fn of_clips(seed: u64, group: u64, clips: &[&Candidate], words: usize, data: &Da
         let mut rng = random::stream(seed, "lead-in", group, i);
         let mut candidates: Vec<(f64, LeadIn)> = Vec::new();
         for _ in 0..CANDIDATES {
+            // one stretch each, so that long clips don't give all eight
             let mut at = (i as f64 + random::unit(&mut rng)) / EACH as f64 * all;
             let Some(last) = clips.last() else { return Ok(found) };
             let clip = clips.iter().find(|c| {
@@ -90,6 +92,7 @@ fn of_clips(seed: u64, group: u64, clips: &[&Candidate], words: usize, data: &Da
             let lead_in = clip.unwrap_or(last).lead_in(at, words, data)?;
             candidates.push((speed(&lead_in.ids, data)?, lead_in));
         }
+        // stable, and total_cmp orders NaN: the same seed gives the same lead-ins
         candidates.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (_, second) = candidates.swap_remove(1);
         if found.iter().all(|other| other.from != second.from) {
@@ -102,6 +105,7 @@ fn of_clips(seed: u64, group: u64, clips: &[&Candidate], words: usize, data: &Da
 impl Candidate<'_> {
     /// The lead-in at a position of its starts, each as wide as the corpus's weight.
     fn lead_in(&self, at: f64, words: usize, data: &Data) -> Result<LeadIn> {
+        // rounding may put `at` on the end of the last start
         let word = ((at / self.weight) as usize).min(self.starts - 1);
         let frame = word * data.tokenizer().frames_per_word();
         let from = LeadInFrom { corpus: self.number, clip: self.clip.name.clone(), frame };

@@ -43,19 +43,19 @@ pub trait Learner: Send {
     /// Moves the weights by the last gradients times `share`, at the learning rate `rate`.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the device.
     fn update(&mut self, share: f64, rate: f64) -> Result<()>;
 
     /// The weights by name, in f32 on the CPU.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the device.
     fn weights(&self) -> Result<Tensors>;
 
     /// The optimizer's moments, `first.{name}` and `second.{name}`, in f32 on the CPU.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the device.
     fn moments(&self) -> Result<Tensors>;
 
     /// Continues from the moments after `step` updates.
@@ -67,7 +67,7 @@ pub trait Learner: Send {
     /// The moving average of the weights by name ([`super::ema`]), in f32 on the CPU; `None` where `train.ema` is 0.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the device.
     fn averages(&self) -> Result<Option<Tensors>>;
 
     /// Continues from this moving average.
@@ -79,14 +79,14 @@ pub trait Learner: Send {
     /// Swaps the weights and their average, to measure the average; does nothing without one.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the device.
     fn swap_averages(&mut self) -> Result<()>;
 }
 
 /// A learner with the batches of its steps.
 pub struct Fit<'a> {
     stages: Stages<'a>,
-    /// What learns.
+    /// The learner.
     pub learner: Box<dyn Learner>,
     clip_norm: f64,
 }
@@ -117,7 +117,7 @@ impl<'a> Fit<'a> {
     /// Moves the weights by the last gradients, whose norm is `norm`, at the learning rate `rate`.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the device.
     pub fn update(&mut self, norm: f64, rate: f64) -> Result<()> {
         self.learner.update(clip_share(norm, self.clip_norm), rate)
     }
@@ -131,6 +131,7 @@ impl<'a> Fit<'a> {
 /// assert_eq!(clip_share(0.5, 1.0), 1.0);
 /// ```
 pub fn clip_share(norm: f64, limit: f64) -> f64 {
+    // 1e-6 is PyTorch's, against a norm of 0
     if limit > 0.0 { (limit / (norm + 1e-6)).min(1.0) } else { 1.0 }
 }
 

@@ -3,6 +3,9 @@
 //!
 //! Source: Smith, "Cyclical learning rates for training neural networks" (2017); the smoothing, and stopping at a multiple
 //! of the least loss, are fastai's.
+//!
+//! The losses are of training batches: the test finds rates at which training is stable, not the one that generalises
+//! best.
 
 use super::config::TrainConfig;
 use super::data::{CorpusPart, Data};
@@ -30,7 +33,7 @@ const RISEN: f64 = 1.1;
 /// The suggestion is the turn over this.
 const SAFETY: f64 = 10.0;
 
-/// What is tested, and over which rates.
+/// A model and the range of rates to test.
 #[derive(Debug, Clone)]
 pub struct LrFindOptions {
     /// The training file; its rate, schedule, steps, stages and run are ignored.
@@ -83,6 +86,7 @@ pub struct RangeTest {
 pub fn lr_find(options: &LrFindOptions, stop: &AtomicBool, progress: &mut dyn FnMut(&RangeStep)) -> Result<RangeTest> {
     check(options)?;
     let corpora = if options.corpora.is_empty() { options.file.corpora()? } else { options.corpora.clone() };
+    // the model's own windows throughout: those of stages would change the loss for another reason than the rate
     let train = TrainConfig { ema: 0.0, steps: options.steps, stages: Vec::new(), ..options.file.train.clone() };
     let data = Data::open(&corpora, None, &train.conditions, options.opening)?;
     let file = RunFile { augment: options.file.augment, ..RunFile::new(&options.file.model, &train, &data)? };
@@ -138,6 +142,7 @@ impl Task for Test<'_> {
         let LrFindOptions { steps, from, to, .. } = *self.options;
         let rate = from * (to / from).powf(state.step as f64 / (steps - 1) as f64);
         let found = match self.fit.gradients(state.step) {
+            // at the first step the weights are random: a loss that isn't finite there is no matter of the rate
             Err(Error::NotFinite(_)) if state.step > 0 => None,
             found => Some(found?.0),
         };
@@ -171,6 +176,7 @@ impl Curve {
     fn step(&mut self, rate: f64, loss: f64) -> RangeStep {
         let step = self.steps.len() as u64 + 1;
         self.average = SMOOTHING * self.average + (1.0 - SMOOTHING) * loss;
+        // the average begins at 0, and would be 2 % of the loss in the first step
         let smoothed = self.average / (1.0 - SMOOTHING.powf(step as f64));
         let step = RangeStep { step, rate, loss, smoothed };
         self.steps.push(step);
@@ -188,6 +194,7 @@ impl Curve {
     }
 
     fn end(self, blew_up: bool) -> RangeTest {
+        // a least at either end is no turn: the loss never fell, or still fell
         let inside = |i: &usize| (1..self.steps.len().saturating_sub(1)).contains(i);
         // a loss that only fell has a turn where the next one was not finite
         let least = self.least().filter(|i| inside(i) || (blew_up && *i > 0));

@@ -1,4 +1,6 @@
 //! The memory that training a model takes, checked before anything is allocated.
+//!
+//! An estimate for the fast form: the graph of the plain form takes more.
 
 use super::config::TrainConfig;
 use super::stages;

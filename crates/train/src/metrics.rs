@@ -44,7 +44,7 @@ impl Metrics {
     /// Opens the metrics of `run`, taking out those of steps after `step`: the run goes on from there.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn open(run: &Path, step: u64) -> Result<Metrics> {
         let path = run.join(METRICS);
         if let Ok(old) = input::text(&path) {
@@ -53,6 +53,7 @@ impl Metrics {
                 object.and_then(|o| o["step"].as_u64()).is_some_and(|s| s <= step)
             };
             let kept: String = old.lines().filter(earlier).flat_map(|l| [l, "\n"]).collect();
+            // also a last line that a full disk cut: it parses as nothing, and the next line would be joined to it
             if kept != old {
                 files::write_whole(&path, kept.as_bytes())?;
             }
@@ -65,7 +66,7 @@ impl Metrics {
     /// Syncs the file to disk, so that no later checkpoint is ahead of it.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn sync(&mut self) -> Result<()> {
         self.file.sync_data().map_err(Error::io(&self.path))
     }
@@ -73,7 +74,7 @@ impl Metrics {
     /// Writes the metrics of a step.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn step(&mut self, metrics: &StepMetrics) -> Result<()> {
         self.line("train", metrics)?;
         let f = metrics;
@@ -90,7 +91,7 @@ impl Metrics {
     /// Writes a measurement on the validation clips.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub(crate) fn valid(&mut self, step: u64, found: &Likelihood) -> Result<()> {
         #[derive(Serialize)]
         struct Valid<'a> {
@@ -107,7 +108,7 @@ impl Metrics {
     /// Writes any metrics of a step: a line of this kind, and these values for TensorBoard.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn other(&mut self, kind: &str, step: u64, metrics: &impl Serialize, values: &[(&str, f64)]) -> Result<()> {
         self.line(kind, metrics)?;
         self.events.scalars(step, values)

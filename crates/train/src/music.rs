@@ -42,6 +42,7 @@ impl MusicConditioning {
         if random::unit(&mut rng) < HIDDEN {
             return Ok(vec![0.0; self.frames * self.model.music.numbers()]);
         }
+        // the music runs as fast as the motion, so both stay together
         let times = (0..self.frames).map(|frame| (first + factor * frame as f64) / self.fps);
         Ok(self.model.music_conditioning(&corpus.music(clip)?, times, factor))
     }

@@ -11,7 +11,7 @@ use kinelm_model::layout::Parameter;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// What the names of the two moments begin with in a checkpoint.
+/// The prefixes of the names of the two moments in a checkpoint.
 pub const MOMENTS: [&str; 2] = ["first", "second"];
 
 /// Tensors by name.
@@ -72,6 +72,7 @@ impl Optimizer {
     pub fn norm(&mut self) -> f64 {
         let squares = self.squares.par_iter_mut().zip(&self.gradients);
         squares.for_each(|(square, gradient)| *square = adamw::norm_squared(gradient));
+        // summed in the order of the tensors: the number of threads changes no bit
         self.squares.iter().sum::<f64>().sqrt()
     }
 

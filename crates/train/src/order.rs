@@ -32,6 +32,7 @@ pub fn order(run: &RunFile, data: &Data, steps: u64) -> Result<Order> {
     }
     let mut batches = Batches::of_run(run, data)?;
     let rows = run.train.batch * run.train.accumulate;
+    // checked, as `steps` comes from the command line
     if steps.checked_mul(rows as u64).is_none_or(|all| all > MOST_WINDOWS) {
         let (needs, limit) = (format!("{rows} windows each"), format!("{MOST_WINDOWS} windows"));
         return Err(Error::limit(format!("an order of {steps} steps"), needs, limit, "request fewer `steps`"));
@@ -49,7 +50,7 @@ impl Order {
     /// `windows` (steps, rows, 3) int64 as a file: `windows.npy` in the folder `out`, or an archive if `out` ends in `.npz`.
     ///
     /// # Errors
-    /// What writing the archive refuses.
+    /// Errors of writing the archive.
     pub fn to_file(&self, out: &Path) -> Result<(PathBuf, Vec<u8>)> {
         let shape = [self.windows.len() / 3 / self.rows, self.rows, 3];
         let values = Values::I64(&self.windows);

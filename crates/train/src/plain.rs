@@ -30,7 +30,7 @@ impl Plain {
     /// Before the first update, on the model's device.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// Errors of the device.
     pub fn new(mut model: Gpt, train: &TrainConfig) -> Result<Plain> {
         model.smooth_targets(train.smoothing());
         let share = model.config().dropout;
@@ -55,6 +55,7 @@ impl Plain {
             let missing = || Error::Weights(format!("variable {name} got no gradient: the graph is cut before it"));
             let gradient = match store.remove(var.as_tensor()) {
                 // a batch may have no goals
+                // all other tensors are in every graph: a missing gradient means that an operation cut it
                 None if layout::GOAL.contains(&name.as_str()) => var.zeros_like()?,
                 // an attached gradient would keep the graph alive
                 found => found.ok_or_else(missing)?.detach(),
@@ -91,6 +92,7 @@ impl Plain {
                 .map(|conditioning| conditioning.windows(first..first + clips.len(), batch.clips.len()));
             let loss =
                 self.model.loss_sum_conditioned(&ids, &batch.targets[part], dropout.as_ref(), conditioning.as_ref())?;
+            // by the targets of the whole step, so that the pieces' gradients add up to the mean's
             let loss = (loss / counted.max(1) as f64)?;
             let value = loss.to_scalar::<f32>()? as f64;
             if !value.is_finite() {
@@ -173,6 +175,7 @@ impl Learner for Plain {
 
 /// Euclidean norm over all gradients.
 fn norm(gradients: &[Tensor]) -> Result<f64> {
+    // in f64: f32 sums of millions of squares lose digits, and squares of numbers above 1e19 overflow
     let squares = |g: &Tensor| g.to_dtype(DType::F64)?.sqr()?.sum_all();
     let squares = gradients.iter().map(squares).collect::<candle_core::Result<Vec<_>>>()?;
     Ok(Tensor::stack(&squares, 0)?.sum_all()?.to_scalar::<f64>()?.sqrt())

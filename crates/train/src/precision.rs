@@ -46,7 +46,7 @@ impl std::str::FromStr for Precision {
 pub struct Resolved {
     /// The kernels.
     pub products: Products,
-    /// What the user should know.
+    /// Notes for the user.
     pub notes: Vec<String>,
 }
 
@@ -65,6 +65,7 @@ impl Precision {
         if !compute.is_fast() || best != Products::Bf16 {
             return Ok((Precision::F32, Some("train.precision = auto: f32".into())));
         }
+        // timed rather than assumed: how much faster bf16 is differs between processors
         let ratio = seconds(Products::F32, width) / seconds(best, width);
         let chosen = if ratio > PAYS { Precision::Bf16 } else { Precision::F32 };
         let name = if chosen == Precision::Bf16 { "bf16" } else { "f32" };
@@ -108,6 +109,7 @@ impl Precision {
 
     /// The name of the kernels for a checkpoint; `None` where f32 was requested.
     pub(crate) fn recorded(self, products: Products) -> Option<String> {
+        // a state without the field means f32
         (self != Precision::F32).then(|| products.name().into())
     }
 }
@@ -126,6 +128,7 @@ fn seconds(products: Products, width: usize) -> f64 {
         });
         begun.elapsed().as_secs_f64()
     };
+    // the least: whatever else runs on the machine only adds time
     (0..TIMED).map(|_| once()).fold(f64::INFINITY, f64::min)
 }
 

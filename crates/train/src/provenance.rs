@@ -63,7 +63,7 @@ impl Call {
 /// Adds this process to the calls of a run. A file that can't be read is replaced: no run fails for it.
 ///
 /// # Errors
-/// What the system refuses.
+/// I/O errors.
 pub fn note(run: &Path) -> Result<()> {
     let path = run.join(PROVENANCE);
     let found = input::bytes(&path).ok().and_then(|bytes| serde_json::from_slice::<Provenance>(&bytes).ok());

@@ -7,10 +7,10 @@ use kinelm_corpus::conditions::in_order;
 use kinelm_model::layout::{self, CLASS, GOAL, MUSIC};
 use kinelm_model::{ModelConfig, TokenLayout};
 
-/// What a model's windows hold: its tokens, and the label fields after `<bos>`.
+/// The contents of a model's windows: its tokens, and the label fields after `<bos>`.
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
-    /// What the tokenizer and the fields decide.
+    /// The layout of its tokens, the front included.
     pub tokens: &'a TokenLayout,
     /// The label fields.
     pub conditions: &'a [String],
@@ -40,6 +40,7 @@ pub fn resize(weights: &Tensors, config: &ModelConfig, old: Inputs, new: Inputs,
     let resized = layout::parameters(config, is).into_iter().map(|p| {
         let name = p.name.as_str();
         let expected = before.iter().find(|b| b.name == name).map(|b| b.shape.as_slice());
+        // the only tensors that a source may lack; any other missing one is an error
         let is_conditioning = GOAL.contains(&name) || MUSIC.contains(&name) || name == CLASS;
         let Some(expected) = expected.filter(|_| weights.contains_key(name) || !is_conditioning) else {
             let tensor = Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?;
@@ -53,6 +54,7 @@ pub fn resize(weights: &Tensors, config: &ModelConfig, old: Inputs, new: Inputs,
         // per new row: the old one
         let from: Vec<Option<usize>> = match name {
             "position.front.weight" => front.clone(),
+            // front positions move with their fields, and those of words with the length of the front
             "position.absolute.weight" => {
                 let words = (was.front..had).map(Some);
                 front.iter().copied().chain(words).take(rows).collect()
@@ -62,6 +64,7 @@ pub fn resize(weights: &Tensors, config: &ModelConfig, old: Inputs, new: Inputs,
         if from.iter().copied().eq((0..had).map(Some)) {
             return Ok((p.name, tensor.clone()));
         }
+        // new rows are those of a new model of this seed, whatever was copied
         let (numbers, mut all) = (tensor.flatten_all()?.to_vec1::<f32>()?, p.initial(seed));
         for (row, from) in all.chunks_exact_mut(width).zip(from) {
             if let Some(from) = from {

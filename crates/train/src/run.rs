@@ -35,7 +35,7 @@ pub struct RunFile {
     /// How the motion is augmented.
     #[serde(default)]
     pub augment: AugmentConfig,
-    /// What the tokenizer decided.
+    /// The layout of its tokens.
     pub tokens: TokenLayout,
     /// The origin of its first weights, unless they are random.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -136,7 +136,7 @@ impl RunFile {
     /// Copies the tokenizer and the manifests of the corpora into the run folder: `corpus.json`, `corpus-2.json`, ...
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub(crate) fn put_beside(&self, run: &Path, data: &Data) -> Result<()> {
         for (i, part) in data.parts().iter().enumerate() {
             let from = part.corpus.dir().join("corpus.json");
@@ -158,7 +158,7 @@ impl RunFile {
     /// Writes `config.toml`.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn write(&self, run: &Path) -> Result<()> {
         let file = self.with_paths(|path| files::path_from(run, path));
         let text = toml::to_string(&file).expect("a run's configuration is TOML");
@@ -178,6 +178,7 @@ impl RunFile {
         let wrong =
             |e: toml::de::Error| Error::in_text(&path, &text, e.span(), e.message(), "the configuration of a run", "");
         check_kind(&path, &text)?;
+        // the version first, since keys of another one would be refused as unknown
         let head: Versioned = toml::from_str(&text).map_err(wrong)?;
         if head.version != VERSION {
             let help = "take the kinelm that wrote it, or begin a new run";
@@ -255,6 +256,7 @@ fn with_music_scale(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
     rate_of(data.tokenizer().fps())?;
     let of_data = data.music_scale()?;
     match of_data {
+        // a fine-tuned model stays with the scale that its weights have learned
         Some(_) => Ok(ModelConfig { music_scale: model.music_scale.or(of_data), ..model }),
         None => none("music features"),
     }

@@ -29,6 +29,7 @@ const SECONDS: f64 = 5.0;
 /// Any failure, a panic too: it must not end the run.
 pub fn sample(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
     let write = AssertUnwindSafe(|| write(run, step, file, weights));
+    // `write` shares nothing with the training that a panic could leave half changed
     catch_unwind(write).unwrap_or_else(|_| Err(Error::unsupported("this dance", "its generation panicked")))
 }
 

@@ -20,6 +20,7 @@ pub fn rate(config: &TrainConfig, step: u64) -> f64 {
     match config.schedule {
         Schedule::Constant => most,
         Schedule::Cosine => {
+            // from the first full rate, update `warmup`, to the last update: at both ends the cosine is exact
             let length = config.steps.saturating_sub(config.warmup + 1).max(1);
             let done = ((step - config.warmup) as f64 / length as f64).min(1.0);
             let share = 0.5 * (1.0 + (std::f64::consts::PI * done).cos());

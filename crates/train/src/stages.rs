@@ -54,6 +54,7 @@ impl<'a> Stages<'a> {
             let model = ModelConfig { context: stage.context(&run.model, &run.tokens), ..run.model.clone() };
             let train = TrainConfig { batch: stage.batch, ..run.train.clone() };
             let batches = Batches::of_run(&RunFile { model, train, ..run.clone() }, data)?;
+            // two stages may round to the same first step: `at` takes the later one
             stages.push(Running { first, batches });
             first = stage.end(run.train.steps);
         }
@@ -68,6 +69,7 @@ impl<'a> Stages<'a> {
     pub fn of_step(&mut self, step: u64) -> Result<Vec<Batch>> {
         let parts = self.accumulate;
         let Running { first, batches } = self.at(step);
+        // a stage counts its windows from 0, so that its data doesn't depend on the length of the one before
         let step = step - *first;
         (step * parts..(step + 1) * parts).map(|i| batches.batch(i)).collect()
     }

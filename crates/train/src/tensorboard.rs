@@ -20,10 +20,11 @@ impl EventFile {
     /// of earlier files.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn create(folder: &Path, step: u64, config: &str) -> Result<EventFile> {
         let time = now();
         let (mut path, mut file) = (PathBuf::new(), Err(std::io::ErrorKind::AlreadyExists.into()));
+        // two files of the same second
         for n in 0..100 {
             path = folder.join(format!("events.out.tfevents.{:010}.kinelm.{n}", time as u64));
             file = File::create_new(&path);
@@ -36,6 +37,7 @@ impl EventFile {
         let mut event = double(1, time);
         event.extend(bytes(3, b"brain.Event:2"));
         events.record(&event)?;
+        // a session start: TensorBoard drops what earlier files hold from this step on
         events.record(&begun(time, step + 1))?;
         events.record(&text(time, step, "config", config))?;
         Ok(events)
@@ -44,7 +46,7 @@ impl EventFile {
     /// Adds the values of `step`.
     ///
     /// # Errors
-    /// What the system refuses.
+    /// I/O errors.
     pub fn scalars(&mut self, step: u64, values: &[(&str, f64)]) -> Result<()> {
         let event = event(now(), step, values);
         self.record(&event)
@@ -79,6 +81,7 @@ fn event(time: f64, step: u64, values: &[(&str, f64)]) -> Vec<u8> {
     let mut summary = Vec::new();
     for (tag, value) in values {
         let mut one = bytes(1, tag.as_bytes());
+        // field 2, simple_value, of wire type 5: four bytes
         one.push(2 << 3 | 5);
         one.extend((*value as f32).to_le_bytes());
         summary.extend(bytes(1, &one));
@@ -90,6 +93,7 @@ fn event(time: f64, step: u64, values: &[(&str, f64)]) -> Vec<u8> {
 }
 
 fn framed(data: &[u8]) -> Vec<u8> {
+    // TFRecord masks its sums, so that the sum of data that hold sums isn't constant
     let masked = |data: &[u8]| crc32c::crc32c(data).rotate_right(15).wrapping_add(0xa282_ead8).to_le_bytes();
     let length = (data.len() as u64).to_le_bytes();
     [&length[..], &masked(&length), data, &masked(data)].concat()

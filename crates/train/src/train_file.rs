@@ -90,7 +90,7 @@ impl TrainFile {
         Ok(file)
     }
 
-    /// An error of settings that don't fit a corpus, with the file that they stand in.
+    /// An error of settings that don't fit a corpus, with their file.
     pub(crate) fn located(&self, error: Error) -> Error {
         match &self.path {
             Some(path) => in_file(path, error),
@@ -133,6 +133,7 @@ impl TrainFile {
                 return Err(Error::invalid_parameter("set", pair, expected));
             }
             if table.trim() == "model" {
+                // a placeholder: the value is only known once the whole file is parsed again below
                 given.insert(key.split('.').next().unwrap_or_default().trim().into(), true.into());
             }
         }
@@ -179,7 +180,7 @@ impl TrainFile {
     }
 }
 
-/// An error of a key, with the file that it stands in.
+/// An error of a key, with its file.
 pub fn in_file(path: &Path, error: Error) -> Error {
     about(error, |key| key.in_file(path))
 }

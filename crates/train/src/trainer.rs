@@ -11,7 +11,7 @@ pub type Files = Vec<(&'static str, Vec<u8>)>;
 
 /// A network with its data, as a [`Trainer`] trains it.
 pub trait Task {
-    /// What an update reports.
+    /// The report of an update.
     type Step;
 
     /// Makes the update after `state.step` others, and counts it in `state`.
@@ -24,7 +24,7 @@ pub trait Task {
     /// was interrupted: it is made again before the next update.
     ///
     /// # Errors
-    /// What measuring fails with.
+    /// Errors of measuring.
     fn measure(&mut self, _state: &mut State) -> Result<Option<bool>> {
         Ok(Some(false))
     }
@@ -84,7 +84,7 @@ pub struct Cadence {
 /// # Result::Ok(())
 /// ```
 pub struct Trainer<T> {
-    /// What is trained.
+    /// The network and its data.
     pub task: T,
     cadence: Cadence,
     checkpoints: Option<Checkpoints>,
@@ -144,6 +144,7 @@ impl<T: Task> Trainer<T> {
     fn step(&mut self) -> Result<T::Step> {
         let next = self.state.step + 1;
         let step = self.task.update(&mut self.state).map_err(|e| located(next, e, &self.checkpoints))?;
+        // the state has moved on: what was saved is an earlier one's
         self.saved = None;
         self.due = self.is_every(self.cadence.eval_every);
         self.settle()?;
@@ -172,6 +173,7 @@ impl<T: Task> Trainer<T> {
         let Some(checkpoints) = &self.checkpoints else { return Ok(()) };
         let files = self.task.files(self.due).map_err(|e| located(self.state.step, e, &self.checkpoints))?;
         self.saved = Some(checkpoints.write(self.state.clone(), &files)?);
+        // after the write: earlier checkpoints go only when this one is whole
         checkpoints.prune(self.cadence.keep)
     }
 }
@@ -211,6 +213,7 @@ pub fn last_checkpoint(
 ) -> Result<Option<Checkpoint>> {
     if !checkpoints.steps()?.is_empty() {
         let mut found = checkpoints.find(CheckpointChoice::Latest, wanted, &[], note)?;
+        // a checkpoint's list of files is made anew when it is written
         found.state.files.clear();
         return Ok(Some(found));
     }

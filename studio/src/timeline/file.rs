@@ -369,7 +369,7 @@ mod tests {
         assert_eq!(with_ends_of("a\r\n", ""), "");
         assert_eq!(with_ends_of("", "a\n"), "a\n");
         // what is added after a last line without an end stands in a line of its own
-        assert_eq!(with_ends_of("a\r\nb", "a\nb\nc"), "a\r\nb\r\nc");
+        assert_eq!(with_ends_of("a\r\nb\r\nc", "a\nb\nc\nd"), "a\r\nb\r\nc\r\nd");
     }
 
     #[test]

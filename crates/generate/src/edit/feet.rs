@@ -13,12 +13,13 @@ use std::ops::Range;
 fn gaps(mask: &Mask) -> Vec<Range<usize>> {
     let joints = LEGS.iter().flatten().filter(|&&joint| mask.is_coded(joint)).chain(&[0]);
     let mut gaps: Vec<Range<usize>> = joints.flat_map(|&joint| mask.free_runs(joint)).collect();
+    // both legs and the root often share a gap, which is locked once for all
     gaps.sort_by_key(|gap| (gap.start, gap.end));
     gaps.dedup();
     gaps
 }
 
-/// What foot locking must not move in a gap.
+/// The parts that foot locking must not move in a gap.
 fn fixed(mask: &Mask, gap: &Range<usize>) -> FixedParts {
     let given = |joint: usize| mask.is_coded(joint) && gap.clone().any(|frame| mask.is_given(frame, joint));
     let legs = LEGS.map(|leg| leg.into_iter().any(given));
@@ -40,6 +41,7 @@ pub fn lock_gaps(dance: &Clip, truth: &Clip, mask: &Mask, floor_m: f64) -> Resul
         }
         // the look-ahead frame after the gap, where the clip continues
         let end = (gap.end + 1).min(dance.frames());
+        // given joints as in the truth: feet are locked against what the clip will show
         let before = merge(truth, &dance, |frame, joint| {
             !mask.is_given(frame.min(gap.end - 1), joint) || !mask.is_given(frame, joint)
         })?

@@ -4,6 +4,8 @@
 //! frame after the gap, which is given. The difference between the two is the closing error, which is spread over the gap: of
 //! path and heading over all of it, rigidly, of other joints over its last second, each by a smooth step. The difference in
 //! speed is spread over its last 0.3 s.
+//!
+//! Contacts are not considered: feet in contact slide where the path's error is large.
 
 use super::mask::Mask;
 use crate::Result;
@@ -43,6 +45,7 @@ impl ClosingError {
 /// A smooth step from 0 to 1.
 pub(crate) fn smooth(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
+    // slope 0 at both ends, so that a share that fades leaves no corner in the speed
     t * t * (3.0 - 2.0 * t)
 }
 
@@ -58,10 +61,12 @@ pub struct Shares {
 impl Shares {
     /// Of a frame of a gap in a clip of `frames` frames, fading over `begin` frames at its beginning and `end` at its end.
     pub fn of(frame: usize, gap: &Range<usize>, frames: usize, begin: f64, end: f64) -> Shares {
+        // + 1: the share is 1 in the frame outside the gap, and 0 only after `of` frames inside
         let length = |of: f64| of.min(gap.len() as f64).max(1.0) + 1.0;
         let since = (frame + 1 - gap.start) as f64;
         let until = (gap.end - frame) as f64;
         Shares {
+            // at the clip's own ends there is nothing to meet
             begin: if gap.start == 0 { 0.0 } else { 1.0 - smooth(since / length(begin)) },
             end: if gap.end >= frames { 0.0 } else { 1.0 - smooth(until / length(end)) },
         }
@@ -73,6 +78,7 @@ impl Shares {
 fn speed_share(frame: usize, gap: &Range<usize>, within: f64) -> f64 {
     let within = within.min(gap.len() as f64 + 1.0);
     let u = (1.0 - (gap.end - frame) as f64 / within).max(0.0);
+    // u^3 - u^2 has slope 1 at u = 1; times `within` its slope is 1 per frame
     within * (u * u * u - u * u)
 }
 
@@ -86,6 +92,7 @@ pub fn aligned(dance: &Clip, truth: &Clip, mask: &Mask) -> Result<Clip> {
     let (frames, j) = (dance.frames(), dance.joints());
     for gap in mask.free_runs(0) {
         let at = match (gap.start, gap.end) {
+            // a gap at the beginning has no frame before it, and is put where it ends
             (0, end) if end < frames => end,
             (start, _) => start.saturating_sub(1),
         };
@@ -105,6 +112,7 @@ fn turn_between(from: Quat, to: Quat) -> Quat {
 
 fn angle_between_headings(from: Quat, to: Quat) -> f64 {
     let angle = heading(from).zip(heading(to)).map_or(0.0, |(from, to)| to - from);
+    // the short way round: the difference of two headings may be beyond half a turn
     angle.sin().atan2(angle.cos())
 }
 
@@ -119,13 +127,16 @@ pub fn close(dance: &Clip, truth: &Clip, mask: &Mask) -> Result<(Clip, Vec<Closi
     let mut left: Vec<(ClosingError, u32)> = Vec::new();
     let mut note = |gap: &Range<usize>| -> usize {
         left.iter().position(|(l, _)| l.frames == *gap).unwrap_or_else(|| {
+            // joints free in the same frames share one entry; the number counts them, for the mean
             left.push((ClosingError { frames: gap.clone(), cm: 0.0, heading_degrees: 0.0, joints_degrees: 0.0 }, 0));
             left.len() - 1
         })
     };
     let mut found: Vec<(usize, f64, f64, Option<f64>)> = Vec::new();
     for gap in mask.free_runs(0) {
+        // two given frames after the gap, without which it has no speed to meet
         let continues = mask.is_given(gap.end, 0) && mask.is_given(gap.end + 1, 0);
+        // all corrections are of the dance as it came, so that the order of the joints doesn't matter
         let mut correction = RootCorrection::between(dance, truth, &gap, continues);
         if !follows_given(mask, 0, &gap) {
             correction.tilt_at_start = Vec3::ZERO;

@@ -46,6 +46,7 @@ pub(crate) fn lengthen(looping: Loop, prompt: PromptClip, tokenizer: &Tokenizer)
     let clip = &prompt.motion.clip;
     let (frames, fps) = (clip.frames(), clip.fps());
     let over_s = looping.over_s.ok_or_else(|| Error::missing("`over_s`", "say how many seconds are generated"))?;
+    // one frame at least, at any rate
     let [over, appended] = [over_s, APPENDED_S].map(|s| (s * fps).round().max(1.0) as usize);
     if frames < over + appended + 1 {
         let (s, least) = (frames as f64 / fps, over_s + APPENDED_S);
@@ -89,6 +90,7 @@ fn with_beginning(clip: &Clip, seam: &LoopSeam, kind: LoopKind, turn: f64) -> Re
     }
     let (from, steps) = (root[seam.gap.start - 1], (seam.gap.len() + 1) as f64);
     for (i, f) in seam.gap.clone().enumerate() {
+        // replaced, as the clip's own last seconds don't lead to its beginning; the gap is sampled anyway
         root[f] = Vec3::lerp(from, to, (i + 1) as f64 / steps);
     }
     let long = Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?;
@@ -105,10 +107,12 @@ pub(crate) fn roughness(clip: &Clip, gap: &Range<usize>) -> Option<(f64, f64)> {
     seen.chunks_mut(joints).for_each(|pose| pose[0] = Quat::IDENTITY);
     let places = Clip::new(clip.skeleton().clone(), clip.fps(), here.0, seen).ok()?.positions();
     let jerk = |f: usize| {
+        // round the end: the frames after the last are the first
         let at = |i: usize, j: usize| places[(f + i) % frames * joints + j];
         let third = |j: usize| at(3, j) - at(2, j) * 3.0 + at(1, j) * 3.0 - at(0, j);
         (0..joints).map(|j| third(j).length()).sum::<f64>() / joints as f64 * clip.fps().powi(3)
     };
+    // a jerk needs four frames, all of them given
     let mut usual: Vec<f64> = (0..gap.start.checked_sub(3)?).map(jerk).collect();
     usual.sort_by(f64::total_cmp);
     let high = *usual.get((usual.len() as f64 * 0.99) as usize)?;

@@ -38,11 +38,11 @@ pub(crate) struct ResolvedSpan {
 
 /// The spans of an edit, and the mask that they make.
 pub(crate) struct ResolvedSpans {
-    /// What is given.
+    /// The spans of given joints.
     pub given: Vec<ResolvedSpan>,
-    /// What is free.
+    /// The spans of free joints.
     pub free: Vec<ResolvedSpan>,
-    /// What is given in the end.
+    /// The joints that are given in the end.
     pub mask: Mask,
 }
 
@@ -78,6 +78,7 @@ impl Mask {
         let given = given.iter().map(|span| resolve("given", span)).collect::<Result<Vec<_>>>()?;
         let free = free.iter().map(|span| resolve("free", span)).collect::<Result<Vec<_>>>()?;
         let model_fps = scale.model_fps.unwrap_or(scale.fps);
+        // free spans alone cut holes into the whole clip; given ones fill an empty one
         let begin = if given.is_empty() { coded } else { 0 };
         let mut mask = Mask { given: vec![begin; scale.frames], coded, rates: (scale.fps, model_fps) };
         for span in &given {
@@ -126,6 +127,7 @@ impl Mask {
     pub(crate) fn at_model_rate(&self, frames: usize, of_clip: usize) -> Mask {
         let (own, model) = self.rates;
         let nearest =
+            // the model's last frame may be after the file's last
             |frame: usize| ((frame as f64 * own / model).round() as usize).min(self.frames().saturating_sub(1));
         let at = |frame: usize| self.given.get(nearest(frame)).copied().filter(|_| frame < of_clip).unwrap_or(0);
         Mask { given: (0..frames).map(at).collect(), coded: self.coded, rates: (model, model) }
@@ -155,6 +157,7 @@ pub(crate) fn runs_of<T: PartialEq>(frames: usize, of: impl Fn(usize) -> T) -> V
 }
 
 fn bits(joints: &[usize]) -> u32 {
+    // 24 joints fit into 32 bits
     joints.iter().fold(0, |bits, &joint| bits | 1 << joint)
 }
 

@@ -45,7 +45,7 @@ pub struct PreparedEdit {
     pub frames: usize,
     /// Frames that are written, without those left out.
     written: usize,
-    /// What is given at the model's rate.
+    /// The given joints at the model's rate.
     mask: Mask,
     /// (C) the joint of each character.
     joints: Vec<usize>,
@@ -61,7 +61,7 @@ pub(crate) struct ClosedGaps {
     pub clip: Clip,
     /// The errors at the ends of gaps, before they were spread.
     pub errors: Vec<ClosingError>,
-    /// What was done to feet, gap by gap.
+    /// The changes by foot locking, gap by gap.
     pub locked: Vec<FootLock>,
 }
 
@@ -101,6 +101,7 @@ impl PreparedEdit {
         };
         let spans = Mask::resolve(given, free, scale, tokenizer, &prompt.motion)?;
         // frames of the model within these of the file
+        // 1e-9: a whole number may come out just below itself
         let within = |frames: usize| ((frames - 1) as f64 * fps / clip.fps() + 1e-9) as usize + 1;
         let known = seam.as_ref().map_or(prompt.frames(), |seam| within(seam.frames()));
         if let Some(frames) = frames.filter(|&frames| seam.is_some() && frames != known) {
@@ -123,6 +124,7 @@ impl PreparedEdit {
                 *spans = resolved.iter().map(|resolved| resolved.span.clone()).collect();
             }
         }
+        // rounded up: the last frame of the file needs a frame of the model at or after it
         let reach = ((clip.frames() - 1) as f64 * fps / clip.fps() - 1e-9).ceil() as usize + 1;
         let frames = longer.unwrap_or(reach).max(reach);
         let own = seam.as_ref().map_or(clip.frames(), LoopSeam::frames);
@@ -138,7 +140,7 @@ impl PreparedEdit {
         self.known
     }
 
-    /// What is given at the model's rate.
+    /// The given joints at the model's rate.
     pub(crate) fn mask(&self) -> &Mask {
         &self.mask
     }
@@ -172,6 +174,7 @@ impl PreparedEdit {
     ) -> Result<ClosedGaps> {
         let uncoded: Vec<usize> = (0..24).filter(|&joint| !self.mask.is_coded(joint)).collect();
         let truth = extended(&prompt.clip, self.frames)?;
+        // before the dance is merged in, which has no motion of its own for uncoded joints
         let truth = gap::bridge(&truth, &uncoded, &self.gaps(), &mean_pose(&prompt.clip))?;
         let dance = tokenizer.decode(words, UncodedPose::Clip(&prompt.clip))?.raised(prompt.under_m);
         let dance = dance.slice(lead_in.min(dance.frames())..dance.frames());
@@ -180,6 +183,7 @@ impl PreparedEdit {
         let mut dance = gap::aligned(&dance, &truth, &self.mask)?;
         let mut locked = Vec::new();
         if lock_feet {
+            // before the gaps are closed, so that what locking moves is part of the error that is spread
             (dance, locked) = feet::lock_gaps(&dance, &truth, &self.mask, prompt.ground_m()?)?;
         }
         let (clip, errors) = gap::close(&dance, &truth, &self.mask)?;
@@ -223,6 +227,7 @@ impl PreparedEdit {
             return Ok((self.whole.clone().with_clip(clip), None));
         }
         let clip = clip.slice(0..self.written);
+        // the appended beginning was only there to be met
         changed.root.truncate(self.written);
         changed.joints.truncate(self.written * clip.joints());
         let (clip, changed) = match self.seam {

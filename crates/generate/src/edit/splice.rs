@@ -20,6 +20,7 @@ impl RigJoints {
     /// Of a retargeting between a rig and SMPL-24.
     pub fn of(retarget: &Retarget) -> RigJoints {
         let mut smpl = vec![None; retarget.rig().joints()];
+        // from the last on: of SMPL joints that share a joint of the rig the one with the lowest id counts
         for id in (0..24).rev() {
             if let Some(joint) = retarget.joint(id) {
                 smpl[joint] = Some(id);
@@ -62,6 +63,7 @@ pub(crate) fn splice(
     let whole = extended(clip, frames)?;
     let (mut root, mut rotations) = (whole.root().to_vec(), whole.rotations().to_vec());
     let mut changed = Changed { before: 0, root: vec![false; frames], joints: vec![false; frames * j] };
+    // half a gap at most, so that the blends of both ends don't overlap
     let blend = |gap: &Range<usize>| (blend_s * fps).min(gap.len() as f64 / 2.0);
     let ends = |gap: &Range<usize>| (gap.start.checked_sub(1), Some(gap.end).filter(|&end| end < frames));
     for gap in Mask::runs(frames, |f| !mask.is_given(f, 0)) {

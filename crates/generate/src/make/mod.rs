@@ -1,7 +1,7 @@
 //! Dances made: sampled, the best of several chosen, decoded with their feet locked, and the bytes and the sidecar of each.
 //!
-//! The program, the studio, the package for Python and the demos open a request and call [`OpenRequest::make`]; they say what
-//! came, and write it where it belongs.
+//! The program, the studio, the package for Python and the demos open a request and call [`OpenRequest::make`]; they
+//! report the result and write it to its place.
 
 mod preview;
 
@@ -40,17 +40,17 @@ impl<'a> Making<'a> {
 pub struct BestOf<'a> {
     /// Dances that are sampled.
     pub samples: usize,
-    /// What compares them.
+    /// The judge that compares them.
     pub judge: &'a dyn Judge,
 }
 
-/// What chooses among sampled dances: `kinelm_evaluate::dance::judge`.
+/// Chooses among sampled dances: `kinelm_evaluate::dance::judge`.
 pub trait Judge {
     /// The best `count`, best first, each with its number among them, from 0. They are measured as if they were read back from
     /// a file named `out`.
     ///
     /// # Errors
-    /// What writing, reading and coding the dances fails with.
+    /// Errors of writing, reading and coding the dances.
     fn best(&self, open: &OpenRequest, sampled: &[Words], out: &Path, count: usize) -> Result<Vec<(usize, Best)>>;
 }
 
@@ -104,7 +104,7 @@ pub struct Dances {
     pub chosen: Vec<Chosen>,
     /// Tokens that were guessed ahead.
     pub guessed: u64,
-    /// How many of the guesses were right.
+    /// The number of right guesses.
     pub right: u64,
 }
 
@@ -130,10 +130,10 @@ pub struct Dance<'a> {
 }
 
 impl OpenRequest {
-    /// Makes dances: samples them, chooses the best where that is asked for, and gives them to be decoded.
+    /// Makes dances: samples them, chooses the best where that is requested, and returns them to be decoded.
     ///
     /// # Errors
-    /// What sampling and the judge fail with; [`kinelm_store::Error::Stopped`] when `watch` stopped it.
+    /// Errors of sampling and of the judge; [`kinelm_store::Error::Stopped`] when `watch` stopped it.
     pub fn make(&self, making: &Making<'_>, watch: &mut Watch<'_>) -> Result<Dances> {
         let outs = making.outs;
         let samples = making.best.as_ref().map_or(outs.len(), |best| best.samples);
@@ -159,6 +159,7 @@ impl OpenRequest {
             _ => (0..samples).map(|number| (number, None)).collect(),
         };
         let chosen = ranked.into_iter().zip(outs).map(|((number, best), out)| {
+            // a judge names each dance once
             let words = std::mem::take(&mut words[number]);
             Chosen { out: out.clone(), number, words, best }
         });
@@ -168,7 +169,7 @@ impl OpenRequest {
     /// One dance, to be written to `out`, that nobody watches.
     ///
     /// # Errors
-    /// What sampling and decoding fail with.
+    /// Errors of sampling and decoding.
     pub fn make_one(&self, out: &Path) -> Result<Dance<'_>> {
         let outs = [out.to_owned()];
         self.make(&Making::of(&outs), &mut unwatched)?.chosen.remove(0).decode(self)
@@ -177,7 +178,7 @@ impl OpenRequest {
     /// Makes one dance and writes it with its sidecar. The extension says the format.
     ///
     /// # Errors
-    /// What sampling and decoding fail with; a file in the way that is no dance with its sidecar, see [`Outputs::write`].
+    /// Errors of sampling and decoding; a file in the way that is no dance with its sidecar, see [`Outputs::write`].
     pub fn write(&self, out: impl AsRef<Path>) -> Result<()> {
         let is_file = |path: &Path| Ok(sidecar::is_beside_its_file(path) || sidecar::has_hash_of(path)?);
         let dances = Ours { is_marked: |_| false, is_file, owner: |_| None };

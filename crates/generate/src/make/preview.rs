@@ -1,7 +1,7 @@
 //! Frames of a dance while it is sampled, each decoded once: a sketch, in which no foot is locked and no end of a gap closed.
 //!
-//! Steps and turns of the root are coded from the frame before, so frames that are decoded without their beginning are right but
-//! for where they stand and face. The last frame that is out is decoded again with the new ones, and says that.
+//! Steps and turns of the root are coded from the frame before, so frames decoded without their beginning are right but
+//! for position and heading. The last frame that was shown is decoded again with the new ones, which gives both.
 
 use crate::Result;
 use crate::open::OpenRequest;
@@ -10,7 +10,7 @@ use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 
 /// The sampled part of a dance on SMPL-24, at the model's rate.
 pub struct Preview {
-    /// As which the joints move that the tokenizer doesn't code.
+    /// The clip from which uncoded joints take their motion.
     rest: Clip,
     words: Words,
     /// Words of the whole dance.
@@ -58,7 +58,7 @@ impl Preview {
         self.next_by(&open.tokenizer, |clip| open.standing(clip))
     }
 
-    /// The same; `standing` puts the first frames, lead-in included, where the dance stands, and leaves the lead-in out.
+    /// The same; `standing` moves the first frames, lead-in included, to the dance's place, and drops the lead-in.
     fn next_by(&mut self, tokenizer: &Tokenizer, standing: impl FnOnce(Clip) -> Result<Clip>) -> Result<Option<Clip>> {
         let (length, reach) = (tokenizer.frames_per_word(), tokenizer.scheme().reach());
         let sampled = self.words.len() * length;
@@ -75,6 +75,7 @@ impl Preview {
         self.decoded += words.len() * length;
         let first = from * length;
         let held = self.rest.frames().min(first + words.len() * length);
+        // at least one frame of it, which decoding holds to the end
         let rest = self.rest.slice(first.min(self.rest.frames().saturating_sub(1))..held);
         let clip = tokenizer.decode(&words, UncodedPose::Clip(&rest))?;
         let clip = match self.last {
@@ -85,6 +86,7 @@ impl Preview {
                 let new = clip.slice(before + 1..end - first);
                 let root = new.root().iter().map(|p| turn * (*p - there) + at).collect();
                 let mut rotations = new.rotations().to_vec();
+                // normalised, as the turn is multiplied from chunk to chunk
                 rotations.iter_mut().step_by(24).for_each(|pelvis| *pelvis = (turn * *pelvis).normalize());
                 Clip::new(new.skeleton().clone(), new.fps(), root, rotations)?
             }
@@ -144,7 +146,7 @@ mod tests {
                 }
             }
             assert_eq!((frame, preview.shown()), (lead_in + frames, frames));
-            // of every look one new word, and the two or three that say where it stands
+            // in each call one new word, and the two or three from which its place follows
             let looks = words.len() * (3 + tokenizer.scheme().reach().div_ceil(tokenizer.frames_per_word()));
             let most = looks * tokenizer.frames_per_word() + lead_in;
             assert!(preview.decoded <= most, "{} of {most} frames", preview.decoded);

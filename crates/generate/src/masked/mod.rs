@@ -59,6 +59,7 @@ pub fn fill(
                 dance.fill(&window, model)?;
             }
         }
+        // reported in step: a word is done when all dances have it
         let whole = all.iter().map(|dance| dance.whole).min().unwrap_or(plan.words);
         for word in done..whole {
             let last: Vec<Vec<u32>> = all.iter().map(|dance| dance.word(word).to_vec()).collect();
@@ -90,6 +91,7 @@ impl<'a> Dance<'a> {
             let (word, tokens) = (at / length, at % length);
             let begun = plan.beginning(dance).get(at).copied();
             let known = begun.or_else(|| plan.given(word, tokens));
+            // a space is the only id of its slot: it is never masked
             known.or_else(|| plan.grammar.only(slot(tokens))).unwrap_or(Special::Mask.id())
         };
         let ids = (0..plan.words * length).map(known).collect();
@@ -112,8 +114,8 @@ impl<'a> Dance<'a> {
         self.whole = open.unwrap_or(self.plan.words);
     }
 
-    /// The window of at most `most` words to fill next; `None` where the dance is whole. Where the tokens in front change, a
-    /// window keeps nothing beyond.
+    /// The window of at most `most` words to fill next; `None` where the dance is whole. Where the front changes, a
+    /// window stores nothing beyond.
     fn window(&self, most: usize) -> Option<Window> {
         let window = Window::next(self.whole, self.plan.words, most, &|word| self.is_open(word))?;
         let changes = self.plan.fronts.iter().map(|(word, _)| *word).find(|word| *word > self.whole);

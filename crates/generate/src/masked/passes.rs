@@ -19,7 +19,7 @@ struct Sampled {
 }
 
 impl Dance<'_> {
-    /// Fills a window, and keeps what it keeps.
+    /// Fills a window, and stores its words before `window.kept`.
     pub(super) fn fill(&mut self, window: &Window, model: &mut dyn MaskedModel) -> Result<()> {
         let tokens = window.words.start * self.length..window.words.end * self.length;
         let mut ids = self.ids[tokens.clone()].to_vec();
@@ -33,7 +33,9 @@ impl Dance<'_> {
             let logits = self.logits(front, &ids, model)?;
             let sample = |&at: &usize| self.sample(tokens.start, &ids, at, &logits);
             let mut sampled: Vec<Sampled> = open.par_iter().map(sample).collect::<Result<_>>()?;
+            // ties by position, so that threads and sort order change no dance
             sampled.sort_by(|a, b| b.certainty.total_cmp(&a.certainty).then(a.at.cmp(&b.at)));
+            // at least one stays in every pass, or a pass would repeat the one before
             let stay = sampled.len() - still_open(all, pass, passes).min(sampled.len() - 1);
             sampled[..stay].iter().for_each(|sampled| ids[sampled.at] = sampled.id);
             open = sampled[stay..].iter().map(|sampled| sampled.at).collect();

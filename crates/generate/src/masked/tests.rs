@@ -10,8 +10,8 @@ use std::ops::ControlFlow;
 
 const MASK: u32 = 3;
 
-/// Prefers in every slot what stands in the slot before it, plus one, modulo ten characters, where that is known, by as much as
-/// it is sure; keeps what it has read.
+/// Prefers in every slot the character of the slot before it, plus one, modulo ten characters, where that is known, by
+/// as much as it is sure; records what it has read.
 struct Following {
     context: usize,
     read: Vec<Vec<u32>>,
@@ -143,7 +143,7 @@ fn fronts_change_with_the_words_and_guidance_reads_twice() {
     let with = |front: u32| model.read.iter().filter(|window| window[1] == front).count();
     // 8 words a window: 0 to 5, 6 to 9, 10 and 11 under the first, 12 to 15, 16 to 19 under the second
     assert_eq!((with(4), with(9)), (6, 4));
-    // an unconditioned reading that knows nothing turns what is preferred up
+    // an unconditioned reading that knows nothing raises what is preferred
     let guidance = Guidance { scale: 2.0, unconditioned: vec![2] };
     let guided = SamplingPlan { guidance: Some(guidance), ..plan(4, &[], &[], 1) };
     let mut model = Following::new(40);

@@ -7,7 +7,7 @@ use std::ops::Range;
 pub(super) struct Window {
     /// Its words.
     pub words: Range<usize>,
-    /// What is filled in the words before this one is kept; the rest of the window is masked again.
+    /// Words before this one are stored as filled; the rest of the window is masked again.
     pub kept: usize,
 }
 
@@ -15,19 +15,20 @@ impl Window {
     /// The window for word `first`, the first of `words` words that is `open`: has masked characters.
     ///
     /// A run of open words that a window holds together with a word on either side is filled at once, in the window's middle.
-    /// Of a longer one a window takes the beginning: a quarter of the window lies before it, and what is filled in the last
-    /// quarter is not kept, since nothing is known after it. So windows of a long run are half a window apart.
+    /// Of a longer run a window takes the beginning: a quarter of the window is before it, and the fill of the last
+    /// quarter is discarded, since nothing is known after it. So the windows of a long run advance by half a window.
     pub fn next(first: usize, words: usize, most: usize, open: &dyn Fn(usize) -> bool) -> Option<Window> {
         if first >= words {
             return None;
         }
         let most = most.min(words);
-        // a run that goes on beyond a window needs no end
+        // a run that is longer than a window fits in no case, so its end needn't be searched for
         let seen = (first + most).min(words);
         let end = (first..seen).find(|&word| !open(word)).unwrap_or(seen);
         let with_sides = first.saturating_sub(1)..(end + 1).min(words);
         let fits = with_sides.len() <= most;
         let (before, after) = if fits { ((most - (end - first)) / 2, 0) } else { (most / 4, most / 4) };
+        // pushed back from the end of the dance: a shorter window would have less context
         let start = first.saturating_sub(before).min(words - most);
         Some(Window { words: start..start + most, kept: if fits { end } else { start + most - after } })
     }

@@ -1,4 +1,4 @@
-//! What a dance is conditioned on beside its own words: goals, the tempo of its music, and the unconditioned reading.
+//! The conditions of a dance beside its own words: goals, the tempo of its music, and the unconditioned reading.
 
 use crate::masked::MOST_PASSES;
 use crate::request::{Request, Resolved};
@@ -50,6 +50,7 @@ pub(super) fn add_tempo(
     conditions: &Conditions,
 ) -> Result<()> {
     let mut fields = request.labels.keys().chain(request.timed_labels.iter().map(|label| &label.field));
+    // what the user states wins over what was detected
     if fields.any(|field| field == tempo::FIELD) {
         return Ok(());
     }
@@ -71,6 +72,7 @@ pub(super) fn add_tempo(
 /// The tokens in front of the windows of the unconditioned reading, if the dance is guided.
 pub(super) fn unconditioned(request: &Resolved, run: &LoadedRun, conditions: &Conditions) -> Result<Option<Vec<u32>>> {
     let scale = request.guidance;
+    // the model as trained, for which one reading is enough
     if scale == 1.0 {
         return Ok(None);
     }

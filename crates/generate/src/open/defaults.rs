@@ -1,7 +1,7 @@
 //! Every option that a request leaves open is decided here, and only here.
 //!
 //! [`without_inputs`] decides what reading the inputs needs, [`decide`] all else, once they are read. Constants of single
-//! rooms stand there: [`TOP_P`], [`FIRST_FRAMES`], [`PASSES`], [`crate::sampler::GUESSES`].
+//! rooms are defined there: [`TOP_P`], [`FIRST_FRAMES`], [`PASSES`], [`crate::sampler::GUESSES`].
 
 use super::inputs::Inputs;
 use super::prompt::PreparedPrompt;
@@ -31,7 +31,7 @@ pub const MUSIC_GUIDANCE: f64 = 3.0;
 /// The same of a model conditioned on sound features: at higher scales some dances fly apart.
 pub const FEATURE_GUIDANCE: f64 = 2.0;
 
-/// [`crate::sampling::Sampling::top_p`] of a dance whose frames all have joints given after free ones. The given joints keep
+/// [`crate::sampling::Sampling::top_p`] of a dance all of whose frames have joints given after free ones. These keep
 /// such a dance going, and less chance leaves less to go wrong; a dance by itself would freeze sooner
 /// (docs/results/two-level.md, "Truncation").
 pub const GIVEN_TOP_P: f64 = 0.8;
@@ -123,7 +123,7 @@ pub(super) fn decide(request: Request, inputs: &Inputs) -> Result<(Resolved, Opt
             None if is_given => UncodedJoints::Follow,
             None => UncodedJoints::Training,
         },
-        // the dance stands where its prompt does, if something of one is given that isn't edited
+        // a dance that a prompt gives part of begins at the prompt's place; an edit is at it anyway
         placement: prompt.filter(|_| is_given && !is_edited).and_then(|prompt| Placement::of(&prompt.clip.clip)),
         feet: request.feet.unwrap_or(if has_leg { FootMode::Off } else { FootMode::Lock }),
         computing: request.computing.unwrap_or_default(),

@@ -1,4 +1,4 @@
-//! What a request names, read, and refused where it can't be danced to.
+//! The inputs that a request names, read and checked.
 
 use kinelm_store::Subject;
 use super::conditions::add_tempo;
@@ -45,7 +45,7 @@ fn check(request: &Request) -> Result<()> {
     Ok(())
 }
 
-/// What a request names, read.
+/// The inputs that a request names, read.
 pub(super) struct Inputs {
     pub run: LoadedRun,
     pub tokenizer: Tokenizer,
@@ -54,7 +54,7 @@ pub(super) struct Inputs {
     pub music: Option<OpenMusic>,
     /// F, frames of the dance at the model's rate.
     pub frames: usize,
-    /// The tokens in front of windows, each with the frame from which on they stand there.
+    /// The fronts of windows, each with its first frame.
     pub fronts: Vec<(usize, Vec<u32>)>,
 }
 
@@ -75,6 +75,7 @@ impl Inputs {
             Length::Frames(frames) => frames,
             Length::Seconds(seconds) => (seconds * fps).round().max(1.0) as usize,
         });
+        // before the prompt is read, so that a length of years costs no time
         check_frames(requested.unwrap_or(0))?;
         let from = request.prompt.as_ref().and_then(|prompt| prompt.from_frame);
         let prompt = request.prompt.as_mut();
@@ -114,6 +115,7 @@ pub(super) fn check_candidates(request: &Resolved) -> Result<()> {
 fn frames_of(prompt: Option<&PreparedPrompt>, music: Option<&OpenMusic>, fps: f64) -> Option<usize> {
     let of_prompt = |p: &PreparedPrompt| p.edit.as_ref().map_or(p.clip.frames(), PreparedEdit::known);
     let is_given = |p: &&PreparedPrompt| p.edit.is_some() || !p.given.is_empty();
+    // 1e-6: seconds that are whole frames may come out just below one
     let of_music = music.map(|music| (music.seconds() * fps + 1e-6).floor().max(1.0) as usize);
     prompt.filter(is_given).map(of_prompt).or(of_music).or(prompt.map(of_prompt))
 }

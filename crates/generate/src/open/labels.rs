@@ -10,7 +10,7 @@ use kinelm_motion::moment::Timebase;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// The tokens in front of a dance's windows, each with the frame from which on they stand there; the first from 0. `always`
+/// The fronts of a dance's windows, each with its first frame; the first from 0. `always`
 /// holds throughout, `timed` for a time each.
 ///
 /// # Errors
@@ -36,6 +36,7 @@ pub(crate) fn fronts(
         }
         spans.push(frames);
     }
+    // conditioning is constant between two borders
     let mut borders: Vec<usize> = spans.iter().flat_map(|s| [s.start, s.end]).chain([0]).collect();
     borders.sort_unstable();
     borders.dedup();
@@ -47,6 +48,7 @@ pub(crate) fn fronts(
     };
     let fronts = borders.into_iter().filter(|&frame| frame == 0 || frame < scale.frames).map(front);
     let mut fronts = fronts.collect::<Result<Vec<_>>>()?;
+    // a border at which nothing changes is none: windows of a masked model end at changes
     fronts.dedup_by(|b, a| a.1 == b.1);
     Ok(fronts)
 }

@@ -45,7 +45,7 @@ pub struct OpenRequest {
     pub frames: usize,
     /// The model's labels.
     conditions: Conditions,
-    /// The tokens in front of windows, `<bos>` and the labels, each with the frame from which on they stand there.
+    /// The fronts of windows, `<bos>` and the labels, each with its first frame.
     fronts: Vec<(usize, Vec<u32>)>,
     /// The same with every label unknown, where the dance is guided.
     unconditioned: Option<Vec<u32>>,
@@ -93,7 +93,7 @@ impl OpenRequest {
     /// Reads what a resolved request names; of the run's checkpoints the one that `which` selects.
     ///
     /// # Errors
-    /// What reading the run, the prompt and the music fails with; options outside their ranges; passes of a causal model, or
+    /// Errors of reading the run, the prompt and the music; options outside their ranges; passes of a causal model, or
     /// none of a masked one; labels that the model doesn't know; guidance without labels or music; goal guidance of a model
     /// without goals; music for a model that isn't conditioned on any, or that ends too soon; joints that aren't coded; a
     /// prompt of which nothing is given, or that is too short to continue from; no length; more frames than memory holds;

@@ -27,7 +27,7 @@ pub struct PreparedPrompt {
     pub beginning: Vec<u32>,
     /// Frames of which something is given: all if joints are, those of the first words if they are, else none.
     pub frames: usize,
-    /// What stays and what is generated, if the clip is edited.
+    /// The given and the generated parts, if the clip is edited.
     pub edit: Option<PreparedEdit>,
 }
 
@@ -99,6 +99,7 @@ impl PreparedPrompt {
             _ => Vec::new(),
         };
         let beginning = request.from_frame.map(|n| clip.beginning(tokenizer, n)).transpose()?.unwrap_or_default();
+        // taken out, as preparing it borrows the rest of the request
         let mut edit = request.edit.take();
         let mut seam = None;
         if let Some(looping) = edit.as_ref().and_then(|edit| edit.looping) {

@@ -85,7 +85,7 @@ impl OpenRequest {
         frames.div_ceil(length) + self.resolved.lead_in / length
     }
 
-    /// What the sampler is to do for `variations` dances.
+    /// The sampling plan of `variations` dances.
     fn plan(&self, variations: usize) -> Result<SamplingPlan> {
         let request = &self.resolved;
         let length = self.tokenizer.frames_per_word();
@@ -115,6 +115,7 @@ impl OpenRequest {
         (plan.lead_in, plan.first_frames) = (lead_in, request.first_frames);
         plan.passes = request.passes.unwrap_or(1);
         (plan.goal_guidance, plan.inputs_hash) = (request.goal_guidance, self.inputs_hash());
+        // the first front holds for the lead-in too
         let from_word = |frame: usize| if frame == 0 { 0 } else { lead_in + frame.div_ceil(length) };
         plan.fronts = self.fronts.iter().map(|(frame, front)| (from_word(*frame), front.clone())).collect();
         let unconditioned = self.unconditioned.clone();
@@ -129,6 +130,7 @@ impl OpenRequest {
         }
         let encoder = GoalEncoder::of(&self.tokenizer)?;
         let front = lead_in * encoder.characters();
+        // the lead-in has no goals: its codes are placeholders that are never given
         let codes = [vec![0; front], encoder.codes(ids)].concat();
         let goals = GoalTrack::new(encoder, codes, [&vec![false; front], given].concat(), lead_in);
         Ok(Some(goals).filter(GoalTrack::has_goals))
@@ -150,6 +152,7 @@ impl OpenRequest {
         for i in 0..sampled.ids.len() {
             let words = self.words(sampled, i);
             let closed = edit.close(&words, &prompt.clip, self.resolved.lead_in, &self.tokenizer, false)?;
+            // strictly less: of equals the first, and NaN never wins
             if closed.total_error() < best.0 {
                 best = (closed.total_error(), i);
             }

@@ -1,4 +1,4 @@
-//! What the random streams of a dance derive from beside the seed.
+//! The inputs of a dance's random streams beside the seed.
 //!
 //! Dances with the same random numbers come to move alike whatever they began from: the numbers choose a small step or a
 //! large one in the same slots, and earlier frames leave the model's window. So the streams derive from what a dance is given

@@ -1,4 +1,4 @@
-//! How far the given joints of a dance are from the prompt's, on the prompt's own rig.
+//! The distance of the given joints of a dance from the prompt's, on the prompt's own rig.
 //!
 //! A given joint is only where its ancestors leave it. So it is measured in the frame of its nearest free ancestor, of the
 //! pelvis where no coded joint between is free.
@@ -46,6 +46,7 @@ pub(crate) fn free_ancestors_of_span(edit: &PreparedEdit, span: &ResolvedSpan) -
     let mut seen = BTreeSet::new();
     for frame in span.frames.clone() {
         let is_free = |j: usize| mask.is_coded(j) && !mask.is_given(frame, j);
+        // spans have few different frames: each combination is followed once
         if seen.insert((0..24).map(is_free).collect::<Vec<bool>>()) {
             found.extend(ancestors(|j| span.joints.contains(&j) && !is_free(j), is_free));
         }

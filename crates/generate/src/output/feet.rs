@@ -5,7 +5,7 @@ use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, FootLock, lock};
 use kinelm_motion::joints::{LEGS, Selection};
 
-/// What foot locking must not move: the first `frames` frames, and the given joints.
+/// The parts that foot locking must not move: the first `frames` frames, and the given joints.
 pub(super) fn fixed(given: Option<&Selection>, frames: usize) -> FixedParts {
     let has = |joints: &[usize]| given.is_some_and(|given| given.joints.iter().any(|j| joints.contains(j)));
     let root = given.is_some_and(|given| given.translation || given.joints.contains(&0));

@@ -1,4 +1,4 @@
-//! How likely a dance is under the model that generated it.
+//! The likelihood of a dance under the model that generated it.
 
 use crate::open::OpenRequest;
 use crate::{Error, Result};
@@ -26,6 +26,7 @@ impl OpenRequest {
             let ids = self.tokenizer.ids_of_words(dance)?;
             let ends = ids.iter().enumerate().filter(|(_, id)| **id == SPACE).map(|(at, _)| at as u32 + 1);
             let mut starts: Vec<u32> = std::iter::once(0).chain(ends).collect();
+            // the last space begins no word
             starts.pop();
             let words = ClipWords::Varying { starts: &starts, tokens: ids.len() };
             let mut nats = 0.0;
@@ -35,6 +36,7 @@ impl OpenRequest {
                 let length = window.tokens + front.len() - 1;
                 let (mut input, mut target) = (vec![pad; length], vec![pad; length]);
                 fill_sequence(&ids[window.start..][..window.tokens], front, pad, &mut input, &mut target);
+                // scored by the window before
                 target[..front.len() - 1 + window.scored.start].fill(pad);
                 let mut scored = vec![0.0; length];
                 let windows = TokenWindows { inputs: &input, targets: &target, length, conditioning: None };

@@ -30,7 +30,7 @@ use std::sync::Arc;
 pub struct Generated {
     /// On its rig, at its rate.
     pub motion: Motion,
-    /// What was done to its feet, gap by gap where a clip is edited. Frames are [`Generated::locked_fps`] per second.
+    /// The changes by foot locking, gap by gap where a clip is edited. Frames are [`Generated::locked_fps`] per second.
     pub locked: Vec<FootLock>,
     /// The rate at which feet were locked.
     pub locked_fps: f64,
@@ -57,7 +57,7 @@ impl Generated {
 
 impl OpenRequest {
     /// Words as a motion on the requested rig, at the requested rate, to be written to `out`. A clip that is edited keeps its
-    /// floor; every other dance stands on y = 0.
+    /// floor; the floor of every other dance is y = 0.
     ///
     /// # Errors
     /// Words that are not this tokenizer's; a rig that no skeleton map knows; a rate that is none.
@@ -66,6 +66,7 @@ impl OpenRequest {
             return self.edited(words, prompt, edit, out);
         }
         let motion = self.decoded(words, out)?;
+        // before the feet are locked: a curve through locked frames would slide between them
         let clip = resample_held(&motion.clip, self.resolved.fps, Method::Smooth)?;
         let motion = motion.with_clip(clip);
         let generated = |motion: Motion, locked: Vec<FootLock>| {
@@ -85,7 +86,7 @@ impl OpenRequest {
         Ok(generated(motion, vec![locked]))
     }
 
-    /// Decoded frames from the first on, lead-in included, where the dance stands that is watched while it is sampled.
+    /// Decoded frames from the first on, lead-in included, moved to the dance's place: a preview during sampling.
     pub(crate) fn standing(&self, clip: Clip) -> Result<Clip> {
         let clip = self.placed(clip)?;
         let Some((prompt, edit)) = self.edit() else { return Ok(clip) };
@@ -118,7 +119,7 @@ impl OpenRequest {
         prompt.clip.on_own_rig(&clip, about_m, base.as_ref())
     }
 
-    /// The clip of words on the model's rig, where it is to stand: on y = 0, unless it is an edit.
+    /// The clip of words on the model's rig, in its place: on y = 0, unless it is an edit.
     fn clip(&self, words: &Words) -> Result<Clip> {
         self.placed(self.tokenizer.decode(words, UncodedPose::Clip(&self.rest()?))?)
     }

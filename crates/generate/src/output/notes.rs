@@ -1,4 +1,4 @@
-//! What a user should know of a dance that was generated.
+//! Notes for the user on a generated dance.
 
 use super::Generated;
 use super::distance::given_distance;
@@ -62,7 +62,7 @@ impl OpenRequest {
     /// distance of the given joints from the prompt's, as a line to print.
     ///
     /// # Errors
-    /// What reading and coding the file `out` fails with.
+    /// Errors of reading and coding the file `out`.
     pub fn read_back_note(&self, words: &Words, out: &Path) -> Result<Option<String>> {
         let given = self.on_own_rig().filter(|(prompt, _)| !prompt.given.is_empty());
         let Some((prompt, _)) = given else { return Ok(None) };

@@ -32,6 +32,7 @@ impl Placement {
     pub fn put(&self, dance: &Clip, given: RootGiven) -> Result<Clip> {
         let Some(first) = dance.root().first().map(|p| Vec3::new(p.x, 0.0, p.z)) else { return Ok(dance.clone()) };
         let turn = self.heading.zip(heading(dance.pose(0)[0])).map_or(0.0, |(wanted, found)| wanted - found);
+        // a given heading is the prompt's already: turning it would leave the prompt's path
         let turn = if given.heading { Quat::IDENTITY } else { Quat::from_rotation_y(turn) };
         let (from, to) = (if given.path { Vec3::ZERO } else { first }, Vec3::new(self.x, 0.0, self.z));
         let root = dance.root().iter().map(|p| turn * (*p - from) + to).collect();

@@ -1,4 +1,4 @@
-//! What a user should know of an open request: joints that are taken from the prompt or free, and the music.
+//! Notes for the user on an open request: joints that are taken from the prompt or free, and the music.
 
 use super::distance::{free_ancestors, free_ancestors_of_span};
 use crate::Result;

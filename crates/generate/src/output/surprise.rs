@@ -22,7 +22,7 @@ impl OpenRequest {
     /// nothing of a prompt is given, of a masked model, and for a run that doesn't store how surprising these are.
     ///
     /// # Errors
-    /// What the model fails with; a damaged file.
+    /// Errors of the model; a damaged file.
     pub fn surprise_note(&self) -> Result<Option<String>> {
         let path = self.resolved.run.join(HELD_OUT);
         let given = self.prompt.as_ref().filter(|prompt| !prompt.lends() && !self.is_masked());

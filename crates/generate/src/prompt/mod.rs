@@ -37,7 +37,7 @@ impl PromptClip {
     /// Reads a prompt.
     ///
     /// # Errors
-    /// What reading fails with; a rig that no skeleton map knows; a clip without frames, or that can't be coded.
+    /// Errors of reading; a rig that no skeleton map knows; a clip without frames, or that can't be coded.
     pub fn load(path: &Path, options: &ReadOptions, tokenizer: &Tokenizer) -> Result<PromptClip> {
         PromptClip::of(ModelClip::load(path, options, tokenizer.config().into())?, tokenizer)
     }
@@ -51,6 +51,7 @@ impl PromptClip {
     }
 
     fn of(placed: ModelClip, tokenizer: &Tokenizer) -> Result<PromptClip> {
+        // coded on y = 0, decoded and raised again: the words don't depend on the file's floor
         let lowered = placed.lowered();
         let ModelClip { mut motion, clip, floor_m, clip_floor_m: under_m, sha256 } = placed;
         if clip.frames() == 0 {
@@ -77,7 +78,7 @@ impl PromptClip {
     /// The same prompt with another motion of the same rig, rate and first frame.
     ///
     /// # Errors
-    /// What retargeting and coding fail with.
+    /// Errors of retargeting and coding.
     pub(crate) fn with_motion(self, motion: Motion, tokenizer: &Tokenizer) -> Result<PromptClip> {
         let clip = resample(&retarget::to_smpl(&motion)?, tokenizer.fps(), Method::Auto)?;
         let words = tokenizer.encode(&clip.clone().raised(-self.under_m))?.words;
@@ -100,7 +101,7 @@ impl PromptClip {
         }
     }
 
-    /// What a decoded dance that follows the clip's path is raised by to stand on y = 0, metres; `first_m` is the height of its
+    /// How far a decoded dance that follows the clip's path is raised to y = 0, metres; `first_m` is the height of its
     /// first frame, which is the clip's, above the floor or not as the tokenizer codes heights.
     ///
     /// # Errors
@@ -140,9 +141,9 @@ impl PromptClip {
         Ok(tokenizer.ids_of_words(&tokenizer.encode(&clip)?.words.slice(0..whole - unsettled))?)
     }
 
-    /// A dance on SMPL-24 that stands on y = 0, retargeted to the prompt's own rig, as it will be written: about the height
-    /// `about_m` of that rig, metres. Joints that no SMPL joint stands for move as in `base`, a clip on that rig, or stay in the
-    /// rest pose.
+    /// A dance on SMPL-24 with its floor at y = 0, retargeted to the prompt's rig as it will be written, about the
+    /// height `about_m` of that rig, metres. Joints without an SMPL joint move as in `base`, a clip on that rig, or
+    /// hold the rest pose.
     ///
     /// # Errors
     /// A rig that no skeleton map knows.
@@ -191,7 +192,7 @@ fn height_warning(coded: &Encoded, frames: usize) -> Option<Warning> {
 /// sampled: its rate is no multiple of the tokenizer's.
 ///
 /// # Errors
-/// What reading, retargeting and coding fail with.
+/// Errors of reading, retargeting and coding.
 pub fn read_back(
     dance: &Path,
     request: &Resolved,

@@ -6,7 +6,7 @@ use kinelm_motion::rotation::{nearest_sign, slerp};
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
 use kinelm_tokenizer::Tokenizer;
 
-/// How long the joints take to their mean, seconds.
+/// The time in which the joints reach their mean, seconds.
 const SETTLING_S: f64 = 0.5;
 
 /// What the joints do that the tokenizer doesn't code: as in this clip on SMPL-24, frame by frame, after its end as in its last
@@ -50,6 +50,7 @@ pub(crate) fn mean_pose(clip: &Clip) -> Vec<Quat> {
         let zero = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
         let near = |f: usize| nearest_sign(clip.pose(f)[j], first);
         let sum = (0..clip.frames()).fold(zero, |sum, f| sum + near(f));
+        // rotations that cancel have no mean
         if sum.length_squared() > 1e-12 { sum.normalize() } else { first }
     };
     (0..clip.joints()).map(mean).collect()

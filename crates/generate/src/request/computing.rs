@@ -1,4 +1,4 @@
-//! Where and how the model computes.
+//! The device and the form that compute a model.
 
 use crate::Result;
 use kinelm_model::{Compute, ReaderOptions};

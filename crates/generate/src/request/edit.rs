@@ -36,7 +36,7 @@ impl Edit {
     }
 }
 
-/// What returns to the beginning at the end of a loop.
+/// The parts that return to the beginning at the end of a loop.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -52,7 +52,7 @@ pub enum LoopKind {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Loop {
-    /// What returns to the beginning.
+    /// The parts that return to the beginning.
     pub kind: LoopKind,
     /// Seconds at the end that are generated. `None`: [`Loop::OVER_S`].
     pub over_s: Option<f64>,

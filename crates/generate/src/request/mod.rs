@@ -23,7 +23,7 @@ use crate::sampling::Sampling;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// What is requested of a model. [`crate::open::OpenRequest::open`] decides every option that is `None`.
+/// A request to a model. [`crate::open::OpenRequest::open`] decides every option that is `None`.
 ///
 /// ```
 /// use kinelm_generate::request::{Length, Request};
@@ -49,12 +49,12 @@ pub struct Request {
     /// Scale of guidance towards the goals after gaps, 0 to 10; 1 is the model as trained. `None`:
     /// [`crate::open::GOAL_GUIDANCE`] where the model is goal-conditioned and a gap ends, else 0.
     pub goal_guidance: Option<f64>,
-    /// How long the dance is. `None`: as long as what is given of the prompt, else as the music, else as the prompt.
+    /// Length of the dance. `None`: that of the given part of the prompt, else of the music, else of the prompt.
     pub length: Option<Length>,
     /// Frames per second of the file that is written, on a smooth curve through the model's frames. `None`: the prompt's, else
     /// [`crate::open::FPS`]. An edit at the rate of its file keeps the file's numbers.
     pub fps: Option<f64>,
-    /// What an unprompted dance continues from. `None`: a second of a train clip where the run stores some.
+    /// The lead-in of an unprompted dance. `None`: a second of a train clip where the run stores some.
     pub lead_in: Option<LeadInKind>,
     /// Candidates for the first frame. `None`: [`crate::sampler::FIRST_FRAMES`] where some joints of it are given after
     /// free ones.
@@ -64,7 +64,7 @@ pub struct Request {
     pub passes: Option<usize>,
     /// Seed of the random streams: the same request with the same seed gives the same dance. `None`: [`crate::open::SEED`].
     pub seed: Option<u64>,
-    /// What the random streams derive from beside the seed. `None`: [`Seeding::Inputs`].
+    /// Inputs of the random streams beside the seed. `None`: [`Seeding::Inputs`].
     pub seeding: Option<Seeding>,
     /// How free characters are sampled. Where none of its rules truncates, `top_p` is chosen:
     /// [`crate::sampling::TOP_P`], or [`crate::open::GIVEN_TOP_P`] where joints are given from end to end, or
@@ -75,9 +75,9 @@ pub struct Request {
     /// What the joints do that the model doesn't code. `None`: they follow the prompt if something of it is given, else hold
     /// the mean of the training clips.
     pub uncoded_joints: Option<UncodedJoints>,
-    /// What is done to the feet. `None`: locked unless a leg is given.
+    /// Foot locking. `None`: locked unless a leg is given.
     pub feet: Option<FootMode>,
-    /// Where and how the model computes. `None`: [`Computing::default`].
+    /// The device and the form that compute the model. `None`: [`Computing::default`].
     pub computing: Option<Computing>,
 }
 

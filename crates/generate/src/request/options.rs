@@ -4,7 +4,7 @@ use kinelm_motion::Clip;
 use kinelm_motion::rotation::heading;
 use serde::{Deserialize, Serialize};
 
-/// How long a dance is.
+/// Length of a dance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Length {
     /// In frames at the model's rate.
@@ -13,7 +13,7 @@ pub enum Length {
     Seconds(f64),
 }
 
-/// What an unprompted dance continues from.
+/// The lead-in of an unprompted dance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum LeadInKind {
@@ -23,7 +23,7 @@ pub enum LeadInKind {
     None,
 }
 
-/// What the random streams of a dance derive from.
+/// Inputs of a dance's random streams.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Seeding {
@@ -45,7 +45,7 @@ pub enum Rig {
     Prompt,
 }
 
-/// What is done to the feet of a dance after decoding.
+/// Foot locking of a dance after decoding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -57,7 +57,7 @@ pub enum FootMode {
     Lock,
 }
 
-/// What the joints do that the tokenizer doesn't code.
+/// Motion of the joints that the tokenizer doesn't code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -75,7 +75,7 @@ pub enum UncodedJoints {
     Follow,
 }
 
-/// Where the first frame of a prompt stands and how it faces, on the model's body.
+/// Position and heading of a prompt's first frame, on the model's body.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Placement {

@@ -39,7 +39,7 @@ pub struct PromptRequest {
     /// Clips arranged in time, composed into one clip on the file's rig; that clip is edited instead of the file itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timeline: Option<Timeline>,
-    /// What stays and what is generated, instead of `joints` and `from_frame`.
+    /// The given and the generated parts, instead of `joints` and `from_frame`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edit: Option<Edit>,
 }

@@ -52,26 +52,26 @@ pub struct Resolved {
     pub passes: Option<usize>,
     /// Seed of the random streams.
     pub seed: u64,
-    /// What the random streams derive from beside the seed.
+    /// Inputs of the random streams beside the seed.
     pub seeding: Seeding,
     /// How free characters are sampled.
     pub sampling: Sampling,
     /// The rig that the dance is written on.
     pub rig: Rig,
-    /// What the joints do that the tokenizer doesn't code.
+    /// Motion of the joints that the tokenizer doesn't code.
     pub uncoded_joints: UncodedJoints,
-    /// Where the prompt stands, and with it the dance; `None`: as decoded, at x = z = 0.
+    /// The prompt's place, which is the dance's too; `None`: as decoded, at x = z = 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub placement: Option<Placement>,
-    /// What is done to the feet.
+    /// Foot locking.
     #[serde(default, skip_serializing_if = "is_default")]
     pub feet: FootMode,
-    /// Where and how the model computes.
+    /// The device and the form that compute a model.
     pub computing: Computing,
 }
 
 impl Resolved {
-    /// What it names, as a request.
+    /// The request that resolves to it.
     pub fn request(&self) -> Request {
         Request {
             run: self.run.clone(),
@@ -89,7 +89,7 @@ impl Resolved {
 
     /// How the dance is read from `dance`, the file that it was written to: at its own rate, whole. An edited clip is its
     /// prompt's file with other numbers, so it keeps the floor, and the frames that reading leaves out of the prompt are left
-    /// out of it too. Every other dance stands on y = 0.
+    /// out of it too. The floor of every other dance is y = 0.
     pub fn read_back(&self, dance: &Path) -> ReadOptions {
         let on_rig = self.prompt.as_ref().filter(|_| self.rig == Rig::Prompt);
         let own = output_read_options(dance, on_rig.map(|prompt| (&*prompt.path, &prompt.read)));

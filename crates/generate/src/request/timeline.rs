@@ -15,7 +15,7 @@ pub struct Timeline {
     /// The time that is generated between one clip and the next. Default 1 second.
     #[serde(default = "default_transition")]
     pub transition: At,
-    /// How long the dance is. Default: up to the end of the last segment.
+    /// Length of the dance. Default: up to the end of the last segment.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<At>,
     /// The clips by name.

@@ -56,6 +56,7 @@ pub(super) fn best_seeds(
     // what is given at the end of the first word is read with the second
     let words = plan.words.min(2);
     let music = plan.music[..plan.music_width() * words].to_vec();
+    // without guesses, whose rows the scores would count
     let begun = Arc::new(SamplingPlan { words, music, guesses: 0, ..plan.clone() });
     let mut best: Vec<(f64, u64)> = seeds.iter().map(|&seed| (f64::NEG_INFINITY, seed)).collect();
     let mut prefix = Vec::new();
@@ -63,6 +64,7 @@ pub(super) fn best_seeds(
         let own: Vec<u64> = seeds.iter().map(|&seed| candidate_seed(seed, candidate)).collect();
         let scored = scored(model, &begun, &own, &mut prefix)?;
         for ((best, sequence), seed) in best.iter_mut().zip(&scored.sequences).zip(own) {
+            // the first candidate has the dance's own seed, and wins ties
             if sequence.log_likelihood() > best.0 {
                 *best = (sequence.log_likelihood(), seed);
             }

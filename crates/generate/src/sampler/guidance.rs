@@ -17,6 +17,7 @@ pub struct Guidance {
 /// Turns the conditioned logits into the guided ones, at scale g. A token that is impossible in either reading stays so.
 pub(crate) fn mix(scale: f64, conditioned: &mut [f32], unconditioned: &[f32]) {
     for (c, &u) in conditioned.iter_mut().zip(unconditioned) {
+        // minus infinity less minus infinity is NaN
         *c = match c.is_infinite() || u.is_infinite() {
             true => c.min(u),
             false => (f64::from(u) + scale * (f64::from(*c) - f64::from(u))) as f32,

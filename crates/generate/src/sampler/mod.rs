@@ -38,7 +38,7 @@ pub struct SampledTokens {
     pub lookahead: Vec<Vec<(usize, u32)>>,
     /// Tokens that were guessed ahead.
     pub guessed: u64,
-    /// How many of the guesses were right.
+    /// The number of right guesses.
     pub right: u64,
 }
 
@@ -115,7 +115,7 @@ impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
         Ok(Sampler { parts, words: plan.words, yielded: 0, has_failed: false })
     }
 
-    /// What has been sampled so far.
+    /// The tokens sampled so far.
     pub(crate) fn into_tokens(self) -> SampledTokens {
         let mut all = SampledTokens::default();
         for sequence in self.parts.into_iter().flat_map(|part| part.batch.sequences) {
@@ -168,6 +168,7 @@ fn at_once<T: Send, R: Send>(all: Vec<T>, each: impl Fn(T) -> Result<R> + Sync +
     if all.len() < 2 {
         return all.into_iter().map(each).collect();
     }
+    // one task a model, and all run to their end: which error is the first doesn't depend on timing
     let done: Vec<Result<R>> = all.into_par_iter().with_max_len(1).map(each).collect();
     done.into_iter().collect()
 }
@@ -260,6 +261,7 @@ impl Batch {
     /// Reads the model once and samples what its logits allow to.
     fn step(&mut self, model: &mut (impl NextToken + ?Sized)) -> Result<()> {
         let guesses = if model.is_exact() { self.plan.guesses } else { 0 };
+        // a guided dance has two streams: the conditioned one, then the other
         let each = self.plan.streams();
         for (i, sequence) in self.sequences.iter_mut().enumerate() {
             let read = sequence.prepare(guesses);

@@ -96,6 +96,7 @@ impl NextToken for Vec<Cache> {
 
     fn read(&mut self, blocks: &[&[u32]], wanted: Logits, logits: &mut Vec<f32>) -> Result<()> {
         logits.clear();
+        // an empty block has no logits, as of a [`Reader`]
         for (cache, block) in self.iter_mut().zip(blocks).filter(|(_, block)| !block.is_empty()) {
             match wanted {
                 Logits::Last => logits.extend(cache.read(block)?),

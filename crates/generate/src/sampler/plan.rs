@@ -1,4 +1,4 @@
-//! What the sampler is to do.
+//! The plan of a sampling.
 
 use super::guidance::Guidance;
 use super::model::NextToken;
@@ -27,7 +27,7 @@ pub fn check_frames(frames: usize) -> Result<()> {
     }
 }
 
-/// What the sampler is to do. Words count from the first lead-in word; a word has C characters and a space.
+/// The plan of a sampling. Words count from the first lead-in word; a word has C characters and a space.
 #[derive(Debug, Clone)]
 pub struct SamplingPlan {
     /// Words to sample, the lead-in included.
@@ -46,7 +46,7 @@ pub struct SamplingPlan {
     pub lookahead: Vec<bool>,
     /// (P, C + 1) ids of the P words that given characters come from, spaces included. Later words are free.
     pub prompt: Vec<u32>,
-    /// The conditioning tokens in front of every window, `<bos>` first, each with the word from which on they stand there:
+    /// The fronts of windows, conditioning tokens with `<bos>` first, each with its first word:
     /// ascending from 0, all of one length.
     pub fronts: Vec<(usize, Vec<u32>)>,
     /// Classifier-free guidance; `None`: the model as trained, in half the time.
@@ -124,6 +124,7 @@ impl SamplingPlan {
     pub(super) fn is_flagged(&self, flags: &[bool], word: usize, slot: usize) -> bool {
         let characters = self.grammar.tokens_per_word().map_or(0, |word| word - 1);
         let Some(prompted) = word.checked_sub(self.lead_in) else { return false };
+        // (C) flags hold for every word, (P, C) for the prompt's
         let word = if flags.len() > characters { prompted } else { 0 };
         slot < characters && flags.get(word * characters + slot).copied().unwrap_or(false)
     }

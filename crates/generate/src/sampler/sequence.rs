@@ -1,4 +1,4 @@
-//! One dance being sampled: what of its window the model has read, what it reads next, what is sampled from the logits.
+//! One dance being sampled: how much of its window the model has read, what it reads next, and what its logits give.
 
 use super::goals::GoalConditioning;
 use super::{NextToken, SamplingPlan};
@@ -14,7 +14,7 @@ pub(super) struct Sequence {
     seed: u64,
     /// Tokens that a window holds.
     context: usize,
-    /// Which of the plan's fronts stands before the window.
+    /// Index of the window's front among the plan's.
     front: usize,
     /// Words that a window holds, if all have one length.
     window_words: Option<usize>,
@@ -28,7 +28,7 @@ pub(super) struct Sequence {
     first: usize,
     /// Tokens of the window that the model has read.
     read: usize,
-    /// What the model reads next: the unread part of the window, then the guesses.
+    /// The tokens that the model reads next: the unread part of the window, then the guesses.
     block: Vec<u32>,
     /// The same for the unconditioned reading, if there is one.
     unconditioned: Vec<u32>,
@@ -47,7 +47,7 @@ pub(super) struct Sequence {
     goals: Option<GoalConditioning>,
     /// Tokens guessed so far.
     pub guessed: u64,
-    /// How many of the guesses were right.
+    /// The number of right guesses.
     pub right: u64,
 }
 
@@ -106,7 +106,7 @@ impl Sequence {
         self.is_scored
     }
 
-    /// Begins behind what is given before the first free slot, which the model has read and scored.
+    /// Begins after what is given before the first free slot, which the model has read and scored.
     pub(crate) fn skip_prefix(&mut self, log_likelihood: f64) {
         // the last of it is read again, for its logits
         self.read = self.window() - 1;
@@ -118,7 +118,7 @@ impl Sequence {
         (self.ids, self.lookahead)
     }
 
-    /// What the model reads next; nothing when the dance is done.
+    /// The tokens that the model reads next; none when the dance is done.
     pub(crate) fn block(&self) -> &[u32] {
         &self.block
     }
@@ -217,6 +217,7 @@ impl Sequence {
             return false;
         }
         self.lookahead.extend(ahead.into_iter().map(|at| (at, self.ids[at])));
+        // or the same word would be taken back again
         self.looked_ahead = self.words() + 1;
         self.ids.truncate(start);
         self.slot = Slot::default();
@@ -239,6 +240,7 @@ impl Sequence {
     fn move_by_words(&mut self) {
         let (Some(most), word) = (self.window_words, self.plan.grammar.tokens_per_word().unwrap_or(1)) else { return };
         if self.slot == Slot::default() && self.ids.len() - self.first == most * word {
+            // the younger half stays: a move by one word would read the whole window for every word
             self.first = self.starts[self.words() - (most - most / 2)];
             self.read = 0;
         }
@@ -250,6 +252,7 @@ impl Sequence {
         while self.window_words.is_none() && self.window() > self.context {
             let half = self.first + (self.context / 2).max(1);
             let words = &self.starts[..self.starts.partition_point(|&s| s < self.ids.len())];
+            // the first word from the middle on, else the last one that isn't the window's first
             let next = words.get(words.partition_point(|&s| s < half)).or(words.last().filter(|&&s| s > self.first));
             self.first = next.copied().unwrap_or(half);
             self.read = 0;
@@ -277,7 +280,7 @@ impl Sequence {
             return;
         }
         let front = self.plan.fronts.get(self.front).map_or(&[][..], |(_, front)| front);
-        // of a front that is read, the last token is read again where the first slot behind it is free
+        // where the first slot after the front is free, the front's last token is read again for its logits
         self.block.extend_from_slice(front.get(self.read..).unwrap_or_default());
         self.block.extend_from_slice(&self.ids[self.first + self.read.saturating_sub(front.len())..]);
         // a new window is read without guesses: logits would be computed for all its rows
@@ -340,6 +343,7 @@ impl Sequence {
         // tokens of the guesses that have turned out right
         let mut right = 0;
         loop {
+            // counted from the end, as the block may be read with its last logits alone
             let row = (rows + right).checked_sub(1 + guesses.len());
             let row = row.and_then(|row| logits.get(row * vocabulary..(row + 1) * vocabulary)).unwrap_or_default();
             let id = self.sample(row)?;

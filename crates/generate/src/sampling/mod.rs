@@ -39,7 +39,7 @@ pub struct Sampling {
     /// Always the most likely id; of equals the first. Every other rule but the penalty is without effect then. Default
     /// false.
     pub greedy: bool,
-    /// Divides the probability of an id that stood in the same slot of one of the last `repetition_words` words; above 0,
+    /// Divides the probability of an id that was in the same slot of one of the last `repetition_words` words; above 0,
     /// 1: no penalty. Default 1.
     pub repetition_penalty: f64,
     /// Words that the penalty looks back. Default 20.
@@ -171,6 +171,7 @@ impl Sampling {
 pub(crate) fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -> f64 {
     let Some(mut all) = candidates(logits, allowed) else { return f64::NEG_INFINITY };
     centre(&mut all);
+    // centred, so that no exponential overflows and at least one is 1
     let own = all.iter().find(|candidate| candidate.id == id).map_or(f64::NEG_INFINITY, |own| own.logit);
     own - all.iter().map(|candidate| candidate.logit.exp()).sum::<f64>().ln()
 }

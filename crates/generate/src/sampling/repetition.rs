@@ -1,4 +1,4 @@
-//! Repetition penalty for words of motion: it applies to the ids that stood in the same slot of a recent word.
+//! Repetition penalty for words of motion: it applies to the ids that were in the same slot of a recent word.
 //!
 //! An id means nothing without its slot, so an id of another joint is no repetition. The probability of a repeated id is
 //! divided by the penalty, once, however often it occurred. The original (Keskar et al., "CTRL", 2019) divides positive

@@ -28,6 +28,7 @@ pub fn chart(layout: &TimelineLayout) -> String {
     for label in &layout.labels {
         let _ = writeln!(text, "label {label}");
     }
+    // a short dance has a column a frame
     let columns = layout.frames.clamp(1, WIDTH);
     for part in PARTS {
         let own = joints::parse(part).map(|s| s.joints).unwrap_or_default();

@@ -25,7 +25,7 @@ impl TimelineLayout {
         ReadOptions { skip: 0, rest: RestFrame::Keep, up, floor, ..self.rig.own.options() }
     }
 
-    /// What the clips give of the dance.
+    /// The spans that the clips give.
     pub(crate) fn given(&self) -> Vec<Span> {
         let span = |segment: &PlacedSegment| {
             let [from, to] = [segment.frames.start, segment.frames.end].map(|f| Some(Moment::Frames(f as f64)));
@@ -82,6 +82,7 @@ impl TimelineLayout {
                 let left_out = self.clips[&segment.clip].left_out;
                 Some((of_segment[n]?, left_out + segment.at + frame - segment.frames.start))
             });
+            // rows need words in every column before `spliced` writes the new numbers over them
             Some(given.unwrap_or(of_rig))
         };
         let text = source.composed(&pieces, self.frames, words);

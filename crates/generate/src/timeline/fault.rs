@@ -1,8 +1,8 @@
-//! What is wrong with a timeline.
+//! Faults of a timeline.
 
 use crate::Error;
 
-/// What is wrong with a timeline, and where.
+/// A fault of a timeline, and where it is.
 pub(super) enum Fault {
     /// A segment, counted from 0: found, expected.
     Segment(usize, String, String),

@@ -80,7 +80,7 @@ pub struct TimelineLayout {
     pub fps: f64,
     /// Labels, in seconds of the dance.
     pub labels: Vec<TimedLabel>,
-    /// What the user should know.
+    /// Notes for the user.
     pub notes: Vec<String>,
     /// The clip that lends its rig.
     pub(super) rig: TimelineRig,
@@ -165,6 +165,7 @@ impl TimelineLayout {
                 .ok_or_else(|| Fault::Segment(n, format!("clip = \"{clip}\""), format!("one of the clips: {known}")))?;
             placed.push(place(n, clip, segment, read, &rig.motion, &mut notes)?);
         }
+        // in time, as `make_room` and `join` look at pairs of an earlier and a later one
         placed.sort_by_key(|p| (p.frames.start, p.index));
         make_room(&mut placed, (transition * fps).round() as usize, fps)?;
         let (mut labels, labelled) = timed_labels(&timeline.segments, fps)?;
@@ -231,6 +232,7 @@ impl ClipFile {
         let on_smpl = resample(&retarget::to_smpl(&motion)?, fps, Method::Auto)?;
         let mut last = 0.0;
         let headings = (0..on_smpl.frames()).map(|f| {
+            // a body that points straight up has no heading, and keeps its last
             last = heading(on_smpl.pose(f)[0]).unwrap_or(last);
             last
         });
@@ -302,6 +304,7 @@ fn make_room(placed: &mut [PlacedSegment], transition: usize, fps: f64) -> Resul
             if room == 0 || b.continues(a) {
                 continue;
             }
+            // the larger half from the earlier segment, and the largest cut of all its neighbours
             cuts[first].1 = cuts[first].1.max(room - room / 2);
             cuts[second].0 = cuts[second].0.max(room / 2);
         }
@@ -334,6 +337,7 @@ fn join(segments: &mut [PlacedSegment], clips: &BTreeMap<String, ReadClip>, fps:
                 let [leaving, arriving] = [Quat::from_rotation_y(last.turn), Quat::from_rotation_y(segment.turn)];
                 let speed =
                     (leaving * speed(&from.clip, end, false) + arriving * speed(&read.clip, segment.at, true)) / 2.0;
+                // + 1: from the last frame of one to the first of the next
                 let s = ((segment.frames.start - last.frames.end + 1) as f64 / fps).min(MOVES_ON_S);
                 let there = leaving * from.clip.root()[end] + last.shift + speed * s;
                 segment.shift = (there - arriving * first).with_y(-read.above_m);
@@ -349,6 +353,7 @@ fn speed(clip: &Clip, frame: usize, after: bool) -> Vec3 {
     let steps = ((SPEED_S * clip.fps()).round() as usize).max(1);
     let other = if after { (frame + steps).min(clip.frames() - 1) } else { frame.saturating_sub(steps) };
     let (from, to) = if after { (frame, other) } else { (other, frame) };
+    // no frame beyond: at the clip's end, or in a clip of one frame
     if from == to {
         return Vec3::ZERO;
     }

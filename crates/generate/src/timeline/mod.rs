@@ -104,6 +104,7 @@ impl Timeline {
                     let words = words.map(|words| (clip.file.display().to_string(), words));
                     notes.extend(sidecar::describe_all(words.as_slice()));
                 }
+                // a broken sidecar costs its options, not the timeline
                 Err(e) => notes.push(e.to_string()),
             }
             (name, clip)

@@ -1,4 +1,4 @@
-//! What a layout gives of some joints, and when: a row of a chart.
+//! The spans in which a layout gives some joints: a row of a chart.
 
 use super::layout::TimelineLayout;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! What frames are conditioned on beside the tokens read: goals and music.
+//! Conditioning of frames beside the tokens read: goals and music.
 
 use super::add_row;
 use super::numbers::Numbers;
@@ -65,6 +65,7 @@ impl Conditioning {
         let at = stream * self.frames + frame;
         self.is_set[at] = goal.is_some() || !music.is_empty();
         let numbers = &mut self.numbers[at * self.numbers_per_frame..][..self.numbers_per_frame];
+        // `clear` only lowers the flags: numbers of an earlier setting may still be here
         numbers.fill(0.0);
         if let Some(goal) = goal {
             numbers[..self.goal].copy_from_slice(goal.numbers);
@@ -100,6 +101,7 @@ impl Conditioning {
         }
         let numbers =
             &self.numbers[(stream * self.frames + frame) * self.numbers_per_frame..][..self.numbers_per_frame];
+        // most numbers are 0 and cost nothing: a slot without a goal has four
         for (&number, row) in numbers.iter().zip(matrix.chunks_exact(x.len())).filter(|(number, _)| **number != 0.0) {
             x.iter_mut().zip(row).for_each(|(x, y)| *x += number * y);
         }

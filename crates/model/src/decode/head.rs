@@ -19,7 +19,7 @@ enum Table {
 
 const TABLES: [Table; 3] = [Table::Absolute, Table::Circular, Table::Clamped];
 
-/// Where the logits of a row come from.
+/// The source of a row's logits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Task {
     /// Those of all tokens.
@@ -53,6 +53,7 @@ impl Task {
         match self {
             Task::All => product.copy(row, 0, logits),
             Task::Round { first, count, bin } => {
+                // bin b is column (b - bin) mod count: those below `bin` are the table's last columns
                 let (low, high) = logits[first..first + count].split_at_mut(bin);
                 product.copy(row, count - bin, low);
                 product.copy(row, 0, high);
@@ -111,6 +112,7 @@ impl Head {
         };
         let places = words.places().iter();
         let steps = places.map(|bins| of(bins.count, if bins.circular { circular } else { clamped }));
+        // the space of every word is predicted over all ids
         (steps.sum::<usize>() + self.absolute.bytes()) / (words.places().len() + 1)
     }
 
@@ -123,7 +125,7 @@ impl Head {
         }
     }
 
-    /// Where the logits after input `i` of the sequence `ids` come from.
+    /// The source of the logits after input `i` of the sequence `ids`.
     fn task(&self, ids: &[u32], i: usize) -> Task {
         let known = |steps: &StepTables| Some((steps.words.bin(ids, i, 1)?, steps.words.steps()));
         let Some(((bins, bin), steps)) = self.steps.as_ref().and_then(known) else { return Task::All };
@@ -144,11 +146,13 @@ impl Head {
     ) {
         let (before, vocabulary) = (logits.len(), self.vocabulary);
         let tasks = rows.map(|(ids, i)| self.task(ids, i)).enumerate();
+        // a step reaches the bins of one slot: all other ids stay impossible
         logits.resize(before + tasks.clone().count() * vocabulary, f32::NEG_INFINITY);
         for table in TABLES {
             let Some(matrix) = self.table(table) else { continue };
             let mine = || tasks.clone().filter(|(_, task)| task.table() == table);
             let needed = mine().map(|(_, task)| task.columns(vocabulary));
+            // one range for all rows: a product by pieces per row would read the table once for each
             let needed = needed.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end));
             let Some(needed) = needed else { continue };
             let product = stack.product(matrix, mine().map(|(row, _)| row), needed);

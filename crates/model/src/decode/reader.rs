@@ -73,9 +73,11 @@ impl Reader {
         Reader::split(gpt, options, |bytes| {
             let groups = options.streams / each;
             let count = groups.min(rayon::current_num_threads());
+            // beyond the caches a weight comes from memory once per reader, and shared reads win
             if count < 2 || bytes > CACHED || !options.streams.is_multiple_of(each) {
                 return vec![options.streams];
             }
+            // groups that the threads don't divide: the first readers get one more
             (0..count).map(|i| each * (groups / count + usize::from(i < groups % count))).collect()
         })
     }
@@ -125,7 +127,7 @@ impl Reader {
         either!(&mut self.decoder, truncate(stream, length));
     }
 
-    /// Sets the conditioning of a frame of a sequence, its goals and its music (M), before the last token in front of the
+    /// Sets the conditioning of a frame of a sequence, its goals and its music (M), before the last token before the
     /// frame is read; `None` and empty: none. A flat model has no conditioning.
     ///
     /// # Errors
@@ -221,6 +223,7 @@ impl Scores for Reader {
         for ((inputs, targets), out) in windows {
             (0..self.streams()).for_each(|stream| self.truncate(stream, 0));
             let mut blocks = vec![&[][..]; self.streams()];
+            // the other streams stay empty: windows are scored one after the other
             blocks[0] = inputs;
             let logits = self.read(&blocks, Logits::All)?;
             cross_entropy::nats(&mut nats[..out.len()], logits, targets, pad);

@@ -34,7 +34,7 @@ fn ids(n: usize, seed: u64) -> Vec<u32> {
 fn apart(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len());
     let largest = |x: &mut dyn Iterator<Item = f32>| x.fold(0.0, |m: f32, x| m.max(x.abs()));
-    // minus infinity is minus infinity
+    // equal infinities: their difference would be NaN
     let apart = largest(&mut a.iter().zip(b).map(|(a, b)| if a == b { 0.0 } else { a - b }));
     apart / largest(&mut b.iter().copied().filter(|x| x.is_finite())).max(f32::MIN_POSITIVE)
 }
@@ -45,7 +45,7 @@ fn truth(gpt: &Gpt, sequences: &[Vec<u32>]) -> Vec<Vec<f32>> {
         let input = Tensor::new(ids.as_slice(), &Device::Cpu).unwrap().unsqueeze(0).unwrap();
         let mut logits = gpt.predict(&input).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
         if !gpt.config().architecture.is_flat() {
-            // what follows a token of the front isn't known to a decoder of frames
+            // a two-level model predicts no label: those rows are zeros
             logits[..(gpt.tokens().front - 1) * gpt.tokens().vocabulary].fill(0.0);
         }
         logits
@@ -361,7 +361,7 @@ fn rows_that_nobody_needs_are_not_computed() {
         (frames, frame, rows)
     };
     assert_eq!(progress(&reader), (3, 2, 3));
-    // rows and frames that still hold are kept
+    // rows and frames of the tokens that stay aren't computed again
     reader.truncate(0, 14);
     assert_eq!(progress(&reader), (3, 2, 2));
     reader.truncate(0, 12);

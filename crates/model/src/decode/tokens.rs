@@ -22,7 +22,7 @@ pub(super) struct TokenDecoder {
     tokens: Vec<u32>,
     /// Positions of those tokens and of the next, T + 1 per stream; empty where no words are counted.
     at: Vec<WordPosition>,
-    wanted: Vec<LogitRow>,
+    pending: Vec<LogitRow>,
     logits: Vec<f32>,
 }
 
@@ -79,7 +79,7 @@ impl Weights {
             missing: tokens.pad as usize,
             step: numbers.floats("previous.step.weight"),
         });
-        // every token behind the front may be a word
+        // words of varying length may have one token each, and 0 is the front
         let angles = is_rotary.then(|| Angles::new(context + 1, width / config.heads));
         let stack = Stack { layers: config.layers, heads: config.heads, width };
         Ok(Weights {
@@ -127,7 +127,7 @@ impl TokenDecoder {
             lengths: vec![0; streams],
             tokens: vec![0; streams * context],
             at: vec![WordPosition::default(); streams * counted],
-            wanted: Vec::with_capacity(stack.free()),
+            pending: Vec::with_capacity(stack.free()),
             logits: Vec::with_capacity(streams * weights.vocabulary),
             weights,
             stack,
@@ -150,6 +150,7 @@ impl TokenDecoder {
 
     /// A stream forgets all but its first `length` tokens.
     pub fn truncate(&mut self, stream: usize, length: usize) {
+        // keys and ids after it stay: the next read overwrites them before a row attends to them
         self.lengths[stream] = self.lengths[stream].min(length);
     }
 
@@ -167,20 +168,22 @@ impl TokenDecoder {
         for (stream, block) in blocks.iter().enumerate() {
             let mut rest = *block;
             while !rest.is_empty() {
-                let (tokens, behind) = rest.split_at(rest.len().min(self.stack.free()));
+                let (tokens, after) = rest.split_at(rest.len().min(self.stack.free()));
                 let (n, place) = (tokens.len(), self.lengths[stream]);
                 let row = self.stack.push(Run { stream, place, rows: n });
                 self.embed(row, tokens, stream);
+                // after `embed`, which counts the piece's places from the old length
                 self.lengths[stream] += n;
                 let first = match logits {
                     Logits::All => 0,
-                    Logits::Last => n - usize::from(behind.is_empty()),
+                    // only the piece with the block's last token has the row whose logits are returned
+                    Logits::Last => n - usize::from(after.is_empty()),
                 };
-                self.wanted.extend((first..n).map(|i| LogitRow { row: row + i, stream, place: place + i }));
+                self.pending.extend((first..n).map(|i| LogitRow { row: row + i, stream, place: place + i }));
                 if self.stack.free() == 0 {
                     self.pass();
                 }
-                rest = behind;
+                rest = after;
             }
         }
         if self.stack.rows() > 0 {
@@ -207,6 +210,7 @@ impl TokenDecoder {
                 for (x, (place, &id)) in x.chunks_exact_mut(width).zip((first..).zip(tokens)) {
                     if place < weights.front {
                         add_row(x, front, place);
+                        // words are counted from the end of the front
                         at[place + 1] = WordPosition::default();
                         continue;
                     }
@@ -222,7 +226,7 @@ impl TokenDecoder {
                     at[place + 1] = counter.next(at[place], id);
                 }
                 if word.is_none() {
-                    // the front stands in no word: it isn't rotated
+                    // tokens of the front belong to no word: they aren't rotated
                     for (position, place) in self.stack.positions_mut(row).iter_mut().zip(first..) {
                         *position = if place < weights.front { 0 } else { 1 + at[place].word as u32 };
                     }
@@ -238,17 +242,17 @@ impl TokenDecoder {
         }
     }
 
-    /// Takes the rows through the stack and appends the logits that are wanted.
+    /// Takes the rows through the stack and appends the requested logits.
     fn pass(&mut self) {
         let weights = &self.weights;
         self.stack.forward(&weights.stack);
-        if !self.wanted.is_empty() {
-            self.stack.norm(&weights.norm, self.wanted.iter().map(|wanted| wanted.row));
+        if !self.pending.is_empty() {
+            self.stack.norm(&weights.norm, self.pending.iter().map(|pending| pending.row));
             let (tokens, context) = (&self.tokens, weights.context);
             let ids = |row: &LogitRow| (&tokens[row.stream * context..][..=row.place], row.place);
-            weights.head.logits(&mut self.logits, &mut self.stack, self.wanted.iter().map(ids));
+            weights.head.logits(&mut self.logits, &mut self.stack, self.pending.iter().map(ids));
         }
-        self.wanted.clear();
+        self.pending.clear();
         self.stack.clear();
     }
 }

@@ -1,13 +1,13 @@
 //! Decoding with a two-level model: a trunk over frames, and a decoder over the tokens of a frame.
 //!
-//! A frame is a word: C characters and its end, W = C + 1 tokens; K tokens stand in front of the first, labels after the
+//! A frame is a word: C characters and its end, W = C + 1 tokens; K tokens come before the first, labels after the
 //! first of them. Input i of a sequence, counted from the last of the front, is followed by slot c = i mod W of frame
 //! f = i div W.
 //!
 //! The **trunk** has a row per frame, made of the two frames before it, and attends to the rows of the frames before. The
 //! **frame decoder** has a row per token, made of the token just read, of the tokens in the same slot one and two frames
 //! back, and of the trunk's output; it attends to the rows of its own frame alone. So the wide trunk is paid for once per
-//! frame, and a prompt, of which only the last logits are wanted, costs no decoder rows but those of its last frame.
+//! frame, and a prompt, of which only the last logits are needed, costs no decoder rows but those of its last frame.
 
 use super::conditioning::{Conditioning, FrameConditioning};
 use super::head::Head;
@@ -34,7 +34,7 @@ pub(super) struct TwoLevelDecoder {
     trunk_rows: Vec<(usize, usize)>,
     inputs: Floats,
     conditioning: Conditioning,
-    wanted: Vec<LogitRow>,
+    pending: Vec<LogitRow>,
     logits: Vec<f32>,
 }
 
@@ -114,7 +114,7 @@ impl Weights {
             tables: SPELT.map(|name| numbers.floats(name)),
             decoder: numbers.stack(layout::SPELL, decoder, kind, None),
             norm: numbers.norm("norm", d),
-            // frames begin behind the last token of the front
+            // the front's last token alone is before the frames: labels aren't part of the decoder's sequence
             head: Head::new(numbers, config, tokens, 1, d, kind),
             frames,
         }
@@ -141,7 +141,7 @@ impl Weights {
         [self.trunk.stack().width, self.decoder.stack().width]
     }
 
-    /// Multiply-adds of so many rows of the trunk and of the frame decoder, about.
+    /// Approximate multiply-adds of `frames` rows of the trunk and `tokens` rows of the frame decoder.
     fn work(&self, frames: usize, tokens: usize) -> usize {
         let [wide, d] = self.widths();
         let frame = self.trunk.work() + (self.input_width() + d) * wide;
@@ -180,7 +180,7 @@ impl TwoLevelDecoder {
 
     fn new(weights: Arc<Weights>, gpt: &Gpt, numbers: &Numbers, kv: KvKind, streams: usize) -> TwoLevelDecoder {
         let (window, word, [_, d]) = (weights.window, weights.frames.word(), weights.widths());
-        // a stream of the decoder can have rows of many frames in a pass, but keeps the keys of one
+        // a stream of the decoder can have rows of many frames in a pass, but its cache holds the keys of one
         let rows = window * streams * word;
         let decoder = StackDecoder::new(&weights.decoder, kv, streams, word, rows, weights.head.widest());
         let trunk = StackDecoder::new(&weights.trunk, kv, streams, window, window * streams, d);
@@ -191,7 +191,7 @@ impl TwoLevelDecoder {
             trunk_rows: Vec::with_capacity(trunk.free()),
             inputs: Floats::new(trunk.free() * weights.input_width()),
             conditioning: Conditioning::new(numbers, gpt.config(), streams, window, word),
-            wanted: Vec::with_capacity(decoder.free()),
+            pending: Vec::with_capacity(decoder.free()),
             logits: Vec::with_capacity(streams * weights.vocabulary),
             trunk,
             decoder,
@@ -248,6 +248,7 @@ impl TwoLevelDecoder {
             *length += block.len();
         }
         self.logits.clear();
+        // `frames` never exceeds what the inputs need: `truncate` and `condition` lower both
         let frames = self.progress.iter().map(|p| p.inputs(skipped).div_ceil(word) - p.frames).sum();
         let tokens = blocks.iter().map(|block| block.len()).sum();
         in_pool(self.weights.work(frames, tokens), || {
@@ -289,6 +290,7 @@ impl TwoLevelDecoder {
         let sequence = &self.tokens[front + weights.skipped..][..self.progress[stream].inputs(weights.skipped)];
         let labels = &self.tokens[front + 1..=front + weights.skipped];
         let rows = self.trunk.rows_mut(first);
+        // one copy, since the rows are consecutive frames of one stream
         rows.copy_from_slice(&weights.positions[frame * width..][..rows.len()]);
         let inputs = self.inputs[first * wide..].chunks_exact_mut(wide);
         for ((x, input), frame) in rows.chunks_exact_mut(width).zip(inputs).zip(frame..) {
@@ -310,13 +312,14 @@ impl TwoLevelDecoder {
             let context = &mut self.contexts[(stream * weights.window + frame) * d..][..d];
             product.copy(row, 0, context);
             let labels = &self.tokens[stream * weights.context()..][1..=weights.skipped];
+            // once per frame rather than for each of its tokens
             Weights::add_labels(context, &weights.labels[1], labels);
             self.conditioning.add(context, stream, frame, &self.conditioning.decoder);
         }
         self.trunk.clear();
     }
 
-    /// Decoder rows of the frames whose logits are wanted, up to the last token read.
+    /// Decoder rows of the frames whose logits are requested, up to the last token read.
     fn read_tokens(&mut self, blocks: &[&[u32]], logits: Logits) {
         let Weights { skipped, vocabulary, .. } = *self.weights;
         let word = self.weights.frames.word();
@@ -326,9 +329,10 @@ impl TwoLevelDecoder {
                 Logits::All => length - block.len(),
                 Logits::Last => length - 1,
             };
+            // of the tokens read now, those before the front's last
             let unknown = length.min(skipped).saturating_sub(first);
             if unknown > 0 {
-                // logits stand in the order of the streams
+                // rows of earlier streams are still pending, and logits go out in the streams' order
                 if self.decoder.rows() > 0 {
                     self.pass_decoder();
                 }
@@ -337,6 +341,7 @@ impl TwoLevelDecoder {
             let (first, end) = (first.max(skipped) - skipped, length.saturating_sub(skipped));
             for frame in first / word..end.div_ceil(word) {
                 if self.progress[stream].frame != frame {
+                    // the decoder holds the keys of one frame: those of another begin at row 0
                     self.progress[stream] = Progress { frame, rows: 0, ..self.progress[stream] };
                 }
                 self.read_frame(stream, end.min((frame + 1) * word), first);
@@ -347,13 +352,14 @@ impl TwoLevelDecoder {
         }
     }
 
-    /// The rows of the current frame of a stream up to input `end`; logits are wanted from input `first` on.
+    /// The rows of the current frame of a stream up to input `end`; logits are requested from input `first` on.
     fn read_frame(&mut self, stream: usize, end: usize, first: usize) {
         loop {
             let weights = &self.weights;
             let (word, [_, width]) = (weights.frames.word(), weights.widths());
             let Progress { frame, rows: done, .. } = self.progress[stream];
             let from = frame * word + done;
+            // `truncate` cut `rows` to the tokens that stay, so `from` is at most `end`
             let n = (end - from).min(self.decoder.free());
             if n == 0 {
                 break;
@@ -367,8 +373,8 @@ impl TwoLevelDecoder {
                 weights.tables.iter().zip(rows).for_each(|(table, row)| add_row(x, table, row));
                 self.conditioning.add_rows(x, stream, frame, i % word);
             }
-            let wanted = (from..from + n).zip(row..).filter(|&(place, _)| place >= first);
-            self.wanted.extend(wanted.map(|(place, row)| LogitRow { row, stream, place }));
+            let pending = (from..from + n).zip(row..).filter(|&(place, _)| place >= first);
+            self.pending.extend(pending.map(|(place, row)| LogitRow { row, stream, place }));
             self.progress[stream].rows += n;
             if self.decoder.free() == 0 {
                 self.pass_decoder();
@@ -376,18 +382,18 @@ impl TwoLevelDecoder {
         }
     }
 
-    /// Takes the rows through the frame decoder and appends the logits that are wanted.
+    /// Takes the rows through the frame decoder and appends the requested logits.
     fn pass_decoder(&mut self) {
         let weights = &self.weights;
         self.decoder.forward(&weights.decoder);
-        if !self.wanted.is_empty() {
-            self.decoder.norm(&weights.norm, self.wanted.iter().map(|wanted| wanted.row));
+        if !self.pending.is_empty() {
+            self.decoder.norm(&weights.norm, self.pending.iter().map(|pending| pending.row));
             let tokens = &self.tokens;
             let ids =
                 |row: &LogitRow| (&tokens[row.stream * weights.context() + weights.skipped..][..=row.place], row.place);
-            weights.head.logits(&mut self.logits, &mut self.decoder, self.wanted.iter().map(ids));
+            weights.head.logits(&mut self.logits, &mut self.decoder, self.pending.iter().map(ids));
         }
-        self.wanted.clear();
+        self.pending.clear();
         self.decoder.clear();
     }
 }

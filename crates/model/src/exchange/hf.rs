@@ -21,7 +21,7 @@ pub const CONFIG: &str = "config.json";
 const TOKENIZER_CONFIG: &str = "tokenizer_config.json";
 /// Our GELU by its name there: the tanh form.
 const GELU: [&str; 2] = ["gelu_new", "gelu_pytorch_tanh"];
-/// What stands in front of all names but the head's.
+/// The prefix of all names but the head's.
 const PREFIX: &str = "transformer.";
 const HEAD: (&str, &str) = ("head.weight", "lm_head.weight");
 const ABSOLUTE: (&str, &str) = ("position.absolute.weight", "wpe.weight");
@@ -46,6 +46,7 @@ fn names(layers: usize) -> Vec<(String, String)> {
     pair("norm", "ln_f");
     for layer in 0..layers {
         for (ours, theirs) in PARTS {
+            // GPT-2's Conv1D weights are (in, out) as ours, so nothing is transposed
             pair(&format!("{}.{ours}", layout::block_name(layer)), &format!("h.{layer}.{theirs}"));
         }
     }
@@ -127,6 +128,7 @@ fn to_json(value: &Value) -> Vec<u8> {
 
 fn config_json(config: &ModelConfig, tokens: &TokenLayout) -> Value {
     json!({
+        // AutoModel picks the class by this
         "architectures": ["GPT2LMHeadModel"],
         "model_type": "gpt2",
         "vocab_size": tokens.vocabulary,
@@ -147,6 +149,7 @@ fn config_json(config: &ModelConfig, tokens: &TokenLayout) -> Value {
         "bos_token_id": tokens.bos,
         "eos_token_id": Special::Eos.id(),
         "pad_token_id": tokens.pad,
+        // transformers reads `dtype` from 4.56 on, `torch_dtype` before
         "dtype": "float32",
         "torch_dtype": "float32",
         "use_cache": true,
@@ -167,7 +170,7 @@ fn tokenizer_json(config: &ModelConfig) -> Value {
     })
 }
 
-/// What is needed of `config.json`, with GPT-2's defaults.
+/// The keys of `config.json` that are read, with GPT-2's defaults.
 #[derive(Debug, Deserialize)]
 struct Config {
     model_type: String,
@@ -238,6 +241,7 @@ impl Config {
             positions: Positions::Absolute,
             previous_frame: Some(false),
             head: Some(HeadKind::Absolute),
+            // GPT2Config's default, which its files may leave out
             dropout: self.resid_pdrop.unwrap_or(0.1),
             tied_head: self.is_tied(),
             ..Default::default()
@@ -271,6 +275,7 @@ pub fn load(folder: &Path) -> Result<LoadedRun> {
         }
     };
     let wrong = |found: String, expected: String| Err(Error::file(folder.join(CONFIG), found, expected, ""));
+    // a padded table (to a multiple of 64, say) has rows that no token of ours names
     if about.tokens.vocabulary != config.vocab_size {
         return wrong(
             format!("vocab_size {}", config.vocab_size),
@@ -306,6 +311,7 @@ fn ours(config: &Config, found: BTreeMap<String, Tensor>, path: &Path) -> Result
             weights.insert(HEAD.0.into(), head);
         }
         (false, None) => return wrong(format!("no tensor {}", HEAD.1)),
+        // `save_pretrained` may write a tied head beside the embedding: the same numbers are no second table
         (true, Some(head)) if !equal(&head, &weights["token.weight"])? => {
             return wrong(format!("a tensor {} that is not {PREFIX}wte.weight, to which config.json ties it", HEAD.1));
         }

@@ -59,6 +59,7 @@ pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
 /// not finite: each is named.
 pub fn load(folder: &Path) -> Result<LoadedRun> {
     let has = |name: &str| folder.join(name).is_file();
+    // a run has its weights under `checkpoints`, so a stray `pytorch_model.bin` beside them says nothing
     if !has(CONFIG) {
         check_form(folder)?;
     }
@@ -73,7 +74,7 @@ pub fn load(folder: &Path) -> Result<LoadedRun> {
     }
 }
 
-/// What of a folder's `about` and `weights` becomes a model; both are checked.
+/// A run of the model that `about` and `weights` of a folder describe; both are checked.
 fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes: Vec<String>) -> Result<LoadedRun> {
     let About { model: config, tokens, conditions, tokenizer_sha256, step, .. } = about;
     check(&config, &tokens, &weights, &folder.join(WEIGHTS))?;
@@ -91,7 +92,7 @@ fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes:
     })
 }
 
-/// Forms in which `transformers` leaves weights and that are not read: the file that tells them, and what it is.
+/// Forms of weights of `transformers` that are not read: the file that identifies each, and what it is.
 const OTHER_FORMS: [(&str, &str); 3] = [
     ("model.safetensors.index.json", "the list of weights that are in several files (shards)"),
     (
@@ -146,7 +147,7 @@ fn check(config: &ModelConfig, tokens: &TokenLayout, weights: &BTreeMap<String, 
 }
 
 /// # Errors
-/// A tokenizer of another language than the model's.
+/// A tokenizer with other ids or words than the model's.
 fn check_tokenizer(tokens: &TokenLayout, tokenizer: &Tokenizer, path: &Path) -> Result<()> {
     let found = TokenLayout::of(tokenizer);
     let describe = |t: &TokenLayout| {

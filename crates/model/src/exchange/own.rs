@@ -24,13 +24,13 @@ pub(super) struct About {
     /// Every key, defaults included.
     pub model: ModelConfig,
     pub tokens: TokenLayout,
-    /// The label fields whose tokens stand in front of a window, in order.
+    /// The label fields whose tokens begin a window after `<bos>`, in order.
     pub conditions: Vec<String>,
     pub tokenizer_sha256: String,
     /// Updates that the weights have seen.
     pub step: u64,
-    /// SHA-256 of the weights' file, of a folder in our own form: a bit that flips in a weight is a weight all the same.
-    /// Folders of earlier versions don't say it, nor do those that other programs may train on.
+    /// SHA-256 of the weights' file, of a folder in our own form: a weight with a flipped bit is still a weight.
+    /// Left out of folders that other programs may train on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights_sha256: Option<String>,
 }
@@ -67,6 +67,7 @@ impl About {
         let text = input::text(&path).map_err(Error::io(&path))?;
         let wrong = |found: String, expected: &str| Error::file(&path, found, expected, "");
         #[derive(Deserialize)]
+        // read by itself first: another schema has keys that `About` would refuse with a worse message
         struct Schema {
             schema: u32,
         }

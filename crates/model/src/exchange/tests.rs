@@ -22,7 +22,7 @@ impl Made {
     }
 }
 
-/// What GPT-2 can express.
+/// A model that GPT-2 can express.
 fn gpt2(positions: Positions, tied_head: bool) -> ModelConfig {
     ModelConfig {
         layers: 2,
@@ -38,7 +38,7 @@ fn gpt2(positions: Positions, tied_head: bool) -> ModelConfig {
     }
 }
 
-/// What it can't.
+/// Models that it can't.
 fn beyond() -> [ModelConfig; 4] {
     let of = |positions| gpt2(positions, true);
     [
@@ -154,7 +154,7 @@ fn a_gpt_2_folder_holds_what_transformers_reads() {
     assert_eq!(shape("transformer.h.1.attn.c_attn.weight"), [8, 24]);
     assert_eq!((shape("transformer.h.0.mlp.c_proj.weight"), shape("lm_head.weight")), (vec![32, 8], vec![16, 8]));
     assert_eq!(found.len(), 2 + 2 * 12 + 2 + 1);
-    // place 0 of word 2 of 7 tokens, behind the front
+    // place 0 of word 2 of 7 tokens, after the front
     let row = |name: &str, i: usize| made.run.weights[name].get(i).unwrap();
     let sum = (row("position.frame.weight", 2) + row("position.place.weight", 0)).unwrap();
     assert_eq!(numbers(&found["transformer.wpe.weight"].get(15).unwrap()), numbers(&sum));
@@ -181,7 +181,7 @@ fn reweigh(folder: &Path, change: &dyn Fn(&mut BTreeMap<String, Tensor>)) {
     change(&mut all);
     let bytes = crate::weights::to_bytes(all.iter().map(|(name, t)| (name.as_str(), t))).unwrap();
     fs::write(folder.join(WEIGHTS), bytes).unwrap();
-    // of an early version, so that the tensors themselves are looked at
+    // without the hash, so that the tensors themselves are checked
     let about = fs::read_to_string(folder.join(own::ABOUT)).unwrap();
     let mut about: serde_json::Value = serde_json::from_str(&about).unwrap();
     about.as_object_mut().unwrap().remove("weights_sha256");

@@ -1,4 +1,4 @@
-//! Linear heads over the final vectors of some tokens, beside the heads over ids: what names a dance.
+//! Linear heads over the final vectors of some tokens, beside the heads over ids: those of classifiers.
 
 use super::{Fast, Windows};
 use crate::{Architecture, Dropout, Result};
@@ -15,15 +15,15 @@ use kinelm_engine::op::matmul::Store;
 pub struct ClassRow {
     /// The row.
     pub row: usize,
-    /// The table that answers.
+    /// The table that gives its logits.
     pub table: usize,
     /// The right class: a row of that table.
     pub class: u32,
-    /// What its -ln p and the gradient of it are multiplied with.
+    /// The factor of its -ln p and of the gradient.
     pub weight: f32,
 }
 
-/// What the two kinds of heads say of a batch.
+/// The losses of both kinds of heads on a batch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Losses {
     /// Sum of -ln p over the targets that aren't `<pad>`, in nats.
@@ -51,6 +51,7 @@ impl Fast {
         of_tables: &mut [Floats],
     ) -> Result<Losses> {
         let mut classes = 0.0;
+        // tables without a row in this batch get no product that would set them
         of_tables.iter_mut().for_each(|t| t.fill(0.0));
         let tokens = self.gradients_and(windows, dropout, gradients, &mut |model, last, dx, gradients| {
             classes = model.class_loss(last, dx, gradients, tables, rows, of_tables);
@@ -87,7 +88,7 @@ impl Fast {
         Norm { weight, bias }
     }
 
-    /// Bias and weight of the norm behind which final vectors stand.
+    /// Bias and weight of the norm whose output the final vectors are.
     fn vector_norm_names(&self) -> [&'static str; 2] {
         match self.config.architecture {
             Architecture::Flat => ["norm.bias", "norm.weight"],
@@ -109,6 +110,7 @@ impl Fast {
         let mut nats = 0.0;
         // an exam has one scale: rows of one table and one weight go together
         let mut order: Vec<&ClassRow> = rows.iter().collect();
+        // by row too, so that sums have one order whatever the caller's; bits, since floats aren't `Ord`
         order.sort_by_key(|r| (r.table, r.weight.to_bits(), r.row));
         for same in order.chunk_by(|a, b| (a.table, a.weight.to_bits()) == (b.table, b.weight.to_bits())) {
             let ClassRow { table, weight: scale, .. } = *same[0];

@@ -42,7 +42,7 @@ impl Flat {
         self.stack.forward(&model.weights, rules, keys);
     }
 
-    /// What the last block gave (N, D).
+    /// The output of the last block (N, D).
     pub fn last(&self) -> &[f32] {
         self.stack.last()
     }
@@ -61,6 +61,7 @@ impl Flat {
         self.stack.backward(&model.weights, gradients, dx, rules, keys);
         let shape = self.stack.shape();
         let token = model.index("token.weight");
+        // a tied table holds the head's gradient by now, to which that of the lookups is added
         if !model.config.tied_head {
             gradients[token].fill(0.0);
         }

@@ -1,5 +1,5 @@
-//! The end of a model, whose rows different tables answer: each table gets its rows one after the other, and what comes out
-//! goes back to where they were.
+//! The end of a model, whose rows get logits from different tables: each table gets its rows one after the other, and
+//! the result is put back in the batch's order.
 
 use super::Fast;
 use super::tables::embed;
@@ -77,7 +77,7 @@ impl Heads {
     /// Takes the rows of `inputs` (B, T), T = `length`, whose target counts.
     ///
     /// # Errors
-    /// As [`Questions::sort`].
+    /// As [`HeadGroups::sort`].
     pub fn set_targets(&mut self, inputs: &[u32], targets: &[u32], length: usize) -> Result<()> {
         self.head_groups.sort(inputs.chunks(length), targets, &mut self.groups)?;
         self.places.fill(NONE);
@@ -98,8 +98,10 @@ impl Heads {
         }
         let (mut nats, mut first) = (0.0, 0);
         for (group, table) in tables.into_iter().enumerate() {
+            // groups without rows are skipped below: `first` counts the rows of those that have some
             let rows = &self.groups[group].rows;
             let (Some(table), Some(space), false) = (table, &mut self.spaces[group], rows.is_empty()) else { continue };
+            // disjoint slices in the groups' order, which `places` counts too
             let part = first * d..(first + rows.len()) * d;
             first += rows.len();
             collect(&mut self.x[part.clone()], d, last, rows);
@@ -112,6 +114,7 @@ impl Heads {
             let x = &self.x[part];
             nats += head::loss(x, model.norm(), &model.weights[table], targets, &mut to, Store::Add, space);
         }
+        // back in batch order; rows without a target have NONE, so their gradient is 0
         collect(dx, d, &self.dx, &self.places);
         nats
     }
@@ -144,11 +147,12 @@ impl Heads {
         let (d, vocabulary) = (self.width, model.tokens.vocabulary);
         let basis = |row: usize| self.head_groups.basis(&inputs[row / length * length..][..length], row % length);
         let bases: Vec<Basis> = (0..inputs.len()).map(basis).collect();
+        // a relative head reaches the bins of one slot: all other ids stay impossible
         out.fill(f32::NEG_INFINITY);
         for (group, name) in self.names.into_iter().enumerate() {
             let rows: Vec<u32> = (0..).zip(&bases).filter(|(_, b)| b.group() == group).map(|(row, _)| row).collect();
             let Some(space) = &mut self.spaces[group] else { continue };
-            // more rows than can be targets may stand for ids: those of no bin
+            // inputs after `<mask>` or `<pad>` have no bin to count from: more rows than can have a target
             for rows in rows.chunks(self.most[group]) {
                 let x = &mut self.x[..rows.len() * d];
                 collect(x, d, last, rows);

@@ -1,4 +1,4 @@
-//! What is added to a token's vector, and by which word it is turned: rows of tables, for batches of one shape.
+//! What is added to a token's vector, and the word whose angle rotates it: rows of tables, for batches of one shape.
 
 use crate::config::{ModelConfig, Positions, TokenLayout};
 use crate::position::Counter;
@@ -11,7 +11,7 @@ pub(super) const TABLES: usize = 5;
 
 /// The tables, and the row of each that an input takes.
 pub(super) struct Inputs {
-    /// Behind the token's own; (T), or (N) where the tokens decide.
+    /// Without the token's own; (T), or (N) where the tokens decide.
     tables: Vec<(&'static str, Vec<u32>)>,
     counter: Option<Counter>,
     /// Where `tables` has the words of [`Inputs::counter`], if they have a table, and the places.
@@ -22,7 +22,7 @@ pub(super) struct Inputs {
     turns: Option<Turns>,
 }
 
-/// How far queries and keys are turned.
+/// The rotary embedding of queries and keys.
 struct Turns {
     angles: Angles,
     /// As the tables' rows: 0 in front, 1 in the first word.
@@ -33,6 +33,7 @@ impl Inputs {
     pub fn new(config: &ModelConfig, tokens: &TokenLayout, rows: usize, length: usize) -> Inputs {
         let front = (0..length).map(|i| if i < tokens.front { i as u32 } else { NONE });
         let counter = Counter::of(config, tokens);
+        // where ids don't decide positions, one window's rows serve all: lookups repeat shorter lists
         let decided = if counter.is_some_and(Counter::reads) { rows } else { length };
         let none = |n: usize| vec![NONE; n];
         let mut tables = match config.positions {
@@ -49,7 +50,7 @@ impl Inputs {
             (tables.len() - 2, PreviousFrames::of(tokens))
         });
         let turns = (config.positions == Positions::Rope).then(|| Turns {
-            // every token behind the front may be a word
+            // words of varying length may have one token each, and 0 is the front
             angles: Angles::new(length + 1, config.width / config.heads),
             words: none(decided),
         });
@@ -74,6 +75,7 @@ impl Inputs {
     }
 
     fn count(&mut self, counter: Counter, ids: &[u32], length: usize) {
+        // the table of words is pushed right after that of places, so it is the first of the rest
         let (places, words) = self.tables.split_at_mut(self.place_table + 1);
         let (_, places) = &mut places[self.place_table];
         let words = match (&mut self.turns, self.word_table) {
@@ -87,7 +89,7 @@ impl Inputs {
             counter.count(window, words, places);
         }
         if let Some(turns) = &mut self.turns {
-            // what stands in no word is not turned
+            // angle 0 is no rotation: for tokens of the front, which belong to no word
             turns.words.iter_mut().for_each(|word| *word = if *word == NONE { 0 } else { *word + 1 });
         }
     }
@@ -97,7 +99,7 @@ impl Inputs {
         &self.tables
     }
 
-    /// How queries and keys are turned.
+    /// The rotary embedding of queries and keys.
     pub fn rope(&self) -> Option<Rope<'_>> {
         self.turns.as_ref().map(|Turns { angles, words }| Rope { angles, words })
     }

@@ -6,7 +6,7 @@ use kinelm_engine::block;
 use kinelm_engine::op::dropout;
 use rayon::prelude::*;
 
-/// Drawn anew for every step into the same room.
+/// Set anew for every step in the same buffers.
 pub(super) struct Keys {
     share: f64,
     embedding: Key,
@@ -14,7 +14,7 @@ pub(super) struct Keys {
     blocks: Vec<[Key; 3]>,
 }
 
-/// What is dropped for, and a key a sequence.
+/// The purpose of a mask, and a key per sequence.
 struct Key(Purpose, Vec<u64>);
 
 impl Keys {
@@ -28,7 +28,7 @@ impl Keys {
         Keys { share: 0.0, embedding: key("embedding"), blocks: (0..layers).map(block).collect() }
     }
 
-    /// Whether they are for so many sequences.
+    /// Whether they are for `batch` sequences.
     pub fn fits(&self, batch: usize) -> bool {
         self.embedding.1.len() == batch
     }

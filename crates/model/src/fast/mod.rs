@@ -36,7 +36,7 @@ use std::collections::BTreeMap;
 /// Tensors of a block, in the order of their names.
 const BLOCK: usize = 12;
 
-/// What a pass reads.
+/// The inputs of a pass.
 #[derive(Debug, Clone, Copy)]
 pub struct Windows<'a> {
     /// (B, T) ids.
@@ -51,8 +51,8 @@ pub struct Windows<'a> {
     pub conditioning: Option<&'a Conditioning>,
 }
 
-/// What is added to a backward pass where final vectors stand: from what goes into their norm (N, D) to its gradient and those
-/// of the model's tensors.
+/// Called in a backward pass at the final vectors' norm, with its input (N, D): adds to the gradients of that and of
+/// the model's tensors.
 type Added<'a> = &'a mut dyn FnMut(&Fast, &[f32], &mut [f32], &mut [Floats]);
 
 /// A model whose passes the engine computes, on the rayon pool they are called in.
@@ -104,7 +104,7 @@ impl Fast {
         Fast::from_tensors(gpt.config(), gpt.tokens(), tensors)
     }
 
-    /// What attention sees in a model of this kind.
+    /// The mask of attention in a model of this kind.
     pub fn mask(&self) -> Mask<'static> {
         match self.config.kind {
             ModelKind::Causal => Mask::Causal,
@@ -153,7 +153,7 @@ impl Fast {
     /// Nothing is allocated but for the first batch of a shape.
     ///
     /// # Errors
-    /// Windows longer than the context, ids outside the vocabulary; under a relative head targets behind no bin.
+    /// Windows longer than the context, ids outside the vocabulary; under a relative head targets after no bin.
     pub fn gradients(&mut self, windows: Windows, dropout: Option<&Dropout>, gradients: &mut [Floats]) -> Result<f64> {
         self.gradients_and(windows, dropout, gradients, &mut |_, _, _, _| ())
     }
@@ -167,6 +167,7 @@ impl Fast {
     ) -> Result<f64> {
         self.check(windows)?;
         let Windows { inputs, targets, length, .. } = windows;
+        // taken out, so that the pass may borrow the model; an error below drops it, and the next call builds another
         let pass = self.training.take().filter(|p| p.fits(inputs.len(), length, self.products));
         let mut pass = pass.unwrap_or_else(|| Pass::new(self, inputs.len(), length, self.products, true));
         pass.set_targets(windows)?;
@@ -234,7 +235,7 @@ impl Fast {
         }
     }
 
-    /// Where a tensor stands.
+    /// A tensor's index.
     fn find(&self, name: &str) -> Option<usize> {
         self.parameters.binary_search_by(|p| p.name.as_str().cmp(name)).ok()
     }
@@ -254,6 +255,7 @@ impl Fast {
 
 /// A block's tensors from the order of their names.
 fn block_tensors<T>(
+    // alphabetical: attention.out, attention.qkv, mlp.down, mlp.up, norm1, norm2, each bias before weight
     [out_b, out_w, qkv_b, qkv_w, down_b, down_w, up_b, up_w, n1_b, n1_w, n2_b, n2_w]: [T; BLOCK],
 ) -> block::Tensors<T> {
     let linear = |weight, bias| block::Linear { weight, bias };

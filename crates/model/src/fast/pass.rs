@@ -21,7 +21,7 @@ pub(super) struct Pass {
     dx: Floats,
 }
 
-/// What makes a row of every token.
+/// The part of a model that makes a row of every token.
 enum Body {
     Flat(Box<Flat>),
     TwoLevel(Box<TwoLevel>),
@@ -72,7 +72,7 @@ impl Pass {
         self.heads.logits(model, self.body.last(), windows.inputs, windows.length, out);
     }
 
-    /// What [`Fast::final_vectors`] are of, before their norm: (B T, D), of a two-level model the trunk's rows (B F, D).
+    /// The input of the norm of [`Fast::final_vectors`]: (B T, D), of a two-level model the trunk's rows (B F, D).
     pub fn vectors(&mut self, model: &Fast, windows: Windows) -> &[f32] {
         match &mut self.body {
             Body::Flat(flat) => {
@@ -100,6 +100,7 @@ impl Pass {
         let nats = self.heads.loss(model, last, scale, &mut self.dx, gradients);
         match &mut self.body {
             Body::Flat(flat) => {
+                // after the heads, which set the norm's gradient, and before the body, which uses up dx
                 added(model, flat.last(), &mut self.dx, gradients);
                 flat.backward(model, windows, keys, &mut self.dx, gradients);
             }

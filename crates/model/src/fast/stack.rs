@@ -11,7 +11,7 @@ use kinelm_engine::op::matmul::Store;
 /// Which blocks of a model they are.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Blocks<'a> {
-    /// What their names begin with.
+    /// The prefix of their names.
     pub prefix: &'a str,
     /// How many.
     pub layers: usize,
@@ -21,7 +21,7 @@ pub(super) struct Blocks<'a> {
 pub(super) struct Stack {
     shape: Shape,
     layers: usize,
-    /// Where the first block's tensors stand among the model's.
+    /// Index of the first block's first tensor among the model's.
     first: usize,
     /// (N, D) each: what goes into every block, and what comes out of the last; two that take turns if nothing is
     /// learned.
@@ -40,6 +40,7 @@ impl Stack {
         let Blocks { prefix, layers } = blocks;
         let name = format!("{prefix}{}.", block_name(0));
         let first = parameters.iter().position(|p| p.name.starts_with(&name));
+        // the backward pass reads every block's input and saved activations; scoring only the last
         let (streams, saved) = if learn { (layers + 1, layers) } else { (2, 1) };
         Stack {
             shape,
@@ -55,12 +56,12 @@ impl Stack {
         self.shape
     }
 
-    /// (N, D) What goes into the first block.
+    /// (N, D) The input of the first block.
     pub fn input(&mut self) -> &mut [f32] {
         &mut self.stream[0]
     }
 
-    /// (N, D) What the last block gave.
+    /// (N, D) The output of the last block.
     pub fn last(&self) -> &[f32] {
         &self.stream[self.layers % self.stream.len()]
     }
@@ -74,6 +75,7 @@ impl Stack {
             let rules = Rules { dropout: keys.map(|keys| keys.block(layer)), ..rules };
             let (from, to) = two(&mut self.stream, layer);
             let saved = layer % self.saved.len();
+            // names sort by layer as they have two digits, and a block's tensors are neighbours
             let tensors = block(weights, self.first + layer * BLOCK);
             block::forward(to, from, &tensors, rules, &mut self.saved[saved], &mut self.space);
         }
@@ -101,6 +103,7 @@ impl Stack {
             block::backward(dx, x, &own, &mut tensors, Store::Set, rules, saved, &mut self.space);
         }
         if let Some(keys) = keys {
+            // the same mask again: a dropped input passes no gradient, one that stays passes it grown
             keys.drop_embedded(dx, self.shape);
         }
     }
@@ -111,9 +114,10 @@ fn block(weights: &[Floats], first: usize) -> block::Weights<'_> {
     block_tensors(std::array::from_fn(|i| &*weights[first + i]))
 }
 
-/// What goes into a block and where its output goes.
+/// The input and the output buffer of a block.
 fn two(stream: &mut [Floats], layer: usize) -> (&[f32], &mut [f32]) {
     let (from, to) = (layer % stream.len(), (layer + 1) % stream.len());
+    // with two buffers they take turns, so `from` may be the higher one
     let (low, high) = stream.split_at_mut(from.max(to));
     if from < to { (&low[from], &mut high[0]) } else { (&high[0], &mut low[to]) }
 }

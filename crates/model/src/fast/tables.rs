@@ -20,6 +20,7 @@ pub(super) fn add_rows(x: &mut [f32], width: usize, table: &[f32], ids: &[u32]) 
 
 /// `table` becomes the sums of the rows of `dout` by their ids.
 pub(super) fn into_table(table: &mut [f32], width: usize, ids: &[u32], dout: &[f32]) {
+    // backward adds to the rows that occur: the others have to be 0
     table.fill(0.0);
     embedding::backward(table, width, ids, dout);
 }

@@ -24,7 +24,7 @@ use rayon::prelude::*;
 /// Bias and weight of the trunk's input projection, of its norm, and of its projection to the decoder.
 const JOIN: [&str; 2] = ["frame.join.bias", "frame.join.weight"];
 pub(super) const NORM: [&str; 2] = ["trunk.norm.bias", "trunk.norm.weight"];
-const TELL: [&str; 2] = ["spell.frame.bias", "spell.frame.weight"];
+const TO_DECODER: [&str; 2] = ["spell.frame.bias", "spell.frame.weight"];
 
 /// A character sees those before it in its frame.
 const SPELLING: Rules<'static> = Rules { mask: Mask::Causal, dropout: None, rope: None };
@@ -32,7 +32,7 @@ const SPELLING: Rules<'static> = Rules { mask: Mask::Causal, dropout: None, rope
 /// The buffers of one shape.
 pub(super) struct TwoLevel {
     frames: Frames,
-    /// K - 1: tokens of a window before those that the frames begin behind, all but the first of which are labels.
+    /// K - 1: tokens of a window before the one after which frames begin; all but the first are labels.
     skipped: usize,
     /// T.
     length: usize,
@@ -52,9 +52,9 @@ pub(super) struct TwoLevel {
     own: Vec<u32>,
     /// (N) each of the K - 1: rows of the tables of labels.
     labels: Vec<Vec<u32>>,
-    /// (B T, d), where K > 1: what the decoder gave, and 0 where nobody asks.
+    /// (B T, d), where K > 1: what the decoder gave, and 0 for tokens that predict nothing.
     rows: Floats,
-    /// (N, 2 C e) What the trunk reads.
+    /// (N, 2 C e) The input of the trunk.
     read: Floats,
     join: dense::Workspace,
     trunk: Stack,
@@ -62,15 +62,15 @@ pub(super) struct TwoLevel {
     stats: Floats,
     normed: Floats,
     conditioning: Floats,
-    tell: dense::Workspace,
+    to_decoder: dense::Workspace,
     decoder: Stack,
     /// The conditioning of frames: goals, and music.
-    tellings: Vec<Telling>,
+    projections: Vec<Projection>,
     back: Option<Back>,
 }
 
-/// How conditioning numbers are projected.
-struct Telling {
+/// The projection of conditioning numbers.
+struct Projection {
     /// Which conditioning.
     numbers: fn(&Conditioning) -> &[f32],
     /// The matrices.
@@ -90,7 +90,7 @@ struct Matrix {
     back: Option<MatrixBack>,
 }
 
-/// What a matrix's gradient needs and nobody reads: (N, P) and (n).
+/// Buffers for a matrix's gradient that nothing reads: (N, P) and (n).
 struct MatrixBack {
     d_numbers: Floats,
     d_bias: Floats,
@@ -125,7 +125,7 @@ impl Matrix {
 /// Gradients on their way.
 struct Back {
     d_read: Floats,
-    d_told: Floats,
+    d_conditioning: Floats,
     d_normed: Floats,
     d_trunk: Floats,
     /// (N W, d), where K > 1.
@@ -145,6 +145,7 @@ impl TwoLevel {
         let shape = |batch, tokens, width, heads| Shape { batch, tokens, width, heads, hidden: 4 * width };
         let stack =
             |prefix, layers, shape| Stack::new(&model.parameters, Blocks { prefix, layers }, shape, products, learn);
+        // without labels the decoder's rows are the model's rows, and need no copy
         let where_labelled = |n: usize| Floats::new(if skipped > 0 { n } else { 0 });
         TwoLevel {
             skipped,
@@ -165,23 +166,24 @@ impl TwoLevel {
             stats: Floats::new(2 * n),
             normed: Floats::new(n * trunk),
             conditioning: Floats::new(n * d),
-            tell: dense::Workspace::new(n, trunk, d, products, learn),
+            to_decoder: dense::Workspace::new(n, trunk, d, products, learn),
+            // a frame is a sequence of its own to the decoder, so its attention ends at the frame
             decoder: stack(SPELL, decoder.layers, shape(n, word, d, decoder.heads)),
-            tellings: {
-                let telling = |numbers: fn(&Conditioning) -> &[f32], names, p| {
+            projections: {
+                let projection = |numbers: fn(&Conditioning) -> &[f32], names, p| {
                     let matrix = |out| Matrix::new(n, p, out, products, learn);
-                    Telling { numbers, names, trunk: matrix(trunk), decoder: matrix(d) }
+                    Projection { numbers, names, trunk: matrix(trunk), decoder: matrix(d) }
                 };
                 let [frame, spell, ..] = GOAL;
                 let p = goal::numbers(frames.characters());
-                let goal = config.goal.then(|| telling(|conditioning| &conditioning.numbers, [frame, spell], p));
+                let goal = config.goal.then(|| projection(|conditioning| &conditioning.numbers, [frame, spell], p));
                 let m = config.music.numbers();
-                let music = (m > 0).then(|| telling(|conditioning| &conditioning.music, MUSIC, m));
+                let music = (m > 0).then(|| projection(|conditioning| &conditioning.music, MUSIC, m));
                 goal.into_iter().chain(music).collect()
             },
             back: learn.then(|| Back {
                 d_read: Floats::new(n * wide),
-                d_told: Floats::new(n * d),
+                d_conditioning: Floats::new(n * d),
                 d_normed: Floats::new(n * trunk),
                 d_trunk: Floats::new(n * trunk),
                 d_rows: where_labelled(n * word * d),
@@ -206,7 +208,7 @@ impl TwoLevel {
                 TrunkRow { position: *position, class: *class, .. } = trunk_row(row, shown, self.class_rows);
             }
         }
-        // a class row reads what the first row behind the frames does
+        // a class row reads the same two frames as the first row after the window's frames
         let read = |row: usize| match self.classes[row] {
             NONE => row % number,
             class => row % number - class as usize,
@@ -234,13 +236,13 @@ impl TwoLevel {
         for labels in &self.labels {
             add_rows(self.trunk.input(), width, model.weight(LABEL), labels);
         }
-        for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
-            telling.trunk.add(self.trunk.input(), numbers, model.weight(telling.names[0]));
+        for (projection, numbers) in conditioning(&mut self.projections, windows.conditioning) {
+            projection.trunk.add(self.trunk.input(), numbers, model.weight(projection.names[0]));
         }
         self.trunk.forward(&model.weights, between_frames(windows.mask), keys);
     }
 
-    /// What the trunk's last block gave (N, D).
+    /// The output of the trunk's last block (N, D).
     pub fn vectors(&self) -> &[f32] {
         self.trunk.last()
     }
@@ -249,12 +251,12 @@ impl TwoLevel {
         self.forward_trunk(model, windows, keys);
         let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
         dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
-        dense::forward(&mut self.conditioning, &self.normed, linear(model, TELL), &mut self.tell);
+        dense::forward(&mut self.conditioning, &self.normed, linear(model, TO_DECODER), &mut self.to_decoder);
         for labels in &self.labels {
             add_rows(&mut self.conditioning, self.decoder.shape().width, model.weight(SPELT_LABEL), labels);
         }
-        for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
-            telling.decoder.add(&mut self.conditioning, numbers, model.weight(telling.names[1]));
+        for (projection, numbers) in conditioning(&mut self.projections, windows.conditioning) {
+            projection.decoder.add(&mut self.conditioning, numbers, model.weight(projection.names[1]));
         }
         let mut lookups = [Lookup { table: &self.conditioning, ids: &self.own }; SPELT.len() + 3];
         let goal = windows.conditioning.filter(|conditioning| !conditioning.rows[0].is_empty());
@@ -266,6 +268,7 @@ impl TwoLevel {
         }
         let d = self.decoder.shape().width;
         embed(self.decoder.input(), d, &lookups[..used]);
+        // no dropout in the decoder: keys exist for the trunk's blocks alone, as in the plain form
         self.decoder.forward(&model.weights, SPELLING, None);
         if self.skipped > 0 {
             let (length, skipped) = (self.length * d, self.skipped * d);
@@ -275,7 +278,7 @@ impl TwoLevel {
         }
     }
 
-    /// What the decoder gave (B T, d); 0 for the tokens of the front but its last.
+    /// The output of the decoder (B T, d); 0 for the tokens of the front but its last.
     pub fn last(&self) -> &[f32] {
         if self.skipped > 0 { &self.rows } else { self.decoder.last() }
     }
@@ -291,7 +294,7 @@ impl TwoLevel {
         gradients: &mut [Floats],
         added: Added,
     ) {
-        let Some(Back { d_read, d_told, d_normed, d_trunk, d_rows, d_label }) = &mut self.back else {
+        let Some(Back { d_read, d_conditioning, d_normed, d_trunk, d_rows, d_label }) = &mut self.back else {
             panic!("buffers for the forward pass only")
         };
         let d = self.decoder.shape().width;
@@ -308,10 +311,12 @@ impl TwoLevel {
         for (name, ids) in SPELT.iter().zip(&self.spelt) {
             into_table(&mut gradients[model.index(name)], d, ids, dx);
         }
-        into_table(d_told, d, &self.own, dx);
-        into_labels(model, gradients, SPELT_LABEL, d_label, &self.labels, d_told);
+        // the frame's vector was added to all its W rows, so its gradient is their sum
+        into_table(d_conditioning, d, &self.own, dx);
+        into_labels(model, gradients, SPELT_LABEL, d_label, &self.labels, d_conditioning);
         for name in GOAL.iter().chain(&MUSIC) {
             if let Some(i) = model.find(name) {
+                // a batch without goals or music must not leave the gradients of the one before
                 gradients[i].fill(0.0);
             }
         }
@@ -322,26 +327,34 @@ impl TwoLevel {
                 into_table(&mut gradients[model.index(name)], d, rows, dx);
             }
         }
-        for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
-            let name = telling.names[1];
-            telling.decoder.backward(d_told, numbers, model.weight(name), &mut gradients[model.index(name)]);
+        for (projection, numbers) in conditioning(&mut self.projections, windows.conditioning) {
+            let name = projection.names[1];
+            projection.decoder.backward(d_conditioning, numbers, model.weight(name), &mut gradients[model.index(name)]);
         }
-        let to = gradients_of(model, gradients, TELL);
-        dense::backward(Some(d_normed), d_told, &self.normed, model.weight(TELL[1]), to, &mut self.tell);
+        let to = gradients_of(model, gradients, TO_DECODER);
+        dense::backward(
+            Some(d_normed),
+            d_conditioning,
+            &self.normed,
+            model.weight(TO_DECODER[1]),
+            to,
+            &mut self.to_decoder,
+        );
         let Linear { weight, bias } = gradients_of(model, gradients, NORM);
         let saved = Saved { x: self.trunk.last(), stats: &self.stats, weight: model.weight(NORM[1]) };
         dense::norm_backward(d_trunk, d_normed, saved, Norm { weight, bias });
         added(model, self.trunk.last(), d_trunk, gradients);
         self.trunk.backward(&model.weights, gradients, d_trunk, between_frames(windows.mask), keys);
-        for (telling, numbers) in conditioning(&mut self.tellings, windows.conditioning) {
-            let name = telling.names[0];
-            telling.trunk.backward(d_trunk, numbers, model.weight(name), &mut gradients[model.index(name)]);
+        for (projection, numbers) in conditioning(&mut self.projections, windows.conditioning) {
+            let name = projection.names[0];
+            projection.trunk.backward(d_trunk, numbers, model.weight(name), &mut gradients[model.index(name)]);
         }
         let width = model.config.width;
         into_table(&mut gradients[model.index("frame.position.weight")], width, &self.positions, d_trunk);
         if self.class_rows > 0 {
             into_table(&mut gradients[model.index(CLASS)], width, &self.classes, d_trunk);
         }
+        // a label's vector has reached both levels, through two tables
         into_labels(model, gradients, LABEL, d_label, &self.labels, d_trunk);
         let to = gradients_of(model, gradients, JOIN);
         dense::backward(Some(d_read), d_trunk, &self.read, model.weight(JOIN[1]), to, &mut self.join);
@@ -349,18 +362,19 @@ impl TwoLevel {
     }
 }
 
-/// The tellings that there are numbers for, with them.
+/// The projections that have numbers, with them.
 fn conditioning<'a>(
-    tellings: &'a mut [Telling],
+    projections: &'a mut [Projection],
     conditioning: Option<&'a Conditioning>,
-) -> impl Iterator<Item = (&'a mut Telling, &'a [f32])> {
-    let with =
-        move |telling: &'a mut Telling| conditioning.map(|conditioning| ((telling.numbers)(conditioning), telling));
-    tellings
+) -> impl Iterator<Item = (&'a mut Projection, &'a [f32])> {
+    let with = move |projection: &'a mut Projection| {
+        conditioning.map(|conditioning| ((projection.numbers)(conditioning), projection))
+    };
+    projections
         .iter_mut()
         .filter_map(with)
         .filter(|(numbers, _)| !numbers.is_empty())
-        .map(|(numbers, telling)| (telling, numbers))
+        .map(|(numbers, projection)| (projection, numbers))
 }
 
 /// The gradient of the table `name` (V, n), of which every frame takes the rows of all `labels` (N), from that of what they are
@@ -372,6 +386,7 @@ fn into_labels(model: &Fast, gradients: &mut [Floats], name: &str, room: &mut [f
     for ids in labels {
         let room = &mut room[..gradient.len()];
         into_table(room, dx.len() / ids.len(), ids, dx);
+        // a sum over the labels, of which `into_table` sets one
         gradient.iter_mut().zip(room).for_each(|(g, d)| *g += *d);
     }
 }

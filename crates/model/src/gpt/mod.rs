@@ -53,7 +53,7 @@ impl Gpt {
         &self.config
     }
 
-    /// What its tokenizer decided.
+    /// The layout of its tokens.
     pub fn tokens(&self) -> &TokenLayout {
         &self.tokens
     }
@@ -90,7 +90,7 @@ impl Gpt {
         self.net.ids(ids, length)
     }
 
-    /// Logits (B, T, V) of the token behind each of `ids` (B, T), in a masked model of the token itself, T at most the
+    /// Logits (B, T, V) of the token after each of `ids` (B, T), in a masked model of the token itself, T at most the
     /// context; minus infinity where an id can't come. Differentiable.
     ///
     /// # Errors
@@ -114,11 +114,11 @@ impl Gpt {
     /// As [`Gpt::forward`]; conditioning of other frames.
     #[cfg(test)]
     pub fn forward_conditioned(&self, ids: &Tensor, conditioning: &Conditioning) -> Result<Tensor> {
-        self.check_told(ids, Some(conditioning))?;
+        self.check_conditioning(ids, Some(conditioning))?;
         self.net.forward(ids, &self.mask(), Beside { dropout: None, conditioning: Some(conditioning) }, None)
     }
 
-    /// What the heads read of `ids` (B, T): the final norm's output (B T, D). Differentiable.
+    /// The input of the heads for `ids` (B, T): the final norm's output (B T, D). Differentiable.
     ///
     /// # Errors
     /// As `Gpt::forward_masked`.
@@ -127,7 +127,7 @@ impl Gpt {
         self.net.final_vectors(ids, mask)
     }
 
-    /// As [`Gpt::forward`] without dropout, and nothing is kept for gradients.
+    /// As [`Gpt::forward`] without dropout and without a graph for gradients.
     ///
     /// # Errors
     /// As [`Gpt::forward`].
@@ -136,7 +136,7 @@ impl Gpt {
         self.frozen()?.forward(ids, &self.mask(), Beside::default(), None)
     }
 
-    /// What attention sees in a model of this kind.
+    /// The mask of attention in a model of this kind.
     pub fn mask(&self) -> Mask {
         self.net.mask()
     }
@@ -153,7 +153,7 @@ impl Gpt {
     /// Sum over the targets that aren't `<pad>` of -ln p, in nats; `targets` holds B T ids.
     ///
     /// # Errors
-    /// As [`Gpt::forward`]; targets outside the vocabulary; under a relative head targets behind no bin.
+    /// As [`Gpt::forward`]; targets outside the vocabulary; under a relative head targets without a bin before them.
     pub fn loss_sum(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
         self.loss_sum_conditioned(ids, targets, dropout, None)
     }
@@ -170,7 +170,7 @@ impl Gpt {
         conditioning: Option<&Conditioning>,
     ) -> Result<Tensor> {
         self.check(ids, targets)?;
-        self.check_told(ids, conditioning)?;
+        self.check_conditioning(ids, conditioning)?;
         Ok(self.net.nats(ids, targets, Beside { dropout, conditioning }, self.smoothing.as_ref())?.sum_all()?)
     }
 
@@ -206,11 +206,11 @@ impl Gpt {
         conditioning: Option<&Conditioning>,
     ) -> Result<Tensor> {
         self.check(ids, targets)?;
-        self.check_told(ids, conditioning)?;
+        self.check_conditioning(ids, conditioning)?;
         self.frozen()?.nats(ids, targets, Beside { dropout: None, conditioning }, None)
     }
 
-    fn check_told(&self, ids: &Tensor, conditioning: Option<&Conditioning>) -> Result<()> {
+    fn check_conditioning(&self, ids: &Tensor, conditioning: Option<&Conditioning>) -> Result<()> {
         let (batch, length) = ids.dims2()?;
         conditioning.map_or(Ok(()), |conditioning| conditioning.check(&self.config, &self.tokens, batch, length))
     }
@@ -229,6 +229,7 @@ impl Gpt {
     }
 
     fn frozen(&self) -> Result<Net> {
+        // detached tensors share the numbers but record no graph, so a long reading doesn't grow
         Net::new(&self.config, &self.tokens, self.vars.iter().map(|(name, var)| (name, var.as_tensor().detach())))
     }
 

@@ -1,24 +1,28 @@
 //! Where the beats are, as numbers: a 1, which says that it is known, and cosine and sine of the beat's phase, and of twice and
 //! of three times its phase, at each time of `AHEAD_S`.
 //!
-//! The phase goes evenly from 0 at a beat to a turn at the next; before the first beat and behind the last it goes on as between
-//! the two nearest, for `BEYOND` beats.
+//! The phase goes evenly from 0 at a beat to a turn at the next. Before the first beat and after the last it goes on as
+//! between the two nearest, for `BEYOND` beats.
+//!
+//! A beat is a time alone: neither its strength nor its place in the bar is known.
 
 use super::AHEAD_S;
 use std::f64::consts::TAU;
 
 /// Multiples of the phase whose cosine and sine are written.
 const MULTIPLES: usize = 3;
-/// Beats before the first and behind the last in which the phase is known.
+/// Beats before the first and after the last in which the phase is known.
 const BEYOND: f64 = 4.0;
 /// Conditioning numbers of a frame.
 pub(crate) const NUMBERS: usize = 1 + 2 * MULTIPLES * AHEAD_S.len();
 
 /// The phase at a time, in beats, among beats that rise; none where it isn't known.
 fn phase(beats_s: &[f64], time_s: f64) -> Option<f64> {
+    // one beat has no interval, so no phase
     if beats_s.len() < 2 {
         return None;
     }
+    // clamped: before the first and after the last beat the nearest interval goes on
     let next = beats_s.partition_point(|beat| *beat <= time_s).clamp(1, beats_s.len() - 1);
     let (a, b) = (beats_s[next - 1], beats_s[next]);
     let phase = (time_s - a) / (b - a);

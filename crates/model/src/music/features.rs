@@ -64,7 +64,7 @@ impl Default for Scaling {
 }
 
 impl Scaling {
-    /// Counts rows (N, 35), each so many times.
+    /// Counts rows (N, 35), each `times` times.
     pub fn add(&mut self, rows: &[f32], times: f64) {
         for row in rows.chunks_exact(CHANNELS) {
             self.rows += times;
@@ -78,6 +78,7 @@ impl Scaling {
     /// Their mean and deviation; none of no rows.
     pub fn scale(&self) -> Option<Scale> {
         let mean = self.sums.map(|sum| sum / self.rows);
+        // rounding may leave the difference of two close squares below 0
         let deviation = |i: usize| (self.squares[i] / self.rows - mean[i] * mean[i]).max(0.0).sqrt();
         // what rounding leaves of a number that never changes is no deviation
         let of = |i: usize| if deviation(i) < 1e-6 * (1.0 + mean[i].abs()) { 0.0 } else { deviation(i) as f32 };

@@ -17,11 +17,11 @@ pub enum Music {
     /// Nothing.
     #[default]
     None,
-    /// Where its beats are.
+    /// Its beats.
     Beats,
-    /// What it sounds like.
+    /// Its sound features.
     Features,
-    /// Where its beats are, and what it sounds like.
+    /// Its beats and its sound features.
     Both,
 }
 

@@ -38,8 +38,8 @@ impl Block {
         })
     }
 
-    /// (B, T, D) from (B, T, D). `kept`: keys and values (1, H, T', d) that were kept, and how many tokens they are of; the
-    /// new ones are written behind them.
+    /// (B, T, D) from (B, T, D). `cached`: earlier keys and values (1, H, T', d), and how many tokens they are of; the
+    /// new ones are written after those.
     pub fn forward(
         &self,
         x: &Tensor,
@@ -47,7 +47,7 @@ impl Block {
         rotary: Option<&Rotary>,
         hiding: Option<&Hiding>,
         dropout: Option<&Dropout>,
-        kept: Option<(&Tensor, &Tensor, usize)>,
+        cached: Option<(&Tensor, &Tensor, usize)>,
     ) -> Result<Tensor> {
         let (batch, length, width) = x.dims3()?;
         let drop = |x: Tensor, part: &str| match dropout {
@@ -56,10 +56,11 @@ impl Block {
         };
         let (mut q, mut k, mut v) = self.qkv(x, heads)?;
         if let Some(rotary) = rotary {
+            // before caching: a key is rotated by its own word, whatever reads it later
             (q, k) = (rotary.apply(&q)?, rotary.apply(&k)?);
         }
-        if let Some((keys, values, before)) = kept {
-            (k, v) = (behind(keys, &k, before)?, behind(values, &v, before)?);
+        if let Some((keys, values, before)) = cached {
+            (k, v) = (append(keys, &k, before)?, append(values, &v, before)?);
         }
         let scores = (q.matmul(&k.t()?)? / ((width / heads) as f64).sqrt())?;
         let weights = drop(ops::masked_softmax(&scores, hiding)?, "attention")?;
@@ -82,10 +83,10 @@ impl Block {
     }
 }
 
-/// Writes `new` (1, H, n, d) behind the first `before` that are `kept`; gives them all.
-fn behind(kept: &Tensor, new: &Tensor, before: usize) -> Result<Tensor> {
-    kept.slice_set(new, 2, before)?;
-    kept.narrow(2, 0, before + new.dim(2)?)
+/// Writes `new` (1, H, n, d) into `cached` after the first `before`; returns all of them.
+fn append(cached: &Tensor, new: &Tensor, before: usize) -> Result<Tensor> {
+    cached.slice_set(new, 2, before)?;
+    cached.narrow(2, 0, before + new.dim(2)?)
 }
 
 impl Norm {

@@ -45,8 +45,8 @@ impl Flat {
         let rotary = self.input.rotary(windows, before, x.dim(2)? / self.heads)?;
         let hiding = mask.hiding(length, before + length, x.dtype(), x.device())?;
         for (layer, block) in self.blocks.iter().enumerate() {
-            let kept = memory.map(|m| (&m.keys[layer], &m.values[layer], before));
-            x = block.forward(&x, self.heads, rotary.as_ref(), hiding.as_ref(), dropout, kept)?;
+            let cached = memory.map(|m| (&m.keys[layer], &m.values[layer], before));
+            x = block.forward(&x, self.heads, rotary.as_ref(), hiding.as_ref(), dropout, cached)?;
         }
         Ok(x)
     }

@@ -39,7 +39,7 @@ impl Head {
         [Some(&self.ids), self.steps[0].as_ref(), self.steps[1].as_ref()]
     }
 
-    /// Logits (N, V) of the rows `hidden` (N, D), which stand behind the first `before` inputs of `windows`.
+    /// Logits (N, V) of the rows `hidden` (N, D), those after the first `before` inputs of `windows`.
     pub fn logits(&self, hidden: &Tensor, windows: &[Vec<u32>], before: usize) -> Result<Tensor> {
         let inputs = windows.iter().flat_map(|w| (before..w.len()).map(move |i| (w, i)));
         let bases: Vec<Basis> = inputs.map(|(w, i)| self.head_groups.basis(w, i)).collect();
@@ -52,6 +52,7 @@ impl Head {
             parts.push(if group == 0 { logits } else { self.spread(&logits, &rows, &bases)? });
             order.extend(rows);
         }
+        // rows came out group by group
         back_in_order(Tensor::cat(&parts, 0)?, &order)
     }
 
@@ -67,6 +68,7 @@ impl Head {
             };
             for (bin, id) in bins.ids().enumerate() {
                 let at = i * vocabulary + id as usize;
+                // ids out of the slot gather column 0 and are hidden
                 (columns[at], hide[at]) = (previous_frames.steps().column(bins, from, bin) as u32, 0.0);
             }
         }
@@ -102,6 +104,7 @@ impl Head {
             }
         }
         parts.push(nothing.reshape(1)?);
+        // rows without a target take the last number, the 0 of `nothing`
         let mut places = vec![order.len() as u32; targets.len()];
         (0..).zip(&order).for_each(|(place, &row)| places[row as usize] = place);
         Ok(Tensor::cat(&parts, 0)?.index_select(&Tensor::new(places, hidden.device())?, 0)?)

@@ -1,4 +1,4 @@
-//! What goes into the first block: a vector for the token, and what is added to it.
+//! The input of the first block: a vector for the token, its position and its previous-frame features.
 
 use super::rotary::Rotary;
 use super::{rows_of, table};
@@ -62,7 +62,7 @@ impl Input {
         Ok(Input { token: table(vars, "token.weight")?, position, previous })
     }
 
-    /// The rows (B, n, D) of `ids` (B, n), the last of each of `windows`, behind `before` others.
+    /// The rows (B, n, D) of `ids` (B, n), the last of each of `windows`, after `before` others.
     pub fn forward(&self, ids: &Tensor, windows: &[Vec<u32>], before: usize) -> Result<Tensor> {
         let (batch, n) = ids.dims2()?;
         let x = self.token.forward(ids)?.broadcast_add(&self.position.rows(windows, before)?)?;
@@ -73,11 +73,11 @@ impl Input {
         x + added.reshape((batch, n, ()))?
     }
 
-    /// How queries and keys of heads of `width` numbers are turned, if they are.
+    /// The rotary embedding of queries and keys of heads of `width` numbers, if there is one.
     pub fn rotary(&self, windows: &[Vec<u32>], before: usize, width: usize) -> Result<Option<Rotary>> {
         let Position::Words { frame: None, counter, front, .. } = &self.position else { return Ok(None) };
         let (windows, length) = seen(*counter, windows);
-        // the front stands in no word
+        // tokens of the front belong to no word: angle 0 is no rotation
         let number = |i: usize, word: u32| if i < front.dims()[0] { 0 } else { word + 1 };
         let words = windows.iter().flat_map(|w| {
             let (words, _) = counted(*counter, w);
@@ -98,25 +98,25 @@ impl Position {
         };
         let (windows, length) = seen(counter, windows);
         let all = front.dim(0)?;
-        let (fronts, behind) = (before.min(all)..length.min(all), before.max(all)..length);
+        let (fronts, after) = (before.min(all)..length.min(all), before.max(all)..length);
         let mut parts = Vec::new();
         if !fronts.is_empty() {
             let rows = front.narrow(0, fronts.start, fronts.len())?.unsqueeze(0)?;
             parts.push(rows.broadcast_as((windows.len(), fronts.len(), front.dim(1)?))?.contiguous()?);
         }
-        if !behind.is_empty() {
-            let (words, places) = all_counted(counter, windows, behind.clone());
+        if !after.is_empty() {
+            let (words, places) = all_counted(counter, windows, after.clone());
             let mut rows = rows_of(place, places)?;
             if let Some(frame) = frame {
                 rows = (rows_of(frame, words)? + rows)?;
             }
-            parts.push(rows.reshape((windows.len(), behind.len(), ()))?);
+            parts.push(rows.reshape((windows.len(), after.len(), ()))?);
         }
         Tensor::cat(&parts, 1)
     }
 }
 
-/// The windows that decide where tokens stand (one where their number alone does), and their length.
+/// The windows whose tokens decide positions (the first where a token's index alone does), and their length.
 fn seen(counter: Counter, windows: &[Vec<u32>]) -> (&[Vec<u32>], usize) {
     (if counter.reads() { windows } else { &windows[..1] }, windows[0].len())
 }

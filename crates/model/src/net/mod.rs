@@ -1,4 +1,4 @@
-//! What the plain form computes: embedded inputs, blocks of attention and a perceptron, a head, from tensors by their use.
+//! The plain form: embedded inputs, blocks of attention and a perceptron, a head, from tensors by their use.
 //!
 //! Linear layers and tables are candle-nn's, and its `VarBuilder` finds their tensors by name. Three more of its parts don't
 //! serve: its initialisers can't be seeded on the CPU (ours are [`crate::layout::initial`], a random stream a tensor), its
@@ -41,26 +41,26 @@ pub(super) struct Net {
     head: Head,
 }
 
-/// What makes a row of every token.
+/// The part of a model that makes a row of every token.
 #[derive(Clone)]
 enum Body {
     Flat(Flat),
     TwoLevel(TwoLevel),
 }
 
-/// What was read before.
+/// The tokens read earlier, with their keys and values.
 pub(super) struct Memory<'a> {
-    /// Keys and values (1, H, T, d) of every layer, filled from the front; keys as they are turned.
+    /// Keys and values (1, H, T, d) of every layer, filled from the front; keys are rotated.
     pub keys: &'a [Tensor],
     pub values: &'a [Tensor],
     /// The ids, from the window's first on.
     pub before: &'a [u32],
 }
 
-/// What goes into a pass beside the ids.
+/// Inputs of a pass beside the ids.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Beside<'a> {
-    /// What is dropped.
+    /// The dropout, if any.
     pub dropout: Option<&'a Dropout>,
     /// The goal conditioning of frames.
     pub conditioning: Option<&'a Conditioning>,
@@ -74,6 +74,7 @@ impl Net {
         tensors: impl Iterator<Item = (&'a String, Tensor)>,
     ) -> Result<Net> {
         let tensors: HashMap<String, Tensor> = tensors.map(|(name, tensor)| (name.clone(), tensor)).collect();
+        // every model has it, and all tensors share its type and device
         let table = &tensors[config.ids_table()];
         let (dtype, device) = (table.dtype(), table.device().clone());
         let vars = &VarBuilder::from_tensors(tensors, dtype, &device);
@@ -92,7 +93,7 @@ impl Net {
         self.head.ids().device()
     }
 
-    /// What attention sees.
+    /// The mask of attention.
     pub(super) fn mask(&self) -> Mask {
         match self.kind {
             ModelKind::Causal => Mask::Causal,
@@ -133,7 +134,7 @@ impl Net {
         self.head.nats(&hidden, &windows, targets, smoothing)
     }
 
-    /// What the final norm gives (N, D); of a two-level model the trunk's, a row a frame.
+    /// The output of the final norm (N, D); of a two-level model the trunk's, a row a frame.
     pub(super) fn final_vectors(&self, ids: &Tensor, mask: &Mask) -> Result<Tensor> {
         let windows = windows(ids, None)?;
         match &self.body {

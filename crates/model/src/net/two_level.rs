@@ -16,14 +16,14 @@ use kinelm_engine::op::embedding::NONE;
 #[derive(Clone)]
 pub(super) struct TwoLevel {
     frames: Frames,
-    /// K - 1: tokens of a window before those that the frames begin behind, all but the first of which are labels.
+    /// K - 1: tokens of a window before the one after which frames begin; all but the first are labels.
     skipped: usize,
     heads: [usize; 2],
     /// (C (S + 1), e).
     character: Embedding,
     /// (F, D).
     position: Embedding,
-    /// (n, D), where a classifier reads rows behind the last frame.
+    /// (n, D), where a classifier reads rows after the last frame.
     class: Option<Embedding>,
     /// (V, D) and (V, d), where windows begin with labels.
     labels: Option<[Embedding; 2]>,
@@ -109,6 +109,7 @@ impl TwoLevel {
         for block in &self.decoder {
             x = block.forward(&x, self.heads[1], None, hiding.as_ref(), None, None)?;
         }
+        // the last frame may be read in part
         let x = x.reshape((batch, frames * word, ()))?.narrow(1, 0, length)?;
         if self.skipped == 0 { Ok(x) } else { Tensor::cat(&[no_rows, x], 1) }
     }
@@ -191,6 +192,7 @@ fn some_rows(table: &Embedding, rows: &[u32]) -> Result<Tensor> {
     let numbers = table.embeddings();
     let is_some: Vec<f32> = rows.iter().map(|&row| f32::from(u8::from(row != NONE))).collect();
     let is_some = Tensor::from_vec(is_some, (rows.len(), 1), numbers.device())?.to_dtype(numbers.dtype())?;
+    // any row will do: it is multiplied by 0
     let rows = rows.iter().map(|&row| if row == NONE { 0 } else { row }).collect();
     rows_of(table, rows)?.broadcast_mul(&is_some)
 }

@@ -2,6 +2,8 @@
 //!
 //! The nearest window by the Euclidean distance of cosine transforms is looked up at every second of a clip, among the
 //! windows that begin at any frame of another one; it is a copy if the joints' rotations are nearly the same all along.
+//!
+//! Copies that are mirrored, played at another speed or shorter than a window are not found.
 
 use super::{Fault, Finding, LoadedClip};
 use crate::query::record::ClipEntry;
@@ -17,17 +19,18 @@ pub const WINDOW_S: f64 = 2.0;
 const HOP_S: f64 = 1.0;
 /// The mean angle between the local rotations of a copy and its original is below this, degrees.
 pub const COPY_DEG: f64 = 1.0;
-/// And below this part of what the window differs from itself half a second later: a body that hardly moves is like any
+/// And below this share of the window's difference from itself half a second later: a body at rest is like any
 /// other. At 2 degrees and a half, gestures that one dancer repeats pass for copies: 280 ranges of bandai-2.
 const MAX_SELF_SHARE: f64 = 0.2;
-/// A copy cut from another frame of its file may lie between two frames at the rate of the search, so far at most, frames.
+/// The most that a copy can be off the frames of the search, frames: its file may be cut between two of them.
 const MAX_SHIFT: f64 = 0.5;
-/// Coefficients of a channel: up to 2 Hz, which tells windows of 2 s apart.
+/// Coefficients of a channel: up to 2 Hz, enough to distinguish windows of 2 s.
 const KEEP: usize = 8;
 
 /// Adds the copies to the finds of training clips.
 pub fn find(held: &mut [LoadedClip], fps: f64) -> Result<()> {
     let frames = (WINDOW_S * fps).round() as usize;
+    // every frame: a copy may begin anywhere in the other clip
     let windows = WindowSpec { frames, hop: 1, fps };
     let options = IndexOptions { windows, ..IndexOptions::new(FeatureKind::Dct { keep: KEEP }) };
     options.validate()?;
@@ -44,6 +47,7 @@ pub fn find(held: &mut [LoadedClip], fps: f64) -> Result<()> {
         let last = (first + starts).checked_sub(1).filter(|_| starts > 0 && (starts - 1) % hop != 0);
         let starts_at = (first..first + starts).step_by(hop).chain(last);
         first += starts;
+        // clips of other splits are only looked up: what they share with training is taken out of training
         if held[number].split != Split::Train {
             continue;
         }
@@ -59,7 +63,7 @@ pub fn find(held: &mut [LoadedClip], fps: f64) -> Result<()> {
     Ok(())
 }
 
-/// Where a window is, and the clip that it is a copy of, if it is one.
+/// The place of a window, and the clip that it is a copy of, if it is one.
 fn copy(
     held: &[LoadedClip],
     database: &Database,
@@ -71,6 +75,7 @@ fn copy(
     let one = &held[own];
     let allowed = |other: usize| {
         let clip = database.window(other).clip;
+        // of two training clips only the later one, or both would be left out
         let earlier = clip < own || held[clip].split != Split::Train;
         clip != own && earlier
     };
@@ -80,6 +85,7 @@ fn copy(
     let there = database.window(hit.window);
     let here = one.clip.slice(start..start + frames);
     let apart = mean_angle_deg(&here, &held[there.clip].clip.slice(there.start..there.start + frames), MAX_SHIFT);
+    // half a second of the two: long enough for a body that moves, and most of the window is left to compare
     let later = frames / 4;
     let itself = mean_angle_deg(&here.slice(0..frames - later), &here.slice(later..frames), 0.0);
     let is_copy = apart < COPY_DEG && apart < MAX_SELF_SHARE * itself;
@@ -101,6 +107,7 @@ fn mean_angle_deg(a: &Clip, b: &Clip, shift: f64) -> f64 {
     let pairs: Vec<(Vec3, Vec3)> = places.map(of).collect();
     let along: f64 = pairs.iter().map(|(off, step)| off.dot(*step)).sum();
     let speed: f64 = pairs.iter().map(|(_, step)| step.length_squared()).sum();
+    // least squares: the shift that leaves the smallest sum of squared rotations
     let by = if speed > 0.0 { (along / speed).clamp(-shift, shift) } else { 0.0 };
     let sum: f64 = pairs.iter().map(|(off, step)| (*off - *step * by).length()).sum();
     (sum / pairs.len().max(1) as f64).to_degrees()

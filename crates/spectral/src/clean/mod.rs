@@ -1,4 +1,4 @@
-//! What of training clips a corpus is better made without: glitches, bodies in the floor, copies. docs/training.md,
+//! Parts of training clips that a corpus shouldn't have: glitches, bodies in the floor, copies. docs/training.md,
 //! "Clips that are not clean".
 //!
 //! Clips are looked at as a tokenizer takes them: on SMPL-24, at its rate, their floors at y = 0. Times are seconds of the
@@ -23,15 +23,15 @@ use std::fmt;
 
 pub use copies::{COPY_DEG, WINDOW_S};
 
-/// A body is in the floor where its lower foot, less its height when it stands, or another joint is deeper, metres.
+/// A body is in the floor where its lower foot, less its height in stance, or another joint is deeper, metres.
 pub const DEPTH_M: f64 = 0.10;
 /// And for as long, seconds: rests of a step are no sinking.
 const SINKS_S: f64 = 0.25;
-/// Finds of one clip that are less than this apart are one range, seconds: what is left between them is of no use, and what
+/// Finds of one clip with a shorter gap between them are one range, seconds: the gap is of no use, and what
 /// jumps away and back is wrong in between.
 const MERGE_S: f64 = 0.5;
 
-/// What is wrong.
+/// The kind of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Fault {
     /// A step that no body makes.
@@ -71,7 +71,7 @@ struct LoadedClip {
     finds: Vec<Finding>,
 }
 
-/// What was found.
+/// The faults found, and their sums.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CleaningReport {
     /// The ranges, by clip and time.
@@ -121,7 +121,7 @@ pub fn clean(
     Ok(merge(held, config.fps, summary))
 }
 
-/// What is wrong with a clip by itself.
+/// Faults of a clip by itself.
 fn of_clip(name: &str, clip: &Clip, joints: &[usize]) -> Result<Vec<Finding>> {
     let found = glitches(name, clip, joints).into_iter().map(|glitch| {
         let unit = if glitch.what == "root" { "cm" } else { "degrees" };
@@ -150,6 +150,7 @@ fn sinking(clip: &Clip) -> Result<Vec<Finding>> {
 
 /// Finds of each clip put together.
 fn merge(held: Vec<LoadedClip>, fps: f64, summary: Summary) -> CleaningReport {
+    // to 0.1 ms, far below a frame
     let seconds = |frames: usize| (1e4 * frames as f64 / fps).round() / 1e4;
     let mut cleaned =
         CleaningReport { ranges: vec![], kinds: vec![], clips: 0, seconds: 0.0, left_out_s: 0.0, summary };
@@ -166,6 +167,7 @@ fn merge(held: Vec<LoadedClip>, fps: f64, summary: Summary) -> CleaningReport {
             }
             let last = one.clip.frames();
             cleaned.left_out_s += seconds(end.min(last) - first);
+            // open at the clip's end: rounded seconds might leave its last frame in
             let to_s = (end < last).then(|| seconds(end));
             let mut why: Vec<&str> = finds.iter().map(|find| find.description.as_str()).collect();
             why.dedup();
@@ -181,8 +183,9 @@ fn merge(held: Vec<LoadedClip>, fps: f64, summary: Summary) -> CleaningReport {
     cleaned
 }
 
-/// Finds that are less than `apart` frames from each other, in the order of time.
+/// Finds with fewer than `gap` frames between them put together, in the order of time.
 fn merge_findings(mut finds: Vec<Finding>, gap: usize) -> Vec<(usize, usize, Vec<Finding>)> {
+    // by beginning, so that one look at the last range is enough
     finds.sort_by_key(|find| (find.first, find.end));
     let mut all: Vec<(usize, usize, Vec<Finding>)> = Vec::new();
     for find in finds {

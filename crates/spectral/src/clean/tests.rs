@@ -68,7 +68,7 @@ fn what_jumps_away_and_back_is_one_range() {
     let dance = synth::corpus(9, 1, 10.0, 20.0).unwrap().remove(0).clip;
     let odd = fault(&dance, 60..63, 1, Quat::from_rotation_x(2.8), 0.0);
     let found = cleaned(&[("a", "train", odd)]);
-    // frames 59 to 63: those before the step away and behind the step back are of a glitch too
+    // frames 59 to 63: those before the step away and after the step back belong to the glitch too
     let (_, from_s, to_s, why) = rows(&found)[0];
     assert_eq!((found.ranges.len(), from_s, to_s), (1, 2.95, Some(3.2)), "{why}");
     assert!((found.left_out_s - 0.25).abs() < 1e-9);
@@ -80,7 +80,7 @@ fn what_jumps_away_and_back_is_one_range() {
 #[test]
 fn a_copy_in_the_middle_is_found_and_standing_still_is_none() {
     let dance = |i: usize| synth::corpus(5, 2, 12.0, 20.0).unwrap().remove(i).clip;
-    // four seconds of the first dance stand in the second, turned by nothing, moved by a metre
+    // four seconds of the first dance are in the second, not turned, moved by a metre
     let (first, second) = (dance(0), dance(1));
     let (mut root, mut rotations) = (second.root().to_vec(), second.rotations().to_vec());
     let joints = second.joints();
@@ -94,12 +94,12 @@ fn a_copy_in_the_middle_is_found_and_standing_still_is_none() {
     assert_eq!(copies.len(), 1, "{:?}", rows(&found));
     assert!(copies[0].clip == "b" && copies[0].from_s >= 4.9 && copies[0].to_s.unwrap() <= 9.1, "{copies:?}");
     assert!(copies[0].to_s.unwrap() - copies[0].from_s >= 3.0, "{copies:?}");
-    // up to its very end, which lies between two seconds
+    // up to its very end, which is between two seconds
     let whole = first.slice(0..216);
     let listed = cleaned(&[("a", "train", first.clone()), ("b", "train", whole)]);
     let listed: Vec<_> = rows(&listed).into_iter().map(|(clip, from_s, to_s, _)| (clip, from_s, to_s)).collect();
     assert_eq!(listed, [("b", 0.0, None)]);
-    // two that stand alike are no copies
+    // two bodies that stand still in the same pose are no copies
     let still = |f: usize| {
         let clip = first.slice(f..f + 1);
         let (root, pose) = (vec![clip.root()[0]; 100], clip.rotations().repeat(100));
@@ -108,7 +108,7 @@ fn a_copy_in_the_middle_is_found_and_standing_still_is_none() {
     assert!(rows(&cleaned(&[("a", "train", still(7)), ("b", "train", still(7))])).is_empty());
 }
 
-/// A turning dancer passes half a turn; what of it lies before a copy's beginning changes nothing, nor does a beginning
+/// A turning dancer passes half a turn; the part before a copy's beginning changes nothing, nor does a beginning
 /// between two frames at the corpus's rate.
 #[test]
 fn a_copy_without_its_beginning_is_found_over_its_whole_length() {

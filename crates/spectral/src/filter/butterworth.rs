@@ -9,8 +9,8 @@ pub const MAX_ORDER: usize = 8;
 
 /// The digital low pass of one order and cut-off, as second-order sections.
 ///
-/// Made as scipy's `butter` makes it: the poles of the analogue prototype, its cut-off bent as the bilinear transform will
-/// bend it, the bilinear transform. Sections instead of two polynomials, which lose their digits where all poles lie near
+/// Made as scipy's `butter` makes it: the poles of the analogue prototype, its cut-off prewarped, then the bilinear
+/// transform. Sections instead of two polynomials, which lose their digits where all poles are near
 /// 1: order 6 at 0.4 Hz of 120 frames a second.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Butterworth {
@@ -44,12 +44,12 @@ impl Butterworth {
         Ok(Butterworth { order, sections })
     }
 
-    /// How many numbers are put before and behind a series: it must be longer. Scipy's `3 max(len(a), len(b))`.
+    /// Numbers of padding on either side of a series, which must be longer. Scipy's `3 max(len(a), len(b))`.
     pub(crate) fn padding(&self) -> usize {
         3 * (self.order + 1)
     }
 
-    /// A series without what lies above the cut-off, undelayed: forth, then back, each begun as if its first number had
+    /// A series without frequencies above the cut-off, undelayed: forth, then back, each as if its first number had
     /// always been there. Beyond its ends the series goes on turned by half a circle about its end points.
     ///
     /// Agrees with scipy's `filtfilt(*butter(order, cutoff, fs=fps), series)`.
@@ -68,9 +68,10 @@ impl Butterworth {
             return Err(Error::unsupported(what, why));
         }
         let (first, last) = (series[0], series[n - 1]);
+        // odd about the end points: value and slope go on, where a mirrored series would turn back
         let before = (1..=pad).rev().map(|i| 2.0 * first - series[i]);
-        let behind = (1..=pad).map(|i| 2.0 * last - series[n - 1 - i]);
-        let mut x: Vec<f64> = before.chain(series.iter().copied()).chain(behind).collect();
+        let after = (1..=pad).map(|i| 2.0 * last - series[n - 1 - i]);
+        let mut x: Vec<f64> = before.chain(series.iter().copied()).chain(after).collect();
         self.run(&mut x);
         x.reverse();
         self.run(&mut x);
@@ -98,6 +99,7 @@ impl Section {
     /// The `i`-th pair of poles, or the one real pole of an odd order.
     fn of(order: usize, i: usize, bent: f64) -> Section {
         if 2 * i + 1 == order {
+            // the bilinear transform of the pole -bent; its zero is at half the rate
             let pole = (1.0 - bent) / (1.0 + bent);
             let gain = 0.5 * (1.0 - pole);
             return Section { b: [gain, gain, 0.0], a: [-pole, 0.0] };

@@ -26,14 +26,14 @@ pub const MIDDLE_HZ: f64 = 31.0 * 60.0 / 256.0;
 /// A low pass.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Filter {
-    /// The cosine transform over the whole clip, cut off behind the last coefficient that isn't above this frequency, Hz.
+    /// The cosine transform over the whole clip, up to the last coefficient that isn't above this frequency, Hz.
     Band {
         /// Hz.
         cutoff_hz: f64,
     },
     /// A number of coefficients of the cosine transform over the whole clip.
     Coefficients {
-        /// K: 0 to K - 1 are kept.
+        /// K: coefficients 0 to K - 1 stay.
         keep: usize,
     },
     /// Butterworth, forth and back.
@@ -50,7 +50,7 @@ pub enum Filter {
 pub struct Filtered {
     /// The clip: the same skeleton, rate and frames.
     pub clip: Clip,
-    /// Coefficients kept, of those that there are; `None` for Butterworth.
+    /// Coefficients that stay, and all; `None` for Butterworth.
     pub coefficients: Option<[usize; 2]>,
     /// (frame, joint) of rotations that turn too fast for the band, of which the filter left less than half: those with
     /// nothing left are as they were.
@@ -60,11 +60,12 @@ pub struct Filtered {
 /// How many coefficients of a cosine transform over `frames` at `fps` aren't above a frequency: those with
 /// `k fps / (2 frames) <= cutoff_hz`. 16 for [`LOW_HZ`] and 32 for [`MIDDLE_HZ`] of 128 frames at 60 a second.
 pub(crate) fn coefficients(frames: usize, fps: f64, cutoff_hz: f64) -> usize {
+    // 1e-9: 256 * 3.515625 / 60 is 15 and may come out just below
     ((2 * frames) as f64 * cutoff_hz / fps + 1e-9).floor() as usize + 1
 }
 
 impl Filter {
-    /// A clip without what lies above a frequency: rotations and the root's path.
+    /// A clip without movements above a frequency: rotations and the root's path.
     ///
     /// Beyond the clip's ends the cosine transform goes on as if time ran backwards there, Butterworth as if turned by half
     /// a circle about the end. Source: the thesis's figure 3.5 and scipy's `filtfilt` (docs/interpolation.md).
@@ -88,9 +89,11 @@ impl Filter {
             let [x, y, z, w] = pass.all(parts)?;
             for t in 0..f {
                 let q = Quat::from_xyzw(x[t], y[t], z[t], w[t]);
+                // a length of 1/2: the filter has taken away half of a unit quaternion
                 if q.length_squared() < 0.25 {
                     too_fast.push((t, joint));
                 }
+                // below it the direction is rounding, and the rotation stays as it was
                 if q.length_squared() > 1e-6 {
                     rotations[t * j + joint] = q.normalize();
                 }

@@ -7,14 +7,14 @@ use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::{self, Retarget};
 use kinelm_motion::{Clip, Motion, Quat, Skeleton, Source, Vec3};
 
-/// What of two clips is compared.
+/// Which parts of two clips are compared, and how.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignment {
     /// N, frames; `None`: all that the shorter clip has.
     pub frames: Option<usize>,
     /// Frames per second.
     pub fps: f64,
-    /// Where the first clip's begins and where the second's, seconds.
+    /// The beginning of the part in the first clip, and in the second, seconds.
     pub at_s: [f64; 2],
     /// Leave the second clip's heading as it is, instead of turning it so that both begin facing the same way.
     pub keep_heading: bool,
@@ -38,7 +38,7 @@ pub struct Aligned {
     pub a: Clip,
     /// The second's, on the first's rig and facing as it does.
     pub b: Clip,
-    /// What was changed, for the user.
+    /// Notes for the user on the changes.
     pub notes: Vec<String>,
 }
 
@@ -100,6 +100,7 @@ impl Alignment {
         if self.frames.is_some() && !(MIN_FRAMES..=MAX_FRAMES).contains(&frames) {
             return Err(Error::invalid_parameter("window", frames, format!("{MIN_FRAMES} to {MAX_FRAMES} frames")));
         }
+        // `None` takes what there is, which may be too short for a spectrum
         let needed = frames.max(MIN_FRAMES);
         if let Some(i) = [0, 1].into_iter().find(|&i| left[i] < needed) {
             let (has, start) = (clips[i].frames(), self.at_s[i]);
@@ -155,6 +156,7 @@ fn round(fps: f64) -> f64 {
 /// are those above it.
 pub(super) fn pelvis(skeleton: &Skeleton) -> usize {
     let mut at = 0;
+    // parents come before children, so the only child in a chain from the root is the next joint
     while skeleton.children(at).count() == 1 {
         at += 1;
     }
@@ -165,12 +167,13 @@ pub(super) fn pelvis(skeleton: &Skeleton) -> usize {
 fn heading_between(first: &Clip, second: &Clip) -> f64 {
     let world = |clip: &Clip| clip.global_pose(0).rotations[pelvis(clip.skeleton())];
     let off = world(first) * world(second).conjugate();
+    // the twist about the vertical of the rotation between the two: its nearest turn
     let half = off.y.atan2(off.w);
     kinelm_motion::rotation::euler::wrap(2.0 * half)
 }
 
 /// A clip turned about the vertical where it begins. The turn is made by the joint that carries the body, so that joints
-/// above it, which stand still in some rigs, go on standing still.
+/// above it, which are constant in some rigs, stay constant.
 fn turned(clip: &Clip, angle: f64) -> Result<Clip> {
     let turn = Quat::from_rotation_y(angle);
     let (joint, j) = (pelvis(clip.skeleton()), clip.joints());
@@ -178,8 +181,10 @@ fn turned(clip: &Clip, angle: f64) -> Result<Clip> {
     let root = clip.root().iter().map(|&p| from + turn * (p - from)).collect();
     let mut rotations = clip.rotations().to_vec();
     for f in 0..clip.frames() {
+        // a turn in the world, brought into the frame of the joints above
         let above = clip.skeleton().parents()[joint].map_or(Quat::IDENTITY, |p| clip.global_pose(f).rotations[p]);
         let local = &mut rotations[f * j + joint];
+        // four products of rounded quaternions
         *local = (above.conjugate() * turn * above * *local).normalize();
     }
     Ok(Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?)

@@ -11,7 +11,7 @@ use kinelm_motion::rotation::exp_map;
 use kinelm_motion::{Quat, Vec3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// How near a path may come to a chart's break, radians, while an earlier choice of chart is kept.
+/// How near a path may come to a chart's break, radians, before another chart is chosen.
 const ENOUGH: f64 = FRAC_PI_2;
 
 /// How the rotations of one joint become vectors, and vectors rotations.
@@ -34,6 +34,7 @@ impl Chart {
         let charts = [axis.map(|axis| about(Some(axis))), Some(about(None)), main_axis(paths).map(|a| about(Some(a)))];
         let room = charts.into_iter().flatten().map(|chart| {
             let room = paths.iter().map(|path| chart.room(path)).fold(f64::INFINITY, f64::min);
+            // capped, so that of several charts with room enough the first is taken
             (chart, room.min(ENOUGH))
         });
         // of equal ones the first
@@ -47,6 +48,7 @@ impl Chart {
         };
         let mut turn = 0.0;
         let vector = |q: Quat| {
+            // counted on from the frame before, so that a dancer who spins gets more than one turn
             turn = unwrap_near(twist(q, axis), turn);
             axis * turn + exp_map::to_vector(swing(q, axis))
         };
@@ -57,6 +59,7 @@ impl Chart {
     pub fn nearest_turns(&self, vectors: &mut [Vec3], to: &[Vec3]) {
         let Some(axis) = self.axis else { return };
         let off = to.iter().zip(vectors.iter()).map(|(to, v)| (*to - *v).dot(axis)).sum::<f64>();
+        // one number for the whole path: whole turns per frame would tear it
         let off = off / vectors.len().max(1) as f64;
         vectors.iter_mut().for_each(|v| *v += axis * (off - wrap(off)));
     }
@@ -80,6 +83,7 @@ impl Chart {
     fn off_mean(&self, path: &[Quat]) -> Vec<Quat> {
         let back = self.mean.conjugate();
         let off = continuous(path.iter().map(|&q| q * back));
+        // one sign for the path: q and -q are the same rotation, but their vectors go opposite ways round
         let sign = if off.iter().map(|q| q.w).sum::<f64>() < 0.0 { -1.0 } else { 1.0 };
         off.into_iter().map(|q| q * sign).collect()
     }
@@ -109,7 +113,7 @@ fn mean(paths: &[&[Quat]]) -> Quat {
     main.map_or(Quat::IDENTITY, |q| Quat::from_array(q).normalize())
 }
 
-/// The axis about which paths turn most; `None` where they stand still.
+/// The axis about which paths turn most; `None` where they don't move.
 fn main_axis(paths: &[&[Quat]]) -> Option<Vec3> {
     let step = |pair: &[Quat]| exp_map::to_vector(pair[1] * pair[0].conjugate()).to_array();
     let axis = main_direction(paths.iter().flat_map(|path| path.windows(2).map(step)))?;
@@ -120,6 +124,7 @@ fn main_axis(paths: &[&[Quat]]) -> Option<Vec3> {
 fn main_direction<const N: usize>(vectors: impl Iterator<Item = [f64; N]>) -> Option<[f64; N]> {
     let mut squares = vec![0.0; N * N];
     for v in vectors {
+        // products don't see a sign, so q and -q count as the same
         (0..N * N).for_each(|i| squares[i] += v[i / N] * v[i % N]);
     }
     let (sizes, directions) = principal_components(N, &squares)?;

@@ -1,7 +1,7 @@
 //! From one window towards the spectrum of another.
 //!
 //! Letters: C channels, N frames of a window, n numbers of its feature. A window x is (C, N), radians; F(x) its feature.
-//! What is made small is `L(x) = sum (F(x) - target)^2 / n` with `target = F(a) + strength (F(b) - F(a))`, from x = a on.
+//! It minimizes `L(x) = sum (F(x) - target)^2 / n` with `target = F(a) + strength (F(b) - F(a))`, from x = a on.
 
 use crate::{Error, Result, Transform};
 
@@ -19,10 +19,10 @@ pub enum Method {
     Plain(Descent),
 }
 
-/// InterpolateOptions of gradient descent.
+/// Options of gradient descent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Descent {
-    /// Where the goal lies on the line from a's feature (0) to b's (1).
+    /// The goal's place on the line from a's feature (0) to b's (1).
     pub strength: f64,
     /// Step size. Adam: radians that a number moves in the first step, root mean square.
     pub rate: Option<f64>,
@@ -50,7 +50,7 @@ impl Descent {
     pub const STEPS: usize = 500;
     /// Adam's rate unless said otherwise.
     pub const ADAM_RATE: f64 = 0.01;
-    /// How far the goal lies unless said otherwise: half way.
+    /// [`Descent::strength`] by default: half way.
     pub const STRENGTH: f64 = 0.5;
 
     /// The rate of plain descent at which `steps` steps go this share of the way, for n numbers of a feature: from
@@ -81,8 +81,8 @@ pub struct Moved {
 
 /// The way from window `a` towards the feature of window `b`, both (C, N).
 ///
-/// For DCT and PCA plain descent moves every kept coefficient straight: after all steps by
-/// `strength (1 - (1 - 2 rate / n)^steps)` of the way, which [`Method::Closed`] computes directly; what isn't kept stays a's. Adam's
+/// For DCT and PCA plain descent moves every number of the feature straight (the others stay a's): after all steps by
+/// `strength (1 - (1 - 2 rate / n)^steps)` of the way, which [`Method::Closed`] computes directly. Adam's
 /// steps, of one size for all numbers, go the same way sooner. Magnitudes leave the phase free and have no such form.
 /// Source: docs/interpolation.md; Kingma and Ba, "Adam" (2015), with its betas 0.9 and 0.999, but one size of the gradient.
 ///
@@ -106,6 +106,7 @@ pub fn descend(transform: &Transform, channels: usize, a: &[f64], b: &[f64], met
                 let why = "magnitudes leave the phase free, so they have no closed form; give `strength` and `steps`, or take DCT or PCA";
                 return Err(Error::unsupported_parameter("amount", why));
             }
+            // the loss of the closed form is to b itself, whatever the amount
             let goal = Goal { transform, channels, target: to };
             let moved: Vec<f64> = goal.target.iter().zip(&from).map(|(t, f)| amount * (t - f)).collect();
             let step = transform.feature_back(a, channels, &moved);
@@ -158,6 +159,7 @@ impl Goal<'_> {
             step(&mut x, &gradient);
         }
         let last = self.loss_and_gradient(&x).0;
+        // plain descent with a rate above n moves away from its goal with every step
         if !last.is_finite() || x.iter().any(|x| !x.is_finite()) {
             let rate = descent.rate.unwrap_or_default();
             return Err(Error::invalid_parameter("rate", rate, "a smaller one, at which the loss stays finite"));
@@ -184,10 +186,12 @@ impl Adam {
 
     fn step(&mut self, x: &mut [f64], gradient: &[f64], rate: f64) {
         self.steps += 1;
+        // Kingma and Ba's defaults
         let (b1, b2) = (0.9f64, 0.999f64);
         let square = gradient.iter().map(|g| g * g).sum::<f64>() / gradient.len().max(1) as f64;
         self.square = b2 * self.square + (1.0 - b2) * square;
         let size = (self.square / (1.0 - b2.powi(self.steps))).sqrt();
+        // both corrections at once, since one size divides all numbers
         let rate = rate / (1.0 - b1.powi(self.steps)) / (size + 1e-8);
         for ((x, mean), g) in x.iter_mut().zip(&mut self.mean).zip(gradient) {
             *mean = b1 * *mean + (1.0 - b1) * g;

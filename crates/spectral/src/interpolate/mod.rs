@@ -3,6 +3,8 @@
 //! [`Alignment`] makes two clips comparable, [`Relative`] makes their rotations numbers, `descent::descend` moves the
 //! first's, [`interpolate()`] does all of it and measures the result. The root's path stays the first's but for its fast
 //! part, which turns with the body. Source: the motion-language thesis; docs/interpolation.md.
+//!
+//! Only rotations are blended, without a look at contacts: feet may slide or sink.
 
 pub mod align;
 mod chart;
@@ -58,11 +60,11 @@ pub enum Coordinates {
 /// How two dances are blended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InterpolateOptions {
-    /// What of them.
+    /// Which parts of them.
     pub alignment: Alignment,
-    /// By which numbers.
+    /// The numbers of the rotations that are blended.
     pub coordinates: Coordinates,
-    /// By which spectrum of them.
+    /// The spectrum of these numbers.
     pub spectrum: Spectrum,
     /// Coefficients or components that are moved; `None`: those up to 3.5 Hz, 16 for a basis.
     pub keep: Option<usize>,
@@ -70,21 +72,21 @@ pub struct InterpolateOptions {
     pub method: Method,
 }
 
-/// Two dances and what lies between.
+/// Two dances and the one between.
 #[derive(Debug, Clone)]
 pub struct Interpolated {
     /// The first's window, the second's on the first's rig, and the one between, on the first's rig.
     pub clips: [Clip; 3],
-    /// What was changed to make the two comparable.
+    /// Notes on the changes that made the two comparable.
     pub notes: Vec<String>,
-    /// What was measured.
+    /// The measures of the blend.
     pub report: Report,
 }
 
 /// Interpolates from the first dance towards the second.
 ///
 /// # Errors
-/// What `Alignment::of` and `descent::descend` refuse; more coefficients than frames; a basis of more components than
+/// Errors of `Alignment::of` and `descent::descend`; more coefficients than frames; a basis of more components than
 /// the clips have series, or over a window of more than 1,024 frames.
 pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Result<Interpolated> {
     let Aligned { a: first, b: second, notes } = options.alignment.of(a, b)?;
@@ -98,11 +100,13 @@ pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Resu
         to_nearest_branches(&mut series, &vectors_a);
         Ok(series)
     };
+    // on a's branches: a vector and its twin are one rotation and two features
     let vectors_b = near_a(&second)?;
     let (third, [from, to], moved) = match options.coordinates {
         Coordinates::Relative => {
             let (relative, [from, to]) = Relative::of([&first, &second]);
             let moved = descend(&from, &to)?;
+            // magnitudes have no slow part of their own, so all of the rotation is moved
             let slow = if options.spectrum == Spectrum::Stft { frames } else { transform.kept() };
             (relative.moved(&first, &from, &moved.window, slow)?, [from, to], moved)
         }
@@ -128,6 +132,7 @@ pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Resu
         own: Likeness::of(&transform, channels, [&from, &to, &moved.window]),
         loss: moved.loss,
         jitter: shakes,
+        // two dances that don't move have no jitter to compare with
         jitter_ratio: (larger > 0.0).then(|| shakes[2] / larger),
         is_between: stft.a_c > stft.a_b && stft.c_b > stft.a_b,
         is_smooth: shakes[2] <= JITTER_BOUND * larger,
@@ -151,7 +156,7 @@ impl InterpolateOptions {
         }
     }
 
-    /// A basis fitted to all windows of both clips, a sixteenth of a window apart.
+    /// A basis fitted to all windows of both clips, with a hop of a sixteenth of a window.
     fn basis(&self, frames: usize, keep: usize, clips: [&Motion; 2]) -> Result<PcaBasis> {
         if frames > MAX_PCA_FRAMES {
             let (needs, most) = (format!("windows of {frames} frames"), format!("{MAX_PCA_FRAMES} frames"));
@@ -167,6 +172,7 @@ impl InterpolateOptions {
                 count += series.channels.len();
             }
         }
+        // fewer series than components leave directions that no series has
         if count < keep {
             return Err(Error::invalid_parameter("keep", keep, format!("at most {count}, the series that the clips have")));
         }

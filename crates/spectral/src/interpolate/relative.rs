@@ -1,7 +1,7 @@
 //! Blending by turns and small rotations instead of rotation vectors: nobody flips, and nobody shakes more.
 //!
 //! Two things go wrong where rotation vectors are blended as they are. A body that turns has vectors longer than half a
-//! turn, and half way between two of these lies no rotation that is half way. So each joint has a [`Chart`], and the
+//! turn, and the mean of two of these is no rotation half way between. So each joint has a [`Chart`], and the
 //! body, up to the joint that carries it, turns about the vertical. And fast, small movements fit together: what shakes
 //! the hips is taken back by the spine and the root's path. In another pose it no longer is, and the hands shake. So
 //! only slow rotations are blended, and each bone takes along, in its own frame, how its fast movement turns it in the
@@ -39,6 +39,7 @@ impl Relative {
         for joint in 0..skeleton.joints() {
             let paths = clips.map(|clip| (0..frames).map(|f| carried(clip, f, joint, pelvis)).collect::<Vec<Quat>>());
             let slices: Vec<&[Quat]> = paths.iter().map(|path| &**path).collect();
+            // the joints that carry the body turn about the vertical; the others have no axis that all clips share
             let chart = Chart::fit(&slices, (joint <= pelvis).then_some(Vec3::Y));
             let mut vectors = paths.map(|path| chart.vectors(&path));
             let (first, others) = vectors.split_at_mut(1);
@@ -71,6 +72,7 @@ impl Relative {
             let world = |numbers: &[f64]| GlobalPose::new(&self.skeleton, Vec3::ZERO, &self.pose(numbers, f)).rotations;
             let (before, after, mut pose) = (world(&before), world(&after), clip.global_pose(f));
             for (own, (before, after)) in pose.rotations.iter_mut().zip(before.iter().zip(&after)) {
+                // the slow rotation is exchanged in the world, and the fast one stays on the bone's own side
                 *own = *after * before.conjugate() * *own;
             }
             rotations.extend(pose.to_local(&self.skeleton));
@@ -84,6 +86,7 @@ impl Relative {
         let at = |channel: usize| numbers[channel * self.frames + frame];
         let rotation = |j: usize| self.charts[j].rotation(Vec3::new(at(3 * j), at(3 * j + 1), at(3 * j + 2)));
         let mut pose: Vec<Quat> = (0..self.charts.len()).map(rotation).collect();
+        // from below, while the parent's rotation is still that of the world
         for joint in (1..=self.pelvis).rev() {
             pose[joint] = pose[joint - 1].conjugate() * pose[joint];
         }
@@ -139,7 +142,7 @@ mod tests {
         assert!(apart(&second, &b) < 1e-7);
     }
 
-    /// The hips shake, the spine takes it back: what is above it stands still, in a blend with one who bends the spine too.
+    /// The hips shake and the spine takes it back: the chest stays still, also in a blend with one who bends the spine.
     #[test]
     fn fast_movements_that_fit_together_still_do_in_another_pose() {
         let [a, b] = dances();

@@ -1,11 +1,11 @@
-//! What is measured of a blend.
+//! Measures of a blend.
 
 use super::Coordinates;
 use crate::Transform;
 use serde::Serialize;
 use std::fmt;
 
-/// Of the larger jitter of the two dances what lies between may have.
+/// The most jitter that the blend may have, as a multiple of the larger one of the two dances.
 pub const JITTER_BOUND: f64 = 1.1;
 
 /// How alike three windows are, by the cosine of their features.
@@ -19,7 +19,7 @@ pub struct Likeness {
     pub c_b: f64,
 }
 
-/// What was measured of a blend.
+/// The measures of a blend.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
     /// Frames of the window.
@@ -44,9 +44,9 @@ pub struct Report {
     pub loss: [f64; 2],
     /// Jitter of the first, the second and the one between, m/s^3.
     pub jitter: [f64; 3],
-    /// Jitter of the one between over the larger of the others'; `None` where these stand still.
+    /// Jitter of the one between over the larger of the others'; `None` where these don't move.
     pub jitter_ratio: Option<f64>,
-    /// Whether it lies between the two by STFT features, nearer to either than they are to each other.
+    /// Whether it is between the two by STFT features: nearer to either than they are to each other.
     pub is_between: bool,
     /// Whether it shakes at most a tenth more than the more shaken of the two.
     pub is_smooth: bool,

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 /// Rotation vectors of every joint of a clip, without jumps through any number of turns.
 ///
 /// # Errors
-/// What [`Series::of`] refuses.
+/// Errors of [`Series::of`].
 pub fn unwound(clip: &Clip) -> Result<Series> {
     let mut series = Series::of(clip, &[], clip.fps(), true)?;
     for joint in 0..series.channels.len() / 3 {
@@ -34,6 +34,7 @@ pub fn to_nearest_branches(series: &mut Series, to: &Series) {
             path
         };
         let mut best = own;
+        // a turn at a time, while it helps; more turns than frames no body makes
         for _ in 0..series.frames {
             let paths = [-1.0, 1.0].map(|turns| begun(&best, turns));
             let Some(path) = paths.into_iter().find(|path| off(path) < off(&best)) else { break };
@@ -46,6 +47,7 @@ pub fn to_nearest_branches(series: &mut Series, to: &Series) {
 /// Of all vectors of a rotation, `v + 2 PI k v/|v|`, the one nearest to another.
 fn nearest(v: Vec3, to: Vec3) -> Vec3 {
     let angle = v.length();
+    // no axis to add turns along
     if angle < 1e-9 {
         return v;
     }
@@ -73,7 +75,7 @@ mod tests {
     use kinelm_motion::rotation::exp_map;
     use std::sync::Arc;
 
-    /// Two dancers that stand on both sides of half a turn are near each other.
+    /// Two dancers on either side of half a turn are near each other.
     #[test]
     fn vectors_stand_on_one_branch() {
         let one = |from: f64, speed: f64| {

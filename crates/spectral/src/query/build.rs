@@ -50,7 +50,7 @@ impl IndexRequest {
     }
 }
 
-/// What a build did.
+/// The result of a build.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BuildReport {
     /// Of the files that were read.
@@ -125,6 +125,7 @@ impl Index {
             same_options(out, index.options(), &held)?;
         }
         let basis = match (&there, &held.transform) {
+            // never fitted again: the features that are there are coordinates in it
             (Some(index), _) => index.basis().cloned(),
             (None, FeatureKind::Pca { keep }) => Some(fit(dataset, &held, *keep, options, watch)?),
             _ => None,
@@ -145,6 +146,7 @@ impl Index {
         let extractor = FeatureExtractor::new(&held, basis.as_ref(), request.models)?;
         let part = write_part(dataset, &extractor, options, &work, &mut built, watch)?;
         let Some(part) = part else {
+            // all clips known is no error: an addition that is repeated changes nothing
             if built.known == 0 {
                 return Err(no_window(&held.windows));
             }
@@ -173,7 +175,7 @@ impl Index {
     }
 }
 
-/// Keeps other builds from an index that is there, while the answer lives.
+/// Locks an existing index against other builds, while the returned file lives.
 ///
 /// # Errors
 /// Another build that adds to it; a folder that can't be opened.
@@ -327,6 +329,7 @@ impl Work {
     fn finish(&mut self, manifest: &Manifest, basis: Option<&[u8]>) -> Result<()> {
         let text = serde_json::to_string_pretty(manifest).expect("a manifest has text keys") + "\n";
         let Some(folder) = self.folder.take() else {
+            // where the folder can't be locked, another build may have been quicker
             if Some(super::index::read_manifest(&self.out)?) != self.there {
                 let help = "another build added to it meanwhile: build again";
                 return Err(Error::file(
@@ -341,6 +344,7 @@ impl Work {
         if let Some(basis) = basis {
             folder.write(BASIS, basis)?;
         }
+        // last: a folder with it is an index
         folder.write(MANIFEST, text.as_bytes())?;
         Ok(folder.commit("build again to add to it")?)
     }

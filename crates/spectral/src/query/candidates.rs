@@ -1,9 +1,9 @@
-//! What may be among the k nearest, by bounds.
+//! Windows that may be among the k nearest, by bounds.
 
 use super::database::Database;
 use super::distance::SearchOptions;
 
-/// From so many windows on, those that can't be among the k nearest are dropped.
+/// The least number of windows from which on those that can't be among the k nearest are dropped.
 const MANY: usize = 512;
 
 /// Windows that may be among the k nearest of all that were offered, in their order.
@@ -17,7 +17,7 @@ pub struct Candidates<'a> {
     kept: Vec<(usize, [f64; 2])>,
     /// The k-th greatest of the least ranks: who can't reach it is not among the k nearest.
     least: f64,
-    /// So many are kept before some are dropped.
+    /// The number of windows at which some are dropped next.
     room: usize,
 }
 
@@ -40,6 +40,7 @@ impl<'a> Candidates<'a> {
             self.kept.push((window, limits));
             if self.kept.len() >= self.room {
                 self.prune();
+                // twice what is left, so that pruning costs a constant per window even where nothing can be dropped
                 self.room = room(self.wanted.k).max(2 * self.kept.len());
             }
         }
@@ -47,6 +48,7 @@ impl<'a> Candidates<'a> {
 
     /// These, and those of later windows.
     pub fn merge(mut self, later: Candidates<'a>) -> Candidates<'a> {
+        // both bounds are proven: k windows are surely that near, whichever half has them
         self.least = self.least.max(later.least);
         self.kept.extend(later.kept);
         self.room = self.room.max(later.room);
@@ -74,6 +76,7 @@ impl<'a> Candidates<'a> {
             self.least = self.least.max(*lows.select_nth_unstable_by(last, |a, b| b.total_cmp(a)).1);
         }
         let least = self.least;
+        // `>=`: a tie may win by its place in the database
         self.kept.retain(|(_, [_, high])| *high >= least);
     }
 }

@@ -1,11 +1,11 @@
-//! How near two features are, and what is looked for.
+//! The nearness of two features, and the options of a search.
 
 use serde::{Deserialize, Serialize};
 
-/// What f64 sums of a feature's numbers may be off, as a share: far below what their order changes.
+/// A bound of the relative error of f64 sums of a feature's numbers: far below what their order changes.
 const SLACK: f64 = 1e-11;
 
-/// What "near" means.
+/// The measure of nearness.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -40,13 +40,16 @@ impl Distance {
     /// `b`, by the least or greatest that their cosine may be.
     pub(super) fn rank(self, cosine: f64, side: Side, a: f64, b: f64) -> f64 {
         let (rank, size) = match self {
+            // exactly 0, as `score` has it for a feature of zeros
             Distance::Cosine if a * b == 0.0 => (0.0, 0.0),
             Distance::Cosine => (cosine, 1.0),
             Distance::Euclid => {
                 let squares = a * a + b * b;
+                // |a - b|^2 by the cosine, which is all that a scan knows
                 (2.0 * a * b * cosine - squares, squares)
             }
         };
+        // outward, so that rounding never drops a window that is among the nearest
         match side {
             Side::Least => rank - SLACK * size,
             Side::Greatest => rank + SLACK * size,
@@ -61,12 +64,12 @@ pub(super) enum Side {
     Greatest,
 }
 
-/// What is looked for.
+/// The options of a search.
 #[derive(Debug, Clone, Copy)]
 pub struct SearchOptions {
     /// k.
     pub k: usize,
-    /// What "near" means.
+    /// The measure of nearness.
     pub distance: Distance,
     /// Of each clip only its nearest window.
     pub one_per_clip: bool,

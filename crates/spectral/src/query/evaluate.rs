@@ -23,12 +23,12 @@ use std::collections::BTreeMap;
 /// Queries in a batch.
 const QUERIES: usize = 64;
 
-/// What is measured.
+/// The options of an evaluation.
 #[derive(Debug, Clone)]
 pub struct EvaluateOptions {
     /// How files are read.
     pub build: BuildOptions,
-    /// Where windows lie.
+    /// How series are cut into windows.
     pub windows: WindowSpec,
     /// SMPL joints; all if empty. A model reads its own.
     pub joints: Vec<usize>,
@@ -36,13 +36,13 @@ pub struct EvaluateOptions {
     pub raw: bool,
     /// The feature that windows are compared by.
     pub transforms: Vec<FeatureKind>,
-    /// What "near" means.
+    /// The measure of nearness.
     pub distances: Vec<Distance>,
     /// Label fields; by themselves those that all clips have with at least two values.
     pub fields: Vec<String>,
     /// Only clips with these labels.
     pub only: Vec<LabelFilter>,
-    /// What is left out of the neighbours in the main figures.
+    /// The exclusion of the main figures.
     pub exclude: Exclude,
     /// Neighbours.
     pub k: usize,
@@ -50,16 +50,16 @@ pub struct EvaluateOptions {
     pub models: Models,
 }
 
-/// Accuracy and entropy of one way to ask.
+/// Accuracy and entropy of one kind of query.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
     /// The label.
     pub field: String,
-    /// As [`FeatureKind::name`]; `chance` is neighbours drawn at random from those allowed.
+    /// As [`FeatureKind::name`]; `chance` is neighbours sampled at random from those allowed.
     pub transform: String,
     /// Cosine or Euclid.
     pub distance: Option<Distance>,
-    /// What was left out.
+    /// The exclusion.
     pub exclude: Exclude,
     /// The first frame of a clip's first window.
     pub phase: usize,
@@ -89,11 +89,11 @@ pub struct Report {
     pub schema: u32,
     /// The program's version.
     pub version: &'static str,
-    /// Where windows lie.
+    /// How series are cut into windows.
     pub windows: WindowSpec,
     /// Neighbours.
     pub k: usize,
-    /// What is left out in the main figures.
+    /// The exclusion of the main figures.
     pub exclude: Exclude,
     /// Clips with at least one window.
     pub clips: usize,
@@ -118,11 +118,12 @@ struct LoadedClip {
     entry: ClipEntry,
 }
 
-/// Reads the clips, and asks for each window at both phases (windows from the clip's first frame on, and from half a hop on).
+/// Reads the clips, and queries each window at both phases (windows from a clip's first frame on, and from half a hop
+/// on).
 ///
 /// # Errors
 /// Files that can't be read where `strict` is given; [`kinelm_store::Error::Missing`] when no clip is as long as a window or has the labels
-/// wanted, a label that some clip doesn't have, or has but one value.
+/// requested, a label that some clip doesn't have, or has but one value.
 pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildProgress<'_>) -> Result<Report> {
     options.windows.validate()?;
     let mut of_kind = Vec::new();
@@ -140,6 +141,7 @@ pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildP
     options.exclude.check(entries.clone())?;
     let excludes: Vec<Exclude> = Exclude::ALL.into_iter().filter(|e| e.check(entries.clone()).is_ok()).collect();
     let mut takes: Vec<&str> = held.iter().map(|h| h.entry.take.as_str()).collect();
+    // sorted, since `count` looks recordings up by bisection
     takes.sort_unstable();
     takes.dedup();
     let labels: Vec<Labels> = fields.iter().map(|f| Labels::of(&held, f)).collect();
@@ -157,6 +159,7 @@ pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildP
         rows: Vec::new(),
         summary,
     };
+    // a second cut of the same clips shows how much figures depend on where windows begin
     for phase in [0, options.windows.hop / 2] {
         let count = held.iter().map(|h| options.windows.starts(h.clip.frames(), phase).count()).sum();
         report.queries.push((phase, count));
@@ -165,10 +168,12 @@ pub fn evaluate(dataset: &Dataset, options: &EvaluateOptions, watch: &mut BuildP
             let judge =
                 Judge { database: &database, labels: &labels, takes: &takes, options, excludes: &excludes, phase };
             report.rows.extend(judge.ask(&kind.transform)?);
+            // chance doesn't depend on the feature
             if kind == &of_kind[0] {
                 report.rows.extend(judge.chance());
             }
         }
+        // half a hop is 0 then, and the second phase would be the first again
         if options.windows.hop < 2 {
             break;
         }
@@ -306,7 +311,7 @@ struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// Asks for every window, in every way.
+    /// Queries every window by every distance and exclusion.
     fn ask(&self, kind: &FeatureKind) -> Result<Vec<Row>> {
         let ways: Vec<(Option<Distance>, Exclude)> = self.ways(&self.options.distances);
         let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];
@@ -338,7 +343,7 @@ impl Judge<'_> {
         Ok(self.rows(kind.name(), &ways, &tallies))
     }
 
-    /// Neighbours drawn at random from those allowed.
+    /// Neighbours sampled at random from those allowed.
     fn chance(&self) -> Vec<Row> {
         let ways: Vec<(Option<Distance>, Exclude)> = self.excludes.iter().map(|&e| (None, e)).collect();
         let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];

@@ -5,7 +5,7 @@ use super::record::ClipEntry;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// What is left out of an answer: each leaves out what those before it do. See docs/query.md, "Exclusions".
+/// The windows left out of an answer: each leaves out what those before it do. See docs/query.md, "Exclusions".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -57,12 +57,12 @@ impl Exclude {
     }
 }
 
-/// Where a query is from.
+/// The origin of a query.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Origin<'a> {
     /// Its clip, if the database has it.
     pub clip: Option<usize>,
-    /// What is known of it, if anything is.
+    /// Its entry in the database, if it has one.
     pub entry: Option<&'a ClipEntry>,
     /// Its first frame.
     pub start: usize,
@@ -88,7 +88,7 @@ pub struct Exclusion<'a> {
 }
 
 impl<'a> Exclusion<'a> {
-    /// What of `database`, whose windows have `frames` frames, is left out for a query from `origin`.
+    /// The exclusion for a query from `origin` in `database`, whose windows have `frames` frames.
     pub fn new(database: &'a Database, exclude: Exclude, origin: Origin<'a>, frames: usize) -> Exclusion<'a> {
         let out = |(i, clip): (usize, &ClipEntry)| {
             // the same file may be in there twice, read in two ways

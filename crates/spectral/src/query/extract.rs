@@ -10,7 +10,7 @@ use crate::{PcaBasis, Result, Series, Transform};
 use kinelm_motion::Clip;
 use rayon::prelude::*;
 
-/// What makes features; many clips side by side. A model then reads its part one after the other
+/// Makes features; many clips side by side. A model then reads its part one after the other
 /// ([`FeatureExtractor::embed`]).
 pub struct FeatureExtractor {
     options: IndexOptions,
@@ -22,7 +22,7 @@ enum Source {
     Model(Box<dyn WindowEmbedding>),
 }
 
-/// What comes of a clip before a model reads.
+/// The windows of a clip before a model reads them.
 pub enum Extracted {
     /// (N, D).
     Features(Vec<f32>),
@@ -31,7 +31,7 @@ pub enum Extracted {
 }
 
 impl FeatureExtractor {
-    /// What makes the features of `options`; `basis` is that of a fitted transform.
+    /// The extractor of the features of `options`; `basis` is that of a fitted transform.
     ///
     /// # Errors
     /// A run that can't be read or isn't the one of the options.
@@ -106,6 +106,7 @@ impl Database {
                 let mut all = PcaFit::new(options.windows.frames);
                 for block in clips.chunks(BLOCK) {
                     let fits = block.par_iter().map(|(clip, entry)| fit_of(clip, &entry.starts, options));
+                    // in the clips' order: sums have the same bits on any number of threads
                     fits.collect::<Result<Vec<_>>>()?.iter().for_each(|one| all.merge(one));
                 }
                 Some(all.finish(keep)?)
@@ -125,7 +126,7 @@ impl Database {
     }
 }
 
-/// What a basis is fitted on, of one clip.
+/// The sums of one clip that a basis is fitted on.
 pub fn fit_of(clip: &Clip, starts: &[usize], options: &IndexOptions) -> Result<PcaFit> {
     let frames = options.windows.frames;
     let series = series(clip, options)?;

@@ -1,4 +1,4 @@
-//! What else moves like this.
+//! The windows of an index that are nearest to one of a clip.
 
 use super::distance::{Distance, SearchOptions};
 use super::embedding::Models;
@@ -27,13 +27,13 @@ pub struct Query {
     pub read: ReadOptions,
     /// Whether a file that the index has is read as it was read then instead.
     pub as_indexed: bool,
-    /// Where the window begins, seconds; by itself such that it lies in the clip's middle.
+    /// The window's beginning, seconds; `None`: such that the window is in the clip's middle.
     pub at_s: Option<f64>,
-    /// How many windows.
+    /// The number of windows.
     pub k: usize,
-    /// What "near" means.
+    /// The measure of nearness.
     pub distance: Distance,
-    /// What doesn't count.
+    /// The windows that don't count.
     pub exclude: Exclude,
     /// Of each clip only its nearest window.
     pub one_per_clip: bool,
@@ -50,9 +50,9 @@ pub struct ClipWindow {
     pub path: PathBuf,
     /// First frame at the index's rate.
     pub start: usize,
-    /// Where it begins in the clip, seconds.
+    /// Its beginning in the clip, seconds.
     pub start_s: f64,
-    /// Where it ends.
+    /// Its end.
     pub end_s: f64,
     /// The recording.
     pub take: String,
@@ -79,7 +79,7 @@ pub struct Match {
 /// The answer to a [`Query`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct SearchResult {
-    /// What was query with.
+    /// The query's window.
     pub query: ClipWindow,
     /// Nearest first.
     pub matches: Vec<Match>,
@@ -89,7 +89,7 @@ pub struct SearchResult {
     pub measured: usize,
     /// Seconds that the search took, without opening the index and reading the clip.
     pub seconds: f64,
-    /// What the user should know.
+    /// Notes for the user.
     pub notes: Vec<String>,
     frames: usize,
     fps: f64,
@@ -116,6 +116,7 @@ impl Index {
         let feature = extractor.embed(extractor.extract(&clip, &[start])?)?;
         let own = query_window(query, entry, start, spec.frames, spec.fps, read, sha256);
         let origin = Origin { clip: known, entry, start };
+        // from here on the time of a search: reading the clip is its own business
         let begun = Instant::now();
         let exclusion = Exclusion::new(database, query.exclude, origin, spec.frames);
         let options = SearchOptions { k: query.k, distance: query.distance, one_per_clip: query.one_per_clip };
@@ -230,6 +231,7 @@ impl ClipWindow {
         }
         let clip = clip.slice(self.start..self.start + frames);
         let first = clip.root().first().copied().unwrap_or_default();
+        // beside each other on a page: only the place on the floor is taken off
         let away = Vec3::new(first.x, 0.0, first.z);
         let root = clip.root().iter().map(|p| *p - away).collect();
         Ok(Clip::new(clip.skeleton().clone(), fps, root, clip.rotations().to_vec())?)

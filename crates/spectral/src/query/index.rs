@@ -94,6 +94,7 @@ fn check(path: &Path, manifest: &Manifest, basis: Option<&PcaBasis>) -> Result<(
     if let Err(e) = options.validate() {
         return wrong(e.to_string(), "what an index can be built with".into());
     }
+    // a name is joined to the folder's path: it must not lead out of it
     if let Some(part) = manifest.parts.iter().find(|p| !is_part(&p.name)) {
         return wrong(format!("a part `{}`", part.name), "part-0001 and so on".into());
     }

@@ -1,4 +1,4 @@
-//! What an index holds of each window.
+//! The options of an index: the feature that it stores of each window.
 
 use crate::{Error, LowDct, PcaBasis, Result, Stft, WindowSpec};
 use kinelm_motion::smpl;
@@ -16,7 +16,7 @@ pub enum FeatureKind {
     },
     /// Low coefficients of a cosine transform.
     Dct {
-        /// How many.
+        /// The number of coefficients.
         keep: usize,
     },
     /// Coordinates in a basis that is fitted to all channels of the windows that an index begins with.
@@ -67,7 +67,7 @@ impl FeatureKind {
 pub struct IndexOptions {
     /// The feature that windows are compared by.
     pub transform: FeatureKind,
-    /// Where they lie.
+    /// How series are cut into windows.
     pub windows: WindowSpec,
     /// The SMPL joints that count, ascending; all 24 if empty.
     pub joints: Vec<usize>,
@@ -108,7 +108,7 @@ impl IndexOptions {
         3 * if self.joints.is_empty() { smpl::NAMES.len() } else { self.joints.len() }
     }
 
-    /// Where `other` asks for something else: option, here, there.
+    /// The options in which `other` differs: name, here, there.
     pub(crate) fn differences(&self, other: &IndexOptions) -> Vec<(&'static str, String, String)> {
         type Shown = fn(&IndexOptions) -> String;
         let both: [(&str, Shown); 6] = [

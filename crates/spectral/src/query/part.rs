@@ -82,6 +82,7 @@ impl Part {
         let mut bytes = Floats::new(self.sizes.len() * padded / size_of::<f32>());
         let features = self.features.get(0..self.features.len())?;
         let of = |(features, sizes): (&[f32], &[Size])| {
+            // least and greatest don't depend on the order, so threads may take any blocks
             let mut ranges = Ranges::new(numbers);
             features.chunks_exact(numbers).zip(sizes).for_each(|(feature, size)| ranges.add(feature, size.norm));
             ranges
@@ -91,6 +92,7 @@ impl Part {
         let rows = bytemuck::cast_slice_mut(&mut bytes).par_chunks_mut(padded);
         let all = rows.zip(features.par_chunks(numbers)).zip(&mut self.sizes);
         all.for_each(|((row, feature), size)| *size = scales.quantize(feature, size.norm, row));
+        // a borrow of the part, whose fields are set below
         drop(features);
         (self.bytes, self.scales) = (Numbers::Paged(bytes), scales);
         Ok(self)
@@ -145,7 +147,7 @@ impl Part {
     }
 }
 
-/// A file of so many numbers.
+/// A file of `numbers` numbers.
 fn stored<T: bytemuck::Pod + Send + Sync>(
     path: &Path,
     checksum: &FileChecksum,

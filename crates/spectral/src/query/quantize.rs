@@ -1,6 +1,6 @@
 //! Unit vectors as signed bytes: each coefficient on a scale of its own, and how far the bytes are off.
 //!
-//! Of a feature over its length, u, the bytes b stand for c + s b, with a centre c and a step s a coefficient. A query v is
+//! The bytes b of a feature over its length, u, mean c + s b, with a centre c and a step s a coefficient. A query v is
 //! compared in the same frame, |v - u| = |(v - c) - (u - c)|, so that neither the mean pose nor the greatest coefficients
 //! cost precision.
 
@@ -10,13 +10,13 @@ use kinelm_engine::op::dots;
 /// The largest byte.
 const MOST: f64 = 127.0;
 
-/// What is kept of a feature beside its numbers.
+/// The quantities stored beside a feature's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Size {
     /// Length of the feature.
     pub norm: f64,
-    /// At most so far is what the bytes stand for from the feature over its length.
+    /// A bound of the distance between what the bytes stand for and the feature over its length.
     pub error: f64,
     /// The square of the length of s b.
     pub square: f64,
@@ -66,6 +66,7 @@ impl Ranges {
         let scale = |&[low, high]: &[f64; 2]| match low <= high {
             true => {
                 let centre = ((low + high) / 2.0) as f32;
+                // from the rounded centre: half of high - low may be a little short on one side
                 let reach = (high - f64::from(centre)).max(f64::from(centre) - low);
                 [centre, (reach / MOST) as f32]
             }
@@ -102,6 +103,7 @@ impl Scales {
             size.square += stands_for * stands_for;
             size.length += whole * whole;
         }
+        // rounded up beyond what the sum in f64 may be off, as it is a bound
         size.error = size.error.sqrt() * (1.0 + 1e-9) + 1e-15;
         size.length = size.length.sqrt() * (1.0 + 1e-9);
         size
@@ -114,6 +116,7 @@ impl Scales {
         Query {
             square: from_centre().map(|(x, _)| x * x).sum(),
             dots: dots::Query::new(&weights),
+            // a rounding per term of the sums, and some for what surrounds them
             slack: (feature.len() + 16) as f64 * f64::EPSILON,
         }
     }
@@ -132,7 +135,7 @@ pub struct Query {
     square: f64,
     /// Of s (v - c).
     dots: dots::Query,
-    /// What sums in f64 may be off, as a share.
+    /// A bound of the relative error of sums in f64.
     slack: f64,
 }
 
@@ -150,7 +153,7 @@ impl Query {
         self.dots.padded()
     }
 
-    /// The distance of v from what a row's bytes stand for, squared, least and greatest, from the row's product.
+    /// Least and greatest squared distance of v from what a row's bytes stand for, by the row's product.
     fn squares(&self, product: i64, size: &Size) -> [f64; 2] {
         let squares = self.square + size.square;
         let middle = squares - 2.0 * self.dots.step() * product as f64;
@@ -160,7 +163,9 @@ impl Query {
 
     /// The least that the cosine of v and a row's feature may be.
     pub fn least(&self, product: i64, size: &Size) -> f64 {
+        // the triangle inequality: the feature is at most `error` from what its bytes stand for
         let distance = self.squares(product, size)[1].sqrt() + size.error;
+        // of unit vectors |v - u|^2 = 2 - 2 cos
         1.0 - distance * distance / 2.0
     }
 

@@ -1,4 +1,4 @@
-//! What an index says of itself: `index.json`, and the lines of `clips.jsonl`.
+//! The description of an index: `index.json`, and the lines of `clips.jsonl`.
 
 use super::options::IndexOptions;
 use crate::{Error, Result, WindowSpec};
@@ -31,7 +31,7 @@ pub struct Manifest {
     pub numbers: usize,
     /// `basis.json`, where the transform is fitted.
     pub basis: Option<FileRecord>,
-    /// What was added, in this order.
+    /// The parts, in the order in which they were added.
     pub parts: Vec<PartRecord>,
 }
 
@@ -49,7 +49,7 @@ pub struct PartRecord {
     pub bytes: FileChecksum,
     /// (D, 2) f32: centre and step of each coefficient.
     pub scales: FileChecksum,
-    /// (N, 4) f64: length, how far the bytes are off, the square of the length of what they stand for from the centre, and
+    /// (N, 4) f64: length, the bytes' error, the square of the length of what they stand for from the centre, and
     /// their own length.
     pub sizes: FileChecksum,
     /// A clip a line.
@@ -80,6 +80,7 @@ impl FileChecksum {
             Ok((crc32c::crc32c(bytes), bytes.len()))
         };
         let blocks: Vec<(u32, usize)> = blocks.par_iter().map(of).collect::<Result<_>>()?;
+        // a CRC of the whole from those of blocks, which threads compute side by side
         let found = blocks.iter().fold(0, |all, &(crc, bytes)| crc32c::crc32c_combine(all, crc, bytes));
         if found != self.crc32c {
             let say = |crc: u32| format!("CRC-32C {crc:08x}");
@@ -154,6 +155,7 @@ impl ClipEntry {
     /// Whether it is the same motion: the same file, read alike, `frames` long at the index's rate. A rate that is stated
     /// where the file says the same makes no other motion.
     pub fn is_of(&self, sha256: &str, read: &ReadOptions, frames: usize) -> bool {
+        // `frames` compares the rates: another one gives another number of frames
         let here = ReadOptions { fps_source: read.fps_source, ..self.read.clone() };
         self.sha256 == sha256 && here == *read && self.frames == frames
     }

@@ -3,6 +3,8 @@
 //! Cosines with all windows come first from signed bytes (one query: reading memory is all it waits for) or from a product
 //! of matrices (many queries), each with a bound on how far it is off. Whatever may then be among the k nearest is measured
 //! again from the features themselves, in f64. The answer is that of measuring everything, whatever the number of threads.
+//!
+//! Nothing is skipped: a query reads the bytes of all windows, and its time grows with their number.
 
 use super::candidates::Candidates;
 use super::database::Database;
@@ -34,7 +36,7 @@ pub struct Cosines<'a> {
 
 impl Database {
     /// The k windows nearest to `feature` (D) of those that are `allowed`: nearest first, of equal ones the first in the
-    /// database first. Fewer where there are not so many.
+    /// database first. Fewer where fewer are allowed.
     ///
     /// # Errors
     /// An index whose files were cut while it was in use.
@@ -80,6 +82,7 @@ impl Database {
             for ((row, &product), size) in rows.clone().zip(&*products).zip(&part.sizes[rows.clone()]) {
                 let rank = |cosine, side| wanted.distance.rank(cosine, side, norm, size.norm);
                 let greatest = rank(query.greatest(product, size), Side::Greatest);
+                // the bound first: it is cheaper than looking up whether a window is allowed
                 if found.may(greatest) && allowed(first + row) {
                     found.offer(first + row, [rank(query.least(product, size), Side::Least), greatest]);
                 }
@@ -125,7 +128,9 @@ impl Database {
         near.par_chunks_mut(self.windows().max(1)).enumerate().for_each(|(query, row)| {
             row.iter_mut().zip(turned.chunks_exact(count)).for_each(|(x, all)| *x = all[query]);
         });
+        // k products and sums and a few more, each off by at most half a unit of f32
         let roundings = (k + 4) as f64 * 0.5f64.powi(24);
+        // Higham's gamma: (1 + u)^n - 1 is at most n u / (1 - n u)
         Ok((near, roundings / (1.0 - roundings)))
     }
 
@@ -161,6 +166,7 @@ impl Database {
     pub fn measure(&self, feature: &[f32], windows: &[usize], wanted: SearchOptions) -> Result<Vec<Hit>> {
         let exact = |&window: &usize| Ok(Hit { window, score: wanted.distance.score(feature, &self.feature(window)?) });
         let mut hits: Vec<Hit> = windows.par_iter().with_min_len(32).map(exact).collect::<Result<_>>()?;
+        // ties by place, whatever thread measured first
         hits.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
         if wanted.one_per_clip {
             let mut seen = vec![false; self.clips().len()];

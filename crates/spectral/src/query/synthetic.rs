@@ -34,7 +34,9 @@ pub fn synthetic(kind: &FeatureKind, windows: usize) -> Result<Database> {
         first.extend(extractor.embed(extractor.extract(&dance.clip, &starts)?)?);
     }
     let mut features = vec![0.0f32; windows * numbers];
+    // scattered, since equal windows would tie
     features.par_chunks_mut(numbers).enumerate().for_each(|(window, feature)| {
+        // a stream per window, so that threads share none
         let mut rng = random::stream(1, "made-up windows", 0, window as u64);
         let from = &first[window * numbers % first.len()..][..numbers];
         for (to, &x) in feature.iter_mut().zip(from) {

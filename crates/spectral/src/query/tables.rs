@@ -45,7 +45,7 @@ pub fn tables(report: &Report) -> Vec<ReportTable> {
                 cells.extend(others.iter().map(|&e| percent(like(e, 0).and_then(|r| r.accuracy))));
                 rows.push(cells);
             }
-            // what is drawn at random stands under what it is held against
+            // chance comes last, under the rows that are compared with it
             rows.sort_by_key(|cells| cells[0].ends_with("at random"));
             let largest = shares.shares.iter().max_by(|a, b| a.1.total_cmp(b.1));
             let largest = largest.map_or(String::new(), |(v, s)| {
@@ -58,7 +58,7 @@ pub fn tables(report: &Report) -> Vec<ReportTable> {
         .collect()
 }
 
-/// What a reader should know before the tables.
+/// Notes for the reader, before the tables.
 pub fn notes(report: &Report) -> Vec<String> {
     let Report { clips, short, takes, k, windows, .. } = report;
     let queries: Vec<String> = report.queries.iter().map(|(phase, n)| format!("{n} from frame {phase} on")).collect();

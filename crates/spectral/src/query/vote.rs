@@ -1,6 +1,6 @@
-//! What neighbours say of a label, and how sure a share over many queries is.
+//! The vote of neighbours on a label, and the error of a share over many queries.
 
-/// What the neighbours of a window say.
+/// The vote of a window's neighbours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vote {
     /// The value that most of them have; of as many the one with the greater summed score, then the nearest one's.
@@ -75,6 +75,7 @@ impl Tally {
             self.groups.iter().filter(|g| g.1 > 0).map(|&(right, queries)| right as f64 - p * queries as f64).collect();
         let count = groups.len() as f64;
         let squares: f64 = groups.iter().map(|d| d * d).sum();
+        // over recordings, not windows: windows of one recording agree, and would make the interval too narrow
         (groups.len() > 1).then(|| 1.96 * (count / (count - 1.0) * squares).sqrt() / n)
     }
 

@@ -55,6 +55,7 @@ impl PartWriter {
         assert_eq!(features.len(), clip.starts.len() * self.numbers, "a feature a window");
         for feature in features.chunks_exact(self.numbers) {
             let norm = Size::of(feature).norm;
+            // the ranges, and with them every byte of the part, need finite numbers
             if !norm.is_finite() {
                 return Err(Error::unsupported(clip.name.clone(), "a window's feature is not finite"));
             }
@@ -88,6 +89,7 @@ impl PartWriter {
         let stream = |name: &str| Stream::create(self.folder.path().join(name));
         let [mut bytes, mut sizes, mut scale] = [stream(BYTES)?, stream(SIZES)?, stream(SCALES)?];
         scale.write(bytemuck::cast_slice(&scales.0))?;
+        // read back: the scales are only known once all features have been seen
         let path = self.folder.path().join(FEATURES);
         let mut file = File::open(&path).map_err(Error::io(&path))?;
         let padded = self.numbers.next_multiple_of(dots::PAD);

@@ -35,9 +35,11 @@ impl Droppable {
 
     /// The places of one up to half of the joints, any number of them alike, ascending.
     pub fn sample(&self, rng: &mut impl RngCore) -> Vec<usize> {
+        // a tokenizer of the root and one joint still hides that one
         let half = (self.joints.len() / 2).max(1);
         let number = 1 + (rng.next_u64() % half as u64) as usize;
         let mut order: Vec<usize> = (0..self.joints.len()).collect();
+        // the first `number` places of Fisher and Yates: a subset without repeats
         for i in 0..number {
             let left = (order.len() - i) as u64;
             order.swap(i, i + (rng.next_u64() % left) as usize);

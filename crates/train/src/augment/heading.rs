@@ -12,6 +12,7 @@ pub fn turned(clip: &Clip, radians: f64) -> Result<Clip> {
     let turn = about_y(radians);
     let root = clip.root().iter().map(|&p| turn * p).collect();
     let mut rotations = clip.rotations().to_vec();
+    // the root's rotation alone is global: all other joints turn with it
     rotations.chunks_exact_mut(clip.joints()).for_each(|pose| pose[0] = turn * pose[0]);
     Ok(Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)?)
 }

@@ -46,6 +46,7 @@ impl History {
         let word = self.places.len() + 1;
         for (k, id) in inputs.iter_mut().enumerate() {
             let Some(kind) = self.places.get(k % word) else { continue };
+            // `<mask>` and `<pad>` have no bin and stay
             let Some(bin) = kind.bin(*id) else { continue };
             *id = kind.first + moved(*kind, bin, (deviation * random::normal(rng)).round() as i64);
         }
@@ -90,7 +91,7 @@ mod tests {
             disturbed += u32::from(noisy != clean);
             squares += sum / 3000.0;
         }
-        // 140 of 200, deviation 6.5; few of them draw a deviation too small to move anything
+        // 140 of 200, deviation 6.5; few of them have a deviation too small to move anything
         assert!((115..161).contains(&disturbed), "{disturbed}");
         // the mean of sd^2 over 0..2 is 4/3, of rounding 1/12, in seven tenths
         assert!((squares / 200.0 - 0.99).abs() < 0.2, "{}", squares / 200.0);

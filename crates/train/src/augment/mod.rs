@@ -107,10 +107,12 @@ impl Augment {
         room: usize,
     ) -> Option<Changed> {
         let words = corpus.words(clip);
+        // half a word can't be decoded
         if !self.config.moves() || words.start(span.word) != span.start {
             return None;
         }
         let random =
+            // a stream per purpose: switching one change on leaves the numbers of the others as they were
             |purpose: &str| random::unit(&mut random::stream(self.seed, purpose, window.round, window.number as u64));
         let factor = 1.0 + self.config.speed * (2.0 * random("speed") - 1.0);
         let mirrored = random("mirror") < self.config.mirror;
@@ -172,6 +174,7 @@ impl Piece<'_> {
     /// The first word that is read: words depend on their neighbours.
     fn from(&self, tokenizer: &Tokenizer) -> usize {
         let reach = tokenizer.scheme().reach().div_ceil(tokenizer.frames_per_word());
+        // one more than the scheme's reach: steps of the root count from the word before
         self.first.saturating_sub(1 + reach)
     }
 
@@ -187,9 +190,11 @@ impl Piece<'_> {
         let (l, scheme) = (tokenizer.frames_per_word(), tokenizer.scheme());
         let reach = scheme.reach().div_ceil(l);
         let from = self.from(tokenizer);
+        // the last words of a decoded stretch still lack their successors' share, and are cut off below
         let after = reach + scheme.unsettled_words();
         let lead = self.first - from;
         let needed =
+            // + 1: interpolation needs the frame after the last one
             ((lead + self.words + after) as f64 * self.factor).ceil() as usize + usize::from(self.factor != 1.0);
         let to = (from + needed).min(self.corpus.words(self.clip).len());
         let mut words = Words::new();
@@ -200,6 +205,7 @@ impl Piece<'_> {
         let read = tokenizer.words_of_ids(&self.corpus.word_ids(self.clip, from..to)?).words;
         read.iter().for_each(|word| words.push(word));
         let clip = tokenizer.decode(&words, UncodedPose::Identity)?;
+        // the neutral word keeps its length, so that the words after it still begin where they did
         let clip = if self.factor == 1.0 { clip } else { speed_up_after(&clip, before * l, self.factor)? };
         let coded = tokenizer.encode(&change(clip)?)?.words;
         let mut taken = Words::new();

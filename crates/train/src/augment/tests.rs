@@ -34,7 +34,7 @@ fn uniform(root_rotation: RootRotation) -> TokenizerConfig {
     TokenizerConfig { root_rotation, ..TokenizerConfig::uniform(&JOINTS, 20.0, 360) }
 }
 
-/// Of so many words from `first` on: those that are other words after `change`.
+/// How many of the `words` words from `first` on differ after `change`.
 fn differ(corpus: &Corpus, first: usize, words: usize, change: &dyn Fn(Clip) -> Result<Clip>) -> usize {
     let clip = &corpus.clips()[0];
     let piece = Piece { corpus, clip, first, words, factor: 1.0 };

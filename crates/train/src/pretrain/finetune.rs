@@ -55,6 +55,7 @@ pub(super) fn shape(file: &TrainFile, source: &LoadedRun) -> Result<ModelConfig>
 
 /// The keys of `[model]` that decide the weights.
 pub(super) fn keys(model: &ModelConfig) -> toml::Table {
+    // dropout has no tensor, so it may differ from the source's
     let model = ModelConfig { dropout: 0.0, ..model.clone() };
     toml::Table::try_from(model).expect("a model's configuration is a TOML table")
 }

@@ -32,7 +32,7 @@ pub use finetune::finetune;
 pub use resume::RESUMABLE;
 pub use task::Pretraining;
 
-/// What to train, on what, and where to write it.
+/// The network to train, its data, and the folder to write to.
 #[derive(Debug, Clone, Default)]
 pub struct PretrainOptions {
     /// The training file. A resumed run has its own; a file given then must agree with it.

@@ -42,11 +42,13 @@ pub(super) fn resumed(options: &PretrainOptions, run: &RunFolder) -> Result<(Run
         _ => options.corpora.clone(),
     };
     let data = file.data(run.path(), &corpora, options.opening)?;
+    // after `data` has compared hashes: only a corpus that is the same one has a new path
     if file.found_at(&data)? {
         file.write(run.path())?;
     }
     if let Some(given) = &options.file {
         let mut train = given.train.clone();
+        // steps may have been raised by an earlier resume, and don't count as another configuration
         (train.steps, train.seed) = (file.train.steps, options.seed.unwrap_or(train.seed));
         if options.precision.is_some() || train.precision == Precision::Auto {
             train.precision = file.train.precision;

@@ -20,7 +20,7 @@ pub fn before(file: &RunFile) -> State {
 /// The files of a model that learns.
 ///
 /// # Errors
-/// What the device refuses; a number that is not finite, with its tensor.
+/// Errors of the device; a number that is not finite, with its tensor.
 pub fn files(learner: &dyn Learner) -> Result<Files> {
     to_bytes(learner.weights()?, learner.moments()?, learner.averages()?)
 }
@@ -34,6 +34,7 @@ pub fn first(file: &RunFile, weights: Tensors) -> Result<Files> {
     if let Some(name) = weights.keys().find(|name| parameters.iter().all(|p| p.name != **name)) {
         return Err(Error::Weights(format!("the model has no place for the tensor {name}")));
     }
+    // before anything is written, as `load` would refuse them only in the folder of a run
     in_order("first weights", &parameters, &weights, |p| p.name.clone())?;
     let zeros = |p: &layout::Parameter| Tensor::zeros(p.shape.as_slice(), DType::F32, &Device::Cpu);
     let named = |prefix| parameters.iter().map(move |p| Ok((format!("{prefix}.{}", p.name), zeros(p)?)));

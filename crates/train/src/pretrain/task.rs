@@ -55,6 +55,7 @@ impl<'a> Pretraining<'a> {
             progress.note(&format!("words have up to {word} tokens, a window {context}: longer words are truncated"));
         }
         let (learner, state) = saved::load(&file, compute, checkpoints, progress)?;
+        // only once a checkpoint has been read: a folder that fails stays as it is
         checkpoints.sweep()?;
         let metrics = Metrics::open(run.path(), state.step)?;
         let task = Pretraining {
@@ -128,6 +129,7 @@ impl Task for Pretraining<'_> {
         state.windows += windows as u64;
         state.tokens += found.counted as u64;
         let seconds = begun.elapsed().as_secs_f64();
+        // over about the last 20 steps
         let pace = self.pace.map_or(seconds, |p| 0.95 * p + 0.05 * seconds);
         (self.pace, self.loss) = (Some(pace), Some(found.loss));
         let metrics = StepMetrics {
@@ -149,11 +151,13 @@ impl Task for Pretraining<'_> {
         let (step, data, most) = (state.step, self.data, self.file.train.eval_windows);
         self.learner().swap_averages()?;
         let found = data.likelihood(self.learner().scores(), Split::Valid, most);
+        // back before the error below: training must go on from the weights
         self.learner().swap_averages()?;
         self.valid = found?;
         let mut best = false;
         if let Some(found) = &self.valid {
             let bits_per_frame = found.bits_per_frame;
+            // strictly less: of equal ones the earlier checkpoint stays the best
             best = state.best.is_none_or(|b| bits_per_frame < b.bits_per_frame);
             if best {
                 state.best = Some(Best { step, bits_per_frame });

@@ -250,7 +250,7 @@ fn weights_to_begin_with_are_the_first_checkpoint() {
     let data = Data::one(fixture::corpus(dir.path(), &CLIPS)).unwrap();
     let TrainFile { model, train, .. } = file();
     let run_file = RunFile::new(&model, &train, &data).unwrap();
-    // the weights of another seed, so that they aren't what the run would draw
+    // the weights of another seed, so that they aren't those that the run would begin with
     let weights = || layout::initial(&model, &run_file.tokens, 77).unwrap();
     let go = |run: &Path, weights| {
         let folder = begin(run, &run_file, &data, weights)?;

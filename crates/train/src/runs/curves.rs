@@ -119,6 +119,7 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         let (x, y) = part.iter().fold((0.0, 0.0), |(a, b), (x, y)| (a + x, b + y));
         (x / part.len() as f64, y / part.len() as f64)
     };
+    // means, as a pick of single steps would show the noise of those
     points.chunks(stretch).map(mean).collect()
 }
 

@@ -65,7 +65,7 @@ pub struct Listed {
     pub parameters: Option<usize>,
 }
 
-/// What a list shows of `config.toml`.
+/// The part of `config.toml` that a list shows.
 struct Shown {
     steps: u64,
     model: String,
@@ -125,6 +125,7 @@ pub fn list(folders: &[PathBuf], note: &mut dyn FnMut(String)) -> Result<Vec<Lis
         look(folder, DEPTH, &mut runs, note)?;
     }
     runs.sort_by(|a, b| a.run.cmp(&b.run));
+    // folders may be given twice, or one inside another
     runs.dedup_by(|a, b| a.run == b.run);
     Ok(runs)
 }
@@ -135,6 +136,7 @@ fn look(folder: &Path, depth: usize, runs: &mut Vec<Listed>, note: &mut dyn FnMu
             Ok(run) => runs.push(run),
             Err(e) => note(e.to_string()),
         }
+        // nothing below a run is a run
         return Ok(());
     }
     if depth == 0 {
@@ -165,6 +167,7 @@ fn listed(run: &Path) -> Result<Listed> {
     let state = |which| checkpoints.named(which).and_then(|step| checkpoints.state(step).ok());
     let (latest, best) = (state("latest"), state("best").and_then(|s| s.best));
     let (last, saved) = (LastStep::read(run), latest.map_or((0, 0), |s| (s.step, s.tokens)));
+    // the metrics are ahead of the checkpoint while a run goes on
     let step = last.map_or(saved.0, |last| last.step.max(saved.0));
     let tokens = shown.train.as_ref().map(|_| last.and_then(|last| last.tokens).unwrap_or(0).max(saved.1));
     let is_patience_out = |train: &TrainConfig| train.is_patience_out(saved.0, best.map(|b| b.step));

@@ -106,6 +106,7 @@ impl Log {
     pub fn seconds(&self) -> Vec<f64> {
         let mut before = 0;
         let seconds = self.steps.iter().scan(0.0, |total, step| {
+            // min: a log that goes back to fewer tokens adds nothing rather than underflow
             *total += (step.tokens - before.min(step.tokens)) as f64 / step.tokens_per_second.max(1e-9);
             before = step.tokens;
             Some(*total)

@@ -112,7 +112,7 @@ fn dances_of_several_models_are_those_of_one() {
         assert!(words.iter().enumerate().all(|(i, (n, last))| *n == i + 1 && last.len() == 5));
         let last: Vec<Vec<u32>> = one.ids.iter().map(|ids| ids[ids.len() - 4..].to_vec()).collect();
         assert_eq!(words.last().unwrap().1, last);
-        // it is stopped on all, and what one fails with is told
+        // it is stopped on all, and the error of one is reported
         let stop = sample_side_by_side(&mut several, &plan, &mut |n, _| match n {
             3 => ControlFlow::Break(()),
             _ => ControlFlow::Continue(()),

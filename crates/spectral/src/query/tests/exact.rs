@@ -78,7 +78,7 @@ fn found_is_what_measuring_everything_finds() {
 }
 
 /// Sets of features (N, D) that a bound might miss: equal ones, zeros, tiny and huge ones, ones with a single number, ones
-/// of two kinds a million times apart, ones that differ in the last bit.
+/// of two kinds that differ a million times in size, ones that differ in the last bit.
 fn adversarial(windows: usize, numbers: usize) -> Vec<(&'static str, Vec<f32>)> {
     let noise = noise(11, windows * numbers);
     let of = |f: &dyn Fn(usize, usize, f64) -> f64| -> Vec<f32> {

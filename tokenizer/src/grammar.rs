@@ -63,7 +63,8 @@ pub struct Slot {
 impl Grammar {
     /// The grammar of words of a length in characters.
     pub fn new(vocabulary: &Vocabulary, length: WordLength) -> Self {
-        let merged = (0..vocabulary.merges().len() as u32)
+        // not one per pair: two pairs may give one token
+        let merged = (0..vocabulary.merged())
             .map(|i| vocabulary.length_of_id(FIRST_CHARACTER + vocabulary.characters() + i) as u16);
         Grammar { length, characters: vocabulary.characters(), merged: merged.collect(), vocabulary: vocabulary.len() }
     }
@@ -206,5 +207,15 @@ mod tests {
         assert_eq!(g.allowed(walk(&g, &[6, 6])), [6..66]);
         assert_eq!(walk(&g, &[67]), Slot { characters: 3, tokens: 1 });
         assert_eq!(g.only(walk(&g, &[6, 66])), Some(SPACE));
+    }
+
+    #[test]
+    fn two_pairs_of_one_token_allow_no_other_id() {
+        // ab = 66, ab c = 67, bc = 68, and a bc is 67 again, so 69 is the first conditioning token
+        let mut v = Vocabulary::new(60).with_merges(&[(6, 7), (66, 8), (7, 8), (6, 68)]).unwrap();
+        assert_eq!(v.add_conditioning("genre", "salsa").unwrap(), 69);
+        let g = Grammar::new(&v, WordLength::Fixed(3));
+        assert_eq!(g.allowed(Slot::default()), [6..69]);
+        assert!(!g.allows(Slot::default(), 69));
     }
 }

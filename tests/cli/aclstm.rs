@@ -77,7 +77,10 @@ fn a_run_goes_on_and_says_how_it_was_asked() {
     }
     let wrong = [
         (format!("{TRAIN} --only genre=waltz --run x"), "no clip with genre=waltz"),
-        (format!("{TRAIN} --set wiring=old --run x"), "--set wiring=old: unknown variant old, expected fixed or compat"),
+        (
+            format!("{TRAIN} --set wiring=old --run x"),
+            "--set wiring=old: unknown variant old, expected fixed or compat",
+        ),
         (format!("{TRAIN} --set form=euler --set root_order=ZZX --run x"), "the order of a joint's angles is \"ZZX\""),
         (format!("{TRAIN} --fps-source 50 --run x"), "found 50 frames a second, expected a multiple of 30"),
     ];

@@ -231,6 +231,6 @@ impl Frames {
 
     fn __next__<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let next = || self.0.lock().unwrap_or_else(PoisonError::into_inner).next().map_err(library);
-        detach(py, next)?.map(|frame| positions(py, &frame)?.as_any().get_item(0)).transpose()
+        detach(py, next)?.map(|frame| positions(py, &frame).as_any().get_item(0)).transpose()
     }
 }

@@ -134,16 +134,6 @@ fn calibration(outcomes: &[Outcome]) -> f64 {
 mod tests {
     use super::*;
 
-    #[test]
-    fn metrics_by_hand() {
-        let outcome = |clip, class, p: f64| Outcome { clip, class, log_p: vec![p.ln(), (1.0 - p).ln()] };
-        let outcomes = [outcome(0, 0, 0.9), outcome(1, 1, 0.2), outcome(2, 1, 0.6)];
-        let metrics = Metrics::of(&outcomes, 2, 1).unwrap();
-        assert_eq!(metrics.accuracy, 2.0 / 3.0);
-        assert_eq!(metrics.balanced_accuracy, 0.75);
-        assert_eq!(metrics.confusion, [[1, 0], [1, 1]]);
-    }
-
     fn outcome(clip: usize, class: usize, p: [f64; 2]) -> Outcome {
         Outcome { clip, class, log_p: p.map(f64::ln).to_vec() }
     }

@@ -1,6 +1,5 @@
 //! The motion files of a dataset, with what is known of each.
 
-use kinelm_store::Subject;
 use super::artifacts;
 use super::clip_info::ClipInfo;
 use super::item::Item;
@@ -11,6 +10,7 @@ use super::sidecar;
 use super::splits::{self, abbreviated};
 use crate::{Error, Result};
 use kinelm_motion::format::Format;
+use kinelm_store::Subject;
 use kinelm_store::input;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs;

@@ -187,12 +187,15 @@ impl Checkpoints {
         Ok(path)
     }
 
-    /// Removes all but the last `keep` checkpoints and the best, and what a killed process left half written.
+    /// Removes all but the last `keep` checkpoints up to step `now`, which was just written, and the best of them, and what a
+    /// killed process left half written.
     ///
     /// # Errors
     /// I/O errors.
-    pub fn prune(&self, keep: usize) -> Result<()> {
-        let steps = self.steps()?;
+    pub fn prune(&self, keep: usize, now: u64) -> Result<()> {
+        // a later one was damaged when the run was resumed from one before it: it must not take the place of what is written
+        // since
+        let steps: Vec<u64> = self.steps()?.into_iter().filter(|step| *step <= now).collect();
         // by the state, not the file alone: a damaged `best` must not cost the best checkpoint
         let best = self.best(&steps, &mut |_| ());
         for step in steps.iter().rev().skip(keep).filter(|s| Some(**s) != best) {
@@ -388,7 +391,7 @@ mod tests {
         );
         for (step, best) in [(10, Some(10)), (20, Some(10)), (30, Some(10)), (40, Some(10))] {
             all.write(state(step, best), &[("a", vec![step as u8; 9])]).unwrap();
-            all.prune(2).unwrap();
+            all.prune(2, step).unwrap();
         }
         assert_eq!(all.steps().unwrap(), [10, 30, 40]);
         assert_eq!((all.named("latest"), all.named("best")), (Some(40), Some(10)));
@@ -446,7 +449,7 @@ mod tests {
         fs::remove_file(&best).unwrap();
         let (step, note) = find();
         assert!(step == Ok(20) && note.contains("found no file"), "{note}");
-        all.prune(1).unwrap();
+        all.prune(1, 30).unwrap();
         assert_eq!(all.steps().unwrap(), [20, 30]);
         // the message now says how to go back
         fs::write(all.path(20).join("a"), "").unwrap();
@@ -459,6 +462,21 @@ mod tests {
         assert!(message.contains("put back a copy of the files, or remove step-00000020, step-00000030: and begin"));
         fs::remove_dir_all(all.path(20)).unwrap();
         assert!(find().0.unwrap_err().contains("remove step-00000030"));
+    }
+
+    #[test]
+    fn a_damaged_one_ahead_does_not_take_the_place_of_what_is_written_since() {
+        let dir = tempfile::tempdir().unwrap();
+        let all = Checkpoints::of(dir.path());
+        for step in [100, 200] {
+            all.write(state(step, None), &[("a", vec![1; 9])]).unwrap();
+        }
+        fs::write(all.path(200).join("a"), [1; 8]).unwrap();
+        // the run goes on from 100
+        all.write(state(125, None), &[("a", vec![1; 9])]).unwrap();
+        all.prune(1, 125).unwrap();
+        let found = all.find(CheckpointChoice::Latest, &["a"], &[], &mut |_| ()).unwrap();
+        assert_eq!((found.state.step, all.steps().unwrap()), (125, vec![125, 200]));
     }
 
     #[test]
@@ -487,7 +505,7 @@ mod tests {
         all.write(state(1, None), &[]).unwrap();
         fs::create_dir(dir.path().join("checkpoints/.step-00000002.writing-77-00112233445566ff")).unwrap();
         assert_eq!(all.steps().unwrap(), [1]);
-        all.prune(1).unwrap();
+        all.prune(1, 1).unwrap();
         assert_eq!(fs::read_dir(dir.path().join("checkpoints")).unwrap().count(), 1);
     }
 }

@@ -128,7 +128,9 @@ fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip>
 pub fn check_fps(fps: f64) -> Result<()> {
     match (FEWEST_FPS..=MOST_FPS).contains(&fps) {
         true => Ok(()),
-        false => Err(Error::invalid_parameter("fps", compact(fps), format!("frames per second, {FEWEST_FPS} to {MOST_FPS}"))),
+        false => {
+            Err(Error::invalid_parameter("fps", compact(fps), format!("frames per second, {FEWEST_FPS} to {MOST_FPS}")))
+        }
     }
 }
 

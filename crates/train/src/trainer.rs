@@ -174,7 +174,7 @@ impl<T: Task> Trainer<T> {
         let files = self.task.files(self.due).map_err(|e| located(self.state.step, e, &self.checkpoints))?;
         self.saved = Some(checkpoints.write(self.state.clone(), &files)?);
         // after the write: earlier checkpoints go only when this one is whole
-        checkpoints.prune(self.cadence.keep)
+        checkpoints.prune(self.cadence.keep, self.state.step)
     }
 }
 

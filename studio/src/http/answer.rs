@@ -1,11 +1,11 @@
 //! Bodies in, answers and errors out.
 
-use kinelm_store::Subject;
 use crate::error::kind_name;
 use crate::{Error, Result};
 use axum::body::{Body, to_bytes};
 use axum::http::{Response as HttpResponse, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use kinelm_store::Subject;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::any::Any;
@@ -86,7 +86,8 @@ pub async fn body<T: DeserializeOwned>(body: Body) -> Result<T> {
         Error::limit("the request", format!("more than {MOST_JSON} bytes"), format!("{MOST_JSON} bytes"), "")
     })?;
     let bytes = if bytes.is_empty() { &b"{}"[..] } else { &bytes };
-    serde_json::from_slice(bytes).map_err(|e| Error::invalid(Subject::about("the request's `body`", "body"), e, "JSON as the page sends it"))
+    serde_json::from_slice(bytes)
+        .map_err(|e| Error::invalid(Subject::about("the request's `body`", "body"), e, "JSON as the page sends it"))
 }
 
 /// Runs slow work off the runtime's thread.

@@ -1,6 +1,5 @@
 //! The routes of the library.
 
-use kinelm_store::Subject;
 use super::App;
 use super::answer::{Answer, blocking, body, done, json, text_of};
 use crate::library::figure::Part;
@@ -15,6 +14,7 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::StreamExt;
 use futures_util::stream::unfold;
+use kinelm_store::Subject;
 use serde::Deserialize;
 use serde_json::json as value;
 use std::fs::File;
@@ -86,7 +86,9 @@ pub async fn figure(
     Path(id): Path<String>,
     part: std::result::Result<Query<Part>, axum::extract::rejection::QueryRejection>,
 ) -> Answer {
-    let Query(part) = part.map_err(|e| Error::invalid(Subject::about("the `query`", "query"), e.body_text(), "fps and seconds as numbers"))?;
+    let Query(part) = part.map_err(|e| {
+        Error::invalid(Subject::about("the `query`", "query"), e.body_text(), "fps and seconds as numbers")
+    })?;
     let studio = app.studio.clone();
     let text = blocking(move || studio.library().figure(&id, part)).await?;
     Ok(text_of(text.to_string(), "application/json"))

@@ -1,6 +1,5 @@
 //! The stream of events to one page.
 
-use kinelm_store::Subject;
 use super::App;
 use super::answer::{Answer, text_of};
 use crate::Error;
@@ -10,6 +9,7 @@ use axum::extract::{Query, State};
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use futures_util::stream::unfold;
+use kinelm_store::Subject;
 use serde::Deserialize;
 use serde_json::json;
 use std::convert::Infallible;
@@ -102,8 +102,8 @@ pub async fn frames(
     State(app): State<Arc<App>>,
     since: Result<Query<Since>, axum::extract::rejection::QueryRejection>,
 ) -> Answer {
-    let Query(Since { since }) =
-        since.map_err(|e| Error::invalid(Subject::about("the `query`", "query"), e.body_text(), "since as a number"))?;
+    let Query(Since { since }) = since
+        .map_err(|e| Error::invalid(Subject::about("the `query`", "query"), e.body_text(), "since as a number"))?;
     let hub = app.studio.hub();
     let (events, last) = hub.since(hub.kept_since(since)).unwrap_or_default();
     let frames: Vec<String> = events.iter().filter_map(|event| as_json("frames", event)).collect();

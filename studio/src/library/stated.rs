@@ -129,7 +129,11 @@ impl Library {
             return Err(maps::unknown(map));
         }
         if let Some(floor) = reading.floor.filter(|floor| !floor.is_finite() || floor.abs() > HIGHEST_M) {
-            return Err(Error::invalid_parameter("floor", floor, format!("a height of -{HIGHEST_M} to {HIGHEST_M} metres")));
+            return Err(Error::invalid_parameter(
+                "floor",
+                floor,
+                format!("a height of -{HIGHEST_M} to {HIGHEST_M} metres"),
+            ));
         }
         if let Some(fps) = reading.fps_source.filter(|fps| !(fps.is_finite() && *fps > 0.0)) {
             return Err(Error::invalid_parameter("fps_source", fps, "frames per second, more than 0"));

@@ -199,9 +199,9 @@ pub(super) fn apply(timelines: &Timelines, file: &mut TimelineFile, edit: &Edit)
             let (mut cuts, fps) = cuts(timelines, file)?;
             let frame = frame(*at, fps)?;
             let count = cuts.len();
-            let cut = cuts
-                .get(*index)
-                .ok_or_else(|| Error::invalid_parameter("index", index, format!("one of the {count} segments, from 0")))?;
+            let cut = cuts.get(*index).ok_or_else(|| {
+                Error::invalid_parameter("index", index, format!("one of the {count} segments, from 0"))
+            })?;
             // both parts have a frame
             if !(cut.frames.start + 1..cut.frames.end).contains(&frame) {
                 return Err(Error::invalid_parameter("at", at, "a time inside the segment"));
@@ -257,7 +257,11 @@ fn selected(list: &str) -> Result<Vec<usize>> {
 fn check(from: f64, to: f64) -> Result<()> {
     match 0.0 <= from && from < to && to <= LONGEST_S {
         true => Ok(()),
-        false => Err(Error::invalid_parameter("from", format!("{from} to {to}"), "an end after the beginning, within an hour")),
+        false => Err(Error::invalid_parameter(
+            "from",
+            format!("{from} to {to}"),
+            "an end after the beginning, within an hour",
+        )),
     }
 }
 

@@ -110,7 +110,11 @@ impl Clips {
         }
         if failed > 0 && options.strict {
             let of = items.len();
-            return Err(Error::invalid_parameter("strict", true, format!("no bad file; {failed} of {of} could not be read")));
+            return Err(Error::invalid_parameter(
+                "strict",
+                true,
+                format!("no bad file; {failed} of {of} could not be read"),
+            ));
         }
         for (split, known) in [(Split::Train, &clips.train), (Split::Test, &clips.test)] {
             if known.is_empty() {

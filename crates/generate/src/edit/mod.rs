@@ -15,7 +15,6 @@ pub(crate) use loop_seam::{LoopSeam, lengthen};
 pub use mask::Mask;
 pub(crate) use mask::{ResolvedSpan, ResolvedSpans};
 
-use kinelm_store::Subject;
 use crate::prompt::PromptClip;
 use crate::prompt::uncoded::mean_pose;
 use crate::request::{Edit, PromptRequest};
@@ -26,6 +25,7 @@ use kinelm_motion::joints::Selection;
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::{Method, held_frames, resample, resample_held};
 use kinelm_motion::{Clip, Motion};
+use kinelm_store::Subject;
 use kinelm_tokenizer::{Tokenizer, UncodedPose, WordLength, Words};
 use splice::{RigJoints, extended, merge, splice};
 use std::ops::Range;
@@ -105,7 +105,11 @@ impl PreparedEdit {
         let within = |frames: usize| ((frames - 1) as f64 * fps / clip.fps() + 1e-9) as usize + 1;
         let known = seam.as_ref().map_or(prompt.frames(), |seam| within(seam.frames()));
         if let Some(frames) = frames.filter(|&frames| seam.is_some() && frames != known) {
-            return Err(Error::invalid_parameter("frames", frames, format!("{known}: a loop stays as long as its clip")));
+            return Err(Error::invalid_parameter(
+                "frames",
+                frames,
+                format!("{known}: a loop stays as long as its clip"),
+            ));
         }
         if let Some(frames) = frames.filter(|&frames| frames < known) {
             let expected = format!("at least the {known} of the prompt, which is edited as a whole; cut it first");

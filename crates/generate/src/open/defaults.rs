@@ -86,7 +86,10 @@ pub(super) fn decide(request: Request, inputs: &Inputs) -> Result<(Resolved, Opt
     let lead_ins = lead_ins(&request, is_unprompted, inputs)?;
     let lead_in_from = lead_ins.as_ref().and_then(|all| lead_in_of(all, inputs, seed));
     if lead_in_from.is_none() && request.lead_in == Some(LeadInKind::Train) {
-        return Err(Error::unsupported(Subject::of_parameter("lead_in").with("train"), format!("{NO_LEAD_IN}; leave it out")));
+        return Err(Error::unsupported(
+            Subject::of_parameter("lead_in").with("train"),
+            format!("{NO_LEAD_IN}; leave it out"),
+        ));
     }
     // joints of the first frame are given after free ones, and a causal model doesn't see them
     let begins_in_part = prompt.is_some_and(PreparedPrompt::begins_in_part) && !is_masked && !sampling.greedy;

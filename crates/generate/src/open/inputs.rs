@@ -1,6 +1,5 @@
 //! The inputs that a request names, read and checked.
 
-use kinelm_store::Subject;
 use super::conditions::add_tempo;
 use super::labels::fronts;
 use super::{OpenMusic, PreparedPrompt};
@@ -14,6 +13,7 @@ use kinelm_model::checkpoint::Checkpoints;
 use kinelm_model::{CheckpointChoice, LoadedRun, load_run};
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::check_fps;
+use kinelm_store::Subject;
 use kinelm_tokenizer::Tokenizer;
 use std::path::Path;
 
@@ -27,7 +27,11 @@ fn check(request: &Request) -> Result<()> {
     let mut paths = [Some(&request.run), prompt.map(|p| &p.path), music.map(|m| &m.path)].into_iter().flatten();
     if let Some(path) = paths.find(|path| path.to_str().is_none()) {
         let found = format!("{}, which is no UTF-8", path.display());
-        return Err(Error::invalid(Subject::about("a path of the `request`", "request"), found, "a name that the sidecar can store"));
+        return Err(Error::invalid(
+            Subject::about("a path of the `request`", "request"),
+            found,
+            "a name that the sidecar can store",
+        ));
     }
     match request.length {
         Some(Length::Seconds(s)) if !(s.is_finite() && s > 0.0) => {

@@ -277,7 +277,7 @@ fn place(
     let at = border(index, "at", segment.at, read.scale, expected)?;
     let at = (at as f64 / read.scale.fps * fps).round() as usize;
     if at + (to - from) > has {
-        let (long, left) = ((to - from) as f64 / fps, (has - at) as f64 / fps);
+        let (long, left) = ((to - from) as f64 / fps, has.saturating_sub(at) as f64 / fps);
         let found = format!("{long:.2} s from {} of {} on", segment.at.0, clip);
         let expected = format!("{left:.2} s at most, which the clip still has there");
         return Err(Fault::Segment(index, found, expected));

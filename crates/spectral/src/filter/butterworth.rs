@@ -1,7 +1,7 @@
 //! A Butterworth low pass, run forth and back over a series so that nothing is delayed.
 
-use kinelm_store::Subject;
 use crate::{Error, Result};
+use kinelm_store::Subject;
 use std::f64::consts::PI;
 
 /// The highest order: beyond it a filter rings longer than it is sharper.
@@ -33,7 +33,11 @@ impl Butterworth {
     /// An order outside 1..=[`MAX_ORDER`]; a cut-off that isn't above 0 and below half the rate.
     pub(crate) fn new(order: usize, cutoff_hz: f64, fps: f64) -> Result<Butterworth> {
         if !(1..=MAX_ORDER).contains(&order) {
-            return Err(Error::invalid(Subject::about("the Butterworth filter's `order`", "order"), order, format!("1 to {MAX_ORDER}")));
+            return Err(Error::invalid(
+                Subject::about("the Butterworth filter's `order`", "order"),
+                order,
+                format!("1 to {MAX_ORDER}"),
+            ));
         }
         if !(cutoff_hz > 0.0 && cutoff_hz < 0.5 * fps) {
             return Err(super::beyond(cutoff_hz, fps));

@@ -174,7 +174,11 @@ impl InterpolateOptions {
         }
         // fewer series than components leave directions that no series has
         if count < keep {
-            return Err(Error::invalid_parameter("keep", keep, format!("at most {count}, the series that the clips have")));
+            return Err(Error::invalid_parameter(
+                "keep",
+                keep,
+                format!("at most {count}, the series that the clips have"),
+            ));
         }
         fit.finish(keep)
     }

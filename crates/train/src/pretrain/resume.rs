@@ -60,7 +60,11 @@ pub(super) fn resumed(options: &PretrainOptions, run: &RunFolder) -> Result<(Run
         }
     }
     if let Some(seed) = options.seed.filter(|s| *s != file.train.seed) {
-        return Err(Error::invalid_parameter("seed", seed, format!("{}, which the run was begun with", file.train.seed)));
+        return Err(Error::invalid_parameter(
+            "seed",
+            seed,
+            format!("{}, which the run was begun with", file.train.seed),
+        ));
     }
     let train = changed(&file.train, options)?;
     if train.steps != file.train.steps {

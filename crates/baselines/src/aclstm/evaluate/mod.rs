@@ -45,7 +45,9 @@ impl Options {
             () if self.longest() == 0 || self.lengths.contains(&0) => {
                 Err(Error::invalid_parameter("seed_frames", format!("{:?}", self.lengths), "lengths of 1 or more"))
             }
-            () if self.frames < SHORT => Err(Error::invalid_parameter("frames", self.frames, format!("{SHORT} or more"))),
+            () if self.frames < SHORT => {
+                Err(Error::invalid_parameter("frames", self.frames, format!("{SHORT} or more")))
+            }
             () => Ok(()),
         }
     }

@@ -8,6 +8,7 @@ scripts/compiled_once.py
 cargo fmt --all --check
 cargo clippy --release --workspace --all-targets --locked -- -D warnings
 cargo test --release --workspace --locked
+cargo test --profile checked --locked --test fuzz
 cargo build --release --workspace --locked
 scripts/python.sh
 scripts/studio.sh

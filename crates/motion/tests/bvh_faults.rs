@@ -258,7 +258,9 @@ fn a_billion_frames_or_deep_nesting_cost_nothing() {
     assert_eq!(read(wide(4097).as_bytes(), &options()).unwrap_err().fault(), Some(FaultKind::TooLarge));
     let ends = format!("HIERARCHY\nROOT r {{ OFFSET 0 0 0\n{}", "#\nEnd { OFFSET 0 0 0 }\n".repeat(200_000));
     assert_eq!(read(ends.as_bytes(), &options()).unwrap_err().fault(), Some(FaultKind::UnexpectedWord));
-    assert!(start.elapsed().as_secs_f64() < 2.0, "{:?}", start.elapsed());
+    // with overflow checks and little optimisation everything takes longer
+    let most = if cfg!(debug_assertions) { 10.0 } else { 2.0 };
+    assert!(start.elapsed().as_secs_f64() < most, "{:?}", start.elapsed());
 }
 
 #[test]

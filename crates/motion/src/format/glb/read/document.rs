@@ -5,6 +5,8 @@ use kinelm_store::SourcePos;
 use serde::Deserialize;
 use std::path::Path;
 
+/// Most zeros of an accessor that has no view.
+const MOST_ZEROS: usize = 1 << 22;
 /// Most numbers of an accessor.
 const MOST_NUMBERS: usize = 1 << 28;
 /// Extensions that a file may require without its skeleton or animation depending on them.
@@ -187,7 +189,9 @@ impl<'a> Document<'a> {
             5126 => 4,
             other => return Err(bad(format!("the component type {other}"), "floats or normalised numbers")),
         };
-        if accessor.count.saturating_mul(width) > MOST_NUMBERS {
+        // numbers that stand in the file are as many as it is long; those without a view cost it nothing
+        let most = if accessor.buffer_view.is_some() { MOST_NUMBERS } else { MOST_ZEROS };
+        if accessor.count.saturating_mul(width) > most {
             let found = format!("accessor {index} of {} elements", accessor.count);
             return Err(FileError::new(SourcePos::file(self.path), FaultKind::TooLarge, found, "fewer").into());
         }
@@ -201,6 +205,10 @@ impl<'a> Document<'a> {
         let end = view.byte_offset.saturating_add(view.byte_length);
         let bytes = self.binary.get(view.byte_offset..end).ok_or_else(|| bad("beyond its buffer".into(), "inside"))?;
         let stride = view.byte_stride.unwrap_or(size * width);
+        if stride < size * width {
+            // with a stride of 0, a view of one element would be as many numbers as the file likes
+            return Err(bad(format!("a stride of {stride} bytes"), "that of an element or more"));
+        }
         let mut numbers = Vec::with_capacity(accessor.count * width);
         for n in 0..accessor.count {
             for c in 0..width {

@@ -118,13 +118,18 @@ fn faults_say_what_is_wrong() {
         read(Path::new("a.glb"), &glb(&json, &binary), &ReadOptions::default()).unwrap_err().to_string()
     };
     type Change<'a> = &'a dyn Fn(&mut serde_json::Value);
-    let changes: [(Change, &str); 8] = [
+    let changes: [(Change, &str); 10] = [
         (&|j| j["nodes"][2]["children"] = vec![1].into(), "one parent a node"),
         (&|j| j["nodes"][2]["children"] = vec![9].into(), "node 9"),
         (&|j| j["skins"][0]["joints"] = vec![7].into(), "node 7"),
         (&|j| j["accessors"][1]["count"] = 6.into(), "beyond its view"),
         (&|j| j["accessors"][1]["type"] = "VEC3".into(), "4 components"),
         (&|j| j["bufferViews"][0]["byteLength"] = 1_000_000.into(), "beyond its buffer"),
+        (&|j| j["bufferViews"][1]["byteStride"] = 4.into(), "a stride of 4 bytes"),
+        (
+            &|j| j["accessors"][1] = serde_json::json!({"componentType": 5126, "count": 2_000_000, "type": "VEC4"}),
+            "2000000 elements",
+        ),
         (&|j| j["extensionsRequired"] = vec!["EXT_meshopt_compression"].into(), "EXT_meshopt_compression"),
         (&|j| j["asset"]["version"] = "1.0".into(), "version 2"),
     ];

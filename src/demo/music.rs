@@ -54,8 +54,8 @@ pub fn run(args: &Args, started: Instant, say: Say) -> Result<()> {
     say.line("5/5 page and report");
     let joints = tokenizer.channels().joints().to_vec();
     let (_, lag) = of_corpus(&corpus, &joints)?;
-    page(&at("page.html"), [&tests[0].clip, &made[0]], &pieces[0], (&joints, lag))?;
-    let table = table((&tests, &made, &free), &pieces, &joints, lag)?;
+    page(&at("page.html"), [&tests[0].clip, &made[0]], &pieces[0], &joints, lag)?;
+    let table = table(&tests, &made, &free, &pieces, &joints, lag)?;
     let clips: Vec<_> = corpus.split(Split::Test).collect();
     let conditions = run.load_conditions()?;
     let mut model = run.scores(args.compute.get())?;
@@ -130,7 +130,9 @@ fn danced(args: &Args, piece: Option<&Piece>, number: usize) -> Result<Clip> {
 
 /// The beat alignment of dances with their music, and with other music.
 fn table(
-    (tests, made, free): (&[&Dance], &[Clip], &[Clip]),
+    tests: &[&Dance],
+    made: &[Clip],
+    free: &[Clip],
     pieces: &[Piece],
     joints: &[usize],
     lag: f64,
@@ -151,7 +153,7 @@ fn table(
 }
 
 /// The test dance of the same music beside the model's, with the beats that their legs hit.
-fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, (joints, lag): (&[usize], f64)) -> Result<()> {
+fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, joints: &[usize], lag: f64) -> Result<()> {
     let hits = |clip: &Clip| Ok::<_, crate::Error>(BeatPair::new(clip, joints, &piece.beats_s)?.hits(Some(lag)));
     let figures = [
         Figure::new("test", real).note("a made-up dance to this music, never trained on").hits(Some(hits(real)?)),

@@ -160,10 +160,10 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<Vec<Field>>> {
 /// The error of a text that is UTF-8 up to the end of `valid`.
 fn not_utf8(path: &Path, valid: &[u8]) -> Error {
     let text = String::from_utf8_lossy(valid);
-    let line = text.lines().count().max(1);
-    let column = text.lines().last().map_or(0, |l| l.chars().count()) + 1;
-    let at = SourcePos { path: path.to_owned(), line, column };
-    Error::at(at, "a byte that is not UTF-8", "UTF-8 text", "save the file as UTF-8")
+    // lines as the reader counts them
+    let mut before = Reader { path, chars: text.chars().peekable(), line: 1, column: 1 };
+    while before.next().is_some() {}
+    Error::at(before.pos(), "a byte that is not UTF-8", "UTF-8 text", "save the file as UTF-8")
 }
 
 struct Reader<'a> {
@@ -288,6 +288,7 @@ mod tests {
         assert!(error(b"a,b\n\"c\"d,e").starts_with("l.csv:2:4: found `d` after"));
         assert!(error(b"a,b\nc,d\"e\"").starts_with("l.csv:2:4: found a quote inside"));
         assert!(error(b"ab\ncd\xFF").starts_with("l.csv:2:3: found a byte"));
+        assert!(error(b"ab\rcd\n\xFF").starts_with("l.csv:3:1: found a byte"));
     }
 
     proptest! {

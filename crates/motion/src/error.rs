@@ -1,6 +1,6 @@
 //! Errors and warnings: what is wrong, and where.
 
-use kinelm_store::{Kind, SourcePos};
+use kinelm_store::Kind;
 use std::fmt;
 use std::path::Path;
 
@@ -63,45 +63,8 @@ pub(crate) fn compact(x: f64) -> String {
     if x == 0.0 || (1e-6..1e15).contains(&x.abs()) { x.to_string() } else { format!("{x:e}") }
 }
 
-/// One fault of one file: where it is, what was found, what was expected, what to do.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FileError {
-    /// The position in the file.
-    pub at: SourcePos,
-    /// The kind of fault; its name is printed.
-    pub kind: FaultKind,
-    /// What was found.
-    pub found: String,
-    /// What was expected.
-    pub expected: String,
-    /// What the user can do; may be empty.
-    pub help: String,
-}
-
-impl fmt::Display for FileError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}: found {}, expected {}", self.at, self.kind, self.found, self.expected)?;
-        if !self.help.is_empty() {
-            write!(f, "; {}", self.help)?;
-        }
-        Ok(())
-    }
-}
-
-impl std::error::Error for FileError {}
-
-impl FileError {
-    /// A fault at a position in a file.
-    pub fn new(at: SourcePos, kind: FaultKind, found: impl Into<String>, expected: impl Into<String>) -> Self {
-        FileError { at, kind, found: found.into(), expected: expected.into(), help: String::new() }
-    }
-
-    /// Adds what the user can do.
-    pub fn help(mut self, help: impl Into<String>) -> Self {
-        self.help = help.into();
-        self
-    }
-}
+/// One fault of one file: where it is, its kind, what was found, what was expected, what to do.
+pub type FileError = kinelm_store::Fault<FaultKind>;
 
 impl From<FileError> for Error {
     fn from(e: FileError) -> Self {

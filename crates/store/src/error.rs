@@ -153,19 +153,55 @@ pub enum Kind {
     Failed,
 }
 
-/// A fault of a file.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{at}: found {found}, expected {expected}{}{help}", if help.is_empty() { "" } else { "; " })]
-pub struct Fault {
-    /// The place.
+/// A fault of a file. `K`: its kind, which is printed where a crate names the kinds of its files' faults.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fault<K = Unnamed> {
+    /// Where.
     pub at: SourcePos,
-    /// The found value.
+    /// Its kind.
+    pub kind: K,
+    /// What was found.
     pub found: String,
-    /// The expected value.
+    /// What was expected.
     pub expected: String,
-    /// The user's way out; may be empty.
+    /// What the user can do; may be empty.
     pub help: String,
 }
+
+/// A fault of no named kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Unnamed;
+
+impl fmt::Display for Unnamed {
+    fn fmt(&self, _: &mut fmt::Formatter<'_>) -> fmt::Result {
+        Ok(())
+    }
+}
+
+impl<K> Fault<K> {
+    /// A fault at a position in a file.
+    pub fn new(at: SourcePos, kind: K, found: impl Into<String>, expected: impl Into<String>) -> Self {
+        Fault { at, kind, found: found.into(), expected: expected.into(), help: String::new() }
+    }
+
+    /// Adds what the user can do.
+    #[must_use]
+    pub fn help(mut self, help: impl Into<String>) -> Self {
+        self.help = help.into();
+        self
+    }
+}
+
+impl<K: fmt::Display> fmt::Display for Fault<K> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = self.kind.to_string();
+        let between = if kind.is_empty() { "" } else { ": " };
+        write!(f, "{}{between}{kind}: found {}, expected {}", self.at, self.found, self.expected)?;
+        if self.help.is_empty() { Ok(()) } else { write!(f, "; {}", self.help) }
+    }
+}
+
+impl<K: fmt::Debug + fmt::Display> std::error::Error for Fault<K> {}
 
 impl Error {
     /// Wraps an I/O error with the path it happened at.
@@ -247,7 +283,7 @@ impl Error {
 
     /// A fault at a position in a file.
     pub fn at(at: SourcePos, found: impl Into<String>, expected: impl Into<String>, help: impl Into<String>) -> Error {
-        Error::File(Box::new(Fault { at, found: found.into(), expected: expected.into(), help: help.into() }))
+        Error::File(Box::new(Fault::new(at, Unnamed, found, expected).help(help)))
     }
 
     /// A fault at the byte range `span` of a file's text; of the whole file without one.

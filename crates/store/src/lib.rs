@@ -19,7 +19,7 @@ pub mod random;
 pub mod sidecar;
 pub mod suggest;
 
-pub use error::{Error, Kind, Result, SourcePos, Subject};
+pub use error::{Error, Fault, Kind, Result, SourcePos, Subject};
 pub use hash::FileRecord;
 
 /// A count with its noun, given in the plural: "1 clip", "2 clips".

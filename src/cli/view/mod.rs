@@ -136,7 +136,7 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     let fps = motions.first().map_or(1.0, |motion| motion.clip.fps());
     let music = args.music.clone().map(|file| (file, args.music_from.seconds(fps))).or_else(|| own_music(clips, say));
     let seconds = motions.iter().map(|motion| motion.clip.frames() as f64 / motion.clip.fps()).fold(0.0, f64::max);
-    let played = music.map(|(file, from_s)| beside(&file, (from_s, seconds), out, outputs, say)).transpose()?;
+    let played = music.map(|(file, from_s)| beside(&file, from_s, seconds, out, outputs, say)).transpose()?;
     match &played {
         Some(music) => {
             let all = figures.into_iter().zip(&motions);

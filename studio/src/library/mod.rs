@@ -214,7 +214,7 @@ impl Library {
             }
         }
         let out = cache.with_extension("read");
-        let outcome = self.reader.read(&file, &stated, (&convert, &out), &self.stop)?;
+        let outcome = self.reader.read(&file, &stated, &convert, &out, &self.stop)?;
         let cached = Cached { key, outcome };
         if let Ok(text) = serde_json::to_vec(&cached) {
             // only a cache: without it the file is read again

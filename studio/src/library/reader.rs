@@ -56,7 +56,8 @@ impl Reader {
         &self,
         file: &Path,
         reading: &Reading,
-        (convert, out): (&Path, &Path),
+        convert: &Path,
+        out: &Path,
         stop: &AtomicBool,
     ) -> Result<Outcome> {
         let work = Work::Facts { reading: Box::new(reading.clone()), convert: convert.into() };

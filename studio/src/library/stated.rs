@@ -101,7 +101,7 @@ impl Library {
     fn read_aside(&self, name: &str, file: &Path, reading: &Reading) -> Result<Outcome> {
         let place = |extension: &str| self.project.folder().join(CACHE).join(format!("{name}.{extension}"));
         let convert = place("bvh");
-        let found = self.reader.read(file, reading, (&convert, &place("read")), &self.stop);
+        let found = self.reader.read(file, reading, &convert, &place("read"), &self.stop);
         let _ = std::fs::remove_file(&convert); // it may not be there
         found
     }

@@ -139,7 +139,7 @@ impl Timelines {
         if let Some((_, view)) = seen.as_ref().filter(|(other, _)| *other == key) {
             return Ok(view.clone());
         }
-        let view = Arc::new(view::of(self, text, parsed, (&sources, &being_read)));
+        let view = Arc::new(view::of(self, text, parsed, &sources, &being_read));
         *seen = Some((key, view.clone()));
         Ok(view)
     }

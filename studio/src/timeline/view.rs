@@ -18,7 +18,8 @@ pub(super) fn of(
     timelines: &Timelines,
     text: Option<&str>,
     parsed: Option<Laid>,
-    (sources, being_read): (&[Source], &[String]),
+    sources: &[Source],
+    being_read: &[String],
 ) -> Value {
     let path = timelines.path();
     let mut view = json!({

@@ -17,7 +17,7 @@ use std::sync::LazyLock;
 /// ```
 /// let filter: kinelm_corpus::labels::LabelFilter = "genre=salsa".parse()?;
 /// assert_eq!((filter.field.as_str(), filter.value.as_str()), ("genre", "salsa"));
-/// # kinelm_corpus::Result::Ok(())
+/// # kinelm_corpus::Result::<()>::Ok(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LabelFilter {

@@ -48,14 +48,7 @@ pub fn hits(motion: &Motion, music: &Music, lag: Option<f64>, say: Say) -> Optio
 }
 
 /// The music of a page: embedded, or next to the page where the file is large, copied there if necessary.
-pub fn beside(
-    file: &Path,
-    from_s: f64,
-    seconds: f64,
-    page: &Path,
-    outputs: &Outputs,
-    say: Say,
-) -> Result<Music> {
+pub fn beside(file: &Path, from_s: f64, seconds: f64, page: &Path, outputs: &Outputs, say: Say) -> Result<Music> {
     let beats = kinelm_music::beat::beats(file).map_err(crate::Error::from)?;
     let sounds = beats.seconds.min(from_s + seconds) - from_s.max(0.0);
     if from_s >= beats.seconds {

@@ -28,7 +28,7 @@
 //! // three rows at once, and one after the other
 //! let rows: Vec<f32> = (0..24).map(|i| (i as f32).sin()).collect();
 //! let pass = |cuts: &[usize]| {
-//!     let mut decoder = StackDecoder::new(&weights, KvKind::F32, (1, 16), 4, 0);
+//!     let mut decoder = StackDecoder::new(&weights, KvKind::F32, 1, 16, 4, 0);
 //!     let (mut place, mut out) = (0, Vec::new());
 //!     for &rows_now in cuts {
 //!         decoder.push(Run { stream: 0, place, rows: rows_now });

@@ -121,7 +121,7 @@ fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip>
     Clip::new(clip.skeleton().clone(), b, root, rotations)
 }
 
-/// Refuses a rate outside [`FEWEST_FPS`] to [`MOST_FPS`], and one that is no number.
+/// Refuses a rate outside `FEWEST_FPS` to `MOST_FPS`, and one that is no number.
 ///
 /// # Errors
 /// [`Invalid`](kinelm_store::Error::Invalid) of the parameter `fps`.

@@ -23,7 +23,7 @@ pub(crate) const GENERATED_FPS: f64 = 30.0;
 /// Reads a motion: `smpl_poses` (F, 72) or (F, 24, 3), `smpl_trans` (F, 3), `smpl_scaling` of one element. Without
 /// `smpl_scaling` it is a dance generator's, in metres.
 ///
-/// The clip is on SMPL-24, at [`FPS`], for a generator's at [`GENERATED_FPS`] with a warning, or at the rate in the
+/// The clip is on SMPL-24, at [`FPS`], for a generator's at `GENERATED_FPS` with a warning, or at the rate in the
 /// options.
 ///
 /// # Errors

@@ -1,7 +1,7 @@
 //! `.npz`: a zip of `.npy` files, read entry by entry and written.
 //!
 //! Stored and deflated entries, zip64, and all of numpy's header versions are read. Declared sizes are not trusted: an entry
-//! is read up to the size in its array's header, and the total stays within [`MAX_BYTES`] and, beyond 64 MiB, within 64
+//! is read up to the size in its array's header, and the total stays within `MAX_BYTES` and, beyond 64 MiB, within 64
 //! times the archive. Recorded motion compresses by 2 or 3, a zip bomb by 1,000.
 
 use super::array::{Array, Element, byte_count, padded, tuple};
@@ -67,7 +67,7 @@ impl<'a> Npz<'a> {
     ///
     /// # Errors
     /// [`FaultKind::KeyMissing`], which lists the existing keys; [`FaultKind::Truncated`] for a damaged entry; those of
-    /// [`Array::parse`]; [`FaultKind::TooLarge`] beyond [`MAX_BYTES`].
+    /// [`Array::parse`]; [`FaultKind::TooLarge`] beyond `MAX_BYTES`.
     pub fn array(&self, key: &str) -> Result<Array<'static>> {
         self.optional(key)?.ok_or_else(|| self.missing(key))
     }

@@ -152,7 +152,7 @@ fn shifts(music_s: &[f64], seconds: f64) -> impl Iterator<Item = Vec<f64>> {
     })
 }
 
-/// The beats of the music that a dance hits: those with a kinematic beat within [`SIGMA_S`], 50 ms.
+/// The beats of the music that a dance hits: those with a kinematic beat within `SIGMA_S`, 50 ms.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct BeatHits {
     /// Per beat of the music; `None` for beats outside the dance, which don't count.

@@ -41,7 +41,7 @@ pub(in crate::format) fn extent(bytes: &[u8]) -> Option<(usize, usize)> {
 ///
 /// # Errors
 /// [`FaultKind::NotThisFormat`] without numpy's magic or for versions other than 1.0, 2.0, 3.0; [`FaultKind::Truncated`] for
-/// a header that is truncated, longer than [`MAX_HEADER`] or no dict of `descr`, `fortran_order`, `shape`;
+/// a header that is truncated, longer than `MAX_HEADER` or no dict of `descr`, `fortran_order`, `shape`;
 /// [`FaultKind::Dtype`] for a type that [`Dtype::parse`] doesn't know.
 pub fn parse(path: &Path, key: &str, bytes: &[u8]) -> Result<Header> {
     let fault = |kind, found: String, expected: &str| -> Error {

@@ -2,7 +2,7 @@
 //!
 //! A pickle is a program for a small stack machine that may call any function of any Python module. [`Pickle`] executes
 //! protocols 0 to 5, but knows only the calls with which numpy rebuilds arrays, types and scalars. Names outside
-//! [`ALLOWED`] are refused; no name is ever looked up.
+//! `ALLOWED` are refused; no name is ever looked up.
 //!
 //! Values are stored in one list and refer to each other by index, so that nesting takes no call depth and shared or
 //! circular values are not copied. The sizes of the list, the stack and the memo, the number of open marks and the bytes
@@ -83,7 +83,7 @@ impl<'a> Pickle<'a> {
     /// Reads a pickle; bytes after its end are ignored. `path` is used in messages.
     ///
     /// # Errors
-    /// [`FaultKind::PickleRefused`] for a name outside [`ALLOWED`] or an opcode that makes or calls anything else;
+    /// [`FaultKind::PickleRefused`] for a name outside `ALLOWED` or an opcode that makes or calls anything else;
     /// [`FaultKind::PickleBad`] for a damaged pickle, with the byte offset; [`FaultKind::TooLarge`] above a limit;
     /// [`FaultKind::NotThisFormat`] for one that joblib compressed.
     pub fn parse(path: &Path, bytes: &'a [u8]) -> Result<Self> {

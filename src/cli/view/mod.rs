@@ -116,12 +116,16 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     let files = viewed(clips, &args.read, args.together, say)?;
     files.iter().flat_map(|file| &file.notes).for_each(|note| say.line(note));
     let paths: Vec<&Path> = files.iter().map(|file| &*file.path).collect();
-    let read = each_file(&paths, say, |i, path| Ok(format::read(path, &files[i].options)?))?;
-    let (numbers, mut motions): (Vec<usize>, Vec<Motion>) = read.into_iter().unzip();
+    let read = each_file(&paths, say, |i, path| {
+        let (motion, floor_m) = (format::read(path, &files[i].options)?, files[i].floor_m);
+        let raised = (floor_m != 0.0).then(|| motion.clip.clone().raised(-floor_m));
+        Ok(match raised {
+            Some(clip) => motion.with_clip(clip),
+            None => motion,
+        })
+    })?;
+    let (numbers, motions): (Vec<usize>, Vec<Motion>) = read.into_iter().unzip();
     let files: Vec<ViewedFile> = numbers.iter().map(|i| files[*i].clone()).collect();
-    for (motion, file) in motions.iter_mut().zip(&files).filter(|(_, file)| file.floor_m != 0.0) {
-        *motion = motion.clone().with_clip(motion.clip.clone().raised(-file.floor_m));
-    }
     say_times(&motions, say);
     let (mut figures, odd) = (Vec::new(), Odd::new(say));
     for (i, motion) in motions.iter().enumerate() {

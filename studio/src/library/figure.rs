@@ -149,7 +149,9 @@ impl Wanted {
     /// Those of reading; a clip that isn't a body's.
     pub fn text(&self, file: &Path) -> Result<String> {
         let motion = format::read(file, &self.read)?;
-        let mut clip = motion.clip.clone();
+        // the clip is moved out: of one at the limit a copy is hundreds of MB
+        let map = motion.map().cloned();
+        let mut clip = motion.clip;
         if let Some(seconds) = self.part.seconds {
             let frames = (seconds * clip.fps()).ceil().max(1.0) as usize;
             clip = clip.slice(0..frames.min(clip.frames()));
@@ -158,7 +160,7 @@ impl Wanted {
             clip = resample(&clip, fps, Method::Auto)?;
         }
         let figure = Figure::new(&*self.name, &clip).regenerated(&self.generated_s);
-        let drawn = data::figure(&figure, self.floor_m, motion.map())?;
+        let drawn = data::figure(&figure, self.floor_m, map.as_ref())?;
         let made =
             self.made.iter().map(|span| Made { points: drawn.points_of(&span.joints), from: span.from, to: span.to });
         let made = made.collect();

@@ -60,7 +60,7 @@ pub use up::{Axes, Up, UpSource};
 
 use crate::error::compact;
 use crate::resample::{FEWEST_FPS, MOST_FPS, check_fps};
-use crate::rig::{self, Humanoid};
+use crate::rig;
 use crate::{Error, FaultKind, FileError, Result};
 use formats::Step;
 use kinelm_store::{SourcePos, Subject, files, input};
@@ -109,7 +109,8 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     if info.then.contains(&Step::Skip) {
         motion = skipped(motion, options)?;
     }
-    if info.then.contains(&Step::Mirror) {
+    // nothing to do without one: these formats are y up
+    if info.then.contains(&Step::Mirror) && options.mirror_axis.is_some() {
         let (clip, found) = (motion.clip.clone(), motion.found().cloned());
         let clip = Axes::OWN.mirrored(options.mirror_axis).to_y_up(clip)?;
         motion = motion.with_clip(clip).with_found(found);
@@ -127,16 +128,15 @@ pub fn parse(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion>
     // after the root is chosen: the rest frame is recognised by the root's rotation
     let mut motion = rest::handle_rest_frame(motion, options);
     // after frames were dropped, which may have changed the reference pose
-    let humanoid = motion.known().cloned();
-    if let Some(humanoid) = &humanoid {
-        motion.warnings.extend(rig::warnings(&motion.clip, humanoid));
-    }
+    let of_rig = motion.known().map(|humanoid| rig::warnings(&motion.clip, humanoid));
+    motion.warnings.extend(of_rig.into_iter().flatten());
     if info.then.contains(&Step::Size) {
         let unit_m = match &motion.source {
             Source::Bvh(bvh) => bvh.rig.unit_m,
             _ => options.unit.metres().unwrap_or(1.0),
         };
-        motion.warnings.extend(size::doubt(&motion.clip, humanoid.as_ref().map(Humanoid::map), unit_m));
+        let doubt = size::doubt(&motion.clip, motion.map(), unit_m);
+        motion.warnings.extend(doubt);
         // its bones are SMPL's, whatever the unit of the path
         let path_doubt = info.is_smpl.then(|| size::path_doubt(&motion.clip, unit_m));
         motion.warnings.extend(path_doubt.flatten());

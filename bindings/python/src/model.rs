@@ -162,7 +162,7 @@ impl Model {
         detach(py, || {
             let open = OpenRequest::open(&request).map_err(library)?;
             let sampler = open.sampler(1).map_err(library)?;
-            let preview = Preview::new(&open).map_err(library)?;
+            let preview = Preview::new(&open);
             Ok(Frames(Mutex::new(SamplingState { open, sampler, preview, new: None, yielded: 0 })))
         })
     }

@@ -137,7 +137,7 @@ impl OpenRequest {
     pub fn make(&self, making: &Making<'_>, watch: &mut Watch<'_>) -> Result<Dances> {
         let outs = making.outs;
         let samples = making.best.as_ref().map_or(outs.len(), |best| best.samples);
-        let mut previews = outs.iter().map(|_| Preview::new(self)).collect::<Result<Vec<_>>>()?;
+        let mut previews: Vec<Preview> = outs.iter().map(|_| Preview::new(self)).collect();
         // ways through gaps are sampled side by side, and their dances one after the other
         let of = self.frames * if self.tries() > 1 { samples } else { 1 };
         let sampled = self.sample(samples, making.guesses, &mut |first, words, last| {

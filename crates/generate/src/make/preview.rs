@@ -10,8 +10,9 @@ use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 
 /// The sampled part of a dance on SMPL-24, at the model's rate.
 pub struct Preview {
-    /// The clip from which uncoded joints take their motion.
-    rest: Clip,
+    /// The clip from which uncoded joints take their motion; made when frames are first shown, as most dances are never
+    /// looked at.
+    rest: Option<Clip>,
     words: Words,
     /// Words of the whole dance.
     all: usize,
@@ -29,15 +30,12 @@ pub struct Preview {
 
 impl Preview {
     /// Of a dance of which nothing is sampled yet.
-    ///
-    /// # Errors
-    /// None for a request that was opened.
-    pub fn new(open: &OpenRequest) -> Result<Preview> {
-        Ok(Preview::of(open.rest()?, open.words_in_all(), open.resolved.lead_in, open.frames))
+    pub fn new(open: &OpenRequest) -> Preview {
+        Preview::of(open.words_in_all(), open.resolved.lead_in, open.frames)
     }
 
-    fn of(rest: Clip, all: usize, lead_in: usize, frames: usize) -> Preview {
-        Preview { rest, words: Words::default(), all, lead_in, frames, done: 0, last: None, decoded: 0 }
+    fn of(all: usize, lead_in: usize, frames: usize) -> Preview {
+        Preview { rest: None, words: Words::default(), all, lead_in, frames, done: 0, last: None, decoded: 0 }
     }
 
     /// Takes up the ids of a word.
@@ -55,11 +53,17 @@ impl Preview {
     /// # Errors
     /// Words that are not this tokenizer's.
     pub fn next(&mut self, open: &OpenRequest) -> Result<Option<Clip>> {
-        self.next_by(&open.tokenizer, |clip| open.standing(clip))
+        self.next_by(&open.tokenizer, || open.rest(), |clip| open.standing(clip))
     }
 
-    /// The same; `standing` moves the first frames, lead-in included, to the dance's place, and drops the lead-in.
-    fn next_by(&mut self, tokenizer: &Tokenizer, standing: impl FnOnce(Clip) -> Result<Clip>) -> Result<Option<Clip>> {
+    /// The same; `rest` makes the clip of the uncoded joints, `standing` moves the first frames, lead-in included, to the
+    /// dance's place, and drops the lead-in.
+    fn next_by(
+        &mut self,
+        tokenizer: &Tokenizer,
+        rest: impl FnOnce() -> Result<Clip>,
+        standing: impl FnOnce(Clip) -> Result<Clip>,
+    ) -> Result<Option<Clip>> {
         let (length, reach) = (tokenizer.frames_per_word(), tokenizer.scheme().reach());
         let sampled = self.words.len() * length;
         // where windows overlap, the next word changes the last frames
@@ -74,9 +78,13 @@ impl Preview {
         let words = self.words.slice(from..self.words.len());
         self.decoded += words.len() * length;
         let first = from * length;
-        let held = self.rest.frames().min(first + words.len() * length);
+        let rest = match &mut self.rest {
+            Some(rest) => rest,
+            none => none.insert(rest()?),
+        };
+        let held = rest.frames().min(first + words.len() * length);
         // at least one frame of it, which decoding holds to the end
-        let rest = self.rest.slice(first.min(self.rest.frames().saturating_sub(1))..held);
+        let rest = rest.slice(first.min(rest.frames().saturating_sub(1))..held);
         let clip = tokenizer.decode(&words, UncodedPose::Clip(&rest))?;
         let clip = match self.last {
             None => standing(clip.slice(0..end))?,
@@ -126,14 +134,17 @@ mod tests {
             let whole = tokenizer.decode(&words, UncodedPose::Clip(&rest)).unwrap();
             let (lead_in, frames) = (20, clips[1].frames() - 20);
             let standing = |clip: Clip| Ok(clip.slice(lead_in..clip.frames()));
-            let mut preview = Preview::of(rest, words.len(), lead_in, frames);
+            let mut preview = Preview::of(words.len(), lead_in, frames);
             let mut shown = Vec::new();
             for word in words.iter() {
                 let mut one = Words::default();
                 one.push(word);
                 preview.push(&tokenizer, &tokenizer.ids_of_words(&one).unwrap());
-                shown.extend(preview.next_by(&tokenizer, standing).unwrap());
-                assert!(preview.next_by(&tokenizer, standing).unwrap().is_none(), "nothing is new");
+                shown.extend(preview.next_by(&tokenizer, || Ok(rest.clone()), standing).unwrap());
+                assert!(
+                    preview.next_by(&tokenizer, || Ok(rest.clone()), standing).unwrap().is_none(),
+                    "nothing is new"
+                );
             }
             let mut frame = lead_in;
             for clip in &shown {

@@ -3,7 +3,7 @@
 use crate::model::{BenchModel, ModelArgs};
 use crate::{How, Rates, Row, Say, Unit, peak, rounded, seconds};
 use anyhow::Result;
-use kinelm::model::{Architecture, Compute, DeviceName, Form, layout};
+use kinelm::model::{Architecture, Compute, DeviceName, Form, weights};
 use kinelm::store::random;
 use kinelm::train::batches::Batch;
 use kinelm::train::learner::clip_share;
@@ -41,14 +41,14 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let batch = args.batch.map_or_else(|| usual_batch(&bench.name), usize::from);
     let batch = made_up(&bench, batch);
     let compute = Compute { device: args.device, form: args.form };
-    let weights = layout::initial(&bench.file.model, &bench.tokens, 1)?;
-    let parameters: usize = weights.values().map(|w| w.elem_count()).sum();
+    let weights = weights::initial(&bench.file.model, &bench.tokens, 1);
+    let parameters: usize = weights.values().map(|array| array.numbers().len()).sum();
     let (tokens, length) = (batch.inputs.len(), batch.length());
     say.line(format_args!("{parameters} parameters, {} x {length} tokens a step", batch.clips.len()));
     let (precision, note) = args.precision.decide(compute, bench.file.model.width)?;
     let chosen = precision.resolve(None, compute)?;
     chosen.notes.iter().chain(&note).for_each(|note| say.line(note));
-    let mut learner = learner(&bench.file.model, &bench.tokens, &bench.file.train, weights, compute, chosen.products)?;
+    let mut learner = learner(&bench.file.model, &bench.tokens, &bench.file.train, &weights, compute, chosen.products)?;
     let mut losses = Vec::new();
     let timed = seconds(WARM_UP, args.how.repeats.unwrap_or(10), || {
         losses.push(step(&mut *learner, &batch, losses.len() as u64)?);

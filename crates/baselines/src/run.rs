@@ -8,7 +8,6 @@ use kinelm_model::run::{CONFIG, WEIGHTS};
 use kinelm_model::weights;
 use kinelm_store::presets::{self, Presets};
 use kinelm_store::{FileRecord, files, input};
-use kinelm_train::optimizer::floats;
 use kinelm_train::train_file::{in_file, in_set};
 use kinelm_train::trainer::check_steps;
 use serde::de::DeserializeOwned;
@@ -204,7 +203,7 @@ pub(crate) fn load(run: &Path, which: CheckpointChoice, parameters: &[Parameter]
     let found = Checkpoints::of(run).find(which, &[WEIGHTS], &[], &mut |note| notes.push(note))?;
     let (path, bytes) = (found.dir.join(WEIGHTS), &found.files[WEIGHTS]);
     let tensors = weights::from_bytes(&path, bytes)?;
-    let weights = floats("file", parameters, &tensors, |p| p.name.clone()).map_err(|e| match e {
+    let weights = weights::floats("file", parameters, &tensors, |p| p.name.clone()).map_err(|e| match e {
         Error::Weights(found) => Error::file(&path, found, "the network that config.toml describes", ""),
         other => other,
     })?;

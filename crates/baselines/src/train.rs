@@ -4,7 +4,6 @@ use crate::Result;
 use crate::run::Changes;
 use kinelm_engine::arena::Floats;
 use kinelm_model::checkpoint::{Checkpoints, State};
-use kinelm_model::fast::named;
 use kinelm_model::layout::{Init, Parameter, Role};
 use kinelm_model::run::{OPTIMIZER, WEIGHTS};
 use kinelm_model::weights;
@@ -12,7 +11,7 @@ use kinelm_store::{memory, random};
 use kinelm_train::folder::RunFolder;
 use kinelm_train::learner::{listed, not_finite};
 use kinelm_train::metrics::Metrics;
-use kinelm_train::optimizer::{Adam, Optimizer, Rates, floats};
+use kinelm_train::optimizer::{Adam, Optimizer, Rates};
 use kinelm_train::trainer::{Cadence, Files, last_checkpoint};
 use kinelm_train::{Task, Trainer};
 use rayon::prelude::*;
@@ -168,7 +167,7 @@ pub fn train<N: Network>(
     let (network, state) = match found {
         Some(found) => {
             let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
-            let weights = floats("checkpoint", list, &tensors(WEIGHTS)?, |p| p.name.clone())?;
+            let weights = weights::floats("checkpoint", list, &tensors(WEIGHTS)?, |p| p.name.clone())?;
             note(format!("resuming after step {}", found.state.step));
             let mut network = network(weights);
             network.parameters().optimizer.restore(&tensors(OPTIMIZER)?, found.state.step)?;
@@ -231,8 +230,8 @@ impl<N: Network> Task for Training<'_, N> {
         // the checkpoint names a step up to which the lines must be on disk
         self.metrics.sync()?;
         let parameters = self.network.parameters();
-        let weights = named(&parameters.list, &parameters.weights)?;
-        let moments = parameters.optimizer.moments()?;
+        let weights = weights::named(&parameters.list, &parameters.weights);
+        let moments = parameters.optimizer.moments();
         Ok(vec![
             (WEIGHTS, weights::finite_bytes(WEIGHTS, &weights)?),
             (OPTIMIZER, weights::finite_bytes(OPTIMIZER, &moments)?),

@@ -74,7 +74,7 @@ fn open(run: &Path, weights: &str) -> Result<ModelEmbedding> {
     }
     let tokenizer = loaded.load_tokenizer()?;
     let frame = (!loaded.config.architecture.is_flat()).then_some(loaded.tokens.word);
-    let model = Fast::from_tensors(&loaded.config, &loaded.tokens, loaded.weights)?;
+    let model = Fast::from_weights(&loaded.config, &loaded.tokens, &loaded.weights)?;
     let reader = Mutex::new(Reader { model, front, pad, context, width, frame });
     Ok(ModelEmbedding { tokenizer, reader })
 }

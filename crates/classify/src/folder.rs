@@ -15,7 +15,6 @@ use kinelm_model::fast::Fast;
 use kinelm_model::{Architecture, ModelConfig, TokenLayout, weights};
 use kinelm_store::{FileRecord, files, input};
 use kinelm_tokenizer::{Tokenizer, Words};
-use kinelm_train::optimizer::floats;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -114,7 +113,7 @@ impl Classifier {
             let help = "the file was cut or changed after it was written: train the classifier again";
             return Err(Error::file(&at, say(&FileRecord::of(&bytes)), say(record), help));
         }
-        let mut tensors = weights::from_bytes(&at, &bytes)?;
+        let mut weights = weights::from_bytes(&at, &bytes)?;
         let tokenizer = Tokenizer::load(folder.join(TOKENIZER))?;
         if tokenizer.base_hash() != manifest.tokenizer {
             // a tokenizer of the same shape would decode other motion, unnoticed
@@ -125,11 +124,11 @@ impl Classifier {
         }
         let layout = Layout::new(&manifest.model, &manifest.tokens, manifest.fields.len())?;
         let parameters = heads(&manifest.fields, manifest.model.width);
-        let heads = floats("classifier", &parameters, &tensors, |p| p.name.clone())?;
-        tensors.retain(|name, _| parameters.iter().all(|p| p.name != *name));
-        let fusions = Fusion::take(&manifest.fields, features::count(&tokenizer), &mut tensors)?;
+        let heads = weights::floats("classifier", &parameters, &weights, |p| p.name.clone())?;
+        weights.retain(|name, _| parameters.iter().all(|p| p.name != *name));
+        let fusions = Fusion::take(&manifest.fields, features::count(&tokenizer), &mut weights)?;
         let (config, tokens) = extended(&manifest.model, &manifest.tokens, &manifest.fields);
-        let model = Fast::from_tensors(&config, &tokens, tensors)?;
+        let model = Fast::from_weights(&config, &tokens, &weights)?;
         Ok(Classifier { manifest, tokenizer, model, heads, fusions, layout })
     }
 

@@ -10,10 +10,9 @@ use super::features::Motion;
 use super::fields::{Field, Fields};
 use super::lda::{COMPONENTS, Lda};
 use crate::Result;
-use candle_core::{Device, Tensor};
 use kinelm_corpus::{ClipRecord, Corpus};
 use kinelm_model::layout::{Init, Parameter, Role};
-use kinelm_train::optimizer::{Tensors, floats};
+use kinelm_model::weights::{Array, Weights, floats};
 use rayon::prelude::*;
 
 /// Length of the discriminant's windows, seconds: docs/results/classification.md, "Class tokens with LDA".
@@ -74,13 +73,10 @@ impl Discriminants {
         Ok(Discriminants { all, valid })
     }
 
-    /// The discriminants as tensors, with the weights that suit class tokens whose validation windows have these scores.
-    ///
-    /// # Errors
-    /// The tensor library's.
-    pub fn tensors(&self, scores: &[ClassScores], valid: &[&ClipRecord], fields: &Fields) -> Result<Tensors> {
+    /// The discriminants as arrays, with the weights that suit class tokens whose validation windows have these scores.
+    pub fn arrays(&self, scores: &[ClassScores], valid: &[&ClipRecord], fields: &Fields) -> Weights {
         let tokens = of_clips(scores);
-        let mut tensors = Tensors::new();
+        let mut arrays = Weights::new();
         for (table, (field, lda)) in fields.0.iter().zip(&self.all).enumerate() {
             let known: Vec<(usize, [&[f64]; 2])> = tokens
                 .iter()
@@ -89,11 +85,10 @@ impl Discriminants {
             let weights = best_weights(&known);
             for (name, numbers) in lda.parts().into_iter().chain([("tokens_and_lda", &weights[..])]) {
                 let numbers: Vec<f32> = numbers.iter().map(|x| *x as f32).collect();
-                let tensor = Tensor::from_slice(&numbers, numbers.len(), &Device::Cpu)?;
-                tensors.insert(format!("fusion.{}.{name}", field.name), tensor);
+                arrays.insert(format!("fusion.{}.{name}", field.name), Array::new(&[numbers.len()], numbers));
             }
         }
-        Ok(tensors)
+        arrays
     }
 }
 
@@ -120,16 +115,16 @@ fn fused([a, b]: [&[f64]; 2], weights: [f64; 2]) -> Vec<f64> {
 }
 
 impl Fusion {
-    /// Of every field, taken out of a classifier's tensors; `features` are those of a clip.
+    /// Of every field, taken out of a classifier's weights; `features` are those of a clip.
     ///
     /// # Errors
-    /// Tensors that are missing or of another shape.
-    pub fn take(fields: &Fields, features: usize, tensors: &mut Tensors) -> Result<Vec<Fusion>> {
+    /// Arrays that are missing or of another shape.
+    pub fn take(fields: &Fields, features: usize, weights: &mut Weights) -> Result<Vec<Fusion>> {
         let one = |field: &Field| {
             let classes = field.classes.len();
             let name = |part: &str| format!("fusion.{}.{part}", field.name);
             // of few clips there are fewer components
-            let basis = tensors.get(&name("basis")).map_or(0, |t| t.elem_count());
+            let basis = weights.get(&name("basis")).map_or(0, |basis| basis.numbers().len());
             let components = basis / features.max(1);
             let shapes = [features, features, components * features, classes * components, classes, 2];
             let parameters = Lda::PARTS.iter().chain(&["tokens_and_lda"]).zip(shapes).map(|(part, n)| Parameter {
@@ -139,13 +134,13 @@ impl Fusion {
                 role: Role::Vector,
             });
             let parameters: Vec<Parameter> = parameters.collect();
-            let found = floats("classifier", &parameters, tensors, |p| p.name.clone())?;
+            let found = floats("classifier", &parameters, weights, |p| p.name.clone())?;
             let mut parts = found.iter().map(|x| x.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>());
             let mut part = || parts.next().unwrap_or_default();
             let lda = Lda::of([part(), part(), part(), part(), part()]);
-            let weights = part();
-            parameters.iter().for_each(|p| drop(tensors.remove(&p.name)));
-            Ok(Fusion { lda, weights: [weights[0], weights[1]] })
+            let shares = part();
+            parameters.iter().for_each(|p| drop(weights.remove(&p.name)));
+            Ok(Fusion { lda, weights: [shares[0], shares[1]] })
         };
         fields.0.iter().map(one).collect()
     }

@@ -4,12 +4,13 @@ use super::Field;
 use super::fields::Fields;
 use crate::Result;
 use kinelm_engine::arena::Floats;
-use kinelm_model::fast::{ClassRow, Fast, Losses, Windows, named};
+use kinelm_model::fast::{ClassRow, Fast, Losses, Windows};
 use kinelm_model::layout::{CLASS, Init, Parameter, Role};
+use kinelm_model::weights::{Weights, named};
 use kinelm_model::{Architecture, Dropout, Scores};
 use kinelm_train::TrainConfig;
 use kinelm_train::learner::{clip_share, not_finite};
-use kinelm_train::optimizer::{Adam, Optimizer, Rates, Tensors};
+use kinelm_train::optimizer::{Adam, Optimizer, Rates};
 use rayon::prelude::*;
 
 /// The name of a field's head among the tensors.
@@ -97,21 +98,15 @@ impl Learner {
         Ok(found)
     }
 
-    /// The tensors by name, the heads among them.
-    ///
-    /// # Errors
-    /// The tensor library's.
-    pub fn tensors(&self) -> Result<Tensors> {
-        let mut all = self.model.tensors()?;
-        all.extend(named(&self.head_parameters, &self.heads)?);
-        Ok(all)
+    /// The weights, those of the heads among them.
+    pub fn weights(&self) -> Weights {
+        let mut all = self.model.weights();
+        all.extend(named(&self.head_parameters, &self.heads));
+        all
     }
 
     /// The optimizer's moments by name.
-    ///
-    /// # Errors
-    /// The tensor library's.
-    pub fn moments(&self) -> Result<Tensors> {
+    pub fn moments(&self) -> Weights {
         self.optimizer.moments()
     }
 
@@ -119,7 +114,7 @@ impl Learner {
     ///
     /// # Errors
     /// Tensors that are missing or of another shape.
-    pub fn restore(&mut self, moments: &Tensors, updates: u64) -> Result<()> {
+    pub fn restore(&mut self, moments: &Weights, updates: u64) -> Result<()> {
         self.optimizer.restore(moments, updates)
     }
 }

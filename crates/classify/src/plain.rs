@@ -142,7 +142,7 @@ fn linear<'a>(rows: impl Iterator<Item = (&'a Vec<f64>, Option<usize>)>, classes
 /// The mean of a run's final vectors over every window.
 fn vectors(corpus: &Corpus, run: &LoadedRun, clips: [&[&ClipRecord]; 2]) -> Result<[Rows; 2]> {
     super::train::run_tokenizer(run, corpus)?;
-    let mut model = Fast::from_tensors(&run.config, &run.tokens, run.weights.clone())?;
+    let mut model = Fast::from_weights(&run.config, &run.tokens, &run.weights)?;
     // the model has no class tokens
     let layout = Layout::new(&run.config, &run.tokens, 0)?;
     let mut read = |clips: &[&ClipRecord]| -> Result<Rows> {

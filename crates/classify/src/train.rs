@@ -15,10 +15,10 @@ use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_model::checkpoint::State;
 use kinelm_model::class_windows::Layout;
 use kinelm_model::fast::Fast;
-use kinelm_model::{Dropout, LoadedRun, layout};
+use kinelm_model::weights::{Weights, floats};
+use kinelm_model::{Dropout, LoadedRun, weights};
 use kinelm_store::{FileRecord, random};
 use kinelm_tokenizer::Tokenizer;
-use kinelm_train::optimizer::{Tensors, floats};
 use kinelm_train::resize::{Inputs, resize};
 use kinelm_train::schedule::rate;
 use kinelm_train::trainer::{Cadence, Files};
@@ -184,9 +184,9 @@ impl Task for Training<'_> {
         let best = self.state.best == metrics.step;
         if best {
             let manifest = Manifest { step: metrics.step, valid_nats: metrics.valid_nats, ..self.manifest.clone() };
-            let mut tensors = self.learner.tensors()?;
-            tensors.extend(self.discriminants.tensors(&scores, &self.valid, self.fields)?);
-            self.folder.save_best(manifest, &tensors)?;
+            let mut weights = self.learner.weights();
+            weights.extend(self.discriminants.arrays(&scores, &self.valid, self.fields));
+            self.folder.save_best(manifest, &weights)?;
         }
         Ok(Some(best))
     }
@@ -197,26 +197,26 @@ impl Task for Training<'_> {
 
     fn files(&mut self, due: bool) -> Result<Files> {
         self.state.due = due;
-        Unfinished::files(&self.state, &self.learner.tensors()?, &self.learner.moments()?)
+        Unfinished::files(&self.state, &self.learner.weights(), &self.learner.moments())
     }
 }
 
 /// What learns, before the first update.
 fn new_learner(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<Learner> {
     let (config, tokens) = extended(&run.config, &run.tokens, fields);
-    let model = Fast::from_tensors(&config, &tokens, first_weights(run, fields, options)?)?;
+    let model = Fast::from_weights(&config, &tokens, &first_weights(run, fields, options)?)?;
     let heads = first_heads(fields, run.config.width, options.seed);
     Ok(Learner::new(model, fields, heads, run.tokens.vocabulary as u32))
 }
 
 /// What learns, and its state, from a checkpoint.
 fn resumed(run: &LoadedRun, fields: &Fields, saved: Saved) -> Result<(Learner, TrainState)> {
-    let Saved { state, mut tensors, moments } = saved;
+    let Saved { state, mut weights, moments } = saved;
     let parameters = heads(fields, run.config.width);
-    let heads = floats("checkpoint", &parameters, &tensors, |p| p.name.clone())?;
-    tensors.retain(|name, _| parameters.iter().all(|p| p.name != *name));
+    let heads = floats("checkpoint", &parameters, &weights, |p| p.name.clone())?;
+    weights.retain(|name, _| parameters.iter().all(|p| p.name != *name));
     let (config, tokens) = extended(&run.config, &run.tokens, fields);
-    let model = Fast::from_tensors(&config, &tokens, tensors)?;
+    let model = Fast::from_weights(&config, &tokens, &weights)?;
     let mut learner = Learner::new(model, fields, heads, run.tokens.vocabulary as u32);
     learner.restore(&moments, state.step)?;
     Ok((learner, state))
@@ -255,10 +255,10 @@ pub(super) fn run_tokenizer(run: &LoadedRun, corpus: &Corpus) -> Result<Tokenize
 }
 
 /// The run's weights, or random ones, with rows for the class tokens.
-fn first_weights(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<Tensors> {
+fn first_weights(run: &LoadedRun, fields: &Fields, options: &TrainOptions) -> Result<Weights> {
     let (config, tokens) = extended(&run.config, &run.tokens, fields);
     if options.scratch {
-        return layout::initial(&config, &tokens, options.seed);
+        return Ok(weights::initial(&config, &tokens, options.seed));
     }
     let inputs = |tokens| Inputs { tokens, conditions: &run.conditions };
     resize(&run.weights, &config, inputs(&run.tokens), inputs(&tokens), options.seed)

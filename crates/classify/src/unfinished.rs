@@ -8,11 +8,10 @@ use super::options::TrainOptions;
 use super::state::TrainState;
 use crate::{Error, Result};
 use kinelm_model::checkpoint::{Checkpoints, refuse_links};
-use kinelm_model::weights;
+use kinelm_model::weights::{self, Weights, to_bytes};
 use kinelm_store::{FileRecord, files, input, part};
 use kinelm_tokenizer::Tokenizer;
 use kinelm_train::folder::RunFolder;
-use kinelm_train::optimizer::Tensors;
 use kinelm_train::trainer::{Files, last_checkpoint};
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -38,9 +37,9 @@ pub(super) struct Call {
 pub(super) struct Saved {
     pub state: TrainState,
     /// The model's and the heads'.
-    pub tensors: Tensors,
+    pub weights: Weights,
     /// The optimizer's.
-    pub moments: Tensors,
+    pub moments: Weights,
 }
 
 /// The folder of a classifier that is being trained.
@@ -115,7 +114,7 @@ impl Unfinished {
         // later lines are written again by the updates that are repeated
         let lines = text.split_inclusive(|&b| b == b'\n').take(state.lines);
         self.metrics = lines.flatten().copied().collect();
-        Ok(Some(Saved { state, tensors: tensors(WEIGHTS)?, moments: tensors(MOMENTS)? }))
+        Ok(Some(Saved { state, weights: tensors(WEIGHTS)?, moments: tensors(MOMENTS)? }))
     }
 
     /// Adds a line to `metrics.jsonl`.
@@ -132,8 +131,8 @@ impl Unfinished {
     ///
     /// # Errors
     /// What the system refuses.
-    pub fn save_best(&self, mut manifest: Manifest, tensors: &Tensors) -> Result<()> {
-        let bytes = to_bytes(tensors)?;
+    pub fn save_best(&self, mut manifest: Manifest, weights: &Weights) -> Result<()> {
+        let bytes = to_bytes(weights)?;
         let name = format!("model-{:08}.safetensors", manifest.step);
         manifest.weights = (name.clone(), FileRecord::of(&bytes));
         let json = serde_json::to_vec_pretty(&manifest).expect("a manifest is JSON");
@@ -146,10 +145,10 @@ impl Unfinished {
     /// The files of a checkpoint.
     ///
     /// # Errors
-    /// The tensor library's.
-    pub fn files(state: &TrainState, tensors: &Tensors, moments: &Tensors) -> Result<Files> {
+    /// None in practice.
+    pub fn files(state: &TrainState, weights: &Weights, moments: &Weights) -> Result<Files> {
         let json = serde_json::to_vec(state).expect("the state of a training is JSON");
-        Ok(vec![(WEIGHTS, to_bytes(tensors)?), (MOMENTS, to_bytes(moments)?), (STATE, json)])
+        Ok(vec![(WEIGHTS, to_bytes(weights)?), (MOMENTS, to_bytes(moments)?), (STATE, json)])
     }
 
     /// Ends a training: its folder gets the classifier's name, and loses what resuming needs.
@@ -179,10 +178,6 @@ impl Unfinished {
         }
         Ok(())
     }
-}
-
-fn to_bytes(tensors: &Tensors) -> Result<Vec<u8>> {
-    weights::to_bytes(tensors.iter().map(|(name, t)| (name.as_str(), t)))
 }
 
 /// Refuses to resume another call's training.

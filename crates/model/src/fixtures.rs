@@ -5,6 +5,8 @@ use super::frames::Frames;
 use super::goal::{self, Conditioning};
 use super::gpt::Gpt;
 use super::music::Music;
+#[cfg(test)]
+use super::weights::{Array, Weights};
 use candle_core::{DType, Device, Tensor};
 use kinelm_corpus::windows::fill_sequence;
 use kinelm_tokenizer::{SlotIds, Special};
@@ -118,6 +120,13 @@ pub fn name(config: &ModelConfig, tokens: &TokenLayout) -> String {
     format!(
         "{architecture:?} {kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout} goal {goal} music {music:?}, {words}"
     )
+}
+
+/// Every number times `factor`.
+#[cfg(test)]
+pub(crate) fn scale(weights: &mut Weights, factor: f32) {
+    let scaled = |array: &Array| Array::new(array.shape(), array.numbers().iter().map(|x| x * factor).collect());
+    weights.values_mut().for_each(|array| *array = scaled(array));
 }
 
 /// A model away from zeros and ones, where gradients could be right by accident.

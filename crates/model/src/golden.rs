@@ -5,7 +5,7 @@ use super::fast::{Fast, Windows};
 use super::goal::Conditioning;
 use super::gpt::Gpt;
 use super::layout;
-use candle_core::{DType, Device, Tensor, Var};
+use candle_core::{Device, Var};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -17,11 +17,11 @@ const FAST: [f64; 2] = [1e-4; 2];
 const TWO_LEVELS: [f64; 2] = [1e-5, 3e-5];
 
 /// As scripts/reference/gpt_forms.py fills tensors, by their number in the order of the names.
-fn numbers(parameter: &layout::Parameter, tensor: usize) -> Tensor {
+fn numbers(parameter: &layout::Parameter, tensor: usize) -> Var {
     let one = if parameter.name.contains("norm") && parameter.name.ends_with("weight") { 1.0 } else { 0.0 };
     let number = |i: usize| f64::from((0.2 * (1.7 * i as f64 + tensor as f64).sin()) as f32) + one;
     let all: Vec<f64> = (0..parameter.len()).map(number).collect();
-    Tensor::from_vec(all, parameter.shape.as_slice(), &Device::Cpu).unwrap()
+    Var::from_vec(all, parameter.shape.as_slice(), &Device::Cpu).unwrap()
 }
 
 /// A golden case.
@@ -40,7 +40,7 @@ impl Case<'_> {
         let config: ModelConfig = serde_json::from_value(golden["model"].clone()).unwrap();
         let tokens: TokenLayout = serde_json::from_value(golden["tokens"].clone()).unwrap();
         let parameters = layout::parameters(&config, &tokens);
-        let tensors = parameters.iter().enumerate().map(|(i, p)| (p.name.clone(), numbers(p, i))).collect();
+        let vars = parameters.iter().enumerate().map(|(i, p)| (p.name.clone(), numbers(p, i))).collect();
         let ids = |key: &str| serde_json::from_value::<Vec<Vec<u32>>>(golden[key].clone()).unwrap();
         let (inputs, targets) = (ids("inputs"), ids("targets"));
         let conditioning = golden.get("told").map(|conditioning| Conditioning {
@@ -50,7 +50,7 @@ impl Case<'_> {
         });
         Case {
             golden,
-            gpt: Gpt::from_tensors(&config, &tokens, tensors).unwrap(),
+            gpt: Gpt::from_vars(&config, &tokens, vars).unwrap(),
             length: inputs[0].len(),
             inputs: inputs.concat(),
             targets: targets.concat(),
@@ -131,9 +131,7 @@ impl Case<'_> {
 
 impl Case<'_> {
     fn check_fast(&self, [bound, of_gradients]: [f64; 2]) {
-        let tensor = |(name, var): (&String, &Var)| (name.clone(), var.to_dtype(DType::F32).unwrap());
-        let tensors = self.gpt.vars().iter().map(tensor).collect();
-        let mut fast = Fast::from_tensors(self.gpt.config(), self.gpt.tokens(), tensors).unwrap();
+        let mut fast = Fast::of(&self.gpt).unwrap();
         let (inputs, targets) = (&self.inputs, &self.targets);
         let windows = Windows {
             inputs,

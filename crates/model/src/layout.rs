@@ -5,10 +5,7 @@ use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
 use super::frames::{BACK, Frames, SPELT};
 use super::goal;
 use crate::words::Steps;
-use crate::{Error, Result};
-use candle_core::{Device, Tensor};
 use kinelm_store::random;
-use std::collections::BTreeMap;
 
 /// One tensor of a model.
 #[derive(Debug, Clone, PartialEq)]
@@ -163,44 +160,6 @@ fn stack(all: &mut Vec<Parameter>, prefix: &str, layers: usize, d: usize) {
     }
 }
 
-/// A model's parameters, each with its tensor.
-///
-/// # Errors
-/// A configuration that doesn't hold; tensors that are missing, not the model's, or of another shape: each is named.
-pub(crate) fn checked(
-    config: &ModelConfig,
-    tokens: &TokenLayout,
-    mut tensors: BTreeMap<String, Tensor>,
-) -> Result<Vec<(Parameter, Tensor)>> {
-    config.validate_for(tokens)?;
-    let own = |p: Parameter| {
-        let (name, shape) = (&p.name, &p.shape);
-        let missing = || Error::Weights(format!("the weights have no tensor {name}; expected one of shape {shape:?}"));
-        let tensor = tensors.remove(name).ok_or_else(missing)?;
-        match tensor.dims() == shape {
-            true => Ok((p, tensor)),
-            false => {
-                let found = format!("tensor {name} has shape {:?}", tensor.dims());
-                Err(Error::Weights(format!("{found}; this model expects {shape:?}")))
-            }
-        }
-    };
-    let all = parameters(config, tokens).into_iter().map(own).collect::<Result<_>>()?;
-    match tensors.keys().next() {
-        Some(name) => Err(Error::Weights(format!("the weights have a tensor {name} that this model has no place for"))),
-        None => Ok(all),
-    }
-}
-
-/// The tensors of a model before training, by name, on the CPU.
-///
-/// # Errors
-/// None in practice.
-pub fn initial(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Result<BTreeMap<String, Tensor>> {
-    let all = parameters(config, tokens).into_iter();
-    all.map(|p| Ok((p.name.clone(), Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?))).collect()
-}
-
 /// Words that have a position of their own: those that a window can hold, a character and a space each if words differ in
 /// length.
 pub(super) fn word_rows(config: &ModelConfig, tokens: &TokenLayout) -> usize {
@@ -293,17 +252,5 @@ mod tests {
         assert_eq!(x, p.initial(3));
         assert_ne!(x, p.initial(4));
         assert_ne!(x, Parameter { name: "y".into(), ..p }.initial(3));
-    }
-
-    #[test]
-    fn a_missing_tensor_is_named() {
-        let labelled = |(config, tokens): &(ModelConfig, TokenLayout)| {
-            config.architecture == Architecture::TwoLevel && tokens.front > 1
-        };
-        let (config, tokens) = crate::fixtures::every(36).into_iter().find(labelled).unwrap();
-        let mut tensors = initial(&config, &tokens, 1).unwrap();
-        tensors.remove(LABEL).unwrap();
-        let message = checked(&config, &tokens, tensors).unwrap_err().to_string();
-        assert!(message.contains("no tensor frame.label.weight; expected one of shape [26, 12]"), "{message}");
     }
 }

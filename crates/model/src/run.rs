@@ -3,21 +3,19 @@
 use super::checkpoint::{CheckpointChoice, Checkpoints, State};
 use super::config::{ModelConfig, TokenLayout};
 use super::decode::{Reader, ReaderOptions};
-use super::device::Compute;
+use super::device::{Compute, DeviceName};
 use super::fast::Fast;
 use super::gpt::Gpt;
 use super::likelihood::likelihood;
 use super::scored_windows::Likelihood;
 use super::scores::Scores;
-use super::weights;
+use super::weights::{self, Weights};
 use crate::{Error, Result};
-use candle_core::{Device, Tensor};
 use kinelm_corpus::conditions::{Conditions, in_order};
 use kinelm_corpus::{Corpus, Split};
 use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use serde::Deserialize;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The weights' file in a checkpoint.
@@ -45,8 +43,8 @@ pub struct LoadedRun {
     pub conditions: Vec<String>,
     /// The share of the labels that were hidden in its training, where that is known.
     pub label_dropout: Option<f64>,
-    /// Its weights by name, on the CPU, in f32: their moving average if the checkpoint has it.
-    pub weights: BTreeMap<String, Tensor>,
+    /// Its weights: their moving average if the checkpoint has it.
+    pub weights: Weights,
     /// Path of the tokenizer that it was trained with; [`LoadedRun::load_tokenizer`] checks its hash.
     pub tokenizer: PathBuf,
     /// The hash of that tokenizer.
@@ -95,8 +93,8 @@ impl LoadedRun {
     ///
     /// # Errors
     /// Weights that don't fit the configuration, each named; what the device refuses.
-    pub fn plain(&self, device: &Device) -> Result<Gpt> {
-        Gpt::from_tensors(&self.config, &self.tokens, weights::to_device(&self.weights, device)?)
+    pub fn plain(&self, device: DeviceName) -> Result<Gpt> {
+        Gpt::from_weights(&self.config, &self.tokens, &self.weights, device)
     }
 
     /// The model on the CPU, ready to read.
@@ -104,7 +102,7 @@ impl LoadedRun {
     /// # Errors
     /// As [`LoadedRun::plain`]; no sequences.
     pub fn reader(&self, reading: ReaderOptions) -> Result<Reader> {
-        Reader::new(&self.plain(&Device::Cpu)?, reading)
+        Reader::new(&self.plain(DeviceName::Cpu)?, reading)
     }
 
     /// The same for sequences of which every `each` belong together, as [`Reader::side_by_side`] groups them.
@@ -112,7 +110,7 @@ impl LoadedRun {
     /// # Errors
     /// As [`LoadedRun::reader`].
     pub fn readers(&self, reading: ReaderOptions, each: usize) -> Result<Vec<Reader>> {
-        Reader::side_by_side(&self.plain(&Device::Cpu)?, reading, each)
+        Reader::side_by_side(&self.plain(DeviceName::Cpu)?, reading, each)
     }
 
     /// The likelihood of a split's clips under their labels, each token scored once; `None` where they have no frame.
@@ -130,9 +128,9 @@ impl LoadedRun {
     /// As [`LoadedRun::plain`]; a device that isn't there.
     pub fn scores(&self, compute: Compute) -> Result<Box<dyn Scores>> {
         if compute.is_fast() {
-            return Ok(Box::new(Fast::from_tensors(&self.config, &self.tokens, self.weights.clone())?));
+            return Ok(Box::new(Fast::from_weights(&self.config, &self.tokens, &self.weights)?));
         }
-        Ok(Box::new(self.plain(&compute.device.open()?)?))
+        Ok(Box::new(self.plain(compute.device)?))
     }
 }
 

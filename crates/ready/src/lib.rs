@@ -114,7 +114,7 @@ fn prepare(place: &Path) -> Result<PendingFolder> {
         folder.write(&name, bytes)?;
     }
     let expanded = packed::expand(PACKED)?;
-    let bytes = weights::to_bytes(expanded.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
+    let bytes = weights::to_bytes(&expanded)?;
     Checkpoints::of(folder.path()).write(packed_state()?, &[(WEIGHTS, bytes)])?;
     Ok(folder)
 }

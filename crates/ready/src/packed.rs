@@ -6,9 +6,8 @@
 //! A file: `KINELMW1`; for each tensor, by name: the name's length (u16) and bytes, the number of sides (u8) and each side
 //! (u32), then of a vector its numbers (f32), of anything else a scale (f32) for each row, and the rows (i8). Little-endian.
 
-use candle_core::{Device, Tensor};
+use kinelm_model::weights::{Array, Weights};
 use kinelm_model::{Error, Result};
-use std::collections::BTreeMap;
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"KINELMW1";
@@ -18,25 +17,23 @@ const MOST: f32 = 127.0;
 /// The bytes of weights, packed.
 ///
 /// # Errors
-/// Tensors that are not f32, or have names of more than 65,535 bytes.
-pub fn pack(weights: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
+/// Names of more than 65,535 bytes.
+pub fn pack(weights: &Weights) -> Result<Vec<u8>> {
     let mut out = MAGIC.to_vec();
-    for (name, tensor) in weights {
+    for (name, array) in weights {
         let length =
             u16::try_from(name.len()).map_err(|_| Error::Weights(format!("a name of {} bytes", name.len())))?;
         out.extend(length.to_le_bytes());
         out.extend(name.bytes());
-        out.push(tensor.rank() as u8);
-        out.extend(tensor.dims().iter().flat_map(|&side| (side as u32).to_le_bytes()));
-        let numbers = tensor.flatten_all()?.to_vec1::<f32>()?;
-        if tensor.rank() < 2 {
-            out.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
+        out.push(array.shape().len() as u8);
+        out.extend(array.shape().iter().flat_map(|&side| (side as u32).to_le_bytes()));
+        if array.shape().len() < 2 {
+            out.extend(array.numbers().iter().flat_map(|x| x.to_le_bytes()));
             continue;
         }
-        let width = (numbers.len() / tensor.dims()[0].max(1)).max(1);
-        let scales: Vec<f32> = numbers.chunks(width).map(scale_of).collect();
+        let scales: Vec<f32> = array.rows().map(scale_of).collect();
         out.extend(scales.iter().flat_map(|x| x.to_le_bytes()));
-        for (row, &scale) in numbers.chunks(width).zip(&scales) {
+        for (row, &scale) in array.rows().zip(&scales) {
             // a row of zeros has no step
             let whole = |x: &f32| if scale > 0.0 { (x / scale).round() as i8 } else { 0 };
             out.extend(row.iter().map(|x| whole(x) as u8));
@@ -56,12 +53,12 @@ fn scale_of(row: &[f32]) -> f32 {
 ///
 /// # Errors
 /// Bytes that [`pack`] did not make.
-pub fn expand(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
+pub fn expand(bytes: &[u8]) -> Result<Weights> {
     let mut rest = Rest(bytes);
     if rest.take(MAGIC.len())? != MAGIC {
         return Err(wrong());
     }
-    let mut weights = BTreeMap::new();
+    let mut weights = Weights::new();
     while !rest.0.is_empty() {
         let length = u16::from_le_bytes(rest.array()?);
         let name = String::from_utf8(rest.take(length.into())?.to_vec()).map_err(|_| wrong())?;
@@ -77,7 +74,7 @@ pub fn expand(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
             let rows = rest.take(count)?.chunks(width).zip(&scales);
             rows.flat_map(|(row, &scale)| row.iter().map(move |&x| f32::from(x as i8) * scale)).collect()
         };
-        weights.insert(name, Tensor::from_vec(numbers, sides, &Device::Cpu)?);
+        weights.insert(name, Array::new(&sides, numbers));
     }
     Ok(weights)
 }
@@ -113,17 +110,16 @@ mod tests {
     #[test]
     fn weights_come_back_within_half_a_step_of_their_row() {
         let matrix: Vec<f32> = (0..12).map(|i| (i as f32 - 5.0) * if i < 4 { 0.001 } else { 1.0 }).collect();
-        let weights = BTreeMap::from([
-            ("a".to_string(), Tensor::from_vec(matrix.clone(), (3, 4), &Device::Cpu).unwrap()),
-            ("b".to_string(), Tensor::from_vec(vec![0.1f32, -7.0], 2, &Device::Cpu).unwrap()),
-            ("zero".to_string(), Tensor::zeros((2, 2), candle_core::DType::F32, &Device::Cpu).unwrap()),
+        let weights = Weights::from([
+            ("a".to_string(), Array::new(&[3, 4], matrix.clone())),
+            ("b".to_string(), Array::new(&[2], vec![0.1, -7.0])),
+            ("zero".to_string(), Array::full(&[2, 2], 0.0)),
         ]);
         let bytes = pack(&weights).unwrap();
         let back = expand(&bytes).unwrap();
-        assert_eq!(back["b"].to_vec1::<f32>().unwrap(), [0.1, -7.0]);
-        assert_eq!(back["zero"].to_vec2::<f32>().unwrap(), [[0.0; 2]; 2]);
-        let rows = back["a"].to_vec2::<f32>().unwrap();
-        for (row, own) in rows.iter().zip(matrix.chunks(4)) {
+        assert_eq!(back["b"].numbers(), [0.1, -7.0]);
+        assert_eq!(back["zero"].numbers(), [0.0; 4]);
+        for (row, own) in back["a"].rows().zip(matrix.chunks(4)) {
             let step = own.iter().fold(0.0f32, |most, x| most.max(x.abs())) / MOST;
             assert!(row.iter().zip(own).all(|(a, b)| (a - b).abs() <= 0.51 * step), "{row:?} {own:?}");
         }

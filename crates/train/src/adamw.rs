@@ -3,10 +3,11 @@
 //! Source: Loshchilov and Hutter, "Decoupled weight decay regularization" (2019); the order of operations is PyTorch's.
 
 use super::config::TrainConfig;
-use super::optimizer::{MOMENTS, Tensors, in_order};
+use super::optimizer::MOMENTS;
 use crate::{Error, Result};
-use candle_core::{DType, Device, Tensor};
+use candle_core::{DType, Tensor};
 use kinelm_model::layout::{Parameter, Role};
+use kinelm_model::weights::{Array, Weights, in_order};
 use kinelm_model::{Gpt, layout};
 
 /// The moments of all variables.
@@ -66,15 +67,15 @@ impl AdamW {
         Ok(())
     }
 
-    /// The moments as tensors on the CPU: `first.{name}` and `second.{name}`.
+    /// The moments by name: `first.{name}` and `second.{name}`.
     ///
     /// # Errors
     /// Errors of the device.
-    pub fn tensors(&self) -> Result<Tensors> {
-        let mut all = Tensors::new();
+    pub fn moments(&self) -> Result<Weights> {
+        let mut all = Weights::new();
         for (p, moments) in self.parameters.iter().zip(&self.moments) {
             for (prefix, moment) in MOMENTS.iter().zip(moments) {
-                all.insert(format!("{prefix}.{}", p.name), moment.to_device(&Device::Cpu)?);
+                all.insert(format!("{prefix}.{}", p.name), Array::of(moment)?);
             }
         }
         Ok(all)
@@ -84,12 +85,12 @@ impl AdamW {
     ///
     /// # Errors
     /// Moments that are missing or of another shape, each named.
-    pub fn restore(&mut self, tensors: Tensors, step: u64) -> Result<()> {
+    pub fn restore(&mut self, all: &Weights, step: u64) -> Result<()> {
         for (i, prefix) in MOMENTS.iter().enumerate() {
             let name = |p: &Parameter| format!("{prefix}.{}", p.name);
-            let all = in_order("optimizer", &self.parameters, &tensors, name)?;
-            for (moments, tensor) in self.moments.iter_mut().zip(all) {
-                moments[i] = tensor.to_device(moments[i].device())?;
+            let all = in_order("optimizer", &self.parameters, all, name)?;
+            for (moments, array) in self.moments.iter_mut().zip(all) {
+                moments[i] = array.tensor(moments[i].device())?;
             }
         }
         self.step = step;
@@ -100,6 +101,7 @@ impl AdamW {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use candle_core::Device;
     use kinelm_model::{ModelConfig, TokenLayout};
 
     #[test]
@@ -157,15 +159,12 @@ mod tests {
         let mut adamw = AdamW::new(&gpt, &TrainConfig::default()).unwrap();
         let gradients: Vec<Tensor> = gpt.vars().values().map(|v| v.ones_like().unwrap()).collect();
         adamw.update(&gpt, &gradients, 1.0, 0.1).unwrap();
-        let mut tensors = adamw.tensors().unwrap();
+        let mut moments = adamw.moments().unwrap();
         let mut other = AdamW::new(&gpt, &TrainConfig::default()).unwrap();
-        other.restore(tensors.clone(), 1).unwrap();
-        let bytes = |a: &AdamW| {
-            kinelm_model::weights::to_bytes(a.tensors().unwrap().iter().map(|(n, t)| (n.as_str(), t))).unwrap()
-        };
-        assert_eq!((bytes(&other), other.step), (bytes(&adamw), 1));
-        tensors.remove("second.norm.bias");
-        let message = other.restore(tensors, 1).unwrap_err().to_string();
+        other.restore(&moments, 1).unwrap();
+        assert_eq!((other.moments().unwrap(), other.step), (adamw.moments().unwrap(), 1));
+        moments.remove("second.norm.bias");
+        let message = other.restore(&moments, 1).unwrap_err().to_string();
         assert_eq!(message, "the optimizer has no second.norm.bias of shape [2]");
     }
 }

@@ -3,12 +3,12 @@
 use super::config::TrainConfig;
 use super::fast::FastLearner;
 use super::learner::Learner;
-use super::optimizer::Tensors;
 use super::plain::Plain;
 use crate::Result;
 use kinelm_engine::linear::Products;
 use kinelm_model::fast::Fast;
-use kinelm_model::{Compute, Gpt, ModelConfig, TokenLayout, weights};
+use kinelm_model::weights::Weights;
+use kinelm_model::{Compute, Gpt, ModelConfig, TokenLayout};
 
 /// The learner of a form and a device, beginning with these `weights`.
 ///
@@ -18,16 +18,15 @@ pub fn learner(
     model: &ModelConfig,
     tokens: &TokenLayout,
     train: &TrainConfig,
-    weights: Tensors,
+    weights: &Weights,
     compute: Compute,
     products: Products,
 ) -> Result<Box<dyn Learner>> {
     if compute.is_fast() {
-        let mut fast = Fast::from_tensors(model, tokens, weights)?;
+        let mut fast = Fast::from_weights(model, tokens, weights)?;
         fast.multiply_by(products);
         return Ok(Box::new(FastLearner::new(fast, train)));
     }
-    let device = compute.device.open()?;
-    let gpt = Gpt::from_tensors(model, tokens, weights::to_device(&weights, &device)?)?;
+    let gpt = Gpt::from_weights(model, tokens, weights, compute.device)?;
     Ok(Box::new(Plain::new(gpt, train)?))
 }

@@ -4,11 +4,12 @@ use super::batches::Batch;
 use super::config::TrainConfig;
 use super::ema;
 use super::learner::{BatchLoss, Learner, no_average, not_finite};
-use super::optimizer::{Adam, Optimizer, Rates, Tensors, floats};
+use super::optimizer::{Adam, Optimizer, Rates};
 use crate::Result;
 use kinelm_engine::arena::Floats;
-use kinelm_model::fast::{Fast, Windows, named};
+use kinelm_model::fast::{Fast, Windows};
 use kinelm_model::layout::{Parameter, Role};
+use kinelm_model::weights::{Weights, floats, named};
 use kinelm_model::{Dropout, Scores};
 use rayon::prelude::*;
 
@@ -111,25 +112,25 @@ impl Learner for FastLearner {
         Ok(())
     }
 
-    fn weights(&self) -> Result<Tensors> {
-        self.model.tensors()
+    fn weights(&self) -> Result<Weights> {
+        Ok(self.model.weights())
     }
 
-    fn moments(&self) -> Result<Tensors> {
-        self.optimizer.moments()
+    fn moments(&self) -> Result<Weights> {
+        Ok(self.optimizer.moments())
     }
 
-    fn restore(&mut self, moments: Tensors, step: u64) -> Result<()> {
-        self.optimizer.restore(&moments, step)
+    fn restore(&mut self, moments: &Weights, step: u64) -> Result<()> {
+        self.optimizer.restore(moments, step)
     }
 
-    fn averages(&self) -> Result<Option<Tensors>> {
-        self.averages.as_ref().map(|averages| named(self.model.parameters(), averages)).transpose()
+    fn averages(&self) -> Result<Option<Weights>> {
+        Ok(self.averages.as_ref().map(|averages| named(self.model.parameters(), averages)))
     }
 
-    fn restore_averages(&mut self, averages: Tensors) -> Result<()> {
+    fn restore_averages(&mut self, averages: &Weights) -> Result<()> {
         let own = self.averages.as_mut().ok_or_else(no_average)?;
-        *own = floats("average", self.model.parameters(), &averages, |p| p.name.clone())?;
+        *own = floats("average", self.model.parameters(), averages, |p| p.name.clone())?;
         Ok(())
     }
 

@@ -35,7 +35,7 @@ pub fn import(folder: &Path, run: &Path) -> Result<LoadedRun> {
 
 fn write(work: &Path, found: &LoadedRun, tokenizer: &Tokenizer, file: &RunFile) -> Result<()> {
     files::write_whole(&work.join(TOKENIZER), tokenizer.to_json().as_bytes())?;
-    let bytes = weights::to_bytes(found.weights.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
+    let bytes = weights::to_bytes(&found.weights)?;
     Checkpoints::of(work).write(found.state.clone(), &[(WEIGHTS, bytes)])?;
     file.write(work)
 }

@@ -2,10 +2,10 @@
 
 use super::batches::Batch;
 use super::config::TrainConfig;
-use super::optimizer::Tensors;
 use super::stages::Stages;
 use crate::{Error, Result};
 use kinelm_model::Scores;
+use kinelm_model::weights::Weights;
 
 /// Loss and gradient norm of a batch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,31 +50,31 @@ pub trait Learner: Send {
     ///
     /// # Errors
     /// Errors of the device.
-    fn weights(&self) -> Result<Tensors>;
+    fn weights(&self) -> Result<Weights>;
 
     /// The optimizer's moments, `first.{name}` and `second.{name}`, in f32 on the CPU.
     ///
     /// # Errors
     /// Errors of the device.
-    fn moments(&self) -> Result<Tensors>;
+    fn moments(&self) -> Result<Weights>;
 
     /// Continues from the moments after `step` updates.
     ///
     /// # Errors
     /// Moments that are missing or of another shape, each named.
-    fn restore(&mut self, moments: Tensors, step: u64) -> Result<()>;
+    fn restore(&mut self, moments: &Weights, step: u64) -> Result<()>;
 
     /// The moving average of the weights by name ([`super::ema`]), in f32 on the CPU; `None` where `train.ema` is 0.
     ///
     /// # Errors
     /// Errors of the device.
-    fn averages(&self) -> Result<Option<Tensors>>;
+    fn averages(&self) -> Result<Option<Weights>>;
 
     /// Continues from this moving average.
     ///
     /// # Errors
     /// Tensors that are missing or of another shape, each named; a configuration without an average.
-    fn restore_averages(&mut self, averages: Tensors) -> Result<()>;
+    fn restore_averages(&mut self, averages: &Weights) -> Result<()>;
 
     /// Swaps the weights and their average, to measure the average; does nothing without one.
     ///

@@ -2,20 +2,15 @@
 //!
 //! The plain form has its own, from tensor operations: `super::adamw`.
 
-use crate::{Error, Result};
-use candle_core::Tensor;
+use crate::Result;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::op::adamw::{self, Step};
-use kinelm_model::fast::named;
 use kinelm_model::layout::Parameter;
+use kinelm_model::weights::{Weights, floats, named};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// The prefixes of the names of the two moments in a checkpoint.
 pub const MOMENTS: [&str; 2] = ["first", "second"];
-
-/// Tensors by name.
-pub type Tensors = BTreeMap<String, Tensor>;
 
 /// Gradients and AdamW's moments of some tensors. All vectors are in the order of the parameters.
 pub struct Optimizer {
@@ -103,83 +98,24 @@ impl Optimizer {
     }
 
     /// The moments by name: `first.{name}` and `second.{name}`.
-    ///
-    /// # Errors
-    /// The tensor library's.
-    pub fn moments(&self) -> Result<Tensors> {
-        let mut all = Tensors::new();
+    pub fn moments(&self) -> Weights {
+        let mut all = Weights::new();
         for (prefix, moment) in MOMENTS.iter().zip(&self.moments) {
-            let tensors = named(&self.parameters, moment)?;
-            all.extend(tensors.into_iter().map(|(name, tensor)| (format!("{prefix}.{name}"), tensor)));
+            let arrays = named(&self.parameters, moment).into_iter();
+            all.extend(arrays.map(|(name, array)| (format!("{prefix}.{name}"), array)));
         }
-        Ok(all)
+        all
     }
 
     /// Continues from the moments after `updates` updates.
     ///
     /// # Errors
-    /// [`Error::Weights`] for a moment that is missing or of another shape.
-    pub fn restore(&mut self, moments: &Tensors, updates: u64) -> Result<()> {
+    /// [`kinelm_model::Error::Weights`] for a moment that is missing or of another shape.
+    pub fn restore(&mut self, moments: &Weights, updates: u64) -> Result<()> {
         for (prefix, moment) in MOMENTS.iter().zip(&mut self.moments) {
             *moment = floats("optimizer", &self.parameters, moments, |p| format!("{prefix}.{}", p.name))?;
         }
         self.updates = updates;
         Ok(())
-    }
-}
-
-/// The tensors `all` in the order of the parameters, under the names that `name` gives. `what` they are is for the message.
-///
-/// # Errors
-/// [`Error::Weights`] for a tensor that is missing or of another shape.
-pub(crate) fn in_order(
-    what: &str,
-    parameters: &[Parameter],
-    all: &Tensors,
-    name: impl Fn(&Parameter) -> String,
-) -> Result<Vec<Tensor>> {
-    let one = |p: &Parameter| {
-        let name = name(p);
-        let tensor = all.get(&name).filter(|t| t.dims() == p.shape).cloned();
-        tensor.ok_or_else(|| Error::Weights(format!("the {what} has no {name} of shape {:?}", p.shape)))
-    };
-    parameters.iter().map(one).collect()
-}
-
-/// As `in_order`, their numbers.
-///
-/// # Errors
-/// As `in_order`; tensors that aren't f32.
-pub fn floats(
-    what: &str,
-    parameters: &[Parameter],
-    all: &Tensors,
-    name: impl Fn(&Parameter) -> String,
-) -> Result<Vec<Floats>> {
-    let tensors = in_order(what, parameters, all, name)?;
-    tensors.iter().map(|tensor| Ok(Floats::of(&tensor.flatten_all()?.to_vec1::<f32>()?))).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use kinelm_model::layout;
-
-    #[test]
-    fn missing_tensors_are_named() {
-        let (config, tokens) = kinelm_model::fixtures::every(36)
-            .into_iter()
-            .find(|(config, tokens)| !config.architecture.is_flat() && tokens.front > 1)
-            .unwrap();
-        let parameters = layout::parameters(&config, &tokens);
-        let all: Tensors = layout::initial(&config, &tokens, 1).unwrap();
-        let mut all: Tensors = all.into_iter().map(|(name, x)| (format!("first.{name}"), x)).collect();
-        let read = |all: &Tensors| in_order("optimizer", &parameters, all, |p| format!("first.{}", p.name));
-        for (p, tensor) in parameters.iter().zip(read(&all).unwrap()) {
-            assert_eq!(tensor.dims(), &*p.shape, "{}", p.name);
-        }
-        all.remove("first.frame.label.weight").unwrap();
-        let message = read(&all).unwrap_err().to_string();
-        assert!(message.contains("no first.frame.label.weight of shape [26, 12]"), "{message}");
     }
 }

@@ -6,11 +6,12 @@ use super::fast::FastLearner;
 use super::learner::{Learner, clip_share};
 use super::plain::Plain;
 use super::schedule;
-use candle_core::{Device, Tensor};
+use candle_core::Tensor;
 use kinelm_engine::linear::Products;
 use kinelm_engine::op::attention::Mask;
 use kinelm_model::fast::{Fast, Windows};
-use kinelm_model::{Gpt, ModelConfig, Positions, TokenLayout, fixtures};
+use kinelm_model::weights::{Array, Weights};
+use kinelm_model::{DeviceName, Gpt, ModelConfig, Positions, TokenLayout, fixtures};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -29,12 +30,12 @@ fn numbers(packed: &Value) -> Vec<f32> {
     bytes.chunks(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
 }
 
-fn tensors(all: &Value) -> BTreeMap<String, Tensor> {
-    let tensor = |packed: &Value| {
+fn weights(all: &Value) -> Weights {
+    let array = |packed: &Value| {
         let shape: Vec<usize> = serde_json::from_value(packed["shape"].clone()).unwrap();
-        Tensor::from_vec(numbers(packed), shape, &Device::Cpu).unwrap()
+        Array::new(&shape, numbers(packed))
     };
-    all.as_object().unwrap().iter().map(|(n, p)| (n.clone(), tensor(p))).collect()
+    all.as_object().unwrap().iter().map(|(n, p)| (n.clone(), array(p))).collect()
 }
 
 fn model(g: &Value) -> Gpt {
@@ -57,7 +58,7 @@ fn model(g: &Value) -> Gpt {
         space: 5,
         places: Vec::new(),
     };
-    Gpt::from_tensors(&config, &tokens, tensors(&g["weights"])).unwrap()
+    Gpt::from_weights(&config, &tokens, &weights(&g["weights"]), DeviceName::Cpu).unwrap()
 }
 
 fn batch(g: &Value) -> Batch {
@@ -87,7 +88,7 @@ fn logits_and_gradients_are_pytorchs_to_1e_4() {
     let g = golden();
     let (gpt, batch) = (model(&g), batch(&g));
     let context = gpt.config().context;
-    let ids = Tensor::from_slice(&batch.inputs, (3, context), &Device::Cpu).unwrap();
+    let ids = gpt.ids(&batch.inputs, context).unwrap();
     let logits = gpt.forward(&ids, None).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
     let mut fast = Fast::of(&gpt).unwrap();
     let (inputs, targets) = (&batch.inputs, &batch.targets);

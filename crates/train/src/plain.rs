@@ -5,9 +5,9 @@ use super::batches::Batch;
 use super::config::TrainConfig;
 use super::ema;
 use super::learner::{BatchLoss, Learner, no_average, not_finite};
-use super::optimizer::{Tensors, in_order};
 use crate::{Error, Result};
-use candle_core::{DType, Device, Tensor};
+use candle_core::{DType, Tensor};
+use kinelm_model::weights::{Array, Weights, in_order};
 use kinelm_model::{Dropout, Gpt, ModelConfig, Scores, layout};
 
 /// Attention scores of one layer that are computed at a time; the graph holds about six such tensors per layer.
@@ -133,32 +133,30 @@ impl Learner for Plain {
         Ok(())
     }
 
-    fn weights(&self) -> Result<Tensors> {
-        let copy = |t: &Tensor| t.to_device(&Device::Cpu)?.copy();
-        self.model.vars().iter().map(|(n, v)| Ok((n.clone(), copy(&v.as_detached_tensor())?))).collect()
+    fn weights(&self) -> Result<Weights> {
+        self.model.weights()
     }
 
-    fn moments(&self) -> Result<Tensors> {
-        self.optimizer.tensors()
+    fn moments(&self) -> Result<Weights> {
+        self.optimizer.moments()
     }
 
-    fn restore(&mut self, moments: Tensors, step: u64) -> Result<()> {
+    fn restore(&mut self, moments: &Weights, step: u64) -> Result<()> {
         self.step = step;
         self.optimizer.restore(moments, step)
     }
 
-    fn averages(&self) -> Result<Option<Tensors>> {
+    fn averages(&self) -> Result<Option<Weights>> {
         let Some((averages, _)) = &self.averages else { return Ok(None) };
-        let copy = |t: &Tensor| t.to_device(&Device::Cpu)?.copy();
         let all = self.model.vars().keys().zip(averages);
-        Ok(Some(all.map(|(n, t)| Ok((n.clone(), copy(t)?))).collect::<Result<_>>()?))
+        Ok(Some(all.map(|(name, average)| Ok((name.clone(), Array::of(average)?))).collect::<Result<_>>()?))
     }
 
-    fn restore_averages(&mut self, averages: Tensors) -> Result<()> {
+    fn restore_averages(&mut self, averages: &Weights) -> Result<()> {
         let (own, _) = self.averages.as_mut().ok_or_else(no_average)?;
         let parameters = layout::parameters(self.model.config(), self.model.tokens());
-        let all = in_order("average", &parameters, &averages, |p| p.name.clone())?;
-        *own = all.iter().map(|t| t.to_device(self.model.device())).collect::<candle_core::Result<_>>()?;
+        let all = in_order("average", &parameters, averages, |p| p.name.clone())?;
+        *own = all.iter().map(|array| array.tensor(self.model.device())).collect::<Result<_>>()?;
         Ok(())
     }
 
@@ -186,6 +184,7 @@ mod tests {
     use super::*;
     use crate::batches::Batches;
     use crate::{Data, fixture};
+    use candle_core::Device;
     use kinelm_corpus::Split;
 
     fn setup(context: usize, dropout: f64) -> (tempfile::TempDir, Plain, Batch) {
@@ -211,7 +210,7 @@ mod tests {
         let found = plain.gradients(&batch, 0).unwrap();
         plain.update(1.0, 1e-3).unwrap();
         let bytes: Vec<u8> = bits(&plain).iter().flat_map(|g| g.to_le_bytes()).collect();
-        let weights = kinelm_model::weights::to_bytes(plain.weights().unwrap().iter().map(|(n, t)| (n.as_str(), t)));
+        let weights = kinelm_model::weights::to_bytes(&plain.weights().unwrap());
         let hash = |bytes: &[u8]| kinelm_store::FileRecord::of(bytes).sha256;
         let numbers = (found.loss.to_bits(), found.norm.to_bits());
         println!("bits {numbers:?} {} {}", hash(&bytes), hash(&weights.unwrap()));

@@ -1,10 +1,9 @@
 //! Weights of a model whose input gets more ids, label fields or conditioning: tables are extended, all else stays.
 
-use crate::optimizer::Tensors;
 use crate::{Error, Result};
-use candle_core::{Device, Tensor};
 use kinelm_corpus::conditions::in_order;
 use kinelm_model::layout::{self, CLASS, GOAL, MUSIC};
+use kinelm_model::weights::{Array, Weights};
 use kinelm_model::{ModelConfig, TokenLayout};
 
 /// The contents of a model's windows: its tokens, and the label fields after `<bos>`.
@@ -25,7 +24,7 @@ pub struct Inputs<'a> {
 /// # Errors
 /// New inputs with fewer ids, words of another length, or without an old field; weights that are missing or of another
 /// shape, each named.
-pub fn resize(weights: &Tensors, config: &ModelConfig, old: Inputs, new: Inputs, seed: u64) -> Result<Tensors> {
+pub fn resize(weights: &Weights, config: &ModelConfig, old: Inputs, new: Inputs, seed: u64) -> Result<Weights> {
     let (was, is) = (old.tokens, new.tokens);
     let fields = [old, new].map(|inputs| in_order(inputs.conditions));
     if !is.reads(was) {
@@ -43,13 +42,13 @@ pub fn resize(weights: &Tensors, config: &ModelConfig, old: Inputs, new: Inputs,
         // the only tensors that a source may lack; any other missing one is an error
         let is_conditioning = GOAL.contains(&name) || MUSIC.contains(&name) || name == CLASS;
         let Some(expected) = expected.filter(|_| weights.contains_key(name) || !is_conditioning) else {
-            let tensor = Tensor::from_vec(p.initial(seed), p.shape.as_slice(), &Device::Cpu)?;
-            return Ok((p.name, tensor));
+            let array = Array::new(&p.shape, p.initial(seed));
+            return Ok((p.name, array));
         };
-        let tensor = weights.get(name).filter(|tensor| tensor.dims() == expected);
-        let tensor = tensor.ok_or_else(|| Error::Weights(format!("no tensor {name} of shape {expected:?}")))?;
-        let (&[rows, width], &[had, _]) = (p.shape.as_slice(), tensor.dims()) else {
-            return Ok((p.name, tensor.clone()));
+        let array = weights.get(name).filter(|array| array.shape() == expected);
+        let array = array.ok_or_else(|| Error::Weights(format!("no tensor {name} of shape {expected:?}")))?;
+        let (&[rows, width], &[had, _]) = (p.shape.as_slice(), array.shape()) else {
+            return Ok((p.name, array.clone()));
         };
         // per new row: the old one
         let from: Vec<Option<usize>> = match name {
@@ -62,16 +61,16 @@ pub fn resize(weights: &Tensors, config: &ModelConfig, old: Inputs, new: Inputs,
             _ => (0..rows).map(|row| (row < had).then_some(row)).collect(),
         };
         if from.iter().copied().eq((0..had).map(Some)) {
-            return Ok((p.name, tensor.clone()));
+            return Ok((p.name, array.clone()));
         }
         // new rows are those of a new model of this seed, whatever was copied
-        let (numbers, mut all) = (tensor.flatten_all()?.to_vec1::<f32>()?, p.initial(seed));
+        let mut all = p.initial(seed);
         for (row, from) in all.chunks_exact_mut(width).zip(from) {
             if let Some(from) = from {
-                row.copy_from_slice(&numbers[from * width..][..width]);
+                row.copy_from_slice(&array.numbers()[from * width..][..width]);
             }
         }
-        Ok((p.name.clone(), Tensor::from_vec(all, (rows, width), &Device::Cpu)?))
+        Ok((p.name.clone(), Array::new(&p.shape, all)))
     });
     resized.collect()
 }
@@ -86,7 +85,7 @@ fn front_rows(old: &[String], new: &[String]) -> Vec<Option<usize>> {
 mod tests {
     use super::*;
     use crate::fixture::TOKENS;
-    use kinelm_model::{Gpt, HeadKind, Positions};
+    use kinelm_model::{DeviceName, Gpt, HeadKind, Positions, weights};
 
     fn model(positions: Positions, tied_head: bool) -> ModelConfig {
         ModelConfig { layers: 2, heads: 2, width: 8, context: 36, positions, tied_head, ..Default::default() }
@@ -96,8 +95,8 @@ mod tests {
         all.iter().map(|f| f.to_string()).collect()
     }
 
-    fn rows(tensor: &Tensor) -> Vec<Vec<f32>> {
-        tensor.to_vec2().unwrap()
+    fn rows(array: &Array) -> Vec<&[f32]> {
+        array.rows().collect()
     }
 
     #[test]
@@ -108,10 +107,10 @@ mod tests {
         for positions in [Positions::Absolute, Positions::FrameJoint, Positions::Rope] {
             for tied_head in [true, false] {
                 let config = model(positions, tied_head);
-                let weights = layout::initial(&config, &TOKENS, 3).unwrap();
+                let weights = weights::initial(&config, &TOKENS, 3);
                 let resized = resize(&weights, &config, old, new, 9).unwrap();
-                let logits = |tokens: &TokenLayout, weights| {
-                    let gpt = Gpt::from_tensors(&config, tokens, weights).unwrap();
+                let logits = |tokens: &TokenLayout, weights: &Weights| {
+                    let gpt = Gpt::from_weights(&config, tokens, weights, DeviceName::Cpu).unwrap();
                     let ids: Vec<u32> = (0..30).map(|i| if i == 0 { 1 } else { 5 + i * i % 11 }).collect();
                     gpt.predict(&gpt.ids(&ids, 30).unwrap())
                         .unwrap()
@@ -120,11 +119,11 @@ mod tests {
                         .to_vec2::<f32>()
                         .unwrap()
                 };
-                let (a, b) = (logits(&TOKENS, weights), logits(&more, resized.clone()));
+                let (a, b) = (logits(&TOKENS, &weights), logits(&more, &resized));
                 for (a, b) in a.iter().zip(&b) {
                     assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5), "{a:?} {b:?}");
                 }
-                let fresh = layout::initial(&config, &more, 9).unwrap();
+                let fresh = weights::initial(&config, &more, 9);
                 assert_eq!(rows(&resized["token.weight"])[16..], rows(&fresh["token.weight"])[16..]);
             }
         }
@@ -138,9 +137,9 @@ mod tests {
         let (old, new) = (Inputs { tokens: &front, conditions: &two }, Inputs { tokens: &more, conditions: &three });
         for positions in [Positions::Absolute, Positions::FrameJoint] {
             let config = model(positions, true);
-            let weights = layout::initial(&config, &front, 3).unwrap();
+            let weights = weights::initial(&config, &front, 3);
             let resized = resize(&weights, &config, old, new, 9).unwrap();
-            Gpt::from_tensors(&config, &more, resized.clone()).unwrap();
+            Gpt::from_weights(&config, &more, &resized, DeviceName::Cpu).unwrap();
             let (name, words) = match positions {
                 Positions::Absolute => ("position.absolute.weight", true),
                 _ => ("position.front.weight", false),
@@ -148,18 +147,14 @@ mod tests {
             let (before, after) = (rows(&weights[name]), rows(&resized[name]));
             // <bos>, genre, style became <bos>, genre, dancer, style
             assert_eq!([&after[0], &after[1], &after[3]], [&before[0], &before[1], &before[2]]);
-            let fresh = rows(&layout::initial(&config, &more, 9).unwrap()[name]);
-            assert_eq!(after[2], fresh[2]);
+            let fresh = weights::initial(&config, &more, 9);
+            assert_eq!(after[2], rows(&fresh[name])[2]);
             if words {
                 assert_eq!((after.len(), &after[4..]), (36, &before[3..35]));
             }
-            for (name, tensor) in &weights {
+            for (name, array) in &weights {
                 if !name.starts_with("position") && name != "token.weight" {
-                    assert_eq!(
-                        tensor.flatten_all().unwrap().to_vec1::<f32>().unwrap(),
-                        resized[name].flatten_all().unwrap().to_vec1::<f32>().unwrap(),
-                        "{name}"
-                    );
+                    assert_eq!(*array, resized[name], "{name}");
                 }
             }
         }
@@ -170,7 +165,7 @@ mod tests {
         let all = TOKENS;
         let fewer = TokenLayout { vocabulary: 15, ..TOKENS };
         let config = ModelConfig { head: Some(HeadKind::Absolute), ..model(Positions::FrameJoint, true) };
-        let weights = layout::initial(&config, &TOKENS, 3).unwrap();
+        let weights = weights::initial(&config, &TOKENS, 3);
         let of = |tokens| Inputs { tokens, conditions: &[] };
         let message = resize(&weights, &config, of(&all), of(&fewer), 1).unwrap_err().to_string();
         assert!(

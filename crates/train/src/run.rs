@@ -265,9 +265,9 @@ fn with_music_scale(model: ModelConfig, data: &Data) -> Result<ModelConfig> {
 /// The origin of weights out of a run or an exported folder.
 ///
 /// # Errors
-/// Tensors that are not f32; a path that can't be made absolute.
+/// A path that can't be made absolute.
 pub(crate) fn origin(from: &Path, source: &LoadedRun) -> Result<Origin> {
-    let bytes = weights::to_bytes(source.weights.iter().map(|(name, tensor)| (name.as_str(), tensor)))?;
+    let bytes = weights::to_bytes(&source.weights)?;
     let path = std::path::absolute(from).map_err(Error::io(from))?;
     Ok(Origin { path, step: source.state.step, sha256: FileRecord::of(&bytes).sha256 })
 }

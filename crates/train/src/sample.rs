@@ -2,18 +2,17 @@
 
 use super::run::RunFile;
 use crate::{Error, Result};
-use candle_core::Tensor;
 use kinelm_generate as generate;
 use kinelm_generate::SamplingPlan;
 use kinelm_generate::masked::{PASSES, fill};
 use kinelm_generate::sampling::{Sampling, TOP_P};
 use kinelm_model::fast::Fast;
 use kinelm_model::run::{TOKENIZER, load_tokenizer};
-use kinelm_model::{Gpt, ModelKind, Reader, ReaderOptions};
+use kinelm_model::weights::Weights;
+use kinelm_model::{DeviceName, Gpt, ModelKind, Reader, ReaderOptions};
 use kinelm_motion::{Motion, format};
 use kinelm_tokenizer::{Special, UncodedPose};
 use kinelm_view::{Figure, write_page};
-use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
@@ -27,15 +26,15 @@ const SECONDS: f64 = 5.0;
 ///
 /// # Errors
 /// Any failure, a panic too: it must not end the run.
-pub fn sample(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
+pub fn sample(run: &Path, step: u64, file: &RunFile, weights: &Weights) -> Result<PathBuf> {
     let write = AssertUnwindSafe(|| write(run, step, file, weights));
     // `write` shares nothing with the training that a panic could leave half changed
     catch_unwind(write).unwrap_or_else(|_| Err(Error::unsupported("this dance", "its generation panicked")))
 }
 
-fn write(run: &Path, step: u64, file: &RunFile, weights: BTreeMap<String, Tensor>) -> Result<PathBuf> {
+fn write(run: &Path, step: u64, file: &RunFile, weights: &Weights) -> Result<PathBuf> {
     let tokenizer = load_tokenizer(&run.join(TOKENIZER), &file.tokenizer_sha256)?;
-    let gpt = Gpt::from_tensors(&file.model, &file.tokens, weights)?;
+    let gpt = Gpt::from_weights(&file.model, &file.tokens, weights, DeviceName::Cpu)?;
     let frames = (SECONDS * tokenizer.fps()).round() as usize;
     let words = frames.div_ceil(tokenizer.frames_per_word());
     // without labels

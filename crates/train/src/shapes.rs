@@ -1,8 +1,8 @@
 //! The fast form against PyTorch in f32, over many shapes and masks.
 
-use candle_core::{Device, Tensor};
 use kinelm_engine::op::attention::Mask;
 use kinelm_model::fast::{Fast, Windows};
+use kinelm_model::weights::Array;
 use kinelm_model::{ModelConfig, Positions, TokenLayout, layout};
 use serde_json::Value;
 
@@ -10,11 +10,11 @@ use serde_json::Value;
 const BOUND: f64 = 1e-4;
 
 /// As scripts/reference/gpt_shapes.py fills tensors, by their number in the order of the names.
-fn numbers(parameter: &layout::Parameter, tensor: usize) -> Tensor {
+fn numbers(parameter: &layout::Parameter, tensor: usize) -> Array {
     let one = if parameter.name.contains("norm") && parameter.name.ends_with("weight") { 1.0 } else { 0.0 };
     let number = |i: usize| (0.2 * (1.7 * i as f64 + tensor as f64).sin()) as f32 + one;
     let all: Vec<f32> = (0..parameter.len()).map(number).collect();
-    Tensor::from_vec(all, parameter.shape.as_slice(), &Device::Cpu).unwrap()
+    Array::new(&parameter.shape, all)
 }
 
 fn ids(count: usize, step: usize, vocabulary: usize) -> Vec<u32> {
@@ -46,7 +46,7 @@ fn check(case: &Value) {
     let tokens =
         TokenLayout { vocabulary, word: 3, varying: false, front: 1, pad: 0, bos: 1, space: 5, places: Vec::new() };
     let parameters = layout::parameters(&config, &tokens);
-    let tensors = parameters.iter().enumerate().map(|(i, p)| (p.name.clone(), numbers(p, i))).collect();
+    let weights = parameters.iter().enumerate().map(|(i, p)| (p.name.clone(), numbers(p, i))).collect();
     let (inputs, mut targets) = (ids(batch * length, 7, vocabulary), ids(batch * length, 5, vocabulary));
     targets.iter_mut().skip(2).step_by(5).for_each(|id| *id = 0);
     let hidden = hidden(length);
@@ -55,7 +55,7 @@ fn check(case: &Value) {
         "full" => Mask::Full,
         _ => Mask::Additive(&hidden),
     };
-    let mut fast = Fast::from_tensors(&config, &tokens, tensors).unwrap();
+    let mut fast = Fast::from_weights(&config, &tokens, &weights).unwrap();
     let mut gradients = fast.like_weights();
     let windows = Windows { inputs: &inputs, targets: &targets, length, mask, conditioning: None };
     let loss =

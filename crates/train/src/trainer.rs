@@ -255,10 +255,10 @@ mod tests {
     use crate::pretrain::{Pretraining, begin};
     use crate::run::RunFile;
     use crate::{Data, NoProgress, TrainConfig, fixture};
-    use candle_core::{Device, Tensor};
     use kinelm_corpus::Split;
     use kinelm_engine::linear::Products;
     use kinelm_model::run::load_run;
+    use kinelm_model::weights::Array;
     use kinelm_model::{Compute, Form, ModelConfig, layout};
 
     type Run<'a> = Trainer<Pretraining<'a>>;
@@ -297,12 +297,12 @@ mod tests {
     fn weights(trainer: &mut Run, compute: Compute, poison: &[(&str, f32)]) {
         let mut weights = trainer.task.fit.learner.weights().unwrap();
         for &(name, value) in poison {
-            let shape = weights[name].dims().to_vec();
-            weights.insert(name.into(), Tensor::full(value, shape.as_slice(), &Device::Cpu).unwrap());
+            let array = weights.get_mut(name).unwrap();
+            *array = Array::full(array.shape(), value);
         }
         let file = &trainer.task.file;
         trainer.task.fit.learner =
-            learner(&file.model, &file.tokens, &file.train, weights, compute, Products::F32).unwrap();
+            learner(&file.model, &file.tokens, &file.train, &weights, compute, Products::F32).unwrap();
     }
 
     const FORMS: [Form; 2] = [Form::Auto, Form::Plain];
@@ -346,12 +346,8 @@ mod tests {
     fn an_average_that_is_not_finite_is_found_where_it_is_measured_and_never_saved() {
         let nan = |t: &mut Run, _| {
             let parameters = layout::parameters(&t.task.file.model, &t.task.file.tokens);
-            let tensor = |p: &layout::Parameter| Tensor::full(f32::NAN, p.shape.as_slice(), &Device::Cpu).unwrap();
-            t.task
-                .fit
-                .learner
-                .restore_averages(parameters.iter().map(|p| (p.name.clone(), tensor(p))).collect())
-                .unwrap();
+            let average = |p: &layout::Parameter| (p.name.clone(), Array::full(&p.shape, f32::NAN));
+            t.task.fit.learner.restore_averages(&parameters.iter().map(average).collect()).unwrap();
         };
         for form in FORMS {
             let config = TrainConfig { ema: 0.9, eval_every: 3, checkpoint_every: 5, ..Default::default() };

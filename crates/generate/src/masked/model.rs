@@ -45,7 +45,7 @@ impl MaskedModel for Gpt {
 pub(crate) fn masked_model(run: &LoadedRun, compute: Compute, reading: ReaderOptions) -> Result<Box<dyn MaskedModel>> {
     check_f32(reading, "a masked model reads whole windows, in F32 alone; leave them out")?;
     if compute.is_fast() {
-        return Ok(Box::new(Fast::from_tensors(&run.config, &run.tokens, run.weights.clone())?));
+        return Ok(Box::new(Fast::from_weights(&run.config, &run.tokens, &run.weights)?));
     }
-    Ok(Box::new(run.plain(&compute.device.open()?)?))
+    Ok(Box::new(run.plain(compute.device)?))
 }

@@ -138,7 +138,7 @@ pub fn readers(
         return Ok(readers.into_iter().map(|reader| Box::new(reader) as Box<dyn NextToken>).collect());
     }
     check_f32(reading, "the plain form of the model has F32 alone; leave them out, or use the form auto on the cpu")?;
-    let model = run.plain(&compute.device.open()?)?;
+    let model = run.plain(compute.device)?;
     let caches = (0..reading.streams).map(|_| model.cache()).collect::<Result<Vec<Cache>>>()?;
     Ok(vec![Box::new(caches)])
 }

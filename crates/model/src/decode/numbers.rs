@@ -1,34 +1,29 @@
 //! A model's numbers by the names of its tensors, packed for decoding.
 
 use crate::gpt::Gpt;
+use crate::weights::{Array, Weights};
 use crate::{Result, layout};
-use candle_core::{Device, Tensor};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::decode::{BlockParts, Norm, Pair, Stack, StackWeights, WeightKind};
 use kinelm_engine::op::rope::Angles;
-use std::collections::BTreeMap;
 
 /// The numbers of all tensors.
-pub(super) struct Numbers<'a>(BTreeMap<&'a str, Vec<f32>>);
+pub(super) struct Numbers(Weights);
 
-impl<'a> Numbers<'a> {
+impl Numbers {
     /// # Errors
     /// If the weights can't be brought to the CPU.
-    pub fn of(gpt: &'a Gpt) -> Result<Numbers<'a>> {
-        let numbers = |tensor: &Tensor| -> Result<Vec<f32>> {
-            Ok(tensor.to_device(&Device::Cpu)?.flatten_all()?.to_vec1::<f32>()?)
-        };
-        let all = gpt.vars().iter().map(|(name, var)| Ok((name.as_str(), numbers(var.as_tensor())?)));
-        all.collect::<Result<_>>().map(Numbers)
+    pub fn of(gpt: &Gpt) -> Result<Numbers> {
+        Ok(Numbers(gpt.weights()?))
     }
 
     pub fn get(&self, name: &str) -> &[f32] {
-        &self.0[name]
+        self.0[name].numbers()
     }
 
     /// Empty where the model has no such tensor.
     pub fn optional(&self, name: &str) -> &[f32] {
-        self.0.get(name).map(Vec::as_slice).unwrap_or_default()
+        self.0.get(name).map(Array::numbers).unwrap_or_default()
     }
 
     pub fn floats(&self, name: &str) -> Floats {

@@ -3,8 +3,9 @@
 use super::two_level::Progress;
 use super::*;
 use crate::goal::Conditioning;
+use crate::weights;
 use crate::{
-    Architecture, Gpt, ModelConfig, ModelKind, Positions, Scores, TokenLayout, TokenWindows, fixtures, layout,
+    Architecture, DeviceName, Gpt, ModelConfig, ModelKind, Positions, Scores, TokenLayout, TokenWindows, fixtures,
 };
 use candle_core::{Device, Tensor};
 use rand_chacha::rand_core::RngCore;
@@ -20,9 +21,9 @@ fn model(positions: Positions, tied_head: bool) -> Gpt {
 fn model_of(tokens: &TokenLayout, positions: Positions, tied_head: bool) -> Gpt {
     let config =
         ModelConfig { layers: 3, heads: 4, width: 48, context: 70, positions, tied_head, ..Default::default() };
-    let mut tensors = layout::initial(&config, tokens, 5).unwrap();
-    tensors.values_mut().for_each(|t| *t = (&*t * 3.0).unwrap());
-    Gpt::from_tensors(&config, tokens, tensors).unwrap()
+    let mut weights = weights::initial(&config, tokens, 5);
+    crate::fixtures::scale(&mut weights, 3.0);
+    Gpt::from_weights(&config, tokens, &weights, DeviceName::Cpu).unwrap()
 }
 
 fn ids(n: usize, seed: u64) -> Vec<u32> {

@@ -2,17 +2,15 @@
 //! `model.safetensors` under GPT-2's names, `tokenizer.json`, `tokenizer_config.json`. Linear weights are (in, out) there too.
 
 use super::own::{ABOUT, About};
-use super::{check_tokenizer, loaded, tensors};
+use super::{check_tokenizer, loaded};
 use crate::net::EPSILON;
 use crate::run::{LoadedRun, TOKENIZER, WEIGHTS};
-use crate::weights::serialize;
+use crate::weights::{Array, Weights, serialize};
 use crate::{Error, HeadKind, ModelConfig, ModelKind, Positions, Result, TokenLayout, layout};
-use candle_core::Tensor;
 use kinelm_store::input;
 use kinelm_tokenizer::{Special, Tokenizer};
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The model's configuration.
@@ -86,19 +84,18 @@ fn refuse(config: &ModelConfig, tokens: &TokenLayout) -> Result<()> {
 }
 
 /// (T, D): what is added to the token at each place of a window.
-fn positions(run: &LoadedRun) -> Result<Tensor> {
-    let tensor = |name: &str| &run.weights[name];
+fn positions(run: &LoadedRun) -> Array {
     if run.config.positions == Positions::Absolute {
-        return Ok(tensor(ABSOLUTE.0).clone());
+        return run.weights[ABSOLUTE.0].clone();
     }
-    let (words, word) = (run.config.context - run.tokens.front, run.tokens.word);
-    let rows = |name: &str, row: &dyn Fn(usize) -> usize| {
-        let rows: Vec<u32> = (0..words).map(|k| row(k) as u32).collect();
-        tensor(name).index_select(&Tensor::new(rows, tensor(name).device())?, 0)
-    };
-    let (frames, places) =
-        (rows("position.frame.weight", &|k| k / word)?, rows("position.place.weight", &|k| k % word)?);
-    Ok(Tensor::cat(&[tensor("position.front.weight"), &(frames + places)?], 0)?)
+    let rows = |name: &str| run.weights[name].rows().collect::<Vec<_>>();
+    let (frames, places) = (rows("position.frame.weight"), rows("position.place.weight"));
+    let mut all = run.weights["position.front.weight"].numbers().to_vec();
+    for k in 0..run.config.context - run.tokens.front {
+        let (frame, place) = (frames[k / run.tokens.word], places[k % run.tokens.word]);
+        all.extend(frame.iter().zip(place).map(|(a, b)| a + b));
+    }
+    Array::new(&[run.config.context, run.config.width], all)
 }
 
 /// The files besides our own description and the tokenizer.
@@ -108,7 +105,7 @@ fn positions(run: &LoadedRun) -> Result<Tensor> {
 pub(super) fn contents(run: &LoadedRun) -> Result<Vec<(&'static str, Vec<u8>)>> {
     let LoadedRun { config, tokens, .. } = run;
     refuse(config, tokens)?;
-    let mut all = BTreeMap::from([(format!("{PREFIX}{}", ABSOLUTE.1), positions(run)?)]);
+    let mut all = Weights::from([(format!("{PREFIX}{}", ABSOLUTE.1), positions(run))]);
     for (ours, theirs) in names(config.layers) {
         all.insert(format!("{PREFIX}{theirs}"), run.weights[&ours].clone());
     }
@@ -116,7 +113,7 @@ pub(super) fn contents(run: &LoadedRun) -> Result<Vec<(&'static str, Vec<u8>)>> 
         all.insert(HEAD.1.into(), run.weights[HEAD.0].clone());
     }
     Ok(vec![
-        (WEIGHTS, serialize(all.iter().map(|(name, tensor)| (name.as_str(), tensor)), ("format", "pt"))?),
+        (WEIGHTS, serialize(&all, ("format", "pt"))?),
         (CONFIG, to_json(&config_json(config, tokens))),
         (TOKENIZER_CONFIG, to_json(&tokenizer_json(config))),
     ])
@@ -285,21 +282,21 @@ pub fn load(folder: &Path) -> Result<LoadedRun> {
     if let Err(e) = about.model.validate_for(&about.tokens) {
         return wrong(e.to_string(), "a model that can be".into());
     }
-    let weights = ours(&config, tensors(&folder.join(WEIGHTS))?, &folder.join(WEIGHTS))?;
+    let weights = ours(&config, super::read(&folder.join(WEIGHTS))?, &folder.join(WEIGHTS))?;
     loaded(folder, about, weights, notes)
 }
 
 /// The tensors under our names.
-fn ours(config: &Config, found: BTreeMap<String, Tensor>, path: &Path) -> Result<BTreeMap<String, Tensor>> {
+fn ours(config: &Config, found: Weights, path: &Path) -> Result<Weights> {
     let wrong =
         |found: String| Err(Error::file(path, found, "the weights of a GPT2LMHeadModel as config.json has it", ""));
     // a GPT2Model's names have no prefix
     let short = |name: String| name.strip_prefix(PREFIX).map(str::to_owned).unwrap_or(name);
-    let mut found: BTreeMap<String, Tensor> = found.into_iter().map(|(name, t)| (short(name), t)).collect();
+    let mut found: Weights = found.into_iter().map(|(name, t)| (short(name), t)).collect();
     found.retain(|name, _| !is_buffer(name));
     let mut all = names(config.n_layer);
     all.push((ABSOLUTE.0.into(), ABSOLUTE.1.into()));
-    let mut weights = BTreeMap::new();
+    let mut weights = Weights::new();
     for (ours, theirs) in all {
         match found.remove(&theirs) {
             Some(tensor) => weights.insert(ours, tensor),
@@ -312,7 +309,7 @@ fn ours(config: &Config, found: BTreeMap<String, Tensor>, path: &Path) -> Result
         }
         (false, None) => return wrong(format!("no tensor {}", HEAD.1)),
         // `save_pretrained` may write a tied head beside the embedding: the same numbers are no second table
-        (true, Some(head)) if !equal(&head, &weights["token.weight"])? => {
+        (true, Some(head)) if head != weights["token.weight"] => {
             return wrong(format!("a tensor {} that is not {PREFIX}wte.weight, to which config.json ties it", HEAD.1));
         }
         (true, _) => (),
@@ -321,8 +318,4 @@ fn ours(config: &Config, found: BTreeMap<String, Tensor>, path: &Path) -> Result
         Some(name) => wrong(format!("a tensor {name} that a GPT-2 has no place for")),
         None => Ok(weights),
     }
-}
-
-fn equal(a: &Tensor, b: &Tensor) -> Result<bool> {
-    Ok(a.dims() == b.dims() && a.flatten_all()?.to_vec1::<f32>()? == b.flatten_all()?.to_vec1::<f32>()?)
 }

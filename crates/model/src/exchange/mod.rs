@@ -6,16 +6,15 @@ mod own;
 mod tests;
 
 use super::checkpoint::{CheckpointChoice, State};
-use super::gpt::Gpt;
 use super::run::{CONFIG, LoadedRun, TOKENIZER, WEIGHTS, load_run};
 use super::{ModelConfig, TokenLayout};
+use crate::weights::{self, Array, Weights};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
 use kinelm_store::{FileRecord, files, input};
 use kinelm_tokenizer::Tokenizer;
 use own::About;
 use safetensors::{Dtype, SafeTensors};
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// How a model is written for other programs.
@@ -75,7 +74,7 @@ pub fn load(folder: &Path) -> Result<LoadedRun> {
 }
 
 /// A run of the model that `about` and `weights` of a folder describe; both are checked.
-fn loaded(folder: &Path, about: About, weights: BTreeMap<String, Tensor>, notes: Vec<String>) -> Result<LoadedRun> {
+fn loaded(folder: &Path, about: About, weights: Weights, notes: Vec<String>) -> Result<LoadedRun> {
     let About { model: config, tokens, conditions, tokenizer_sha256, step, .. } = about;
     check(&config, &tokens, &weights, &folder.join(WEIGHTS))?;
     Ok(LoadedRun {
@@ -132,14 +131,14 @@ fn check_form(folder: &Path) -> Result<()> {
 
 /// # Errors
 /// Weights that a model of this shape hasn't got or has no place for, or of another shape, or that are not finite.
-fn check(config: &ModelConfig, tokens: &TokenLayout, weights: &BTreeMap<String, Tensor>, path: &Path) -> Result<()> {
+fn check(config: &ModelConfig, tokens: &TokenLayout, weights: &Weights, path: &Path) -> Result<()> {
     let wrong = |found: String| Error::file(path, found, "the weights of the model that is described beside them", "");
-    Gpt::from_tensors(config, tokens, weights.clone()).map_err(|e| match e {
+    weights::checked(config, tokens, weights).map_err(|e| match e {
         Error::Weights(found) => wrong(found),
         other => other,
     })?;
-    for (name, tensor) in weights {
-        if let Some(odd) = tensor.flatten_all()?.to_vec1::<f32>()?.into_iter().find(|x| !x.is_finite()) {
+    for (name, array) in weights {
+        if let Some(odd) = array.numbers().iter().find(|x| !x.is_finite()) {
             return Err(wrong(format!("{odd} in the tensor {name}")));
         }
     }
@@ -166,15 +165,15 @@ fn check_tokenizer(tokens: &TokenLayout, tokenizer: &Tokenizer, path: &Path) -> 
     }
 }
 
-/// The tensors of a safetensors file in f32, by name; half floats are widened.
+/// The weights in a safetensors file of any program; half floats are widened.
 ///
 /// # Errors
 /// A file that isn't there, is cut short or is something else; tensors of other numbers.
-fn tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
+fn read(path: &Path) -> Result<Weights> {
     let bytes = input::bytes(path).map_err(Error::io(path))?;
     let wrong = |found: String| Error::file(path, found, "a safetensors file of f32, f16 or bf16", "");
     let file = SafeTensors::deserialize(&bytes).map_err(|e| wrong(format!("no safetensors file: {e}")))?;
-    let mut tensors = BTreeMap::new();
+    let mut weights = Weights::new();
     for (name, view) in file.iter() {
         let dtype = match view.dtype() {
             Dtype::F32 => DType::F32,
@@ -185,7 +184,7 @@ fn tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
             other => return Err(wrong(format!("tensor {name} of {other:?}"))),
         };
         let tensor = Tensor::from_raw_buffer(view.data(), dtype, view.shape(), &Device::Cpu)?;
-        tensors.insert(name.to_string(), tensor.to_dtype(DType::F32)?);
+        weights.insert(name.to_string(), Array::of(&tensor)?);
     }
-    Ok(tensors)
+    Ok(weights)
 }

@@ -1,7 +1,7 @@
 //! Our own form: `model.safetensors` under the names of [`crate::layout`], `tokenizer.json`, and `kinelm.json`, which
 //! says what they are.
 
-use super::{check_tokenizer, loaded, tensors};
+use super::{check_tokenizer, loaded};
 use crate::run::{LoadedRun, TOKENIZER, WEIGHTS};
 use crate::{Error, ModelConfig, Result, TokenLayout, weights};
 use kinelm_store::{hash, input};
@@ -103,7 +103,7 @@ impl About {
 
 /// The files besides description and tokenizer.
 pub(super) fn contents(run: &LoadedRun) -> Result<Vec<(&'static str, Vec<u8>)>> {
-    Ok(vec![(WEIGHTS, weights::to_bytes(run.weights.iter().map(|(name, tensor)| (name.as_str(), tensor)))?)])
+    Ok(vec![(WEIGHTS, weights::to_bytes(&run.weights)?)])
 }
 
 /// Loads a folder of this form.
@@ -113,7 +113,7 @@ pub(super) fn contents(run: &LoadedRun) -> Result<Vec<(&'static str, Vec<u8>)>> 
 pub fn load(folder: &Path) -> Result<LoadedRun> {
     let (about, path) = (About::read(folder)?, folder.join(WEIGHTS));
     // a file that is cut short or something else says so itself
-    let weights = tensors(&path)?;
+    let weights = super::read(&path)?;
     if let Some(named) = &about.weights_sha256 {
         let found = hash::of_file(&path)?;
         if found != *named {

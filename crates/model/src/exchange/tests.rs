@@ -1,8 +1,9 @@
 //! Folders that are written and read back, and those that are refused.
 
 use super::*;
-use crate::{HeadKind, ModelKind, Positions, layout};
+use crate::{DeviceName, HeadKind, ModelKind, Positions};
 use kinelm_tokenizer::TokenizerConfig;
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
 
@@ -56,9 +57,9 @@ fn made(config: ModelConfig) -> Made {
     let tokenizer = Tokenizer::fit([&walk], TokenizerConfig::uniform(&[0], 20.0, 10)).unwrap();
     tokenizer.save(dir.path().join(TOKENIZER)).unwrap();
     let tokens = TokenLayout::of(&tokenizer);
-    let mut weights = layout::initial(&config, &tokens, 3).unwrap();
+    let mut weights = weights::initial(&config, &tokens, 3);
     // numbers whose sums are rounded
-    weights.values_mut().for_each(|t| *t = (&*t * 37.3).unwrap());
+    crate::fixtures::scale(&mut weights, 37.3);
     let run = LoadedRun {
         config,
         tokens,
@@ -74,17 +75,16 @@ fn made(config: ModelConfig) -> Made {
     Made { dir, run }
 }
 
-fn numbers(tensor: &Tensor) -> (Vec<usize>, Vec<u32>) {
-    let bits = tensor.flatten_all().unwrap().to_vec1::<f32>().unwrap().into_iter().map(f32::to_bits).collect();
-    (tensor.dims().to_vec(), bits)
+fn numbers(array: &Array) -> (Vec<usize>, Vec<u32>) {
+    (array.shape().to_vec(), array.numbers().iter().map(|x| x.to_bits()).collect())
 }
 
 fn all(run: &LoadedRun) -> BTreeMap<&str, (Vec<usize>, Vec<u32>)> {
-    run.weights.iter().map(|(name, tensor)| (name.as_str(), numbers(tensor))).collect()
+    run.weights.iter().map(|(name, array)| (name.as_str(), numbers(array))).collect()
 }
 
 fn logits(run: &LoadedRun) -> Vec<f32> {
-    let gpt = run.plain(&Device::Cpu).unwrap();
+    let gpt = run.plain(DeviceName::Cpu).unwrap();
     let ids: Vec<u32> = (0..run.config.context).map(|i| if i == 0 { 1 } else { 5 + (i * i % 11) as u32 }).collect();
     let logits = gpt.predict(&gpt.ids(&ids, ids.len()).unwrap()).unwrap();
     logits.flatten_all().unwrap().to_vec1().unwrap()
@@ -148,17 +148,19 @@ fn a_gpt_2_folder_holds_what_transformers_reads() {
     assert_eq!(ids, [1, 2, 0]);
     let tokenizer = json("tokenizer_config.json");
     assert_eq!((&tokenizer["bos_token"], &tokenizer["model_max_length"]), (&"<bos>".into(), &30.into()));
-    let found = tensors(&folder.join(WEIGHTS)).unwrap();
-    let shape = |name: &str| found[name].dims().to_vec();
+    let found = read(&folder.join(WEIGHTS)).unwrap();
+    let shape = |name: &str| found[name].shape().to_vec();
     assert_eq!(shape("transformer.wpe.weight"), [30, 8]);
     assert_eq!(shape("transformer.h.1.attn.c_attn.weight"), [8, 24]);
     assert_eq!((shape("transformer.h.0.mlp.c_proj.weight"), shape("lm_head.weight")), (vec![32, 8], vec![16, 8]));
     assert_eq!(found.len(), 2 + 2 * 12 + 2 + 1);
     // place 0 of word 2 of 7 tokens, after the front
-    let row = |name: &str, i: usize| made.run.weights[name].get(i).unwrap();
-    let sum = (row("position.frame.weight", 2) + row("position.place.weight", 0)).unwrap();
-    assert_eq!(numbers(&found["transformer.wpe.weight"].get(15).unwrap()), numbers(&sum));
-    assert_eq!(numbers(&found["transformer.wpe.weight"].get(0).unwrap()), numbers(&row("position.front.weight", 0)));
+    let row = |name: &str, i: usize| made.run.weights[name].rows().nth(i).unwrap();
+    let (frame, place) = (row("position.frame.weight", 2), row("position.place.weight", 0));
+    let sum: Vec<f32> = frame.iter().zip(place).map(|(a, b)| a + b).collect();
+    let found = |i: usize| found["transformer.wpe.weight"].rows().nth(i).unwrap();
+    assert_eq!(found(15), sum);
+    assert_eq!(found(0), row("position.front.weight", 0));
 }
 
 /// The error of loading a folder of `format` after a change to it.
@@ -176,10 +178,10 @@ fn edit(folder: &Path, name: &str, from: &str, to: &str) {
 }
 
 /// Writes the weights again, changed.
-fn reweigh(folder: &Path, change: &dyn Fn(&mut BTreeMap<String, Tensor>)) {
-    let mut all = tensors(&folder.join(WEIGHTS)).unwrap();
+fn reweigh(folder: &Path, change: &dyn Fn(&mut Weights)) {
+    let mut all = read(&folder.join(WEIGHTS)).unwrap();
     change(&mut all);
-    let bytes = crate::weights::to_bytes(all.iter().map(|(name, t)| (name.as_str(), t))).unwrap();
+    let bytes = crate::weights::to_bytes(&all).unwrap();
     fs::write(folder.join(WEIGHTS), bytes).unwrap();
     // without the hash, so that the tensors themselves are checked
     let about = fs::read_to_string(folder.join(own::ABOUT)).unwrap();
@@ -230,13 +232,13 @@ fn odd_configurations_are_refused_by_their_key() {
     assert!(said(Format::Hf, &|f| fs::remove_file(f.join(TOKENIZER)).unwrap()).contains("tokenizer.json"));
 }
 
-fn odd() -> Tensor {
-    Tensor::zeros((2, 3), DType::F32, &Device::Cpu).unwrap()
+fn odd() -> Array {
+    Array::full(&[2, 3], 0.0)
 }
 
 #[test]
 fn odd_tensors_are_refused_by_their_name() {
-    type Change = dyn Fn(&mut BTreeMap<String, Tensor>);
+    type Change = dyn Fn(&mut Weights);
     let hf = |change: &Change| said(Format::Hf, &|f| reweigh(f, change));
     let own = |change: &Change| said(Format::Kinelm, &|f| reweigh(f, change));
     let message = hf(&|t| drop(t.remove("transformer.h.1.ln_2.bias")));
@@ -246,8 +248,8 @@ fn odd_tensors_are_refused_by_their_name() {
     assert!(own(&|t| drop(t.remove("norm.bias"))).contains("no tensor norm.bias"));
     let message = own(&|t| drop(t.insert("norm.bias".into(), odd())));
     assert!(message.contains("norm.bias has shape [2, 3]; this model expects [8]"), "{message}");
-    let infinite = |t: &mut BTreeMap<String, Tensor>| {
-        let bias = Tensor::new(&[0f32, 1.0, f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0], &Device::Cpu).unwrap();
+    let infinite = |t: &mut Weights| {
+        let bias = Array::new(&[8], vec![0.0, 1.0, f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0]);
         t.insert("norm.bias".into(), bias);
     };
     assert!(own(&infinite).contains("found NaN in the tensor norm.bias"));
@@ -264,7 +266,7 @@ fn what_transformers_saves_again_is_read() {
     let folder = made.export(Format::Hf, "out");
     reweigh(&folder, &|all| {
         // a GPT2Model's names, the tied head beside them
-        let mut changed: BTreeMap<String, Tensor> =
+        let mut changed: Weights =
             all.iter().map(|(name, t)| (name.replacen("transformer.", "", 1), t.clone())).collect();
         changed.insert("lm_head.weight".into(), changed["wte.weight"].clone());
         *all = changed;
@@ -323,10 +325,10 @@ fn half_floats_are_widened() {
     let bytes = [0x80, 0x3f, 0x20, 0xc0];
     let view = safetensors::tensor::TensorView::new(Dtype::BF16, vec![2], &bytes).unwrap();
     fs::write(&path, safetensors::serialize([("x", view)], None).unwrap()).unwrap();
-    assert_eq!(tensors(&path).unwrap()["x"].to_vec1::<f32>().unwrap(), [1.0, -2.5]);
+    assert_eq!(read(&path).unwrap()["x"].numbers(), [1.0, -2.5]);
     let view = safetensors::tensor::TensorView::new(Dtype::I32, vec![1], &bytes).unwrap();
     fs::write(&path, safetensors::serialize([("x", view)], None).unwrap()).unwrap();
-    let message = tensors(&path).unwrap_err().to_string();
+    let message = read(&path).unwrap_err().to_string();
     assert!(message.contains("found tensor x of I32, expected a safetensors file of f32, f16 or bf16"), "{message}");
 }
 

@@ -19,11 +19,11 @@ pub use classes::{ClassRow, Losses};
 
 use super::config::{ModelConfig, TokenLayout};
 use super::goal::Conditioning;
-use super::layout::{self, Parameter, TRUNK};
+use super::layout::{Parameter, TRUNK};
 use super::scores::{Scores, TokenWindows};
 use super::{Architecture, Dropout, Gpt, ModelKind};
+use crate::weights::{self, Weights, named};
 use crate::{Error, Result};
-use candle_core::{DType, Device, Tensor};
 use keys::Keys;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block;
@@ -31,7 +31,6 @@ use kinelm_engine::linear::Products;
 use kinelm_engine::op::attention::Mask;
 use kinelm_engine::op::smoothing::Smoothing;
 use pass::Pass;
-use std::collections::BTreeMap;
 
 /// Tensors of a block, in the order of their names.
 const BLOCK: usize = 12;
@@ -71,17 +70,13 @@ pub struct Fast {
 }
 
 impl Fast {
-    /// A model of these tensors, copied.
+    /// A model of these weights, copied.
     ///
     /// # Errors
-    /// As [`Gpt::from_tensors`].
-    pub fn from_tensors(config: &ModelConfig, tokens: &TokenLayout, tensors: BTreeMap<String, Tensor>) -> Result<Fast> {
-        let (mut parameters, mut weights) = (Vec::new(), Vec::new());
-        for (parameter, tensor) in layout::checked(config, tokens, tensors)? {
-            let numbers = tensor.to_device(&Device::Cpu)?.flatten_all()?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
-            weights.push(Floats::of(&numbers));
-            parameters.push(parameter);
-        }
+    /// As [`Gpt::from_weights`].
+    pub fn from_weights(config: &ModelConfig, tokens: &TokenLayout, weights: &Weights) -> Result<Fast> {
+        let all = weights::checked(config, tokens, weights)?.into_iter();
+        let (parameters, weights) = all.map(|(p, array)| (p, Floats::of(array.numbers()))).unzip();
         Ok(Fast {
             config: config.clone(),
             tokens: tokens.clone(),
@@ -98,10 +93,9 @@ impl Fast {
     /// The fast form of a model, whose numbers are copied.
     ///
     /// # Errors
-    /// Tensors that can't be brought to the CPU.
+    /// Errors of the model's device.
     pub fn of(gpt: &Gpt) -> Result<Fast> {
-        let tensors = gpt.vars().iter().map(|(name, var)| (name.clone(), var.as_tensor().clone())).collect();
-        Fast::from_tensors(gpt.config(), gpt.tokens(), tensors)
+        Fast::from_weights(gpt.config(), gpt.tokens(), &gpt.weights()?)
     }
 
     /// The mask of attention in a model of this kind.
@@ -125,11 +119,8 @@ impl Fast {
         self.products = products;
     }
 
-    /// Its tensors by name, copied.
-    ///
-    /// # Errors
-    /// None in practice.
-    pub fn tensors(&self) -> Result<BTreeMap<String, Tensor>> {
+    /// Its weights, copied.
+    pub fn weights(&self) -> Weights {
         named(&self.parameters, &self.weights)
     }
 
@@ -267,16 +258,6 @@ fn block_tensors<T>(
         up: linear(up_w, up_b),
         down: linear(down_w, down_b),
     }
-}
-
-/// Numbers of a model's tensors as tensors, by name.
-///
-/// # Errors
-/// None in practice.
-pub fn named(parameters: &[Parameter], numbers: &[Floats]) -> Result<BTreeMap<String, Tensor>> {
-    let tensor =
-        |(p, x): (&Parameter, &Floats)| Ok((p.name.clone(), Tensor::from_slice(x, p.shape.as_slice(), &Device::Cpu)?));
-    parameters.iter().zip(numbers).map(tensor).collect()
 }
 
 impl Scores for Fast {

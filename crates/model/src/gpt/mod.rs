@@ -12,7 +12,8 @@ use crate::dropout::Dropout;
 use crate::goal::Conditioning;
 use crate::net::{Beside, Net};
 use crate::ops::Mask;
-use crate::{Error, Result, layout};
+use crate::weights::{self, Array, Weights};
+use crate::{DeviceName, Error, Result};
 use candle_core::{Device, Tensor, Var};
 use kinelm_engine::op::smoothing::Smoothing;
 use std::collections::BTreeMap;
@@ -33,17 +34,27 @@ impl Gpt {
     /// A configuration that doesn't hold: the key and its limits.
     pub fn new(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Result<Gpt> {
         config.validate_for(tokens)?;
-        Gpt::from_tensors(config, tokens, layout::initial(config, tokens, seed)?)
+        Gpt::from_weights(config, tokens, &weights::initial(config, tokens, seed), DeviceName::Cpu)
     }
 
-    /// A model of these tensors, copied, on the device where they are.
+    /// A model of these weights, copied to `device`.
     ///
     /// # Errors
-    /// As [`Gpt::new`]; tensors that are missing, not the model's, or of another shape: each is named.
-    pub fn from_tensors(config: &ModelConfig, tokens: &TokenLayout, tensors: BTreeMap<String, Tensor>) -> Result<Gpt> {
-        let all = layout::checked(config, tokens, tensors)?.into_iter();
-        let vars: BTreeMap<String, Var> =
-            all.map(|(p, tensor)| Ok((p.name, Var::from_tensor(&tensor)?))).collect::<Result<_>>()?;
+    /// As [`Gpt::new`]; a device that isn't there; arrays that are missing, not the model's, or of another shape: each is named.
+    pub fn from_weights(
+        config: &ModelConfig,
+        tokens: &TokenLayout,
+        weights: &Weights,
+        device: DeviceName,
+    ) -> Result<Gpt> {
+        let device = device.open()?;
+        let all = weights::checked(config, tokens, weights)?.into_iter();
+        let vars = all.map(|(p, array)| Ok((p.name, Var::from_tensor(&array.tensor(&device)?)?)));
+        Gpt::from_vars(config, tokens, vars.collect::<Result<_>>()?)
+    }
+
+    /// A model of its variables, which are all there.
+    pub(crate) fn from_vars(config: &ModelConfig, tokens: &TokenLayout, vars: BTreeMap<String, Var>) -> Result<Gpt> {
         let net = Net::new(config, tokens, vars.iter().map(|(name, var)| (name, var.as_tensor().clone())))?;
         Ok(Gpt { config: config.clone(), tokens: tokens.clone(), vars, net, smoothing: None })
     }
@@ -63,14 +74,24 @@ impl Gpt {
         &self.vars
     }
 
+    /// Its weights, copied, in f32.
+    ///
+    /// # Errors
+    /// Errors of the device.
+    pub fn weights(&self) -> Result<Weights> {
+        self.vars.iter().map(|(name, var)| Ok((name.clone(), Array::of(var)?))).collect()
+    }
+
     /// The same model in f64, for checking gradients.
     ///
     /// # Errors
     /// None in practice.
     #[cfg(test)]
     pub fn to_f64(&self) -> Result<Gpt> {
-        let tensors = self.vars.iter().map(|(n, v)| Ok((n.clone(), v.as_tensor().to_dtype(candle_core::DType::F64)?)));
-        Gpt::from_tensors(&self.config, &self.tokens, tensors.collect::<Result<_>>()?)
+        let var = |(name, var): (&String, &Var)| {
+            Ok((name.clone(), Var::from_tensor(&var.as_tensor().to_dtype(candle_core::DType::F64)?)?))
+        };
+        Gpt::from_vars(&self.config, &self.tokens, self.vars.iter().map(var).collect::<Result<_>>()?)
     }
 
     /// The device it is on.

@@ -1,7 +1,7 @@
 //! The plain form: embedded inputs, blocks of attention and a perceptron, a head, from tensors by their use.
 //!
 //! Linear layers and tables are candle-nn's, and its `VarBuilder` finds their tensors by name. Three more of its parts don't
-//! serve: its initialisers can't be seeded on the CPU (ours are [`crate::layout::initial`], a random stream a tensor), its
+//! serve: its initialisers can't be seeded on the CPU (ours are [`crate::weights::initial`], a random stream a tensor), its
 //! `VarMap` has a hash's order (a model's variables are sorted by name), and [`crate::ops`] says which of its operations cut
 //! the graph or are inexact.
 //!

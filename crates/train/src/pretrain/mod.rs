@@ -9,7 +9,6 @@ mod tests;
 
 use super::data::{CorpusPart, Data};
 use super::folder::RunFolder;
-use super::optimizer::Tensors;
 use super::precision::Precision;
 use super::progress::Progress;
 use super::resize::{Inputs, resize};
@@ -22,6 +21,7 @@ use crate::{Error, Result};
 use kinelm_corpus::CorpusOptions;
 use kinelm_model::checkpoint::{Best, Checkpoints};
 use kinelm_model::scored_windows::Likelihood;
+use kinelm_model::weights::Weights;
 use kinelm_model::{Compute, LoadedRun, ModelConfig, exchange};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -128,7 +128,7 @@ fn new(
     options: &PretrainOptions,
     is_finetuning: bool,
     progress: &mut dyn Progress,
-) -> Result<(RunFile, Data, Option<Tensors>)> {
+) -> Result<(RunFile, Data, Option<Weights>)> {
     let file = options.file.as_ref();
     let file = file.ok_or_else(|| Error::missing("training file", "give `config`"))?;
     let file = &file.with_keys(&options.set)?;
@@ -190,7 +190,7 @@ fn check_same_model(from: &Path, model: &ModelConfig, source: &LoadedRun) -> Res
 /// # Errors
 /// A folder that exists and isn't empty; a corpus without training clips; a model that this machine can't hold; weights of
 /// another model; what the system refuses.
-pub fn begin(run: &Path, file: &RunFile, data: &Data, weights: Option<Tensors>) -> Result<RunFolder> {
+pub fn begin(run: &Path, file: &RunFile, data: &Data, weights: Option<Weights>) -> Result<RunFolder> {
     // what is refused must not leave an empty run
     Stages::of_run(file, data)?;
     memory::check(&file.model, &file.tokens, &file.train)?;

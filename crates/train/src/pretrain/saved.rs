@@ -2,15 +2,15 @@
 
 use crate::factory::learner;
 use crate::learner::Learner;
-use crate::optimizer::{MOMENTS, Tensors, in_order};
+use crate::optimizer::MOMENTS;
 use crate::progress::Progress;
 use crate::run::RunFile;
 use crate::trainer::{Files, last_checkpoint};
 use crate::{Error, Result};
-use candle_core::{DType, Device, Tensor};
 use kinelm_model::checkpoint::{Checkpoints, State};
 use kinelm_model::run::{AVERAGED, OPTIMIZER, WEIGHTS};
-use kinelm_model::{Compute, layout, weights};
+use kinelm_model::weights::{self, Array, Weights, in_order};
+use kinelm_model::{Compute, layout};
 
 /// The state of a run before its first step.
 pub fn before(file: &RunFile) -> State {
@@ -29,21 +29,20 @@ pub fn files(learner: &dyn Learner) -> Result<Files> {
 ///
 /// # Errors
 /// Weights of another model than the run's, each named; numbers that are not finite.
-pub fn first(file: &RunFile, weights: Tensors) -> Result<Files> {
+pub fn first(file: &RunFile, weights: Weights) -> Result<Files> {
     let parameters = layout::parameters(&file.model, &file.tokens);
     if let Some(name) = weights.keys().find(|name| parameters.iter().all(|p| p.name != **name)) {
         return Err(Error::Weights(format!("the model has no place for the tensor {name}")));
     }
     // before anything is written, as `load` would refuse them only in the folder of a run
     in_order("first weights", &parameters, &weights, |p| p.name.clone())?;
-    let zeros = |p: &layout::Parameter| Tensor::zeros(p.shape.as_slice(), DType::F32, &Device::Cpu);
-    let named = |prefix| parameters.iter().map(move |p| Ok((format!("{prefix}.{}", p.name), zeros(p)?)));
-    let moments = MOMENTS.into_iter().flat_map(named).collect::<Result<_>>()?;
+    let named = |prefix| parameters.iter().map(move |p| (format!("{prefix}.{}", p.name), Array::full(&p.shape, 0.0)));
+    let moments = MOMENTS.into_iter().flat_map(named).collect();
     let averages = (file.train.ema > 0.0).then(|| weights.clone());
     to_bytes(weights, moments, averages)
 }
 
-fn to_bytes(weights: Tensors, moments: Tensors, averages: Option<Tensors>) -> Result<Files> {
+fn to_bytes(weights: Weights, moments: Weights, averages: Option<Weights>) -> Result<Files> {
     let averages = averages.map(|all| (AVERAGED, all));
     let all = [(WEIGHTS, weights), (OPTIMIZER, moments)].into_iter().chain(averages);
     all.map(|(name, all)| Ok((name, weights::finite_bytes(name, &all)?))).collect()
@@ -70,23 +69,24 @@ pub fn load(
     }
     let precision = file.train.precision.resolve(ran.as_deref(), compute)?;
     precision.notes.iter().for_each(|note| progress.note(note));
-    let learner = |weights| learner(&file.model, &file.tokens, &file.train, weights, compute, precision.products);
+    let learner =
+        |weights: &Weights| learner(&file.model, &file.tokens, &file.train, weights, compute, precision.products);
     let (learner, mut state) = match found {
         None => {
-            let weights = layout::initial(&file.model, &file.tokens, file.train.seed)?;
-            let mut learner = learner(weights.clone())?;
+            let weights = weights::initial(&file.model, &file.tokens, file.train.seed);
+            let mut learner = learner(&weights)?;
             if averages {
                 // a run that ends before its first update is its weights
-                learner.restore_averages(weights)?;
+                learner.restore_averages(&weights)?;
             }
             (learner, before(file))
         }
         Some(found) => {
             let tensors = |name: &str| weights::from_bytes(&found.dir.join(name), &found.files[name]);
-            let mut learner = learner(tensors(WEIGHTS)?)?;
-            learner.restore(tensors(OPTIMIZER)?, found.state.step)?;
+            let mut learner = learner(&tensors(WEIGHTS)?)?;
+            learner.restore(&tensors(OPTIMIZER)?, found.state.step)?;
             if averages {
-                learner.restore_averages(tensors(AVERAGED)?)?;
+                learner.restore_averages(&tensors(AVERAGED)?)?;
             }
             if found.state.step > 0 {
                 progress.note(&format!("resuming after step {}", found.state.step));

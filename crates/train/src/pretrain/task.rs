@@ -102,7 +102,7 @@ impl<'a> Pretraining<'a> {
             return;
         }
         let weights = self.fit.learner.averages().and_then(|all| all.map_or_else(|| self.fit.learner.weights(), Ok));
-        match weights.and_then(|weights| sample(&self.run, step, &self.file, weights)) {
+        match weights.and_then(|weights| sample(&self.run, step, &self.file, &weights)) {
             Ok(page) => self.progress.note(&format!("{}: a dance of the model after step {step}", page.display())),
             Err(e) => self.progress.note(&format!("no dance after step {step}: {e}")),
         }

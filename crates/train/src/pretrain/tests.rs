@@ -5,7 +5,8 @@ use kinelm_corpus::{Conditions, Corpus, Split};
 use kinelm_engine::linear::Products;
 use kinelm_model::checkpoint::CheckpointChoice;
 use kinelm_model::run::{AVERAGED, OPTIMIZER, WEIGHTS, load_run};
-use kinelm_model::{Form, ModelConfig, layout, weights};
+use kinelm_model::weights::Array;
+use kinelm_model::{Form, ModelConfig, weights};
 use kinelm_tokenizer::Tokenizer;
 use std::fs;
 use std::path::Path;
@@ -251,7 +252,7 @@ fn weights_to_begin_with_are_the_first_checkpoint() {
     let TrainFile { model, train, .. } = file();
     let run_file = RunFile::new(&model, &train, &data).unwrap();
     // the weights of another seed, so that they aren't those that the run would begin with
-    let weights = || layout::initial(&model, &run_file.tokens, 77).unwrap();
+    let weights = || weights::initial(&model, &run_file.tokens, 77);
     let go = |run: &Path, weights| {
         let folder = begin(run, &run_file, &data, weights)?;
         continue_run(&folder, run_file.clone(), &data, Compute::default(), &AtomicBool::new(false), &mut NoProgress)
@@ -267,7 +268,7 @@ fn weights_to_begin_with_are_the_first_checkpoint() {
     let options = PretrainOptions { run: Some(cut), resume: true, ..Default::default() };
     assert_eq!(pretrain(&options, &AtomicBool::new(false), &mut NoProgress).unwrap().loss, with.loss);
     // what doesn't fit leaves no folder
-    let said = |change: &dyn Fn(&mut Tensors)| {
+    let said = |change: &dyn Fn(&mut Weights)| {
         let mut weights = weights();
         change(&mut weights);
         let none = dir.path().join("none");
@@ -275,7 +276,7 @@ fn weights_to_begin_with_are_the_first_checkpoint() {
         assert!(!none.exists());
         message
     };
-    let one = || candle_core::Tensor::full(f32::NAN, 16, &candle_core::Device::Cpu).unwrap();
+    let one = || Array::full(&[16], f32::NAN);
     assert!(said(&|w| drop(w.remove("norm.bias"))).contains("no norm.bias of shape [16]"));
     assert!(said(&|w| drop(w.insert("norm.bias".into(), one()))).contains("would hold NaN in norm.bias"));
     assert!(said(&|w| drop(w.insert("more".into(), one()))).contains("no place for the tensor more"));
@@ -325,7 +326,7 @@ fn the_average_is_what_is_measured_and_loaded() {
     assert!((other - bits).abs() < 1e-2, "{other}, in the other form {bits}");
     let loaded = load_run(&with.run, CheckpointChoice::Latest).unwrap();
     let saved = fs::read(with.checkpoint.join(AVERAGED)).unwrap();
-    assert!(weights::to_bytes(loaded.weights.iter().map(|(n, t)| (n.as_str(), t))).unwrap() == saved);
+    assert!(weights::to_bytes(&loaded.weights).unwrap() == saved);
     let corpus = Corpus::open(dir.path().join("corpus")).unwrap();
     let clips: Vec<_> = corpus.split(Split::Valid).collect();
     let mut scores = loaded.scores(Compute::default()).unwrap();
@@ -464,7 +465,7 @@ fn a_run_begins_with_the_weights_of_another() {
     assert_eq!((begun.step, begun.stopped), (0, true));
     let own = load_run(&begun.run, CheckpointChoice::Latest).unwrap();
     let theirs = load_run(&other.run, CheckpointChoice::Auto).unwrap();
-    let bytes = |run: &kinelm_model::LoadedRun| weights::to_bytes(run.weights.iter().map(|(n, t)| (n.as_str(), t)));
+    let bytes = |run: &kinelm_model::LoadedRun| weights::to_bytes(&run.weights);
     assert!(bytes(&own).unwrap() == bytes(&theirs).unwrap(), "the average of the first run's weights");
     let origin = RunFile::read(&begun.run).unwrap().from.unwrap();
     assert_eq!(origin.step, theirs.state.step);

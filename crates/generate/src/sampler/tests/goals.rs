@@ -2,8 +2,10 @@
 
 use super::*;
 use kinelm_corpus::samples;
+use kinelm_model::DeviceName;
 use kinelm_model::fast::{Fast, Windows};
 use kinelm_model::goal::{GoalEncoder, GoalTrack, numbers};
+use kinelm_model::weights::Array;
 use kinelm_tokenizer::{RootRotation, TokenizerConfig};
 
 const FRAMES: usize = 16;
@@ -92,12 +94,12 @@ fn goals_with_weights_of_zero_change_nothing_and_others_more_with_the_scale() {
             assert_eq!(of(dance, lead_in + frame * (C + 1)), of(&prompt, frame * (C + 1)), "frame {frame}");
         }
     }
-    let zeros = gpt.vars().iter().map(|(name, var)| {
-        let is_ahead = kinelm_model::layout::GOAL.contains(&name.as_str());
-        let tensor = var.as_tensor();
-        (name.clone(), if is_ahead { tensor.zeros_like().unwrap() } else { tensor.clone() })
-    });
-    let zeros = Gpt::from_tensors(gpt.config(), gpt.tokens(), zeros.collect()).unwrap();
+    let mut weights = gpt.weights().unwrap();
+    for name in kinelm_model::layout::GOAL {
+        let array = weights.get_mut(name).unwrap();
+        *array = Array::full(array.shape(), 0.0);
+    }
+    let zeros = Gpt::from_weights(gpt.config(), gpt.tokens(), &weights, DeviceName::Cpu).unwrap();
     for scale in [0.0, 1.0, 2.0] {
         assert_eq!(sampled(&zeros, &with(scale)), dances[0], "{scale}");
     }

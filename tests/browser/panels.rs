@@ -19,7 +19,7 @@ const PROBE: &str = r"
   const canvas = panel(0).querySelector('canvas').getBoundingClientRect();
   const press = x => panel(0).querySelector('.over-time').dispatchEvent(new PointerEvent('pointerdown',
     { clientX: x, clientY: canvas.top + 20, pointerId: 1, bubbles: true }));
-  try { press((canvas.left + 52 + canvas.right - 10) / 2); } catch (e) { /* no such pointer to capture */ }
+  try { press((canvas.left + 92 + canvas.right - 10) / 2); } catch (e) { /* no such pointer to capture */ }
   const pressed = state.time / whole;
   panel(3).querySelectorAll('button')[1].click();
   const jumped = state.time;
@@ -27,7 +27,7 @@ const PROBE: &str = r"
   const first = chosen();
   menu.value = 1; menu.onchange();
   const painted = i => { const c = panel(i).querySelector('canvas'); return c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(v => v); };
-  answer([begin, end, pressed, jumped, first, chosen(), [0, 1, 2].map(painted), panel(4).textContent, scene.canvas.clientWidth < window.innerWidth]);
+  answer([begin, end, pressed, jumped, first, chosen(), [0, 1, 2].map(painted), panel(4).textContent, scene.canvas.clientHeight < window.innerHeight]);
 ";
 
 #[test]
@@ -74,8 +74,8 @@ fn panels_show_the_pages_time_and_seek() {
     std::fs::write(Path::new(env!("CARGO_TARGET_TMPDIR")).join("view-panels.html"), &page).unwrap();
     let found = answers(&browser, &page, PROBE);
     let (begin, end) = (&found[0], &found[1]);
-    assert!(begin[0] == 52.0 && end[0].as_f64().unwrap() > 200.0, "{found}");
-    assert_eq!([&begin[1], &end[1]], ["made 0real 2", "made 2real 0.0426"]);
+    assert!(begin[0] == 92.0 && end[0].as_f64().unwrap() > 200.0, "{found}");
+    assert_eq!([&begin[1], &end[1]], ["made 0real 2", "made 2real 0.035"]);
     assert!((found[2].as_f64().unwrap() - 0.5).abs() < 0.01, "{found}");
     assert_eq!(found[3], 12.25);
     assert_eq!([&found[4], &found[5]], ["Bands of 30, rad/s", "Head, m/s"]);

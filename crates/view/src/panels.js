@@ -2,7 +2,7 @@
 // measure. A panel is { element, paint(), show(time) }: drawn once for each size and look, its playhead moved for each
 // picture.
 
-const EDGE = 10;                                     // pixels right of a time axis
+const [LEFT, EDGE] = [92, 10];                       // pixels beside a time axis, the same for all: moments are above each other
 const GAP = 65535;                                   // the number of a value that isn't there
 // viridis (Smith and van der Walt 2015), as in plots
 const SHADES = ['#440154', '#482878', '#3e4989', '#31688e', '#26828e', '#1f9e89', '#35b779', '#6ece58', '#b5de2b', '#fde725']
@@ -41,10 +41,10 @@ class Values {
     this.some = numbers.some(n => n !== GAP);
   }
 
-  // The value at a time; NaN where there is none.
+  // The value nearest to a time; NaN where there is none.
   when(time) {
-    const i = Math.floor((time - this.from) * this.fps + 0.5);
-    return i >= 0 && i < this.count ? this.at(i) : NaN;
+    const at = (time - this.from) * this.fps;
+    return at > -1 && at < this.count ? this.at(clamp(Math.round(at), 0, this.count - 1)) : NaN;
   }
 
   // Least and greatest of the values in a stretch of time, so that no peak is lost where a pixel has many.
@@ -76,14 +76,13 @@ class Timed {
     this.element = part('section', '', part('h2', '', title), this.legend, this.way);
     const seekTo = e => {
       const box = this.canvas.getBoundingClientRect();
-      seek(whole * clamp((e.clientX - box.left - this.left) / (box.width - this.left - EDGE), 0, 1));
+      seek(whole * clamp((e.clientX - box.left - LEFT) / (box.width - LEFT - EDGE), 0, 1));
     };
     this.way.onpointerdown = e => {
       this.way.setPointerCapture(e.pointerId);
       seekTo(e);
     };
     this.way.onpointermove = e => e.buttons && seekTo(e);
-    this.left = 52;
     this.readouts = [];
   }
 
@@ -101,7 +100,7 @@ class Timed {
   }
 
   x(time) {
-    return this.left + (this.width - this.left - EDGE) * (whole ? clamp(time / whole, 0, 1) : 0);
+    return LEFT + (this.width - LEFT - EDGE) * (whole ? clamp(time / whole, 0, 1) : 0);
   }
 
   paint() {
@@ -125,7 +124,7 @@ class Timed {
 
   // Seconds below, at steps that leave room for their numbers.
   axis(pen, { quiet }, y) {
-    const room = (this.width - this.left - EDGE) / 56, steps = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1800, 3600];
+    const room = (this.width - LEFT - EDGE) / 56, steps = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1800, 3600];
     const step = steps.find(s => whole / s <= room) || 7200;
     pen.fillStyle = quiet;
     pen.textAlign = 'center';
@@ -156,9 +155,9 @@ class LinesPanel extends Timed {
     pen.textBaseline = 'middle';
     pen.strokeStyle = colours.line;
     for (const value of [low, (low + high) / 2, high]) {
-      pen.fillText(digits(value), this.left - 6, y(value));
+      pen.fillText(digits(value), LEFT - 6, y(value));
       pen.beginPath();
-      pen.moveTo(this.left, Math.round(y(value)) + 0.5);
+      pen.moveTo(LEFT, Math.round(y(value)) + 0.5);
       pen.lineTo(this.width - EDGE, Math.round(y(value)) + 0.5);
       pen.stroke();
     }
@@ -167,8 +166,8 @@ class LinesPanel extends Timed {
       pen.lineWidth = 1.5;
       pen.beginPath();
       let drawing = false;
-      for (let x = this.left; x <= this.width - EDGE; x++) {
-        const time = s => whole * (s - this.left) / (this.width - this.left - EDGE);
+      for (let x = LEFT; x <= this.width - EDGE; x++) {
+        const time = s => whole * (s - LEFT) / (this.width - LEFT - EDGE);
         const [least, most] = track.range(time(x - 0.5), time(x + 0.5));
         if (!Number.isFinite(least) || !Number.isFinite(most)) {
           drawing = false;
@@ -194,15 +193,14 @@ class BandsPanel extends Timed {
     const ramp = part('i', 'ramp');
     ramp.style.background = `linear-gradient(90deg, ${SHADES.map((_, i) => shade(i / (SHADES.length - 1))).join()})`;
     if (seen.length) this.legend.append(part('span', '', `${digits(this.low)} `, ramp, ` ${digits(this.high)}`));
-    this.left = 104;
   }
 
   drawOn(pen, colours) {
     const { row, low, high } = this, size = high - low || 1, every = Math.ceil(13 / row);
     this.tracks.forEach((track, i) => {
       const top = i * row;
-      for (let x = this.left; x < this.width - EDGE; x++) {
-        const time = whole * (x + 0.5 - this.left) / (this.width - this.left - EDGE), half = whole / (this.width - this.left - EDGE) / 2;
+      for (let x = LEFT; x < this.width - EDGE; x++) {
+        const time = whole * (x + 0.5 - LEFT) / (this.width - LEFT - EDGE), half = whole / (this.width - LEFT - EDGE) / 2;
         // the highest of what falls on a pixel: a peak is what one looks for
         const value = track.range(time - half, time + half)[1];
         if (!Number.isFinite(value)) continue;
@@ -213,7 +211,7 @@ class BandsPanel extends Timed {
       pen.fillStyle = colours.quiet;
       pen.textAlign = 'right';
       pen.textBaseline = 'middle';
-      pen.fillText(track.name, this.left - 6, top + Math.max(row, 12) / 2 - 1, this.left - 10);
+      pen.fillText(track.name, LEFT - 6, top + Math.max(row, 12) / 2 - 1, LEFT - 10);
     });
     this.axis(pen, colours, this.tracks.length * row + 5);
   }
@@ -226,12 +224,11 @@ class StripPanel extends Timed {
     this.colour = figure % 6;
     this.every = every;
     this.places = new Float32Array(this.figure.points * 3);
-    this.left = 104;
   }
 
   drawOn(pen, colours) {
     const { figure, places } = this, bottom = this.height - 20, size = (bottom - 6) / (figure.top || 1);
-    const room = 34 / (this.width - this.left - EDGE) * (whole || 1), every = this.every * Math.max(1, Math.ceil(room / this.every));
+    const room = 34 / (this.width - LEFT - EDGE) * (whole || 1), every = this.every * Math.max(1, Math.ceil(room / this.every));
     pen.strokeStyle = look(`--figure-${this.colour}`);
     pen.lineCap = 'round';
     pen.lineWidth = 1.6;

@@ -226,6 +226,13 @@ impl Parser {
             }
             joint += 1;
         }
+        let is_reached =
+            |name: &str| name.eq_ignore_ascii_case("root") || bones.iter().any(|b| b.name.eq_ignore_ascii_case(name));
+        // a limb below a misspelt name would be missing, and nothing else would tell
+        if let Some((parent, _, line)) = self.links.iter().find(|(parent, ..)| !is_reached(parent)) {
+            let expected = "root, or a bone of :bonedata that hangs from it";
+            return Err(fault(*line, FaultKind::UnexpectedWord, parent.clone(), expected));
+        }
         if bones.is_empty() {
             return Err(fault(1, FaultKind::UnexpectedWord, "no bone below root".into(), "a :hierarchy"));
         }

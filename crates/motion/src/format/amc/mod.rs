@@ -166,6 +166,7 @@ mod tests {
         for (of_asf, [from, to], expected) in [
             (true, ["length 7.5", "length x"], "x.asf:39:13"),
             (true, ["lfemur ltibia", "lfemur nobody"], "nobody"),
+            (true, ["lfemur ltibia", "lfemmur ltibia"], "found lfemmur, expected root, or a bone of :bonedata"),
             (true, ["dof rx\n", "dof rq\n"], "rq"),
             (true, [":root", ":tree"], "no :root"),
             (false, ["lfemur 0 0 0", "lfemur 0 0"], "x.amc:7"),

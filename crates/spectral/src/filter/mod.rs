@@ -10,6 +10,7 @@
 //! it.
 
 pub mod butterworth;
+pub mod hips;
 
 pub use butterworth::Butterworth;
 

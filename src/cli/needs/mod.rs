@@ -77,7 +77,7 @@ const NEEDS: &[Need] = &[
     Need { commands: &["query find"], options: &["force"], any_of: &["page"] },
     Need { commands: &["query evaluate"], options: &["force"], any_of: &["save"] },
     Need { commands: &["aclstm evaluate"], options: &["force"], any_of: &["write-seeds"] },
-    Need { commands: &["evaluate dance"], options: &["force"], any_of: &["plot"] },
+    Need { commands: &["evaluate dance"], options: &["force"], any_of: &["plot", "page"] },
     Need { commands: &["evaluate dance"], options: &["music-from"], any_of: &["music", "beats"] },
     Need { commands: &["evaluate prediction"], options: DRAWING, any_of: &["run"] },
     Need { commands: &["evaluate prediction"], options: &["samples", "seed", "device", "form"], any_of: &["run"] },

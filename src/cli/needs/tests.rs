@@ -27,7 +27,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("corpus stats", "json trust", &[]),
     ("demo", "out force seed train steps music device form", &[]),
     ("evaluate baselines", "corpus split json floors floors-from trust", &[]),
-    ("evaluate dance", "compare real copying features fidelity beats music plot json trust", &[READING]),
+    ("evaluate dance", "compare real copying features fidelity beats music plot page json trust", &[READING]),
     (
         "evaluate gaps",
         "run corpus split frames gaps samples goal-guidance passes feet seed weights kv device form json \
@@ -42,7 +42,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ),
     ("evaluate prediction", "run fps labels strict split windows json", &[READING]),
     ("export", "run format out", &[]),
-    ("filter", "out level cutoff keep feet json force", &[READING]),
+    ("filter", "out level cutoff keep hips feet json force", &[READING]),
     ("finetune resume", "corpus steps precision device form trust set", &[]),
     ("finetune", "from config corpus run steps seed conditions precision device form trust set", &[]),
     (

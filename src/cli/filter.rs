@@ -2,7 +2,7 @@
 
 use super::many::InOut;
 use super::{ForceArgs, Odd, Say, print, read::ReadArgs};
-use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, hips};
+use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, compat, hips};
 use anyhow::Result;
 use kinelm_motion::feet::{FixedParts, lock};
 use kinelm_motion::format::{self, ReadOptions, RestFrame, resolve_floor};
@@ -30,6 +30,9 @@ pub struct Args {
     #[arg(long, value_name = "ORDER", conflicts_with = "keep",
         value_parser = super::values::within(1..=butterworth::MAX_ORDER))]
     butterworth: Option<usize>,
+    /// Apply the gain to the spectrum of the file's Euler angles instead, as the music-to-dance dissertation; BVH only
+    #[arg(long, conflicts_with = "hips")]
+    compat: bool,
     /// Turn hips back where they flip: where they turn by more than 120 degrees in one frame, and back later
     #[arg(long)]
     hips: bool,
@@ -86,6 +89,10 @@ fn one(
         motion.clip = hips::turned_back(&motion.clip, joint, &flips)?;
     }
     let mut done = match how {
+        Some(Filter::Butterworth { order, cutoff_hz }) if args.compat => {
+            let clip = compat(&motion, *order, *cutoff_hz)?;
+            Filtered { clip, coefficients: None, too_fast: Vec::new() }
+        }
         Some(how) => how.apply(&motion.clip)?,
         None => Filtered { clip: motion.clip.clone(), coefficients: None, too_fast: Vec::new() },
     };

@@ -13,7 +13,7 @@ fn salsas() -> Vec<Clip> {
     let files = std::fs::read_dir(folder.join("salsa")).unwrap().map(|entry| entry.unwrap().path());
     let mut files: Vec<_> = files.filter(|path| path.extension().is_some_and(|e| e == "bvh")).collect();
     files.sort();
-    let read = |path| {
+    let read = |path: &std::path::PathBuf| {
         // CMU dances settle in their first ten frames
         let motion = format::read(path, &ReadOptions { skip: 10, ..Default::default() }).unwrap();
         Retarget::new(motion.humanoid().unwrap(), smpl::neutral()).unwrap().to_smpl(&motion.clip).unwrap()

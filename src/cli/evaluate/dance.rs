@@ -137,7 +137,10 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         report.fidelity = Some(fidelity(&corpus, field, &joints_given, &dances)?);
     }
     if let Some(out) = page {
-        let beside = if dances.len() == 1 { Some(real.beside(prompt_sha256.as_deref())?) } else { None };
+        let beside = match &dances[..] {
+            [one] => Some(real.beside(one, prompt_sha256.as_deref())?),
+            _ => None,
+        };
         let shown: Vec<&Dance> = dances.iter().chain(&beside).take(super::ON_PAGE).collect();
         super::write_page(out, &real.page(&shown, report.copied.as_ref())?, dances.len(), &outputs, say)?;
     }

@@ -68,6 +68,7 @@ const NEEDS: &[Need] = &[
         any_of: &["skeleton"],
     },
     Need { commands: &["filter"], options: &["butterworth"], any_of: &["cutoff"] },
+    Need { commands: &["filter"], options: &["compat"], any_of: &["butterworth"] },
     Need { commands: &["view"], options: &["music-from"], any_of: &["music"] },
     Need { commands: &["inspect"], options: &["force"], any_of: &["map-out"] },
     Need { commands: &["classify eval"], options: &["run"], any_of: &["baselines"] },

@@ -241,7 +241,7 @@ fn with_what_it_needs_an_option_is_taken() {
         "generate --out a.bvh --seconds 5 --rig model --uncoded-joints training",
         "generate --out a.bvh --frames 5 --best 4 --keep-all --real corpus --music a.wav --music-from 2s",
         "generate timeline a.toml --out a.bvh --blend 1s --tries 9 --goal-guidance 2",
-        "filter a.bvh --out b.bvh --butterworth 2 --cutoff 5",
+        "filter a.bvh --out b.bvh --butterworth 2 --cutoff 5 --compat",
         "evaluate dance a.bvh --real corpus --beats a.txt --music-from 2s --plot a.svg --force",
         "evaluate baselines --corpus corpus --split valid --trust --floors-from other",
         "aclstm train a --run run --set form=euler --set root_order=YXZ",

@@ -32,19 +32,20 @@ struct Series {
 }
 
 impl Reference<'_> {
-    /// The real dance to show beside others: the corpus's clip of the file with this hash, else its first validation clip,
-    /// else its first training clip.
+    /// The real dance to show beside another, as far as that lasts: the corpus's clip of the file with this hash, else its
+    /// first validation clip, else its first training clip.
     ///
     /// # Errors
     /// Words that can't be decoded.
-    pub fn beside(&self, sha256: Option<&str>) -> Result<Dance> {
+    pub fn beside(&self, other: &Dance, sha256: Option<&str>) -> Result<Dance> {
         let own = self.corpus.clips().iter().find(|record| Some(&*record.sha256) == sha256);
         let split = |split| self.corpus.split(split).next();
         let record = own.or_else(|| split(Split::Valid)).or_else(|| split(Split::Train));
         // `check` has refused a corpus without a training frame
         let record = record.expect("a corpus with a training clip");
         let dance = Dance::of_corpus(self.corpus, record)?;
-        Ok(Dance { name: format!("{} (real)", dance.name), ..dance })
+        let frames = dance.clip.frames().min(other.clip.frames());
+        Ok(Dance { name: format!("{} (real)", dance.name), clip: dance.clip.slice(0..frames), ..dance })
     }
 
     /// A page that plays dances as they are measured, decoded, with panels of measures over time; `copied`: of the first of
@@ -73,10 +74,10 @@ impl Reference<'_> {
         let mut panels: Vec<Panel> = (0..dances.len())
             .map(|figure| Panel::Strip(Strip { title: label(dances[figure]), figure, every_s: EVERY_S }))
             .collect();
+        panels.push(Panel::Moments(Moments { title: "moments".into(), moments: self.moments(&all, limit_cm) }));
         panels.push(self.rotation(dances));
         let names: Vec<String> = dances.iter().map(|dance| label(dance)).collect();
         panels.extend(self.over_time(&all, &names, limit_cm));
-        panels.push(Panel::Moments(Moments { title: "moments".into(), moments: self.moments(&all, limit_cm) }));
         panels
     }
 

@@ -14,8 +14,9 @@ fn salsas() -> Vec<Clip> {
     let mut files: Vec<_> = files.filter(|path| path.extension().is_some_and(|e| e == "bvh")).collect();
     files.sort();
     let read = |path: &std::path::PathBuf| {
-        // CMU dances settle in their first ten frames
-        let motion = format::read(path, &ReadOptions { skip: 10, ..Default::default() }).unwrap();
+        // CMU dances settle in their first ten frames; their files state twice their rate
+        let motion =
+            format::read(path, &ReadOptions { skip: 10, fps_source: Some(60.0), ..Default::default() }).unwrap();
         Retarget::new(motion.humanoid().unwrap(), smpl::neutral()).unwrap().to_smpl(&motion.clip).unwrap()
     };
     files.iter().map(read).collect()

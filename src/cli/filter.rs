@@ -2,7 +2,7 @@
 
 use super::many::InOut;
 use super::{ForceArgs, Odd, Say, print, read::ReadArgs};
-use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth};
+use crate::spectral::filter::{Filter, Filtered, LOW_HZ, MIDDLE_HZ, butterworth, compat, hips};
 use anyhow::Result;
 use kinelm_motion::feet::{FixedParts, lock};
 use kinelm_motion::format::{self, ReadOptions, RestFrame, resolve_floor};
@@ -30,8 +30,14 @@ pub struct Args {
     #[arg(long, value_name = "ORDER", conflicts_with = "keep",
         value_parser = super::values::within(1..=butterworth::MAX_ORDER))]
     butterworth: Option<usize>,
-    /// Lock feet that are in contact with the floor, and keep the body on it; without --level, --cutoff or --keep
-    /// nothing else changes
+    /// Apply the gain to the spectrum of the file's Euler angles instead, as the music-to-dance dissertation; BVH only
+    #[arg(long, conflicts_with = "hips")]
+    compat: bool,
+    /// Turn hips back where they flip: where they turn by more than 120 degrees in one frame, and back later
+    #[arg(long)]
+    hips: bool,
+    /// Lock feet that are in contact with the floor, and keep the body on it; with --feet or --hips and without --level,
+    /// --cutoff or --keep nothing else changes
     #[arg(long)]
     feet: bool,
     /// Print one JSON object per clip
@@ -75,7 +81,18 @@ fn one(
     let mut motion = format::read(path, options)?;
     let floor_m = if args.feet { Some(resolve_floor(&mut motion, options)?) } else { None };
     odd.warn(&motion, options);
+    let before = jitter(&motion.clip);
+    let mut flips = Vec::new();
+    if args.hips {
+        let joint = motion.humanoid()?.pose()?.joints[0].unwrap_or(0);
+        flips = hips::flips(&motion.clip, joint);
+        motion.clip = hips::turned_back(&motion.clip, joint, &flips)?;
+    }
     let mut done = match how {
+        Some(Filter::Butterworth { order, cutoff_hz }) if args.compat => {
+            let clip = compat(&motion, *order, *cutoff_hz)?;
+            Filtered { clip, coefficients: None, too_fast: Vec::new() }
+        }
         Some(how) => how.apply(&motion.clip)?,
         None => Filtered { clip: motion.clip.clone(), coefficients: None, too_fast: Vec::new() },
     };
@@ -84,7 +101,6 @@ fn one(
         let (clip, found) = lock(&done.clip, motion.humanoid()?, floor_m, FixedParts::default())?;
         (done.clip, locked) = (clip, Some(found));
     }
-    let before = jitter(&motion.clip);
     let total = done.clip.rotations().len();
     if done.too_fast.len() as f64 > LOST_SHARE * total as f64 {
         let (_, joint) = done.too_fast[0];
@@ -102,6 +118,7 @@ fn one(
         let line = serde_json::json!({
             "schema": 1, "clip": path, "out": out, "frames": clip.frames(), "fps": clip.fps(), "kept": done.coefficients,
             "jitter": [before, after], "too_fast": done.too_fast.len(),
+            "hips": args.hips.then(|| flips.iter().map(|flip| [flip.frames.start, flip.frames.end]).collect::<Vec<_>>()),
             "feet": locked.map(|l| serde_json::json!({
                 "held": l.locked.len(), "out_of_reach": l.out_of_reach.len(), "moved_cm": l.moved_cm,
                 "settled_cm": l.settled_cm, "carried_cm": l.carried_cm,
@@ -113,14 +130,18 @@ fn one(
     let jerk = before.zip(after).map(|(a, b)| format!(", jitter {a:.0} to {b:.0} m/s^3")).unwrap_or_default();
     let (out, frames, fps) = (out.display(), clip.frames(), (clip.fps() * 1e3).round() / 1e3);
     say.line(format_args!("{out}: {frames} frames at {fps} fps{kept}{jerk}"));
+    for flip in &flips {
+        let (first, last, degrees) = (flip.frames.start, flip.frames.end - 1, flip.degrees());
+        say.line(format_args!("hips turned back by {degrees:.0} degrees in frames {first} to {last}"));
+    }
     locked.iter().flat_map(|locked| locked.notes(clip.fps())).for_each(|note| say.line(note));
     Ok(())
 }
 
 impl Args {
-    /// The filter; `None` where only the feet are locked.
+    /// The filter; `None` where only hips or feet are mended.
     fn filter(&self) -> Option<Filter> {
-        if self.feet && self.level.is_none() && self.cutoff.is_none() && self.keep.is_none() {
+        if (self.feet || self.hips) && self.level.is_none() && self.cutoff.is_none() && self.keep.is_none() {
             return None;
         }
         let level = match self.level {

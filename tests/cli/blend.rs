@@ -3,10 +3,12 @@
 use crate::support::{read, save};
 use assert_cmd::Command;
 use kinelm_motion::metric::jitter;
-use kinelm_motion::{Clip, Skeleton, Vec3, format, synth};
+use kinelm_motion::rotation::angle_between;
+use kinelm_motion::{Clip, Quat, Skeleton, Vec3, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use serde_json::Value;
+use std::f64::consts::PI;
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -129,6 +131,37 @@ fn what_can_not_be_filtered_is_said() {
     kinelm("filter").arg(d.path("short.bvh")).args(butterworth).arg(d.path("o.bvh")).assert().code(1).stderr(alone);
     kinelm("filter").args(both).arg("--out").arg(d.path("made")).assert().success();
     assert_eq!(fs::read_dir(d.path("made")).unwrap().count(), 2);
+}
+
+#[test]
+fn hips_are_turned_back_and_angles_filtered_as_in_the_dissertation() {
+    let d = Dances::new();
+    let clip = synth::corpus(1, 1, 3.0, 60.0).unwrap().remove(0).clip;
+    let mut rotations = clip.rotations().to_vec();
+    (50..75).for_each(|f| rotations[f * clip.joints()] = Quat::from_rotation_y(PI) * rotations[f * clip.joints()]);
+    let flipped = Clip::new(clip.skeleton().clone(), 60.0, clip.root().to_vec(), rotations).unwrap();
+    let [odd, mended, sound] = ["odd.bvh", "mended.bvh", "sound.bvh"].map(|name| d.path(name));
+    save(&odd, &flipped);
+    save(&sound, &clip);
+    let call = || {
+        let mut call = kinelm("filter");
+        call.arg(&odd).args(["--hips", "--force", "--out"]).arg(&mended);
+        call
+    };
+    call().assert().success().stderr(contains("hips turned back by 180 degrees in frames 50 to 74"));
+    let line: Value = serde_json::from_slice(&call().arg("--json").output().unwrap().stdout).unwrap();
+    assert_eq!(line["hips"], serde_json::json!([[50, 75]]));
+    let (found, expected) = (read(&mended), read(&sound));
+    let pairs = found.rotations().iter().zip(expected.rotations());
+    let largest = pairs.map(|(a, b)| angle_between(*a, *b).to_degrees()).fold(0.0, f64::max);
+    assert!(largest < 1e-4, "{largest} degrees, as far as a BVH has digits");
+
+    let compat = ["--butterworth", "2", "--cutoff", "5", "--compat", "--out"];
+    kinelm("filter").arg(&sound).args(compat).arg(d.path("c.bvh")).assert().success();
+    let calmer = |path: &str| jitter(&read(&d.path(path))).unwrap();
+    assert!(calmer("c.bvh") < calmer("sound.bvh"));
+    let no_angles = contains("no Euler angles");
+    kinelm("filter").arg(d.path("b.json")).args(compat).arg(d.path("c.json")).assert().code(1).stderr(no_angles);
 }
 
 #[test]

@@ -183,6 +183,12 @@ const WRITE: &[Row] = &[
         "svg",
         &["data/0.bvh", "data/1.bvh", "songs/song0.wav", "corpus/clips.jsonl"],
     ),
+    (
+        "evaluate dance",
+        "evaluate dance data/0.bvh data/1.bvh --real corpus --page OUT",
+        "html",
+        &["data/0.bvh", "data/1.bvh", "corpus/clips.jsonl"],
+    ),
     ("query build", "query build data --out OUT", "/", &["data", "run", "corpus"]),
     ("query find", "query find data/0.bvh --index index --page OUT", "html", &["data/0.bvh", "index/index.json"]),
     (

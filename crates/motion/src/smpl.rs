@@ -37,6 +37,9 @@ pub const PARENTS: [i32; 24] = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12
 /// The joint on the other side, by id; middle joints map to themselves.
 pub const MIRROR: [usize; 24] = [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10, 12, 14, 13, 15, 17, 16, 19, 18, 21, 20, 23, 22];
 
+/// Hips and shoulders, left and right.
+const ACROSS: [(usize, usize); 2] = [(1, 2), (16, 17)];
+
 /// Rest offsets in metres of an adult of 1.70 m, in round figures, in a T-pose.
 const OFFSETS: [[f64; 3]; 24] = [
     [0.0, 0.0, 0.0],
@@ -98,6 +101,19 @@ pub fn neutral() -> Arc<Skeleton> {
         Arc::new(Skeleton::new(names, parents, offsets, Vec::new()).expect("the constant tables are a tree"))
     });
     NEUTRAL.clone()
+}
+
+/// Where a body on SMPL-24 faces, radians from +z towards +x; `None` where it has no direction on the ground.
+///
+/// From hips and shoulders together: docs/measures.md, "Space and heading".
+///
+/// # Panics
+/// With fewer than 18 places.
+pub fn heading_of(frame: &[Vec3]) -> Option<f64> {
+    let across = ACROSS.iter().fold(Vec3::ZERO, |sum, &(left, right)| sum + (frame[left] - frame[right]));
+    let forward = across.cross(Vec3::Y);
+    let forward = Vec3::new(forward.x, 0.0, forward.z);
+    (forward.length() >= 1e-6).then(|| forward.x.atan2(forward.z))
 }
 
 #[cfg(test)]

@@ -36,10 +36,18 @@ pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], read: &ReadArgs, how: How<'_
         }
         false => Vec::new(),
     };
-    if let Some((out, outputs)) = how.plot {
+    if let Some(out) = how.page {
+        let [a, b] = &sides;
+        let first = a.dances.first().zip(b.dances.first());
+        let of_a = |d: &MeasuredDance| a.dances.iter().find(|other| other.take == d.take);
+        let same = b.dances.iter().find_map(|d| Some((of_a(d)?, d)));
+        let shown: Vec<&Dance> = same.or(first).into_iter().flat_map(|(a, b)| [&a.dance, &b.dance]).collect();
+        super::write_page(out, &real.page(&shown, None)?, shown.len(), how.outputs, say)?;
+    }
+    if let Some(out) = how.plot {
         let sets = [("A", &sides[0]), ("B", &sides[1])]
             .map(|(name, side)| (name, side.dances.iter().map(|d| (&d.dance, d.prompted.as_ref())).collect()));
-        crate::cli::draw_charts(out, &real.charts(&sets)?, outputs)?;
+        crate::cli::draw_charts(out, &real.charts(&sets)?, how.outputs)?;
     }
     if how.json {
         return print(&format!("{}\n", serde_json::to_string(&Line { comparison, features })?));
@@ -54,7 +62,11 @@ pub struct How<'a> {
     /// Whether features are compared too.
     pub features: bool,
     /// Where all metrics are plotted.
-    pub plot: Option<(&'a Path, &'a Outputs)>,
+    pub plot: Option<&'a Path>,
+    /// Where a page of a dance of each goes.
+    pub page: Option<&'a Path>,
+    /// What may be written.
+    pub outputs: &'a Outputs,
     /// One JSON object instead of tables.
     pub json: bool,
 }

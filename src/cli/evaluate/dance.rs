@@ -43,6 +43,10 @@ pub struct Args {
     /// Also plot the distribution of every metric over the real train clips and over the dances
     #[arg(long, value_name = "FILE.svg|png")]
     plot: Option<PathBuf>,
+    /// Also write a page that plays the dances beside a real one, or the first of A beside the same take of B, with
+    /// measures over time and the moments to look at (.html)
+    #[arg(long, value_name = "FILE")]
+    page: Option<PathBuf>,
     /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
@@ -60,8 +64,11 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let outputs = args.force.outputs(args.dances.iter().chain(&args.compare).chain([&args.real]).cloned());
     let plot = args.plot.as_deref();
     plot.map_or(Ok(()), |out| crate::cli::picture(out, &outputs))?;
+    let page = args.page.as_deref();
+    page.map_or(Ok(()), crate::cli::page)?;
+    outputs.check(page)?;
     if let [a, b] = &args.compare[..] {
-        let how = How { features: args.features, plot: plot.map(|out| (out, &outputs)), json: args.json };
+        let how = How { features: args.features, plot, page, outputs: &outputs, json: args.json };
         return compare::run(&corpus, [a, b], &args.read, how, say);
     }
     let real = Reference::load(&corpus)?;
@@ -85,8 +92,10 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     let mut music_s = Vec::new();
     let mut requested = Vec::new();
     let mut joints_given = Vec::new();
+    let mut prompt_sha256 = None;
     for (&i, dance) in numbers.iter().zip(&dances) {
         let (path, provenance) = (&files[i], provenances[i].take());
+        prompt_sha256 = provenance.as_ref().and_then(|provenance| provenance.prompt_sha256.clone());
         // sets of --best differ by the number that they were chosen among
         provenance.iter().filter_map(|provenance| provenance.best).for_each(|of| *best.entry(of.of).or_default() += 1);
         music_s.push(match &beats {
@@ -126,6 +135,14 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     if let Some(field) = &args.fidelity {
         let dances: Vec<_> = dances.iter().zip(requested).collect();
         report.fidelity = Some(fidelity(&corpus, field, &joints_given, &dances)?);
+    }
+    if let Some(out) = page {
+        let beside = match &dances[..] {
+            [one] => Some(real.beside(one, prompt_sha256.as_deref())?),
+            _ => None,
+        };
+        let shown: Vec<&Dance> = dances.iter().chain(&beside).take(super::ON_PAGE).collect();
+        super::write_page(out, &real.page(&shown, report.copied.as_ref())?, dances.len(), &outputs, say)?;
     }
     if let Some(out) = plot {
         let of = |name: &str| report.prompted.iter().find(|(of, _)| of == name).map(|(_, prompted)| prompted);

@@ -15,6 +15,7 @@ use crate::evaluate::dance::Dance;
 use crate::evaluate::dance::prompt::PromptMetrics;
 use crate::generate::provenance::{self, Provenance};
 use anyhow::Result;
+use kinelm_store::output::Outputs;
 use kinelm_tokenizer::Tokenizer;
 use std::path::Path;
 
@@ -48,6 +49,19 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Gaps(args) => gaps::run(&args, say),
         Command::Prediction(args) => prediction::run(&args, say),
     }
+}
+
+/// Dances that a page has room for.
+pub const ON_PAGE: usize = 6;
+
+/// Writes a page of the first of some dances.
+pub fn write_page(out: &Path, page: &str, dances: usize, outputs: &Outputs, say: Say) -> Result<()> {
+    outputs.write(out, page.as_bytes())?;
+    if dances > ON_PAGE {
+        say.line(format_args!("{}: the first {ON_PAGE} of {dances} dances", out.display()));
+    }
+    say.line(format_args!("{}: {} KB; open it in a browser", out.display(), page.len() / 1000));
+    Ok(())
 }
 
 /// The provenance of a dance, from its sidecar; a wrong sidecar is reported.

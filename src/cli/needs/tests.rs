@@ -27,7 +27,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("corpus stats", "json trust", &[]),
     ("demo", "out force seed train steps music device form", &[]),
     ("evaluate baselines", "corpus split json floors floors-from trust", &[]),
-    ("evaluate dance", "compare real copying features fidelity beats music plot json trust", &[READING]),
+    ("evaluate dance", "compare real copying features fidelity beats music plot page json trust", &[READING]),
     (
         "evaluate gaps",
         "run corpus split frames gaps samples goal-guidance passes feet seed weights kv device form json \
@@ -42,7 +42,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ),
     ("evaluate prediction", "run fps labels strict split windows json", &[READING]),
     ("export", "run format out", &[]),
-    ("filter", "out level cutoff keep feet json force", &[READING]),
+    ("filter", "out level cutoff keep hips feet json force", &[READING]),
     ("finetune resume", "corpus steps precision device form trust set", &[]),
     ("finetune", "from config corpus run steps seed conditions precision device form trust set", &[]),
     (
@@ -241,7 +241,7 @@ fn with_what_it_needs_an_option_is_taken() {
         "generate --out a.bvh --seconds 5 --rig model --uncoded-joints training",
         "generate --out a.bvh --frames 5 --best 4 --keep-all --real corpus --music a.wav --music-from 2s",
         "generate timeline a.toml --out a.bvh --blend 1s --tries 9 --goal-guidance 2",
-        "filter a.bvh --out b.bvh --butterworth 2 --cutoff 5",
+        "filter a.bvh --out b.bvh --butterworth 2 --cutoff 5 --compat",
         "evaluate dance a.bvh --real corpus --beats a.txt --music-from 2s --plot a.svg --force",
         "evaluate baselines --corpus corpus --split valid --trust --floors-from other",
         "aclstm train a --run run --set form=euler --set root_order=YXZ",

@@ -8,6 +8,7 @@
 //! difference is needed. [`compat`] is that form.
 
 use crate::FPS;
+use kinelm_motion::metric::angular_effort;
 use kinelm_motion::{Quat, Skeleton};
 
 /// Seconds over which effort is smoothed.
@@ -46,13 +47,6 @@ fn turn(a: Quat, b: Quat) -> (f64, Quat, Quat) {
     }
 }
 
-/// (T - 1) effort of frames (T, J) of unit quaternions at `fps`, joints weighted by `weights` (J), rad/s.
-pub fn effort(frames: &[Quat], weights: &[f64], fps: f64) -> Vec<f64> {
-    let j = weights.len();
-    let steps = frames.chunks_exact(j).zip(frames.chunks_exact(j).skip(1));
-    steps.map(|(a, b)| (0..j).map(|i| weights[i] * fps * turn(a[i], b[i]).0).sum()).collect()
-}
-
 /// Moving means over [`SMOOTH_S`], or over all numbers where there are fewer.
 fn smooth(effort: &[f64]) -> (usize, Vec<f64>) {
     // 1 at least: windows of 0 panic
@@ -64,8 +58,8 @@ fn smooth(effort: &[f64]) -> (usize, Vec<f64>) {
 /// gradient added. 0 of fewer than two frames.
 pub fn corrected(found: &[Quat], truth: &[Quat], weights: &[f64], scale: f64, gradients: &mut [Quat]) -> f64 {
     let j = weights.len();
-    let (window, own) = smooth(&effort(found, weights, FPS));
-    let (_, theirs) = smooth(&effort(truth, weights, FPS));
+    let (window, own) = smooth(&angular_effort(found, weights, FPS));
+    let (_, theirs) = smooth(&angular_effort(truth, weights, FPS));
     let n = own.len() as f64;
     let mut loss = 0.0;
     let mut by_step = vec![0.0; (found.len() / j).saturating_sub(1)];
@@ -135,8 +129,8 @@ mod tests {
                     // one joint turns, the other doesn't; either sign says the same
                     (0..9).flat_map(|t| [turned(t) * fixed * if t % 2 == 0 { 1.0 } else { -1.0 }, fixed]).collect()
                 };
-                assert!(effort(&spin(0.0), &[1.0, 1.0], fps).iter().all(|e| *e < 1e-6));
-                let found = effort(&spin(1.0), &[1.0, 1.0], fps);
+                assert!(angular_effort(&spin(0.0), &[1.0, 1.0], fps).iter().all(|e| *e < 1e-6));
+                let found = angular_effort(&spin(1.0), &[1.0, 1.0], fps);
                 assert!(found.len() == 8 && found.iter().all(|e| (e - 1.0).abs() < 1e-9), "{found:?}");
             }
         }

@@ -112,8 +112,8 @@ pub type Set<'a> = (&'a str, Vec<(&'a Dance, Option<&'a PromptMetrics>)>);
 /// A figure of one dance.
 type Measure = fn(&DanceMetrics, Option<&PromptMetrics>) -> Option<f64>;
 
-/// What is measured, with the digits that are printed.
-const MEASURES: [(&str, usize, Measure); 15] = [
+/// What is measured, with the digits that are printed. Effort's flow follows its time (0.97 over salsas) and isn't.
+const MEASURES: [(&str, usize, Measure); 22] = [
     ("stands still, %", 1, |f, _| share(f.world.still, f.world.frames)),
     ("stands still, pose alone, %", 1, |f, _| share(f.pose.still, f.pose.frames)),
     ("frozen in the end, %", 0, |f, _| Some(100.0 * f64::from(f.world.time_to_freeze_s.is_some()))),
@@ -126,6 +126,13 @@ const MEASURES: [(&str, usize, Measure); 15] = [
     ("in the floor, % of frames", 1, |f, _| f.ground.penetration_share().map(|x| 100.0 * x)),
     ("floating, % of frames", 1, |f, _| f.ground.floating_share().map(|x| 100.0 * x)),
     ("PFC", 2, |f, _| f.contact.mean()),
+    ("hands above shoulders, %", 1, |f, _| f.balance.raised_share().map(|x| 100.0 * x)),
+    ("effort: weight, m2/s2", 2, |f, _| Some(f.laban?.weight)),
+    ("effort: time, m/s2", 2, |f, _| Some(f.laban?.time)),
+    ("effort: space, 0 to 1", 3, |f, _| f.laban?.space),
+    ("effort: angular, rad/s", 1, |f, _| Some(f.laban?.angular)),
+    ("shape: volume, litres", 0, |f, _| Some(1e3 * f.laban?.volume)),
+    ("shape: box, litres", 0, |f, _| Some(1e3 * f.laban?.box_volume)),
     ("jerk of free joints / prompt's", 2, |_, p| p?.free_jitter),
     ("skating / prompt's", 2, |_, p| p?.free_skate),
     ("coordination, effect", 3, |_, p| Some(p?.coordination?.effect)),

@@ -6,15 +6,15 @@
 //!
 //! Limits: every window is compared with every training window, so that time grows with the product of their numbers.
 
-use super::positions::heading_of;
 use crate::Result;
 use kinelm_motion::mirror::mirror;
+use kinelm_motion::smpl::heading_of;
 use kinelm_motion::{Clip, Vec3};
 use rayon::prelude::*;
 
 /// Length of a window and the hop between windows of a dance, seconds.
-const WINDOW_S: f64 = 2.0;
-const HOP_S: f64 = 0.5;
+pub(super) const WINDOW_S: f64 = 2.0;
+pub(super) const HOP_S: f64 = 0.5;
 
 /// A clip as windows are taken from it.
 #[derive(Debug, Clone)]

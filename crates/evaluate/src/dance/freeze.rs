@@ -14,7 +14,7 @@ const PERCENTILE: f64 = 0.01;
 const FROZEN_S: f64 = 1.0;
 
 /// Less is rounding, cm/s: the threshold may be 0.
-const ROUNDING_CM_S: f64 = 1e-6;
+pub(super) const ROUNDING_CM_S: f64 = 1e-6;
 
 /// E, (F) cm/s: at every frame the mean of the joints' speed over the steps within a quarter of a second, as far as the
 /// clip has them; 0 for a clip of one frame.

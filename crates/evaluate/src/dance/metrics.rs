@@ -1,7 +1,7 @@
 //! The figures of one dance, and of several.
 
 use super::freeze::{Freezing, Summary, summary};
-use kinelm_motion::metric::{Balance, FootContact, Ground, Skate};
+use kinelm_motion::metric::{Balance, FootContact, Ground, Laban, Skate};
 use serde::Serialize;
 
 /// The figures of one dance.
@@ -17,6 +17,7 @@ pub(super) struct DanceMetrics {
     pub(super) speed: Mean,
     pub(super) jitter: Mean,
     pub(super) contact: FootContact,
+    pub(super) laban: Option<Laban>,
 }
 
 /// The figures of several dances.
@@ -55,6 +56,8 @@ pub struct GroupMetrics {
     pub outside_cm: Option<f64>,
     /// Share of frames in which a foot is more than 35 cm up.
     pub kick_share: Option<f64>,
+    /// Share of frames in which a wrist is above the shoulder of its side.
+    pub raised_share: Option<f64>,
 }
 
 /// A mean over frames that adds up over clips.
@@ -107,5 +110,6 @@ pub(super) fn group(name: &str, all: &[DanceMetrics]) -> GroupMetrics {
         outside_share: balance.outside_share(),
         outside_cm: balance.outside_cm(),
         kick_share: balance.kick_share(),
+        raised_share: balance.raised_share(),
     }
 }

@@ -16,6 +16,7 @@ pub mod freeze;
 pub mod judge;
 mod load;
 mod metrics;
+mod panels;
 pub mod positions;
 mod print;
 pub mod prompt;

@@ -1,5 +1,6 @@
 //! Positions of joints as the measures of a dance see them.
 
+use kinelm_motion::smpl::heading_of;
 use kinelm_motion::{Clip, Quat, Vec3};
 
 /// Positions of chosen joints, frame after frame.
@@ -12,9 +13,6 @@ pub struct JointPositions {
     /// Frames per second.
     pub fps: f64,
 }
-
-/// Hips and shoulders of SMPL-24, left and right.
-const ACROSS: [(usize, usize); 2] = [(1, 2), (16, 17)];
 
 impl JointPositions {
     /// Of these joints of a clip, in the world.
@@ -56,16 +54,6 @@ impl JointPositions {
         };
         frames.windows(2).map(step).collect()
     }
-}
-
-/// Where a body on SMPL-24 faces, radians from +z towards +x; `None` where it has no direction on the ground.
-///
-/// From hips and shoulders together: docs/measures.md, "Space and heading".
-pub(crate) fn heading_of(frame: &[Vec3]) -> Option<f64> {
-    let across = ACROSS.iter().fold(Vec3::ZERO, |sum, &(left, right)| sum + (frame[left] - frame[right]));
-    let forward = across.cross(Vec3::Y);
-    let forward = Vec3::new(forward.x, 0.0, forward.z);
-    (forward.length() >= 1e-6).then(|| forward.x.atan2(forward.z))
 }
 
 #[cfg(test)]

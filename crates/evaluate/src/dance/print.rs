@@ -82,8 +82,13 @@ impl fmt::Display for Report {
             cells
         })?;
         writeln!(f)?;
-        self.table(f, &["outside %", "outside cm", "kicks %"], |group| {
-            vec![percent(group.outside_share), number(group.outside_cm, 2), percent(group.kick_share)]
+        self.table(f, &["outside %", "outside cm", "kicks %", "hands up %"], |group| {
+            vec![
+                percent(group.outside_share),
+                number(group.outside_cm, 2),
+                percent(group.kick_share),
+                percent(group.raised_share),
+            ]
         })?;
         write!(f, "\nfreeze % of every 5 s:")?;
         // train, valid and the dances together

@@ -11,7 +11,7 @@ use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_motion::Clip;
 use kinelm_motion::feet::leg::Leg;
-use kinelm_motion::metric::{Balance, FootContact, Ground, Skate, jitter_of};
+use kinelm_motion::metric::{Balance, FootContact, Ground, Laban, Skate, jitter_of};
 use kinelm_motion::rig::{Feet, Humanoid};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -143,6 +143,8 @@ impl<'a> Reference<'a> {
             },
             jitter: Mean::of(jitter_of(&dance.clip, &self.joints), dance.clip.frames().saturating_sub(3)),
             contact: FootContact::of(&dance.clip).unwrap_or_default(),
+            // only the memory of a clip of hours would fail here
+            laban: Laban::of(&dance.clip).unwrap_or_default(),
         }
     }
 

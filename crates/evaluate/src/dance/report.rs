@@ -30,6 +30,9 @@ pub struct Copied {
     /// The longest run of frames that a dance, and that a validation clip, has in common with a training clip, token by
     /// token.
     pub longest_run_frames: [usize; 2],
+    /// Of each dance the distances of its windows to the nearest training window, cm; see [`copying`](super::copying).
+    #[serde(skip)]
+    pub nearest_cm: Vec<Vec<f64>>,
 }
 
 /// All figures.
@@ -112,13 +115,14 @@ impl Reference<'_> {
         let reference = self.validation_sample()?;
         let all: Vec<&Dance> = dances.iter().chain(&reference).collect();
         let tracks: Vec<Track> = all.iter().map(|d| Track::of(&d.clip, &self.joints)).collect();
-        let mut found = self.nearest(&self.joints, &tracks)?.into_iter();
-        let mut distances = |dances: usize| {
-            let mut all: Vec<f64> = found.by_ref().take(dances).flatten().collect();
+        let mut nearest_cm = self.nearest(&self.joints, &tracks)?;
+        let distances = |of: &[Vec<f64>]| {
+            let mut all = of.concat();
             all.sort_by(f64::total_cmp);
             all
         };
-        let (found, of_reference) = (distances(dances.len()), distances(reference.len()));
+        let (found, of_reference) = (distances(&nearest_cm[..dances.len()]), distances(&nearest_cm[dances.len()..]));
+        nearest_cm.truncate(dances.len());
         let limit = super::percentile(&of_reference, 0.01);
         let copies = limit.map(|limit| found.iter().filter(|d| **d < limit).count());
         let words: Vec<Vec<&[u32]>> = all.iter().map(|dance| dance.word_ids()).collect();
@@ -137,6 +141,7 @@ impl Reference<'_> {
             limit_cm: limit,
             copy_rate: copies.filter(|_| !found.is_empty()).map(|n| n as f64 / found.len() as f64),
             longest_run_frames: [run(&runs[..dances.len()]), run(&runs[dances.len()..])],
+            nearest_cm,
         })
     }
 }

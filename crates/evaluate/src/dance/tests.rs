@@ -70,6 +70,41 @@ fn real_dances_freeze_in_one_percent_and_a_statue_in_all() {
     assert!(copied.median_cm[0].unwrap() < 1e-9 && copied.limit_cm > copied.median_cm[0], "{copied}");
 }
 
+#[test]
+fn a_page_leads_to_where_a_dance_stands_still_falls_and_copies() {
+    let dir = tempfile::tempdir().unwrap();
+    let corpus = corpus(&dir.path().join("c"));
+    let real = Reference::load(&corpus).unwrap();
+    let copy = Dance { name: "dances/made.bvh".into(), ..Dance::of_corpus(&corpus, &corpus.clips()[0]).unwrap() };
+    // it stops for two seconds, 3 s from its beginning
+    let (clip, j) = (&copy.clip, copy.clip.joints());
+    let frame = |f: usize| if (60..100).contains(&f) { 60 } else { f };
+    let root = (0..clip.frames()).map(|f| clip.root()[frame(f)]).collect();
+    let rotations = (0..clip.frames()).flat_map(|f| clip.pose(frame(f)).to_vec()).collect();
+    let stopped = Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations).unwrap();
+    let made = Dance { clip: stopped, ..copy.clone() };
+    let copied = real.copied(std::slice::from_ref(&copy), &[]).unwrap();
+    let beside = real.beside(&made, None).unwrap();
+    assert_eq!((beside.name.as_str(), j), ("clip2 (real)", 24), "the validation clip");
+    // all clips of these corpora have one hash, so the first of them is found by it
+    let own = real.beside(&made, Some(&corpus.clips()[0].sha256)).unwrap();
+    assert_eq!((own.name.as_str(), &own.clip), ("clip0 (real)", &copy.clip));
+    let page = real.page(&[&made, &beside], Some(&copied)).unwrap();
+    for part in [
+        "\"stands still for 1.",
+        "fastest: ",
+        "\"a copy: 0.0 cm\"",
+        "least balanced: ",
+        "left knee",
+        "clip2 (real), left",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+    assert!(!page.contains("dances/made.bvh"), "folders have no room");
+    let without = real.page(&[&made], None).unwrap();
+    assert!(!without.contains("nearest training clip") && without.contains("feet on the floor"));
+}
+
 /// Sixteen dances of two genres, which tokens of all big joints tell apart; every fifth is for tests.
 fn genres(dir: &Path) -> Corpus {
     let dances = synth::corpus(3, 24, 12.0, 20.0).unwrap();

@@ -1,4 +1,4 @@
-//! Balance: whether the feet are under the body's weight, and how often one is kicked up.
+//! Balance: whether the feet are under the body's weight, and how often a foot is kicked up or a hand raised.
 
 use crate::feet::contact::contacts;
 use crate::feet::leg::Leg;
@@ -33,14 +33,65 @@ const FAR_M: f64 = 0.15;
 /// A foot higher above its standing height than this is kicked up, metres.
 const KICK_M: f64 = 0.35;
 
+/// Shoulder and wrist of each side.
+const ARMS: [[usize; 2]; 2] = [[16, 20], [17, 21]];
+
 /// Balance of a body on its feet. Sums over frames, which can be merged over clips.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Balance {
     frames: usize,
     kicks: usize,
+    raised: usize,
     supported: usize,
     outside: usize,
     outside_m: f64,
+}
+
+/// Balance in one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BalanceFrame {
+    /// Whether the left and the right foot are in contact.
+    pub contacts: [bool; 2],
+    /// How far the centre of mass is outside the support, metres; `None` without a support.
+    pub outside_m: Option<f64>,
+    /// Whether a foot is kicked up.
+    pub kick: bool,
+    /// Whether a wrist is above the shoulder of its side.
+    pub raised: bool,
+}
+
+impl BalanceFrame {
+    /// The frames (F) of a clip; see [`Balance::of`].
+    ///
+    /// # Panics
+    /// As [`Balance::of`].
+    pub fn of(legs: &[Leg; 2], clip: &Clip) -> Vec<BalanceFrame> {
+        let positions = clip.positions();
+        let tracks = [0, 1].map(|side| FootTrack::new(clip, &legs[side]));
+        let mut bears = vec![[false; 2]; clip.frames()];
+        for (side, track) in tracks.iter().enumerate() {
+            for contact in contacts(track, side, 0.0) {
+                bears[contact.frames()].iter_mut().for_each(|bears| bears[side] = true);
+            }
+        }
+        let frame = |(f, contacts): (usize, [bool; 2])| {
+            let places = &positions[f * clip.joints()..(f + 1) * clip.joints()];
+            let points = |track| FootTrack::heights(track, f).collect::<Vec<(Vec3, f64)>>();
+            let feet = tracks.each_ref().map(points);
+            let is_up = |foot: &Vec<(Vec3, f64)>| foot.iter().all(|(_, height)| *height > KICK_M);
+            let support = feet.iter().zip(contacts).filter(|(_, bears)| *bears).flat_map(|(foot, _)| foot);
+            let support: Vec<[f64; 2]> =
+                support.filter(|(_, height)| *height < BEARS_M).map(|(place, _)| on_floor(*place)).collect();
+            let outside_m = || (distance(on_floor(centre_of_mass(places)), &support) - AROUND_M).max(0.0);
+            BalanceFrame {
+                contacts,
+                outside_m: (!support.is_empty()).then(outside_m),
+                kick: feet.iter().any(is_up),
+                raised: ARMS.iter().any(|&[shoulder, wrist]| places[wrist].y > places[shoulder].y),
+            }
+        };
+        bears.into_iter().enumerate().map(frame).collect()
+    }
 }
 
 impl Balance {
@@ -53,25 +104,11 @@ impl Balance {
     /// # Panics
     /// If the clip is on a rig with fewer joints.
     pub fn of(legs: &[Leg; 2], clip: &Clip) -> Balance {
-        let (positions, frames) = (clip.positions(), clip.frames());
-        let tracks = [0, 1].map(|side| FootTrack::new(clip, &legs[side]));
-        let mut bears = vec![[false; 2]; frames];
-        for (side, track) in tracks.iter().enumerate() {
-            for contact in contacts(track, side, 0.0) {
-                bears[contact.frames()].iter_mut().for_each(|bears| bears[side] = true);
-            }
-        }
-        let mut balance = Balance { frames, ..Balance::default() };
-        for (f, (places, bears)) in positions.chunks_exact(clip.joints()).zip(bears).enumerate() {
-            let points = |track| FootTrack::heights(track, f).collect::<Vec<(Vec3, f64)>>();
-            let feet = tracks.each_ref().map(points);
-            let is_up = |foot: &Vec<(Vec3, f64)>| foot.iter().all(|(_, height)| *height > KICK_M);
-            balance.kicks += usize::from(feet.iter().any(is_up));
-            let feet = feet.iter().zip(bears).filter(|(_, bears)| *bears).flat_map(|(foot, _)| foot);
-            let feet: Vec<[f64; 2]> =
-                feet.filter(|(_, height)| *height < BEARS_M).map(|(place, _)| on_floor(*place)).collect();
-            if !feet.is_empty() {
-                let outside_m = (distance(on_floor(centre_of_mass(places)), &feet) - AROUND_M).max(0.0);
+        let mut balance = Balance { frames: clip.frames(), ..Balance::default() };
+        for frame in BalanceFrame::of(legs, clip) {
+            balance.kicks += usize::from(frame.kick);
+            balance.raised += usize::from(frame.raised);
+            if let Some(outside_m) = frame.outside_m {
                 balance.supported += 1;
                 balance.outside += usize::from(outside_m > FAR_M);
                 balance.outside_m += outside_m;
@@ -84,6 +121,7 @@ impl Balance {
     pub fn add(&mut self, other: &Balance) {
         self.frames += other.frames;
         self.kicks += other.kicks;
+        self.raised += other.raised;
         self.supported += other.supported;
         self.outside += other.outside;
         self.outside_m += other.outside_m;
@@ -102,6 +140,11 @@ impl Balance {
     /// The fraction of all frames in which a foot, ankle and ball, is more than 35 cm up.
     pub fn kick_share(&self) -> Option<f64> {
         (self.frames > 0).then(|| self.kicks as f64 / self.frames as f64)
+    }
+
+    /// The fraction of all frames in which a wrist is above the shoulder of its side.
+    pub fn raised_share(&self) -> Option<f64> {
+        (self.frames > 0).then(|| self.raised as f64 / self.frames as f64)
     }
 }
 
@@ -210,6 +253,19 @@ mod tests {
         let found = balance(&standing(Quat::IDENTITY, 1.4));
         assert_eq!((found.kick_share(), found.supported), (Some(1.0), 20));
         assert_eq!(balance(&standing(Quat::IDENTITY, 0.5)).kick_share(), Some(0.0));
+    }
+
+    #[test]
+    fn a_hand_above_its_shoulder_is_raised() {
+        let clip = standing(Quat::IDENTITY, 0.0);
+        let with = |joint: usize, turn: f64| {
+            let mut rotations = clip.rotations().to_vec();
+            // in half of the frames
+            rotations[..240].iter_mut().skip(joint).step_by(24).for_each(|q| *q = Quat::from_rotation_z(turn));
+            balance(&Clip::new(clip.skeleton().clone(), 20.0, clip.root().to_vec(), rotations).unwrap()).raised_share()
+        };
+        // arms out at rest: the left one up and down, the right one up
+        assert_eq!([with(16, 0.3), with(16, -0.3), with(17, -0.3)], [Some(0.5), Some(0.0), Some(0.5)]);
     }
 
     #[test]

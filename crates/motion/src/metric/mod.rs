@@ -3,6 +3,7 @@
 //! Most measures are accumulators of constant size: clips are added, and accumulators merged. Sums are f64 in the order of
 //! the calls, so merging in a fixed order gives the same bits for any number of threads.
 
+pub mod angular;
 pub mod balance;
 pub mod beat;
 pub mod border_jerk;
@@ -12,18 +13,21 @@ pub mod geodesic_error;
 pub mod ground;
 pub mod in_between;
 pub mod jitter;
+pub mod laban;
 pub mod mpjpe;
 pub mod short_term;
 pub mod skate;
 pub mod vector_angle;
 
-pub use balance::Balance;
+pub use angular::angular_effort;
+pub use balance::{Balance, BalanceFrame};
 pub use border_jerk::BorderJerk;
 pub use contact::FootContact;
 pub use geodesic_error::GeodesicError;
 pub use ground::Ground;
 pub use in_between::{InBetween, PositionScale, TrueGap};
 pub use jitter::{jitter, jitter_of};
+pub use laban::Laban;
 pub use mpjpe::Mpjpe;
 pub use short_term::ShortTerm;
 pub use skate::Skate;

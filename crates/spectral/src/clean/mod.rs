@@ -1,4 +1,4 @@
-//! Parts of training clips that a corpus shouldn't have: glitches, bodies in the floor, copies. docs/training.md,
+//! Parts of training clips that a corpus shouldn't have: glitches, hips that flip, bodies in the floor, copies. docs/training.md,
 //! "Clips that are not clean".
 //!
 //! Clips are looked at as a tokenizer takes them: on SMPL-24, at its rate, their floors at y = 0. Times are seconds of the
@@ -9,6 +9,7 @@ mod copies;
 mod tests;
 
 use crate::Result;
+use crate::filter::hips::flips;
 pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
 use kinelm_corpus::load::ClipSpec;
 use kinelm_corpus::record::ExcludedRange;
@@ -36,6 +37,8 @@ const MERGE_S: f64 = 0.5;
 pub enum Fault {
     /// A step that no body makes.
     Glitch,
+    /// Hips turned by half a circle, and back.
+    Flip,
     /// Deep in the floor.
     Sinks,
     /// As in another clip.
@@ -43,11 +46,12 @@ pub enum Fault {
 }
 
 impl Fault {
-    const ALL: [Fault; 3] = [Fault::Glitch, Fault::Sinks, Fault::Copy];
+    const ALL: [Fault; 4] = [Fault::Glitch, Fault::Flip, Fault::Sinks, Fault::Copy];
 
     fn name(self) -> &'static str {
         match self {
             Fault::Glitch => "glitches",
+            Fault::Flip => "flips of the hips",
             Fault::Sinks => "sinking",
             Fault::Copy => "copies",
         }
@@ -129,7 +133,11 @@ fn of_clip(name: &str, clip: &Clip, joints: &[usize]) -> Result<Vec<Finding>> {
         // both frames of the step: which one is wrong is not known
         Finding { first: glitch.frame - 1, end: glitch.frame + 1, why: Fault::Glitch, description }
     });
-    Ok(found.chain(sinking(clip)?).collect())
+    let flipped = flips(clip, 0).into_iter().map(|flip| {
+        let description = format!("hips flip by {:.0} degrees", flip.degrees());
+        Finding { first: flip.frames.start, end: flip.frames.end, why: Fault::Flip, description }
+    });
+    Ok(found.chain(flipped).chain(sinking(clip)?).collect())
 }
 
 fn sinking(clip: &Clip) -> Result<Vec<Finding>> {

@@ -59,7 +59,10 @@ fn faults_are_listed_where_they_are() {
     let (clip, from_s, to_s, why) = listed[1];
     assert_eq!((clip, from_s, to_s), ("b", 4.95, Some(5.45)));
     assert!(why.contains("root") && why.contains("cm in the floor"), "{listed:?}");
-    assert_eq!(found.kinds, [(Fault::Glitch, [2, 2]), (Fault::Sinks, [1, 1]), (Fault::Copy, [1, 1])]);
+    assert_eq!(
+        found.kinds,
+        [(Fault::Glitch, [2, 2]), (Fault::Flip, [0, 0]), (Fault::Sinks, [1, 1]), (Fault::Copy, [1, 1])]
+    );
     assert_eq!((found.clips, found.seconds), (3, 30.0));
 }
 
@@ -72,9 +75,28 @@ fn what_jumps_away_and_back_is_one_range() {
     let (_, from_s, to_s, why) = rows(&found)[0];
     assert_eq!((found.ranges.len(), from_s, to_s), (1, 2.95, Some(3.2)), "{why}");
     assert!((found.left_out_s - 0.25).abs() < 1e-9);
-    assert!(found.to_string().starts_with("glitches: 1 range of 1 clip\nsinking: 0 ranges of 0 clips\n"), "{found}");
+    assert!(
+        found.to_string().starts_with(
+            "glitches: 1 range of 1 clip\nflips of the hips: 0 ranges of 0 clips\nsinking: 0 ranges of 0 clips\n"
+        ),
+        "{found}"
+    );
     let clean = cleaned(&[("a", "train", dance)]);
     assert_eq!((rows(&clean), clean.left_out_s), (vec![], 0.0));
+}
+
+#[test]
+fn hips_that_flip_are_named_with_their_frames() {
+    let dance = synth::corpus(9, 1, 10.0, 20.0).unwrap().remove(0).clip;
+    let clip = dance.clone();
+    let (mut rotations, joints) = (clip.rotations().to_vec(), clip.joints());
+    (60..80).for_each(|f| rotations[f * joints] = Quat::from_rotation_y(std::f64::consts::PI) * rotations[f * joints]);
+    let odd = Clip::new(clip.skeleton().clone(), 20.0, clip.root().to_vec(), rotations).unwrap();
+    let found = cleaned(&[("a", "train", odd)]);
+    let (_, from_s, to_s, why) = rows(&found)[0];
+    // the frame before and the frame after belong to the steps there and back
+    assert_eq!((found.ranges.len(), from_s, to_s), (1, 2.95, Some(4.05)), "{why}");
+    assert!(why.contains("hips flip by 180 degrees") && found.kinds[1] == (Fault::Flip, [1, 1]), "{why}");
 }
 
 #[test]

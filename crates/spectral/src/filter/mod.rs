@@ -10,8 +10,11 @@
 //! it.
 
 pub mod butterworth;
+mod compat;
+pub mod hips;
 
 pub use butterworth::Butterworth;
+pub use compat::compat;
 
 use crate::{Error, Result};
 use kinelm_motion::rotation::nearest_sign;

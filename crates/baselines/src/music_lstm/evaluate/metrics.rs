@@ -1,11 +1,10 @@
 //! Metrics of one dance beside a true one, and of many.
 
-use crate::music_lstm::effort::effort;
 use crate::{FPS, Mean, Result};
 use kinelm_evaluate::dance::freeze;
 use kinelm_evaluate::dance::freeze::Freezing;
 use kinelm_evaluate::dance::positions::JointPositions;
-use kinelm_motion::metric::jitter;
+use kinelm_motion::metric::{angular_effort, jitter};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, Quat};
 use kinelm_spectral::filter::Filter;
@@ -51,7 +50,7 @@ fn degrees(a: &Clip, b: &Clip, of: impl Fn(usize) -> bool) -> f64 {
 
 /// Mean angular speed of a joint, rad/s.
 fn speed(clip: &Clip) -> f64 {
-    let all = effort(clip.rotations(), &vec![1.0; clip.joints()], clip.fps());
+    let all = angular_effort(clip.rotations(), &vec![1.0; clip.joints()], clip.fps());
     all.iter().sum::<f64>() / (all.len() * clip.joints()).max(1) as f64
 }
 

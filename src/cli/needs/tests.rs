@@ -61,7 +61,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("inspect", "json map-out", &[READING]),
     (
         "interpolate",
-        "out page coordinates transform keep window whole fps at-a at-b keep-heading strength amount plain rate steps \
+        "out page plot coordinates transform keep window whole fps at-a at-b keep-heading strength amount plain rate steps \
          json force",
         &[READING],
     ),
@@ -83,7 +83,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
          json save k",
         &[READING],
     ),
-    ("query find", "index at distance exclude one-per-clip page json k", &[READING]),
+    ("query find", "index at distance exclude one-per-clip page json k lowest", &[READING]),
     ("runs list", "json", &[]),
     ("runs plot", "out metric over force", &[]),
     ("spectrum", "out joint at seconds fps no-dc force", &[READING]),

@@ -35,8 +35,8 @@ pub struct Args {
     /// shake
     #[arg(long, value_enum, default_value = "dct")]
     transform: Spectrum,
-    /// Coefficients or components to blend: the first K, or a band from FROM up to but without TO, as 4..16; 16 is 0..16
-    /// [default: those up to 3.5 Hz (16 of 128 frames), or 16 components]
+    /// Coefficients or components to blend: the first K, or a band from FROM up to but without TO, as 4..16; 16 is
+    /// 0..16 [default: those up to 3.5 Hz (16 of 128 frames), or 16 components]
     #[arg(long, value_name = "K|FROM..TO", value_parser = super::values::band)]
     keep: Option<Range<usize>>,
     /// The numbers of a rotation to blend: turns and small rotations, or rotation vectors as in the thesis, where a

@@ -8,8 +8,8 @@ use std::ops::Range;
 /// The part of the largest distance that is the smallest one in a picture: closed forms leave 1e-16.
 const SMALLEST: f64 = 1e-5;
 
-/// The distance from the second dance's coefficients at one frequency: root mean squares over the channels (of magnitudes
-/// also over their places), in the units of the coefficients.
+/// The distance from the second dance's coefficients at one frequency: root mean squares over the channels (of
+/// magnitudes also over their places), in the units of the coefficients.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpectralDistance {
     /// The frequency.
@@ -20,8 +20,8 @@ pub struct SpectralDistance {
     pub after: f64,
 }
 
-/// The distances of windows (C, N) of the first dance, the second and the one between. Of STFT at its frequencies, else at
-/// those of all N coefficients of a cosine transform, also of components, which have none.
+/// The distances of windows (C, N) of the first dance, the second and the one between. Of STFT at its frequencies, else
+/// at those of all N coefficients of a cosine transform, also of components, which have none.
 pub(super) fn distances(spectrum: Spectrum, frames: usize, fps: f64, windows: [&[f64]; 3]) -> Vec<SpectralDistance> {
     let (transform, bins, step) = match spectrum {
         Spectrum::Stft => {

@@ -70,8 +70,8 @@ pub struct InterpolateOptions {
     pub coordinates: Coordinates,
     /// The spectrum of these numbers.
     pub spectrum: Spectrum,
-    /// The band of coefficients or components that are moved, numbered from 0; `None`: those up to 3.5 Hz, the first 16 of
-    /// a basis.
+    /// The band of coefficients or components that are moved, numbered from 0; `None`: those up to 3.5 Hz, the first 16
+    /// of a basis.
     pub keep: Option<Range<usize>>,
     /// How far, and how it gets there.
     pub method: Method,

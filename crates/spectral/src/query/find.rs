@@ -259,8 +259,8 @@ impl ClipWindow {
 }
 
 impl SearchResult {
-    /// A row for each match, by the `distance` of the query, for a terminal; the least similar windows in a table of their
-    /// own.
+    /// A row for each match, by the `distance` of the query, for a terminal; the least similar windows in a table of
+    /// their own.
     pub fn table(&self, distance: Distance) -> String {
         let nearest = rows(&self.matches, distance);
         match &self.lowest[..] {
@@ -269,9 +269,9 @@ impl SearchResult {
         }
     }
 
-    /// A page that plays the query beside what was found, the nearest and then the least similar, all on the model's body,
-    /// each beginning on its own spot; and what was wrong with files that are gone or not as they were when the index was
-    /// built, which are left out.
+    /// A page that plays the query beside what was found, the nearest and then the least similar, all on the model's
+    /// body, each beginning on its own spot; and what was wrong with files that are gone or not as they were when the
+    /// index was built, which are left out.
     ///
     /// # Errors
     /// The query's file; those of [`page`].

@@ -35,8 +35,8 @@ pub struct Cosines<'a> {
 }
 
 impl Database {
-    /// The k windows nearest to `feature` (D), or farthest from it, of those that are `allowed`: nearest or farthest first,
-    /// of equal ones the first in the database first. Fewer where fewer are allowed.
+    /// The k windows nearest to `feature` (D), or farthest from it, of those that are `allowed`: nearest or farthest
+    /// first, of equal ones the first in the database first. Fewer where fewer are allowed.
     ///
     /// # Errors
     /// An index whose files were cut while it was in use.

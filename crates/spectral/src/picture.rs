@@ -95,7 +95,9 @@ impl Spectra {
     /// The part of a clip that the spectra are of.
     pub fn part_of(&self, clip: &Clip) -> Clip {
         let at = |s: f64| ((s * clip.fps()).round() as usize).min(clip.frames());
-        clip.slice(at(self.from_s)..at(self.from_s + self.frames as f64 / self.fps))
+        // of a slow clip that part may be less than a frame
+        let from = at(self.from_s).min(clip.frames().saturating_sub(1));
+        clip.slice(from..at(self.from_s + self.frames as f64 / self.fps).max(from + 1))
     }
 
     /// The frequency of a row.

@@ -39,7 +39,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let timed = seconds(2, args.how.repeats.unwrap_or(15), || {
             // a window by a prime step, so that none comes soon again; it is its own nearest neighbour
             query = (query + 7919) % count;
-            let search = SearchOptions { k: 10, distance, one_per_clip: false };
+            let search = SearchOptions { k: 10, distance, one_per_clip: false, farthest: false };
             let feature = database.feature(query)?;
             let candidates = database.scan(&feature, search, &|_| true)?;
             let hits = database.measure(&feature, &candidates, search)?;

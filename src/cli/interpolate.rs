@@ -10,6 +10,7 @@ use crate::view::{Figure, page};
 use anyhow::Result;
 use kinelm_motion::format::{self, RestFrame};
 use kinelm_motion::moment::Moment;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
@@ -27,13 +28,17 @@ pub struct Args {
     /// Also write a page with A, the blend and B (.html)
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
+    /// Also draw how far the coefficients of A and of the blend are from B's, by frequency (.png .svg)
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// The spectrum to blend: low cosine coefficients, principal components of both clips, or STFT magnitudes, which
     /// shake
     #[arg(long, value_enum, default_value = "dct")]
     transform: Spectrum,
-    /// Coefficients or components to blend [default: those up to 3.5 Hz (16 of 128 frames), or 16 components]
-    #[arg(long, value_name = "K", value_parser = super::values::count)]
-    keep: Option<usize>,
+    /// Coefficients or components to blend: the first K, or a band from FROM up to but without TO, as 4..16; 16 is
+    /// 0..16 [default: those up to 3.5 Hz (16 of 128 frames), or 16 components]
+    #[arg(long, value_name = "K|FROM..TO", value_parser = super::values::band)]
+    keep: Option<Range<usize>>,
     /// The numbers of a rotation to blend: turns and small rotations, or rotation vectors as in the thesis, where a
     /// dancer who turns flips
     #[arg(long, value_enum, default_value = "relative")]
@@ -100,7 +105,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let files = [named(&args.a)?, named(&args.b)?];
     let paths = [&files[0].path, &files[1].path];
     let outputs = args.force.outputs(paths.into_iter().cloned().chain(args.read.files()));
-    outputs.check(std::iter::once(&*args.out).chain(args.page.as_deref()))?;
+    outputs.check(std::iter::once(&*args.out).chain(args.page.as_deref()).chain(args.plot.as_deref()))?;
+    args.plot.as_deref().map_or(Ok(()), |path| super::picture(path, &outputs))?;
     let mut options = args.read.of_files(&paths, RestFrame::Drop, say);
     files.iter().zip(&mut options).try_for_each(|(file, options)| file.set(options))?;
     let motions = [format::read(paths[0], &options[0])?, format::read(paths[1], &options[1])?];
@@ -118,9 +124,12 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if let Some(path) = &args.page {
         outputs.write(path, page(&figures(paths, &args.out, at_s, &done))?.as_bytes())?;
     }
+    if let Some(path) = &args.plot {
+        super::draw_charts(path, &[done.chart()], &outputs)?;
+    }
     let report = &done.report;
     say.line(format_args!("{}: {} frames at {} fps", args.out.display(), report.frames, report.fps));
-    if !report.is_smooth && matches!(args.transform, Spectrum::Dct) && args.keep != Some(report.frames) {
+    if !report.is_smooth && matches!(args.transform, Spectrum::Dct) && args.keep != Some(0..report.frames) {
         let n = report.frames;
         say.line(format_args!("it shakes more than either dance: --keep {n} moves A's fast movements too"));
     }
@@ -162,7 +171,7 @@ impl Args {
             alignment: Alignment { frames: (!whole).then_some(window), fps, at_s, keep_heading },
             coordinates: self.coordinates,
             spectrum: self.transform,
-            keep: self.keep,
+            keep: self.keep.clone(),
             method: match (amount, plain) {
                 (Some(amount), _) => Method::Closed { amount },
                 (None, true) => Method::Plain(Descent { strength, rate, steps }),

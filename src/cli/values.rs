@@ -6,7 +6,7 @@ use clap::builder::{OsStringValueParser, TypedValueParser};
 use kinelm_motion::moment::{EXPECTED, Moment};
 use kinelm_motion::resample::MOST_FPS;
 use std::ffi::OsString;
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 use std::path::PathBuf;
 
 /// The parser of a run folder, or `ready`: kinelm's own model, unless a folder has that name.
@@ -48,6 +48,16 @@ pub fn rate(text: &str) -> Result<f64, String> {
 /// A whole number from 1 on.
 pub fn count(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&n| n > 0).ok_or("expected a whole number from 1 on".into())
+}
+
+/// Numbers from 0 on: the first K, or FROM..TO as Rust has it, without TO.
+pub fn band(text: &str) -> Result<Range<usize>, String> {
+    let band = match text.split_once("..") {
+        None => text.parse().ok().map(|end| 0..end),
+        Some((from, to)) => from.parse().ok().zip(to.parse().ok()).map(|(from, to)| from..to),
+    };
+    let wrong = "expected a whole number from 1 on, or a band as 4..16, whose end is above its first".to_string();
+    band.filter(|band| !band.is_empty()).ok_or(wrong)
 }
 
 /// A whole number in a range.
@@ -146,5 +156,13 @@ mod tests {
         assert_eq!(length("40f"), Ok(Moment::Frames(40.0)));
         assert_eq!(time("-1s").unwrap_err(), "expected a time from 0 on");
         assert_eq!(any_time("-1s"), Ok(Moment::Seconds(-1.0)));
+    }
+
+    #[test]
+    fn a_band_has_its_first_and_not_its_end() {
+        assert_eq!((band("16"), band("0..16"), band("4..16")), (Ok(0..16), Ok(0..16), Ok(4..16)));
+        for wrong in ["0", "-1", "x", "4..4", "5..4", "..4", "4..", "4..=16", "1..2..3"] {
+            assert!(band(wrong).unwrap_err().contains("a band as 4..16"), "{wrong}");
+        }
     }
 }

@@ -3,6 +3,7 @@
 mod music;
 mod page;
 mod panels;
+mod paths;
 mod probe;
 
 use std::path::PathBuf;

@@ -186,7 +186,67 @@ fn spectra_are_drawn() {
     said(&["--out", &gif], 2, ".png or .svg");
     said(&["--out", &no], 2, "is a file, no folder");
     said(&["--out", &out, "--at=-1"], 2, "a time from 0 on");
+    said(&[], 2, "give --out for a picture, --page for a page, or both");
+    said(&["--page", &out], 2, "ending in .html");
     assert_eq!(d.count(), before);
+}
+
+#[test]
+fn spectra_stand_side_by_side() {
+    let d = Dances::new();
+    let [svg, page] = ["two.svg", "two.html"].map(|name| d.path(name));
+    let two = |more: &[&str]| {
+        let mut c = kinelm("spectrum");
+        c.args([d.path("a.bvh"), d.path("b.json")])
+            .args(["--joint", "left_knee", "--seconds", "2", "--no-dc"])
+            .args(more);
+        c
+    };
+    two(&["--out", svg.to_str().unwrap()]).assert().success().stderr(contains("a.bvh, ").and(contains("b.json")));
+    let text = fs::read_to_string(&svg).unwrap();
+    for part in ["Spectrogram of left_knee, a", "Spectrogram of left_knee, b", "Spectral embedding of the body, b"] {
+        assert!(text.contains(part), "{part}");
+    }
+    assert!(text.contains("width=\"1040\" height=\"1080\""), "a column a clip");
+    // a page alone
+    two(&["--page", page.to_str().unwrap(), "--at", "0.5"]).assert().success();
+    let text = fs::read_to_string(&page).unwrap();
+    assert_eq!(text.matches("\"kind\":\"bands\"").count(), 4);
+    assert!(text.contains("from 0.5 s on") && text.contains("30.0 Hz") && text.contains("\"frames\":120"));
+    let nine = vec![d.path("a.bvh"); 9];
+    kinelm("spectrum")
+        .args(nine)
+        .arg("--out")
+        .arg(d.path("n.svg"))
+        .assert()
+        .failure()
+        .stderr(contains("8 clips in one"));
+}
+
+#[test]
+fn a_band_is_blended_and_what_moved_is_plotted() {
+    let d = Dances::new();
+    let blend = |out: &str, keep: &str, more: &[&str]| {
+        let mut c = kinelm("interpolate");
+        let call = ["--amount", "0.5", "--keep", keep, "--out"];
+        c.args([d.path("a.bvh"), d.path("b.json")]).args(call).arg(d.path(out)).args(more).assert()
+    };
+    let plot = d.path("d.svg").display().to_string();
+    blend("band.bvh", "4..16", &["--plot", &plot]).success().stdout(contains("dct 4..16 of 128"));
+    let svg = fs::read_to_string(&plot).unwrap();
+    for part in ["Distance of the coefficients", "from 0.9 Hz", "to 3.5 Hz", "the blend"] {
+        assert!(svg.contains(part), "{part}");
+    }
+    blend("first.bvh", "16", &[]).success().stdout(contains("dct 16 of 128"));
+    blend("from0.bvh", "0..16", &[]).success().stdout(contains("dct 16 of 128"));
+    let [band, first, from0] = ["band.bvh", "first.bvh", "from0.bvh"].map(|name| fs::read(d.path(name)).unwrap());
+    assert!(first == from0 && first != band);
+    let before = d.count();
+    for (keep, what) in [("4..4", "a band as 4..16"), ("4..", "a band as 4..16"), ("4..129", "at most 128")] {
+        blend("no.bvh", keep, &[]).code(2).stderr(contains(what));
+    }
+    blend("no.bvh", "16", &["--plot", "d.gif"]).code(2).stderr(contains(".png or .svg"));
+    assert_eq!(d.count(), before, "nothing half-written");
 }
 
 #[test]

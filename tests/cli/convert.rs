@@ -1,6 +1,6 @@
 //! `inspect`, `convert` and `view` as a user runs them.
 
-use crate::support::kinelm;
+use crate::support::{kinelm, save};
 use kinelm_motion::{Clip, Motion, Vec3, format, synth};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
@@ -289,6 +289,36 @@ fn a_page_needs_no_network() {
     kinelm().args(["view", "--unit", "m"]).arg(two(dir.path())).arg("--out").arg(&out).assert().success();
     let page = fs::read_to_string(&out).unwrap();
     assert!(page.contains("two") && !page.contains("http://") && !page.contains("https://"));
+}
+
+#[test]
+fn a_page_draws_the_paths_of_joints() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    for (name, dance) in ["a.bvh", "b.bvh", "c.bvh"].iter().zip(synth::corpus(1, 3, 2.0, 30.0).unwrap()) {
+        save(&at(name), &dance.clip);
+    }
+    let view = |more: &[&str]| {
+        let mut c = kinelm();
+        c.current_dir(dir.path())
+            .args(["view", "a.bvh", "b.bvh", "c.bvh", "--out", "p.html", "--force"])
+            .args(more)
+            .assert()
+    };
+    let page = || fs::read_to_string(at("p.html")).unwrap();
+    view(&["--paths", "left_hand"]).success();
+    // SMPL's 22, as a point of the page too
+    assert_eq!(page().matches("\"paths\":[22]").count(), 3);
+    assert!(page().contains("\"kind\":\"facts\"") && page().contains("[\"b\",\"left_hand\","));
+    view(&["--paths", "left_hand,head", "--paths", "", "--paths", "rig:pelvis"]).success();
+    assert_eq!((page().matches("\"paths\":[").count(), page().matches("\"paths\":[0]").count()), (2, 1));
+    view(&[]).success();
+    assert!(!page().contains("\"paths\":[") && !page().contains("\"kind\":\"facts\""));
+    let before = fs::read(at("p.html")).unwrap();
+    view(&["--paths", "left_wing"]).code(2).stderr(contains("left_wing").and(contains("left_hand")));
+    view(&["--paths", "head", "--paths", "head"]).code(2).stderr(contains("give one for all, or one a clip"));
+    view(&["--paths", "head@1s:2s"]).code(2).stderr(contains("a path is of the whole clip"));
+    assert_eq!(fs::read(at("p.html")).unwrap(), before);
 }
 
 #[test]

@@ -172,9 +172,16 @@ const WRITE: &[Row] = &[
         "html",
         &["data/1.bvh"],
     ),
+    (
+        "interpolate",
+        "interpolate data/0.bvh data/1.bvh --window 40 --steps 3 --out new.bvh --plot OUT",
+        "svg",
+        &["data/1.bvh"],
+    ),
     ("filter", "filter data/0.bvh --out OUT", "bvh", &["data/0.bvh"]),
     ("mirror", "mirror data/0.bvh --out OUT", "bvh", &["data/0.bvh"]),
     ("spectrum", "spectrum data/0.bvh --out OUT", "svg", &["data/0.bvh"]),
+    ("spectrum", "spectrum data/0.bvh data/1.bvh --page OUT", "html", &["data/0.bvh", "data/1.bvh"]),
     ("music inspect", "music inspect songs/song0.wav --out OUT", "svg", &["songs/song0.wav"]),
     ("music beats", "music beats songs/song0.wav --out OUT", "txt", &["songs/song0.wav"]),
     (

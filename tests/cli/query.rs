@@ -94,6 +94,20 @@ fn an_index_a_question_and_a_page() {
     again.arg(data.at("one")).assert().success();
     assert_eq!(fs::read(data.at("one/index.json")).unwrap(), before);
 
+    // the eight that the take leaves, from the least similar up
+    let all = json(data.find("data/d2.bvh", "index").args(["-k", "10", "--json"]));
+    let found = json(data.find("data/d2.bvh", "index").args(["-k", "2", "--lowest", "2", "--json"]));
+    assert_eq!(all["lowest"], serde_json::json!([]));
+    for (rank, lowest) in found["lowest"].as_array().unwrap().iter().enumerate() {
+        let same = &all["matches"][7 - rank];
+        assert_eq!(
+            (&lowest["rank"], &lowest["clip"], &lowest["start"]),
+            (&(rank + 1).into(), &same["clip"], &same["start"])
+        );
+    }
+    let mut c = data.find("data/d2.bvh", "index");
+    c.args(["-k", "1", "--lowest", "1"]).assert().success().stdout(contains("lowest, the least similar first:"));
+
     let page = data.at("page.html");
     let mut c = data.find("data/d0.bvh", "index");
     c.args(["--at", "1", "--distance", "euclid", "--exclude", "none", "--one-per-clip", "-k", "2", "--page"])

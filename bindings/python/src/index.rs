@@ -79,7 +79,8 @@ impl Index {
         // without reading options, a clip of the index is read as it was for the index
         let as_indexed = reading.is_none_or(|reading| reading.is_empty());
         let read = Reading::of(reading, RestFrame::Drop)?;
-        let query = Query { clip, read, as_indexed, at_s: at, k, distance, exclude, one_per_clip, models: MODELS };
+        let query =
+            Query { clip, read, as_indexed, at_s: at, k, lowest: 0, distance, exclude, one_per_clip, models: MODELS };
         let found = detach(py, || self.0.find(&query).map_err(library))?;
         python(py, &found.matches)
     }

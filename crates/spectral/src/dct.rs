@@ -1,21 +1,22 @@
-//! The low coefficients of a cosine transform.
+//! The low coefficients of a cosine transform, or a band of them.
 
 use kinelm_tokenizer::transform::dct::Dct;
+use std::ops::Range;
 
-/// The first coefficients of the orthonormal DCT-II of series of N numbers.
+/// The first coefficients of the orthonormal DCT-II of series of N numbers, or K neighbouring ones.
 ///
 /// `X_k = c_k sum_n x_n cos(PI (n + 1/2) k / N)` with `c_0 = sqrt(1/N)`, else `sqrt(2/N)`. Coefficient k is a wave of `k / (2 N)`
 /// turns a frame: at 128 frames and 60 frames per second, k times 0.234 Hz.
 #[derive(Debug, Clone)]
 pub struct LowDct {
     all: Dct,
-    keep: usize,
+    band: Range<usize>,
 }
 
 impl PartialEq for LowDct {
     fn eq(&self, other: &Self) -> bool {
         // a transform is its length: the tables follow from it
-        (self.all.len(), self.keep) == (other.all.len(), other.keep)
+        (self.all.len(), &self.band) == (other.all.len(), &other.band)
     }
 }
 
@@ -28,8 +29,16 @@ impl LowDct {
     /// # Panics
     /// When the length is 0 or less than `keep`.
     pub fn new(length: usize, keep: usize) -> LowDct {
-        assert!(keep <= length, "{keep} of {length} coefficients");
-        LowDct { all: Dct::new(length), keep }
+        LowDct::of_band(length, 0..keep)
+    }
+
+    /// For series of `length` numbers, the coefficients of a band.
+    ///
+    /// # Panics
+    /// When the length is 0 or the band leaves it.
+    pub fn of_band(length: usize, band: Range<usize>) -> LowDct {
+        assert!(band.end <= length && band.start <= band.end, "{band:?} of {length} coefficients");
+        LowDct { all: Dct::new(length), band }
     }
 
     /// N.
@@ -37,9 +46,9 @@ impl LowDct {
         self.all.len()
     }
 
-    /// K, the number of first coefficients.
+    /// K, the number of coefficients.
     pub fn kept(&self) -> usize {
-        self.keep
+        self.band.len()
     }
 
     /// All coefficients (N) of a series (N).
@@ -62,14 +71,12 @@ impl LowDct {
         numbers
     }
 
-    /// The first K coefficients.
+    /// The K coefficients.
     ///
     /// # Panics
     /// When the series has another length.
     pub fn low(&self, series: &[f64]) -> Vec<f64> {
-        let mut all = self.forward(series);
-        all.truncate(self.keep);
-        all
+        self.forward(series)[self.band.clone()].to_vec()
     }
 
     /// The series (N) of these coefficients and no others: the transposed of [`LowDct::low`].
@@ -77,9 +84,9 @@ impl LowDct {
     /// # Panics
     /// When there are not K.
     pub(crate) fn low_back(&self, coefficients: &[f64]) -> Vec<f64> {
-        assert_eq!(coefficients.len(), self.keep, "other than the kept coefficients");
+        assert_eq!(coefficients.len(), self.kept(), "other than the kept coefficients");
         let mut all = vec![0.0; self.length()];
-        all[..self.keep].copy_from_slice(coefficients);
+        all[self.band.clone()].copy_from_slice(coefficients);
         self.inverse(&all)
     }
 }
@@ -108,5 +115,10 @@ mod tests {
         let kept = dct.forward(&low);
         assert!(largest_difference(&kept[..16], &dct.low(&x)) < 1e-12);
         assert!(kept[16..].iter().all(|x| x.abs() < 1e-12));
+        let band = LowDct::of_band(128, 4..16);
+        assert_eq!(band.low(&x), dct.low(&x)[4..]);
+        let kept = band.forward(&band.low_back(&band.low(&x)));
+        assert!(largest_difference(&kept[4..16], &band.low(&x)) < 1e-12);
+        assert!(kept[..4].iter().chain(&kept[16..]).all(|x| x.abs() < 1e-12));
     }
 }

@@ -35,6 +35,16 @@ impl PcaBasis {
         self.variances.len()
     }
 
+    /// The basis without its first components.
+    ///
+    /// # Panics
+    /// When it has fewer.
+    pub(crate) fn without_first(mut self, first: usize) -> PcaBasis {
+        self.components.drain(..first * self.mean.len());
+        self.variances.drain(..first);
+        self
+    }
+
     /// The coordinates (K) of a series (N), the mean series taken off.
     ///
     /// # Panics

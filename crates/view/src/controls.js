@@ -67,7 +67,8 @@ function address() {
   number('zoom', v => { state.zoom = clamp(1 / (v || 1), 0.12, 6); });
   if ((parts.has('overlay') || stage.oneWorld) && !parts.has('beside') && !state.overlay) toggle('overlay');
   if (parts.has('trails') && !state.trails) toggle('trails');
-  if (parts.has('still') && state.follow) toggle('follow');
+  // a path is seen whole where the camera stays
+  if ((parts.has('still') || figures.some(f => f.paths.length)) && state.follow) toggle('follow');
   // an address names a picture, not the way to it
   [state.overlaid, state.following] = [Number(state.overlay), Number(state.follow)];
   document.documentElement.classList.toggle('bare', parts.has('bare'));

@@ -28,6 +28,9 @@ pub struct Drawn {
     bones: Vec<Capsule>,
     balls: Vec<JointSphere>,
     tips: Vec<usize>,
+    /// Points whose whole path is drawn.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    paths: Vec<usize>,
     /// Shift (x, z) side by side, and overlaid.
     beside: [f64; 2],
     onto: [f64; 2],
@@ -105,6 +108,8 @@ impl Lit {
 
 /// Clips with positions beyond this are refused, metres.
 const LARGEST: f64 = 1e6; // 1,000 km: a step of 16 bits is 15 m then, and any unit or scale that went wrong is beyond
+/// Limits of no numbers.
+const NOWHERE: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 /// Moments a second at which figures are kept from overlapping.
 const SPACING_FPS: f64 = 20.0;
 
@@ -267,6 +272,8 @@ struct Track {
     height: f64,
     /// (F, P).
     places: Vec<Vec3>,
+    /// The least and the largest x of the paths that are drawn, which are there all the time.
+    paths: (f64, f64),
 }
 
 impl Track {
@@ -291,7 +298,10 @@ impl Track {
             body.points(clip, f, &mut pose, &mut points);
             places.extend_from_slice(&points);
         }
-        Ok(Track { body, fps: clip.fps(), height, places })
+        let drawn = |f: usize| figure.paths.iter().map(move |joint| f * body.point_count + joint);
+        let xs = (0..clip.frames()).flat_map(drawn).map(|at| places[at].x);
+        let paths = xs.fold(NOWHERE, |(low, high), x| (low.min(x), high.max(x)));
+        Ok(Track { body, fps: clip.fps(), height, places, paths })
     }
 
     /// The floor: y = 0, unless the lowest points are usually far from it.
@@ -314,11 +324,11 @@ impl Track {
         self.places.len() / self.body.point_count
     }
 
-    /// The least and the largest x at a time; the last frame is held.
+    /// The least and the largest x at a time, of drawn paths too; the last frame is held.
     fn width(&self, time_s: f64) -> (f64, f64) {
         let (p, f) = (self.body.point_count, ((time_s * self.fps) as usize).min(self.frames() - 1));
         let xs = self.places[f * p..(f + 1) * p].iter().map(|p| p.x);
-        xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+        xs.fold(self.paths, |(low, high), x| (low.min(x), high.max(x)))
     }
 
     fn duration_s(&self) -> f64 {
@@ -347,6 +357,8 @@ impl Track {
             bones: self.body.bones.clone(),
             balls: self.body.balls.clone(),
             tips: self.body.tips.clone(),
+            // points begin with the joints (`CapsuleBody`)
+            paths: figure.paths.clone(),
             beside,
             onto,
             low: low.to_array(),
@@ -382,7 +394,7 @@ fn beside(groups: &[Vec<&Track>]) -> Vec<f64> {
     let moments = (longest * SPACING_FPS) as usize + 1;
     let width = |group: &[&Track], time_s: f64| {
         let widths = group.iter().map(|track| track.width(time_s));
-        widths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (l, h)| (low.min(l), high.max(h)))
+        widths.fold(NOWHERE, |(low, high), (l, h)| (low.min(l), high.max(h)))
     };
     let height = |group: &[&Track]| group.iter().map(|track| track.height).fold(0.0, f64::max);
     let mut shifts: Vec<f64> = Vec::new();

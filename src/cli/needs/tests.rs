@@ -61,8 +61,8 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("inspect", "json map-out", &[READING]),
     (
         "interpolate",
-        "out page coordinates transform keep window whole fps at-a at-b keep-heading strength amount plain rate steps \
-         json force",
+        "out page plot coordinates transform keep window whole fps at-a at-b keep-heading strength amount plain rate \
+         steps json force",
         &[READING],
     ),
     ("lr-find", "config corpus out steps from to json force device form trust", &[]),
@@ -83,10 +83,10 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
          json save k",
         &[READING],
     ),
-    ("query find", "index at distance exclude one-per-clip page json k", &[READING]),
+    ("query find", "index at distance exclude one-per-clip page json k lowest", &[READING]),
     ("runs list", "json", &[]),
     ("runs plot", "out metric over force", &[]),
-    ("spectrum", "out joint at seconds fps no-dc force", &[READING]),
+    ("spectrum", "out page joint at seconds fps no-dc force", &[READING]),
     #[cfg(feature = "studio")]
     ("studio", "run real port bind no-open empty assets", &[]),
     ("tokenize", "labels strict out tokenizer shard music motion-beats exclude force", &[READING]),
@@ -100,7 +100,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("tokenizer study", "labels strict out schemes joints fps show force", &[READING]),
     ("tokenizer text", "tokenizer", &[READING]),
     ("tune", "labels strict run steps seed device form trust", &[READING]),
-    ("view", "out forced together music lag force", &[READING]),
+    ("view", "out forced paths together music lag force", &[READING]),
 ];
 
 /// The commands that can be called, with their names. Built, so that they have the global options too.

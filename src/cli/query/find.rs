@@ -23,6 +23,9 @@ pub struct Args {
     /// Matches to print
     #[arg(short, default_value_t = 10, value_parser = count)]
     k: usize,
+    /// Also find the N windows that are least similar to the query, of those that aren't excluded or among the matches
+    #[arg(long, value_name = "N", value_parser = count)]
+    lowest: Option<usize>,
     /// Where the query window starts in the clip: 2.5s, 2.5 or 40f (frames of the file) [default: the clip's middle]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = time)]
     at: Option<Moment>,
@@ -33,7 +36,7 @@ pub struct Args {
     /// a partner's too), its choreography; each excludes what the earlier ones do
     #[arg(long, default_value = "take", value_enum)]
     exclude: Exclude,
-    /// Of each clip only its nearest window
+    /// Of each clip only one window, its nearest, or for --lowest its least similar
     #[arg(long)]
     one_per_clip: bool,
     /// Also write a page that plays the query and the matches (.html)
@@ -57,13 +60,14 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let opened = begun.elapsed().as_secs_f64();
     let read = args.read.of_file(&args.clip, RestFrame::Drop, say);
     let as_indexed = read == ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
-    let Args { clip, at, k, distance, exclude, one_per_clip, page, json, .. } = args;
+    let Args { clip, at, k, lowest, distance, exclude, one_per_clip, page, json, .. } = args;
     let at_s = match at {
         // a time in frames needs the rate of the file, which is read for it
         Some(at @ Moment::Frames(_)) => Some(at.seconds(format::read(&clip, &read)?.clip.fps())),
         at => at.map(Moment::number),
     };
-    let question = Query { clip, read, as_indexed, at_s, k, distance, exclude, one_per_clip, models: MODELS };
+    let lowest = lowest.unwrap_or(0);
+    let question = Query { lowest, clip, read, as_indexed, at_s, k, distance, exclude, one_per_clip, models: MODELS };
     let answer = index.find(&question)?;
     for line in &answer.notes {
         say.line(line);
@@ -81,7 +85,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         let line = json!({
             "schema": 1, "query": answer.query, "windows": answer.windows, "measured": answer.measured,
             "transform": what,
-            "distance": distance.name(), "exclude": exclude.name(), "matches": answer.matches,
+            "distance": distance.name(), "exclude": exclude.name(), "matches": answer.matches, "lowest": answer.lowest,
         });
         return print(&format!("{line}\n"));
     }

@@ -7,9 +7,11 @@ use super::{ForceArgs, Odd, Say, WrongCall, each_file, read::ReadArgs};
 use crate::corpus::in_out;
 use crate::generate::related::{ViewedFile, related};
 use crate::generate::request::Span;
+use crate::view::panel::{Facts, Panel};
 use crate::view::{Figure, Page};
 use anyhow::Result;
 use kinelm_motion::joints::{self, Selection};
+use kinelm_motion::metric::JointPath;
 use kinelm_motion::moment::{Moment, Timebase};
 use kinelm_motion::{Motion, format, format::RestFrame};
 use kinelm_store::counted;
@@ -30,6 +32,10 @@ pub struct Args {
     /// clips, or once per clip in their order
     #[arg(long, value_name = "JOINTS[@FROM:TO]")]
     forced: Vec<String>,
+    /// Joints whose whole path is drawn, with its length, extent and box beside the dancers; once for all clips, or
+    /// once per clip in their order
+    #[arg(long, value_name = "JOINTS")]
+    paths: Vec<String>,
     /// Keep all clips in one world, as a dance and its prompt are anyway; Overlay in the page separates them
     #[arg(long)]
     together: bool,
@@ -105,12 +111,13 @@ fn viewed(clips: &[Named], read: &ReadArgs, together: bool, say: Say) -> Result<
 
 /// One page.
 fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) -> Result<()> {
-    if args.forced.len() > 1 && args.forced.len() != clips.len() {
-        let (n, clips) = (args.forced.len(), clips.len());
-        return Err(WrongCall(format!(
-            "{n} lists of forced joints for {clips} clips; give one for all, or one a clip"
-        ))
-        .into());
+    for (lists, of) in [(&args.forced, "forced joints"), (&args.paths, "joints with a path")] {
+        if lists.len() > 1 && lists.len() != clips.len() {
+            let (n, clips) = (lists.len(), clips.len());
+            return Err(
+                WrongCall(format!("{n} lists of {of} for {clips} clips; give one for all, or one a clip")).into()
+            );
+        }
     }
     super::page(out)?;
     let files = viewed(clips, &args.read, args.together, say)?;
@@ -127,15 +134,20 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     let (numbers, motions): (Vec<usize>, Vec<Motion>) = read.into_iter().unzip();
     let files: Vec<ViewedFile> = numbers.iter().map(|i| files[*i].clone()).collect();
     say_times(&motions, say);
-    let (mut figures, odd) = (Vec::new(), Odd::new(say));
+    let (mut figures, mut measured, odd) = (Vec::new(), Vec::new(), Odd::new(say));
     for (i, motion) in motions.iter().enumerate() {
         odd.warn(motion, &files[i].options);
-        let list = args.forced.get(numbers[i]).or(args.forced.first().filter(|_| args.forced.len() == 1));
-        let figure = figure(motion).in_world(files[i].world).regenerated(&files[i].generated_s);
-        figures.push(match list.filter(|list| !list.is_empty()) {
-            Some(list) => forced(figure, motion, list)?,
-            None => figure,
-        });
+        let mut figure = figure(motion).in_world(files[i].world).regenerated(&files[i].generated_s);
+        if let Some(list) = of_clip(&args.forced, numbers[i]) {
+            figure = forced(figure, motion, list)?;
+        }
+        if let Some(list) = of_clip(&args.paths, numbers[i]) {
+            for joint in path_joints(motion, list)? {
+                figure = figure.path(joint);
+                measured.push(path_row(motion, joint));
+            }
+        }
+        figures.push(figure);
     }
     let fps = motions.first().map_or(1.0, |motion| motion.clip.fps());
     let music = args.music.clone().map(|file| (file, args.music_from.seconds(fps))).or_else(|| own_music(clips, say));
@@ -150,7 +162,7 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         None if args.lag.is_some() => return Err(WrongCall("--lag without music; give --music too".into()).into()),
         None => {}
     }
-    let page = Page::new(&figures).music(played.as_ref()).html()?;
+    let page = Page::new(&figures).music(played.as_ref()).panels(&path_facts(measured)).html()?;
     outputs.write(out, page.as_bytes())?;
     say.line(format_args!(
         "{}: {}, {} KB; open it in a browser",
@@ -161,14 +173,55 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
     Ok(())
 }
 
+/// The list for a clip, by its place in the call: its own, or the one for all; an empty one names no joints.
+fn of_clip(lists: &[String], clip: usize) -> Option<&str> {
+    let list = lists.get(clip).or(lists.first().filter(|_| lists.len() == 1));
+    list.map(String::as_str).filter(|list| !list.is_empty())
+}
+
+/// The rig's joints of `JOINTS[@FROM:TO]`, and the span.
+fn joints_of(motion: &Motion, option: &str, list: &str) -> Result<(Vec<usize>, Span)> {
+    let wrong = |e: String| WrongCall(format!("{option} {e}"));
+    let span: Span = list.parse().map_err(wrong)?;
+    let names = joints::to_smpl_names(&span.joints, motion.clip.skeleton(), motion.map());
+    let selection = names.and_then(|list| joints::parse(&list)).map_err(|e| wrong(format!("{list}: {e}")))?;
+    Ok((on_rig(motion, &selection)?, span))
+}
+
+/// The rig's joints whose paths are drawn.
+fn path_joints(motion: &Motion, list: &str) -> Result<Vec<usize>> {
+    let (joints, span) = joints_of(motion, "--paths", list)?;
+    if span.from.is_some() || span.to.is_some() {
+        return Err(WrongCall(format!("--paths {list}: a path is of the whole clip; leave the time out")).into());
+    }
+    if joints.is_empty() {
+        let path = motion.path.display();
+        return Err(WrongCall(format!("--paths {list}: {path} has none of these joints; name others")).into());
+    }
+    Ok(joints)
+}
+
+/// Clip, joint, length, extent and box of a path.
+fn path_row(motion: &Motion, joint: usize) -> Vec<String> {
+    let JointPath { length_m, extent_m, box_m } = JointPath::of_joint(&motion.clip, joint);
+    let sides = box_m.to_array().map(|side| format!("{side:.2}")).join(" × ");
+    let name = motion.clip.skeleton().names()[joint].clone();
+    vec![stem(&motion.path), name, format!("{length_m:.2}"), format!("{extent_m:.2}"), sides]
+}
+
+/// A table of paths, if there are any.
+fn path_facts(rows: Vec<Vec<String>>) -> Vec<Panel> {
+    let head = ["dance", "joint", "length", "extent", "box x × y × z"].map(String::from).into();
+    let facts = Facts { title: "Paths, metres".into(), head, rows };
+    if facts.rows.is_empty() { Vec::new() } else { vec![Panel::Facts(facts)] }
+}
+
 /// A figure with the joints of `JOINTS[@FROM:TO]` marked.
 fn forced<'a>(figure: Figure<'a>, motion: &Motion, list: &str) -> Result<Figure<'a>> {
     let fps = motion.clip.fps();
     let wrong = |e: String| WrongCall(format!("--forced {e}"));
-    let span: Span = list.parse().map_err(wrong)?;
-    let names = joints::to_smpl_names(&span.joints, motion.clip.skeleton(), motion.map());
-    let selection = names.and_then(|list| joints::parse(&list)).map_err(|e| wrong(format!("{list}: {e}")))?;
-    let figure = figure.given(&on_rig(motion, &selection)?);
+    let (joints, span) = joints_of(motion, "--forced", list)?;
+    let figure = figure.given(&joints);
     if span.from.is_none() && span.to.is_none() {
         return Ok(figure);
     }

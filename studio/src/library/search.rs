@@ -77,6 +77,7 @@ impl Library {
             read: source.read.clone(),
             as_indexed: false,
             at_s: Some((middle - window / 2.0).clamp(0.0, last)),
+            lowest: 0,
             k: looked.k,
             distance: Distance::Cosine,
             exclude: Exclude::Overlap,

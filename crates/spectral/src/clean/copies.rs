@@ -79,7 +79,7 @@ fn copy(
         let earlier = clip < own || held[clip].split != Split::Train;
         clip != own && earlier
     };
-    let wanted = SearchOptions { k: 1, distance: Distance::Euclid, one_per_clip: false };
+    let wanted = SearchOptions { k: 1, distance: Distance::Euclid, one_per_clip: false, farthest: false };
     let feature = database.feature(window)?;
     let Some(hit) = database.nearest(&feature, wanted, &allowed)?.first().copied() else { return Ok(None) };
     let there = database.window(hit.window);

@@ -9,12 +9,14 @@
 pub mod align;
 mod chart;
 mod descent;
+mod distance;
 mod relative;
 mod report;
 mod vectors;
 
 pub use align::{Aligned, Alignment};
 pub use descent::{Descent, Method};
+pub use distance::SpectralDistance;
 pub use relative::Relative;
 pub use report::{JITTER_BOUND, Likeness, Report};
 
@@ -24,7 +26,9 @@ use crate::{Error, Result};
 use kinelm_motion::metric::jitter;
 use kinelm_motion::resample::{self, resample};
 use kinelm_motion::{Clip, Motion};
+use kinelm_view::plot::Chart;
 use serde::Serialize;
+use std::ops::Range;
 use vectors::{to_nearest_branches, unwound};
 
 /// Frames of the longest window that a basis is fitted to: its covariance has their square.
@@ -66,8 +70,9 @@ pub struct InterpolateOptions {
     pub coordinates: Coordinates,
     /// The spectrum of these numbers.
     pub spectrum: Spectrum,
-    /// Coefficients or components that are moved; `None`: those up to 3.5 Hz, 16 for a basis.
-    pub keep: Option<usize>,
+    /// The band of coefficients or components that are moved, numbered from 0; `None`: those up to 3.5 Hz, the first 16
+    /// of a basis.
+    pub keep: Option<Range<usize>>,
     /// How far, and how it gets there.
     pub method: Method,
 }
@@ -81,6 +86,18 @@ pub struct Interpolated {
     pub notes: Vec<String>,
     /// The measures of the blend.
     pub report: Report,
+    /// How far the first and the one between are from the second, by frequency.
+    pub distances: Vec<SpectralDistance>,
+    /// The band of cosine coefficients that was moved, if it was one.
+    band: Option<Range<usize>>,
+}
+
+impl Interpolated {
+    /// The distances to the second dance before and after, by frequency.
+    pub fn chart(&self) -> Chart {
+        let Report { frames, fps, .. } = self.report;
+        distance::chart(&self.distances, self.band.clone().map(|band| (band, frames, fps)))
+    }
 }
 
 /// Interpolates from the first dance towards the second.
@@ -91,7 +108,8 @@ pub struct Interpolated {
 pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Result<Interpolated> {
     let Aligned { a: first, b: second, notes } = options.alignment.of(a, b)?;
     let (frames, channels) = (first.frames(), 3 * first.joints());
-    let transform = options.transform(frames, [a, b])?;
+    let band = options.band(frames)?;
+    let transform = options.transform(frames, band.clone(), [a, b])?;
     let method = options.method.resolve(channels * transform.kept());
     let descend = |a: &[f64], b: &[f64]| descent::descend(&transform, channels, a, b, method);
     let vectors_a = unwound(&first)?;
@@ -107,7 +125,7 @@ pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Resu
             let (relative, [from, to]) = Relative::of([&first, &second]);
             let moved = descend(&from, &to)?;
             // magnitudes have no slow part of their own, so all of the rotation is moved
-            let slow = if options.spectrum == Spectrum::Stft { frames } else { transform.kept() };
+            let slow = if options.spectrum == Spectrum::Stft { frames } else { band.end };
             (relative.moved(&first, &from, &moved.window, slow)?, [from, to], moved)
         }
         Coordinates::Vectors => {
@@ -125,7 +143,7 @@ pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Resu
         fps: first.fps(),
         channels,
         coordinates: options.coordinates,
-        transform: options.spectrum.in_words(&transform),
+        transform: options.spectrum.in_words(&transform, &band),
         numbers: channels * transform.kept(),
         method: in_words(method),
         stft,
@@ -137,22 +155,35 @@ pub fn interpolate(a: &Motion, b: &Motion, options: &InterpolateOptions) -> Resu
         is_between: stft.a_c > stft.a_b && stft.c_b > stft.a_b,
         is_smooth: shakes[2] <= JITTER_BOUND * larger,
     };
-    Ok(Interpolated { clips: [first, second, third], notes, report })
+    let distances = distance::distances(options.spectrum, frames, first.fps(), [&from, &to, &moved.window]);
+    let band = (options.spectrum == Spectrum::Dct).then_some(band);
+    Ok(Interpolated { clips: [first, second, third], notes, report, distances, band })
 }
 
 impl InterpolateOptions {
-    fn transform(&self, frames: usize, clips: [&Motion; 2]) -> Result<Transform> {
-        let keep = self.keep.unwrap_or_else(|| match self.spectrum {
-            Spectrum::Pca => PcaBasis::KEEP.min(frames),
-            _ => self.alignment.low(frames),
+    /// The band that is moved in a window of `frames`.
+    fn band(&self, frames: usize) -> Result<Range<usize>> {
+        let band = self.keep.clone().unwrap_or_else(|| match self.spectrum {
+            Spectrum::Pca => 0..PcaBasis::KEEP.min(frames),
+            _ => 0..self.alignment.low(frames),
         });
-        if keep == 0 || keep > frames {
-            return Err(Error::invalid_parameter("keep", keep, format!("1 to {frames}, the window's frames")));
+        match band {
+            Range { start: 0, end } if end == 0 || end > frames => {
+                Err(Error::invalid_parameter("keep", end, format!("1 to {frames}, the window's frames")))
+            }
+            Range { start, end } if start >= end || end > frames => {
+                let expected = format!("the first below the end, and that at most {frames}, the window's frames");
+                Err(Error::invalid_parameter("keep", format!("{start}..{end}"), expected))
+            }
+            band => Ok(band),
         }
+    }
+
+    fn transform(&self, frames: usize, band: Range<usize>, clips: [&Motion; 2]) -> Result<Transform> {
         match self.spectrum {
-            Spectrum::Dct => Ok(Transform::Dct(LowDct::new(frames, keep))),
+            Spectrum::Dct => Ok(Transform::Dct(LowDct::of_band(frames, band))),
             Spectrum::Stft => Ok(Transform::Stft(Stft::new(frames, false))),
-            Spectrum::Pca => Ok(Transform::Pca(self.basis(frames, keep, clips)?)),
+            Spectrum::Pca => Ok(Transform::Pca(self.basis(frames, band.end, clips)?.without_first(band.start))),
         }
     }
 
@@ -207,10 +238,11 @@ impl Coordinates {
 
 impl Spectrum {
     /// `dct`, `pca` or `stft`, with its size.
-    fn in_words(self, transform: &Transform) -> String {
+    fn in_words(self, transform: &Transform, band: &Range<usize>) -> String {
+        let kept = if band.start == 0 { band.end.to_string() } else { format!("{}..{}", band.start, band.end) };
         match transform {
-            Transform::Dct(t) => format!("dct {} of {}", t.kept(), t.length()),
-            Transform::Pca(t) => format!("pca {}", t.kept()),
+            Transform::Dct(t) => format!("dct {kept} of {}", t.length()),
+            Transform::Pca(_) => format!("pca {kept}"),
             Transform::Stft(t) => format!("stft {} x {}", t.frames(), t.bins()),
         }
     }

@@ -37,6 +37,44 @@ fn half_way_lies_between_and_does_not_shake() {
     assert!(worst.map(|(p, q)| angle_between(*p, *q)).fold(0.0, f64::max) < 1e-9);
 }
 
+/// Outside of a band nothing is changed, whatever the way there, and a band from 0 is the number alone.
+#[test]
+fn a_band_alone_is_moved() {
+    let [a, b] = motions();
+    let descent = Descent { strength: 1.0, rate: None, steps: 60 };
+    for spectrum in [Spectrum::Dct, Spectrum::Pca] {
+        for method in [Method::Closed { amount: 0.5 }, Method::Adam(descent), Method::Plain(descent)] {
+            let banded = |keep| {
+                let options = InterpolateOptions { keep: Some(keep), ..settings(spectrum, method) };
+                let vectors = InterpolateOptions { coordinates: Coordinates::Vectors, ..options };
+                interpolate(&a, &b, &vectors).unwrap()
+            };
+            let done = banded(4..16);
+            assert_eq!(done.report.numbers, 72 * 12);
+            assert!(done.report.transform.contains("4..16"), "{}", done.report.transform);
+            if spectrum == Spectrum::Dct {
+                for (k, d) in done.distances.iter().enumerate() {
+                    match (4..16).contains(&k) {
+                        true => assert!(d.after < 0.9 * d.before, "{k}: {d:?}"),
+                        false => assert!((d.after - d.before).abs() < 1e-9, "{k}: {d:?}"),
+                    }
+                }
+            } else {
+                // orthonormal components: what is moved in two bands is what is moved in both at once
+                let of = |keep| banded(keep).report.loss[0] * 72.0;
+                assert!((12.0 * of(4..16) + 4.0 * of(0..4) - 16.0 * of(0..16)).abs() < 1e-6);
+            }
+        }
+    }
+    let whole = |keep| {
+        let options = InterpolateOptions { keep, ..settings(Spectrum::Dct, Method::Closed { amount: 0.5 }) };
+        interpolate(&a, &b, &options).unwrap()
+    };
+    let (default, band) = (whole(None), whole(Some(0..16)));
+    assert_eq!((&default.clips[2], &default.report), (&band.clips[2], &band.report));
+    assert_eq!(default.chart().rules.len(), 1);
+}
+
 #[test]
 fn magnitudes_shake() {
     let [a, b] = motions();
@@ -62,9 +100,15 @@ fn what_cannot_be_is_refused() {
     let said = |s: InterpolateOptions| interpolate(&a, &b, &s).unwrap_err().to_string();
     let half = Method::Closed { amount: 0.5 };
     assert!(
-        said(InterpolateOptions { keep: Some(129), ..settings(Spectrum::Dct, half) }).contains("expected 1 to 128")
+        said(InterpolateOptions { keep: Some(0..129), ..settings(Spectrum::Dct, half) }).contains("expected 1 to 128")
     );
-    assert!(said(InterpolateOptions { keep: Some(0), ..settings(Spectrum::Pca, half) }).contains("expected 1 to 128"));
+    assert!(
+        said(InterpolateOptions { keep: Some(0..0), ..settings(Spectrum::Pca, half) }).contains("expected 1 to 128")
+    );
+    for (band, found) in [(4..129, "4..129"), (16..4, "16..4"), (7..7, "7..7")] {
+        let text = said(InterpolateOptions { keep: Some(band), ..settings(Spectrum::Dct, half) });
+        assert!(text.contains(found) && text.contains("at most 128"), "{text}");
+    }
     assert!(said(settings(Spectrum::Stft, half)).contains("no closed form"));
 }
 

@@ -64,6 +64,15 @@ pub(super) enum Side {
     Greatest,
 }
 
+impl Side {
+    fn other(self) -> Side {
+        match self {
+            Side::Least => Side::Greatest,
+            Side::Greatest => Side::Least,
+        }
+    }
+}
+
 /// The options of a search.
 #[derive(Debug, Clone, Copy)]
 pub struct SearchOptions {
@@ -71,8 +80,21 @@ pub struct SearchOptions {
     pub k: usize,
     /// The measure of nearness.
     pub distance: Distance,
-    /// Of each clip only its nearest window.
+    /// Of each clip only its nearest window, or its farthest where the farthest are searched.
     pub one_per_clip: bool,
+    /// The k farthest, farthest first, instead of the nearest.
+    pub farthest: bool,
+}
+
+impl SearchOptions {
+    /// As [`Distance::rank`], negated where the farthest windows are searched: a greater one is always found first.
+    #[inline]
+    pub(super) fn rank(&self, cosine: impl Fn(Side) -> f64, side: Side, a: f64, b: f64) -> f64 {
+        match self.farthest {
+            false => self.distance.rank(cosine(side), side, a, b),
+            true => -self.distance.rank(cosine(side.other()), side.other(), a, b),
+        }
+    }
 }
 
 /// Dot product in f64, always in the same order.

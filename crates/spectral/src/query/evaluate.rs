@@ -323,7 +323,8 @@ impl Judge<'_> {
                 .map(|(near, &query)| {
                     let answer = |&(distance, exclude): &(Option<Distance>, Exclude)| {
                         let distance = distance.unwrap_or(Distance::Cosine);
-                        let wanted = SearchOptions { k: self.options.k, distance, one_per_clip: false };
+                        let wanted =
+                            SearchOptions { k: self.options.k, distance, one_per_clip: false, farthest: false };
                         let filter = self.filter(query, exclude);
                         let hits = self.database.select(
                             &self.database.feature(query)?,

@@ -6,6 +6,7 @@ use super::exclude::{Exclude, Exclusion, Origin};
 use super::extract::FeatureExtractor;
 use super::index::Index;
 use super::record::ClipEntry;
+use super::search::Hit;
 use crate::{Error, Result};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use kinelm_corpus::load::{ClipSpec, ModelClip};
@@ -14,7 +15,7 @@ use kinelm_motion::{Clip, Vec3};
 use kinelm_store::{FileRecord, input};
 use kinelm_view::{Figure, page};
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -31,11 +32,13 @@ pub struct Query {
     pub at_s: Option<f64>,
     /// The number of windows.
     pub k: usize,
+    /// The number of least similar windows that are found too, none of them among the `k`.
+    pub lowest: usize,
     /// The measure of nearness.
     pub distance: Distance,
     /// The windows that don't count.
     pub exclude: Exclude,
-    /// Of each clip only its nearest window.
+    /// Of each clip only its nearest window, and its least similar one of a clip that is not among the nearest.
     pub one_per_clip: bool,
     /// How the model of the index is opened, if it has one.
     pub models: Models,
@@ -67,7 +70,7 @@ pub struct ClipWindow {
 /// A window that was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Match {
-    /// From 1.
+    /// From 1, the nearest, or of the least similar windows the least similar.
     pub rank: usize,
     /// The cosine, or the Euclidean distance.
     pub value: f64,
@@ -83,6 +86,8 @@ pub struct SearchResult {
     pub query: ClipWindow,
     /// Nearest first.
     pub matches: Vec<Match>,
+    /// Least similar first.
+    pub lowest: Vec<Match>,
     /// Windows of the index.
     pub windows: usize,
     /// Windows that were measured from their f32 features, after the scan of the bytes.
@@ -96,7 +101,7 @@ pub struct SearchResult {
 }
 
 impl Index {
-    /// Looks for the windows of `index` that are nearest to one of a clip.
+    /// Looks for the windows of `index` that are nearest to one of a clip, and for the least similar ones.
     ///
     /// # Errors
     /// A clip that can't be read or is shorter than a window, a time outside it; [`kinelm_store::Error::Invalid`] for an exclusion that the index
@@ -119,29 +124,44 @@ impl Index {
         // from here on the time of a search: reading the clip is its own business
         let begun = Instant::now();
         let exclusion = Exclusion::new(database, query.exclude, origin, spec.frames);
-        let options = SearchOptions { k: query.k, distance: query.distance, one_per_clip: query.one_per_clip };
-        let candidates = database.scan(&feature, options, &|window| exclusion.allows(window))?;
-        let hits = database.measure(&feature, &candidates, options)?;
+        let &Query { k, distance, one_per_clip, .. } = query;
+        let search = |options: SearchOptions, allowed: &(dyn Fn(usize) -> bool + Sync)| -> Result<_> {
+            if options.k == 0 {
+                return Ok((Vec::new(), 0));
+            }
+            let candidates = database.scan(&feature, options, allowed)?;
+            Ok((database.measure(&feature, &candidates, options)?, candidates.len()))
+        };
+        let options = SearchOptions { k, distance, one_per_clip, farthest: false };
+        let (hits, measured) = search(options, &|window| exclusion.allows(window))?;
+        // in a small index the least similar windows would be the nearest again
+        let place = |window: usize| if one_per_clip { database.window(window).clip } else { window };
+        let found: BTreeSet<usize> = hits.iter().map(|hit| place(hit.window)).collect();
+        let other = |window: usize| exclusion.allows(window) && !found.contains(&place(window));
+        let (lowest, more) = search(SearchOptions { k: query.lowest, farthest: true, ..options }, &other)?;
         let seconds = begun.elapsed().as_secs_f64();
-        let matches = hits.iter().enumerate().map(|(i, hit)| {
+        let of_hit = |(i, hit): (usize, &Hit)| {
             let window = database.window(hit.window);
             Match {
                 rank: i + 1,
-                value: if query.distance == Distance::Euclid { -hit.score } else { hit.score },
+                value: if distance == Distance::Euclid { -hit.score } else { hit.score },
                 window: ClipWindow::of(&database.clips()[window.clip], window.start, spec.frames, spec.fps),
             }
-        });
+        };
+        let matches = |hits: &[Hit]| hits.iter().enumerate().map(of_hit).collect();
         let warned = motion.warnings.iter().map(|warning| format!("{}: {warning}", query.clip.display()));
         let mut notes: Vec<String> = warned.collect();
         if known.is_none() && query.exclude > Exclude::None {
             notes.push("the index doesn't have this clip: nothing of it had to be left out".to_string());
         }
-        if hits.len() < query.k {
-            notes.push(format!("only {} of {} requested windows were found", hits.len(), query.k));
+        for (hits, requested, what) in [(&hits, k, "windows"), (&lowest, query.lowest, "least similar windows")] {
+            if hits.len() < requested {
+                notes.push(format!("only {} of {requested} requested {what} were found", hits.len()));
+            }
         }
-        let (frames, fps) = (spec.frames, spec.fps);
-        let (windows, measured, matches) = (database.windows(), candidates.len(), matches.collect());
-        Ok(SearchResult { query: own, matches, windows, measured, seconds, notes, frames, fps })
+        let (frames, fps, windows) = (spec.frames, spec.fps, database.windows());
+        let (matches, lowest, measured) = (matches(&hits), matches(&lowest), measured + more);
+        Ok(SearchResult { query: own, matches, lowest, windows, measured, seconds, notes, frames, fps })
     }
 }
 
@@ -239,50 +259,63 @@ impl ClipWindow {
 }
 
 impl SearchResult {
-    /// A row for each match, by the `distance` of the query, for a terminal.
+    /// A row for each match, by the `distance` of the query, for a terminal; the least similar windows in a table of
+    /// their own.
     pub fn table(&self, distance: Distance) -> String {
-        let mut table = Table::new();
-        table.load_style(presets::UTF8_FULL_CONDENSED);
-        table.set_content_arrangement(ContentArrangement::Disabled);
-        table.set_header(["", distance.name(), "clip", "seconds", "labels"]);
-        for found in &self.matches {
-            let window = &found.window;
-            table.add_row([
-                found.rank.to_string(),
-                format!("{:.4}", found.value),
-                window.clip.clone(),
-                format!("{:.2} to {:.2}", window.start_s, window.end_s),
-                window.labelled(),
-            ]);
+        let nearest = rows(&self.matches, distance);
+        match &self.lowest[..] {
+            [] => nearest,
+            lowest => format!("{nearest}\nlowest, the least similar first:\n{}", rows(lowest, distance)),
         }
-        table.column_iter_mut().take(2).for_each(|c| c.set_cell_alignment(CellAlignment::Right));
-        format!("{table}\n")
     }
 
-    /// A page that plays the query beside what was found, all on the model's body, each beginning on its own spot; and what
-    /// was wrong with files that are gone or not as they were when the index was built, which are left
-    /// out.
+    /// A page that plays the query beside what was found, the nearest and then the least similar, all on the model's
+    /// body, each beginning on its own spot; and what was wrong with files that are gone or not as they were when the
+    /// index was built, which are left out.
     ///
     /// # Errors
     /// The query's file; those of [`page`].
     pub fn page(&self) -> Result<(String, Vec<Error>)> {
         let query = self.query.load(self.frames, self.fps)?;
-        let found: Vec<Result<Clip>> = self.matches.iter().map(|f| f.window.load(self.frames, self.fps)).collect();
-        let clips = std::iter::once(Some(&query)).chain(found.iter().map(|clip| clip.as_ref().ok()));
-        let mut figures = Vec::new();
-        for (i, clip) in clips.enumerate() {
-            let Some(clip) = clip else { continue };
-            let (title, window, value) = match i.checked_sub(1).map(|i| &self.matches[i]) {
-                None => (format!("query: {}", self.query.clip), &self.query, String::new()),
-                Some(f) => (format!("{}. {}", f.rank, f.window.clip), &f.window, format!("{:.3}, ", f.value)),
-            };
-            let mut note = format!("{value}{:.2} to {:.2} s", window.start_s, window.end_s);
-            if !window.labels.is_empty() {
-                note += &format!(", {}", window.labelled());
-            }
-            figures.push(Figure::new(title, clip).note(note));
+        let all = self.matches.iter().map(|found| ("", found));
+        let all: Vec<(&str, &Match)> = all.chain(self.lowest.iter().map(|found| ("lowest ", found))).collect();
+        let clips: Vec<Result<Clip>> = all.iter().map(|(_, found)| found.window.load(self.frames, self.fps)).collect();
+        let mut figures = vec![figure(format!("query: {}", self.query.clip), "", &self.query, &query)];
+        for ((which, found), clip) in all.iter().zip(&clips) {
+            let Ok(clip) = clip else { continue };
+            let title = format!("{which}{}. {}", found.rank, found.window.clip);
+            figures.push(figure(title, &format!("{:.3}, ", found.value), &found.window, clip));
         }
         let page = page(&figures)?;
-        Ok((page, found.into_iter().filter_map(Result::err).collect()))
+        Ok((page, clips.into_iter().filter_map(Result::err).collect()))
     }
+}
+
+/// A window on a page, with its value and its labels.
+fn figure<'a>(title: String, value: &str, window: &ClipWindow, clip: &'a Clip) -> Figure<'a> {
+    let mut note = format!("{value}{:.2} to {:.2} s", window.start_s, window.end_s);
+    if !window.labels.is_empty() {
+        note += &format!(", {}", window.labelled());
+    }
+    Figure::new(title, clip).note(note)
+}
+
+/// A table with a row for each match.
+fn rows(matches: &[Match], distance: Distance) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_content_arrangement(ContentArrangement::Disabled);
+    table.set_header(["", distance.name(), "clip", "seconds", "labels"]);
+    for found in matches {
+        let window = &found.window;
+        table.add_row([
+            found.rank.to_string(),
+            format!("{:.4}", found.value),
+            window.clip.clone(),
+            format!("{:.2} to {:.2}", window.start_s, window.end_s),
+            window.labelled(),
+        ]);
+    }
+    table.column_iter_mut().take(2).for_each(|c| c.set_cell_alignment(CellAlignment::Right));
+    format!("{table}\n")
 }

@@ -4,7 +4,7 @@
 //! compared in the same frame, |v - u| = |(v - c) - (u - c)|, so that neither the mean pose nor the greatest coefficients
 //! cost precision.
 
-use super::distance::dot;
+use super::distance::{Side, dot};
 use kinelm_engine::op::dots;
 
 /// The largest byte.
@@ -140,7 +140,7 @@ pub struct Query {
 }
 
 impl Query {
-    /// `out` becomes the products with rows of bytes, for [`Query::least`] and [`Query::greatest`].
+    /// `out` becomes the products with rows of bytes, for [`Query::cosine`].
     ///
     /// # Panics
     /// When there are not as many rows as numbers of `out`.
@@ -161,17 +161,15 @@ impl Query {
         [(middle - off).max(0.0), (middle + off).max(0.0)]
     }
 
-    /// The least that the cosine of v and a row's feature may be.
-    pub fn least(&self, product: i64, size: &Size) -> f64 {
+    /// The least or the greatest that the cosine of v and a row's feature may be.
+    pub(super) fn cosine(&self, product: i64, size: &Size, side: Side) -> f64 {
+        let [near, far] = self.squares(product, size);
         // the triangle inequality: the feature is at most `error` from what its bytes stand for
-        let distance = self.squares(product, size)[1].sqrt() + size.error;
+        let distance = match side {
+            Side::Least => far.sqrt() + size.error,
+            Side::Greatest => (near.sqrt() - size.error).max(0.0),
+        };
         // of unit vectors |v - u|^2 = 2 - 2 cos
-        1.0 - distance * distance / 2.0
-    }
-
-    /// The greatest that the cosine of v and a row's feature may be.
-    pub fn greatest(&self, product: i64, size: &Size) -> f64 {
-        let distance = (self.squares(product, size)[0].sqrt() - size.error).max(0.0);
         1.0 - distance * distance / 2.0
     }
 }
@@ -201,7 +199,8 @@ mod tests {
                     let mut product = [0];
                     query.dots(&mut product, &row);
                     let cosine = dot(u, v) / (size.norm * Size::of(v).norm);
-                    let [least, greatest] = [query.least(product[0], &size), query.greatest(product[0], &size)];
+                    let [least, greatest] =
+                        [Side::Least, Side::Greatest].map(|side| query.cosine(product[0], &size, side));
                     assert!(least - 1e-12 <= cosine && cosine <= greatest + 1e-12, "{least} {cosine} {greatest}");
                     assert!(greatest - least < 0.05, "{least} {cosine} {greatest}");
                 }

@@ -1,4 +1,4 @@
-//! The nearest windows, exactly.
+//! The nearest windows, or the farthest, exactly.
 //!
 //! Cosines with all windows come first from signed bytes (one query: reading memory is all it waits for) or from a product
 //! of matrices (many queries), each with a bound on how far it is off. Whatever may then be among the k nearest is measured
@@ -35,8 +35,8 @@ pub struct Cosines<'a> {
 }
 
 impl Database {
-    /// The k windows nearest to `feature` (D) of those that are `allowed`: nearest first, of equal ones the first in the
-    /// database first. Fewer where fewer are allowed.
+    /// The k windows nearest to `feature` (D), or farthest from it, of those that are `allowed`: nearest or farthest
+    /// first, of equal ones the first in the database first. Fewer where fewer are allowed.
     ///
     /// # Errors
     /// An index whose files were cut while it was in use.
@@ -80,11 +80,11 @@ impl Database {
             let (products, padded) = (&mut products[..rows.len()], query.padded());
             query.dots(products, &part.bytes(rows.start * padded..rows.end * padded)?);
             for ((row, &product), size) in rows.clone().zip(&*products).zip(&part.sizes[rows.clone()]) {
-                let rank = |cosine, side| wanted.distance.rank(cosine, side, norm, size.norm);
-                let greatest = rank(query.greatest(product, size), Side::Greatest);
+                let rank = |side| wanted.rank(|side| query.cosine(product, size, side), side, norm, size.norm);
+                let greatest = rank(Side::Greatest);
                 // the bound first: it is cheaper than looking up whether a window is allowed
                 if found.may(greatest) && allowed(first + row) {
-                    found.offer(first + row, [rank(query.least(product, size), Side::Least), greatest]);
+                    found.offer(first + row, [rank(Side::Least), greatest]);
                 }
             }
             Ok::<_, Error>(found)
@@ -148,11 +148,15 @@ impl Database {
         let norm = Size::of(feature).norm;
         let none = || Candidates::new(self, wanted);
         let found = (0..self.windows()).into_par_iter().with_min_len(ROWS).fold(none, |mut found, window| {
-            let cosine = f64::from(cosines.near[window]);
-            let rank = |cosine, side| wanted.distance.rank(cosine, side, norm, self.size(window).norm);
-            let greatest = rank(cosine + cosines.error, Side::Greatest);
+            let near = f64::from(cosines.near[window]);
+            let cosine = |side| match side {
+                Side::Least => near - cosines.error,
+                Side::Greatest => near + cosines.error,
+            };
+            let rank = |side| wanted.rank(cosine, side, norm, self.size(window).norm);
+            let greatest = rank(Side::Greatest);
             if found.may(greatest) && allowed(window) {
-                found.offer(window, [rank(cosine - cosines.error, Side::Least), greatest]);
+                found.offer(window, [rank(Side::Least), greatest]);
             }
             found
         });
@@ -167,7 +171,10 @@ impl Database {
         let exact = |&window: &usize| Ok(Hit { window, score: wanted.distance.score(feature, &self.feature(window)?) });
         let mut hits: Vec<Hit> = windows.par_iter().with_min_len(32).map(exact).collect::<Result<_>>()?;
         // ties by place, whatever thread measured first
-        hits.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
+        hits.sort_by(|a, b| {
+            let (first, second) = if wanted.farthest { (a, b) } else { (b, a) };
+            first.score.total_cmp(&second.score).then(a.window.cmp(&b.window))
+        });
         if wanted.one_per_clip {
             let mut seen = vec![false; self.clips().len()];
             hits.retain(|h| !std::mem::replace(&mut seen[self.window(h.window).clip], true));

@@ -113,6 +113,7 @@ fn question(data: &Data, clip: usize) -> Query {
         as_indexed: true,
         at_s: None,
         k: 4,
+        lowest: 0,
         distance: Distance::Cosine,
         exclude: Exclude::Take,
         one_per_clip: false,
@@ -262,12 +263,52 @@ fn a_question_that_does_not_fit_is_said() {
     assert!(stranger.notes[0].contains("doesn't have this clip"), "{:?}", stranger.notes);
 }
 
+/// Nearest and least similar windows share the allowed ones, best first and worst first.
+#[test]
+fn the_least_similar_are_found_beside_the_nearest() {
+    let data = Data::new();
+    data.build(&[0, 1, 2, 3, 4], &IndexRequest::default(), "index").unwrap();
+    let index = Index::open(&data.at("index")).unwrap();
+    for distance in [Distance::Cosine, Distance::Euclid] {
+        let ask = |k, lowest, one_per_clip| {
+            index.find(&Query { k, lowest, one_per_clip, distance, ..question(&data, 0) }).unwrap()
+        };
+        // clips 0 and 1 are one take, so three are left
+        let all = ask(100, 100, false);
+        assert!(all.lowest.is_empty(), "nothing is both");
+        assert!(
+            all.notes.iter().any(|n| n.contains("only 0 of 100 requested least similar windows")),
+            "{:?}",
+            all.notes
+        );
+        let some = ask(2, 3, false);
+        assert_eq!(some.matches, all.matches[..2]);
+        let worst: Vec<_> = all.matches.iter().rev().take(3).map(|found| &found.window).collect();
+        assert_eq!(some.lowest.iter().map(|found| &found.window).collect::<Vec<_>>(), worst);
+        assert_eq!(some.lowest.iter().map(|found| found.rank).collect::<Vec<_>>(), [1, 2, 3]);
+        let text = some.table(distance);
+        let (nearest, lowest) = text.split_once("lowest, the least similar first:").unwrap();
+        assert!(nearest.contains(&format!("{:.4}", some.matches[0].value)));
+        assert!(
+            lowest.contains(&format!("{:.4}", some.lowest[0].value))
+                && !ask(2, 0, false).table(distance).contains("lowest")
+        );
+        let clips = ask(1, 9, true);
+        let mut names: Vec<&str> = clips.matches.iter().chain(&clips.lowest).map(|f| f.window.clip.as_str()).collect();
+        names.sort_unstable();
+        assert_eq!(names, ["d2", "d3", "d4"], "one of each clip");
+        assert_eq!(clips.lowest[0].window, some.lowest[0].window);
+    }
+}
+
 #[test]
 fn a_page_plays_the_query_beside_what_was_found() {
     let data = Data::new();
     data.build(&[0, 1, 2, 3], &IndexRequest::default(), "index").unwrap();
     let index = Index::open(&data.at("index")).unwrap();
     let answer = index.find(&Query { one_per_clip: true, k: 2, ..question(&data, 0) }).unwrap();
+    let (both, _) = index.find(&Query { k: 1, lowest: 2, ..question(&data, 0) }).unwrap().page().unwrap();
+    assert!(both.contains("\"1. d") && both.contains("\"lowest 1. d") && both.contains("\"lowest 2. d"));
     let (text, lost) = answer.page().unwrap();
     assert!(lost.is_empty());
     assert!(text.contains("query: d0") && text.contains("1. d") && text.contains("2. d") && text.contains("genre"));

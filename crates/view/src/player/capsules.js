@@ -1,8 +1,9 @@
-// From dancers to capsules, shadows, rings and trails.
+// From dancers to capsules, shadows, rings, trails and paths.
 
 import { CAPSULE, SHADOW } from './scene.js';
 
 const TRAIL = 40, TRAIL_S = 1.3;
+const PIECES = 2000;                                 // of all paths of a dancer: long ones are thinned
 
 /**
  * @typedef {import('./figure.js').Figure} Figure
@@ -15,7 +16,8 @@ export class Composition {
     this.ghosts = new Float32Array(0);
     this.shadows = new Float32Array(0);
     this.rings = new Float32Array(0);
-    this.capsuleCount = this.ghostCount = this.shadowCount = this.ringCount = 0;
+    this.paths = new Float32Array(0);
+    this.capsuleCount = this.ghostCount = this.shadowCount = this.ringCount = this.pathCount = 0;
     this.spots = [new Float32Array(3), new Float32Array(3)];
     this.drifts = [[0, 0], [0, 0], [0, 0]];
   }
@@ -29,10 +31,11 @@ export class Composition {
     this.ghosts = new Float32Array(CAPSULE * sum(f => f.bones.length + body(f) + (f.original ? body(f.original) : 0)));
     this.shadows = new Float32Array(SHADOW * sum(f => f.points));
     this.rings = new Float32Array(SHADOW * sum(f => f.points));
+    this.paths = new Float32Array(CAPSULE * sum(f => f.paths.length * Math.ceil((f.frames - 1) / this.thinned(f))));
   }
 
   clear() {
-    this.capsuleCount = this.ghostCount = this.shadowCount = this.ringCount = 0;
+    this.capsuleCount = this.ghostCount = this.shadowCount = this.ringCount = this.pathCount = 0;
   }
 
   // One capsule, its colour `t` of the way to another.
@@ -50,6 +53,7 @@ export class Composition {
     this.addBody(figure, Math.min(looks.time, figure.lasts), colours, plain);
     this.addShadows(figure, colours);
     if (plain) return;
+    if (figure.paths.length) this.addPaths(figure, looks, colours);
     if (looks.trails) this.addTrails(figure, looks, colours);
     if (looks.contacts && figure.contacts) this.addRings(figure, Math.min(looks.time, figure.lasts));
     if (looks.ghost && figure.original) this.addGhost(figure, figure.original, looks);
@@ -134,6 +138,29 @@ export class Composition {
         const radius = 0.0085 * figure.height, given = limb && figure.isGiven(limb, limb.a, lateS);
         this.put(this.capsules, CAPSULE * this.capsuleCount++, a[0] + sx, a[1], a[2] + sz, radius * (1 - k / TRAIL),
           b[0] + sx, b[1], b[2] + sz, radius * (1 - (k + 1) / TRAIL), given ? colours.given : figure.colour, colours.floor, 0.15 + 0.7 * k / TRAIL);
+      }
+    }
+  }
+
+  // Frames from one place of a path to the next.
+  /** @param {Figure} figure */
+  thinned(figure) {
+    return Math.max(1, Math.ceil((figure.frames - 1) * figure.paths.length / PIECES));
+  }
+
+  // The whole paths of joints, paler from this moment on.
+  /** @param {Figure} figure @param {Looks} looks @param {Record<string, any>} colours */
+  addPaths(figure, looks, colours) {
+    const [sx, sz] = figure.shift, [a, b] = this.spots, { fps, frames } = figure;
+    const step = this.thinned(figure), radius = 0.0045 * figure.height;
+    for (const point of figure.paths) {
+      figure.places(0, b, point, point + 1);
+      for (let from = 0; from < frames - 1; from += step) {
+        const upto = Math.min(from + step, frames - 1);
+        a.set(b);
+        figure.places(upto / fps, b, point, point + 1);
+        this.put(this.paths, CAPSULE * this.pathCount++, a[0] + sx, a[1], a[2] + sz, radius,
+          b[0] + sx, b[1], b[2] + sz, radius, figure.colour, colours.floor, upto / fps <= looks.time ? 0.1 : 0.6);
       }
     }
   }

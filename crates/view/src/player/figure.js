@@ -7,7 +7,7 @@ export const clamp = (v, low, high) => Math.min(high, Math.max(low, v));
  * @typedef {{ a: number, b: number, ra: number, rb: number, given: boolean }} Bone
  * @typedef {{ at: number, r: number, given: boolean }} Ball
  * @typedef {{ title: string, note: string, fps: number, frames: number, points: number, height: number, world: number,
- *   bones: Bone[], balls: Ball[], tips: number[], beside: number[], onto: number[], low: number[], step: number,
+ *   bones: Bone[], balls: Ball[], tips: number[], paths?: number[], beside: number[], onto: number[], low: number[], step: number,
  *   data: string, given_s?: number[], anew: number[][], hits?: { beats: number[], says: string } }} FigureData
  *   What the program writes of a dancer; a position is `low + step * number`.
  */
@@ -34,6 +34,7 @@ export class Figure {
     this.bones = data.bones;
     this.balls = data.balls;
     this.tips = data.tips;
+    this.paths = data.paths ?? [];                    // points whose whole path is drawn
     this.beside = data.beside;
     this.onto = data.onto;
     this.low = data.low;

@@ -156,14 +156,15 @@ export const CAPSULE = 11, SHADOW = 4;
 /**
  * What stands in a picture. A ghost is a capsule that one can see through.
  * @typedef {{ capsules: Float32Array, capsuleCount: number, ghosts: Float32Array, ghostCount: number,
- *   shadows: Float32Array, shadowCount: number, rings: Float32Array, ringCount: number }} Things
+ *   shadows: Float32Array, shadowCount: number, rings: Float32Array, ringCount: number,
+ *   paths: Float32Array, pathCount: number }} Things
  * @typedef {number[]} Colour red, green, blue: 0 to 1
  * @typedef {{ view: Float32Array, eye: Float32Array, centre: number[], distance: number, reach: number, unit: number }} View
  * @typedef {{ id: WebGLProgram, vao: WebGLVertexArrayObject | null, instances: WebGLBuffer | null,
  *   at: Record<string, WebGLUniformLocation | null> }} Program
  */
 export class Scene {
-  /** @type {Record<'capsules' | 'floor' | 'shadows', Program>} */
+  /** @type {Record<'capsules' | 'threads' | 'floor' | 'shadows', Program>} */
   programs = /** @type {any} */ ({});
 
   /** @param {HTMLCanvasElement} canvas @param {boolean} antialias */
@@ -174,7 +175,7 @@ export class Scene {
     this.gl = gl;
     /** @type {Colour | null} behind everything; null: what is behind the canvas shows through */
     this.backdrop = null;
-    this.faces = 0;
+    this.faces = this.threadFaces = 0;
     this.build();
   }
 
@@ -187,12 +188,23 @@ export class Scene {
     const mesh = capsuleMesh(14, 4);
     this.faces = mesh.faces.length;
     capsules.vao = this.arrays(mesh.vertices, 4, [4, 4, 3], capsules);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.faces, gl.STATIC_DRAW);
+    this.indices(mesh.faces);
+    // thin capsules of few faces, of which there may be thousands
+    const thread = capsuleMesh(6, 1), threads = { ...capsules };
+    this.threadFaces = thread.faces.length;
+    threads.vao = this.arrays(thread.vertices, 4, [4, 4, 3], threads);
+    this.indices(thread.faces);
     floor.vao = this.arrays(QUAD, 2, [], floor);
     shadows.vao = this.arrays(QUAD, 2, [4], shadows);
     gl.bindVertexArray(null);
-    this.programs = { capsules, floor, shadows };
+    this.programs = { capsules, threads, floor, shadows };
+  }
+
+  /** @param {Uint16Array} faces */
+  indices(faces) {
+    const gl = this.gl;
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
   }
 
   /** @param {string} vertex @param {string} fragment @param {string[]} uniforms @returns {Program} */
@@ -266,6 +278,10 @@ export class Scene {
     gl.uniform1f(at.flatColours, flat ? 1 : 0);
     gl.uniform1f(at.opacity, 1);
     this.drawCapsules(things.capsules, things.capsuleCount);
+    if (things.pathCount && !flat) {
+      this.fill(this.programs.threads, things.paths, things.pathCount * CAPSULE);
+      gl.drawElementsInstanced(gl.TRIANGLES, this.threadFaces, gl.UNSIGNED_SHORT, 0, things.pathCount);
+    }
     if (things.ghostCount && !flat) this.drawGhosts(things);
     gl.bindVertexArray(null);
   }

@@ -150,6 +150,14 @@ pub(crate) fn draw_as(path: &Path, charts: &[Chart]) -> Result<()> {
 /// # Errors
 /// Another extension than `png` and `svg`.
 pub fn to_bytes(path: &Path, charts: &[Chart]) -> Result<Option<Vec<u8>>> {
+    in_columns(path, charts, charts.iter().filter(|c| !c.is_empty()).count().min(4))
+}
+
+/// As [`to_bytes`], in rows of `columns`.
+///
+/// # Errors
+/// As [`to_bytes`].
+pub fn in_columns(path: &Path, charts: &[Chart], columns: usize) -> Result<Option<Vec<u8>>> {
     let kind = kind(path)?;
     let charts: Vec<&Chart> = charts.iter().filter(|c| !c.is_empty()).collect();
     if charts.is_empty() {
@@ -157,20 +165,23 @@ pub fn to_bytes(path: &Path, charts: &[Chart]) -> Result<Option<Vec<u8>>> {
     }
     with_font();
     let failed = |e: String| Error::io(path)(std::io::Error::other(format!("the chart could not be drawn: {e}")));
-    let (rows, columns) = picture::grid_of(charts.len());
+    let columns = columns.max(1);
+    let rows = charts.len().div_ceil(columns);
     let one = if rows > 1 { SMALL } else { SIZE };
     let size = (one.0 * columns as u32, one.1 * rows as u32);
     match kind {
         Kind::Svg => {
             let mut text = String::new();
-            picture::all(SVGBackend::with_string(&mut text, size).into_drawing_area(), &charts).map_err(failed)?;
+            picture::all(SVGBackend::with_string(&mut text, size).into_drawing_area(), &charts, (rows, columns))
+                .map_err(failed)?;
             let at = text.find('>').map_or(0, |i| i + 1); // after the first tag, with which an XML file must begin
             text.insert_str(at, TEXT_MARK);
             Ok(Some(text.into_bytes()))
         }
         Kind::Png => {
             let mut pixels = vec![0; 3 * (size.0 * size.1) as usize];
-            picture::all(BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area(), &charts).map_err(failed)?;
+            let area = BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area();
+            picture::all(area, &charts, (rows, columns)).map_err(failed)?;
             Ok(Some(png(size, &pixels).map_err(|e| failed(e.to_string()))?))
         }
     }

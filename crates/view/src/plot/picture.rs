@@ -26,16 +26,14 @@ const AROUND: [i32; 4] = [74, 44, 12, 58];
 /// The most letters of a name in the legend.
 const LETTERS: usize = 30;
 
-/// Rows and columns of a number of charts.
-pub fn grid_of(charts: usize) -> (usize, usize) {
-    let columns = if charts <= 4 { charts } else { 4 };
-    (charts.div_ceil(columns.max(1)), columns)
-}
-
-/// Draws charts side by side on the whole area.
-pub fn all<B: DrawingBackend>(area: DrawingArea<B, Shift>, charts: &[&Chart]) -> Result<(), String> {
+/// Draws charts side by side on the whole area, in rows and columns.
+pub fn all<B: DrawingBackend>(
+    area: DrawingArea<B, Shift>,
+    charts: &[&Chart],
+    grid: (usize, usize),
+) -> Result<(), String> {
     area.fill(&WHITE).map_err(|e| e.to_string())?;
-    for (part, chart) in area.split_evenly(grid_of(charts.len())).iter().zip(charts) {
+    for (part, chart) in area.split_evenly(grid).iter().zip(charts) {
         one(part, chart).map_err(|e| e.to_string())?;
     }
     area.present().map_err(|e| e.to_string())

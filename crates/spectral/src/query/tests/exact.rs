@@ -17,11 +17,12 @@ fn noisy(windows: usize, numbers: usize) -> (Vec<f32>, Vec<ClipEntry>) {
     (features, clips)
 }
 
-/// The nearest by measuring every window.
+/// The nearest, or the farthest, by measuring every window.
 fn by_hand(database: &Database, feature: &[f32], wanted: SearchOptions, allowed: &dyn Fn(usize) -> bool) -> Vec<Hit> {
     let score = |window| Hit { window, score: wanted.distance.score(feature, &database.feature(window).unwrap()) };
     let mut all: Vec<Hit> = (0..database.windows()).filter(|&w| allowed(w)).map(score).collect();
-    all.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.window.cmp(&b.window)));
+    let sign = if wanted.farthest { 1.0 } else { -1.0 };
+    all.sort_by(|a, b| (sign * a.score).total_cmp(&(sign * b.score)).then(a.window.cmp(&b.window)));
     let mut seen = Vec::new();
     all.retain(|h| {
         let clip = database.window(h.window).clip;
@@ -63,8 +64,9 @@ fn found_is_what_measuring_everything_finds() {
     let (near, error) = held.cosines(&queries).unwrap();
     for (i, &query) in queries.iter().enumerate() {
         for distance in [Distance::Cosine, Distance::Euclid] {
-            for (k, one_per_clip) in [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)] {
-                let wanted = SearchOptions { k, distance, one_per_clip };
+            let sizes = [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)];
+            for ((k, one_per_clip), farthest) in sizes.into_iter().flat_map(|size| [(size, false), (size, true)]) {
+                let wanted = SearchOptions { k, distance, one_per_clip, farthest };
                 let allowed = |w: usize| w.abs_diff(query) > 2 || w.is_multiple_of(5);
                 let expected = by_hand(&held, &held.feature(query).unwrap(), wanted, &allowed);
                 let found = written.nearest(&held.feature(query).unwrap(), wanted, &allowed).unwrap();
@@ -112,8 +114,9 @@ fn no_features_are_too_bad_for_the_bounds() {
         for query in [0, 1, 7, 300, 639] {
             let feature = whole.feature(query).unwrap().into_owned();
             for distance in [Distance::Cosine, Distance::Euclid] {
-                for (k, one_per_clip) in [(1, false), (10, false), (10, true), (700, false), (159, true)] {
-                    let wanted = SearchOptions { k, distance, one_per_clip };
+                let sizes = [(1, false), (10, false), (10, true), (700, false), (159, true)];
+                for ((k, one_per_clip), farthest) in sizes.into_iter().flat_map(|size| [(size, false), (size, true)]) {
+                    let wanted = SearchOptions { k, distance, one_per_clip, farthest };
                     let allowed = |w: usize| w.abs_diff(query) > 1;
                     let expected = by_hand(&whole, &feature, wanted, &allowed);
                     for database in [&whole, &written] {

@@ -1,0 +1,97 @@
+//! Each made-up change is named by its own figure.
+
+use super::*;
+use kinelm_motion::Vec3;
+use kinelm_motion::synth;
+
+fn dance(seed: u64) -> Clip {
+    synth::corpus(seed, 1, 20.0, 30.0).unwrap().remove(0).clip
+}
+
+fn compared(teacher: &Clip, student: Clip) -> Comparison {
+    let motions = [("teacher.bvh", teacher.clone()), ("student.bvh", student)].map(|(n, c)| Motion::new(n, c));
+    compare(&motions[0], &motions[1], &CompareOptions::default()).unwrap().report
+}
+
+/// Lag in frames, tempo to 2 %, mirrored.
+fn named(report: &Comparison) -> (i64, i64, bool) {
+    (report.lag_frames, (50.0 * (report.tempo - 1.0)).round() as i64, report.mirrored)
+}
+
+#[test]
+fn a_copy_differs_in_nothing() {
+    let teacher = dance(3);
+    let report = compared(&teacher, teacher.clone());
+    assert_eq!((named(&report), report.frames), ((0, 0, false), 600));
+    assert_eq!((report.distance_cm, report.moments.len()), (0.0, 0));
+    assert!((report.cosine.unwrap() - 1.0).abs() < 1e-6 && report.other_image_cm > 5.0, "{report}");
+}
+
+#[test]
+fn place_and_heading_do_not_count() {
+    let teacher = dance(3);
+    let turned = crate::interpolate::align::turned(&teacher, 2.0).unwrap();
+    let root = turned.root().iter().map(|p| *p + Vec3::new(3.0, 0.1, -2.0)).collect();
+    let away = Clip::new(teacher.skeleton().clone(), 30.0, root, turned.rotations().to_vec()).unwrap();
+    let report = compared(&teacher, away);
+    assert!(named(&report) == (0, 0, false) && report.distance_cm < 1e-3, "{report}");
+}
+
+#[test]
+fn a_mirrored_student_is_only_mirrored() {
+    for seed in 1..6 {
+        let teacher = dance(seed);
+        let report = compared(&teacher, mirror(&teacher).unwrap());
+        assert!(named(&report) == (0, 0, true) && report.distance_cm < 1e-3, "seed {seed}: {report}");
+    }
+}
+
+#[test]
+fn a_late_student_is_only_late() {
+    for seed in 1..6 {
+        let teacher = dance(seed);
+        for lag in [-30, -13, -1, 1, 7, 30_i64] {
+            let by = lag.unsigned_abs() as usize;
+            // late: the student's clip has something else first; early: it begins in the midst of the dance
+            let student = if lag < 0 {
+                teacher.slice(by..teacher.frames())
+            } else {
+                let first = dance(seed + 10).slice(200..200 + by);
+                let root = first.root().iter().chain(teacher.root()).copied().collect();
+                let turns = first.rotations().iter().chain(teacher.rotations()).copied().collect();
+                Clip::new(teacher.skeleton().clone(), 30.0, root, turns).unwrap()
+            };
+            let report = compared(&teacher, student);
+            assert!(named(&report) == (lag, 0, false) && report.distance_cm < 1e-3, "seed {seed}, {lag}: {report}");
+        }
+    }
+}
+
+#[test]
+fn a_faster_student_is_only_faster() {
+    for seed in 1..6 {
+        let teacher = dance(seed);
+        for tempo in [0.8, 0.9, 0.96, 1.04, 1.1, 1.25] {
+            let report = compared(&teacher, teacher.clone().with_fps(30.0 * tempo).unwrap());
+            let off = (report.tempo / tempo - 1.0).abs();
+            assert!(off < 0.02 && !report.mirrored, "seed {seed}, {tempo}: {report}");
+            assert!(report.lag_frames.abs() <= 1 && report.distance_cm < 2.0, "seed {seed}, {tempo}: {report}");
+        }
+    }
+}
+
+#[test]
+fn a_joint_that_errs_is_found_when_it_errs() {
+    let teacher = dance(2);
+    let mut turns = teacher.rotations().to_vec();
+    for frame in 300..345 {
+        turns[frame * 24 + 18] = kinelm_motion::Quat::from_rotation_z(1.2) * turns[frame * 24 + 18];
+    }
+    let student = Clip::new(teacher.skeleton().clone(), 30.0, teacher.root().to_vec(), turns).unwrap();
+    let report = compared(&teacher, student);
+    assert_eq!(named(&report), (0, 0, false));
+    let first: Vec<&str> = report.joints[..2].iter().map(|joint| joint.joint).collect();
+    assert_eq!(first, ["left_hand", "left_wrist"]);
+    let [moment] = &report.moments[..] else { panic!("{report}") };
+    assert!((moment.at_s[0] - 10.75).abs() < 0.5 && moment.joint.joint == "left_hand", "{report}");
+}

@@ -13,7 +13,7 @@ use crate::model::likelihood::likelihood;
 use crate::model::{CheckpointChoice, load_run};
 use crate::shell::Say;
 use crate::view::music::Music;
-use crate::view::{Figure, page_with};
+use crate::view::{Figure, Page};
 use anyhow::{Context, Result};
 use kinelm_motion::synth::{self, Dance};
 use kinelm_motion::{Clip, Motion, format};
@@ -161,7 +161,7 @@ fn page(path: &Path, [real, made]: [&Clip; 2], piece: &Piece, joints: &[usize], 
     ];
     let sound = kinelm_store::input::bytes(&piece.path).map_err(crate::Error::io(&piece.path))?;
     let music = Music::embedded(&piece.path, &sound, 0.0, piece.beats_s.clone());
-    Ok(write_whole(path, page_with(&figures, Some(&music))?.as_bytes())?)
+    Ok(write_whole(path, Page::new(&figures).music(Some(&music)).html()?.as_bytes())?)
 }
 
 fn report(args: &Args, table: &[BeatMetrics], bits: [f64; 2], seconds: f64) -> String {

@@ -2,6 +2,8 @@
 
 mod music;
 mod page;
+mod panels;
+mod probe;
 
 use std::path::PathBuf;
 

@@ -4,7 +4,7 @@
 use super::browser;
 use kinelm::evaluate::dance::beats::BeatPair;
 use kinelm::view::music::Music;
-use kinelm::view::{Figure, page_with};
+use kinelm::view::{Figure, Page};
 use kinelm_motion::metric::beat::BeatHits;
 use kinelm_motion::synth;
 use kinelm_music::wav;
@@ -128,7 +128,7 @@ fn what_a_dancer_hits_is_lit_and_what_it_misses_is_not() {
         Figure::new(dance.name(), &dance.clip).hits(Some(BeatHits { each, ..hits.clone() }))
     });
     let figures: Vec<Figure> = figures.collect();
-    let page = page_with(&figures, Some(&music)).unwrap();
+    let page = Page::new(&figures).music(Some(&music)).html().unwrap();
     // to be looked at
     std::fs::write(Path::new(env!("CARGO_TARGET_TMPDIR")).join("view-hits.html"), &page).unwrap();
     let told = told(&browser, &page, LIT);
@@ -153,7 +153,7 @@ fn what_a_dancer_hits_is_lit_and_what_it_misses_is_not() {
     // the one whose music it is keeps to it
     assert!(hits[0].hit() as f64 > 1.5 * hits[0].chance && hits[0].hit() < hits[0].beats(), "{hits:?}");
     let unlike = [figures[0].clone().hits(Some(BeatHits::default()))];
-    let said = page_with(&unlike, Some(&music)).unwrap_err().to_string();
+    let said = Page::new(&unlike).music(Some(&music)).html().unwrap_err().to_string();
     assert!(said.contains("0 marks of hits for ") && said.contains("beats of music; expected as many"), "{said}");
 }
 
@@ -165,7 +165,7 @@ fn dance_and_music_keep_together() {
     let tick = |i: u32| if i % 4000 < 80 { 0.5 } else { 0.0 };
     let sound: Vec<f32> = (0..650 * 8000).map(tick).collect();
     let music = Music::embedded(Path::new("ticks.wav"), &wav::bytes(&sound, 8000), 2.5, beats);
-    let page = page_with(&[Figure::new("ticks", &clip)], Some(&music)).unwrap();
+    let page = Page::new(&[Figure::new("ticks", &clip)]).music(Some(&music)).html().unwrap();
     let told = told(&browser, &page, PROBE);
     let number = |row: &Value, i: usize| row[i].as_f64().unwrap();
     // a second after the jump everything has got there

@@ -1,46 +1,11 @@
 //! The page in a real browser: what it draws, counted in pixels by the page itself, and what its controls do.
 
 use super::browser;
+use super::probe::{opened, opened_with};
 use kinelm::view::{Figure, write_page};
 use kinelm_motion::{Clip, joints, resample, synth};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
-
-/// Drawing by software on a busy machine takes its time.
-const PATIENCE: Duration = Duration::from_secs(180);
-
-/// The page's elements after its script has run, at a fragment of its address.
-fn opened(browser: &Path, page: &Path, fragment: &str) -> String {
-    opened_with(browser, &["--use-angle=swiftshader", "--enable-unsafe-swiftshader"], page, fragment)
-}
-
-fn opened_with(browser: &Path, drawing: &[&str], page: &Path, fragment: &str) -> String {
-    let profile = tempfile::tempdir().unwrap();
-    let dom = profile.path().join("dom.html");
-    let mut child = Command::new(browser)
-        .args(["--headless", "--no-sandbox"])
-        .args(drawing)
-        .args(["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"])
-        .args(["--disable-sync", "--disable-extensions", "--window-size=800,450", "--dump-dom"])
-        .arg(format!("--user-data-dir={}", profile.path().join("profile").display()))
-        .arg(format!("file://{}#{fragment}", page.display()))
-        .stdout(std::fs::File::create(&dom).unwrap())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let begin = Instant::now();
-    while child.try_wait().unwrap().is_none() {
-        if begin.elapsed() > PATIENCE {
-            child.kill().unwrap();
-            child.wait().unwrap();
-            panic!("the browser was not done after {PATIENCE:?}");
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    std::fs::read_to_string(dom).unwrap()
-}
 
 fn self_test(browser: &Path, page: &Path) -> Value {
     let dom = opened(browser, page, "selftest&light");

@@ -1,7 +1,7 @@
 //! A page to watch dances on: one HTML file with everything in it, for any browser with WebGL2, from `file://` and
 //! without a network.
 //!
-//! Figures are side by side or overlaid. Figures of one world keep the relative positions of their clips; when all are of one
+//! Panels ([`panel`]) beside the dancers show numbers over the page's time. Figures are side by side or overlaid. Figures of one world keep the relative positions of their clips; when all are of one
 //! world, the page starts overlaid. All play by the same clock whatever their rates and lengths. Given joints have another
 //! colour, and the time bar marks regenerated spans. The address's fragment configures the page, with parts separated by `&`:
 //! `t=2.5` (seconds), `pause`, `yaw=`, `pitch=` (degrees), `zoom=`, `overlay`, `beside`, `trails`, `still` (the camera doesn't
@@ -11,6 +11,7 @@
 
 pub mod data;
 pub mod music;
+pub mod panel;
 pub mod plot;
 pub mod table;
 
@@ -19,6 +20,7 @@ use kinelm_motion::metric::beat::BeatHits;
 use kinelm_store::files;
 pub use kinelm_store::{Error, Result};
 use music::Music;
+use panel::Panel;
 use std::ops::Range;
 use std::path::Path;
 
@@ -115,40 +117,75 @@ pub const MARK: &str = r#"<meta name="generator" content="kinelm view">"#;
 /// [`Error::Unsupported`] without a figure, for a clip without frames, for marks of given joints of another number than the
 /// joints, and for positions beyond 1,000 km.
 pub fn page(figures: &[Figure]) -> Result<String> {
-    page_with(figures, None)
+    Page::new(figures).html()
 }
 
-/// As [`page`], with music that plays in step with the dancers; the first frame is at its `from_s`. Beats that a figure hits are
-/// highlighted in its colour.
-///
-/// # Errors
-/// As [`page`]; marks of hits of another number than the beats of the music.
-pub fn page_with(figures: &[Figure], music: Option<&Music>) -> Result<String> {
-    if figures.is_empty() {
-        return Err(Error::unsupported("a page of no figures", "expected at least one clip"));
+/// A page with more than its figures.
+#[derive(Debug, Clone, Copy)]
+pub struct Page<'a> {
+    figures: &'a [Figure<'a>],
+    music: Option<&'a Music>,
+    panels: &'a [Panel],
+}
+
+impl<'a> Page<'a> {
+    /// A page of these figures.
+    pub fn new(figures: &'a [Figure<'a>]) -> Self {
+        Page { figures, music: None, panels: &[] }
     }
-    let beats = music.map_or(0, |music| music.beats_s.len());
-    let marked = |figure: &&Figure| figure.hits.as_ref().is_some_and(|hits| hits.each.len() != beats);
-    if let Some(Figure { title, hits: Some(hits), .. }) = figures.iter().find(marked) {
-        let why = format!("{} marks of hits for {beats} beats of music; expected as many", hits.each.len());
-        return Err(Error::unsupported(format!("the figure {title:?}"), why));
+
+    /// Adds music that plays in step with the dancers; the first frame is at its `from_s`. Beats that a figure hits are
+    /// highlighted in its colour.
+    pub fn music(mut self, music: Option<&'a Music>) -> Self {
+        self.music = music;
+        self
     }
-    let data = serde_json::to_string(&data::drawn(figures)?).expect("plain data with text keys is JSON");
-    let titles: Vec<&str> = figures.iter().map(|f| f.title.as_str()).collect();
-    let parts = [
-        ("title", escaped(&titles.join(", "))),
-        ("style", [include_str!("player/look.css"), include_str!("page.css")].concat()),
-        ("modules", script(music.is_some())),
-        ("page", include_str!("page.js").into()),
-        ("controls", include_str!("controls.js").into()),
-        ("selftest", include_str!("selftest.js").into()),
-        // in JSON, `<` is only inside strings: none is left that could end the element or open a comment
-        ("data", data.replace('<', "\\u003c")),
-        ("music", music.map_or("null".into(), Music::json).replace('<', "\\u003c")),
-        // the page's policy allows no sources at all but those listed here
-        ("media", if music.is_some() { "; media-src 'self' data: file:".into() } else { String::new() }),
-    ];
-    Ok(filled(include_str!("page.html"), &parts))
+
+    /// Adds panels beside the dancers, in their order.
+    pub fn panels(mut self, panels: &'a [Panel]) -> Self {
+        self.panels = panels;
+        self
+    }
+
+    /// The page as text; panels add 20 KB and 3 bytes a value.
+    ///
+    /// # Errors
+    /// As [`page`]; marks of hits of another number than the beats of the music; panels of figures that the page doesn't have,
+    /// or without a rate.
+    pub fn html(&self) -> Result<String> {
+        let Page { figures, music, panels } = *self;
+        if figures.is_empty() {
+            return Err(Error::unsupported("a page of no figures", "expected at least one clip"));
+        }
+        let beats = music.map_or(0, |music| music.beats_s.len());
+        let marked = |figure: &&Figure| figure.hits.as_ref().is_some_and(|hits| hits.each.len() != beats);
+        if let Some(Figure { title, hits: Some(hits), .. }) = figures.iter().find(marked) {
+            let why = format!("{} marks of hits for {beats} beats of music; expected as many", hits.each.len());
+            return Err(Error::unsupported(format!("the figure {title:?}"), why));
+        }
+        let data = serde_json::to_string(&data::drawn(figures)?).expect("plain data with text keys is JSON");
+        let titles: Vec<&str> = figures.iter().map(|f| f.title.as_str()).collect();
+        let beside = panels.iter().map(|panel| panel.json(figures)).collect::<Result<Vec<_>>>()?;
+        // pages without panels don't carry their script
+        let of_panels = |text: &str| if panels.is_empty() { String::new() } else { text.into() };
+        let style = include_str!("page.css").to_owned() + &of_panels(include_str!("panels.css"));
+        let parts = [
+            ("title", escaped(&titles.join(", "))),
+            ("style", [include_str!("player/look.css"), &style].concat()),
+            ("modules", script(music.is_some())),
+            ("page", include_str!("page.js").into()),
+            ("controls", include_str!("controls.js").into()),
+            ("panel_script", of_panels(include_str!("panels.js"))),
+            ("selftest", include_str!("selftest.js").into()),
+            // in JSON, `<` is only inside strings: none is left that could end the element or open a comment
+            ("data", data.replace('<', "\\u003c")),
+            ("music", music.map_or("null".into(), Music::json).replace('<', "\\u003c")),
+            ("panels", serde_json::Value::from(beside).to_string().replace('<', "\\u003c")),
+            // the page's policy allows no sources at all but those listed here
+            ("media", if music.is_some() { "; media-src 'self' data: file:".into() } else { String::new() }),
+        ];
+        Ok(filled(include_str!("page.html"), &parts))
+    }
 }
 
 /// Writes [`page`] to a file and returns its size in bytes.
@@ -229,6 +266,7 @@ fn escaped(text: &str) -> String {
 mod tests {
     use super::*;
     use kinelm_motion::synth;
+    use panel::Facts;
 
     fn dance(seconds: f64) -> Clip {
         synth::corpus(1, 1, seconds, 60.0).unwrap().remove(0).clip
@@ -254,6 +292,17 @@ mod tests {
             assert!(!page.contains(scheme), "{scheme}");
         }
         assert!(page.contains("default-src 'none'"), "and the page itself forbids it");
+    }
+
+    #[test]
+    fn panels_are_plain_text_and_come_with_their_script() {
+        let clip = dance(1.0);
+        let figures = [Figure::new("a", &clip)];
+        let facts = Facts { title: "</script>".into(), rows: vec![vec!["<b>".into()]], ..Facts::default() };
+        let with = Page::new(&figures).panels(&[Panel::Facts(facts)]).html().unwrap();
+        assert!(with.contains("\\u003c/script>") && with.contains("class Timed") && with.contains(".playhead"));
+        assert_eq!(with.matches("<script").count(), with.matches("</script>").count());
+        assert!(!page(&figures).unwrap().contains("class Timed"));
     }
 
     #[test]

@@ -28,6 +28,7 @@ function readColours() {
   for (const name of ['floor', 'line', 'ink', 'given']) colours[name] = rgb(`--${name}`);
   colours.shadow = parseFloat(style.getPropertyValue('--shadow'));
   figures.forEach((f, i) => { f.colour = rgb(`--figure-${i % 6}`); });
+  for (const panel of panels) panel.paint();
   state.dirty = true;
 }
 
@@ -42,6 +43,9 @@ figures.forEach((f, i) => {
   labels.all[i].append(kept);
   player.hit(f.hits.beats, `var(--figure-${i % 6})`, light);
 });
+
+// ---- what stands beside the dancers, where something does ----
+const panels = [];
 
 // ---- a picture ----
 let scene;
@@ -61,6 +65,7 @@ function show() {
   $('whole').textContent = ` / ${clock(whole)}`;
   $('scrub').value = state.time;
   $('scrub').style.setProperty('--done', `${whole ? 100 * state.time / whole : 0}%`);
+  for (const panel of panels) panel.show(state.time);
 }
 
 let before = 0;

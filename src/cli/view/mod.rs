@@ -7,7 +7,7 @@ use super::{ForceArgs, Odd, Say, WrongCall, each_file, read::ReadArgs};
 use crate::corpus::in_out;
 use crate::generate::related::{ViewedFile, related};
 use crate::generate::request::Span;
-use crate::view::{Figure, page_with};
+use crate::view::{Figure, Page};
 use anyhow::Result;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::moment::{Moment, Timebase};
@@ -150,7 +150,7 @@ fn one(args: &Args, clips: &[Named], out: &Path, outputs: &Outputs, say: Say) ->
         None if args.lag.is_some() => return Err(WrongCall("--lag without music; give --music too".into()).into()),
         None => {}
     }
-    let page = page_with(&figures, played.as_ref())?;
+    let page = Page::new(&figures).music(played.as_ref()).html()?;
     outputs.write(out, page.as_bytes())?;
     say.line(format_args!(
         "{}: {}, {} KB; open it in a browser",

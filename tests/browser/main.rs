@@ -4,6 +4,7 @@ mod music;
 mod page;
 mod panels;
 mod probe;
+mod survey;
 
 use std::path::PathBuf;
 

@@ -60,7 +60,7 @@ impl BodyPoses {
     pub fn distances(&self, frame: usize, other: &BodyPoses, other_frame: usize) -> impl Iterator<Item = f64> {
         let (a, b, n) = (self.frame(frame), other.frame(other_frame), self.blocks);
         (0..self.joints).map(move |k| {
-            let at = |axis| a[axis * n + k / LANES][k % LANES] - b[axis * n + k / LANES][k % LANES];
+            let at = |axis: usize| a[axis * n + k / LANES][k % LANES] - b[axis * n + k / LANES][k % LANES];
             f64::from(length([0, 1, 2].map(at)))
         })
     }

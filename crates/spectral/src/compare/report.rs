@@ -126,7 +126,7 @@ fn worst(distances: &[f64]) -> Vec<(usize, f64)> {
 
 impl Comparison {
     /// Name and value of the figures, without joints and moments.
-    pub(super) fn facts(&self) -> Vec<[String; 2]> {
+    pub(super) fn facts(&self) -> [[String; 2]; 6] {
         let image = if self.mirrored { "not mirrored" } else { "mirrored" };
         let lag = match self.lag_frames {
             0 => "none".into(),
@@ -146,7 +146,7 @@ impl Comparison {
             ("cosine", cosine),
             ("compared", format!("{:.1} s", self.frames as f64 / FPS)),
         ];
-        rows.map(|(name, value)| [name.to_string(), value]).to_vec()
+        rows.map(|(name, value)| [name.to_string(), value])
     }
 }
 

@@ -50,9 +50,10 @@ pub(super) fn path(teacher: &BodyPoses, student: &BodyPoses, line: Line, band: u
             };
             let (mut step, mut cost) = (0, 0.0);
             if row > 0 {
-                (step, cost) = STEPS.map(|step| (step, before(step))).into_iter().fold((1, f64::INFINITY), |best, one| {
-                    if one.1 < best.1 { one } else { best }
-                });
+                (step, cost) = STEPS
+                    .map(|step| (step, before(step)))
+                    .into_iter()
+                    .fold((1, f64::INFINITY), |best, one| if one.1 < best.1 { one } else { best });
             }
             next[k] = match frame {
                 Some(frame) if cost < f64::INFINITY => cost + teacher.distance(from + row, student, frame),

@@ -72,9 +72,10 @@ fn make(args: MakeArgs, say: Say) -> Result<()> {
     let MakeArgs { folders, ask, pairs, seconds, seed, out, read, .. } = args;
     let read = read.options(RestFrame::Drop);
     let study = Study::make(&StudyOptions { ask, folders, pairs, seconds, seed, read })?;
-    // first: a key that is there belongs to another page, whose votes it alone can count
-    outputs.write(&key_path, (serde_json::to_string_pretty(&study.key)? + "\n").as_bytes())?;
-    outputs.write(&out, study.page.as_bytes())?;
+    // both or neither: a key that is there belongs to another page, whose votes it alone can count
+    let text = serde_json::to_string_pretty(&study.key)? + "\n";
+    let both = [outputs.prepare(&key_path, text.as_bytes())?, outputs.prepare(&out, study.page.as_bytes())?];
+    both.into_iter().try_for_each(|file| file.name().map(|_| ()))?;
     let key = &study.key;
     let kb = study.page.len() / 1000;
     let (trials, seconds) = (counted(key.trials.len(), "trials"), key.seconds);

@@ -2,6 +2,7 @@
 
 use super::{Ask, Key, Votes};
 use crate::{Error, Result};
+use kinelm_store::counted;
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
@@ -111,10 +112,11 @@ pub fn fleiss_kappa(counts: &[Vec<usize>]) -> Option<f64> {
 
 impl fmt::Display for Count {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{} votes of {} people, {} trials", self.votes, self.voters, self.trials.len())?;
+        let [votes, voters] = [(self.votes, "votes"), (self.voters, "voters")].map(|(n, what)| counted(n, what));
+        writeln!(f, "{votes} of {voters}, {}", counted(self.trials.len(), "trials"))?;
         for Share { of, votes, share, interval: [low, high] } in &self.shares {
             let [share, low, high] = [share, low, high].map(|x| 100.0 * x);
-            writeln!(f, "{of}: {votes} votes, {share:.0} % (95 % interval {low:.0} to {high:.0})")?;
+            writeln!(f, "{of}: {}, {share:.0} % (95 % interval {low:.0} to {high:.0})", counted(*votes, "votes"))?;
         }
         let kappa = self.kappa.map_or("not defined for these votes".into(), |kappa| format!("{kappa:.2}"));
         write!(f, "Fleiss' kappa: {kappa}")

@@ -4,7 +4,7 @@
 //! and a tempo along which they are nearest ([`line`]) is what a straight change of time explains; dynamic time warping
 //! around it ([`warp`]) aligns the rest, and distances are those of aligned frames. All of it is done with the student's
 //! mirror image too, and the nearer of the two is reported. Source: the motion-language thesis compares teacher and student
-//! by spectral windows (sections 3.4 and 3.8), which are too flat for it; the alignment is ours (docs/query.md).
+//! by spectral windows (sections 3.4 and 3.8), which are too flat for it; the alignment is ours (docs/compare.md).
 //!
 //! **Letters**: F frames of a clip, N aligned frames, K joints.
 

@@ -10,8 +10,8 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The dance to compare with, of any rig. Reading options of one file follow its name, FILE:fps=60,skip=10 (also up,
-    /// unit, map, root, rest, position)
+    /// The dance to compare with, of any rig. Reading options of one file follow its name, FILE:fps=60,skip=10 (also
+    /// up, unit, map, root, rest, position)
     #[arg(value_name = "TEACHER")]
     teacher: PathBuf,
     /// The dance to compare, of any rig

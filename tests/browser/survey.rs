@@ -7,10 +7,11 @@ use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::{Motion, synth};
 use std::path::Path;
 
-/// Answers every trial: the left twice, by button and by key, then goes back and changes the second to the right; the third
-/// on the right.
+/// Answers every trial: the left twice, by button and by key, then goes back and changes the second to the right; the
+/// third on the right.
 const PROBE: &str = r"
-  const seen = [], look = () => { draw(); seen.push([$('progress').textContent, $('labels').textContent, $('end').hidden]); };
+  const seen = [], texts = () => ['progress', 'labels'].map(id => $(id).textContent);
+  const look = () => { draw(); seen.push([...texts(), $('end').hidden]); };
   look();
   const answer_ = i => $('choices').children[i].click();
   answer_(0); look();

@@ -19,8 +19,8 @@ pub struct Survey<'a> {
 }
 
 impl Survey<'_> {
-    /// The page as text: about 200 bytes per frame of 24 joints, and 40 KB. The fragment of its address may be `light` or
-    /// `dark`.
+    /// The page as text: about 200 bytes per frame of 24 joints, and 40 KB. The fragment of its address may be `light`
+    /// or `dark`.
     ///
     /// # Errors
     /// [`Error::Unsupported`] without a trial or with a single choice; those of [`page`](crate::page) for a trial.

@@ -6,7 +6,7 @@ use crate::cli::{ForceArgs, Say, each_file, page, print, progress};
 use crate::evaluate::blind::{Ask, Count, Key, Study, StudyOptions, Votes};
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
-use kinelm_store::counted;
+use kinelm_store::{counted, hash};
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Subcommand)]
@@ -72,10 +72,10 @@ fn make(args: MakeArgs, say: Say) -> Result<()> {
     let MakeArgs { folders, ask, pairs, seconds, seed, out, read, .. } = args;
     let read = read.options(RestFrame::Drop);
     let study = Study::make(&StudyOptions { ask, folders, pairs, seconds, seed, read })?;
-    // both or neither: a key that is there belongs to another page, whose votes it alone can count
-    let text = serde_json::to_string_pretty(&study.key)? + "\n";
-    let both = [outputs.prepare(&key_path, text.as_bytes())?, outputs.prepare(&out, study.page.as_bytes())?];
-    both.into_iter().try_for_each(|file| file.name().map(|_| ()))?;
+    // neither without the other: a key that is there belongs to another page, whose votes it alone can count
+    outputs.check_replaceable(&out, Some(&hash::of(study.page.as_bytes())))?;
+    outputs.write(&key_path, (serde_json::to_string_pretty(&study.key)? + "\n").as_bytes())?;
+    outputs.write(&out, study.page.as_bytes())?;
     let key = &study.key;
     let kb = study.page.len() / 1000;
     let (trials, seconds) = (counted(key.trials.len(), "trials"), key.seconds);

@@ -79,8 +79,8 @@ impl Count {
 
 /// The 95 % interval of a share of `of` independent votes, at least one; within 0 to 1.
 ///
-/// Source: Wilson, "Probable Inference, the Law of Succession, and Statistical Inference" (1927), without a correction for
-/// continuity; the numbers of the tests are those of Newcombe (1998), table I, method 3.
+/// Source: Wilson, "Probable Inference, the Law of Succession, and Statistical Inference" (1927), without a correction
+/// for continuity; the numbers of the tests are those of Newcombe (1998), table I, method 3.
 pub fn wilson(votes: usize, of: usize) -> [f64; 2] {
     // the 97.5 % quantile of the standard normal distribution
     const Z: f64 = 1.959_963_984_540_054;
@@ -92,8 +92,8 @@ pub fn wilson(votes: usize, of: usize) -> [f64; 2] {
 
 /// Fleiss' kappa of (trials, answers) counts: 1 where voters agree in each trial, 0 where they agree as by chance.
 ///
-/// Trials may have different numbers of votes; those of fewer than two say nothing about agreement and don't count. `None`
-/// if none is left, or if all votes are one answer.
+/// Trials may have different numbers of votes; those of fewer than two say nothing about agreement and don't count.
+/// `None` if none is left, or if all votes are one answer.
 ///
 /// Source: Fleiss, "Measuring Nominal Scale Agreement Among Many Raters" (1971); each trial by its own number of votes.
 pub fn fleiss_kappa(counts: &[Vec<usize>]) -> Option<f64> {

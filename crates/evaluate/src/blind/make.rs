@@ -49,14 +49,14 @@ pub struct Study {
 impl Study {
     /// Makes a study.
     ///
-    /// Clips of one name (without the extension, in the folders' order) make a trial. Where the folders share no names, a
-    /// question about pairs takes any two, each clip once. All clips of a study are put on the neutral body, at the lowest of
-    /// their rates and at most 30 frames a second, cut to one length, and begin at one place facing the viewer: rate, rig,
-    /// length and room say nothing of where a clip is from.
+    /// Clips of one name (without the extension, in the folders' order) make a trial. Where the folders share no names,
+    /// a question about pairs takes any two, each clip once. All clips of a study are put on the neutral body, at the
+    /// lowest of their rates and at most 30 frames a second, cut to one length, and begin at one place facing the
+    /// viewer: rate, rig, length and room say nothing of where a clip is from.
     ///
     /// # Errors
-    /// Folders of another number than the question needs, or without clips that belong together; clips that can't be read or
-    /// are shorter than half a second.
+    /// Folders of another number than the question needs, or without clips that belong together; clips that can't be
+    /// read or are shorter than half a second.
     pub fn make(options: &StudyOptions) -> Result<Study> {
         let &StudyOptions { ask, seed, .. } = options;
         let trials = trials(options)?;

@@ -1,8 +1,8 @@
 //! Asking people: a page of dances without names, and what its votes say (docs/measures.md).
 //!
-//! [`Study::make`] draws trials from folders of clips and writes a page that has no trace of where a dance is from, beside a
-//! [`Key`] that stays with its maker. [`Count::of`] counts the votes by the key. The motion-language thesis asked six
-//! experts (section 3.7); the dissertation on music to dance asked for quality (chapter 7).
+//! [`Study::make`] draws trials from folders of clips and writes a page that has no trace of where a dance is from,
+//! beside a [`Key`] that stays with its maker. [`Count::of`] counts the votes by the key. The motion-language thesis
+//! asked six experts (section 3.7); the dissertation on music to dance asked for quality (chapter 7).
 
 mod count;
 mod key;

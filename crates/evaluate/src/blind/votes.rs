@@ -36,8 +36,8 @@ impl Votes {
     /// Reads the votes of a study.
     ///
     /// # Errors
-    /// I/O errors; [`kinelm_store::Error::File`] for votes of another page, and for trials and answers that the study doesn't
-    /// have or that are there twice.
+    /// I/O errors; [`kinelm_store::Error::File`] for votes of another page, and for trials and answers that the study
+    /// doesn't have or that are there twice.
     pub fn load(path: &Path, key: &Key) -> Result<Votes> {
         let bytes = input::bytes(path).map_err(Error::io(path))?;
         let wrong = |found: String, expected: &str| Error::file(path, found, expected, "");

@@ -5,8 +5,8 @@ use kinelm_motion::{Clip, GlobalPose, Quat};
 /// Joints whose distances are summed side by side.
 const LANES: usize = 8;
 
-/// The joints of each frame relative to the pelvis, turned so that the pelvis faces +z: (F, 3, K / 8, 8) metres, x, y and
-/// z apart. K is rounded up; the joints that are added have no distance.
+/// The joints of each frame relative to the pelvis, turned so that the pelvis faces +z: (F, 3, K / 8, 8) metres, x, y
+/// and z apart. K is rounded up; the joints that are added have no distance.
 #[derive(Debug, Clone)]
 pub(super) struct BodyPoses {
     numbers: Vec<[f32; LANES]>,

@@ -63,8 +63,8 @@ impl Line {
     }
 }
 
-/// The line with the least mean distance among those of a lag of at most `band` frames and a tempo within [`TEMPI`]; the
-/// overlap has at least half of the shorter clip. Of equals the one nearest to no lag and the same tempo.
+/// The line with the least mean distance among those of a lag of at most `band` frames and a tempo within [`TEMPI`];
+/// the overlap has at least half of the shorter clip. Of equals the one nearest to no lag and the same tempo.
 ///
 /// Every second frame at either end is tried first, at 400 frames along the line, then the frames around the best.
 pub(super) fn nearest_line(teacher: &BodyPoses, student: &BodyPoses, band: i64) -> Line {

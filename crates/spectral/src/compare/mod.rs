@@ -1,10 +1,11 @@
 //! Two dancers compared: how far apart they are, how late and how fast one is, and where they differ most.
 //!
-//! Both clips are put on the neutral SMPL body at 30 frames a second, without place and heading ([`body`]). The line of a lag
-//! and a tempo along which they are nearest ([`line`]) is what a straight change of time explains; dynamic time warping
-//! around it ([`warp`]) aligns the rest, and distances are those of aligned frames. All of it is done with the student's
-//! mirror image too, and the nearer of the two is reported. Source: the motion-language thesis compares teacher and student
-//! by spectral windows (sections 3.4 and 3.8), which are too flat for it; the alignment is ours (docs/compare.md).
+//! Both clips are put on the neutral SMPL body at 30 frames a second, without place and heading (`body`). The line of a
+//! lag and a tempo along which they are nearest (`line`) is what a straight change of time explains; dynamic time
+//! warping around it (`warp`) aligns the rest, and distances are those of aligned frames. All of it is done with the
+//! student's mirror image too, and the nearer of the two is reported. Source: the motion-language thesis compares
+//! teacher and student by spectral windows (sections 3.4 and 3.8), which are too flat for it; the alignment is ours
+//! (docs/compare.md).
 //!
 //! **Letters**: F frames of a clip, N aligned frames, K joints.
 
@@ -78,8 +79,8 @@ pub struct Compared {
 /// ```
 ///
 /// # Errors
-/// A clip without frames, or of a rig that can't be put on the neutral body; joints that there are none of; a band outside
-/// [`BAND_S`] or too large for both clips' lengths.
+/// A clip without frames, or of a rig that can't be put on the neutral body; joints that there are none of; a band
+/// outside [`BAND_S`] or too large for both clips' lengths.
 pub fn compare(teacher: &Motion, student: &Motion, options: &CompareOptions) -> Result<Compared> {
     if !BAND_S.contains(&options.band_s) {
         let expected = format!("{} to {} seconds", BAND_S.start(), BAND_S.end());
@@ -133,8 +134,8 @@ impl Aligned {
     }
 }
 
-/// The mean cosine of the features of `query` (DCT) over the teacher's windows, half a window apart, each with the student's
-/// window from the aligned frame on; `None` where no two windows fit.
+/// The mean cosine of the features of `query` (DCT) over the teacher's windows, half a window apart, each with the
+/// student's window from the aligned frame on; `None` where no two windows fit.
 fn cosine(teacher: &Clip, aligned: &Aligned, compared: &[usize]) -> Result<Option<f64>> {
     let (frames, fps) = WINDOW;
     let [a, b] = [teacher, &aligned.student].map(|clip| Series::of(clip, compared, fps, false));

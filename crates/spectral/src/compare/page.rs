@@ -13,9 +13,9 @@ use kinelm_view::{Figure, Page};
 const SMOOTH: usize = 7;
 
 impl Compared {
-    /// A page that plays the teacher by its own clock and the student beside it in step: at any time the frames that are
-    /// aligned. Both begin facing the same way; the student stands still where its clip has nothing. Beside them are the
-    /// figures, the worst moments, the distance and the lag over time, and the joints.
+    /// A page that plays the teacher by its own clock and the student beside it in step: at any time the frames that
+    /// are aligned. Both begin facing the same way; the student stands still where its clip has nothing. Beside them
+    /// are the figures, the worst moments, the distance and the lag over time, and the joints.
     ///
     /// # Errors
     /// Those of [`Page::html`].

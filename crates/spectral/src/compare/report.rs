@@ -106,8 +106,8 @@ impl Comparison {
     }
 }
 
-/// The first frames of the worst seconds and their mean distances: above the mean of all, the worst first taken, none within
-/// a second of another, in order of time.
+/// The first frames of the worst seconds and their mean distances: above the mean of all, the worst first taken, none
+/// within a second of another, in order of time.
 fn worst(distances: &[f64]) -> Vec<(usize, f64)> {
     let mean = |all: &[f64]| all.iter().sum::<f64>() / all.len() as f64;
     let usual = mean(distances);

@@ -20,12 +20,13 @@ pub(super) struct Path {
 
 /// The path of the least sum of distances that is at most `band` frames of the student away from a line.
 ///
-/// For each frame of the teacher the student goes on by none, one or two frames, so a path has as many steps as the teacher
-/// has frames and its mean needs no correction. Both ends are open: any frame of the band may be the first and the last.
+/// For each frame of the teacher the student goes on by none, one or two frames, so a path has as many steps as the
+/// teacher has frames and its mean needs no correction. Both ends are open: any frame of the band may be the first and
+/// the last.
 ///
-/// Source: Sakoe and Chiba, "Dynamic Programming Algorithm Optimization for Spoken Word Recognition" (1978), the band of
-/// their equation 8; the steps are `asymmetric` of Giorgino, "Computing and Visualizing Dynamic Time Warping Alignments in
-/// R" (2009), which has open ends in section 3.4.
+/// Source: Sakoe and Chiba, "Dynamic Programming Algorithm Optimization for Spoken Word Recognition" (1978), the band
+/// of their equation 8; the steps are `asymmetric` of Giorgino, "Computing and Visualizing Dynamic Time Warping
+/// Alignments in R" (2009), which has open ends in section 3.4.
 ///
 /// # Errors
 /// [`Limit`](kinelm_store::Error::Limit) for a band of more than 2^28 cells.

@@ -3,7 +3,7 @@
 use super::Ask;
 use super::key::{Key, Source, Trial};
 use crate::{Error, Result};
-use kinelm_corpus::in_out;
+use kinelm_corpus::{in_out, sidecar};
 use kinelm_generate::output::RootGiven;
 use kinelm_generate::request::Placement;
 use kinelm_motion::format::{self, ReadOptions};
@@ -33,7 +33,7 @@ pub struct StudyOptions {
     pub seconds: f64,
     /// Of pairs, order and sides.
     pub seed: u64,
-    /// How the clips are read.
+    /// How clips are read; those with a sidecar as that says.
     pub read: ReadOptions,
 }
 
@@ -58,16 +58,23 @@ impl Study {
     /// Folders of another number than the question needs, or without clips that belong together; clips that can't be
     /// read or are shorter than half a second.
     pub fn make(options: &StudyOptions) -> Result<Study> {
-        let &StudyOptions { ask, seed, .. } = options;
+        let &StudyOptions { ask, seed, seconds, .. } = options;
+        if !(seconds.is_finite() && seconds >= SHORTEST_S) {
+            return Err(Error::invalid_parameter("seconds", seconds, format!("at least {SHORTEST_S} s")));
+        }
         let trials = trials(options)?;
         let files: Vec<&PathBuf> =
             trials.iter().flat_map(|t| [&t.left.clip, &t.right.clip].into_iter().chain(&t.x)).collect();
-        let read = |file: &&PathBuf| -> Result<Clip> { Ok(retarget::to_smpl(&format::read(file, &options.read)?)?) };
+        let read = |file: &&PathBuf| -> Result<Clip> {
+            let own = sidecar::read_options(file)?;
+            let read = own.map_or_else(|| options.read.clone(), |own| sidecar::combined(own, &options.read));
+            Ok(retarget::to_smpl(&format::read(file, &read)?)?)
+        };
         let clips = files.iter().map(read).collect::<Result<Vec<_>>>()?;
         let fps = clips.iter().map(Clip::fps).fold(FPS, f64::min);
         let clips = clips.iter().map(|clip| Ok(resample(clip, fps, Method::Auto)?)).collect::<Result<Vec<_>>>()?;
         let shortest = clips.iter().map(Clip::frames).min().unwrap_or(0);
-        let frames = shortest.min((options.seconds * fps).round() as usize);
+        let frames = shortest.min((seconds * fps).round() as usize);
         if (frames as f64) < SHORTEST_S * fps {
             let short = clips.iter().position(|clip| clip.frames() == shortest).unwrap_or(0);
             let found = format!("{:.2} s", shortest as f64 / fps);
@@ -117,7 +124,7 @@ fn trials(options: &StudyOptions) -> Result<Vec<Trial>> {
     let mut together: Vec<Vec<PathBuf>> =
         shared.map(|name| named.iter().map(|files| files[name].clone()).collect()).collect();
     let mut rng = random::stream(*seed, "blind", 0, 0);
-    if together.is_empty() && ask.needs_names() {
+    if together.is_empty() && ask.has_x() {
         let names: Vec<String> = folders.iter().map(|folder| folder.display().to_string()).collect();
         let why = "no clips of one name in all folders; name those that belong together alike";
         return Err(Error::unsupported(names.join(", "), why));

@@ -44,7 +44,7 @@ impl Ask {
         }
     }
 
-    /// Whether a clip X stands in the middle.
+    /// Whether a clip X stands in the middle; only clips of one name belong together then.
     pub fn has_x(self) -> bool {
         matches!(self, Ask::Alike | Ask::Blend)
     }
@@ -52,10 +52,5 @@ impl Ask {
     /// The answers, from left to right.
     pub fn choices(self) -> &'static [&'static str] {
         if self == Ask::Blend { &["1", "As much like both", "2"] } else { &["1", "2"] }
-    }
-
-    /// Whether only clips of one name belong together, instead of any two.
-    pub(crate) fn needs_names(self) -> bool {
-        self.has_x()
     }
 }

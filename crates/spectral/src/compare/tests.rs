@@ -114,3 +114,31 @@ fn a_joint_that_errs_is_found_when_it_errs() {
     let [moment] = &report.moments[..] else { panic!("{report}") };
     assert!((moment.at_s[0] - 10.75).abs() < 0.5 && moment.joint.joint == "left_hand", "{report}");
 }
+
+#[test]
+fn the_path_is_the_nearest_of_all() {
+    let joints: Vec<usize> = (1..24).collect();
+    let [a, b] = [dance(3).slice(100..140), dance(5).slice(60..110)].map(|clip| BodyPoses::of(&clip, &joints));
+    let line = nearest_line(&a, &b, 20);
+    let found = path(&a, &b, line, 60).unwrap();
+    // every cell of the matrix, by the definition
+    let mut best = vec![vec![0.0; b.frames()]];
+    for row in 0..found.student.len() {
+        let reached = |j: usize| match row {
+            0 => 0.0,
+            _ => (0..=2).filter_map(|step| best[row].get(j.checked_sub(step)?)).copied().fold(f64::INFINITY, f64::min),
+        };
+        best.push((0..b.frames()).map(|j| reached(j) + a.distance(found.from + row, &b, j)).collect());
+    }
+    let least = best[found.student.len()].iter().copied().fold(f64::INFINITY, f64::min);
+    let sum =
+        |path: &Path| -> f64 { path.student.iter().enumerate().map(|(n, &j)| a.distance(path.from + n, &b, j)).sum() };
+    assert!((sum(&found) - least).abs() < 1e-9, "{} {least}", sum(&found));
+    assert!(found.student.windows(2).all(|pair| (0..=2).contains(&(pair[1] - pair[0]))));
+    let narrow = path(&a, &b, line, 3).unwrap();
+    let off = narrow.student.iter().enumerate().map(|(n, &j)| (j as i64 - line.at(narrow.from + n)).abs());
+    assert!(off.max().unwrap() <= 3 && sum(&narrow) >= sum(&found));
+    // the joints' mean is the frame's distance
+    let each: f64 = a.distances(5, &b, 9).sum::<f64>() / 23.0;
+    assert!((each - a.distance(5, &b, 9)).abs() < 1e-6);
+}

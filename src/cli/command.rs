@@ -66,6 +66,8 @@ pub enum Command {
     Export(export::Args),
     /// Make a run of such a folder
     Import(import::Args),
+    /// Compare a student with a teacher: how far apart, how late, how fast, and where they differ most
+    Compare(compare::Args),
     /// Blend two dances: move the rotations of one until its spectrum lies between both
     Interpolate(interpolate::Args),
     /// Remove fast movements from clips
@@ -119,6 +121,7 @@ pub fn command(command: Command, say: Say) -> Result<()> {
         Command::Generate(args) => generate::run(*args, say),
         Command::Export(args) => export::run(args, say),
         Command::Import(args) => import::run(args, say),
+        Command::Compare(args) => compare::run(args, say),
         Command::Interpolate(args) => interpolate::run(args, say),
         Command::Filter(args) => filter::run(args, say),
         Command::Spectrum(args) => spectrum::run(&args, say),

@@ -7,6 +7,7 @@ mod again;
 mod classify;
 mod clean;
 mod command;
+mod compare;
 mod completions;
 mod config;
 mod convert;

@@ -5,6 +5,7 @@ mod page;
 mod panels;
 mod paths;
 mod probe;
+mod survey;
 
 use std::path::PathBuf;
 

@@ -4,6 +4,7 @@ mod aclstm;
 mod blend;
 mod classify;
 mod clean;
+mod compare;
 mod convert;
 mod demo;
 mod edit;

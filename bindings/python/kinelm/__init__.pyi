@@ -281,3 +281,6 @@ def evaluate(
     dances: Path | Sequence[Path], real: Corpus, *, copying: bool = False, **reading: Unpack[Reading]
 ) -> dict[str, Any]:
     """Measures dances against the real ones of a corpus."""
+
+def compare(teacher: Clip, student: Clip, *, joints: str = "24", band: float = 1.0) -> dict[str, Any]:
+    """Compares a student's clip with a teacher's: distance in cm, lag, tempo, mirror image, joints and moments."""

@@ -5,6 +5,7 @@
 
 mod classifier;
 mod clip;
+mod compare;
 mod corpus;
 mod error;
 mod evaluate;
@@ -41,6 +42,7 @@ fn _kinelm(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(training::pretrain, module)?)?;
     module.add_function(wrap_pyfunction!(training::finetune, module)?)?;
     module.add_function(wrap_pyfunction!(training::resume, module)?)?;
+    module.add_function(wrap_pyfunction!(compare::compare, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)
 }

@@ -49,6 +49,16 @@ class Kinelm(unittest.TestCase):
             kinelm.Clip(*arrays[:4], dance.rotations[:, :, :3], 20)
         self.assertEqual(raised.exception.kind, "call")
 
+    def test_compare(self):
+        found = kinelm.compare(self.dance, self.dance.slice(12, 120))
+        self.assertEqual((found["lag_frames"], found["mirrored"], found["frames"]), (-12, False, 108))
+        self.assertLess(found["distance_cm"], 0.01)
+        arm = kinelm.compare(self.dance, self.dance, joints="left_arm", band=np.float64(0.5))
+        self.assertEqual({row["joint"] for row in arm["joints"]} - {f"left_{j}" for j in ("collar", "shoulder", "elbow", "wrist", "hand")}, set())
+        with self.assertRaisesRegex(kinelm.Error, "band") as raised:
+            kinelm.compare(self.dance, self.dance, band=0)
+        self.assertEqual(raised.exception.kind, "call")
+
     def test_files(self):
         clip = kinelm.Clip.read(self.at / "dance.bvh")
         np.testing.assert_allclose(clip.positions(), self.in_order_of(clip), atol=1e-5)

@@ -1,6 +1,7 @@
 //! Measures: what a corpus costs without a model and with one, and what the dances are that it makes.
 #![forbid(unsafe_code)]
 
+pub mod blind;
 pub mod bootstrap;
 pub mod dance;
 pub mod floors;

@@ -82,6 +82,21 @@ pub fn held_frames(frames: usize, own_fps: f64, fps: f64) -> usize {
     (frames as f64 * fps / own_fps - 1e-9).ceil().max(0.0) as usize
 }
 
+/// The clip's poses at `times_frames`, in frames and held beyond both ends, at the clip's rate: shortest-arc slerp between
+/// neighbours, linear for the root. A clip without frames stays as it is.
+///
+/// # Errors
+/// [`Invalid`](kinelm_store::Error::Invalid) for a time that is not finite.
+pub fn at_frames(clip: &Clip, times_frames: &[f64]) -> Result<Clip> {
+    if let Some(time) = times_frames.iter().find(|time| !time.is_finite()) {
+        return Err(Error::invalid("a time of a clip", time, "finite numbers of frames"));
+    }
+    let Some(last) = clip.frames().checked_sub(1) else { return Ok(clip.clone()) };
+    let times = times_frames.iter().map(|time| between(time.clamp(0.0, last as f64)));
+    let (root, rotations) = interpolate(clip, times);
+    Clip::new(clip.skeleton().clone(), clip.fps(), root, rotations)
+}
+
 /// Resamples a clip to `frames` frames at `fps`.
 fn resampled(clip: &Clip, fps: f64, method: Method, frames: f64) -> Result<Clip> {
     let (a, b) = (clip.fps(), fps);
@@ -328,6 +343,18 @@ mod tests {
         }
         assert_eq!(resample_held(&c.slice(0..1), 60.0, Method::Smooth).unwrap().frames(), 3);
         assert_eq!(resample_held(&c.slice(0..0), 60.0, Method::Smooth).unwrap().frames(), 0);
+    }
+
+    #[test]
+    fn poses_at_times_between_frames() {
+        let c = swinging(20.0, 1.0, |t| t);
+        let at = at_frames(&c, &[-3.0, 0.0, 7.5, 20.0, 99.0]).unwrap();
+        for (f, frame) in [0.0, 0.0, 7.5, 20.0, 20.0].into_iter().enumerate() {
+            let angle = exp_map::to_vector(at.pose(f)[0]).x;
+            assert!((angle - frame / 20.0).abs() < 1e-12 && (at.root()[f].x - frame / 20.0).abs() < 1e-12, "{f}");
+        }
+        assert!(at_frames(&c, &[f64::NAN]).is_err());
+        assert_eq!(at_frames(&c.slice(0..0), &[1.0]).unwrap().frames(), 0);
     }
 
     #[test]

@@ -11,6 +11,7 @@
 #![forbid(unsafe_code)]
 
 pub mod clean;
+pub mod compare;
 mod dct;
 mod feature;
 pub mod filter;

@@ -14,6 +14,7 @@ pub mod data;
 pub mod music;
 pub mod panel;
 pub mod plot;
+pub mod survey;
 pub mod table;
 
 use kinelm_motion::Clip;

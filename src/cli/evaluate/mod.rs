@@ -1,6 +1,7 @@
 //! `kinelm evaluate`.
 
 mod baselines;
+mod blind;
 mod compare;
 mod dance;
 mod floors;
@@ -27,6 +28,9 @@ pub enum Command {
     Likelihood(likelihood::Args),
     /// Whether dances freeze, repeat themselves, respond to their prompts or copy, compared with real ones
     Dance(dance::Args),
+    /// Ask people: which dance is real, better, or more like another
+    #[command(subcommand)]
+    Blind(blind::Command),
     /// How well a model fills gaps, compared with linear interpolation
     Gaps(gaps::Args),
     /// How well a model predicts the next 400 ms, compared with zero and constant velocity
@@ -46,6 +50,7 @@ pub fn run(command: Command, say: Say) -> Result<()> {
         Command::Baselines(args) => baselines::run(&args),
         Command::Likelihood(args) => likelihood::run(&args, say),
         Command::Dance(args) => dance::run(&args, say),
+        Command::Blind(command) => blind::run(command, say),
         Command::Gaps(args) => gaps::run(&args, say),
         Command::Prediction(args) => prediction::run(&args, say),
     }

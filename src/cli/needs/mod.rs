@@ -75,6 +75,7 @@ const NEEDS: &[Need] = &[
     Need { commands: &["classify eval"], options: &["force"], any_of: &["plot"] },
     Need { commands: &["music inspect"], options: &["at", "seconds", "force"], any_of: &["out"] },
     Need { commands: &["music beats"], options: &["force"], any_of: &["out"] },
+    Need { commands: &["compare"], options: &["force"], any_of: &["page"] },
     Need { commands: &["query find"], options: &["force"], any_of: &["page"] },
     Need { commands: &["query evaluate"], options: &["force"], any_of: &["save"] },
     Need { commands: &["aclstm evaluate"], options: &["force"], any_of: &["write-seeds"] },

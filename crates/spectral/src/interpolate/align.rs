@@ -174,7 +174,7 @@ fn heading_between(first: &Clip, second: &Clip) -> f64 {
 
 /// A clip turned about the vertical where it begins. The turn is made by the joint that carries the body, so that joints
 /// above it, which are constant in some rigs, stay constant.
-fn turned(clip: &Clip, angle: f64) -> Result<Clip> {
+pub(crate) fn turned(clip: &Clip, angle: f64) -> Result<Clip> {
     let turn = Quat::from_rotation_y(angle);
     let (joint, j) = (pelvis(clip.skeleton()), clip.joints());
     let from = clip.root().first().copied().unwrap_or(Vec3::ZERO);

@@ -34,7 +34,7 @@ impl Compared {
         };
         let late = |(n, frame): (usize, f64)| (frame - (self.path.from + n) as f64) / FPS;
         let moment = |m: &WorstMoment| {
-            let label = format!("{:.1} s: {:.0} cm, {}", m.at_s[0], m.distance_cm, in_words(m.joint.joint));
+            let label = format!("{:.0} cm, {}", m.distance_cm, in_words(m.joint.joint));
             Moment { label, at_s: m.at_s[0], figure: None }
         };
         let report = &self.report;

@@ -23,8 +23,8 @@ fn a_late_student_is_named_in_text_in_json_and_on_a_page() {
         (&object!(-12), &object!(false), &object!(1))
     );
     assert_eq!((found["joints"].as_array().unwrap().len(), &found["student"]), (10, &object!("student.bvh")));
-    call("--joints root").assert().code(2).stderr(contains("--joints: root; expected joints besides the pelvis"));
-    call("--band 31s").assert().code(2).stderr(contains("--band: 31; expected 0.1 to 30 seconds"));
+    call("--joints root").assert().code(2).stderr(contains("--joints is root; expected joints besides the pelvis"));
+    call("--band 31s").assert().code(2).stderr(contains("--band is 31; expected 0.1 to 30 seconds"));
     call("--page page.bvh").assert().code(2);
 }
 
@@ -41,7 +41,7 @@ fn a_study_is_made_and_its_votes_counted() {
     call(&format!("{make} 1")).assert().success().stderr(contains("3 trials of 3.0 s"));
     // the same again; another study would lose the key
     call(&format!("{make} 1")).assert().success();
-    call(&format!("{make} 2")).assert().code(2).stderr(contains("study.key.json: is there already"));
+    call(&format!("{make} 2")).assert().code(2).stderr(contains("study.key.json is there already"));
     let key: Value = serde_json::from_str(&fs::read_to_string(dir.path().join("study.key.json")).unwrap()).unwrap();
     let file = |voter: &str, page: &Value| {
         let real = |trial: &Value| i32::from(trial["left"]["folder"] != 0);

@@ -100,7 +100,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
          height set",
         &[READING],
     ),
-    ("tokenizer study", "labels strict out schemes joints fps show force", &[READING]),
+    ("tokenizer study", "labels strict out schemes joints fps show channels force", &[READING]),
     ("tokenizer text", "tokenizer", &[READING]),
     ("tune", "labels strict run steps seed device form trust", &[READING]),
     ("view", "out forced paths together music lag force", &[READING]),

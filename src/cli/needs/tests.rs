@@ -101,7 +101,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
         &[READING],
     ),
     ("tokenizer study", "labels strict out schemes joints fps show channels force", &[READING]),
-    ("tokenizer text", "tokenizer", &[READING]),
+    ("tokenizer text", "tokenizer page", &[READING]),
     ("tune", "labels strict run steps seed device form trust", &[READING]),
     ("view", "out forced paths together music lag force", &[READING]),
 ];

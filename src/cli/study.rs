@@ -30,6 +30,9 @@ pub struct Args {
     /// The rows that the page shows beside the original [default: one of the DCT tiles and one lapped row]
     #[arg(long, value_name = "ROW,ROW", value_delimiter = ',')]
     show: Vec<String>,
+    /// Also draw how these components of rotations are distributed, with each row's bin edges: right_shoulder.x, ..
+    #[arg(long, value_name = "JOINT.AXIS,..", value_delimiter = ',')]
+    channels: Vec<String>,
     /// Measure all rows again, and overwrite files in --out that no study wrote
     #[arg(long)]
     force: bool,
@@ -47,7 +50,15 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         }
     };
     let build = args.data.build_options(args.read.options(RestFrame::Drop));
-    let options = StudyOptions { build, rows, joints, fps: args.fps, force: args.force, shown: args.show };
+    let options = StudyOptions {
+        build,
+        rows,
+        joints,
+        fps: args.fps,
+        force: args.force,
+        shown: args.show,
+        channels: args.channels,
+    };
     let dataset = args.data.find(say)?;
     let inputs = args.data.files(&dataset).chain(args.schemes.clone()).chain(args.read.files());
     let outputs = ForceArgs { force: args.force }.outputs(inputs);
@@ -58,7 +69,8 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     for (table, _) in study::tables::tables(&report) {
         print(&format!("{}\n", table.terminal()))?;
     }
-    say.line(format_args!("{}: study.md, study.json, bins.png, rate.png, page.html", args.out.display()));
+    let channels = if options.channels.is_empty() { "" } else { ", channels.png" };
+    say.line(format_args!("{}: study.md, study.json, bins.png, rate.png{channels}, page.html", args.out.display()));
     Ok(())
 }
 

@@ -2,10 +2,11 @@
 
 use super::{ForceArgs, Say, print, read::ReadArgs};
 use crate::corpus::ModelClip;
+use crate::evaluate::words_page::words_page;
 use anyhow::{Context, Result};
 use kinelm_motion::Motion;
 use kinelm_motion::format::{self, RestFrame};
-use kinelm_store::input;
+use kinelm_store::{counted, input};
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
 
@@ -28,6 +29,11 @@ pub struct TextArgs {
     /// The tokenizer; ready takes that of kinelm's own model
     #[arg(long, value_name = "FILE|ready", value_parser = super::values::tokenizer_file())]
     tokenizer: PathBuf,
+    /// Write a page with the words beside the body that they decode to (.html), instead of printing them
+    #[arg(long, value_name = "FILE")]
+    page: Option<PathBuf>,
+    #[command(flatten)]
+    force: ForceArgs,
     #[command(flatten)]
     read: ReadArgs,
 }
@@ -63,6 +69,8 @@ pub fn run(command: Command, say: Say) -> Result<()> {
 }
 
 fn text(args: TextArgs, say: Say) -> Result<()> {
+    let outputs = args.force.outputs([&args.clip, &args.tokenizer].into_iter().cloned().chain(args.read.files()));
+    outputs.check(args.page.as_deref())?;
     let tokenizer = Tokenizer::load(&args.tokenizer)?;
     let options = args.read.of_file(&args.clip, RestFrame::Drop, say);
     let placed = ModelClip::load(&args.clip, &options, tokenizer.config().into())?;
@@ -77,7 +85,12 @@ fn text(args: TextArgs, say: Say) -> Result<()> {
         let what = "of the root above the floor lay outside the fitted range and end at its edge";
         say.line(format_args!("{heights} heights {what}; --floor METRES says where the floor is"));
     }
-    print(&format!("{}\n", tokenizer.text(&encoded.words)?))
+    let Some(page) = &args.page else { return print(&format!("{}\n", tokenizer.text(&encoded.words)?)) };
+    let html = words_page(&tokenizer, &encoded.words, &super::view::stem(&args.clip))?;
+    outputs.write(page, html.as_bytes())?;
+    let (words, kb) = (counted(encoded.words.len(), "words"), html.len() / 1000);
+    say.line(format_args!("{}: {words}, {kb} KB; open it in a browser", page.display()));
+    Ok(())
 }
 
 /// Bytes that a frame takes while it is decoded and written.

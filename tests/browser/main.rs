@@ -6,6 +6,7 @@ mod panels;
 mod paths;
 mod probe;
 mod survey;
+mod words;
 
 use std::path::PathBuf;
 

@@ -106,6 +106,7 @@ const WRITE: &[Row] = &[
         "json",
         &["data/0.bvh", "labels.csv", "fit.toml"],
     ),
+    ("tokenizer text", "tokenizer text data/0.bvh --tokenizer t.json --page OUT", "html", &["data/0.bvh", "t.json"]),
     ("tokenizer decode", "tokenizer decode w.json OUT --tokenizer t.json", "bvh", &["w.json", "t.json"]),
     (
         "tokenize",
@@ -251,7 +252,6 @@ const OTHERS: &[&str] = &[
     "inspect",
     "config show",
     "completions",
-    "tokenizer text",
     "corpus stats",
     "runs list",
     // into the run that they resume

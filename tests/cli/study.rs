@@ -177,3 +177,17 @@ fn the_page_shows_the_rows_that_are_asked_for() {
     let title = page.split("<title>").nth(1).unwrap().split("</title>").next().unwrap();
     assert!(title.ends_with(", slow, fine"), "{title}");
 }
+
+#[test]
+fn channels_are_drawn_with_the_edges_of_their_bins() {
+    let data = data();
+    data.study("drawn").args(["--channels", "left_knee.x,head.y"]).assert().success().stderr(
+        // its edges at 60 bins are 6 degrees apart; only `slow` codes the head
+        contains("drawn: study.md").and(contains("channels.png")),
+    );
+    let svg = fs::read_to_string(data.at("drawn/channels.svg")).unwrap();
+    let titles = ["left_knee.x, coarse: 60 bins", "left_knee.x, slow: 60 bins", "head.y, slow: 60 bins"];
+    assert!(titles.iter().all(|title| svg.contains(title)) && !svg.contains("head.y, coarse"), "{svg}");
+    let said = contains("--channels is left_knee.w; expected JOINT.x").and(contains("left_hip, right_hip"));
+    data.study("drawn").args(["--channels", "left_knee.w"]).assert().code(2).stderr(said);
+}

@@ -40,8 +40,15 @@ impl Channel {
     pub fn is_of(self, selection: &Selection) -> bool {
         match self {
             Channel::Translation(_) => selection.translation,
-            Channel::Turn | Channel::Tilt(_) => selection.joints.contains(&0),
-            Channel::Rotation { joint, .. } => selection.joints.contains(&joint),
+            other => selection.joints.contains(&other.joint()),
+        }
+    }
+
+    /// The joint that it moves, an SMPL id; the root's channels are the pelvis's.
+    pub fn joint(self) -> usize {
+        match self {
+            Channel::Translation(_) | Channel::Turn | Channel::Tilt(_) => 0,
+            Channel::Rotation { joint, .. } => joint,
         }
     }
 }

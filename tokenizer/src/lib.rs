@@ -40,6 +40,9 @@ mod fit;
 mod grammar;
 #[cfg(feature = "fit")]
 mod mean_pose;
+pub mod meaning;
+#[cfg(test)]
+mod meaning_tests;
 mod merges;
 pub mod rate;
 pub mod root_path;

@@ -1,5 +1,6 @@
 //! The tokenizer: settings, the fitted scheme, and the vocabulary.
 
+use crate::meaning::{Legend, Meaning};
 use crate::merges::Merges;
 use crate::scheme::quantile::Quantile;
 use crate::scheme::uniform::Uniform;
@@ -152,6 +153,16 @@ impl Tokenizer {
         }
         let slots = self.scheme().slot_channels(&self.channels).map_err(Error::Joints)?;
         Ok((0..slots.len()).filter(|&i| slots[i].is_of(selection)).collect())
+    }
+
+    /// What the numbers of every word are.
+    pub fn legend(&self) -> Legend {
+        self.scheme().legend(&self.channels)
+    }
+
+    /// What each character of a word of codes stands for.
+    pub fn meanings(&self, word: &[u16]) -> Vec<Meaning> {
+        self.scheme().meanings(&self.channels, word)
     }
 
     /// The uniform scheme with its fitted ranges.

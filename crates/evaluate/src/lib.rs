@@ -13,6 +13,7 @@ mod number;
 pub mod per_joint;
 pub mod prediction;
 pub mod study;
+pub mod words_page;
 
 pub use floors::{ChannelFloors, CodeSplits, Extent, Floors};
 pub use kinelm_model::{Error, Result};

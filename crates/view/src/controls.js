@@ -49,7 +49,8 @@ function listen() {
   const dark = matchMedia('(prefers-color-scheme: dark)');
   dark.addEventListener('change', theme);
   window.addEventListener('hashchange', () => { address(); state.dirty = true; });
-  listenToPointers(scene.canvas, stage);
+  const pressed = panels.find(panel => panel.press);
+  listenToPointers(scene.canvas, stage, pressed && ((x, y) => pressed.press(x, y)));
   scene.canvas.addEventListener('webglcontextlost', e => e.preventDefault());
   scene.canvas.addEventListener('webglcontextrestored', () => { scene.build(); state.dirty = true; });
 }

@@ -16,6 +16,7 @@ pub mod panel;
 pub mod plot;
 pub mod survey;
 pub mod table;
+pub mod words;
 
 use kinelm_motion::Clip;
 use kinelm_motion::metric::beat::BeatHits;
@@ -180,14 +181,17 @@ impl<'a> Page<'a> {
         let beside = panels.iter().map(|panel| panel.json(figures)).collect::<Result<Vec<_>>>()?;
         // pages without panels don't carry their script
         let of_panels = |text: &str| if panels.is_empty() { String::new() } else { text.into() };
+        let words = panels.iter().any(Panel::has_words);
+        let of_words = |text: &'static str| if words { text } else { "" };
+        let left_out = [(SOUND, music.is_some()), (PICK, words)].map(|(name, there)| if there { "" } else { name });
         let style = include_str!("page.css").to_owned() + &of_panels(include_str!("panels.css"));
         let parts = [
             ("title", escaped(&titles.join(", "))),
-            ("style", [include_str!("player/look.css"), &style].concat()),
-            ("modules", script(music.is_some())),
+            ("style", [include_str!("player/look.css"), &style, of_words(include_str!("words.css"))].concat()),
+            ("modules", script(&left_out)),
             ("page", include_str!("page.js").into()),
             ("controls", include_str!("controls.js").into()),
-            ("panel_script", of_panels(include_str!("panels.js"))),
+            ("panel_script", of_words(include_str!("words.js")).to_owned() + &of_panels(include_str!("panels.js"))),
             ("selftest", include_str!("selftest.js").into()),
             // in JSON, `<` is only inside strings: none is left that could end the element or open a comment
             ("data", data.replace('<', "\\u003c")),
@@ -222,15 +226,18 @@ pub const MODULES: &[(&str, &str)] = &[
     ("stage.js", include_str!("player/stage.js")),
     ("labels.js", include_str!("player/labels.js")),
     ("pointers.js", include_str!("player/pointers.js")),
+    (PICK, include_str!("player/pick.js")),
     (SOUND, include_str!("player/sound.js")),
     ("look.css", include_str!("player/look.css")),
 ];
 const SOUND: &str = "sound.js";
+const PICK: &str = "pick.js";
 
-/// The modules as one script: without imports, `export`, comments, and the types in `/** .. */`, which only a checker reads.
-fn script(sound: bool) -> String {
+/// The modules, but those `left_out`, as one script: without imports, `export`, comments, and the types in
+/// `/** .. */`, which only a checker reads.
+fn script(left_out: &[&str]) -> String {
     let mut script = String::new();
-    for (_, text) in MODULES.iter().filter(|(name, _)| name.ends_with(".js") && (sound || *name != SOUND)) {
+    for (_, text) in MODULES.iter().filter(|(name, _)| name.ends_with(".js") && !left_out.contains(name)) {
         let mut in_types = false;
         for line in text.lines().filter(|line| !line.starts_with("import ")) {
             in_types |= line.trim_start().starts_with("/**");
@@ -319,7 +326,7 @@ mod tests {
 
     #[test]
     fn the_modules_are_one_script() {
-        let script = script(true);
+        let script = script(&[]);
         for part in ["import ", "export ", "/**", "@param", "*/"] {
             assert!(!script.lines().any(|line| line.trim_start().starts_with(part)), "{part}");
         }
@@ -332,7 +339,7 @@ mod tests {
         });
         let mut seen = std::collections::BTreeSet::new();
         names.for_each(|name| assert!(seen.insert(name), "{name} is in two modules"));
-        assert!(seen.len() > 20 && !super::script(false).contains("class Player"));
+        assert!(seen.len() > 20 && !super::script(&[SOUND]).contains("class Player"));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! plain data and know no measure. All share the page's time: a playhead runs through them, and a click seeks.
 
 use crate::data::base64;
+use crate::words::Words;
 use crate::{Error, Figure, Result};
 use serde_json::{Value, json};
 
@@ -20,6 +21,8 @@ pub enum Panel {
     Strip(Strip),
     /// One of several groups of panels, by a menu.
     Choice(Choice),
+    /// The words that a dancer decodes from.
+    Words(Words),
 }
 
 /// A number over time.
@@ -113,6 +116,17 @@ pub struct Choice {
 }
 
 impl Panel {
+    /// Whether it or a part of it is of words.
+    pub(crate) fn has_words(&self) -> bool {
+        match self {
+            Panel::Words(_) => true,
+            Panel::Choice(Choice { options, .. }) => {
+                options.iter().flat_map(|(_, panels)| panels).any(Panel::has_words)
+            }
+            _ => false,
+        }
+    }
+
     /// The JSON for the page's script.
     ///
     /// # Errors
@@ -148,6 +162,10 @@ impl Panel {
                 let one = |(name, panels): &(String, Vec<Panel>)| Ok(json!({ "name": name, "panels": group(panels)? }));
                 let options = options.iter().map(one).collect::<Result<Vec<_>>>()?;
                 json!({ "kind": "choice", "title": title, "options": options })
+            }
+            Panel::Words(words) => {
+                check_figure(&words.title, Some(words.figure), figures)?;
+                words.json(figures[words.figure].clip)?
             }
         })
     }

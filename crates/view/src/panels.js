@@ -287,6 +287,7 @@ const PANELS = {
   moments: momentsPanel,
   facts: factsPanel,
   choice: choicePanel,
+  words: data => new WordsPanel(data),
 };
 const panelOf = data => PANELS[data.kind](data);
 

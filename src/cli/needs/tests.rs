@@ -100,8 +100,8 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
          height set",
         &[READING],
     ),
-    ("tokenizer study", "labels strict out schemes joints fps show force", &[READING]),
-    ("tokenizer text", "tokenizer", &[READING]),
+    ("tokenizer study", "labels strict out schemes joints fps show channels force", &[READING]),
+    ("tokenizer text", "tokenizer page", &[READING]),
     ("tune", "labels strict run steps seed device form trust", &[READING]),
     ("view", "out forced paths together music lag force", &[READING]),
 ];

@@ -98,6 +98,12 @@ impl Angles {
         }
     }
 
+    /// The edges between bins, ascending, radians.
+    pub fn edges(&self) -> Vec<f64> {
+        let value = |k: i64| self.vector([k as u16; 3]).x;
+        (1..self.bins).map(|k| 0.5 * (value(k - 1) + value(k))).collect()
+    }
+
     /// The rotation of codes.
     pub fn rotation(&self, code: [u16; 3]) -> Quat {
         exp_map::from_vector(self.vector(code))

@@ -105,6 +105,11 @@ impl Bins {
         self.values.len()
     }
 
+    /// The edges between bins, ascending.
+    pub fn edges(&self) -> &[f64] {
+        &self.edges
+    }
+
     /// The decoded values.
     pub fn values(&self) -> &[f64] {
         &self.values

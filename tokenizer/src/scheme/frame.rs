@@ -5,7 +5,7 @@ use super::pelvis::{Turns, about_y};
 use super::walk::{Height, Travel, Walk, check_positions, start};
 use super::{Encoded, UncodedPose};
 use crate::{Channels, Result, Words};
-use kinelm_motion::rotation::exp_map;
+use kinelm_motion::rotation::{Axis, exp_map};
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
 use std::f64::consts::PI;
 
@@ -84,6 +84,9 @@ pub(super) trait Vectors {
 
     /// The vector of codes of the `n`-th coded joint.
     fn vector(&self, n: usize, codes: [u16; 3]) -> Vec3;
+
+    /// The edges between the bins of a component of the `n`-th coded joint, ascending, radians.
+    fn edges(&self, n: usize, axis: Axis) -> Vec<f64>;
 }
 
 /// Codes each joint separately: x, y, z of its rotation vector, or turn and tilt of the pelvis.

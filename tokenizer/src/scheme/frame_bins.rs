@@ -4,11 +4,16 @@ use super::frame::{self, Each, Poses, Vectors};
 use super::line::Scale;
 use super::mix::Mix;
 use super::mixed::{self, Mixed};
+use super::pelvis::Turns;
+use super::series::open_joints;
 use super::walk::Walk;
 use super::{Encoded, Scheme, UncodedPose, WordLength};
 use crate::channel::{Channel, Channels};
+use crate::meaning::{Legend, Meaning, Series, Unit};
 use crate::{Result, Words};
+use kinelm_motion::rotation::Axis;
 use kinelm_motion::{Clip, Quat};
+use std::f64::consts::TAU;
 
 /// The bins of a scheme whose words are frames.
 pub(super) trait FrameBins: Send + Sync {
@@ -109,6 +114,43 @@ impl<T: FrameBins> Scheme for T {
             Some(_) => Err(mixed::REASON.into()),
             None => Ok(channels.iter().collect()),
         }
+    }
+
+    fn legend(&self, channels: &Channels) -> Legend {
+        let root = [Axis::X, Axis::Y, Axis::Z].into_iter().zip(self.walk().coordinates());
+        let root = root.map(|(axis, (what, _))| Series::of(Channel::Translation(axis), what, Unit::Metres));
+        let of_pose = |channel| Series::of(channel, if channel == Channel::Turn { "step" } else { "" }, Unit::Radians);
+        let mut all: Vec<Series> = root.collect();
+        match self.component_bins() {
+            None => all.extend(channels.iter().skip(3).map(of_pose)),
+            Some((mix, _)) => {
+                all.extend(channels.has_turn().then(|| of_pose(Channel::Turn)));
+                all.extend(mix.series(&open_joints(channels), Unit::Radians));
+            }
+        }
+        Legend::of_frames(all)
+    }
+
+    fn meanings(&self, channels: &Channels, word: &[u16]) -> Vec<Meaning> {
+        let origins = self.walk().coordinates().map(|(_, origin)| origin);
+        let rotations = self.rotation_bins(channels);
+        let components = 3 + usize::from(channels.has_turn());
+        let value = |slot: usize, code: u16| match (slot, channels.at(slot), self.component_bins()) {
+            (0..3, ..) => origins[slot] + self.translation_bins()[slot].value(code),
+            (3, Some(Channel::Turn), _) => {
+                (f64::from(code) - f64::from(Turns::neutral(self.codes()))) * TAU / f64::from(self.codes())
+            }
+            (_, _, Some((_, bins))) => bins[(slot - components).min(bins.len() - 1)].value(code),
+            (_, Some(Channel::Tilt(axis)), None) => rotations.vector(0, [code; 3])[axis.index()],
+            _ => rotations.vector(slot / 3 - 1, [code; 3])[slot % 3],
+        };
+        word.iter().enumerate().map(|(number, &code)| Meaning::Value { number, value: value(number, code) }).collect()
+    }
+
+    fn edges(&self, channels: &Channels, joint: usize, axis: Axis) -> Option<Vec<f64>> {
+        let own = |channel: &Channel| *channel == Channel::Rotation { joint, axis };
+        let slot = channels.iter().position(|channel| own(&channel)).filter(|_| self.component_bins().is_none())?;
+        Some(self.rotation_bins(channels).edges(slot / 3 - 1, axis))
     }
 
     fn is_circular(&self, slot: usize) -> bool {

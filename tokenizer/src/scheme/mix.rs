@@ -1,5 +1,6 @@
 //! Linear transforms of the channels to fewer or less correlated components, before quantisation.
 
+use crate::meaning::{Series, Unit, shares};
 #[cfg(feature = "fit")]
 use crate::transform::{ica, pca};
 use crate::{Error, Result};
@@ -123,6 +124,26 @@ impl Mix {
     /// K.
     pub fn components(&self) -> usize {
         if self.inverse.is_empty() { self.channels() } else { self.inverse.len() / self.channels() }
+    }
+
+    /// Whether components are more than the scaled channels.
+    pub fn mixes(&self) -> bool {
+        !self.inverse.is_empty()
+    }
+
+    /// The series of the components, from the joint of each channel; none without a transform.
+    pub fn series(&self, joints: &[usize], unit: Unit) -> impl Iterator<Item = Series> {
+        let k = if self.mixes() { self.components() } else { 0 };
+        (0..k).map(move |i| {
+            // a unit of a component is a vector of length 1 in the scaled channels
+            let direction = self.inverse.iter().skip(i).step_by(k).copied();
+            Series { name: format!("component {i}"), unit, joints: shares(joints.iter().copied().zip(direction)) }
+        })
+    }
+
+    /// The weight of a channel.
+    pub fn weight(&self, channel: usize) -> f64 {
+        self.scale[channel]
     }
 
     /// Numbers that decoding needs: mean and inverse, and the scale unless it is 1.

@@ -12,13 +12,15 @@ mod mixed;
 pub mod pelvis;
 pub mod quantile;
 pub mod runs;
-mod series;
+pub(crate) mod series;
 pub(crate) mod uniform;
 pub(crate) mod walk;
 
 use crate::channel::{Channel, Channels};
+use crate::meaning::{Legend, Meaning};
 use crate::{Error, Result, Words};
 use dct::{DctConfig, DctTiles};
+use kinelm_motion::rotation::Axis;
 use kinelm_motion::{Clip, Quat, smpl};
 use lapped::{Lapped, LappedConfig};
 use quantile::{Quantile, QuantileConfig};
@@ -226,6 +228,18 @@ pub trait Scheme: Send + Sync {
     /// # Errors
     /// The reason, for a message, when characters don't belong to single channels.
     fn slot_channels(&self, channels: &Channels) -> std::result::Result<Vec<Channel>, String>;
+
+    /// What the numbers of every word are.
+    fn legend(&self, channels: &Channels) -> Legend;
+
+    /// What each character of a word stands for.
+    fn meanings(&self, channels: &Channels, word: &[u16]) -> Vec<Meaning>;
+
+    /// The edges between the bins of a component of a joint's rotation vector, ascending, radians; `None` when
+    /// characters don't belong to single joints, and for joints that aren't coded so.
+    fn edges(&self, _: &Channels, _joint: usize, _axis: Axis) -> Option<Vec<f64>> {
+        None
+    }
 
     /// Whether the last bin of a slot is next to the first, in words of one length.
     fn is_circular(&self, _place: usize) -> bool {

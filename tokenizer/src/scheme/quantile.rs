@@ -9,7 +9,7 @@ use super::mixed;
 use super::walk::{Height, Travel, Walk, check_bins, check_height, one_of};
 use crate::channel::Channels;
 use crate::{Error, Result};
-use kinelm_motion::rotation::{angle_between, exp_map};
+use kinelm_motion::rotation::{Axis, angle_between, exp_map};
 use kinelm_motion::{Clip, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -234,6 +234,10 @@ impl Vectors for Quantiles<'_> {
     fn vector(&self, n: usize, codes: [u16; 3]) -> Vec3 {
         let bins = self.of(n);
         Vec3::from_array(std::array::from_fn(|i| bins[i].value(codes[i])))
+    }
+
+    fn edges(&self, n: usize, axis: Axis) -> Vec<f64> {
+        self.of(n)[axis.index()].edges().to_vec()
     }
 }
 

@@ -10,6 +10,7 @@ pub use super::walk::{Height, Travel};
 use super::walk::{Walk, check_bins, check_height};
 use crate::channel::Channels;
 use crate::{Error, Result};
+use kinelm_motion::rotation::Axis;
 use kinelm_motion::{Clip, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -208,6 +209,10 @@ impl Vectors for Angles {
 
     fn vector(&self, _: usize, codes: [u16; 3]) -> Vec3 {
         Angles::vector(self, codes)
+    }
+
+    fn edges(&self, _: usize, _: Axis) -> Vec<f64> {
+        Angles::edges(self)
     }
 }
 

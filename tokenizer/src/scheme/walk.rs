@@ -117,6 +117,17 @@ impl Walk {
         self.facing.turned_in(v)
     }
 
+    /// What the values of x, y and z are, and the origin of each, metres.
+    pub(crate) fn coordinates(&self) -> [(&'static str, f64); 3] {
+        let along = if self.travel == Travel::Velocity { "step" } else { "position" };
+        let y = match self.height {
+            Height::Floor => ("height", self.base),
+            Height::Velocity => ("step", 0.0),
+            Height::Absolute => ("height", 0.0),
+        };
+        [(along, 0.0), y, (along, 0.0)]
+    }
+
     /// The coded height of no movement: the base of absolute heights, else 0.
     pub(crate) fn neutral_height(&self) -> f64 {
         if self.height == Height::Absolute { self.base } else { 0.0 }

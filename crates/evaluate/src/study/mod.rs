@@ -4,6 +4,7 @@
 //! that a study that was interrupted resumes. Clips are read, encoded and measured few at a time; memory doesn't grow
 //! with the data.
 
+mod channels;
 mod clips;
 mod measure;
 mod metrics;
@@ -18,6 +19,7 @@ pub use metrics::RowMetrics;
 pub use row::{Row, RowDefaults, default_rows};
 
 use crate::{Error, Result};
+use channels::RotationChannel;
 use clips::{Clips, Extent};
 use kinelm_corpus::build::BuildOptions;
 use kinelm_corpus::{Dataset, Item};
@@ -46,6 +48,8 @@ pub struct StudyOptions {
     pub force: bool,
     /// The rows that the page shows; by itself one of the tiles and one of the lapped rows.
     pub shown: Vec<String>,
+    /// Components of joints' rotations, such as `right_shoulder.x`, whose distribution is drawn with the rows' bins.
+    pub channels: Vec<String>,
 }
 
 /// What happens meanwhile.
@@ -67,7 +71,17 @@ pub enum Event<'a> {
 }
 
 /// The files of a study's folder beside `rows/`.
-const FILES: [&str; 7] = ["study.json", "study.md", "bins.svg", "bins.png", "rate.svg", "rate.png", "page.html"];
+const FILES: [&str; 9] = [
+    "study.json",
+    "study.md",
+    "bins.svg",
+    "bins.png",
+    "rate.svg",
+    "rate.png",
+    "channels.svg",
+    "channels.png",
+    "page.html",
+];
 
 /// All that a study found: `study.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -118,7 +132,8 @@ impl Report {
     }
 }
 
-/// Measures every row and writes `study.json`, `study.md`, the pictures, `page.html` and `rows/` under `out`.
+/// Measures every row and writes `study.json`, `study.md`, the pictures (with channels also theirs), `page.html` and
+/// `rows/` under `out`.
 ///
 /// # Errors
 /// [`kinelm_store::Error::File`] for wrong rows (before anything is read) and for an `out` that no study wrote; [`kinelm_store::Error::Invalid`] when a
@@ -138,7 +153,9 @@ pub fn study(
         row::parse(&options.rows.0, &options.rows.1, &defaults)
     };
     // before hours of reading: wrong rows and names need no clip to be found
-    check_shown(&rows_at(options.fps.unwrap_or(USUAL_FPS))?, &options.shown)?;
+    let named = rows_at(options.fps.unwrap_or(USUAL_FPS))?;
+    check_shown(&named, &options.shown)?;
+    let channels = RotationChannel::parse_all(&options.channels, &named)?;
     let clips = Clips::scan(dataset, &options.build, &mut |item, e| watch(Event::Skipped(item, e)))?;
     clips.doubts.line().iter().for_each(|line| watch(Event::Note(line)));
     let fps = options.fps.unwrap_or(clips.slowest().min(USUAL_FPS));
@@ -154,7 +171,8 @@ pub fn study(
     let json = serde_json::to_string_pretty(&report).expect("a report has text keys");
     let mut contents = vec![("study.json".to_string(), (json + "\n").into_bytes())];
     contents.push(("study.md".into(), tables::markdown(&report).into_bytes()));
-    for (name, charts) in pictures::all(&report) {
+    let of_channels = channels::charts(&channels, &rows, &clips, &store, &mut |line| watch(Event::Note(line)))?;
+    for (name, charts) in pictures::all(&report).into_iter().chain([("channels", of_channels)]) {
         for name in [format!("{name}.svg"), format!("{name}.png")] {
             let bytes = plot::to_bytes(Path::new(&name), &charts)?;
             contents.extend(bytes.map(|bytes| (name, bytes)));

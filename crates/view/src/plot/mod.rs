@@ -88,7 +88,7 @@ pub struct Series {
 pub struct Rule {
     /// Position on the horizontal axis.
     pub x: f64,
-    /// Label at its top.
+    /// Label at its top; may be empty.
     pub name: String,
 }
 

@@ -149,6 +149,9 @@ fn draw_rule<B: DrawingBackend>(area: &DrawingArea<B, Shift>, rule: &Rule, line:
     let [_, top, _, bottom] = axes.frame;
     let (x, _) = axes.at((rule.x, axes.y.low));
     area.draw(&PathElement::new([(x, top), (x, bottom)], GREY))?;
+    if rule.name.is_empty() {
+        return Ok(());
+    }
     area.draw(&Text::new(rule.name.clone(), (x + 4, top + 2 + 17 * line), style(13, HPos::Left, VPos::Top)))
 }
 

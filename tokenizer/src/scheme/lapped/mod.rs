@@ -17,6 +17,7 @@
 
 #[cfg(feature = "fit")]
 mod fit;
+mod meaning;
 mod root;
 mod word;
 
@@ -24,6 +25,7 @@ use super::series::{self, open_count};
 use super::walk::{Height, check_positions, one_of};
 use super::{Encoded, Scheme, UncodedPose, WordLength};
 use crate::channel::{Channel, Channels};
+use crate::meaning::{Legend, Meaning};
 use crate::transform::lapped::Lapped as Transform;
 use crate::{Error, Result, Words};
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
@@ -374,6 +376,14 @@ impl Scheme for Lapped {
 
     fn slot_channels(&self, _: &Channels) -> std::result::Result<Vec<Channel>, String> {
         Err("a character of a lapped tile stands for a wave of several joints, or for a run of zeros".into())
+    }
+
+    fn legend(&self, channels: &Channels) -> Legend {
+        self.legend_of(channels)
+    }
+
+    fn meanings(&self, channels: &Channels, word: &[u16]) -> Vec<Meaning> {
+        self.meanings_of(channels, word)
     }
 
     fn numbers(&self, channels: &Channels, word: &[u16], out: &mut Vec<i32>) {

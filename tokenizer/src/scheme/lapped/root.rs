@@ -43,6 +43,11 @@ impl<'a> Root<'a> {
         self.steps[0]
     }
 
+    /// The quantisation step of a velocity coefficient above 0, metres.
+    pub(super) fn step(&self, frequency: usize) -> f64 {
+        self.steps[frequency]
+    }
+
     /// Velocities in a tile's coefficient 0; the first tile has one fewer.
     fn length(&self, tile: usize) -> f64 {
         (self.layout.hop - usize::from(tile == 0)) as f64

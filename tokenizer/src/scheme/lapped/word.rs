@@ -9,6 +9,17 @@ use crate::scheme::runs::{Part, Runs};
 /// Digits, for 1 to 16 times L.
 const DIGITS: u32 = 16;
 
+/// What a character says; places are in the order of the word's numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Written {
+    /// A digit of the number at a place.
+    Digit { place: usize },
+    /// The number at a place, complete.
+    Number { place: usize, number: i32 },
+    /// A number of zeros from a place on.
+    Zeros { place: usize, count: usize },
+}
+
 /// Writes and reads the numbers of a word.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Writing<'a> {
@@ -64,24 +75,37 @@ impl<'a> Writing<'a> {
     /// The numbers of any word: missing ones are zeros; excess ones, and digits without a number, are dropped.
     pub(super) fn read(&self, word: &[u16], numbers: &mut [i32]) {
         numbers.fill(0);
-        let (mut place, mut count) = (0, 0);
-        for &code in word {
-            match self.runs.part(code) {
-                Part::Zeros(n) => (place, count) = (place + n, 0),
-                Part::Value(code) if i32::from(code) >= 2 * self.levels => {
-                    let digit = i32::from(code) - 2 * self.levels + 1;
-                    // bounded at every digit: any stream decodes, and a long row of digits must not overflow
-                    count = (count * DIGITS as i32 + digit).min(LARGEST);
-                }
-                Part::Value(code) => {
-                    let size = i64::from(count) * i64::from(self.levels) + i64::from(code / 2) + 1;
-                    let size = size.min(LARGEST.into()) as i32;
-                    let Some(&at) = self.order.get(place) else { return };
-                    numbers[at as usize] = if code % 2 == 0 { size } else { -size };
-                    (place, count) = (place + 1, 0);
-                }
+        for written in self.parse(word) {
+            if let Written::Number { place, number } = written {
+                let Some(&at) = self.order.get(place) else { return };
+                numbers[at as usize] = number;
             }
         }
+    }
+
+    /// What each character of any word says.
+    pub(super) fn parse(&self, word: &[u16]) -> impl Iterator<Item = Written> {
+        let (mut place, mut digits) = (0, 0);
+        word.iter().map(move |&code| match self.runs.part(code) {
+            Part::Zeros(count) => {
+                let zeros = Written::Zeros { place, count };
+                (place, digits) = (place + count, 0);
+                zeros
+            }
+            Part::Value(code) if i32::from(code) >= 2 * self.levels => {
+                let digit = i32::from(code) - 2 * self.levels + 1;
+                // bounded at every digit: any stream decodes, and a long row of digits must not overflow
+                digits = (digits * DIGITS as i32 + digit).min(LARGEST);
+                Written::Digit { place }
+            }
+            Part::Value(code) => {
+                let size = i64::from(digits) * i64::from(self.levels) + i64::from(code / 2) + 1;
+                let size = size.min(LARGEST.into()) as i32;
+                let number = if code % 2 == 0 { size } else { -size };
+                (place, digits) = (place + 1, 0);
+                Written::Number { place: place - 1, number }
+            }
+        })
     }
 }
 

@@ -1,10 +1,9 @@
 // Which limb is under the pointer.
 
-/** @typedef {import('./dancer.js').Dancer} Dancer */
-
 const NEAR = 5; // pixels beside a limb that still count
 
 /**
+ * @template {import('./figure.js').Figure} Dancer
  * @param {import('./stage.js').Stage} stage @param {Dancer[]} dancers @param {number} x @param {number} y pixels
  * @param {HTMLCanvasElement} canvas
  * @returns {{ dancer: Dancer, joint: number } | null}

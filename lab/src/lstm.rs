@@ -43,10 +43,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let mut rng = random::stream(1, "bench", 0, 0);
     let mut sample = || (0..frames * CHANNELS).map(|_| 0.1 * random::normal(&mut rng) as f32).collect::<Vec<f32>>();
     let (inputs, targets, given) = (sample(), sample(), config.given());
-    let mut learner = Learner::new(config.form, shape, config.batch, config.length, initial(&shape, 1));
+    let mut learner = Learner::new(config.form, config.parts(), shape, config.batch, config.length, initial(&shape, 1));
     let mut last = 0.0;
     let timed = seconds(WARM_UP, args.how.repeats.unwrap_or(10), || {
-        last = learner.gradients(&inputs, &targets, &given);
+        last = learner.gradients(&inputs, &targets, &given).loss;
         learner.parameters.update(config.learning_rate, None);
         Ok(())
     })?;

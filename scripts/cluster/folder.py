@@ -163,6 +163,6 @@ class Checkpoints:
         return load_file(folder / "model.safetensors"), load_file(folder / "optimizer.safetensors"), state
 
     def prune(self, keep, best):
-        for step in self.steps()[:-keep]:
+        for step in [] if keep == "all" else self.steps()[:-keep]:
             if step != best:
                 shutil.rmtree(self.at(step))

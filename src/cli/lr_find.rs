@@ -1,5 +1,6 @@
 //! `kinelm lr-find`.
 
+use super::pretrain::config_help;
 use super::{ComputeArgs, ForceArgs, Say, TrustArgs, print};
 use crate::train::lr_find::{LrFindOptions, RangeTest, lr_find};
 use crate::train::{CorpusPart, TrainFile};
@@ -8,8 +9,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Training settings: tiny, small, thesis-26m, gpt2 or a TOML file; their rate, schedule, steps and run aren't used
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", help = format!("{}; their rate, schedule, steps and run aren't used", config_help()))]
     config: PathBuf,
     /// A corpus folder; may be repeated. The windows of each corpus come WEIGHT times an epoch [default weight: 1]
     #[arg(long, value_name = "CORPUS[=WEIGHT]")]

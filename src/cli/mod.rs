@@ -48,9 +48,9 @@ mod view;
 use crate::shell::outcome::{exit_code, is_broken_pipe, parse, refused};
 use crate::shell::say::all_read;
 use crate::shell::{
-    ComputeArgs, ForceArgs, Odd, ReadingArgs, Say, TrustArgs, WrongCall, chain, draw_charts, each_file, extension,
-    motion_files, page, picture, print, progress, reported, tell, training, warn, with_extensions, writable,
-    written_as, wrong_call,
+    BranchArgs, CheckpointArg, ComputeArgs, ForceArgs, Odd, ReadingArgs, Say, TrustArgs, WrongCall, chain, draw_charts,
+    each_file, extension, motion_files, page, picture, print, progress, reported, tell, training, warn,
+    with_extensions, writable, written_as, wrong_call,
 };
 use anyhow::{Error, Result};
 use command::{Call, command};

@@ -1,6 +1,6 @@
 //! `kinelm pretrain`.
 
-use super::{ComputeArgs, Say, TrustArgs};
+use super::{BranchArgs, CheckpointArg, ComputeArgs, Say, TrustArgs};
 use crate::store::{self, presets};
 use crate::train::train_file::TRAIN;
 use crate::train::{CorpusPart, Precision, PretrainOptions, RESUMABLE, Summary, TrainFile};
@@ -15,6 +15,8 @@ pub struct Args {
     /// Start from the weights of this run or exported folder, with a new optimizer
     #[arg(long, value_name = "RUN|DIR")]
     from: Option<PathBuf>,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     #[command(flatten)]
     train: TrainArgs,
 }
@@ -56,7 +58,7 @@ pub struct TrainArgs {
 
 impl TrainArgs {
     /// As the library has them, for a run that starts `from` other weights or from none.
-    pub fn options(self, from: Option<PathBuf>) -> Result<PretrainOptions> {
+    pub fn options(self, from: Option<PathBuf>, checkpoint: CheckpointArg) -> Result<PretrainOptions> {
         Ok(PretrainOptions {
             file: self.config.as_deref().map(TrainFile::find).transpose()?,
             set: self.set,
@@ -66,7 +68,9 @@ impl TrainArgs {
             seed: self.seed,
             conditions: self.conditions,
             from,
+            checkpoint: checkpoint.get(),
             resume: false,
+            branch: None,
             precision: self.precision,
             compute: self.compute.get(),
             opening: self.trust.opening(),
@@ -76,7 +80,7 @@ impl TrainArgs {
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Resume {
-    /// Resume a run from its last whole checkpoint
+    /// Resume a run from its last whole checkpoint, or go on from an earlier one as a new run
     Resume(ResumeArgs),
 }
 
@@ -84,6 +88,8 @@ pub enum Resume {
 pub struct ResumeArgs {
     /// The run folder
     run: PathBuf,
+    #[command(flatten)]
+    branch: BranchArgs,
     /// Where the run's corpora are now, if they were moved, with the weights they had
     #[arg(long, value_name = "CORPUS[=WEIGHT]")]
     corpus: Vec<CorpusPart>,
@@ -101,7 +107,8 @@ pub struct ResumeArgs {
     trust: TrustArgs,
 }
 
-fn config_help() -> String {
+/// The help of `--config`.
+pub fn config_help() -> String {
     let names = presets::listed(TRAIN);
     format!("Training settings: {names}, or a TOML file, whose paths are relative to it")
 }
@@ -114,7 +121,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     if let Some(Resume::Resume(args)) = args.resume {
         return resume(args, "pretrain", say);
     }
-    let options = args.train.options(args.from)?;
+    let options = args.train.options(args.from, args.checkpoint)?;
     report(&super::training::watched(&options, say)?, "pretrain", say)
 }
 
@@ -126,6 +133,7 @@ pub fn resume(args: ResumeArgs, command: &str, say: Say) -> Result<()> {
         run: Some(args.run),
         steps: args.steps,
         resume: true,
+        branch: args.branch.get(),
         precision: args.precision,
         compute: args.compute.get(),
         opening: args.trust.opening(),

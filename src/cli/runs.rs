@@ -1,7 +1,8 @@
 //! `kinelm runs list` and `plot`.
 
 use super::{ForceArgs, Say, print};
-use crate::train::runs::{Listed, Log, Metric, XAxis, chart, list, names, table};
+use crate::train::runs::{Listed, Log, Metric, XAxis, charts, list, names, table};
+use crate::view::plot::Chart;
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -16,7 +17,8 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Plot curves of runs, running ones too: lines for training, marks for validation
+    /// Plot curves of runs, running ones too: lines for training, marks for validation; a chart of GPTs, and one of each form
+    /// of LSTMs, whose losses can't be compared
     Plot {
         /// Run folders
         #[arg(required = true, value_name = "RUN")]
@@ -61,11 +63,14 @@ pub fn run(command: Command, say: Say) -> Result<()> {
                 }
                 logs.push((name, log));
             }
-            let chart = chart(&logs, metric, over);
-            if chart.is_empty() {
+            let charts = charts(&logs, metric, over);
+            if charts.iter().all(Chart::is_empty) {
                 anyhow::bail!("none of the runs has a figure to draw yet");
             }
-            super::draw_charts(&out, &[chart], &outputs)?;
+            charts.iter().filter(|chart| chart.is_empty()).for_each(|chart| {
+                say.line(format_args!("{}: no figure to draw over this axis", chart.title));
+            });
+            super::draw_charts(&out, &charts, &outputs)?;
             let many = if runs.len() == 1 { "run" } else { "runs" };
             say.line(format_args!("{}: {} {many}", out.display(), runs.len()));
             Ok(())

@@ -1,7 +1,7 @@
 //! `kinelm studio`.
 
 use super::values::run_folder;
-use super::{Say, print};
+use super::{CheckpointArg, Say, print};
 use anyhow::{Context, Result};
 use kinelm_motion::format::Format;
 use kinelm_studio::{Error, Limits, Listen, Options, Reader, Server};
@@ -19,6 +19,8 @@ pub struct Args {
     /// The run folder of a trained model [default: ready, kinelm's own]
     #[arg(long, value_name = "RUN", value_parser = run_folder())]
     run: Option<PathBuf>,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// The corpus of real dances that the best of several are compared with [default: the run's, else the library's
     /// clips]
     #[arg(long, value_name = "CORPUS")]
@@ -50,7 +52,8 @@ const PROJECT: &str = "kinelm-studio";
 pub fn run(args: Args, say: Say) -> Result<()> {
     let (project, files) = project(args.paths);
     let reader = reader()?;
-    let options = Options { project, run: args.run, files, real: args.real, reader, empty: args.empty };
+    let checkpoint = args.checkpoint.get();
+    let options = Options { project, run: args.run, checkpoint, files, real: args.real, reader, empty: args.empty };
     let listen = Listen { port: args.port, bind: args.bind, assets: args.assets };
     let server = Server::open(&options, &listen).map_err(of_library)?;
     if !listen.bind.is_empty() {

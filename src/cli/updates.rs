@@ -1,7 +1,7 @@
 //! What the commands of the baselines have in common: training that can be resumed, dances that are made.
 
 use super::read::ReadArgs;
-use super::{ForceArgs, Say, progress, training, wrong_call};
+use super::{BranchArgs, ForceArgs, Say, progress, training, wrong_call};
 use crate::baselines::data::Sources;
 use crate::baselines::sidecar::{Request, Sidecar};
 use crate::baselines::train::{Event, Summary};
@@ -63,11 +63,13 @@ impl TrainArgs {
 pub struct ResumeArgs {
     /// The run folder
     pub run: PathBuf,
+    #[command(flatten)]
+    branch: BranchArgs,
     /// Total updates, instead of the run's
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,
-    /// A key of the run's settings that changes from here on: learning_rate, steps, checkpoint_every, keep, of a music LSTM
-    /// also clip; may be repeated
+    /// A key of the run's settings that changes from here on: learning_rate, steps, eval_every,
+    /// sample_every, checkpoint_every, keep, of a music LSTM also clip; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 }
@@ -75,7 +77,7 @@ pub struct ResumeArgs {
 impl ResumeArgs {
     /// What the call changes.
     pub fn changes(&self) -> Changes {
-        Changes { set: self.set.clone(), steps: self.steps }
+        Changes { set: self.set.clone(), steps: self.steps, branch: self.branch.clone().get() }
     }
 }
 
@@ -87,8 +89,14 @@ pub trait BaselineDance: Request {
     fn make(&self, which: CheckpointChoice, out: &Path, say: Say) -> Result<(Sidecar<Self>, Vec<u8>)>;
 }
 
-/// Generates a dance into `out`.
-pub fn make(request: &impl BaselineDance, out: &Path, force: ForceArgs, say: Say) -> Result<()> {
+/// Generates a dance into `out`, with a checkpoint of the run.
+pub fn make(
+    request: &impl BaselineDance,
+    which: CheckpointChoice,
+    out: &Path,
+    force: ForceArgs,
+    say: Say,
+) -> Result<()> {
     let inputs = request.inputs();
     if let Some(path) = inputs.iter().find(|path| path.to_str().is_none()) {
         wrong_call!("{}: expected a path in UTF-8, which a sidecar can hold", path.display());
@@ -97,7 +105,7 @@ pub fn make(request: &impl BaselineDance, out: &Path, force: ForceArgs, say: Say
     outputs.check([out])?;
     outputs.check_replaceable(out, None)?;
     outputs.check_replaceable(&sidecar::path_of(out), None)?;
-    let (sidecar, bytes) = request.make(CheckpointChoice::Auto, out, say)?;
+    let (sidecar, bytes) = request.make(which, out, say)?;
     Ok(sidecar.write(out, &bytes, &outputs)?)
 }
 
@@ -115,6 +123,10 @@ pub fn follow(
     let mut bar: Option<_> = None;
     let done = train(&stop, &mut |event| match event {
         Event::Note(text) => say.line(text),
+        Event::Valid(step, found, is_best) => {
+            let best = if is_best { ", the best so far" } else { "" };
+            say.line(format_args!("step {step}  validation loss {:.4}{best}", found.loss));
+        }
         Event::Step(metrics, steps) => {
             let bar = bar.get_or_insert_with(|| progress::bar(steps, "updates", say));
             bar.set_position(metrics.step);

@@ -2,7 +2,8 @@
 
 use super::{ours, progress};
 use crate::corpus::{Corpus, CorpusOptions};
-use crate::model::{Compute, DeviceName, Form, ReaderOptions};
+use crate::model::{CheckpointChoice, Compute, DeviceName, Form, ReaderOptions};
+use crate::train::branch::Branch;
 use kinelm_model::{KvKind, WeightKind};
 use kinelm_store::output::Outputs;
 use std::path::{Path, PathBuf};
@@ -65,6 +66,39 @@ impl ReadingArgs {
     /// As the library has it, for `streams` sequences.
     pub fn get(self, streams: usize) -> ReaderOptions {
         ReaderOptions { streams, weights: self.weights, kv: self.kv }
+    }
+}
+
+/// The checkpoint of a run that a command reads.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct CheckpointArg {
+    /// The checkpoint of the run: a step, latest or best [default: best, or latest where none was validated]
+    #[arg(long, value_name = "N|latest|best")]
+    checkpoint: Option<CheckpointChoice>,
+}
+
+impl CheckpointArg {
+    /// As the library has it.
+    pub fn get(self) -> CheckpointChoice {
+        self.checkpoint.unwrap_or_default()
+    }
+}
+
+/// An earlier checkpoint that a resumed training goes on from, and the new run that does.
+#[derive(Debug, Clone, clap::Args)]
+pub struct BranchArgs {
+    /// Go on from the checkpoint of this step, as a new run
+    #[arg(long, value_name = "N", requires = "branch_run")]
+    from_step: Option<u64>,
+    /// The folder of the new run to create
+    #[arg(long = "run", id = "branch_run", value_name = "NEW", requires = "from_step")]
+    branch_run: Option<PathBuf>,
+}
+
+impl BranchArgs {
+    /// As the library has it.
+    pub fn get(self) -> Option<Branch> {
+        Some(Branch { step: self.from_step?, run: self.branch_run? })
     }
 }
 

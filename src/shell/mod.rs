@@ -11,7 +11,7 @@ pub mod say;
 pub mod training;
 mod wait;
 
-pub use args::{ComputeArgs, ForceArgs, ReadingArgs, TrustArgs};
+pub use args::{BranchArgs, CheckpointArg, ComputeArgs, ForceArgs, ReadingArgs, TrustArgs};
 pub use files::{
     draw_charts, each_file, extension, motion_files, page, picture, reported, with_extensions, writable, written_as,
 };

@@ -128,6 +128,57 @@ fn a_dance_goes_on_from_a_clip_on_its_rig_and_is_made_again() {
 }
 
 #[test]
+fn a_training_is_watched_and_gone_on_from() {
+    let place = place();
+    let watched = "--set eval_every=2 --set sample_every=2 --set keep=all";
+    place.done(&format!("{TRAIN} --set form=quaternion {watched} --run watched"));
+    place.done(&format!("{TRAIN} --set form=positional --run positional"));
+    let bvh = place.at("watched/samples/step-00000002.bvh");
+    assert_eq!(format::read(&bvh, &ReadOptions::default()).unwrap().clip.frames(), 150);
+    assert!(place.at("watched/samples/step-00000004.html").is_file());
+    let list = place.done("runs list watched");
+    assert!(list.contains("loss ") && list.contains(" at "), "{list}");
+    // a chart for each form
+    place.done("runs plot watched positional --metric rotations --out loss.svg");
+    let svg = fs::read_to_string(place.at("loss.svg")).unwrap();
+    for part in
+        ["aclstm quaternion: loss of the rotations", "aclstm positional: loss of the rotations", "watched valid"]
+    {
+        assert!(svg.contains(part), "{part}");
+    }
+    let none = place.call("runs plot watched --metric rate --out none.svg").assert().failure();
+    none.stderr(contains("none of the runs has a figure to draw"));
+    // a dance and a measurement of a checkpoint
+    let generate = "aclstm generate --run watched --seed-clip data/3.bvh --seed-frames 50 --frames 20";
+    place.done(&format!("{generate} --checkpoint 2 --out two.bvh"));
+    let sidecar = fs::read_to_string(place.at("two.bvh.kinelm.json")).unwrap();
+    assert!(sidecar.contains("\"step\": 2,"), "{sidecar}");
+    let bytes = fs::read(place.at("two.bvh")).unwrap();
+    fs::remove_file(place.at("two.bvh")).unwrap();
+    place.done("again two.bvh.kinelm.json");
+    assert!(fs::read(place.at("two.bvh")).unwrap() == bytes);
+    let pruned = place.call(&format!("{generate} --checkpoint 1 --out no.bvh")).assert().failure();
+    pruned.stderr(contains("no checkpoint of step 1, expected one of step 1; there are 2, 4"));
+    let evaluate = "aclstm evaluate --seeds 3 --seed-frames 40,80 --frames 400 --json";
+    for (i, which) in ["2", "latest"].iter().enumerate() {
+        let report = place.done(&format!("{evaluate} --run watched --checkpoint {which}"));
+        assert!(report.contains(&format!("\"step\":{},", 2 * (i + 1))), "{report}");
+        fs::write(place.at(&format!("quaternion-{i}.json")), report).unwrap();
+    }
+    place.done("aclstm plot quaternion-0.json quaternion-1.json --over seed-frames --out seeds.svg");
+    let svg = fs::read_to_string(place.at("seeds.svg")).unwrap();
+    assert!(svg.contains("frames of the seed") && svg.contains("quaternion: the next 20 frames"));
+    // from an earlier checkpoint on
+    place.done("aclstm resume watched --from-step 2 --run branch --set learning_rate=1e-5");
+    let config = fs::read_to_string(place.at("branch/config.toml")).unwrap();
+    assert!(config.contains("path = \"../watched\"\nstep = 2\n") && config.contains("learning_rate = 0.00001\n"));
+    place.call("aclstm resume watched --from-step 2").assert().code(2).stderr(contains("--run"));
+    let gone = place.call("aclstm resume run --from-step 2 --run x").assert().failure();
+    gone.stderr(contains("no checkpoint of step 2, expected one of step 2; there are 4"));
+    assert!(!place.at("x").exists());
+}
+
+#[test]
 fn measures_are_told_as_tables_and_as_json() {
     let place = place();
     let evaluate = "aclstm evaluate --run run --seeds 3 --seed-frames 40,80 --frames 400";

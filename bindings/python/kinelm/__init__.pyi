@@ -10,6 +10,7 @@ __version__: str
 
 Path = str | PathLike[str]
 Split = Literal["train", "valid", "test"]
+Checkpoint = int | Literal["latest", "best"]
 Callback = Callable[[dict[str, Any]], bool | None]
 
 class Reading(TypedDict, total=False):
@@ -184,7 +185,8 @@ class Model:
     """A trained model: its run folder."""
 
     @staticmethod
-    def open(run: Path) -> Model: ...
+    def open(run: Path, *, checkpoint: Checkpoint | None = None) -> Model:
+        """Of a run's checkpoints the best, or the latest where none was validated, or the one that `checkpoint` names."""
     @staticmethod
     def ready() -> Model:
         """kinelm's own model; the first call writes it to the user's cache folder."""
@@ -248,6 +250,7 @@ class Classifier:
         seed: int = 1,
         resume: bool = False,
         callback: Callback | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> Classifier | None:
         """None where the callback stopped it; `resume` goes on."""
     def predict(self, path: Path, **reading: Unpack[Reading]) -> dict[str, Any]:

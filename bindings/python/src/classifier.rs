@@ -4,7 +4,7 @@ use crate::corpus::Corpus;
 use crate::error::library;
 use crate::interrupt::Interrupt;
 use crate::json::python;
-use crate::options::Reading;
+use crate::options::{Reading, choice};
 use crate::pool::detach;
 use kinelm::classify::TrainOptions;
 use kinelm::model::exchange;
@@ -29,10 +29,11 @@ impl Classifier {
         detach(py, || open().map(|c| Classifier(Mutex::new(c))))
     }
 
-    /// Trains class tokens for label fields on a run, together with its language model, into the folder `out`. `callback` gets
-    /// a dictionary at every validation, and may return False to stop; the training is then taken up again with `resume`.
+    /// Trains class tokens for label fields on a run (`checkpoint` as in `Model.open`), together with its language model, into
+    /// the folder `out`. `callback` gets a dictionary at every validation, and may return False to stop; the training is then
+    /// taken up again with `resume`.
     #[staticmethod]
-    #[pyo3(signature = (run, corpus, fields, out, *, steps=1000, batch=16, seed=1, resume=false, callback=None))]
+    #[pyo3(signature = (run, corpus, fields, out, *, steps=1000, batch=16, seed=1, resume=false, callback=None, checkpoint=None))]
     #[allow(clippy::too_many_arguments)]
     fn train(
         py: Python<'_>,
@@ -45,11 +46,13 @@ impl Classifier {
         seed: u64,
         resume: bool,
         callback: Option<Py<PyAny>>,
+        checkpoint: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Option<Classifier>> {
+        let checkpoint = choice(checkpoint)?;
         // the program's own patience
         let options = TrainOptions { fields, steps, batch, seed, patience: 5, ..TrainOptions::default() };
         detach(py, || {
-            let run = exchange::load(&run).map_err(library)?;
+            let run = exchange::load(&run, checkpoint).map_err(library)?;
             let (stop, mut interrupt) = (AtomicBool::new(false), Interrupt::default());
             let done = kinelm::classify::train(&run, &corpus.0, &options, &out, resume, &stop, &mut |metrics| {
                 interrupt.tell(callback.as_ref(), &stop, |py| python(py, metrics));

@@ -5,7 +5,7 @@ use crate::corpus::{Corpus, split_of};
 use crate::error::{library, wrong};
 use crate::interrupt::Interrupt;
 use crate::json::python;
-use crate::options::{Reading, named, parsed};
+use crate::options::{Reading, choice, named, parsed};
 use crate::pool::detach;
 use kinelm::generate::make::{Making, Preview};
 use kinelm::generate::open::OpenRequest;
@@ -25,6 +25,7 @@ use std::sync::{Mutex, PoisonError};
 #[pyclass(frozen, module = "kinelm")]
 pub struct Model {
     run: PathBuf,
+    checkpoint: CheckpointChoice,
 }
 
 /// Options of a dance, besides its prompt.
@@ -60,7 +61,12 @@ struct DanceOptions {
 impl Model {
     /// The model of a run folder that is one.
     pub fn of(run: PathBuf) -> Model {
-        Model { run }
+        Model { run, checkpoint: CheckpointChoice::Auto }
+    }
+
+    /// Which checkpoint of the run it is.
+    pub fn checkpoint(&self) -> CheckpointChoice {
+        self.checkpoint
     }
 
     /// The request of a call.
@@ -90,6 +96,7 @@ impl Model {
             sampling: Sampling { top_p: options.top_p, ..options.temperature.map_or(usual, Sampling::temperature) },
             rig,
             feet: options.lock_feet.map(|lock| if lock { FootMode::Lock } else { FootMode::Off }),
+            checkpoint: self.checkpoint,
             ..Request::of(&self.run)
         })
     }
@@ -97,19 +104,21 @@ impl Model {
 
 #[pymethods]
 impl Model {
-    /// The model of a run folder.
+    /// The model of a run folder; `checkpoint` is a step, "latest" or "best", by default the best, or the latest where none
+    /// was validated.
     #[staticmethod]
-    fn open(run: PathBuf) -> PyResult<Model> {
+    #[pyo3(signature = (run, *, checkpoint=None))]
+    fn open(run: PathBuf, checkpoint: Option<Bound<'_, PyAny>>) -> PyResult<Model> {
         if !run.join("config.toml").is_file() {
             return Err(wrong(format!("{}: no config.toml; expected a run folder", run.display())));
         }
-        Ok(Model { run })
+        Ok(Model { run, checkpoint: choice(checkpoint)? })
     }
 
     /// kinelm's own model; the first call writes it to the user's cache folder.
     #[staticmethod]
     fn ready() -> PyResult<Model> {
-        kinelm::ready::run().map(|run| Model { run }).map_err(library)
+        kinelm::ready::run().map(Model::of).map_err(library)
     }
 
     /// The run folder.
@@ -173,7 +182,7 @@ impl Model {
         let read = Reading::of(reading, RestFrame::Drop)?;
         // a prompt gives something; the bits are of all its words
         let prompt = PromptRequest { read, joints: Some("root".into()), ..PromptRequest::of(path) };
-        let request = Request { prompt: Some(prompt), ..Request::of(&self.run) };
+        let request = Request { prompt: Some(prompt), checkpoint: self.checkpoint, ..Request::of(&self.run) };
         detach(py, || {
             let open = OpenRequest::open(&request).map_err(library)?;
             let Some(prompt) = &open.prompt else { return Err(wrong("no motion".into())) };
@@ -185,7 +194,7 @@ impl Model {
     #[pyo3(signature = (corpus, split="test"))]
     fn likelihood<'py>(&self, py: Python<'py>, corpus: &Corpus, split: &str) -> PyResult<Bound<'py, PyAny>> {
         let split = split_of(split)?;
-        let measure = || load_run(&self.run, CheckpointChoice::Auto)?.likelihood(&corpus.0, split, Compute::default());
+        let measure = || load_run(&self.run, self.checkpoint)?.likelihood(&corpus.0, split, Compute::default());
         python(py, &detach(py, || measure().map_err(library))?)
     }
 

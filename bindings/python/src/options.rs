@@ -1,6 +1,7 @@
 //! Keyword arguments that several calls share.
 
 use crate::error::wrong;
+use kinelm::model::CheckpointChoice;
 use kinelm::motion::format::{ReadOptions, RestFrame, Unit, Up};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -43,6 +44,16 @@ impl Reading {
     pub fn of(kwargs: Option<&Bound<'_, PyDict>>, rest: RestFrame) -> PyResult<ReadOptions> {
         parsed::<Reading>(kwargs)?.options(rest)
     }
+}
+
+/// Which checkpoint of a run: a step, "latest" or "best".
+///
+/// # Errors
+/// ValueError for anything else.
+pub fn choice(checkpoint: Option<Bound<'_, PyAny>>) -> PyResult<CheckpointChoice> {
+    let Some(given) = checkpoint else { return Ok(CheckpointChoice::Auto) };
+    let text = given.str()?.to_string();
+    text.parse().map_err(|expected| wrong(format!("checkpoint is {text:?}; {expected}")))
 }
 
 /// Keyword arguments as a struct, by way of JSON; paths and numpy's numbers may stand among them.

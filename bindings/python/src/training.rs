@@ -6,6 +6,7 @@ use crate::json::python;
 use crate::model::Model;
 use crate::options::{Paths, parsed};
 use crate::pool::detach;
+use kinelm::model::CheckpointChoice;
 use kinelm::model::scored_windows::Likelihood;
 use kinelm::train::metrics::StepMetrics;
 use kinelm::train::{self, CorpusPart, Precision, PretrainOptions, Progress, Summary, TrainFile};
@@ -125,11 +126,11 @@ pub fn finetune(
     callback: Option<Py<PyAny>>,
     options: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Model> {
-    let from = match source.cast::<Model>() {
-        Ok(model) => model.get().run(),
-        Err(_) => source.extract()?,
+    let (from, checkpoint) = match source.cast::<Model>() {
+        Ok(model) => (model.get().run(), model.get().checkpoint()),
+        Err(_) => (source.extract()?, CheckpointChoice::Auto),
     };
-    let options = PretrainOptions { from: Some(from), ..self::options(corpus, run, &config, options)? };
+    let options = PretrainOptions { from: Some(from), checkpoint, ..self::options(corpus, run, &config, options)? };
     watched(py, callback, |stop, progress| train::finetune(&options, stop, progress))
 }
 

@@ -106,6 +106,12 @@ class Kinelm(unittest.TestCase):
             self.model.generate(seconds=1, labels={"genre": "waltz"})
         with self.assertRaisesRegex(kinelm.Error, "config.toml"):
             kinelm.Model.open(self.at)
+        latest = kinelm.Model.open(self.model.run, checkpoint="latest").generate(seconds=1)
+        np.testing.assert_array_equal(latest.rotations, self.model.generate(seconds=1).rotations)
+        with self.assertRaisesRegex(kinelm.Error, "no checkpoint of step 3, expected"):
+            kinelm.Model.open(self.model.run, checkpoint=3).generate(seconds=1)
+        with self.assertRaisesRegex(kinelm.Error, "expected a step, latest or best"):
+            kinelm.Model.open(self.model.run, checkpoint="first")
 
     def test_options(self):
         self.assertEqual(len(self.model.variations(3, seconds=np.float64(1), seed=np.int64(5))), 3)

@@ -2,12 +2,15 @@
 
 use crate::{Error, Result};
 use kinelm_engine::arena::Floats;
-use kinelm_model::checkpoint::{CheckpointChoice, Checkpoints};
+use kinelm_model::checkpoint::{CheckpointChoice, Checkpoints, Keep};
 use kinelm_model::layout::Parameter;
 use kinelm_model::run::{CONFIG, WEIGHTS};
 use kinelm_model::weights;
 use kinelm_store::presets::{self, Presets};
 use kinelm_store::{FileRecord, files, input};
+use kinelm_train::Branch;
+use kinelm_train::folder::RunFolder;
+use kinelm_train::run::Origin;
 use kinelm_train::train_file::{in_file, in_set};
 use kinelm_train::trainer::check_steps;
 use serde::de::DeserializeOwned;
@@ -88,6 +91,28 @@ pub(crate) fn positive(key: &'static str, found: f64) -> Result<()> {
     }
 }
 
+/// Checks the number of checkpoints that stay.
+///
+/// # Errors
+/// [`kinelm_store::Error::Invalid`] for none.
+pub(crate) fn keep(found: Keep) -> Result<()> {
+    match found.is_valid() {
+        true => Ok(()),
+        false => Err(Error::invalid("keep", found, "1 or more, or \"all\"")),
+    }
+}
+
+/// Checks the weight of a part of a loss.
+///
+/// # Errors
+/// [`kinelm_store::Error::Invalid`] for one below 0, or no number.
+pub(crate) fn weight(key: &'static str, found: f64) -> Result<()> {
+    match found >= 0.0 && found.is_finite() {
+        true => Ok(()),
+        false => Err(Error::invalid(key, found, "0 or a number above it")),
+    }
+}
+
 /// What changes when a run is resumed.
 #[derive(Debug, Clone, Default)]
 pub struct Changes {
@@ -95,6 +120,8 @@ pub struct Changes {
     pub set: Vec<String>,
     /// Updates in all, over those of `set`.
     pub steps: Option<u64>,
+    /// The earlier checkpoint that it goes on from, as a new run.
+    pub branch: Option<Branch>,
 }
 
 /// Why other settings stay.
@@ -116,6 +143,42 @@ pub trait RunConfig: Serialize + DeserializeOwned + Clone {
 
     /// Updates in all.
     fn steps(config: &mut Self::Config) -> &mut u64;
+
+    /// The run that it goes on from.
+    fn from(&mut self) -> &mut Option<Origin>;
+
+    /// A run to continue with changes, as they say in its folder or in a new one, and what `load` reads for its training.
+    /// Nothing is written before that.
+    ///
+    /// # Errors
+    /// No run there, or a folder of the new one that exists; a key that stays, a value outside its limits, fewer updates than
+    /// are done; those of `load`; what the system refuses.
+    fn resume<T>(run: &Path, changes: &Changes, load: impl FnOnce(&Self) -> Result<T>) -> Result<(RunFolder, Self, T)> {
+        let mut file;
+        let (folder, data) = match &changes.branch {
+            None => {
+                let folder = RunFolder::open(run)?;
+                file = Self::read(run)?;
+                let differs = file.change(run, changes)?;
+                let data = load(&file)?;
+                if differs {
+                    file.write(run)?;
+                }
+                (folder, data)
+            }
+            Some(branch) => {
+                file = Self::read(run)?;
+                file.change(run, changes)?;
+                let data = load(&file)?;
+                let (folder, origin) = branch.begin(run)?;
+                *file.from() = Some(origin);
+                // last: a folder with it is a run
+                file.write(folder.path())?;
+                (folder, data)
+            }
+        };
+        Ok((folder, file, data))
+    }
 
     /// Writes it; paths are relative to the run.
     ///
@@ -161,24 +224,24 @@ pub trait RunConfig: Serialize + DeserializeOwned + Clone {
         Ok(file.with_paths(&|path| files::path_in(run, path)))
     }
 
-    /// Changes the settings, and writes them where they differ.
+    /// Changes the settings. Returns whether they differ.
     ///
     /// # Errors
-    /// A key that stays, a value outside its limits, fewer updates than are done; what the system refuses.
-    fn change(&mut self, run: &Path, changes: &Changes) -> Result<()> {
+    /// A key that stays, a value outside its limits, fewer updates than are done.
+    fn change(&mut self, run: &Path, changes: &Changes) -> Result<bool> {
         presets::check_keys(&changes.set, Self::Config::RESUMABLE, WHY)?;
         let mut config = self.config().with_keys(&changes.set)?;
         let steps = Self::steps(&mut config);
         *steps = changes.steps.unwrap_or(*steps);
-        if *steps != *Self::steps(self.config()) {
-            check_steps(run, *steps)?;
+        match &changes.branch {
+            Some(branch) => branch.check_steps(*steps)?,
+            None if *steps != *Self::steps(self.config()) => check_steps(run, *steps)?,
+            None => {}
         }
         config.validate()?;
-        if config != *self.config() {
-            *self.config() = config;
-            self.write(run)?;
-        }
-        Ok(())
+        let differs = config != *self.config();
+        *self.config() = config;
+        Ok(differs)
     }
 }
 

@@ -8,6 +8,7 @@
 use crate::{Error, Result};
 use kinelm_corpus::words::ClipWords;
 use kinelm_corpus::{Conditions, EvalWindow, eval_windows};
+use kinelm_model::checkpoint::Checkpoints;
 use kinelm_model::fast::{Fast, Windows};
 use kinelm_model::{CheckpointChoice, ModelKind, load_run};
 use kinelm_motion::Clip;
@@ -41,12 +42,12 @@ struct Reader {
 /// Opens the models of indices.
 pub const MODELS: Models = Models(|run, weights| Ok(Box::new(open(run, weights)?)));
 
-/// The embedding of a trained run's model, identified by the hash of its weights.
+/// The embedding of a trained run's model at a checkpoint, identified by the hash of its weights.
 ///
 /// # Errors
 /// As [`load_run`]; weights that can't be read.
-pub fn of_run(run: &Path) -> Result<FeatureKind> {
-    let loaded = load_run(run, CheckpointChoice::Auto)?;
+pub fn of_run(run: &Path, which: CheckpointChoice) -> Result<FeatureKind> {
+    let loaded = load_run(run, which)?;
     let weights = loaded.weights_sha256();
     Ok(FeatureKind::Model { run: std::path::absolute(run).map_err(Error::io(run))?, weights })
 }
@@ -56,7 +57,7 @@ pub fn of_run(run: &Path) -> Result<FeatureKind> {
 /// # Errors
 /// As [`load_run`]; other weights than `weights`; a model that isn't causal or whose context holds no word.
 fn open(run: &Path, weights: &str) -> Result<ModelEmbedding> {
-    let loaded = load_run(run, CheckpointChoice::Auto)?;
+    let loaded = load_run(run, with_weights(run, weights)?)?;
     let found = loaded.weights_sha256();
     if found != weights {
         let (found, expected) = (format!("weights {found}"), format!("weights {weights}, as the index was built with"));
@@ -77,6 +78,13 @@ fn open(run: &Path, weights: &str) -> Result<ModelEmbedding> {
     let model = Fast::from_weights(&loaded.config, &loaded.tokens, &loaded.weights)?;
     let reader = Mutex::new(Reader { model, front, pad, context, width, frame });
     Ok(ModelEmbedding { tokenizer, reader })
+}
+
+/// The checkpoint with these weights, or the usual one where none has them.
+fn with_weights(run: &Path, sha256: &str) -> Result<CheckpointChoice> {
+    let all = Checkpoints::of(run);
+    let has = |step: &u64| all.state(*step).is_ok_and(|state| state.files.values().any(|file| file.sha256 == sha256));
+    Ok(all.steps()?.into_iter().find(has).map_or(CheckpointChoice::Auto, CheckpointChoice::Step))
 }
 
 impl ModelEmbedding {

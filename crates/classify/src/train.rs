@@ -12,7 +12,7 @@ use super::state::{EvalMetrics, TrainState};
 use super::unfinished::{Call, Saved, Unfinished};
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
-use kinelm_model::checkpoint::State;
+use kinelm_model::checkpoint::{Keep, State};
 use kinelm_model::class_windows::Layout;
 use kinelm_model::fast::Fast;
 use kinelm_model::weights::{Weights, floats};
@@ -91,7 +91,7 @@ pub fn train(
     };
     let manifest = Manifest { corpus: absolute(corpus.dir())?, ..manifest(run, &tokenizer, &fields, options) };
     let (step, due, every) = (state.step, state.due, options.eval_every.max(1));
-    let cadence = Cadence { steps: options.steps, eval_every: every, checkpoint_every: every, keep: 1 };
+    let cadence = Cadence { steps: options.steps, eval_every: every, checkpoint_every: every, keep: Keep::Last(1) };
     let train = options.schedule();
     let (pad, dropout) = (run.tokens.pad, run.config.dropout);
     let (layout, fields) = (&layout, &fields);

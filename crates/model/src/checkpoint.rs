@@ -4,6 +4,7 @@
 //! written under a hidden name, synced and renamed. `latest` and `best` beside `checkpoints/` hold the name of a folder
 //! and are written after it.
 
+pub use crate::choice::{CheckpointChoice, Keep};
 use crate::{Error, Result};
 use kinelm_store::files::PendingFolder;
 use kinelm_store::{FileRecord, files, hash, input, memory, owned, part};
@@ -43,33 +44,48 @@ pub struct State {
 
 /// The best measurement on the validation clips.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Best {
     /// After how many updates.
     pub step: u64,
-    /// Bits per frame.
-    pub bits_per_frame: f64,
+    /// What was measured.
+    #[serde(flatten)]
+    pub measured: Measured,
+}
+
+/// A measurement on the validation clips; less is better.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Measured {
+    /// Bits per frame, of a GPT.
+    BitsPerFrame(f64),
+    /// The loss, in the network's own measure.
+    Loss(f64),
+}
+
+impl Measured {
+    /// Its number.
+    pub fn value(self) -> f64 {
+        match self {
+            Measured::BitsPerFrame(value) | Measured::Loss(value) => value,
+        }
+    }
 }
 
 impl State {
+    /// Counts a measurement after the present step; whether it is the best so far.
+    pub fn measured(&mut self, measured: Measured) -> bool {
+        // strictly less: of equal ones the earlier checkpoint stays the best
+        let is_best = self.best.is_none_or(|best| measured.value() < best.measured.value());
+        if is_best {
+            self.best = Some(Best { step: self.step, measured });
+        }
+        is_best
+    }
+
     /// A state without files.
     pub fn new(step: u64, windows: u64, tokens: u64, seed: u64, best: Option<Best>) -> State {
         State { schema: SCHEMA, step, windows, tokens, seed, best, products: None, files: BTreeMap::new() }
     }
-}
-
-/// Which checkpoint to read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum CheckpointChoice {
-    /// The best, or the latest of a run without validation clips.
-    #[default]
-    Auto,
-    /// The best on the validation clips.
-    Best,
-    /// The latest.
-    Latest,
-    /// The one after this many updates.
-    Step(u64),
 }
 
 /// The checkpoints of a run folder.
@@ -187,18 +203,18 @@ impl Checkpoints {
         Ok(path)
     }
 
-    /// Removes all but the last `keep` checkpoints up to step `now`, which was just written, and the best of them, and what a
-    /// killed process left half written.
+    /// Removes all checkpoints up to step `now`, which was just written, but those to `keep` and the best, and what a killed
+    /// process left half written.
     ///
     /// # Errors
     /// I/O errors.
-    pub fn prune(&self, keep: usize, now: u64) -> Result<()> {
+    pub fn prune(&self, keep: Keep, now: u64) -> Result<()> {
         // a later one was damaged when the run was resumed from one before it: it must not take the place of what is written
         // since
         let steps: Vec<u64> = self.steps()?.into_iter().filter(|step| *step <= now).collect();
         // by the state, not the file alone: a damaged `best` must not cost the best checkpoint
         let best = self.best(&steps, &mut |_| ());
-        for step in steps.iter().rev().skip(keep).filter(|s| Some(**s) != best) {
+        for step in steps.iter().rev().skip(keep.newest()).filter(|s| Some(**s) != best) {
             let path = self.path(*step);
             fs::remove_dir_all(&path).map_err(Error::io(&path))?;
         }
@@ -264,15 +280,25 @@ impl Checkpoints {
         refuse_links(&self.run)?;
         let steps = self.steps()?;
         let latest = || self.named("latest").filter(|s| steps.contains(s)).or(steps.last().copied());
+        let there = || steps.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
         let first = match which {
             CheckpointChoice::Auto => self.best(&steps, note).or_else(latest),
-            CheckpointChoice::Best => self.best(&steps, note),
+            CheckpointChoice::Best => match self.best(&steps, note) {
+                None if !steps.is_empty() => {
+                    let help = "none was measured on validation clips yet; the key eval_every says how often";
+                    return Err(Error::file(
+                        &self.run,
+                        "no best checkpoint",
+                        format!("latest, or one of {}", there()),
+                        help,
+                    ));
+                }
+                best => best,
+            },
             CheckpointChoice::Latest => latest(),
             CheckpointChoice::Step(step) if !steps.contains(&step) => {
-                let there = steps.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
-                let expected = format!("one of step {step}; there are {there}");
-                let help =
-                    "the run has gone on, and keeps its last few (`keep`) and the best: take a copy of it as it was";
+                let expected = format!("one of step {step}; there are {}", there());
+                let help = "the run has gone on, and its key keep says how many stay beside the best; keep = \"all\" is every one";
                 return Err(Error::file(&self.run, format!("no checkpoint of step {step}"), expected, help));
             }
             CheckpointChoice::Step(step) => Some(step),
@@ -379,7 +405,7 @@ mod tests {
     use super::*;
 
     fn state(step: u64, best: Option<u64>) -> State {
-        State::new(step, 0, 0, 1, best.map(|step| Best { step, bits_per_frame: 2.0 }))
+        State::new(step, 0, 0, 1, best.map(|step| Best { step, measured: Measured::BitsPerFrame(2.0) }))
     }
 
     #[test]
@@ -391,7 +417,7 @@ mod tests {
         );
         for (step, best) in [(10, Some(10)), (20, Some(10)), (30, Some(10)), (40, Some(10))] {
             all.write(state(step, best), &[("a", vec![step as u8; 9])]).unwrap();
-            all.prune(2, step).unwrap();
+            all.prune(Keep::Last(2), step).unwrap();
         }
         assert_eq!(all.steps().unwrap(), [10, 30, 40]);
         assert_eq!((all.named("latest"), all.named("best")), (Some(40), Some(10)));
@@ -449,7 +475,7 @@ mod tests {
         fs::remove_file(&best).unwrap();
         let (step, note) = find();
         assert!(step == Ok(20) && note.contains("found no file"), "{note}");
-        all.prune(1, 30).unwrap();
+        all.prune(Keep::Last(1), 30).unwrap();
         assert_eq!(all.steps().unwrap(), [20, 30]);
         // the message now says how to go back
         fs::write(all.path(20).join("a"), "").unwrap();
@@ -474,7 +500,7 @@ mod tests {
         fs::write(all.path(200).join("a"), [1; 8]).unwrap();
         // the run goes on from 100
         all.write(state(125, None), &[("a", vec![1; 9])]).unwrap();
-        all.prune(1, 125).unwrap();
+        all.prune(Keep::Last(1), 125).unwrap();
         let found = all.find(CheckpointChoice::Latest, &["a"], &[], &mut |_| ()).unwrap();
         assert_eq!((found.state.step, all.steps().unwrap()), (125, vec![125, 200]));
     }
@@ -505,7 +531,7 @@ mod tests {
         all.write(state(1, None), &[]).unwrap();
         fs::create_dir(dir.path().join("checkpoints/.step-00000002.writing-77-00112233445566ff")).unwrap();
         assert_eq!(all.steps().unwrap(), [1]);
-        all.prune(1, 1).unwrap();
+        all.prune(Keep::Last(1), 1).unwrap();
         assert_eq!(fs::read_dir(dir.path().join("checkpoints")).unwrap().count(), 1);
     }
 }

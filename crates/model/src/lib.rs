@@ -4,6 +4,7 @@
 mod architecture;
 mod cache;
 pub mod checkpoint;
+mod choice;
 pub mod class_windows;
 pub mod config;
 mod decode;
@@ -37,7 +38,7 @@ pub mod weights;
 pub mod words;
 
 pub use cache::Cache;
-pub use checkpoint::CheckpointChoice;
+pub use choice::{CheckpointChoice, Keep};
 pub use config::{Architecture, DecoderConfig, HeadKind, ModelConfig, ModelKind, Positions, TokenLayout};
 pub use decode::{FrameConditioning, KvKind, Logits, Reader, ReaderOptions, WeightKind};
 pub use device::{Compute, DeviceName, Form};

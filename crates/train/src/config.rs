@@ -5,7 +5,7 @@ use super::trainer::Cadence;
 use crate::{Error, Result};
 use kinelm_corpus::SpanMasking;
 use kinelm_corpus::conditions::in_order;
-use kinelm_model::{ModelConfig, ModelKind, TokenLayout};
+use kinelm_model::{Keep, ModelConfig, ModelKind, TokenLayout};
 use kinelm_tokenizer::Tokenizer;
 use serde::{Deserialize, Serialize};
 
@@ -43,8 +43,8 @@ pub struct TrainConfig {
     pub eval_windows: usize,
     /// Steps between checkpoints; 0 means only at the end and where validation is best. Default 250.
     pub checkpoint_every: u64,
-    /// Checkpoints that stay beside the best, 1 or more. Default 2.
-    pub keep: usize,
+    /// Checkpoints that stay beside the best, 1 or more, or `"all"`. Default 2.
+    pub keep: Keep,
     /// Batches of a step, computed one after the other in the memory of one, 1..=65536. Default 1.
     pub accumulate: usize,
     /// Measurements without improvement after which the run ends; 0 means never. Default 0.
@@ -155,7 +155,7 @@ impl Default for TrainConfig {
             eval_every: 250,
             eval_windows: 128,
             checkpoint_every: 250,
-            keep: 2,
+            keep: Keep::Last(2),
             accumulate: 1,
             patience: 0,
             ema: 0.0,
@@ -243,7 +243,7 @@ impl TrainConfig {
         number(width, "ordinal_width", self.ordinal_width, "a number above 0 and at most 100")?;
         // TOML has no larger integers
         check(self.seed <= i64::MAX as u64, "seed", self.seed.to_string(), "at most 9223372036854775807")?;
-        check(self.keep >= 1, "keep", self.keep.to_string(), "1 or more")?;
+        check(self.keep.is_valid(), "keep", self.keep.to_string(), "1 or more, or \"all\"")?;
         check((1..=65_536).contains(&self.accumulate), "accumulate", self.accumulate.to_string(), "1 to 65536")?;
         number((0.0..1.0).contains(&self.ema), "ema", self.ema, "0 (none) up to below 1")?;
         let measured = |key, found: u64| {

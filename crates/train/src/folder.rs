@@ -21,7 +21,8 @@ const MOST_LOCK: u64 = 1 << 10;
 /// Attempts to lock, and the time between them: [`is_written`] holds the lock for an instant.
 const TRIES: (u32, Duration) = (5, Duration::from_millis(40));
 /// Files that are written before `config.toml`.
-const EARLY: [&str; 6] = [LOCK, "samples", "checkpoints", "corpus.json", TOKENIZER, PROVENANCE];
+const EARLY: [&str; 9] =
+    [LOCK, "samples", "checkpoints", "corpus.json", TOKENIZER, PROVENANCE, METRICS, "latest", "best"];
 
 /// A run folder that is locked while this value lives. The system releases the lock if the process dies.
 #[derive(Debug)]
@@ -125,7 +126,7 @@ pub fn remove(run: &Path) -> Result<()> {
     // what training writes and nothing else: a file that somebody put there must not go with the run
     let own = |name: &str| {
         EARLY.contains(&name)
-            || [CONFIG, LEAD_INS, METRICS, "latest", "best"].contains(&name)
+            || [CONFIG, LEAD_INS].contains(&name)
             || name.starts_with("events.out.tfevents.")
             || is_corpus(name)
     };

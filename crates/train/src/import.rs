@@ -5,7 +5,7 @@ use super::run::RunFile;
 use crate::{Error, Result};
 use kinelm_model::checkpoint::Checkpoints;
 use kinelm_model::run::{CONFIG, LoadedRun, TOKENIZER, WEIGHTS};
-use kinelm_model::{exchange, weights};
+use kinelm_model::{CheckpointChoice, exchange, weights};
 use kinelm_store::files;
 use kinelm_store::files::PendingFolder;
 use kinelm_tokenizer::Tokenizer;
@@ -20,7 +20,7 @@ pub fn import(folder: &Path, run: &Path) -> Result<LoadedRun> {
     if folder.join(CONFIG).is_file() {
         return Err(Error::unsupported(folder.display().to_string(), "it is a run already"));
     }
-    let found = exchange::load(folder)?;
+    let found = exchange::load(folder, CheckpointChoice::Auto)?;
     let tokenizer = found.load_tokenizer()?;
     let file = RunFile::imported(&found, &tokenizer);
     let work = PendingFolder::create(run)?;
@@ -47,7 +47,7 @@ mod tests {
     use kinelm_corpus::{Corpus, Split};
     use kinelm_model::exchange::{Format, export};
     use kinelm_model::likelihood::likelihood;
-    use kinelm_model::{CheckpointChoice, Compute, HeadKind, ModelConfig, Positions, load_run};
+    use kinelm_model::{Compute, HeadKind, ModelConfig, Positions, load_run};
     use std::fs;
     use std::sync::atomic::AtomicBool;
 

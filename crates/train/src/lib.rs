@@ -7,6 +7,7 @@
 mod adamw;
 mod augment;
 pub mod batches;
+pub mod branch;
 pub mod config;
 pub mod data;
 pub mod ema;
@@ -46,6 +47,7 @@ pub mod train_file;
 pub mod trainer;
 mod window;
 
+pub use branch::Branch;
 pub use config::{Schedule, TrainConfig};
 pub use data::{CorpusPart, Data};
 pub use factory::learner;

@@ -10,14 +10,14 @@ use kinelm_model::fast::Fast;
 use kinelm_model::run::{TOKENIZER, load_tokenizer};
 use kinelm_model::weights::Weights;
 use kinelm_model::{DeviceName, Gpt, ModelKind, Reader, ReaderOptions};
-use kinelm_motion::{Motion, format};
+use kinelm_motion::{Clip, Motion, format};
 use kinelm_tokenizer::{Special, UncodedPose};
 use kinelm_view::{Figure, write_page};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 /// Length of a dance, seconds.
-const SECONDS: f64 = 5.0;
+pub const SECONDS: f64 = 5.0;
 
 /// Writes an unprompted dance of the model with these weights, at temperature 1 from the run's seed, as `step-XXXXXXXX.bvh`
 /// and as a page beside it into the run's `samples/`. Returns the page.
@@ -53,14 +53,23 @@ fn write(run: &Path, step: u64, file: &RunFile, weights: &Weights) -> Result<Pat
         ModelKind::Masked => fill(&mut Fast::of(&gpt)?, &plan, 1, watch)?.ids.remove(0),
     };
     let clip = tokenizer.decode(&tokenizer.words_of_ids(&ids).words, UncodedPose::Identity)?.slice(0..frames);
+    let seed = file.train.seed;
+    write_sample(run, step, clip, &format!("free, temperature 1, seed {seed}"))
+}
+
+/// Writes a dance of the model after `step` updates as `step-XXXXXXXX.bvh` and as a page beside it into the run's
+/// `samples/`; `note` says on the page how it was made. Returns the page.
+///
+/// # Errors
+/// What the system refuses.
+pub fn write_sample(run: &Path, step: u64, clip: Clip, note: &str) -> Result<PathBuf> {
     let folder = run.join("samples");
     std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
     let name = format!("step-{step:08}");
     let (bvh, page) = (folder.join(format!("{name}.bvh")), folder.join(format!("{name}.html")));
     let motion = Motion::new(&bvh, clip);
     format::write(&bvh, &motion)?;
-    let seed = file.train.seed;
-    let figure = Figure::new(format!("step {step}"), &motion.clip).note(format!("free, temperature 1, seed {seed}"));
+    let figure = Figure::new(format!("step {step}"), &motion.clip).note(note);
     write_page(&page, &[figure])?;
     Ok(page)
 }

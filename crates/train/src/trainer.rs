@@ -2,7 +2,7 @@
 //! the same bits.
 
 use crate::{Error, Result};
-use kinelm_model::checkpoint::{Checkpoint, CheckpointChoice, Checkpoints, State};
+use kinelm_model::checkpoint::{Checkpoint, CheckpointChoice, Checkpoints, Keep, State};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -51,14 +51,14 @@ pub struct Cadence {
     /// Updates between checkpoints; 0: only after the last, and where the measurement is the best.
     pub checkpoint_every: u64,
     /// Checkpoints that stay beside the best.
-    pub keep: usize,
+    pub keep: Keep,
 }
 
 /// A training: an iterator of updates. Each item is one update, with the measurement and the checkpoint that are due after
 /// it. It is silent; tasks report their progress.
 ///
 /// ```
-/// use kinelm_model::checkpoint::State;
+/// use kinelm_model::checkpoint::{Keep, State};
 /// use kinelm_train::{Result, Task, Trainer, trainer::{Cadence, Files}};
 ///
 /// /// Moves x to 0.
@@ -78,7 +78,7 @@ pub struct Cadence {
 ///     }
 /// }
 ///
-/// let cadence = Cadence { steps: 3, eval_every: 0, checkpoint_every: 0, keep: 1 };
+/// let cadence = Cadence { steps: 3, eval_every: 0, checkpoint_every: 0, keep: Keep::All };
 /// let trainer = Trainer::new(Descent(8.0), cadence, None, State::new(0, 0, 0, 1, None));
 /// assert_eq!(trainer.collect::<Result<Vec<f64>>>()?, [4.0, 2.0, 1.0]);
 /// # Result::Ok(())

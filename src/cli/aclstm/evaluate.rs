@@ -4,9 +4,8 @@ use crate::baselines::FPS;
 use crate::baselines::aclstm::evaluate::{Options, Report, SHORT, Test, evaluate, evaluate_dances};
 use crate::baselines::aclstm::run::Trained;
 use crate::cli::values::frames_at;
-use crate::cli::{ForceArgs, Say, print, progress};
+use crate::cli::{CheckpointArg, ForceArgs, Say, print, progress};
 use crate::corpus::Split;
-use crate::model::CheckpointChoice;
 use anyhow::Result;
 use kinelm_motion::format;
 use kinelm_store::counted;
@@ -17,6 +16,8 @@ pub struct Args {
     /// The run folder of a trained network; the clips are those of its own DATA
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// The split that seeds are taken from
     #[arg(long, value_name = "train|valid|test", default_value = "test")]
     split: Split,
@@ -45,7 +46,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    let trained = Trained::load(&args.run, CheckpointChoice::Auto)?;
+    let trained = Trained::load(&args.run, args.checkpoint.get())?;
     trained.notes.iter().for_each(|note| say.line(note));
     let options = Options {
         split: args.split,

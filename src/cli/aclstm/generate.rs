@@ -6,7 +6,7 @@ use crate::baselines::aclstm::run::Trained;
 use crate::cli::read::ReadArgs;
 use crate::cli::updates::{self, BaselineDance};
 use crate::cli::values::frames_at;
-use crate::cli::{ForceArgs, Say, convert, progress, warn, writable, written_as};
+use crate::cli::{CheckpointArg, ForceArgs, Say, convert, progress, warn, writable, written_as};
 use crate::generate::MOST_FRAMES;
 use crate::generate::request::FootMode;
 use crate::model::CheckpointChoice;
@@ -19,6 +19,8 @@ pub struct Args {
     /// The run folder of a trained network
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// The clip to continue, on the run's rig
     #[arg(long, value_name = "CLIP")]
     seed_clip: PathBuf,
@@ -58,7 +60,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         with_seed: args.with_seed,
         feet: args.feet,
     };
-    updates::make(&request, &args.out, args.force, say)
+    updates::make(&request, args.checkpoint.get(), &args.out, args.force, say)
 }
 
 impl BaselineDance for Request {

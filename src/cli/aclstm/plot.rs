@@ -1,6 +1,6 @@
 //! `kinelm aclstm plot`.
 
-use crate::baselines::aclstm::evaluate::{Curves, charts};
+use crate::baselines::aclstm::evaluate::{Curves, SeedLengths, charts, seed_charts};
 use crate::cli::{ForceArgs, Say, draw_charts, picture, view::stem};
 use anyhow::Result;
 use kinelm_store::counted;
@@ -12,6 +12,9 @@ pub struct Args {
     /// is plotted
     #[arg(required = true, value_name = "REPORT.json")]
     reports: Vec<PathBuf>,
+    /// The horizontal axis
+    #[arg(long, value_enum, default_value = "time")]
+    over: Over,
     /// Where the plot goes (.png .svg)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -19,14 +22,30 @@ pub struct Args {
     force: ForceArgs,
 }
 
+/// The horizontal axis of a plot.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Over {
+    /// The predicted time, after the longest seeds: errors, and the share of dances that stand still
+    Time,
+    /// The seeds' lengths: errors of the next 20 frames, with a standard deviation over runs
+    SeedFrames,
+}
+
 pub fn run(args: Args, say: Say) -> Result<()> {
     let outputs = args.force.outputs(&args.reports);
     picture(&args.out, &outputs)?;
-    let load = |path: &PathBuf| Ok((row(path), Curves::load(path)?));
-    let all = args.reports.iter().map(load).collect::<Result<Vec<_>>>()?;
-    draw_charts(&args.out, &charts(&all), &outputs)?;
-    say.line(format_args!("{}: {}", args.out.display(), counted(all.len(), "reports")));
+    let charts = match args.over {
+        Over::Time => charts(&named(&args.reports, Curves::load)?),
+        Over::SeedFrames => seed_charts(&named(&args.reports, SeedLengths::load)?),
+    };
+    draw_charts(&args.out, &charts, &outputs)?;
+    say.line(format_args!("{}: {}", args.out.display(), counted(args.reports.len(), "reports")));
     Ok(())
+}
+
+/// What is loaded of each report, by its row.
+fn named<T>(reports: &[PathBuf], load: fn(&Path) -> crate::Result<T>) -> Result<Vec<(String, T)>> {
+    reports.iter().map(|path| Ok((row(path), load(path)?))).collect()
 }
 
 /// A report's name without the number of its run.

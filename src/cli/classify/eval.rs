@@ -1,7 +1,7 @@
 //! `kinelm classify eval`.
 
 use crate::classify::Classifier;
-use crate::cli::{ForceArgs, Say, TrustArgs, print};
+use crate::cli::{CheckpointArg, ForceArgs, Say, TrustArgs, print};
 use crate::corpus::Split;
 use crate::model::exchange;
 use anyhow::Result;
@@ -24,6 +24,8 @@ pub struct Args {
     /// With --baselines: also LDA on this run's embeddings
     #[arg(long, value_name = "RUN|DIR")]
     run: Option<PathBuf>,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// Also plot the confusion of the clips: a matrix for class tokens and one for class tokens and LDA
     #[arg(long, value_name = "FILE.png|FILE.svg")]
     plot: Option<PathBuf>,
@@ -41,7 +43,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     args.plot.as_deref().map_or(Ok(()), |out| crate::cli::picture(out, &outputs))?;
     let mut classifier = Classifier::load(&args.classifier)?;
     let corpus = args.trust.open(&args.corpus)?;
-    let run = args.run.as_deref().map(exchange::load).transpose()?;
+    let run = args.run.as_deref().map(|run| exchange::load(run, args.checkpoint.get())).transpose()?;
     run.iter().flat_map(|r| &r.notes).for_each(|note| say.line(note));
     crate::cli::progress::stage("naming clips");
     let found = classifier.evaluate(&corpus, args.split, run.as_ref(), args.baselines)?;

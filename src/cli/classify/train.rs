@@ -1,7 +1,7 @@
 //! `kinelm classify train`.
 
 use crate::classify::{TrainOptions, train};
-use crate::cli::{Say, TrustArgs};
+use crate::cli::{CheckpointArg, Say, TrustArgs};
 use crate::corpus::Corpus;
 use crate::corpus::labels::LabelFilter;
 use crate::model::exchange;
@@ -10,9 +10,11 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The run to start from (its best checkpoint), or a folder that `kinelm export` or transformers wrote
+    /// The run to start from, or a folder that `kinelm export` or transformers wrote
     #[arg(long, value_name = "RUN|DIR", value_parser = crate::cli::values::run_folder())]
     run: PathBuf,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// The labelled corpus, of the run's tokenizer
     #[arg(long, value_name = "CORPUS")]
     corpus: PathBuf,
@@ -69,7 +71,7 @@ pub struct Args {
 }
 
 pub fn run(args: Args, say: Say) -> Result<()> {
-    let run = exchange::load(&args.run)?;
+    let run = exchange::load(&args.run, args.checkpoint.get())?;
     run.notes.iter().for_each(|note| say.line(note));
     let corpus = Corpus::open_with(&args.corpus, args.trust.opening())?;
     let options = TrainOptions {

@@ -1,7 +1,7 @@
 //! `kinelm evaluate gaps`.
 
 use crate::cli::draw::DrawArgs;
-use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
+use crate::cli::{CheckpointArg, ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::Split;
 use crate::evaluate::gaps::{Filler, frames_around, gaps, position_scale};
 use crate::generate::RunModel;
@@ -9,7 +9,7 @@ use crate::generate::masked::PASSES;
 use crate::generate::open::{GAP_TOP_P, GOAL_GUIDANCE, check_goal_guidance, check_passes};
 use crate::generate::sampling::TOP_P;
 use crate::model::goal::GoalEncoder;
-use crate::model::{CheckpointChoice, LoadedRun, ModelKind, load_run};
+use crate::model::{LoadedRun, ModelKind, load_run};
 use anyhow::Result;
 use kinelm_tokenizer::Tokenizer;
 use std::path::PathBuf;
@@ -19,6 +19,8 @@ pub struct Args {
     /// The run folder of a trained model
     #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder())]
     run: PathBuf,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// A corpus folder of the same tokenizer
     #[arg(long, value_name = "CORPUS")]
     corpus: PathBuf,
@@ -61,7 +63,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    let run = load_run(&args.run, CheckpointChoice::Auto)?;
+    let run = load_run(&args.run, args.checkpoint.get())?;
     run.notes.iter().for_each(|note| say.line(note));
     let (tokenizer, corpus) = (run.load_tokenizer()?, args.trust.open(&args.corpus)?);
     let (ours, theirs) = (tokenizer.base_hash(), corpus.tokenizer().base_hash());

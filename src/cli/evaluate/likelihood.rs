@@ -1,13 +1,13 @@
 //! `kinelm evaluate likelihood`.
 
 use super::floors::{Fitted, FloorsArgs};
-use crate::cli::{ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
+use crate::cli::{CheckpointArg, ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::{ClipRecord, Corpus, Split};
 use crate::evaluate::gap_bits::gap_bits;
 use crate::evaluate::likelihood::LikelihoodReport;
 use crate::evaluate::per_joint::{by_slot, slots};
 use crate::model::likelihood::likelihood_by_token;
-use crate::model::{CheckpointChoice, LoadedRun, ReaderOptions, load_run};
+use crate::model::{LoadedRun, ReaderOptions, load_run};
 use anyhow::Result;
 use std::collections::BTreeMap;
 use std::f64::consts::LN_2;
@@ -18,6 +18,8 @@ pub struct Args {
     /// The run folder of a trained model
     #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder())]
     run: PathBuf,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// A corpus folder of the same tokenizer
     #[arg(long, value_name = "CORPUS")]
     corpus: PathBuf,
@@ -60,7 +62,7 @@ enum ConditionsArg {
 }
 
 pub fn run(args: &Args, say: Say) -> Result<()> {
-    let run = load_run(&args.run, CheckpointChoice::Auto)?;
+    let run = load_run(&args.run, args.checkpoint.get())?;
     run.notes.iter().for_each(|note| say.line(note));
     let corpus = args.trust.open(&args.corpus)?;
     let (ours, theirs) = (run.load_tokenizer()?.base_hash(), corpus.tokenizer().base_hash());

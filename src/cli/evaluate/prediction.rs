@@ -4,13 +4,13 @@ use crate::cli::data::DataArgs;
 use crate::cli::draw::DrawArgs;
 use crate::cli::read::ReadArgs;
 use crate::cli::values::rate;
-use crate::cli::{ComputeArgs, Odd, Say, print, wrong_call};
+use crate::cli::{CheckpointArg, ComputeArgs, Odd, Say, print, wrong_call};
 use crate::corpus::load::{ClipSpec, load_at_own_rate};
 use crate::corpus::{Dataset, Split};
 use crate::evaluate::prediction::{PROTOCOL_FPS, Predictor, Window, baselines, spread, table, windows_at};
 use crate::generate::sampling::Sampling;
 use crate::generate::{NextToken, reader};
-use crate::model::{CheckpointChoice, ReaderOptions, load_run};
+use crate::model::{ReaderOptions, load_run};
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
 use kinelm_motion::metric::short_term::MAJOR;
@@ -22,6 +22,8 @@ pub struct Args {
     /// joints]
     #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder())]
     run: Option<PathBuf>,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// Frames per second without a model; slower clips are left out
     #[arg(long, value_name = "FPS", value_parser = rate, default_value_t = PROTOCOL_FPS, conflicts_with = "run")]
     fps: f64,
@@ -80,7 +82,7 @@ fn without_model(args: &Args, say: Say) -> Result<()> {
 
 /// Measures a model beside these.
 fn of_model(args: &Args, run: &Path, draw: Sampling, say: Say) -> Result<()> {
-    let run = load_run(run, CheckpointChoice::Auto)?;
+    let run = load_run(run, args.checkpoint.get())?;
     run.notes.iter().for_each(|note| say.line(note));
     let tokenizer = run.load_tokenizer()?;
     let conditions = run.load_conditions()?;

@@ -4,7 +4,7 @@ use super::at_model_rate;
 use super::best::BestArgs;
 use crate::cli::draw::DrawArgs;
 use crate::cli::values::{length, length_in_frames, rate, run_folder, time};
-use crate::cli::{ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
+use crate::cli::{CheckpointArg, ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
 use crate::generate::masked::{MOST_PASSES, PASSES};
 use crate::generate::open::{FEATURE_GUIDANCE, FPS, GOAL_GUIDANCE, MUSIC_GUIDANCE, SEED};
 use crate::generate::request::{
@@ -21,6 +21,8 @@ pub struct DanceArgs {
     /// The run folder of a trained model [default: ready, kinelm's own]
     #[arg(long, value_name = "RUN", value_parser = run_folder())]
     run: Option<PathBuf>,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// Where the dance goes (.bvh .npz .json .glb); with --variations to FILE-1, FILE-2, ... before the extension. A sidecar,
     /// FILE.bvh.kinelm.json, records how it was made
     #[arg(long, value_name = "FILE")]
@@ -158,6 +160,7 @@ impl DanceArgs {
             uncoded_joints: self.uncoded_joints,
             feet: self.feet,
             computing: Some(Computing::new(self.compute.get(), reading.weights, reading.kv)),
+            checkpoint: self.checkpoint.get(),
             ..Request::of(self.run()?)
         })
     }

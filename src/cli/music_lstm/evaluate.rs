@@ -4,9 +4,8 @@ use crate::baselines::FPS;
 use crate::baselines::music_lstm::evaluate::{Options, evaluate};
 use crate::baselines::music_lstm::run::Trained;
 use crate::cli::values::frames_at;
-use crate::cli::{Say, WrongCall, print, progress};
+use crate::cli::{CheckpointArg, Say, WrongCall, print, progress};
 use crate::corpus::Split;
-use crate::model::CheckpointChoice;
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -15,6 +14,8 @@ pub struct Args {
     /// The run folder of a trained network
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// The split of the unheard music: valid or test
     #[arg(long, value_name = "SPLIT", default_value = "test")]
     split: Split,
@@ -34,7 +35,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         let what = "--split train: the music of the training is measured anyway; expected valid or test";
         return Err(WrongCall(what.into()).into());
     }
-    let trained = Trained::load(&args.run, CheckpointChoice::Auto)?;
+    let trained = Trained::load(&args.run, args.checkpoint.get())?;
     trained.notes.iter().for_each(|note| say.line(note));
     let options = Options { split: args.split, frames: args.frames as usize, cutoff_hz: args.cutoff };
     let bar = progress::bar(0, "frames", say);

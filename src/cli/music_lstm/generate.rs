@@ -5,7 +5,7 @@ use crate::baselines::music_lstm::dance::{Request, Sidecar};
 use crate::baselines::music_lstm::run::Trained;
 use crate::cli::updates::{self, BaselineDance};
 use crate::cli::values::{frames_at, time};
-use crate::cli::{ForceArgs, Say, convert, progress, writable, written_as};
+use crate::cli::{CheckpointArg, ForceArgs, Say, convert, progress, writable, written_as};
 use crate::generate::MOST_FRAMES;
 use crate::model::CheckpointChoice;
 use anyhow::Result;
@@ -18,6 +18,8 @@ pub struct Args {
     /// The run folder of a trained network
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// The music to dance to (.wav .flac .ogg .mp3 .m4a .aac)
     #[arg(long, value_name = "FILE")]
     music: PathBuf,
@@ -42,7 +44,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
         from_s: args.music_from.seconds(FPS),
         frames: args.frames.map(|frames| frames as usize),
     };
-    updates::make(&request, &args.out, args.force, say)
+    updates::make(&request, args.checkpoint.get(), &args.out, args.force, say)
 }
 
 impl BaselineDance for Request {

@@ -80,6 +80,12 @@ const NEEDS: &[Need] = &[
     Need { commands: &["aclstm evaluate"], options: &["force"], any_of: &["write-seeds"] },
     Need { commands: &["evaluate dance"], options: &["force"], any_of: &["plot", "page"] },
     Need { commands: &["evaluate dance"], options: &["music-from"], any_of: &["music", "beats"] },
+    Need {
+        commands: &["classify eval", "evaluate prediction", "query build", "query evaluate"],
+        options: &["checkpoint"],
+        any_of: &["run"],
+    },
+    Need { commands: &["pretrain"], options: &["checkpoint"], any_of: &["from"] },
     Need { commands: &["evaluate prediction"], options: DRAWING, any_of: &["run"] },
     Need { commands: &["evaluate prediction"], options: &["samples", "seed", "device", "form"], any_of: &["run"] },
 ];

@@ -6,17 +6,17 @@ use std::collections::BTreeSet;
 
 /// Options that say something by themselves, of every command that has options: its own, and those it shares.
 const ALONE: &[(&str, &str, &[&[&str]])] = &[
-    ("aclstm evaluate", "run split seeds seed-frames frames write-seeds dances json", &[]),
+    ("aclstm evaluate", "checkpoint run split seeds seed-frames frames write-seeds dances json", &[]),
     ("again", "out run prompt timeline music guesses force", &[]),
-    ("aclstm generate", "run seed-clip seed-frames seed-from frames with-seed out feet force", &[READING]),
-    ("aclstm plot", "out force", &[]),
-    ("aclstm resume", "steps set", &[]),
+    ("aclstm generate", "checkpoint run seed-clip seed-frames seed-from frames with-seed out feet force", &[READING]),
+    ("aclstm plot", "over out force", &[]),
+    ("aclstm resume", "run from-step steps set", &[]),
     ("aclstm train", "run labels only config set", &[READING]),
     ("classify eval", "classifier corpus split baselines plot json trust", &[]),
     ("classify predict", "classifier json", &[READING]),
     (
         "classify train",
-        "run corpus fields out only scratch share compat unbalanced steps batch rate head-rate eval-every \
+        "checkpoint run corpus fields out only scratch share compat unbalanced steps batch rate head-rate eval-every \
          eval-windows patience seed resume trust",
         &[],
     ),
@@ -33,30 +33,30 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("evaluate dance", "compare real copying features fidelity beats music plot page json trust", &[READING]),
     (
         "evaluate gaps",
-        "run corpus split frames gaps samples goal-guidance passes feet seed weights kv device form json \
+        "checkpoint run corpus split frames gaps samples goal-guidance passes feet seed weights kv device form json \
          trust",
         &[DRAWING],
     ),
     (
         "evaluate likelihood",
-        "run corpus split windows conditions per-joint gaps weights kv device form floors floors-from json \
+        "checkpoint run corpus split windows conditions per-joint gaps weights kv device form floors floors-from json \
          trust",
         &[],
     ),
     ("evaluate prediction", "run fps labels strict split windows json", &[READING]),
-    ("export", "run format out", &[]),
+    ("export", "checkpoint run format out", &[]),
     ("filter", "out level cutoff keep hips feet json force", &[READING]),
-    ("finetune resume", "corpus steps precision device form trust set", &[]),
-    ("finetune", "from config corpus run steps seed conditions precision device form trust set", &[]),
+    ("finetune resume", "run from-step corpus steps precision device form trust set", &[]),
+    ("finetune", "checkpoint from config corpus run steps seed conditions precision device form trust set", &[]),
     (
         "generate timeline",
-        "run out label music guidance goal-guidance frames seconds fps variations seed first-frames lead-in \
+        "checkpoint run out label music guidance goal-guidance frames seconds fps variations seed first-frames lead-in \
          rig uncoded-joints feet blend tries passes guesses best force weights kv device form check",
         &[DRAWING],
     ),
     (
         "generate",
-        "prompt run out label music guidance frames seconds fps variations seed first-frames lead-in feet \
+        "checkpoint prompt run out label music guidance frames seconds fps variations seed first-frames lead-in feet \
          passes guesses best force weights kv device form",
         &[DRAWING],
     ),
@@ -73,11 +73,11 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("music beats", "out bpm-range", &[]),
     ("music inspect", "json out bpm-range", &[]),
     ("music render", "bpm seconds style seed out force", &[]),
-    ("music-lstm evaluate", "run split frames cutoff json", &[]),
-    ("music-lstm generate", "run music music-from frames out force", &[]),
-    ("music-lstm resume", "steps set", &[]),
+    ("music-lstm evaluate", "checkpoint run split frames cutoff json", &[]),
+    ("music-lstm generate", "checkpoint run music music-from frames out force", &[]),
+    ("music-lstm resume", "run from-step steps set", &[]),
     ("music-lstm train", "music run labels only config set", &[READING]),
-    ("pretrain resume", "corpus steps precision device form trust set", &[]),
+    ("pretrain resume", "run from-step corpus steps precision device form trust set", &[]),
     ("pretrain", "config corpus run steps seed conditions from precision device form trust set", &[]),
     ("query build", "labels strict out transform run no-dc keep joints window hop fps raw", &[READING]),
     (
@@ -91,7 +91,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("runs plot", "out metric over force", &[]),
     ("spectrum", "out page joint at seconds fps no-dc force", &[READING]),
     #[cfg(feature = "studio")]
-    ("studio", "run real port bind no-open empty assets", &[]),
+    ("studio", "checkpoint run real port bind no-open empty assets", &[]),
     ("tokenize", "labels strict out tokenizer shard music motion-beats exclude force", &[READING]),
     ("tokenizer decode", "tokenizer force floor", &[]),
     (
@@ -180,6 +180,8 @@ fn base(command: &str, option: &str) -> &'static str {
         ("music inspect" | "music beats", _) => "a.wav",
         ("query find", _) => "a.bvh --index a",
         ("query evaluate", _) => "a",
+        ("query build", _) => "a --out b",
+        ("pretrain", _) => "--config tiny",
         ("aclstm evaluate", _) => "--run a",
         ("aclstm train", _) => "a --run a",
         ("music-lstm train", _) => "a --music a --run a",

@@ -5,12 +5,13 @@ use crate::classify::embedding::MODELS;
 use crate::cli::data::DataArgs;
 use crate::cli::read::ReadArgs;
 use crate::cli::values::{count, rate, window};
-use crate::cli::{Say, WrongCall, progress};
+use crate::cli::{CheckpointArg, Say, WrongCall, progress};
+use crate::model::CheckpointChoice;
 use crate::spectral::query::joint_names;
 use crate::spectral::query::{Index, IndexRequest};
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -25,6 +26,8 @@ pub struct Args {
     /// With --transform model: the run
     #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder())]
     run: Option<PathBuf>,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// With --transform stft: leave out the bin at 0 Hz, which holds the mean pose
     #[arg(long)]
     no_dc: bool,
@@ -50,13 +53,20 @@ pub struct Args {
     read: ReadArgs,
 }
 
+impl Args {
+    /// The run and its checkpoint.
+    fn run(&self) -> Option<(&Path, CheckpointChoice)> {
+        Some((self.run.as_deref()?, self.checkpoint.get()))
+    }
+}
+
 pub fn run(args: Args, say: Say) -> Result<()> {
     let said = args.transform.is_some() || args.no_dc || args.keep.is_some() || args.run.is_some();
     // --run and --no-dc imply their transform
     let usual = if args.run.is_some() { TransformArg::Model } else { TransformArg::Dct };
     let transform = args.transform.unwrap_or(if args.no_dc { TransformArg::Stft } else { usual });
     let request = IndexRequest {
-        transform: said.then(|| transform.kind(args.no_dc, args.keep, args.run.as_deref())).transpose()?,
+        transform: said.then(|| transform.kind(args.no_dc, args.keep, args.run())).transpose()?,
         frames: args.window,
         hop: args.hop,
         fps: args.fps,

@@ -5,13 +5,14 @@ use crate::classify::embedding::MODELS;
 use crate::cli::data::DataArgs;
 use crate::cli::read::ReadArgs;
 use crate::cli::values::{count, rate, window};
-use crate::cli::{ForceArgs, Say, print, progress, wrong_call};
+use crate::cli::{CheckpointArg, ForceArgs, Say, print, progress, wrong_call};
 use crate::corpus::labels::LabelFilter;
+use crate::model::CheckpointChoice;
 use crate::spectral::WindowSpec;
 use crate::spectral::query::{Distance, EvaluateOptions, Exclude, evaluate, tables};
 use anyhow::Result;
 use kinelm_motion::format::RestFrame;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -29,6 +30,8 @@ pub struct Args {
     /// The run whose embedding is measured too
     #[arg(long, value_name = "RUN", value_parser = crate::cli::values::run_folder())]
     run: Option<PathBuf>,
+    #[command(flatten)]
+    checkpoint: CheckpointArg,
     /// Leave out the bin of the STFT at 0 Hz, which holds the mean pose
     #[arg(long)]
     no_dc: bool,
@@ -71,6 +74,13 @@ pub struct Args {
     read: ReadArgs,
 }
 
+impl Args {
+    /// The run and its checkpoint.
+    fn run(&self) -> Option<(&Path, CheckpointChoice)> {
+        Some((self.run.as_deref()?, self.checkpoint.get()))
+    }
+}
+
 pub fn run(args: Args, say: Say) -> Result<()> {
     let mut transforms = args.transform.clone();
     if transforms.is_empty() {
@@ -85,7 +95,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         wrong_call!("--run: only the transform model reads a run; add model to --transform");
     }
     // no_dc is of the STFT, and refused by the others
-    let kind = |t: &TransformArg| t.kind(args.no_dc && *t == TransformArg::Stft, None, args.run.as_deref());
+    let kind = |t: &TransformArg| t.kind(args.no_dc && *t == TransformArg::Stft, None, args.run());
     let options = EvaluateOptions {
         build: args.data.build_options(args.read.options(RestFrame::Drop)),
         windows: WindowSpec { frames: args.window, hop: args.hop, fps: args.fps },

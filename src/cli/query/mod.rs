@@ -6,6 +6,7 @@ mod find;
 
 use super::{Say, WrongCall};
 use crate::classify::embedding::of_run;
+use crate::model::CheckpointChoice;
 use crate::spectral::query::FeatureKind;
 use crate::spectral::{LowDct, PcaBasis};
 use anyhow::Result;
@@ -45,7 +46,7 @@ enum TransformArg {
 
 impl TransformArg {
     /// With its settings; of the model the run's.
-    fn kind(self, no_dc: bool, keep: Option<usize>, run: Option<&Path>) -> Result<FeatureKind> {
+    fn kind(self, no_dc: bool, keep: Option<usize>, run: Option<(&Path, CheckpointChoice)>) -> Result<FeatureKind> {
         if no_dc && self != TransformArg::Stft {
             return Err(WrongCall("--no-dc: only an STFT has a bin at 0 Hz".into()).into());
         }
@@ -56,7 +57,7 @@ impl TransformArg {
             (TransformArg::Stft, _) => Ok(FeatureKind::Stft { no_dc }),
             (TransformArg::Dct, _) => Ok(FeatureKind::Dct { keep: keep.unwrap_or(LowDct::KEEP) }),
             (TransformArg::Pca, _) => Ok(FeatureKind::Pca { keep: keep.unwrap_or(PcaBasis::KEEP) }),
-            (TransformArg::Model, Some(run)) => Ok(of_run(run)?),
+            (TransformArg::Model, Some((run, which))) => Ok(of_run(run, which)?),
             (TransformArg::Model, None) => Err(WrongCall("--transform model needs --run RUN".into()).into()),
         }
     }

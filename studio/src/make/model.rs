@@ -14,6 +14,8 @@ use std::path::{Path, PathBuf};
 pub struct Model {
     /// Its run folder.
     pub run: PathBuf,
+    /// Which of its checkpoints.
+    pub checkpoint: CheckpointChoice,
     /// The name that is shown.
     pub name: String,
     /// Its rate, frames per second.
@@ -23,24 +25,28 @@ pub struct Model {
 }
 
 impl Model {
-    /// Reads a run's name, rate, labels and joints; without a run, those of the ready model.
+    /// Reads a checkpoint of a run: its name, rate, labels and joints; without a run, those of the ready model.
     ///
     /// # Errors
     /// A run that can't be read.
-    pub fn open(run: Option<&Path>) -> Result<Model> {
+    pub fn open(run: Option<&Path>, checkpoint: CheckpointChoice) -> Result<Model> {
         let path = run.map_or_else(kinelm_ready::run, |run| Ok(run.to_owned()))?;
         let path = path.canonicalize().unwrap_or(path);
-        let loaded = load_run(&path, CheckpointChoice::Auto)?;
+        let loaded = load_run(&path, checkpoint)?;
         let tokenizer = loaded.load_tokenizer()?;
         let conditions = loaded.load_conditions()?;
         let values = |field: &String| conditions.values(field).into_iter().map(str::to_owned).collect();
         let labels = conditions.fields().iter().map(|field| (field.clone(), values(field))).collect();
         let name = match run {
             None => kinelm_ready::NAME.to_owned(),
-            Some(_) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            Some(_) => {
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                let step = format!(" after step {}", loaded.state.step);
+                format!("{name}{}", if checkpoint == CheckpointChoice::Auto { "" } else { &step })
+            }
         };
         let coded = tokenizer.channels().joints().to_vec();
-        Ok(Model { run: path, name, fps: tokenizer.fps(), labels, coded })
+        Ok(Model { run: path, checkpoint, name, fps: tokenizer.fps(), labels, coded })
     }
 
     /// As a page has it.

@@ -172,6 +172,7 @@ impl Make {
             feet: self.feet,
             // shown while they are sampled: twice the speed, at a cost in bits that is hardly measurable
             computing: Some(Computing { weights: WeightKind::Int8, ..Computing::default() }),
+            checkpoint: model.checkpoint,
             ..Request::of(&model.run)
         };
         if let Some(music) = &self.music {

@@ -17,6 +17,7 @@ use crate::make::work::Maker;
 use crate::project::Project;
 use crate::project::document::{Change, ClipRecord};
 use crate::timeline::Timelines;
+use kinelm_model::CheckpointChoice;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -29,6 +30,8 @@ pub struct Options {
     pub project: PathBuf,
     /// The model; `None`: the ready one.
     pub run: Option<PathBuf>,
+    /// Which of its checkpoints.
+    pub checkpoint: CheckpointChoice,
     /// Files and folders for the library.
     pub files: Vec<PathBuf>,
     /// The corpus of real dances that the best are compared with.
@@ -63,7 +66,7 @@ impl Studio {
     /// # Errors
     /// Those of [`Project::open`] and [`Model::open`]; files that aren't there.
     pub fn open(options: &Options) -> Result<Arc<Studio>> {
-        let model = Model::open(options.run.as_deref())?;
+        let model = Model::open(options.run.as_deref(), options.checkpoint)?;
         let project = Arc::new(Project::open(&options.project)?);
         let jobs = Jobs::open(&project)?;
         let hub = Arc::new(Hub::default());

@@ -93,7 +93,15 @@ pub fn reader(what: &str) -> Reader {
 /// Options of an empty project.
 pub fn options(project: &Path) -> Options {
     let run = if std::env::var_os(SERVER).is_some() { None } else { Some(run().to_owned()) };
-    Options { project: project.into(), run, files: vec![], real: None, reader: reader("read"), empty: true }
+    Options {
+        project: project.into(),
+        run,
+        checkpoint: Default::default(),
+        files: vec![],
+        real: None,
+        reader: reader("read"),
+        empty: true,
+    }
 }
 
 /// A server on a thread of this program.

@@ -89,7 +89,10 @@ fn a_run_says_who_began_it_and_can_be_moved_with_its_corpus() {
     let beside = format!("{}.kinelm.json", dance.display());
     let said = kinelm().args(["again", &beside]).assert().code(1);
     let said = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
-    assert!(said.contains("no checkpoint of step 4, but those of") && said.contains("train.keep"), "{said}");
+    assert!(
+        said.contains("no checkpoint of step 4, expected one of step 4; there are") && said.contains("key keep"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -194,4 +197,80 @@ fn a_wait_is_told_without_a_terminal_and_quiet_silences_it() {
     let mut said = String::new();
     stderr.read_to_string(&mut said).unwrap();
     assert_eq!(said, "");
+}
+
+#[test]
+fn a_checkpoint_is_named_and_gone_on_from() {
+    let place = place();
+    let at = |name: &str| place.at(&format!("chosen/{name}"));
+    let call = |words: &str, paths: &[(&str, &str)]| {
+        let mut c = kinelm();
+        c.args(words.split(' '));
+        paths.iter().for_each(|(flag, name)| {
+            c.arg(flag).arg(at(name));
+        });
+        c
+    };
+    let corpus = place.at("corpus");
+    let config = place.config("chosen.toml", "steps = 6\nkeep = \"all\"\ncheckpoint_every = 2\neval_every = 3\n");
+    place.pretrain(&config, &at("run")).assert().success();
+    // a dance of each: the sidecar has the step, and the same is made again
+    let dance = |out: &str, which: &[&str]| {
+        call("generate --frames 8", &[("--run", "run"), ("--out", out)]).args(which).assert().success();
+        let sidecar = fs::read_to_string(at(&format!("{out}.kinelm.json"))).unwrap();
+        serde_json::from_str::<serde_json::Value>(&sidecar).unwrap()["step"].as_u64().unwrap()
+    };
+    let best: u64 = fs::read_to_string(at("run/best")).unwrap().trim().trim_start_matches("step-").parse().unwrap();
+    assert_eq!(dance("two.bvh", &["--checkpoint", "2"]), 2);
+    assert_eq!(dance("latest.bvh", &["--checkpoint", "latest"]), 6);
+    assert_eq!((dance("best.bvh", &["--checkpoint", "best"]), dance("auto.bvh", &[])), (best, best));
+    let bytes = |name: &str| fs::read(at(name)).unwrap();
+    assert!(bytes("best.bvh") == bytes("auto.bvh") && bytes("two.bvh") != bytes("latest.bvh"));
+    let two = bytes("two.bvh");
+    fs::remove_file(at("two.bvh")).unwrap();
+    kinelm().arg("again").arg(at("two.bvh.kinelm.json")).assert().success();
+    assert!(bytes("two.bvh") == two);
+    // what isn't there, with what is
+    let pruned = call("generate --frames 8 --checkpoint 5", &[("--run", "run"), ("--out", "x.bvh")]).assert().code(1);
+    pruned.stderr(contains("no checkpoint of step 5, expected one of step 5; there are 2, 3, 4, 6"));
+    let wrong =
+        call("generate --frames 8 --checkpoint first", &[("--run", "run"), ("--out", "x.bvh")]).assert().code(2);
+    wrong.stderr(contains("expected a step, latest or best"));
+    // other commands
+    call("export --checkpoint 4", &[("--run", "run"), ("--out", "own")])
+        .assert()
+        .success()
+        .stderr(contains("after 4 steps"));
+    let measured =
+        call("evaluate likelihood --json --checkpoint 2", &[("--run", "run")]).arg("--corpus").arg(&corpus).output();
+    assert!(String::from_utf8(measured.unwrap().stdout).unwrap().contains("step-00000002"));
+    let tuned = |from: &str, run: &str, which: &str| {
+        let mut c = call("finetune --config finetune --set train.steps=1 --checkpoint", &[]);
+        c.arg(which).arg("--from").arg(at(from)).arg("--run").arg(at(run)).arg("--corpus").arg(&corpus);
+        c
+    };
+    tuned("run", "fine", "2").assert().success();
+    assert!(fs::read_to_string(at("fine/config.toml")).unwrap().contains("step = 2"));
+    tuned("own", "none", "latest")
+        .assert()
+        .code(2)
+        .stderr(contains("--checkpoint: ").and(contains("an exported folder")));
+    // a run that goes on from an earlier one
+    let branch = |words: &str| {
+        let mut c = kinelm();
+        c.args(["pretrain", "resume"]).arg(at("run")).args(words.split(' '));
+        c
+    };
+    branch("--from-step 4").assert().code(2).stderr(contains("--run"));
+    let mut other = branch("--from-step 4 --set train.learning_rate=1e-5");
+    other.arg("--run").arg(at("branch")).assert().success().stderr(contains("resuming after step 4"));
+    let config = fs::read_to_string(at("branch/config.toml")).unwrap();
+    assert!(
+        config.contains("path = \"../run\"\nstep = 4\n") && config.contains("learning_rate = 0.00001\n"),
+        "{config}"
+    );
+    assert_eq!(metrics(&at("branch")).len(), metrics(&at("run")).len());
+    let mut gone = branch("--from-step 1");
+    gone.arg("--run").arg(at("none")).assert().code(1).stderr(contains("there are 2, 3, 4, 6"));
+    assert!(!at("none").exists());
 }

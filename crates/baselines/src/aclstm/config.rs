@@ -1,10 +1,11 @@
 //! The settings of a run.
 
-use crate::Result;
 use crate::form::Form;
 use crate::rig;
-use crate::run::{Settings, positive, within};
+use crate::run::{Settings, keep, positive, weight, within};
+use crate::{PartWeights, Result};
 use kinelm_engine::lstm::{Shape, Wiring};
+use kinelm_model::Keep;
 use kinelm_store::presets::Presets;
 use serde::{Deserialize, Serialize};
 
@@ -48,10 +49,18 @@ pub struct Config {
     pub margin: usize,
     /// The seed of all random numbers.
     pub seed: u64,
+    /// Weight of the root's part of the loss, 0 or more.
+    pub root_weight: f64,
+    /// Weight of the rotations' part, 0 or more.
+    pub rotations_weight: f64,
+    /// Updates between measurements on the validation clips; 0: none.
+    pub eval_every: u64,
+    /// Updates between dances that are generated into the run's `samples/`; 0: none.
+    pub sample_every: u64,
     /// Updates between checkpoints; 0: only at the end.
     pub checkpoint_every: u64,
-    /// Checkpoints that stay.
-    pub keep: usize,
+    /// Checkpoints that stay beside the best, 1 or more, or `"all"`.
+    pub keep: Keep,
 }
 
 /// [`Wiring`] by its name: the engine knows no files.
@@ -79,8 +88,12 @@ impl Default for Config {
             turn: true,
             margin: 10,
             seed: 1,
+            root_weight: 1.0,
+            rotations_weight: 1.0,
+            eval_every: 0,
+            sample_every: 0,
             checkpoint_every: 100,
-            keep: 1,
+            keep: Keep::Last(1),
         }
     }
 }
@@ -88,7 +101,8 @@ impl Default for Config {
 impl Settings for Config {
     const PRESETS: &'static Presets = ACLSTM;
     const FOLDER: (&'static str, &'static str) = ("aclstm", "settings of an auto-conditioned LSTM");
-    const RESUMABLE: &'static [&'static str] = &["steps", "learning_rate", "checkpoint_every", "keep"];
+    const RESUMABLE: &'static [&'static str] =
+        &["steps", "learning_rate", "eval_every", "sample_every", "checkpoint_every", "keep"];
 
     fn validate(&self) -> Result<()> {
         within("width", self.width, 1..=8192)?;
@@ -99,7 +113,9 @@ impl Settings for Config {
         within("batch", self.batch, 1..=4096)?;
         within("steps", self.steps, 1..=1 << 40)?;
         within("margin", self.margin, 0..=65_536)?;
-        within("keep", self.keep, 1..=65_536)?;
+        keep(self.keep)?;
+        weight("root_weight", self.root_weight)?;
+        weight("rotations_weight", self.rotations_weight)?;
         // TOML has no larger integers
         within("seed", self.seed, 0..=i64::MAX as u64)?;
         positive("learning_rate", self.learning_rate)?;
@@ -108,6 +124,11 @@ impl Settings for Config {
 }
 
 impl Config {
+    /// The weights of the loss's parts.
+    pub fn parts(&self) -> PartWeights {
+        PartWeights { root: self.root_weight, rotations: self.rotations_weight }
+    }
+
     /// The network's shape for this number of channels.
     pub fn shape(&self, channels: usize) -> Shape {
         Shape { channels, width: self.width, layers: self.layers, wiring: self.wiring }

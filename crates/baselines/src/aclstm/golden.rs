@@ -2,6 +2,7 @@
 
 use super::network::Learner;
 use super::plain;
+use crate::PartWeights;
 use crate::form::Form;
 use candle_core::{Device, Tensor};
 use kinelm_engine::arena::Floats;
@@ -65,10 +66,10 @@ fn outputs_gradients_and_ten_losses_are_pytorchs() {
         let mut lstm = Lstm::new(shape, batch, given.len(), false);
         lstm.pack(&weights);
         near(&what, lstm.forward(&sequence(0)[..given.len() * row], &given), &outputs);
-        let mut learner = Learner::new(form, shape, batch, given.len(), weights);
+        let mut learner = Learner::new(form, PartWeights::EVEN, shape, batch, given.len(), weights);
         for (step, expected) in losses.iter().enumerate() {
             let sequence = sequence(step);
-            let found = learner.gradients(&sequence[..given.len() * row], &sequence[row..], &given);
+            let found = learner.gradients(&sequence[..given.len() * row], &sequence[row..], &given).loss;
             assert!((found - expected).abs() < 2e-5, "{what}, step {step}: {found}, expected {expected}");
             if step == 0 {
                 for (i, (found, expected)) in learner.parameters.optimizer.gradients.iter().zip(&gradients).enumerate()

@@ -3,6 +3,7 @@
 use super::loss::loss;
 use crate::form::Form;
 use crate::train::{Parameters, parameter, uniform};
+use crate::{Loss, PartWeights};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::{Lstm, Shape};
 use kinelm_model::layout::Parameter;
@@ -26,6 +27,7 @@ pub fn initial(shape: &Shape, seed: u64) -> Vec<Floats> {
 /// A network that learns.
 pub struct Learner {
     form: Form,
+    parts: PartWeights,
     lstm: Lstm,
     /// Its weights.
     pub parameters: Parameters,
@@ -35,9 +37,17 @@ pub struct Learner {
 
 impl Learner {
     /// Before the first update, on batches of `batch` sequences of `steps` steps.
-    pub fn new(form: Form, shape: Shape, batch: usize, steps: usize, weights: Vec<Floats>) -> Learner {
+    pub fn new(
+        form: Form,
+        parts: PartWeights,
+        shape: Shape,
+        batch: usize,
+        steps: usize,
+        weights: Vec<Floats>,
+    ) -> Learner {
         Learner {
             form,
+            parts,
             lstm: Lstm::new(shape, batch, steps, true),
             parameters: Parameters::new(list(&shape), weights),
             d_out: Floats::new(batch * steps * shape.channels),
@@ -49,13 +59,21 @@ impl Learner {
     ///
     /// # Panics
     /// Numbers of another shape than the batches'.
-    pub fn gradients(&mut self, inputs: &[f32], targets: &[f32], given: &[bool]) -> f64 {
+    pub fn gradients(&mut self, inputs: &[f32], targets: &[f32], given: &[bool]) -> Loss {
+        let found = self.loss(inputs, targets, given);
+        self.lstm.backward(&self.d_out, &mut self.parameters.optimizer.gradients);
+        found
+    }
+
+    /// The same without gradients of the weights.
+    ///
+    /// # Panics
+    /// As [`Learner::gradients`].
+    pub fn loss(&mut self, inputs: &[f32], targets: &[f32], given: &[bool]) -> Loss {
         self.lstm.pack(&self.parameters.weights);
         self.lstm.rest();
         let channels = self.lstm.shape().channels;
         let outputs = self.lstm.forward(inputs, given);
-        let found = loss(self.form, channels, outputs, targets, &mut self.d_out);
-        self.lstm.backward(&self.d_out, &mut self.parameters.optimizer.gradients);
-        found
+        loss(self.form, self.parts, channels, outputs, targets, &mut self.d_out)
     }
 }

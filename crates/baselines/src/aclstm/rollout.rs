@@ -3,66 +3,78 @@
 use super::run::Trained;
 use crate::Result;
 use crate::form::{check_finite, steps};
-use kinelm_engine::lstm::Lstm;
+use kinelm_engine::arena::Floats;
+use kinelm_engine::lstm::{Lstm, Shape};
 
 /// Steps that are computed at a time.
 const AT_ONCE: usize = 50;
 
 impl Trained {
-    /// (F, C) steps that follow each seed; F is `frames`. All seeds have the same number of frames, at least 2: the last step
-    /// of the hip leads to the last frame.
-    ///
-    /// The network reads the seed from the zero state, then its own outputs. Each seed gives the same bits in any company.
+    /// As [`roll_out`].
     ///
     /// # Errors
-    /// [`crate::Error::NotFinite`] for steps that diverge, with the frame and the channel. `progress` receives the number of
-    /// frames done.
-    ///
-    /// # Panics
-    /// Seeds of different lengths, or shorter than 2 frames.
+    /// As [`roll_out`].
     pub(crate) fn roll_out(
         &self,
         seeds: &[&[f64]],
         frames: usize,
         progress: &mut dyn FnMut(usize),
     ) -> Result<Vec<Vec<f64>>> {
-        let (c, b) = (self.shape.channels, seeds.len());
-        let seeds: Vec<Vec<f64>> = seeds.iter().map(|seed| steps(seed, c)).collect();
-        let Some(length) = seeds.first().map(|seed| seed.len() / c) else { return Ok(Vec::new()) };
-        assert!(
-            length > 0 && seeds.iter().all(|seed| seed.len() == length * c),
-            "seeds of one length, 2 frames or more"
-        );
-        let mut lstm = Lstm::new(self.shape, b, AT_ONCE, false);
-        lstm.pack(&self.weights);
-        for first in (0..length).step_by(AT_ONCE) {
-            let n = AT_ONCE.min(length - first);
-            let rows = (first..first + n).flat_map(|t| seeds.iter().flat_map(move |s| &s[t * c..(t + 1) * c]));
-            let inputs: Vec<f32> = rows.map(|x| *x as f32).collect();
-            lstm.forward(&inputs, &vec![true; n]);
-            lstm.carry();
-        }
-        let mut outputs: Vec<Vec<f64>> = vec![Vec::with_capacity(frames * c); b];
-        let mut take = |rows: &[f32]| {
-            for (i, row) in rows.chunks_exact(c).enumerate() {
-                outputs[i % b].extend(row.iter().map(|x| *x as f64));
-            }
-        };
-        // the seed's last step has predicted the first frame already
-        if frames > 0 {
-            take(lstm.last_output());
-        }
-        // steps without ground truth read the network's outputs, and only the size of this
-        let no_input = vec![0.0; AT_ONCE * b * c];
-        for first in (1..frames).step_by(AT_ONCE) {
-            let n = AT_ONCE.min(frames - first);
-            take(lstm.forward(&no_input[..n * b * c], &vec![false; n]));
-            lstm.carry();
-            progress(first + n);
-        }
-        outputs.iter().try_for_each(|steps| check_finite(steps, c))?;
-        Ok(outputs)
+        roll_out(self.shape, &self.weights, seeds, frames, progress)
     }
+}
+
+/// (F, C) steps that follow each seed; F is `frames`. All seeds have the same number of frames, at least 2: the last step
+/// of the hip leads to the last frame.
+///
+/// The network reads the seed from the zero state, then its own outputs. Each seed gives the same bits in any company.
+///
+/// # Errors
+/// [`crate::Error::NotFinite`] for steps that diverge, with the frame and the channel. `progress` receives the number of
+/// frames done.
+///
+/// # Panics
+/// Seeds of different lengths, or shorter than 2 frames.
+pub(crate) fn roll_out(
+    shape: Shape,
+    weights: &[Floats],
+    seeds: &[&[f64]],
+    frames: usize,
+    progress: &mut dyn FnMut(usize),
+) -> Result<Vec<Vec<f64>>> {
+    let (c, b) = (shape.channels, seeds.len());
+    let seeds: Vec<Vec<f64>> = seeds.iter().map(|seed| steps(seed, c)).collect();
+    let Some(length) = seeds.first().map(|seed| seed.len() / c) else { return Ok(Vec::new()) };
+    assert!(length > 0 && seeds.iter().all(|seed| seed.len() == length * c), "seeds of one length, 2 frames or more");
+    let mut lstm = Lstm::new(shape, b, AT_ONCE, false);
+    lstm.pack(weights);
+    for first in (0..length).step_by(AT_ONCE) {
+        let n = AT_ONCE.min(length - first);
+        let rows = (first..first + n).flat_map(|t| seeds.iter().flat_map(move |s| &s[t * c..(t + 1) * c]));
+        let inputs: Vec<f32> = rows.map(|x| *x as f32).collect();
+        lstm.forward(&inputs, &vec![true; n]);
+        lstm.carry();
+    }
+    let mut outputs: Vec<Vec<f64>> = vec![Vec::with_capacity(frames * c); b];
+    let mut take = |rows: &[f32]| {
+        for (i, row) in rows.chunks_exact(c).enumerate() {
+            outputs[i % b].extend(row.iter().map(|x| *x as f64));
+        }
+    };
+    // the seed's last step has predicted the first frame already
+    if frames > 0 {
+        take(lstm.last_output());
+    }
+    // steps without ground truth read the network's outputs, and only the size of this
+    let no_input = vec![0.0; AT_ONCE * b * c];
+    for first in (1..frames).step_by(AT_ONCE) {
+        let n = AT_ONCE.min(frames - first);
+        take(lstm.forward(&no_input[..n * b * c], &vec![false; n]));
+        lstm.carry();
+        progress(first + n);
+    }
+    outputs.iter().try_for_each(|steps| check_finite(steps, c))?;
+    Ok(outputs)
 }
 
 #[cfg(test)]
@@ -89,6 +101,7 @@ mod tests {
             config,
             sources,
             files: Default::default(),
+            from: None,
         };
         let coder = Coder::new(file.config.form, &file.rig).unwrap();
         let shape = file.config.shape(coder.channels());

@@ -9,6 +9,7 @@ use crate::run::{self, Checkpoint, Kind, RunConfig};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::Shape;
 use kinelm_model::checkpoint::CheckpointChoice;
+use kinelm_train::run::Origin;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -30,6 +31,9 @@ pub struct RunFile {
     pub sources: Sources,
     /// SHA-256 of each motion file.
     pub files: Hashes,
+    /// The run that it goes on from, and its checkpoint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Origin>,
 }
 
 impl RunFile {
@@ -47,6 +51,7 @@ impl RunFile {
             rig,
             sources: sources.clone(),
             files: recordings.files(),
+            from: None,
         }
     }
 
@@ -76,11 +81,16 @@ impl RunConfig for RunFile {
         Kind { name: "aclstm", one_of: "one of an auto-conditioned LSTM", command: "kinelm aclstm train", version: 3 };
 
     fn with_paths(&self, path: &dyn Fn(&Path) -> PathBuf) -> RunFile {
-        RunFile { sources: self.sources.with_paths(path), ..self.clone() }
+        let from = self.from.clone().map(|from| Origin { path: path(&from.path), ..from });
+        RunFile { sources: self.sources.with_paths(path), from, ..self.clone() }
     }
 
     fn config(&mut self) -> &mut Config {
         &mut self.config
+    }
+
+    fn from(&mut self) -> &mut Option<Origin> {
+        &mut self.from
     }
 
     fn steps(config: &mut Config) -> &mut u64 {

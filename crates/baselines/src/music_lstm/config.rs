@@ -1,8 +1,9 @@
 //! The settings of a run, and the shape of a network.
 
 use super::SPECTRUM;
-use crate::run::{Settings, positive, within};
-use crate::{Error, Result};
+use crate::run::{Settings, keep, positive, weight, within};
+use crate::{Error, PartWeights, Result};
+use kinelm_model::Keep;
 use kinelm_music::stft::Form;
 use kinelm_store::presets::Presets;
 use serde::{Deserialize, Serialize};
@@ -96,10 +97,18 @@ pub struct Config {
     pub margin: usize,
     /// The seed of all random numbers.
     pub seed: u64,
+    /// Weight of the root's part of the loss, 0 or more.
+    pub root_weight: f64,
+    /// Weight of the rotations' part, 0 or more.
+    pub rotations_weight: f64,
+    /// Updates between measurements on the validation clips; 0: none.
+    pub eval_every: u64,
+    /// Updates between dances that are generated into the run's `samples/`; 0: none.
+    pub sample_every: u64,
     /// Updates between checkpoints; 0: only at the end.
     pub checkpoint_every: u64,
-    /// Checkpoints that stay.
-    pub keep: usize,
+    /// Checkpoints that stay beside the best, 1 or more, or `"all"`.
+    pub keep: Keep,
 }
 
 impl Default for Config {
@@ -121,8 +130,12 @@ impl Default for Config {
             steps: 3000,
             margin: 10,
             seed: 1,
+            root_weight: 1.0,
+            rotations_weight: 1.0,
+            eval_every: 0,
+            sample_every: 0,
             checkpoint_every: 200,
-            keep: 1,
+            keep: Keep::Last(1),
         }
     }
 }
@@ -130,7 +143,8 @@ impl Default for Config {
 impl Settings for Config {
     const PRESETS: &'static Presets = MUSIC_LSTM;
     const FOLDER: (&'static str, &'static str) = ("music_lstm", "settings of a music LSTM");
-    const RESUMABLE: &'static [&'static str] = &["steps", "learning_rate", "clip", "checkpoint_every", "keep"];
+    const RESUMABLE: &'static [&'static str] =
+        &["steps", "learning_rate", "clip", "eval_every", "sample_every", "checkpoint_every", "keep"];
 
     fn validate(&self) -> Result<()> {
         within("encoder's layers", self.encoder.len(), 1..=8)?;
@@ -142,7 +156,9 @@ impl Settings for Config {
         within("batch", self.batch, 1..=4096)?;
         within("steps", self.steps, 1..=1 << 40)?;
         within("margin", self.margin, 0..=65_536)?;
-        within("keep", self.keep, 1..=65_536)?;
+        keep(self.keep)?;
+        weight("root_weight", self.root_weight)?;
+        weight("rotations_weight", self.rotations_weight)?;
         // TOML has no larger integers
         within("seed", self.seed, 0..=i64::MAX as u64)?;
         if !(0.0..1.0).contains(&self.dropout) {
@@ -166,6 +182,11 @@ impl Settings for Config {
 }
 
 impl Config {
+    /// The weights of the loss's parts.
+    pub fn parts(&self) -> PartWeights {
+        PartWeights { root: self.root_weight, rotations: self.rotations_weight }
+    }
+
     /// The network's shape for a rig of this number of joints.
     pub fn shape(&self, joints: usize) -> Shape {
         Shape { encoder: self.encoder.clone(), width: self.width, layers: self.layers, joints }

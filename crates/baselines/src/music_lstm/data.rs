@@ -219,20 +219,25 @@ pub fn scale(clips: &[&MusicClip], audio: Audio) -> [Vec<f32>; 2] {
     [narrow(mean), narrow(square.into_iter().map(|s| s.sqrt().max(LEAST)).collect())]
 }
 
-/// Training clips that are long enough for a sequence, and the names of those that aren't.
+/// Clips that are long enough for a sequence: those to train on, and those to measure on; and the names of training clips that
+/// aren't.
 ///
 /// # Errors
-/// [`kinelm_store::Error::Missing`] when none is.
-pub(crate) fn training_clips(clips: MusicClips, config: &Config) -> Result<(Vec<MusicClip>, Vec<String>)> {
+/// [`kinelm_store::Error::Missing`] when no training clip is.
+pub(crate) fn sequence_clips(clips: MusicClips, config: &Config) -> Result<([Vec<MusicClip>; 2], Vec<String>)> {
     // one more: the first frame is only the previous one of the second
     let needed = config.length + 1;
-    let training = clips.all.into_iter().filter(|one| one.recording.split == Split::Train);
-    let (long, short): (Vec<MusicClip>, Vec<MusicClip>) = training.partition(|one| one.recording.frames() >= needed);
-    let short: Vec<String> = short.into_iter().map(|one| one.recording.name).collect();
-    if long.is_empty() {
+    let of = |one: &MusicClip, split| one.recording.split == split;
+    let (long, short): (Vec<MusicClip>, Vec<MusicClip>) =
+        clips.all.into_iter().partition(|one| one.recording.frames() >= needed);
+    let short = short.into_iter().filter(|one| of(one, Split::Train));
+    let short: Vec<String> = short.map(|one| one.recording.name).collect();
+    let (training, others): (Vec<MusicClip>, Vec<MusicClip>) = long.into_iter().partition(|one| of(one, Split::Train));
+    let valid = others.into_iter().filter(|one| of(one, Split::Valid)).collect();
+    if training.is_empty() {
         let what = format!("training clip with music and {needed} frames at {FPS} a second");
         let help = format!("{} are shorter: take a shorter length, or other clips", short.len());
         return Err(Error::missing(what, help));
     }
-    Ok((long, short))
+    Ok(([training, valid], short))
 }

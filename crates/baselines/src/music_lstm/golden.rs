@@ -4,6 +4,7 @@ use super::SPECTRUM;
 use super::config::{Effort, Pose, Shape};
 use super::loss::{Terms, loss};
 use super::network::{Dropout, Network, list};
+use crate::PartWeights;
 use crate::train::Parameters;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::lstm::TeacherForcing;
@@ -77,8 +78,9 @@ fn outputs_gradients_and_ten_losses_are_pytorchs() {
             network.pack(&parameters.weights);
             network.rest();
             let outputs = network.forward(&parameters.weights, &spectra, forced, no_dropout);
-            let terms = Terms { pose: case.pose, effort: case.effort, weights: &golden.weights };
-            let found = loss(terms, BATCH, outputs, &poses[row..], &mut d_out);
+            let terms =
+                Terms { pose: case.pose, effort: case.effort, parts: PartWeights::EVEN, weights: &golden.weights };
+            let found = loss(terms, BATCH, outputs, &poses[row..], &mut d_out).loss;
             assert!((found - expected).abs() < 2e-5 * expected.max(1.0), "{what}, step {step}: {found}, {expected}");
             if step == 0 {
                 near(&what, outputs, &case.outputs);

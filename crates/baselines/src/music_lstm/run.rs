@@ -15,6 +15,7 @@ use kinelm_model::checkpoint::CheckpointChoice;
 use kinelm_model::run::CONFIG;
 use kinelm_motion::skeleton::EndSite;
 use kinelm_motion::{Clip, Skeleton, Vec3};
+use kinelm_train::run::Origin;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -86,6 +87,9 @@ pub struct RunFile {
     pub sources: MusicSources,
     /// SHA-256 of each file of both.
     pub files: Hashes,
+    /// The run that it goes on from, and its checkpoint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Origin>,
 }
 
 impl RunFile {
@@ -100,6 +104,7 @@ impl RunFile {
             body: Body::of(&recordings.all[0].clip),
             sources: sources.clone(),
             files: clips.files.clone(),
+            from: None,
         }
     }
 
@@ -123,11 +128,16 @@ impl RunConfig for RunFile {
         Kind { name: "music-lstm", one_of: "one of a music LSTM", command: "kinelm music-lstm train", version: 3 };
 
     fn with_paths(&self, path: &dyn Fn(&Path) -> PathBuf) -> RunFile {
-        RunFile { sources: self.sources.with_paths(path), ..self.clone() }
+        let from = self.from.clone().map(|from| Origin { path: path(&from.path), ..from });
+        RunFile { sources: self.sources.with_paths(path), from, ..self.clone() }
     }
 
     fn config(&mut self) -> &mut Config {
         &mut self.config
+    }
+
+    fn from(&mut self) -> &mut Option<Origin> {
+        &mut self.from
     }
 
     fn steps(config: &mut Config) -> &mut u64 {

@@ -9,13 +9,11 @@ use crate::sampler::check_frames;
 use crate::timeline::TimelineLayout;
 use crate::{Error, Result};
 use kinelm_corpus::Conditions;
-use kinelm_model::checkpoint::Checkpoints;
-use kinelm_model::{CheckpointChoice, LoadedRun, load_run};
+use kinelm_model::{LoadedRun, load_run};
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::check_fps;
 use kinelm_store::Subject;
 use kinelm_tokenizer::Tokenizer;
-use std::path::Path;
 
 /// The most ways through a gap that are sampled side by side.
 const MOST_TRIES: usize = 64;
@@ -65,12 +63,9 @@ pub(super) struct Inputs {
 impl Inputs {
     /// Reads all of it, and writes into the request what was found: joints in SMPL's names, floor and up axis of the prompt,
     /// the tempo of the music. `layout`: of a timeline that is laid out already.
-    pub fn read(request: &mut Request, which: CheckpointChoice, layout: Option<TimelineLayout>) -> Result<Inputs> {
+    pub fn read(request: &mut Request, layout: Option<TimelineLayout>) -> Result<Inputs> {
         check(request)?;
-        if let CheckpointChoice::Step(step) = which {
-            check_step(&request.run, step)?;
-        }
-        let run = load_run(&request.run, which)?;
+        let run = load_run(&request.run, request.checkpoint)?;
         let tokenizer = run.load_tokenizer()?;
         let fps = tokenizer.fps();
         let music = request.music.as_ref().map(|music| OpenMusic::open(music, &run, fps)).transpose()?;
@@ -122,17 +117,4 @@ fn frames_of(prompt: Option<&PreparedPrompt>, music: Option<&OpenMusic>, fps: f6
     // 1e-6: seconds that are whole frames may come out just below one
     let of_music = music.map(|music| (music.seconds() * fps + 1e-6).floor().max(1.0) as usize);
     prompt.filter(is_given).map(of_prompt).or(of_music).or(prompt.map(of_prompt))
-}
-
-/// Refuses a checkpoint that a run no longer has.
-fn check_step(run: &Path, step: u64) -> Result<()> {
-    let steps = Checkpoints::of(run).steps()?;
-    if steps.is_empty() || steps.contains(&step) {
-        return Ok(()); // without any, reading the run names the fault
-    }
-    let listed = steps.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
-    let found = format!("no checkpoint of step {step}, but those of {listed}");
-    let help =
-        "a run keeps the best checkpoint and the last train.keep: train with a greater keep, or sample a new dance";
-    Err(Error::file(run, found, "the one that the dance is of", help))
 }

@@ -78,7 +78,7 @@ impl OpenRequest {
     /// Those of [`OpenRequest::open`].
     pub fn open_with(request: &Request, layout: Option<TimelineLayout>) -> Result<OpenRequest> {
         let mut request = defaults::without_inputs(request)?;
-        let inputs = Inputs::read(&mut request, CheckpointChoice::Auto, layout)?;
+        let inputs = Inputs::read(&mut request, layout)?;
         let leaves_lead_in = request.lead_in.is_none();
         let (resolved, lead_ins) = defaults::decide(request, &inputs)?;
         let mut open = OpenRequest::of(resolved, inputs, lead_ins)?;
@@ -99,8 +99,8 @@ impl OpenRequest {
     /// prompt of which nothing is given, or that is too short to continue from; no length; more frames than memory holds;
     /// nothing to generate.
     pub fn load(resolved: Resolved, which: CheckpointChoice) -> Result<OpenRequest> {
-        let mut request = resolved.request();
-        let inputs = Inputs::read(&mut request, which, None)?;
+        let mut request = Request { checkpoint: which, ..resolved.request() };
+        let inputs = Inputs::read(&mut request, None)?;
         let resolved = Resolved { prompt: request.prompt, labels: request.labels, ..resolved };
         let lead_ins = resolved.lead_in_from.as_ref();
         let lead_ins = lead_ins.map(|from| lead_in::with(from, &resolved, &inputs.tokenizer)).transpose()?;

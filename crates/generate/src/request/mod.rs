@@ -20,6 +20,7 @@ pub use span::Span;
 pub use timeline::{At, Segment, Timeline, TimelineClip};
 
 use crate::sampling::Sampling;
+use kinelm_model::CheckpointChoice;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -35,6 +36,8 @@ use std::path::PathBuf;
 pub struct Request {
     /// The run folder of the model.
     pub run: PathBuf,
+    /// Which of its checkpoints; the sidecar of a dance has its step.
+    pub checkpoint: CheckpointChoice,
     /// A clip of which something is given, or which lends its rig and its rate.
     pub prompt: Option<PromptRequest>,
     /// Values of label fields for the whole dance. Fields that are left out are unknown to the model.

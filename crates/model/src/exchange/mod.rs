@@ -50,20 +50,24 @@ pub fn export(run: &LoadedRun, format: Format, out: &Path) -> Result<()> {
     Ok(files::write_folder(out, &contents)?)
 }
 
-/// Loads a model from a run folder (its best checkpoint, or its latest where nothing was measured), or from a folder that
-/// [`export`] or another program wrote. A run's tokenizer and checkpoint are then the folder's.
+/// Loads a model from a checkpoint of a run folder, or from a folder that [`export`] or another program wrote. A run's
+/// tokenizer and checkpoint are then the folder's.
 ///
 /// # Errors
-/// A folder that is none of these, or whose weights are in shards or pickled; files that are missing, cut short or something else; tensors that are missing, odd or
+/// A checkpoint of a folder that is no run; a folder that is none of these, or whose weights are in shards or pickled; files that are missing, cut short or something else; tensors that are missing, odd or
 /// not finite: each is named.
-pub fn load(folder: &Path) -> Result<LoadedRun> {
+pub fn load(folder: &Path, which: CheckpointChoice) -> Result<LoadedRun> {
     let has = |name: &str| folder.join(name).is_file();
     // a run has its weights under `checkpoints`, so a stray `pytorch_model.bin` beside them says nothing
     if !has(CONFIG) {
         check_form(folder)?;
     }
     match (has(CONFIG), has(hf::CONFIG), has(own::ABOUT)) {
-        (true, ..) => load_run(folder, CheckpointChoice::Auto),
+        (true, ..) => load_run(folder, which),
+        (_, true, _) | (_, _, true) if which != CheckpointChoice::Auto => {
+            let why = format!("{} is an exported folder, which has one model; leave it out", folder.display());
+            Err(Error::unsupported_parameter("checkpoint", why))
+        }
         (_, true, _) => hf::load(folder),
         (_, _, true) => own::load(folder),
         _ => {

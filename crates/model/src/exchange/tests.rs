@@ -98,7 +98,7 @@ fn our_own_form_comes_back_bit_by_bit() {
     for config in FORMS.map(|(positions, tied)| gpt2(positions, tied)).into_iter().chain(beyond()) {
         let made = made(config);
         let folder = made.export(Format::Kinelm, "out");
-        let again = load(&folder).unwrap();
+        let again = load(&folder, CheckpointChoice::Auto).unwrap();
         assert_eq!(all(&again), all(&made.run));
         assert_eq!((&again.config, &again.tokens, again.state.step), (&made.run.config, &made.run.tokens, 70));
         assert_eq!(fs::read(&again.tokenizer).unwrap(), fs::read(&made.run.tokenizer).unwrap());
@@ -116,7 +116,7 @@ fn gpt_2_comes_back_with_the_same_logits() {
     for (positions, tied) in FORMS {
         let made = made(gpt2(positions, tied));
         let folder = made.export(Format::Hf, "out");
-        let again = load(&folder).unwrap();
+        let again = load(&folder, CheckpointChoice::Auto).unwrap();
         assert_eq!((again.config.positions, again.config.tied_head), (Positions::Absolute, tied));
         assert_eq!((again.config.dropout, &again.tokens, again.state.step), (0.125, &made.run.tokens, 70));
         assert_eq!(logits(&again), logits(&made.run), "{positions:?}");
@@ -127,7 +127,7 @@ fn gpt_2_comes_back_with_the_same_logits() {
         }
         // without our own description
         fs::remove_file(folder.join(own::ABOUT)).unwrap();
-        let plain = load(&folder).unwrap();
+        let plain = load(&folder, CheckpointChoice::Auto).unwrap();
         assert_eq!(all(&plain), all(&again));
         assert_eq!((&plain.config, &plain.tokens, plain.state.step), (&again.config, &again.tokens, 0));
     }
@@ -168,7 +168,7 @@ fn said(format: Format, change: &dyn Fn(&Path)) -> String {
     let made = made(gpt2(Positions::Absolute, true));
     let folder = made.export(format, "out");
     change(&folder);
-    load(&folder).err().unwrap().to_string()
+    load(&folder, CheckpointChoice::Auto).err().unwrap().to_string()
 }
 
 fn edit(folder: &Path, name: &str, from: &str, to: &str) {
@@ -205,7 +205,7 @@ fn a_flipped_bit_of_the_weights_is_told_by_their_hash() {
         let folder = made.export(format, name);
         reweigh(&folder, &|_| ());
         flip(&folder);
-        load(&folder).unwrap();
+        load(&folder, CheckpointChoice::Auto).unwrap();
     }
 }
 
@@ -271,7 +271,10 @@ fn what_transformers_saves_again_is_read() {
         changed.insert("lm_head.weight".into(), changed["wte.weight"].clone());
         *all = changed;
     });
-    assert_eq!(all(&load(&folder).unwrap()), all(&made.run));
+    assert_eq!(all(&load(&folder, CheckpointChoice::Auto).unwrap()), all(&made.run));
+    // it has one model
+    let message = load(&folder, CheckpointChoice::Latest).err().unwrap().to_string();
+    assert!(message.contains("`checkpoint`") && message.contains("an exported folder"), "{message}");
 }
 
 #[test]
@@ -312,8 +315,8 @@ fn weights_in_other_forms_are_called_by_their_name() {
     let model = made(gpt2(Positions::Absolute, true));
     let folder = model.export(Format::Hf, "hf");
     fs::write(folder.join("pytorch_model.bin"), "").unwrap();
-    load(&folder).unwrap();
-    let text = load(&folder.join("pytorch_model.bin")).err().unwrap().to_string();
+    load(&folder, CheckpointChoice::Auto).unwrap();
+    let text = load(&folder.join("pytorch_model.bin"), CheckpointChoice::Auto).err().unwrap().to_string();
     assert!(text.contains("give the folder that the file is in"), "{text}");
 }
 

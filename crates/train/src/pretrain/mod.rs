@@ -7,6 +7,7 @@ mod task;
 #[cfg(test)]
 mod tests;
 
+use super::branch::Branch;
 use super::data::{CorpusPart, Data};
 use super::folder::RunFolder;
 use super::precision::Precision;
@@ -19,7 +20,7 @@ use super::trainer::Trainer;
 use super::{lead_ins, memory};
 use crate::{Error, Result};
 use kinelm_corpus::CorpusOptions;
-use kinelm_model::checkpoint::{Best, Checkpoints};
+use kinelm_model::checkpoint::{Best, CheckpointChoice, Checkpoints};
 use kinelm_model::scored_windows::Likelihood;
 use kinelm_model::weights::Weights;
 use kinelm_model::{Compute, LoadedRun, ModelConfig, exchange};
@@ -49,11 +50,14 @@ pub struct PretrainOptions {
     pub seed: Option<u64>,
     /// Label fields that the model is conditioned on, in place of the file's. A fine-tuned model has its source's too.
     pub conditions: Option<Vec<String>>,
-    /// The weights that a new run begins with: a run, of which the best checkpoint counts, or a folder that
-    /// `kinelm export` or `transformers` wrote.
+    /// The weights that a new run begins with: a run, or a folder that `kinelm export` or `transformers` wrote.
     pub from: Option<PathBuf>,
+    /// Which checkpoint of that run.
+    pub checkpoint: CheckpointChoice,
     /// Continues the run from its last whole checkpoint.
     pub resume: bool,
+    /// Continues it from an earlier one instead, as a new run.
+    pub branch: Option<Branch>,
     /// Numbers that products are computed in, in place of the file's (or the run's).
     pub precision: Option<Precision>,
     /// Where and how to compute. A run may be resumed elsewhere than where it began.
@@ -112,9 +116,20 @@ pub(super) fn run_of(
     let run = run.ok_or_else(|| Error::missing("run folder", "give `run`, or `run` in the training file"))?;
     // a missing device must not leave an empty run
     options.compute.device.open()?;
-    let (folder, file, data) = if options.resume {
+    let (folder, file, data) = if let Some(branch) = &options.branch {
+        let (mut file, data, _) = resume::resumed(options, &run)?;
+        let (folder, origin) = branch.begin(&run)?;
+        file.from = Some(origin);
+        file.put_beside(folder.path(), &data)?;
+        // last: a folder with it is a run
+        file.write(folder.path())?;
+        (folder, file, data)
+    } else if options.resume {
         let folder = RunFolder::open(&run)?;
-        let (file, data) = resume::resumed(options, &folder)?;
+        let (file, data, differs) = resume::resumed(options, &run)?;
+        if differs {
+            file.write(&run)?;
+        }
         (folder, file, data)
     } else {
         let (file, data, weights) = new(options, is_finetuning, progress)?;
@@ -133,7 +148,11 @@ fn new(
     let file = file.ok_or_else(|| Error::missing("training file", "give `config`"))?;
     let file = &file.with_keys(&options.set)?;
     let corpora = if options.corpora.is_empty() { file.corpora()? } else { options.corpora.clone() };
-    let source = options.from.as_deref().map(|from| Ok::<_, Error>((from, exchange::load(from)?))).transpose()?;
+    let source = options
+        .from
+        .as_deref()
+        .map(|from| Ok::<_, Error>((from, exchange::load(from, options.checkpoint)?)))
+        .transpose()?;
     source.iter().flat_map(|(_, source)| &source.notes).for_each(|note| progress.note(note));
     let mut train = file.train.clone();
     train.conditions = options.conditions.clone().unwrap_or(train.conditions);

@@ -3,13 +3,13 @@
 use super::PretrainOptions;
 use crate::config::TrainConfig;
 use crate::data::Data;
-use crate::folder::RunFolder;
 use crate::precision::Precision;
 use crate::run::RunFile;
 use crate::train_file::TrainFile;
 use crate::trainer::check_steps;
 use crate::{Error, Result};
 use kinelm_store::presets;
+use std::path::Path;
 
 /// The keys that a resumed run may change: the rate and what else an update reads anew, and how often the run measures,
 /// saves and samples. Weights, optimizer, and the order of the windows go on as they are.
@@ -34,18 +34,16 @@ pub const RESUMABLE: [&str; 14] = [
 const WHY: &str = "weights, optimizer, windows and measurements depend on it, so a resumed run keeps it; begin a new run, or \
                    finetune this one";
 
-/// The configuration and the data of a run that exists.
-pub(super) fn resumed(options: &PretrainOptions, run: &RunFolder) -> Result<(RunFile, Data)> {
-    let mut file = RunFile::read(run.path())?;
+/// The configuration and the data of a run that exists, and whether it differs from its file. Nothing is written.
+pub(super) fn resumed(options: &PretrainOptions, run: &Path) -> Result<(RunFile, Data, bool)> {
+    let mut file = RunFile::read(run)?;
     let corpora = match (&options.file, options.corpora.is_empty()) {
         (Some(given), true) => given.corpora()?,
         _ => options.corpora.clone(),
     };
-    let data = file.data(run.path(), &corpora, options.opening)?;
+    let data = file.data(run, &corpora, options.opening)?;
     // after `data` has compared hashes: only a corpus that is the same one has a new path
-    if file.found_at(&data)? {
-        file.write(run.path())?;
-    }
+    let mut differs = file.found_at(&data)?;
     if let Some(given) = &options.file {
         let mut train = given.train.clone();
         // steps may have been raised by an earlier resume, and don't count as another configuration
@@ -55,7 +53,7 @@ pub(super) fn resumed(options: &PretrainOptions, run: &RunFolder) -> Result<(Run
         }
         let (given_model, own) = (given.model.resolved(&file.tokens), file.model.resolved(&file.tokens));
         if given_model != own || train != file.train || given.augment != file.augment {
-            let why = format!("{} was begun with another configuration; leave it out", run.path().display());
+            let why = format!("{} was begun with another configuration; leave it out", run.display());
             return Err(Error::unsupported_parameter("config", why));
         }
     }
@@ -67,19 +65,19 @@ pub(super) fn resumed(options: &PretrainOptions, run: &RunFolder) -> Result<(Run
         ));
     }
     let train = changed(&file.train, options)?;
-    if train.steps != file.train.steps {
-        check_steps(run.path(), train.steps)?;
+    match &options.branch {
+        Some(branch) => branch.check_steps(train.steps)?,
+        None if train.steps != file.train.steps => check_steps(run, train.steps)?,
+        None => {}
     }
     let precision = match train.precision == file.train.precision {
         true => train.precision,
         false => train.precision.decide(options.compute, file.model.width)?.0,
     };
     let train = TrainConfig { precision, ..train };
-    if train != file.train {
-        file.train = train;
-        file.write(run.path())?;
-    }
-    Ok((file, data))
+    differs |= train != file.train;
+    file.train = train;
+    Ok((file, data, differs))
 }
 
 /// A run's settings with what the call changes.
@@ -101,7 +99,6 @@ mod tests {
     use kinelm_corpus::Split;
     use kinelm_model::run::WEIGHTS;
     use kinelm_store::Kind;
-    use std::path::Path;
     use std::sync::atomic::AtomicBool;
 
     const CONFIG: &str = "[model]\nlayers = 1\nheads = 2\nwidth = 16\ncontext = 24\n[train]\nbatch = 3\nsteps = 8\n\

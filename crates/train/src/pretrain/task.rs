@@ -13,7 +13,7 @@ use crate::trainer::{Files, Task, Trainer};
 use crate::{Result, schedule};
 use kinelm_corpus::Split;
 use kinelm_model::Compute;
-use kinelm_model::checkpoint::{Best, Checkpoints, State};
+use kinelm_model::checkpoint::{Checkpoints, Measured, State};
 use kinelm_model::scored_windows::Likelihood;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -156,12 +156,7 @@ impl Task for Pretraining<'_> {
         self.valid = found?;
         let mut best = false;
         if let Some(found) = &self.valid {
-            let bits_per_frame = found.bits_per_frame;
-            // strictly less: of equal ones the earlier checkpoint stays the best
-            best = state.best.is_none_or(|b| bits_per_frame < b.bits_per_frame);
-            if best {
-                state.best = Some(Best { step, bits_per_frame });
-            }
+            best = state.measured(Measured::BitsPerFrame(found.bits_per_frame));
             self.metrics.valid(step, found)?;
             self.progress.valid(step, found, best);
         }

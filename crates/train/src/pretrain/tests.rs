@@ -3,7 +3,7 @@ use crate::metrics::StepMetrics;
 use crate::{NoProgress, Precision, Schedule, TrainConfig, fixture};
 use kinelm_corpus::{Conditions, Corpus, Split};
 use kinelm_engine::linear::Products;
-use kinelm_model::checkpoint::CheckpointChoice;
+use kinelm_model::checkpoint::{CheckpointChoice, Keep};
 use kinelm_model::run::{AVERAGED, OPTIMIZER, WEIGHTS, load_run};
 use kinelm_model::weights::Array;
 use kinelm_model::{Form, ModelConfig, weights};
@@ -35,7 +35,7 @@ fn file() -> TrainFile {
         learning_rate: 1e-2,
         eval_every: 4,
         checkpoint_every: 0,
-        keep: 5,
+        keep: Keep::Last(5),
         ..Default::default()
     };
     TrainFile { model, train, ..Default::default() }
@@ -178,7 +178,7 @@ fn a_corpus_without_validation_clips_trains_and_says_so() {
     let mut progress = StopAt(99, &stop, Vec::new());
     let mut file = file();
     file.train.checkpoint_every = 3;
-    file.train.keep = 1;
+    file.train.keep = Keep::Last(1);
     let summary = pretrain(&options(dir.path(), "run", Some(file)), &stop, &mut progress).unwrap();
     assert!(progress.2[0].contains("no validation clip"));
     assert_eq!((summary.step, summary.valid, summary.best), (10, None, None));
@@ -360,7 +360,7 @@ fn a_run_that_gets_no_better_ends_and_stays_ended() {
     let best = summary.best.unwrap();
     assert!(summary.early && !summary.stopped && summary.step < 60, "{summary:?}");
     assert_eq!(summary.step, best.step + 6);
-    assert!(summary.valid.unwrap().bits_per_frame > best.bits_per_frame);
+    assert!(summary.valid.unwrap().bits_per_frame > best.measured.value());
     assert_eq!(load_run(&summary.run, CheckpointChoice::Auto).unwrap().state.step, best.step);
     options.resume = true;
     let again = go(&options).unwrap();
@@ -488,4 +488,53 @@ fn a_run_begins_with_the_weights_of_another() {
     let message = said(&|o| o.file.as_mut().unwrap().model.layers = 1);
     assert!(message.contains("model.layers is 1; expected 2, as in the weights of"), "{message}");
     assert!(said(&|o| o.from = Some(dir.path().join("none"))).contains("none"));
+}
+
+#[test]
+fn a_run_goes_on_from_an_earlier_checkpoint_as_a_new_one() {
+    let dir = tempfile::tempdir().unwrap();
+    fixture::corpus(dir.path(), &CLIPS);
+    let mut own = file();
+    (own.train.keep, own.train.checkpoint_every, own.train.ema) = (Keep::All, 3, 0.5);
+    let whole = go(&options(dir.path(), "whole", Some(own))).unwrap();
+    let all = Checkpoints::of(&whole.run).steps().unwrap();
+    assert!([3, 6, 9, 10].iter().all(|step| all.contains(step)), "{all:?}");
+    let branched = |name: &str, step, set: &[&str]| PretrainOptions {
+        run: Some(whole.run.clone()),
+        branch: Some(Branch { step, run: dir.path().join(name) }),
+        set: set.iter().map(|pair| pair.to_string()).collect(),
+        ..Default::default()
+    };
+    let bytes = |s: &Summary, name| fs::read(s.checkpoint.join(name)).unwrap();
+    let same = go(&branched("same", 6, &[])).unwrap();
+    for name in [WEIGHTS, OPTIMIZER, AVERAGED, "state.json"] {
+        assert!(bytes(&same, name) == bytes(&whole, name), "{name}");
+    }
+    let metrics = |run: &Path| fs::read_to_string(run.join("metrics.jsonl")).unwrap().lines().count();
+    assert_eq!(metrics(&same.run), metrics(&whole.run));
+    let slower = go(&branched("slower", 6, &["train.learning_rate=1e-3", "train.steps=8"])).unwrap();
+    assert!(
+        slower.step == 8
+            && bytes(&slower, WEIGHTS)
+                != fs::read(Checkpoints::of(&whole.run).path(8).join(WEIGHTS)).unwrap_or_default()
+    );
+    let made = RunFile::read(&slower.run).unwrap();
+    let origin = made.from.unwrap();
+    assert_eq!((&origin.path, origin.step, made.train.learning_rate), (&whole.run, 6, 1e-3));
+    assert_eq!(RunFile::read(&whole.run).unwrap().from, None, "the parent stays as it is");
+    // nothing is left of what is refused
+    for (step, set, says) in [
+        (5, &[][..], "no checkpoint of step 5, expected one of step 5; there are "),
+        (6, &["train.steps=5"], "`steps` is 5; expected 6 or more"),
+        (6, &["model.width=32"], "`set` model.width:"),
+    ] {
+        let message = go(&branched("none", step, set)).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+        assert!(!dir.path().join("none").exists());
+    }
+    assert!(go(&branched("same", 6, &[])).unwrap_err().to_string().contains("same exists; resume it"));
+    // the branch needs its parent no more, and can be resumed
+    fs::remove_dir_all(&whole.run).unwrap();
+    let resumed = PretrainOptions { run: Some(slower.run), resume: true, steps: Some(9), ..Default::default() };
+    assert_eq!(go(&resumed).unwrap().step, 9);
 }

@@ -1,6 +1,6 @@
-//! Curves of several runs in one chart: lines for training, marks for measurements on the validation clips.
+//! Curves of several runs: lines for training, marks for measurements on the validation clips.
 
-use super::log::{Log, Valid};
+use super::log::{Log, LstmLoss, Valid};
 use crate::metrics::StepMetrics;
 use kinelm_view::plot::{Chart, Look, Scale, Series};
 
@@ -8,7 +8,7 @@ use kinelm_view::plot::{Chart, Look, Scale, Series};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum), value(rename_all = "snake_case"))]
 pub enum Metric {
-    /// Nats per token.
+    /// Nats per token; of an LSTM the loss in its own measure.
     Loss,
     /// Bits per frame.
     BitsPerFrame,
@@ -18,26 +18,43 @@ pub enum Metric {
     GradientNorm,
     /// Tokens per second.
     TokensPerSecond,
+    /// The root's part of an LSTM's loss.
+    Root,
+    /// The rotations' part of an LSTM's loss.
+    Rotations,
 }
 
 impl Metric {
-    fn label(self) -> &'static str {
+    fn label(self, is_lstm: bool) -> &'static str {
         match self {
+            Metric::Loss if is_lstm => "loss",
             Metric::Loss => "loss, nats a token",
             Metric::BitsPerFrame => "bits a frame",
             Metric::Rate => "learning rate",
             Metric::GradientNorm => "gradient norm",
             Metric::TokensPerSecond => "tokens a second",
+            Metric::Root => "loss of the root",
+            Metric::Rotations => "loss of the rotations",
         }
     }
 
-    fn of_step(self, s: &StepMetrics) -> f64 {
-        match self {
+    fn of_step(self, s: &StepMetrics) -> Option<f64> {
+        Some(match self {
             Metric::Loss => s.loss,
             Metric::BitsPerFrame => s.bits_per_frame,
             Metric::Rate => s.rate,
             Metric::GradientNorm => s.gradient_norm,
             Metric::TokensPerSecond => s.tokens_per_second,
+            Metric::Root | Metric::Rotations => return None,
+        })
+    }
+
+    fn of_lstm(self, found: &LstmLoss) -> Option<f64> {
+        match self {
+            Metric::Loss => Some(found.loss),
+            Metric::Root => found.root,
+            Metric::Rotations => found.rotations,
+            _ => None,
         }
     }
 
@@ -52,8 +69,8 @@ impl Metric {
     /// Losses and norms are on a logarithmic axis.
     fn scale(self) -> Scale {
         match self {
-            Metric::Loss | Metric::BitsPerFrame | Metric::GradientNorm => Scale::Log,
             Metric::Rate | Metric::TokensPerSecond => Scale::Linear,
+            _ => Scale::Log,
         }
     }
 }
@@ -76,15 +93,28 @@ const POINTS: usize = 400;
 /// Largest number of marks of a run; of more, every n-th is drawn, and the last.
 const MARKS: usize = 40;
 
-/// The curves of runs, by name.
-pub fn chart(runs: &[(String, Log)], metric: Metric, over: XAxis) -> Chart {
+/// The curves of runs, by name: a chart of GPTs and one of each form of LSTMs, whose losses can't be compared.
+pub fn charts(runs: &[(String, Log)], metric: Metric, over: XAxis) -> Vec<Chart> {
+    // each form once, in the order of the call
+    let mut forms: Vec<&Option<String>> = Vec::new();
+    runs.iter().for_each(|(_, log)| {
+        if !forms.contains(&&log.form) {
+            forms.push(&log.form);
+        }
+    });
+    let of = |form| chart(form, runs.iter().filter(|(_, log)| log.form == *form), metric, over);
+    forms.into_iter().map(of).collect()
+}
+
+fn chart<'a>(
+    form: &Option<String>,
+    runs: impl Iterator<Item = &'a (String, Log)>,
+    metric: Metric,
+    over: XAxis,
+) -> Chart {
     let mut series = Vec::new();
-    for (colour, (name, log)) in runs.iter().enumerate() {
-        let along = along(log, over);
-        let train = along.iter().zip(&log.steps).map(|(x, s)| (*x, metric.of_step(s))).collect::<Vec<_>>();
-        // a measurement has the abscissa of the last step before it
-        let at = |v: &Valid| log.steps.partition_point(|s| s.step <= v.step).checked_sub(1).map(|i| along[i]);
-        let valid = log.valid.iter().filter_map(|v| Some((at(v)?, metric.of_valid(v)?))).collect::<Vec<_>>();
+    for (colour, (name, log)) in runs.enumerate() {
+        let [train, valid] = if form.is_some() { of_lstm(log, metric, over) } else { of_gpt(log, metric, over) };
         let colour = Some(colour);
         let label = if valid.is_empty() {
             String::new()
@@ -99,8 +129,37 @@ pub fn chart(runs: &[(String, Log)], metric: Metric, over: XAxis) -> Chart {
         XAxis::Tokens => "tokens",
         XAxis::Time => "hours of training steps",
     };
+    let y = metric.label(form.is_some());
+    let title = form.as_ref().map_or(y.into(), |form| format!("{form}: {y}"));
     let scales = (Scale::Linear, metric.scale());
-    Chart { title: metric.label().into(), x: x.into(), y: metric.label().into(), scales, series, ..Chart::default() }
+    Chart { title, x: x.into(), y: y.into(), scales, series, ..Chart::default() }
+}
+
+/// Points of a GPT's steps and of its measurements.
+fn of_gpt(log: &Log, metric: Metric, over: XAxis) -> [Vec<(f64, f64)>; 2] {
+    let along = along(log, over);
+    let train = along.iter().zip(&log.steps).filter_map(|(x, s)| Some((*x, metric.of_step(s)?)));
+    // a measurement has the abscissa of the last step before it
+    let at = |v: &Valid| log.steps.partition_point(|s| s.step <= v.step).checked_sub(1).map(|i| along[i]);
+    let valid = log.valid.iter().filter_map(|v| Some((at(v)?, metric.of_valid(v)?)));
+    [train.collect(), valid.collect()]
+}
+
+/// Points of an LSTM's updates and of its measurements.
+fn of_lstm(log: &Log, metric: Metric, over: XAxis) -> [Vec<(f64, f64)>; 2] {
+    let hours = log.lstm.iter().scan(0.0, |total, step| {
+        *total += step.seconds / 3600.0;
+        Some(*total)
+    });
+    let along: Vec<f64> = match over {
+        XAxis::Step => log.lstm.iter().map(|step| step.step as f64).collect(),
+        XAxis::Time => hours.collect(),
+        XAxis::Tokens => return [Vec::new(), Vec::new()],
+    };
+    let train = along.iter().zip(&log.lstm).filter_map(|(x, step)| Some((*x, metric.of_lstm(step)?)));
+    let at = |v: &LstmLoss| log.lstm.partition_point(|s| s.step <= v.step).checked_sub(1).map(|i| along[i]);
+    let valid = log.lstm_valid.iter().filter_map(|v| Some((at(v)?, metric.of_lstm(v)?)));
+    [train.collect(), valid.collect()]
 }
 
 /// The abscissa of each step.
@@ -142,7 +201,7 @@ mod tests {
         write(dir.path(), 12);
         let log = Log::read(dir.path()).unwrap();
         let runs = [("a".to_string(), log.clone()), ("b".to_string(), Log::default())];
-        let of = |metric, over| chart(&runs, metric, over).series;
+        let of = |metric, over| charts(&runs, metric, over).remove(0).series;
         let series = of(Metric::BitsPerFrame, XAxis::Step);
         assert_eq!(series[0].points[3], (4.0, 45.0));
         assert_eq!(series[1].points, [(5.0, 42.0), (10.0, 21.0)]);
@@ -150,7 +209,49 @@ mod tests {
         assert_eq!(of(Metric::Loss, XAxis::Tokens)[1].points, [(250.0, 0.6), (500.0, 0.3)]);
         assert_eq!(of(Metric::Loss, XAxis::Time)[0].points[11], (24.0 / 3600.0, 0.25));
         assert!(of(Metric::Rate, XAxis::Step)[1].points.is_empty());
-        assert!(chart(&runs[1..], Metric::Loss, XAxis::Step).is_empty());
+        assert!(charts(&runs[1..], Metric::Loss, XAxis::Step)[0].is_empty());
+    }
+
+    #[test]
+    fn lstms_have_a_chart_of_their_own_for_each_form() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = |name: &str, config: &str, kind: &str| {
+            let run = dir.path().join(name);
+            std::fs::create_dir(&run).unwrap();
+            std::fs::write(run.join("config.toml"), config).unwrap();
+            let line = |step: u64, loss: f64| {
+                format!(
+                    "{{\"schema\":1,\"kind\":\"{kind}\",\"step\":{step},\"loss\":{loss},\"root\":0.25,\"rotations\":0.5,\"seconds\":1800}}\n"
+                )
+            };
+            let valid = "{\"schema\":1,\"kind\":\"valid\",\"step\":2,\"valid\":{\"loss\":0.75,\"root\":0.125,\"rotations\":0.625}}\n";
+            std::fs::write(run.join("metrics.jsonl"), line(1, 2.0) + &line(2, 1.0) + valid + "{\"cut").unwrap();
+            (name.to_string(), Log::read(&run).unwrap())
+        };
+        let aclstm = |form: &str| format!("kind = \"aclstm\"\n[config]\nform = \"{form}\"\n");
+        let music = "kind = \"music-lstm\"\n[config]\npose = \"aligned\"\neffort = \"none\"\n";
+        let runs = [
+            run("a", &aclstm("euler"), "aclstm"),
+            run("b", &aclstm("positional"), "aclstm"),
+            run("c", &aclstm("euler"), "aclstm"),
+            run("m", music, "music-lstm"),
+        ];
+        assert_eq!(runs[0].1.incomplete, 1);
+        let found = charts(&runs, Metric::Rotations, XAxis::Time);
+        let titles: Vec<&str> = found.iter().map(|chart| &*chart.title).collect();
+        assert_eq!(
+            titles,
+            ["aclstm euler", "aclstm positional", "music-lstm aligned"]
+                .map(|form| format!("{form}: loss of the rotations"))
+        );
+        let euler: Vec<_> = found[0].series.iter().map(|s| (&*s.name, s.points.clone(), s.colour)).collect();
+        let (train, valid) = (vec![(0.5, 0.5), (1.0, 0.5)], vec![(1.0, 0.625)]);
+        assert_eq!(euler[..2], [("a", train, Some(0)), ("a valid", valid, Some(0))]);
+        assert_eq!((euler[2].0, euler[2].2), ("c", Some(1)));
+        assert_eq!(charts(&runs, Metric::Loss, XAxis::Step)[2].series[0].points, [(1.0, 2.0), (2.0, 1.0)]);
+        // what an LSTM hasn't
+        assert!(charts(&runs, Metric::BitsPerFrame, XAxis::Step).iter().all(Chart::is_empty));
+        assert!(charts(&runs, Metric::Loss, XAxis::Tokens).iter().all(Chart::is_empty));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::metrics::{METRICS, StepMetrics};
 use crate::{Error, Result};
-use kinelm_model::run::{CONFIG, check_kind};
+use kinelm_model::run::CONFIG;
 use kinelm_store::input;
 use kinelm_store::owned::{self, Access};
 use serde::Deserialize;
@@ -54,13 +54,36 @@ impl LastStep {
     }
 }
 
+/// An update of an LSTM, or a measurement on its validation clips.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize)]
+pub struct LstmLoss {
+    /// Updates done.
+    #[serde(default)]
+    pub step: u64,
+    /// The loss, in the network's own measure.
+    pub loss: f64,
+    /// The root's part of it.
+    pub root: Option<f64>,
+    /// The rotations' part of it.
+    pub rotations: Option<f64>,
+    /// The update's duration.
+    #[serde(default)]
+    pub seconds: f64,
+}
+
 /// The metrics of a run.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Log {
-    /// Its steps.
+    /// Of an LSTM, what its loss depends on, such as `aclstm quaternion`: losses of others can't be compared with it.
+    pub form: Option<String>,
+    /// The steps of a GPT.
     pub steps: Vec<StepMetrics>,
-    /// Its measurements.
+    /// The measurements of a GPT.
     pub valid: Vec<Valid>,
+    /// The updates of an LSTM.
+    pub lstm: Vec<LstmLoss>,
+    /// The measurements of an LSTM.
+    pub lstm_valid: Vec<LstmLoss>,
     /// Incomplete lines: the last of a run that is being written, or those of a full disk.
     pub incomplete: usize,
 }
@@ -69,19 +92,15 @@ impl Log {
     /// All metrics of a run.
     ///
     /// # Errors
-    /// A folder without metrics; a run of another kind; what the system refuses.
+    /// A folder without metrics; what the system refuses.
     pub fn read(run: &Path) -> Result<Log> {
-        let config = run.join(CONFIG);
-        if let Ok(text) = input::text(&config) {
-            check_kind(&config, &text)?;
-        }
         let path = run.join(METRICS);
         input::note(&path);
         let bytes = owned::bytes(run, METRICS, u64::MAX)?.ok_or_else(|| {
             let help = "a run is a folder that `kinelm pretrain --run RUN` wrote";
             Error::file(run, format!("no {METRICS}"), "a run folder", help)
         })?;
-        Ok(Log::parse(&bytes))
+        Ok(Log { form: form(run), ..Log::parse(&bytes) })
     }
 
     fn parse(bytes: &[u8]) -> Log {
@@ -89,13 +108,23 @@ impl Log {
         #[serde(tag = "kind", rename_all = "snake_case")]
         enum Line {
             Train(StepMetrics),
-            Valid(Valid),
+            #[serde(rename = "aclstm", alias = "music-lstm")]
+            Lstm(LstmLoss),
+            Valid(Measured),
+        }
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Measured {
+            Gpt(Valid),
+            Lstm { step: u64, valid: LstmLoss },
         }
         let mut log = Log::default();
         for line in bytes.split(|b| *b == b'\n').filter(|l| !l.is_empty()) {
             match serde_json::from_slice(line) {
                 Ok(Line::Train(step)) => log.steps.push(step),
-                Ok(Line::Valid(valid)) => log.valid.push(valid),
+                Ok(Line::Lstm(step)) => log.lstm.push(step),
+                Ok(Line::Valid(Measured::Gpt(valid))) => log.valid.push(valid),
+                Ok(Line::Valid(Measured::Lstm { step, valid })) => log.lstm_valid.push(LstmLoss { step, ..valid }),
                 Err(_) => log.incomplete += 1,
             }
         }
@@ -113,6 +142,15 @@ impl Log {
         });
         seconds.collect()
     }
+}
+
+/// What the loss of an LSTM's run depends on, out of its `config.toml`; `None` for a GPT's.
+fn form(run: &Path) -> Option<String> {
+    let config: toml::Table = toml::from_str(&input::text(&run.join(CONFIG)).ok()?).ok()?;
+    let kind = config.get("kind")?.as_str()?;
+    let of = |key: &str| config.get("config")?.get(key)?.as_str();
+    let parts = ["form", "pose", "effort"].into_iter().filter_map(of).filter(|part| *part != "none");
+    Some([kind].into_iter().chain(parts).collect::<Vec<_>>().join(" "))
 }
 
 #[cfg(test)]

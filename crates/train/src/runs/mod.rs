@@ -5,7 +5,7 @@ pub mod list;
 mod log;
 mod table;
 
-pub use curves::{Metric, XAxis, chart};
+pub use curves::{Metric, XAxis, charts};
 pub use list::{Listed, Status, list};
 pub use log::Log;
 pub use table::{names, table};

@@ -3,6 +3,7 @@
 use super::Listed;
 use crate::progress::time;
 use comfy_table::{CellAlignment, Table, presets};
+use kinelm_model::checkpoint::Measured;
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -25,7 +26,10 @@ pub fn table(runs: &[Listed]) -> String {
     table.set_header(["run", "status", "step", "loss", "best bits/frame", "tokens", "written", "model", "parameters"]);
     for run in runs {
         let pseudo = if run.model.starts_with("masked") { "pseudo " } else { "" };
-        let best = run.best.map(|b| format!("{pseudo}{:.2} at {}", b.bits_per_frame, b.step));
+        let best = run.best.map(|best| match best.measured {
+            Measured::BitsPerFrame(bits) => format!("{pseudo}{bits:.2} at {}", best.step),
+            Measured::Loss(loss) => format!("loss {loss:.4} at {}", best.step),
+        });
         table.add_row([
             run.run.display().to_string(),
             run.status.name().into(),

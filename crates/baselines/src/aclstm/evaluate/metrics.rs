@@ -3,7 +3,7 @@
 use crate::aclstm::loss::loss;
 use crate::aclstm::run::Trained;
 use crate::form::{Form, frames_of_steps, steps};
-use crate::{FPS, Mean, Result};
+use crate::{FPS, Mean, PartWeights, Result};
 use kinelm_evaluate::dance::freeze;
 use kinelm_evaluate::dance::freeze::{Freezing, Summary};
 use kinelm_evaluate::dance::positions::JointPositions;
@@ -106,7 +106,9 @@ impl Rollout {
         let (coder, c, skeleton) = (&trained.coder, trained.shape.channels, clip.skeleton());
         let narrow = |rows: &[f64]| rows.iter().map(|x| *x as f32).collect::<Vec<f32>>();
         let true_steps = narrow(&steps(truth, c));
-        let error = |found: &[f64]| loss(coder.form(), c, &narrow(found), &true_steps, &mut vec![0.0; COMPARED * c]);
+        let error = |found: &[f64]| {
+            loss(coder.form(), PartWeights::EVEN, c, &narrow(found), &true_steps, &mut vec![0.0; COMPARED * c]).loss
+        };
         let mut still = last.repeat(COMPARED);
         // in steps, a hip at rest moves by 0
         still.chunks_exact_mut(c).for_each(|step| (step[0], step[2]) = (0.0, 0.0));

@@ -7,12 +7,14 @@ mod curves;
 mod dances;
 mod metrics;
 mod report;
+mod seed_lengths;
 mod seeds;
 
 pub use curves::{Curves, charts};
 pub use dances::evaluate_dances;
 pub use metrics::{Duration, Metrics};
 pub use report::{Report, Row};
+pub use seed_lengths::{SeedLengths, seed_charts};
 pub use seeds::{Seed, Test};
 
 use super::run::Trained;

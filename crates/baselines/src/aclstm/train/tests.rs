@@ -2,11 +2,14 @@
 
 use super::*;
 use crate::Changes;
+use crate::aclstm::run::Trained;
 use crate::form::Form;
 use crate::train::Event;
 use kinelm_model::run::{OPTIMIZER, WEIGHTS};
+use kinelm_model::{CheckpointChoice, Keep};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::{Clip, Motion, synth};
+use kinelm_train::Branch;
 use std::fs;
 use std::sync::atomic::Ordering;
 
@@ -30,7 +33,7 @@ fn place(dir: &Path, fps: f64) -> (Config, Sources) {
         steps: 7,
         learning_rate: 3e-3,
         checkpoint_every: 3,
-        keep: 2,
+        keep: Keep::Last(2),
         ..Config::default()
     };
     let sources = Sources { data: vec![data], labels: vec![], only: vec![], read: ReadOptions::default() };
@@ -83,8 +86,9 @@ fn a_resumed_run_changes_what_it_may_and_keeps_it() {
     let dir = tempfile::tempdir().unwrap();
     let (config, sources) = place(dir.path(), 60.0);
     let new = Start::New(config, sources);
-    let resume =
-        |set: &[&str], steps| Start::Resume(Changes { set: set.iter().map(|pair| pair.to_string()).collect(), steps });
+    let resume = |set: &[&str], steps| {
+        Start::Resume(Changes { set: set.iter().map(|pair| pair.to_string()).collect(), steps, branch: None })
+    };
     let slower = resume(&["learning_rate=1e-4", "checkpoint_every=2"], Some(8));
     let weights = |run: &Path| fs::read(run.join("checkpoints/step-00000008").join(WEIGHTS)).unwrap();
     let runs = ["whole", "parts"].map(|name| dir.path().join(name));
@@ -98,7 +102,7 @@ fn a_resumed_run_changes_what_it_may_and_keeps_it() {
     assert!(weights(&runs[0]) == weights(&runs[1]));
     for (pair, says) in [
         ("width=8", "`set` width: weights, optimizer and sequences depend on it, so a resumed run keeps it"),
-        ("seed=2", "what may change: steps, learning_rate, checkpoint_every, keep"),
+        ("seed=2", "what may change: steps, learning_rate, eval_every, sample_every, checkpoint_every, keep"),
         ("learning_rate=fast", "`set` learning_rate=fast: invalid type"),
         ("learning_rate=0", "`set` learning_rate is 0; expected a number above 0"),
         ("steps=3", "step"),
@@ -107,6 +111,115 @@ fn a_resumed_run_changes_what_it_may_and_keeps_it() {
         assert!(e.to_string().contains(says), "{e}");
     }
     assert_eq!(RunFile::read(&runs[1]).unwrap(), file);
+}
+
+/// The run that continues from an earlier checkpoint is the one that was never anything else.
+#[test]
+fn a_run_goes_on_from_an_earlier_checkpoint() {
+    let dir = tempfile::tempdir().unwrap();
+    let (config, sources) = place(dir.path(), 60.0);
+    let new = Start::New(Config { keep: Keep::All, checkpoint_every: 2, ..config }, sources);
+    let [whole, slower, branch] = ["whole", "slower", "branch"].map(|name| dir.path().join(name));
+    go(&whole, &new, 99).unwrap();
+    let set = vec!["learning_rate=1e-4".to_string()];
+    let changes = |set: &[String], step| Changes {
+        set: set.to_vec(),
+        steps: None,
+        branch: Some(Branch { step, run: branch.clone() }),
+    };
+    let from = |set: &[String], step| go(&whole, &Start::Resume(changes(set, step)), 99);
+    // nothing is left of what is refused
+    for (set, step, says) in [
+        (vec!["width=8".to_string()], 4, "`set` width:"),
+        (vec!["steps=3".to_string()], 4, "`steps` is 3; expected 4 or more"),
+        (vec![], 3, "no checkpoint of step 3, expected one of step 3; there are 2, 4, 6, 7"),
+    ] {
+        let message = from(&set, step).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+        assert!(!branch.exists());
+    }
+    let before = fs::read(whole.join("config.toml")).unwrap();
+    assert_eq!(from(&set, 4).unwrap().0.step, 7);
+    assert_eq!(before, fs::read(whole.join("config.toml")).unwrap(), "the parent stays as it is");
+    assert!(from(&set, 4).unwrap_err().to_string().contains("branch exists; resume it"));
+    // the same by stopping and resuming
+    go(&slower, &new, 4).unwrap();
+    go(&slower, &Start::Resume(Changes { set, ..Changes::default() }), 99).unwrap();
+    let weights =
+        |run: &Path, step: u64| fs::read(run.join(format!("checkpoints/step-{step:08}")).join(WEIGHTS)).unwrap();
+    assert!(weights(&branch, 7) == weights(&slower, 7) && weights(&branch, 7) != weights(&whole, 7));
+    let lines = |run: &Path| fs::read_to_string(run.join("metrics.jsonl")).unwrap().lines().count();
+    assert_eq!((lines(&branch), lines(&whole)), (7, 7));
+    let file = RunFile::read(&branch).unwrap();
+    let origin = file.from.unwrap();
+    assert_eq!((origin.path, origin.step, file.config.learning_rate), (whole.clone(), 4, 1e-4));
+    assert_eq!(origin.sha256, kinelm_store::FileRecord::of(&weights(&whole, 4)).sha256);
+}
+
+#[test]
+fn a_run_is_measured_on_valid_clips_and_writes_dances() {
+    let dir = tempfile::tempdir().unwrap();
+    let (config, mut sources) = place(dir.path(), 60.0);
+    let csv = dir.path().join("labels.csv");
+    fs::write(&csv, "clip,split\n0,train\n1,train\n2,train\n3,valid\n").unwrap();
+    sources.labels = vec![csv.to_string_lossy().into_owned()];
+    let [plain, watched, parts] = ["plain", "watched", "parts"].map(|name| dir.path().join(name));
+    go(&plain, &Start::New(config.clone(), sources.clone()), 99).unwrap();
+    let config = Config { eval_every: 3, sample_every: 4, keep: Keep::All, ..config };
+    let new = Start::New(config.clone(), sources.clone());
+    let mut valid = Vec::new();
+    let done = train(&watched, &new, &AtomicBool::new(false), &mut |event| match event {
+        Event::Valid(step, found, is_best) => valid.push((step, found, is_best)),
+        Event::Note(note) => assert!(note.contains("samples/step-00000004.html: a dance"), "{note}"),
+        Event::Step(..) => {}
+    });
+    done.unwrap();
+    let weights = |run: &Path| fs::read(run.join("checkpoints/step-00000007").join(WEIGHTS)).unwrap();
+    assert!(weights(&plain) == weights(&watched), "watching changes nothing");
+    assert_eq!(valid.iter().map(|(step, ..)| *step).collect::<Vec<_>>(), [3, 6, 7]);
+    let best = valid.iter().min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)).unwrap().0;
+    let trained = Trained::load(&watched, CheckpointChoice::Best).unwrap();
+    assert_eq!((trained.step, Trained::load(&watched, CheckpointChoice::Latest).unwrap().step), (best, 7));
+    let lines = fs::read_to_string(watched.join("metrics.jsonl")).unwrap();
+    let lines: Vec<serde_json::Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines.len(), 10);
+    for line in &lines {
+        let of = |line: &serde_json::Value| ["loss", "root", "rotations"].map(|key| line[key].as_f64().unwrap());
+        let [loss, root, rotations] = of(if line["kind"] == "valid" { &line["valid"] } else { line });
+        assert!((loss - root - rotations).abs() < 1e-9 && root > 0.0 && rotations > 0.0, "{line}");
+    }
+    // the validation loss is that of the last network on the valid clip alone
+    let recordings = trained.file.recordings(&watched).unwrap();
+    let of_valid = Sequences::of_split(&recordings, Split::Valid, &trained.coder, &config);
+    let last = Trained::load(&watched, CheckpointChoice::Latest).unwrap();
+    let mut learner =
+        network::Learner::new(config.form, config.parts(), last.shape, config.batch, config.length, last.weights);
+    let batch = held_out(&of_valid, &trained.coder, &config);
+    assert_eq!(learner.loss(&batch.inputs, &batch.targets, &config.given()), valid[2].1);
+    // a dance continues the valid clip, and a resumed run writes the same
+    let sample = |run: &Path| fs::read(run.join("samples/step-00000004.bvh")).unwrap();
+    assert!(
+        watched.join("samples/step-00000004.html").is_file()
+            && fs::read_dir(watched.join("samples")).unwrap().count() == 2
+    );
+    go(&parts, &new, 3).unwrap();
+    go(&parts, &Start::Resume(Changes::default()), 99).unwrap();
+    assert!(sample(&watched) == sample(&parts) && weights(&parts) == weights(&plain));
+    let text = String::from_utf8(sample(&watched)).unwrap();
+    assert!(text.contains("Frames: 150"), "5 s at 30 a second");
+    // without a valid clip it is said, and the run trains
+    let mut notes = Vec::new();
+    fs::write(&csv, "clip,split\n0,train\n1,train\n2,train\n3,test\n").unwrap();
+    let none = Start::New(config, sources);
+    train(&dir.path().join("none"), &none, &AtomicBool::new(true), &mut |event| {
+        if let Event::Note(note) = event {
+            notes.push(note.to_string());
+        }
+    })
+    .unwrap();
+    assert!(notes.iter().any(|note| note.contains("no validation clip is long enough")), "{notes:?}");
+    let message = Trained::load(&dir.path().join("none"), CheckpointChoice::Best).err().unwrap().to_string();
+    assert!(message.contains("no best checkpoint, expected latest, or one of 0"), "{message}");
 }
 
 #[test]

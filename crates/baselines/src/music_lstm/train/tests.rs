@@ -9,11 +9,12 @@ use crate::music_lstm::evaluate::{Options, evaluate};
 use crate::music_lstm::run::Trained;
 use crate::train::Event;
 use kinelm_corpus::music::synth::music;
-use kinelm_model::CheckpointChoice;
 use kinelm_model::run::{OPTIMIZER, WEIGHTS};
+use kinelm_model::{CheckpointChoice, Keep};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::{Motion, synth};
 use kinelm_music::wav;
+use kinelm_train::Branch;
 use std::fs;
 use std::sync::atomic::Ordering;
 
@@ -42,7 +43,7 @@ fn place(dir: &Path, fps: f64) -> (Config, MusicSources) {
         steps: 7,
         learning_rate: 3e-3,
         checkpoint_every: 3,
-        keep: 2,
+        keep: Keep::Last(2),
         ..Config::default()
     };
     let labels = vec![csv.to_string_lossy().into_owned()];
@@ -89,6 +90,41 @@ fn a_stopped_run_resumes_to_the_same_bits() {
 }
 
 #[test]
+fn a_run_is_measured_writes_dances_and_goes_on_from_an_earlier_checkpoint() {
+    let dir = tempfile::tempdir().unwrap();
+    let (config, mut places) = place(dir.path(), 60.0);
+    let csv = dir.path().join("held.csv");
+    fs::write(&csv, "clip,split\n0,train\n1,train\n2,valid\n3,test\n").unwrap();
+    places.motion.labels = vec![csv.to_string_lossy().into_owned()];
+    let config = Config { effort: Effort::Corrected, effort_every: 2, keep: Keep::All, ..config };
+    let [plain, watched, branch] = ["plain", "watched", "branch"].map(|name| dir.path().join(name));
+    go(&plain, &Start::New(config.clone(), places.clone()), 99).unwrap();
+    let new = Start::New(Config { eval_every: 4, sample_every: 6, ..config }, places);
+    go(&watched, &new, 99).unwrap();
+    let weights = |run: &Path| fs::read(run.join("checkpoints/step-00000007").join(WEIGHTS)).unwrap();
+    assert!(weights(&plain) == weights(&watched), "watching changes nothing");
+    let lines = fs::read_to_string(watched.join("metrics.jsonl")).unwrap();
+    let lines: Vec<serde_json::Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let (valid, steps): (Vec<_>, Vec<_>) = lines.iter().partition(|line| line["kind"] == "valid");
+    assert_eq!(valid.iter().map(|line| line["step"].as_u64().unwrap()).collect::<Vec<_>>(), [4, 7]);
+    for line in valid.iter().map(|line| &line["valid"]).chain(steps.iter().copied()) {
+        let of = |key: &str| line[key].as_f64().unwrap_or(0.0);
+        assert!((of("loss") - of("root") - of("rotations") - of("effort")).abs() < 1e-9 && of("root") > 0.0, "{line}");
+    }
+    // every second update has an effort, and all measurements
+    let has = |lines: &[&serde_json::Value]| lines.iter().filter(|line| line.to_string().contains("effort")).count();
+    assert_eq!((has(&steps), has(&valid)), (3, 2));
+    let sample = fs::read_to_string(watched.join("samples/step-00000006.bvh")).unwrap();
+    // the valid clip has 3 s
+    assert!(sample.contains("Frames: ") && watched.join("samples/step-00000006.html").is_file());
+    let from = Branch { step: 3, run: branch.clone() };
+    go(&watched, &Start::Resume(Changes { branch: Some(from), ..Changes::default() }), 99).unwrap();
+    assert!(weights(&branch) == weights(&watched));
+    let origin = RunFile::read(&branch).unwrap().from.unwrap();
+    assert_eq!((origin.path, origin.step), (watched, 3));
+}
+
+#[test]
 fn losses_fall_for_all_terms() {
     let all = [
         (Pose::Aligned, Effort::None, Audio::Fixed),
@@ -111,8 +147,8 @@ fn batches_are_true_frames_with_the_music_of_their_time() {
     let dir = tempfile::tempdir().unwrap();
     let (config, places) = place(dir.path(), 60.0);
     let recordings = Recordings::load(&places.motion, config.margin, None).unwrap();
-    let clips = MusicClips::load(&recordings, &places, config.audio, config.margin, is_training).unwrap();
-    let (all, short) = training_clips(clips, &config).unwrap();
+    let clips = MusicClips::load(&recordings, &places, config.audio, config.margin, is_used(&config)).unwrap();
+    let ([all, _], short) = sequence_clips(clips, &config).unwrap();
     assert!(all.len() == 3 && short.is_empty(), "the test dance isn't learned from");
     let (b, c) = (config.batch, 4 * recordings.rig.joints());
     let seen = batch(&all, c, &config, 5);

@@ -2,7 +2,7 @@
 //! button that saves them as a file. It knows nothing of what it shows but the dances.
 
 use crate::data::drawn;
-use crate::{Error, Figure, Result, escaped, filled, script};
+use crate::{Error, Figure, PICK, Result, SOUND, escaped, filled, script};
 use serde_json::json;
 
 /// A question about the dancers of some trials.
@@ -40,7 +40,7 @@ impl Survey<'_> {
         let parts = [
             ("question", escaped(question)),
             ("style", style),
-            ("modules", script(false)),
+            ("modules", script(&[SOUND, PICK])),
             ("survey", include_str!("survey/survey.js").into()),
             ("data", data.replace('<', "\\u003c")),
         ];

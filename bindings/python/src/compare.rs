@@ -4,7 +4,7 @@ use crate::clip::Clip;
 use crate::error::library;
 use crate::json::python;
 use crate::pool::detach;
-use kinelm::spectral::compare::{self, CompareOptions};
+use kinelm::spectral::compare as two;
 use pyo3::prelude::*;
 
 /// Compares a student's clip with a teacher's: what `kinelm compare --json` prints of them. `band` is in seconds.
@@ -17,7 +17,7 @@ pub fn compare<'py>(
     joints: &str,
     band: f64,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let options = CompareOptions { joints: joints.into(), band_s: band };
-    let compared = detach(py, || compare::compare(&teacher.0, &student.0, &options).map_err(library))?;
+    let options = two::CompareOptions { joints: joints.into(), band_s: band };
+    let compared = detach(py, || two::compare(&teacher.0, &student.0, &options).map_err(library))?;
     python(py, &compared.report)
 }

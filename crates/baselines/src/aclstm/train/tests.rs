@@ -167,13 +167,14 @@ fn a_run_is_measured_on_valid_clips_and_writes_dances() {
     go(&plain, &Start::New(config.clone(), sources.clone()), 99).unwrap();
     let config = Config { eval_every: 3, sample_every: 4, keep: Keep::All, ..config };
     let new = Start::New(config.clone(), sources.clone());
-    let mut valid = Vec::new();
+    let (mut valid, mut samples) = (Vec::new(), 0);
     let done = train(&watched, &new, &AtomicBool::new(false), &mut |event| match event {
         Event::Valid(step, found, is_best) => valid.push((step, found, is_best)),
-        Event::Note(note) => assert!(note.contains("samples/step-00000004.html: a dance"), "{note}"),
+        Event::Note(note) => samples += usize::from(note.contains("samples/step-00000004.html: a dance")),
         Event::Step(..) => {}
     });
     done.unwrap();
+    assert_eq!(samples, 1);
     let weights = |run: &Path| fs::read(run.join("checkpoints/step-00000007").join(WEIGHTS)).unwrap();
     assert!(weights(&plain) == weights(&watched), "watching changes nothing");
     assert_eq!(valid.iter().map(|(step, ..)| *step).collect::<Vec<_>>(), [3, 6, 7]);

@@ -416,7 +416,7 @@ fn what_is_said_is_short_and_true() {
     fs::create_dir(data.at("other-run")).unwrap();
     data.write("other-run/config.toml", "kind = \"aclstm\"\nversion = 1\n");
     data.write("other-run/metrics.jsonl", "{\"kind\":\"aclstm\"}\n".repeat(20));
-    data.refused("runs plot other-run --out o.svg", &["a run of kind \"aclstm\""]);
+    data.refused("runs plot other-run --out o.svg", &["other-run: 20 lines of metrics.jsonl can't be read"]);
 }
 
 #[cfg(target_os = "linux")]

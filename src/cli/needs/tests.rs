@@ -175,6 +175,7 @@ fn base(command: &str, option: &str) -> &'static str {
         ("generate timeline", _) => "a.toml --out a.bvh",
         ("filter" | "view", _) => "a.bvh --out a",
         ("inspect", _) => "a.bvh",
+        ("tokenizer text", _) => "a.bvh --tokenizer a",
         ("compare" | "convert", _) => "a.bvh b.bvh",
         ("classify eval", _) => "--classifier a --corpus a",
         ("music inspect" | "music beats", _) => "a.wav",

@@ -28,7 +28,8 @@ fn a_page_has_no_trace_of_where_its_clips_are_from() {
     let names: &[&str] = &["quokka-walk", "wombat-salsa", "numbat-waltz", "dingo-samba"];
     let folders = folders(dir.path(), &[("recorded-zone", names), ("generated-zone", names)]);
     let study = Study::make(&options(Ask::Real, folders.clone())).unwrap();
-    let words = names.iter().flat_map(|name| name.split('-')).chain(["recorded-", "generated", "zone", ".bvh", ".key"]);
+    let words =
+        names.iter().flat_map(|name| name.split('-')).chain(["recorded-", "generated", "zone", ".bvh", ".key.json"]);
     for word in words.chain(dir.path().to_str()) {
         assert!(!study.page.contains(word), "{word}");
     }

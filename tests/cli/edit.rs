@@ -529,7 +529,7 @@ fn two_folders_of_dances_are_held_to_each_other() {
     let page = set.at("compared.html");
     compare(&["--page", page.to_str().unwrap()]).success();
     let page = std::fs::read_to_string(&page).unwrap();
-    assert!(page.contains("angular jerk") && page.contains("feet on the floor") && page.contains("fastest: "));
+    assert!(page.contains("Angular jerk") && page.contains("Feet on the floor") && page.contains("fastest: "));
     let text = set.at("lock/4.bvh").with_extension("txt");
     compare(&["--plot", text.to_str().unwrap()]).code(2).stderr(contains("png"));
     compare(&["--copying"]).code(2).stderr(contains("cannot be used with"));

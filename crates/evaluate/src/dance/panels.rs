@@ -21,7 +21,7 @@ const EVERY_S: f64 = 0.5;
 const BRIGHTEST: f64 = 0.98;
 /// What the colours show, with the unit.
 const ROTATION: [(&str, &str); 3] =
-    [("angular velocity", "°/s"), ("angular acceleration", "°/s²"), ("angular jerk", "°/s³")];
+    [("Angular velocity", "°/s"), ("Angular acceleration", "°/s²"), ("Angular jerk", "°/s³")];
 
 /// A dance's measures over time.
 struct Series {
@@ -74,7 +74,7 @@ impl Reference<'_> {
         let mut panels: Vec<Panel> = (0..dances.len())
             .map(|figure| Panel::Strip(Strip { title: label(dances[figure]), figure, every_s: EVERY_S }))
             .collect();
-        panels.push(Panel::Moments(Moments { title: "moments".into(), moments: self.moments(&all, limit_cm) }));
+        panels.push(Panel::Moments(Moments { title: "Moments".into(), moments: self.moments(&all, limit_cm) }));
         panels.push(self.rotation(dances));
         let names: Vec<String> = dances.iter().map(|dance| label(dance)).collect();
         panels.extend(self.over_time(&all, &names, limit_cm));
@@ -99,7 +99,7 @@ impl Reference<'_> {
             });
             (kinelm_motion::smpl::NAMES[joint].replace('_', " "), bands.collect())
         };
-        Panel::Choice(Choice { title: "joint".into(), options: self.joints.iter().map(|&j| of_joint(j)).collect() })
+        Panel::Choice(Choice { title: "Joint".into(), options: self.joints.iter().map(|&j| of_joint(j)).collect() })
     }
 
     fn track(&self, dance: &Dance, figure: usize, from_s: f64, values: Vec<f64>) -> Track {
@@ -140,17 +140,17 @@ impl Reference<'_> {
             tracks
         };
         let mut panels = vec![
-            lines("speed", "cm/s", with_line(speed, "stands still", Some(self.thresholds[0]))),
-            bands("stands still", tracks("", &|s| s.still.iter().map(|still| is(*still)).collect())),
-            lines("centre of mass outside the feet", "cm", outside),
-            bands("feet on the floor", contacts),
+            lines("Speed", "cm/s", with_line(speed, "stands still", Some(self.thresholds[0]))),
+            bands("Stands still", tracks("", &|s| s.still.iter().map(|still| is(*still)).collect())),
+            lines("Centre of mass outside the feet", "cm", outside),
+            bands("Feet on the floor", contacts),
         ];
         if all.iter().any(|series| !series.nearest_cm.is_empty()) {
             let mut nearest = tracks("", &|s| s.nearest_cm.clone());
             // a window's distance stands at its middle
             nearest.retain(|track| !track.values.is_empty());
             nearest.iter_mut().for_each(|track| (track.fps, track.from_s) = (1.0 / self.hop_s(), WINDOW_S / 2.0));
-            panels.push(lines("distance to the nearest training clip", "cm", with_line(nearest, "a copy", limit_cm)));
+            panels.push(lines("Distance to the nearest training clip", "cm", with_line(nearest, "a copy", limit_cm)));
         }
         panels
     }

@@ -102,7 +102,7 @@ fn a_page_leads_to_where_a_dance_stands_still_falls_and_copies() {
     }
     assert!(!page.contains("dances/made.bvh"), "folders have no room");
     let without = real.page(&[&made], None).unwrap();
-    assert!(!without.contains("nearest training clip") && without.contains("feet on the floor"));
+    assert!(!without.contains("nearest training clip") && without.contains("Feet on the floor"));
 }
 
 /// Sixteen dances of two genres, which tokens of all big joints tell apart; every fifth is for tests.

@@ -105,7 +105,8 @@ fn what_cannot_be_is_refused() {
     assert!(
         said(InterpolateOptions { keep: Some(0..0), ..settings(Spectrum::Pca, half) }).contains("expected 1 to 128")
     );
-    for (band, found) in [(4..129, "4..129"), (16..4, "16..4"), (7..7, "7..7")] {
+    for [from, upto] in [[4, 129], [16, 4], [7, 7]] {
+        let (band, found) = (from..upto, &*format!("{from}..{upto}"));
         let text = said(InterpolateOptions { keep: Some(band), ..settings(Spectrum::Dct, half) });
         assert!(text.contains(found) && text.contains("at most 128"), "{text}");
     }

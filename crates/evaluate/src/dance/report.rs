@@ -30,7 +30,7 @@ pub struct Copied {
     /// The longest run of frames that a dance, and that a validation clip, has in common with a training clip, token by
     /// token.
     pub longest_run_frames: [usize; 2],
-    /// Of each dance the distances of its windows to the nearest training window, cm; see [`copying`](super::copying).
+    /// Of each dance the distances of its windows to the nearest training window, cm.
     #[serde(skip)]
     pub nearest_cm: Vec<Vec<f64>>,
 }

@@ -3,6 +3,7 @@
 import { edit, post } from './api.js';
 import { strip } from './brush.js';
 import { focusOn, showClip } from './cast.js';
+import { compareWith } from './compare.js';
 import { h, icon, iconButton } from './dom.js';
 import { draggable } from './drag.js';
 import { loadSmall } from './figures.js';
@@ -150,6 +151,7 @@ export function clipCard(clip) {
                 does: () => putAt(clip.id, clip.seconds ?? 0, stage.state.time),
               },
               { label: 'Show on the stage', does: () => showClip(clip.id) },
+              { label: 'Compare a student with this', hint: 'lag, tempo, where they differ', does: () => compareWith(clip.id, clip.name) },
             ]
           : []),
         ...(clip.music
@@ -224,6 +226,7 @@ export function keptCard(dance) {
           hint: 'at the playhead',
           does: () => putAt(dance.id, dance.seconds, stage.state.time),
         },
+        { label: 'Compare a student with this', hint: 'lag, tempo, where they differ', does: () => compareWith(dance.id, dance.name) },
         ...(store.state.jobs.some(job => job.dances.includes(dance.id))
           ? [{ label: 'Show beside its variations', does: () => focusOn(dance.id) }]
           : []),

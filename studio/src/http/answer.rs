@@ -3,7 +3,7 @@
 use crate::error::kind_name;
 use crate::{Error, Result};
 use axum::body::{Body, to_bytes};
-use axum::http::{Response as HttpResponse, StatusCode, header};
+use axum::http::{HeaderValue, Response as HttpResponse, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use kinelm_store::Subject;
 use serde::Serialize;
@@ -58,6 +58,26 @@ pub fn json(value: &impl Serialize) -> Response {
 /// A text of a kind.
 pub fn text_of(text: impl Into<Body>, kind: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text.into()).into_response()
+}
+
+/// Bytes to be saved as a file of this name.
+pub fn file(name: &str, bytes: impl Into<Body>) -> Response {
+    let mut response = text_of(bytes, "application/octet-stream");
+    // RFC 8187: any letter as bytes of UTF-8
+    let coded: String = name
+        .bytes()
+        .map(|b| {
+            if b.is_ascii_alphanumeric() || b"-_.".contains(&b) {
+                char::from(b).to_string()
+            } else {
+                format!("%{b:02X}")
+            }
+        })
+        .collect();
+    if let Ok(saved) = HeaderValue::from_str(&format!("attachment; filename*=UTF-8''{coded}")) {
+        response.headers_mut().insert(header::CONTENT_DISPOSITION, saved);
+    }
+    response
 }
 
 /// Nothing more to say.

@@ -1,7 +1,8 @@
 //! The routes of the library.
 
 use super::App;
-use super::answer::{Answer, blocking, body, done, json, text_of};
+use super::answer::{Answer, blocking, body, done, file, json, text_of};
+use crate::library::compare::Pair;
 use crate::library::figure::Part;
 use crate::library::maps;
 use crate::library::search::Looked;
@@ -119,6 +120,27 @@ pub async fn search(State(app): State<Arc<App>>, request: Body) -> Answer {
     let looked: Looked = body(request).await?;
     let matches = blocking(move || app.studio.library().search(&looked)).await?;
     Ok(json(&value!({ "matches": matches })))
+}
+
+/// A student compared with a teacher: the figures as one reads them, and the worst moments of the teacher's clip.
+pub async fn compare(State(app): State<Arc<App>>, request: Body) -> Answer {
+    let pair: Pair = body(request).await?;
+    let (compared, _) = blocking(move || pair.compare(app.studio.library())).await?;
+    let moments = compared.report.moments.iter().map(|moment| {
+        let (joint, cm) = (moment.joint.joint.replace('_', " "), moment.distance_cm);
+        value!({ "at_s": moment.at_s[0], "says": format!("{cm:.0} cm, {joint}") })
+    });
+    Ok(json(&value!({ "facts": compared.report.facts(), "moments": moments.collect::<Vec<_>>() })))
+}
+
+/// The same as a page, to be saved.
+pub async fn comparison(State(app): State<Arc<App>>, Path((teacher, student)): Path<(String, String)>) -> Answer {
+    let page = blocking(move || {
+        let (compared, [first, second]) = Pair { teacher, student }.compare(app.studio.library())?;
+        Ok((format!("{second} beside {first}.html"), compared.page([&first, &second])?))
+    });
+    let (name, page) = page.await?;
+    Ok(file(&name, page))
 }
 
 /// The music of the stage.

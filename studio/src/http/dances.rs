@@ -1,12 +1,11 @@
 //! The routes of jobs and dances.
 
 use super::App;
-use super::answer::{Answer, blocking, body, done, json, text_of};
+use super::answer::{Answer, blocking, body, done, file, json};
 use crate::Error;
 use crate::make::request::Make;
 use axum::body::Body;
 use axum::extract::{Path, Query, State};
-use axum::http::{HeaderValue, header};
 use serde::Deserialize;
 use serde_json::json as value;
 use std::sync::Arc;
@@ -70,20 +69,5 @@ pub async fn export(
     let help = "?format=bvh, glb, npz or json; &for=blender for what Blender imports with its defaults";
     let Query(Export { format, importer }) = export.map_err(|_| Error::missing("format", help))?;
     let (name, bytes) = blocking(move || app.studio.export(&id, &format, importer.as_deref())).await?;
-    let mut response = text_of(bytes, "application/octet-stream");
-    // RFC 8187: any letter as bytes of UTF-8
-    let coded: String = name
-        .bytes()
-        .map(|b| {
-            if b.is_ascii_alphanumeric() || b"-_.".contains(&b) {
-                char::from(b).to_string()
-            } else {
-                format!("%{b:02X}")
-            }
-        })
-        .collect();
-    if let Ok(saved) = HeaderValue::from_str(&format!("attachment; filename*=UTF-8''{coded}")) {
-        response.headers_mut().insert(header::CONTENT_DISPOSITION, saved);
-    }
-    Ok(response)
+    Ok(file(&name, bytes))
 }

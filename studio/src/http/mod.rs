@@ -66,6 +66,8 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/clips/{id}/remove", post(clips::remove))
         .route("/api/clips/{id}/rename", post(clips::rename))
         .route("/api/search", post(clips::search))
+        .route("/api/compare", post(clips::compare))
+        .route("/api/compare/{teacher}/{student}", get(clips::comparison))
         .route("/api/music", post(clips::music))
         .route("/api/timeline", get(timeline::view).post(timeline::edit))
         .route("/api/undo", post(timeline::undo))

@@ -12,6 +12,7 @@
 //! Files are read one after the other by a thread of their own; of each only a few facts stay in memory.
 
 pub mod child;
+pub mod compare;
 pub mod doubts;
 pub mod figure;
 pub mod maps;

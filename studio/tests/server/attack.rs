@@ -9,7 +9,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Every route, with its method.
-const ROUTES: [(&str, &str); 26] = [
+const ROUTES: [(&str, &str); 28] = [
     ("GET", "/"),
     ("GET", "/assets/index.html"),
     ("GET", "/api/state"),
@@ -23,6 +23,8 @@ const ROUTES: [(&str, &str); 26] = [
     ("POST", "/api/clips/c1/remove"),
     ("POST", "/api/clips/c1/rename"),
     ("POST", "/api/search"),
+    ("POST", "/api/compare"),
+    ("GET", "/api/compare/c1/c2"),
     ("POST", "/api/music"),
     ("GET", "/api/timeline"),
     ("POST", "/api/timeline"),

@@ -199,4 +199,14 @@ fn files_of_the_call_stay_where_they_are() {
     let looked = json!({ "clip": state["clips"][0]["id"], "from_s": 0.2, "to_s": 2.2, "k": 2 });
     let matches = place.browser.done("/api/search", &looked)["matches"].as_array().unwrap().clone();
     assert_eq!(matches[0]["clip"], state["clips"][1]["id"], "{matches:?}");
+
+    // one beside itself, and the page of both to be saved
+    let id = |n: usize| state["clips"][n]["id"].as_str().unwrap();
+    let compared = place.browser.done("/api/compare", &json!({ "teacher": id(0), "student": id(0) }));
+    assert_eq!(compared["facts"][0], json!(["distance", "0.0 cm"]));
+    assert_eq!(compared["facts"][1], json!(["lag", "none"]));
+    let page = place.browser.get(&format!("/api/compare/{}/{}", id(0), id(1)));
+    assert!(page.text().contains("<title>a, b</title>") && page.text().contains("Farthest apart"));
+    assert_eq!(page.header("content-disposition"), Some("attachment; filename*=UTF-8''b%20beside%20a.html"));
+    assert_eq!(place.browser.get(&format!("/api/compare/{}/none", id(0))).status, 404);
 }

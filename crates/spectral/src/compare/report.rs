@@ -125,8 +125,8 @@ fn worst(distances: &[f64]) -> Vec<(usize, f64)> {
 }
 
 impl Comparison {
-    /// Name and value of the figures, without joints and moments.
-    pub(super) fn facts(&self) -> [[String; 2]; 6] {
+    /// Name and value of the figures as one reads them, without joints and moments.
+    pub fn facts(&self) -> [[String; 2]; 6] {
         let image = if self.mirrored { "not mirrored" } else { "mirrored" };
         let lag = match self.lag_frames {
             0 => "none".into(),

@@ -1,4 +1,4 @@
-// Drives a studio as a person would: drop, a doubt settled by its button, an arm painted, four variations, one kept, undo,
+// Drives a studio as a person would: drop, a doubt settled by its button, two compared, an arm painted, four variations, one kept, undo,
 // a loop, export, reload. KINELM names the program; `node test.mjs`.
 
 import assert from 'node:assert/strict';
@@ -92,6 +92,24 @@ try {
         window.studio.store.timeline.rows.every(row => row.spans.every(span => span.state === 'given')),
       ),
     );
+  });
+
+  await step('two cards are compared', async () => {
+    await card('mine')
+      .getByRole('button', { name: /More for/ })
+      .click();
+    await page.getByRole('menuitem', { name: /Compare a student/ }).click();
+    const dialog = page.getByRole('dialog', { name: 'Compare with mine' });
+    await dialog.getByRole('combobox').selectOption({ label: 'hops' });
+    await dialog.getByRole('button', { name: 'Compare' }).click();
+    await dialog.getByRole('row', { name: /^distance/ }).waitFor({ timeout: PATIENCE });
+    assert.match(await dialog.innerText(), /lag[^]*tempo[^]*mirrored/);
+    const [saved] = await Promise.all([
+      page.waitForEvent('download'),
+      dialog.getByRole('link', { name: 'Save the page' }).click(),
+    ]);
+    assert.match(saved.suggestedFilename(), /hops beside mine\.html/);
+    await dialog.getByRole('button', { name: 'Close' }).click();
   });
 
   await step('an arm is painted free', async () => {

@@ -41,7 +41,15 @@ pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], read: &ReadArgs, how: How<'_
         let first = a.dances.first().zip(b.dances.first());
         let of_a = |d: &MeasuredDance| a.dances.iter().find(|other| other.take == d.take);
         let same = b.dances.iter().find_map(|d| Some((of_a(d)?, d)));
-        let shown: Vec<&Dance> = same.or(first).into_iter().flat_map(|(a, b)| [&a.dance, &b.dance]).collect();
+        // takes of one name are the usual case
+        let named = |side: &str, dance: &MeasuredDance| {
+            let name = Path::new(&dance.dance.name).file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let mut dance = dance.dance.clone();
+            dance.name = format!("{side} {name}");
+            dance
+        };
+        let both: Vec<Dance> = same.or(first).into_iter().flat_map(|(a, b)| [named("A", a), named("B", b)]).collect();
+        let shown: Vec<&Dance> = both.iter().collect();
         super::write_page(out, &real.page(&shown, None)?, shown.len(), how.outputs, say)?;
     }
     if let Some(out) = how.plot {

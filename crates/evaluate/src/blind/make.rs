@@ -113,7 +113,13 @@ fn trials(options: &StudyOptions) -> Result<Vec<Trial>> {
     if folders.len() != needed {
         let found = format!("{} folders", folders.len());
         let expected = if needed == 3 { "three, A, B and C with the X" } else { "two, A and B" };
-        return Err(Error::invalid_parameter("folders", found, expected));
+        return Err(Error::invalid_parameter("ask", format!("a question about {found}"), expected));
+    }
+    let real = |folder: &PathBuf| std::fs::canonicalize(folder).map_err(Error::io(folder));
+    let real = folders.iter().map(real).collect::<Result<Vec<_>>>()?;
+    if let Some(again) = (1..real.len()).find(|&i| real[..i].contains(&real[i])) {
+        let expected = "folders of their own, or both sides of a pair are the same";
+        return Err(Error::file(&folders[again], "a folder that is given twice", expected, ""));
     }
     let named = folders.iter().map(|folder| {
         let files = in_out::files(std::slice::from_ref(folder))?;

@@ -43,6 +43,9 @@ impl Votes {
         let wrong = |found: String, expected: &str| Error::file(path, found, expected, "");
         let votes: Votes =
             serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string(), "votes that a page saved"))?;
+        if votes.schema != 1 {
+            return Err(wrong(format!("schema {}", votes.schema), "schema 1"));
+        }
         if votes.page != key.page {
             let expected = format!("votes of the key's page, {}", key.page);
             return Err(wrong(format!("votes of another page, {}", votes.page), &expected));

@@ -11,11 +11,12 @@ mod tests;
 use crate::Result;
 use crate::filter::hips::flips;
 pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
-use kinelm_corpus::load::ClipSpec;
+use kinelm_corpus::load::{ClipSpec, load_at_own_rate};
 use kinelm_corpus::record::ExcludedRange;
 use kinelm_corpus::stats::glitches;
 use kinelm_corpus::{Dataset, Item, Split};
 use kinelm_motion::Clip;
+use kinelm_motion::format::ReadOptions;
 use kinelm_motion::rig::Humanoid;
 use kinelm_store::counted;
 use kinelm_tokenizer::TokenizerConfig;
@@ -112,7 +113,11 @@ pub fn clean(
         wanted,
         watch,
         |item, loaded| match item.split {
-            Split::Train => Ok((loaded.clip.clone(), of_clip(&item.name, &loaded.clip, &config.joints)?)),
+            Split::Train => {
+                let mut finds = of_clip(&item.name, &loaded.clip, &config.joints)?;
+                finds.extend(flipped(item, &options.read, &loaded.clip)?);
+                Ok((loaded.clip.clone(), finds))
+            }
             Split::Valid | Split::Test => Ok((loaded.clip.clone(), Vec::new())),
         },
         |item, _, (clip, finds), _| -> Result<_> {
@@ -133,11 +138,23 @@ fn of_clip(name: &str, clip: &Clip, joints: &[usize]) -> Result<Vec<Finding>> {
         // both frames of the step: which one is wrong is not known
         Finding { first: glitch.frame - 1, end: glitch.frame + 1, why: Fault::Glitch, description }
     });
-    let flipped = flips(clip, 0).into_iter().map(|flip| {
+    Ok(found.chain(sinking(clip)?).collect())
+}
+
+/// The flips of an item, found at the file's own rate, in frames of its `clip`: a lower rate cuts the step of a flip into
+/// two.
+fn flipped(item: &Item, read: &ReadOptions, clip: &Clip) -> Result<Vec<Finding>> {
+    let (own, _) = load_at_own_rate(item, read, false)?;
+    let [fps, own_fps] = [clip.fps(), own.fps()];
+    let from_s = item.segment.map_or(0.0, |segment| segment.from_s);
+    let frame = |own: usize| (own as f64 / own_fps - from_s) * fps;
+    let found = flips(&own, 0).into_iter().filter_map(|flip| {
+        let (first, end) = (frame(flip.frames.start).floor().max(0.0), frame(flip.frames.end).ceil());
+        let (first, end) = (first as usize, (end.max(0.0) as usize).min(clip.frames()));
         let description = format!("hips flip by {:.0} degrees", flip.degrees());
-        Finding { first: flip.frames.start, end: flip.frames.end, why: Fault::Flip, description }
+        (first < end).then_some(Finding { first, end, why: Fault::Flip, description })
     });
-    Ok(found.chain(flipped).chain(sinking(clip)?).collect())
+    Ok(found.collect())
 }
 
 fn sinking(clip: &Clip) -> Result<Vec<Finding>> {

@@ -31,6 +31,15 @@ impl Line {
         (self.first as f64 + self.slope() * frame as f64).round() as i64
     }
 
+    /// The line `later` frames later at the teacher's frame `middle`, and `longer` frames longer.
+    fn moved(self, middle: usize, later: i64, longer: i64) -> Line {
+        let at_middle = self.first as f64 + self.slope() * middle as f64 + later as f64;
+        let length = self.last - self.first + longer;
+        let slope = length as f64 / (self.frames - 1).max(1) as f64;
+        let first = (at_middle - slope * middle as f64).round() as i64;
+        Line { first, last: first + length, frames: self.frames }
+    }
+
     /// How many frames later the student is at the teacher's first frame.
     pub fn lag(self) -> i64 {
         self.first
@@ -39,6 +48,12 @@ impl Line {
     /// The student's tempo over the teacher's; above 1 is faster. 1 for a teacher of one frame.
     pub fn tempo(self) -> f64 {
         if self.frames > 1 { self.slope().recip() } else { 1.0 }
+    }
+
+    /// Whether lag and tempo are at the ends of what is searched.
+    pub fn at_limits(self, band: i64) -> [bool; 2] {
+        let [least, most] = lengths(self.frames);
+        [self.first.abs() >= band, self.frames > 1 && [least, most].contains(&(self.last - self.first))]
     }
 
     /// The teacher's frames at which the student has one, of `student` frames.
@@ -63,15 +78,21 @@ impl Line {
     }
 }
 
+/// The student's frames from the beginning of a line to its end, at the greatest and at the least tempo.
+fn lengths(frames: usize) -> [i64; 2] {
+    let span = frames.saturating_sub(1) as f64;
+    // within the tempi: rounding would go beyond them
+    [(span / TEMPI[1]).ceil(), (span / TEMPI[0]).floor()].map(|x| x as i64)
+}
+
 /// The line with the least mean distance among those of a lag of at most `band` frames and a tempo within [`TEMPI`];
 /// the overlap has at least half of the shorter clip. Of equals the one nearest to no lag and the same tempo.
 ///
-/// Every second frame at either end is tried first, at 400 frames along the line, then the frames around the best.
+/// Every second frame at either end is tried first, and every lag of the same tempo, at 400 frames along the line; then lines
+/// around the best, moved and turned where the clips overlap.
 pub(super) fn nearest_line(teacher: &BodyPoses, student: &BodyPoses, band: i64) -> Line {
     let frames = teacher.frames();
-    let span = frames.saturating_sub(1) as f64;
-    // the student's frames from the line's beginning to its end
-    let [least, most] = [span / TEMPI[1], span / TEMPI[0]].map(|x| x.round() as i64);
+    let [least, most] = lengths(frames);
     let fits = |line: &Line| line.first.abs() <= band && (least..=most).contains(&(line.last - line.first));
     let line = |first: i64, length: i64| Line { first, last: first + length, frames };
     let cost = |line: &Line, samples| mean_distance(teacher, student, *line, samples);
@@ -79,7 +100,8 @@ pub(super) fn nearest_line(teacher: &BodyPoses, student: &BodyPoses, band: i64) 
     let reach = (same - least).max(most - same);
     let lengths: Vec<i64> = outwards(reach).map(|by| same + by).collect();
     let of_length = |length: &i64| {
-        let lines = outwards(band).map(|first| line(first, *length)).filter(fits);
+        let step = if *length == same { 1 } else { COARSE };
+        let lines = outwards_by(step, band).map(|first| line(first, *length)).filter(fits);
         nearer(lines.map(|line| (cost(&line, SAMPLES), line)))
     };
     let coarse: Vec<_> = lengths.par_iter().map(of_length).collect();
@@ -87,9 +109,11 @@ pub(super) fn nearest_line(teacher: &BodyPoses, student: &BodyPoses, band: i64) 
     let start = nearer(coarse.into_iter().flatten()).map_or(line(0, same), |(_, line)| line);
     let mut best = (cost(&start, usize::MAX), start);
     loop {
-        let (first, length) = (best.1.first, best.1.last - best.1.first);
-        let around = (-1..=1).flat_map(|a| (-1..=1).map(move |b| (a, b)));
-        let lines = around.map(|(a, b)| line(first + a, length - a + b)).filter(fits);
+        let overlap = best.1.overlap(student.frames());
+        // a short student is a small part of the line: a frame at its end is many at the line's
+        let (middle, turn) = ((overlap.start + overlap.end) / 2, (frames / overlap.len().max(1)).max(1) as i64);
+        let around = (-1..=1).flat_map(|a| [-turn, -1, 0, 1, turn].map(|b| (a, b)));
+        let lines = around.map(|(a, b)| best.1.moved(middle, a, b)).filter(fits);
         match nearer(lines.map(|line| (cost(&line, usize::MAX), line))) {
             Some(next) if next.0 < best.0 => best = next,
             _ => return best.1,
@@ -99,7 +123,11 @@ pub(super) fn nearest_line(teacher: &BodyPoses, student: &BodyPoses, band: i64) 
 
 /// 0, then every [`COARSE`]th number up to `reach` on both sides, outwards.
 fn outwards(reach: i64) -> impl Iterator<Item = i64> {
-    (0..=reach).step_by(COARSE as usize).flat_map(|by| [by, -by]).skip(1)
+    outwards_by(COARSE, reach)
+}
+
+fn outwards_by(step: i64, reach: i64) -> impl Iterator<Item = i64> {
+    (0..=reach).step_by(step as usize).flat_map(|by| [by, -by]).skip(1)
 }
 
 /// The one of the least cost, the first on ties.

@@ -115,7 +115,15 @@ pub fn compare(teacher: &Motion, student: &Motion, options: &CompareOptions) -> 
     let mirrored = image.mean_m() < plain.mean_m();
     let (nearer, other) = if mirrored { (image, plain) } else { (plain, image) };
     let cosine = cosine(&teacher, &nearer, &compared)?;
-    let report = Comparison::of(&own, &nearer, &compared, mirrored, other.mean_m(), cosine);
+    let report = Comparison::of(
+        &own,
+        &nearer,
+        &compared,
+        mirrored,
+        other.mean_m(),
+        cosine,
+        (options.band_s * FPS).round() as i64,
+    );
     Ok(Compared { report, clips: [teacher, nearer.student], path: nearer.path, distances_m: nearer.distances_m })
 }
 

@@ -34,7 +34,8 @@ impl Compared {
         };
         let late = |(n, frame): (usize, f64)| (frame - (self.path.from + n) as f64) / FPS;
         let moment = |m: &WorstMoment| {
-            let label = format!("{:.0} cm, {}", m.distance_cm, in_words(m.joint.joint));
+            let digits = usize::from(m.distance_cm < 10.0);
+            let label = format!("{:.digits$} cm, {}", m.distance_cm, in_words(m.joint.joint));
             Moment { label, at_s: m.at_s[0], figure: None }
         };
         let report = &self.report;

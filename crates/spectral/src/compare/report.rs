@@ -3,6 +3,7 @@
 use super::{Aligned, BodyPoses, FPS};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use kinelm_motion::smpl;
+use kinelm_store::counted;
 use serde::Serialize;
 use std::fmt;
 
@@ -30,6 +31,8 @@ pub struct Comparison {
     pub lag_s: f64,
     /// The student's tempo over the teacher's: above 1 is faster.
     pub tempo: f64,
+    /// Whether lag and tempo are at the ends of what is searched: then the true ones may be beyond.
+    pub at_limit: [bool; 2],
     /// The mean cosine of `query`'s windows, aligned; `None` for less than a window.
     pub cosine: Option<f64>,
     /// (K) the joints, the most different first.
@@ -66,6 +69,7 @@ impl Comparison {
         mirrored: bool,
         other_m: f64,
         cosine: Option<f64>,
+        band: i64,
     ) -> Comparison {
         let path = &aligned.path;
         let farthest_first = |frames: std::ops::Range<usize>| {
@@ -99,6 +103,7 @@ impl Comparison {
             lag_frames: lag,
             lag_s: lag as f64 / FPS,
             tempo: aligned.line.tempo(),
+            at_limit: aligned.line.at_limits(band),
             cosine,
             joints: farthest_first(0..path.student.len()),
             moments: worst(&aligned.distances_m).into_iter().map(|(from, m)| moment(from, 100.0 * m)).collect(),
@@ -128,9 +133,18 @@ impl Comparison {
     /// Name and value of the figures as one reads them, without joints and moments.
     pub fn facts(&self) -> [[String; 2]; 6] {
         let image = if self.mirrored { "not mirrored" } else { "mirrored" };
+        let limit = self.at_limit.map(|is_at| if is_at { ", at the limit of the search" } else { "" });
         let lag = match self.lag_frames {
             0 => "none".into(),
-            n => format!("{:.2} s {}, {} frames", self.lag_s.abs(), if n > 0 { "late" } else { "early" }, n.abs()),
+            n => {
+                let side = if n > 0 { "late" } else { "early" };
+                format!(
+                    "{:.2} s {side}, {}{}",
+                    self.lag_s.abs(),
+                    counted(n.unsigned_abs() as usize, "frames"),
+                    limit[0]
+                )
+            }
         };
         let faster = match (100.0 * (self.tempo - 1.0)).round() {
             0.0 => "the same".into(),
@@ -141,7 +155,7 @@ impl Comparison {
         let rows = [
             ("distance", format!("{:.1} cm", self.distance_cm)),
             ("lag", lag),
-            ("tempo", format!("{:.3}, {faster}", self.tempo)),
+            ("tempo", format!("{:.3}, {faster}{}", self.tempo, limit[1])),
             ("mirrored", image),
             ("cosine", cosine),
             ("compared", format!("{:.1} s", self.frames as f64 / FPS)),

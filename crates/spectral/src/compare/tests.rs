@@ -143,3 +143,25 @@ fn the_path_is_the_nearest_of_all() {
     let each: f64 = a.distances(5, &b, 9).sum::<f64>() / 23.0;
     assert!((each - a.distance(5, &b, 9)).abs() < 1e-6);
 }
+
+#[test]
+fn a_part_of_the_teachers_dance_is_found_where_it_is() {
+    let teacher = dance(4);
+    for lag in [1, 9, 18, 29] {
+        for length in [60, 240] {
+            let report = compared(&teacher, teacher.slice(lag..lag + length));
+            assert_eq!(named(&report), (-(lag as i64), 0, false), "{length} frames: {report}");
+            assert!(report.distance_cm < 1e-9 && report.at_limit == [false; 2], "{report}");
+        }
+    }
+}
+
+#[test]
+fn what_lies_beyond_the_search_is_said() {
+    let teacher = dance(4);
+    let late = compared(&teacher, teacher.slice(45..400));
+    assert!(late.at_limit[0] && late.to_string().contains("30 frames, at the limit of the search"), "{late}");
+    let times: Vec<f64> = (0..400).map(|f| 1.4 * f as f64).collect();
+    let fast = compared(&teacher, kinelm_motion::resample::at_frames(&teacher, &times).unwrap());
+    assert!(fast.at_limit[1] && fast.tempo <= TEMPI[1], "{fast}");
+}

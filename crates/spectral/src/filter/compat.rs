@@ -21,6 +21,7 @@ pub fn compat(motion: &Motion, order: usize, cutoff_hz: f64) -> Result<Clip> {
     let (frames, fps) = (motion.clip.frames(), motion.clip.fps());
     let source = match &motion.source {
         Source::Bvh(source) if source.frames == frames && frames > 0 => source,
+        _ if frames == 0 => return Err(Error::file(&motion.path, "no frames", "at least one", "")),
         _ => {
             let why = "its frames have no Euler angles of a file; expected a BVH";
             return Err(Error::unsupported(format!("{}: `compat`", motion.path.display()), why));

@@ -10,7 +10,8 @@ use std::ops::Range;
 pub const FLIP_DEG: f64 = 120.0;
 /// The turns away and back are of one size and axis up to this angle, degrees: in between the body goes on turning.
 const SAME_DEG: f64 = 45.0;
-/// A turn that differs from half a circle about the vertical by less is exactly that, degrees.
+/// A turn that differs from half a circle about the vertical, or about an axis of the hips' own, by less is exactly that,
+/// degrees.
 const UPRIGHT_DEG: f64 = 20.0;
 /// A joint on the hips that turns by more in the frame of the flip turns against it, degrees.
 const AGAINST_DEG: f64 = 90.0;
@@ -20,7 +21,9 @@ const AGAINST_DEG: f64 = 90.0;
 pub struct Flip {
     /// The frames in which they are turned.
     pub frames: Range<usize>,
-    /// By how much in the world at the first and behind the last of them.
+    /// Whether they are turned about an axis of their own, which goes with the body; else about one of the world.
+    own: bool,
+    /// By how much at the first and behind the last of them.
     turns: [Quat; 2],
 }
 
@@ -45,13 +48,28 @@ pub fn flips(clip: &Clip, hips: usize) -> Vec<Flip> {
         let ahead = |from: usize, before: usize| world[from] * world[before].conjugate() * world[from];
         let before = ahead(first - 1, first.saturating_sub(2));
         let after = ahead(end, (end + 1).min(world.len() - 1));
-        let turns = [world[first] * before.conjugate(), world[end - 1] * after.conjugate()];
+        let of_world = [world[first] * before.conjugate(), world[end - 1] * after.conjugate()];
+        let of_own = [before.conjugate() * world[first], after.conjugate() * world[end - 1]];
         let large = |turn: &Quat| angle_between(*turn, Quat::IDENTITY).to_degrees() > FLIP_DEG;
-        let is_flip = turns.iter().all(large) && angle_between(turns[0], turns[1]).to_degrees() < SAME_DEG;
-        if is_flip {
-            found.push(Flip { frames: first..end, turns: turns.map(upright) });
-        }
-        at += if is_flip { 2 } else { 1 };
+        let apart = |turns: [Quat; 2]| angle_between(turns[0], turns[1]).to_degrees();
+        // the same fault at both ends, about an axis of the world or of the hips: whichever half turn is nearer
+        let exact = [(false, of_world), (true, of_own)].map(|(own, turns)| {
+            let half = nearest_half(turns[0], own);
+            let off = turns.map(|turn| angle_between(turn, half).to_degrees());
+            (off[0].max(off[1]), Flip { frames: first..end, own, turns: [half; 2] })
+        });
+        let rough = [(false, of_world), (true, of_own)]
+            .map(|(own, turns)| (apart(turns), Flip { frames: first..end, own, turns }));
+        let nearest = |[a, b]: [(f64, Flip); 2]| if b.0 < a.0 { b } else { a };
+        let (exact, rough) = (nearest(exact), nearest(rough));
+        let flip = match () {
+            _ if !of_world.iter().all(large) => None,
+            _ if exact.0 < UPRIGHT_DEG => Some(exact.1),
+            _ if rough.0 < SAME_DEG => Some(rough.1),
+            _ => None,
+        };
+        at += if flip.is_some() { 2 } else { 1 };
+        found.extend(flip);
     }
     found
 }
@@ -68,7 +86,7 @@ pub fn turned_back(clip: &Clip, hips: usize, flips: &[Flip]) -> Result<Clip> {
     let (j, mut rotations) = (clip.joints(), clip.rotations().to_vec());
     let parents = clip.skeleton().parents();
     let above = |f: usize| parents[hips].map_or(Quat::IDENTITY, |parent| clip.global_pose(f).rotations[parent]);
-    for Flip { frames, turns: [first, last] } in flips {
+    for Flip { frames, own: is_own, turns: [first, last] } in flips {
         let against = |joint: &usize| {
             let turn = angle_between(clip.pose(frames.start - 1)[*joint], clip.pose(frames.start)[*joint]);
             parents[*joint] == Some(hips) && turn.to_degrees() > AGAINST_DEG
@@ -78,7 +96,7 @@ pub fn turned_back(clip: &Clip, hips: usize, flips: &[Flip]) -> Result<Clip> {
             let share = (f - frames.start) as f64 / (frames.len() - 1).max(1) as f64;
             let back = slerp(*first, *last, share).conjugate();
             let (above, own) = (above(f), clip.pose(f)[hips]);
-            let mended = above.conjugate() * back * above * own;
+            let mended = if *is_own { own * back } else { above.conjugate() * back * above * own };
             rotations[f * j + hips] = mended;
             for joint in &against {
                 rotations[f * j + joint] = mended.conjugate() * own * clip.pose(f)[*joint];
@@ -96,10 +114,13 @@ fn world(clip: &Clip, joint: usize) -> Vec<Quat> {
     }
 }
 
-/// Half a circle about the vertical for a turn that is nearly that. The step of the body itself is in the turn found.
-fn upright(turn: Quat) -> Quat {
-    let half = Quat::from_xyzw(Vec3::Y.x, Vec3::Y.y, Vec3::Y.z, 0.0);
-    if angle_between(turn, half).to_degrees() < UPRIGHT_DEG { half } else { turn }
+/// The half circle nearest to a turn, about the vertical of the world or about an axis of the hips' `own`. The step of the
+/// body itself is in a turn that was found.
+fn nearest_half(turn: Quat, own: bool) -> Quat {
+    let axes: &[Vec3] = if own { &[Vec3::X, Vec3::Y, Vec3::Z] } else { &[Vec3::Y] };
+    let halves = axes.iter().map(|axis| Quat::from_xyzw(axis.x, axis.y, axis.z, 0.0));
+    let nearer = |a: &Quat, b: &Quat| angle_between(turn, *a).total_cmp(&angle_between(turn, *b));
+    halves.min_by(nearer).unwrap_or(Quat::IDENTITY)
 }
 
 #[cfg(test)]
@@ -198,5 +219,31 @@ mod tests {
         let mended = turned_back(&odd, 1, &flips(&odd, 1)).unwrap();
         assert!(largest_deg(&mended, &clip) < 1e-6, "{}", largest_deg(&mended, &clip));
         assert!(flips(&clip.slice(0..0), 1).is_empty() && flips(&clip.slice(0..1), 1).is_empty());
+    }
+
+    #[test]
+    fn a_flip_about_the_hips_own_axis_goes_with_the_body() {
+        let dance = synth::corpus(7, 1, 8.0, 60.0).unwrap().remove(0).clip;
+        // a dancer who leans and turns by 60 degrees a second, so that an axis of the body is none of the world's
+        let lean = Quat::from_rotation_x(0.5);
+        let mut rotations = dance.rotations().to_vec();
+        for f in 0..dance.frames() {
+            let own = &mut rotations[f * dance.joints()];
+            *own = Quat::from_rotation_y(f as f64 / 60.0 * 60f64.to_radians()) * lean * *own;
+        }
+        let clip = Clip::new(dance.skeleton().clone(), 60.0, dance.root().to_vec(), rotations.clone()).unwrap();
+        assert_eq!(flips(&clip, 0), []);
+        for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
+            for frames in [100..105, 100..130, 100..200] {
+                let mut odd = rotations.clone();
+                frames.clone().for_each(|f| odd[f * clip.joints()] = odd[f * clip.joints()] * half(axis));
+                let odd = Clip::new(clip.skeleton().clone(), 60.0, clip.root().to_vec(), odd).unwrap();
+                let found = flips(&odd, 0);
+                assert_eq!(found.iter().map(|flip| flip.frames.clone()).collect::<Vec<_>>(), [frames], "{axis}");
+                let mended = turned_back(&odd, 0, &found).unwrap();
+                let off = largest_deg(&mended, &clip);
+                assert!(off < 1e-5, "{axis}: {off} degrees");
+            }
+        }
     }
 }

@@ -116,12 +116,12 @@ fn of_runs(name: &str, colour: usize, runs: &[&SeedLengths], pick: fn(&Errors) -
     [Series { name: name.into(), points, look: Look::Joined, colour }].into_iter().chain(bars).collect()
 }
 
-/// The mean, and the standard deviation over n - 1; 0 for a single value.
+/// The mean and the standard deviation, of n as all of ours.
 fn mean_and_deviation(values: &[f64]) -> [f64; 2] {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     let squares: f64 = values.iter().map(|x| (x - mean).powi(2)).sum();
-    [mean, if values.len() > 1 { (squares / (n - 1.0)).sqrt() } else { 0.0 }]
+    [mean, (squares / n).sqrt()]
 }
 
 #[cfg(test)]
@@ -154,9 +154,10 @@ mod tests {
         let titles: Vec<&str> = charts.iter().map(|chart| &*chart.title).collect();
         assert_eq!(titles[..2], ["euler: the next 20 frames", "quaternion: the next 20 frames"]);
         assert_eq!(titles[2..], ["Joints, hips aligned", "Local rotations"]);
-        // 1, 2, 3: mean 2, deviation 1; twice 4: no bar
+        // 1, 2, 3: mean 2; twice 4: no bar
+        let deviation = (2.0f64 / 3.0).sqrt();
         let shown: Vec<_> = charts[0].series.iter().map(|s| (&*s.name, s.points.clone(), s.colour)).collect();
-        let (mean, bar) = (vec![(100.0, 2.0), (200.0, 4.0)], vec![(100.0, 1.0), (100.0, 3.0)]);
+        let (mean, bar) = (vec![(100.0, 2.0), (200.0, 4.0)], vec![(100.0, 2.0 - deviation), (100.0, 2.0 + deviation)]);
         assert_eq!(shown[..2], [("euler-5", mean, Some(0)), ("", bar, Some(0))]);
         assert_eq!(charts[1].series.iter().flat_map(|s| s.points.clone()).collect::<Vec<_>>(), [(100.0, 7.0)]);
         assert_eq!(charts[3].series.last().unwrap().points, [(100.0, 700.0)]);

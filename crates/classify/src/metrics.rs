@@ -78,13 +78,17 @@ impl Metrics {
     }
 }
 
-/// Wilson's 95 % interval of a share.
+/// Wilson's 95 % interval of a share of `n` independent outcomes, at least one; within 0 to 1.
+///
+/// Source: Wilson, "Probable Inference, the Law of Succession, and Statistical Inference" (1927), without a correction for
+/// continuity.
 ///
 /// ```
 /// let [low, high] = kinelm_classify::metrics::wilson(8, 10);
 /// assert!((low - 0.490).abs() < 1e-3 && (high - 0.943).abs() < 1e-3);
 /// ```
 pub fn wilson(hits: usize, n: usize) -> [f64; 2] {
+    // the 97.5 % quantile of the standard normal distribution
     const Z: f64 = 1.959_963_984_540_054;
     let (n, p) = (n as f64, hits as f64 / n as f64);
     let (middle, scale) = (p + Z * Z / (2.0 * n), 1.0 + Z * Z / n);

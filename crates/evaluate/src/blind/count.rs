@@ -2,6 +2,7 @@
 
 use super::{Ask, Key, Votes};
 use crate::{Error, Result};
+use kinelm_classify::metrics::wilson;
 use kinelm_store::counted;
 use serde::Serialize;
 use std::fmt;
@@ -75,19 +76,6 @@ impl Count {
         let kappa = fleiss_kappa(&seen);
         Ok(Count { ask: key.ask, voters: files.len(), votes, shares, kappa, trials })
     }
-}
-
-/// The 95 % interval of a share of `of` independent votes, at least one; within 0 to 1.
-///
-/// Source: Wilson, "Probable Inference, the Law of Succession, and Statistical Inference" (1927), without a correction
-/// for continuity; the numbers of the tests are those of Newcombe (1998), table I, method 3.
-pub fn wilson(votes: usize, of: usize) -> [f64; 2] {
-    // the 97.5 % quantile of the standard normal distribution
-    const Z: f64 = 1.959_963_984_540_054;
-    let (n, p) = (of as f64, votes as f64 / of as f64);
-    let half = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-    let bound = |side: f64| ((p + Z * Z / (2.0 * n) + side * half) / (1.0 + Z * Z / n)).clamp(0.0, 1.0);
-    [bound(-1.0), bound(1.0)]
 }
 
 /// Fleiss' kappa of (trials, answers) counts: 1 where voters agree in each trial, 0 where they agree as by chance.

@@ -11,7 +11,7 @@ mod make;
 mod tests;
 mod votes;
 
-pub use count::{Count, Share, fleiss_kappa, wilson};
+pub use count::{Count, Share, fleiss_kappa};
 pub use key::{Key, Source, Trial};
 pub use make::{Study, StudyOptions};
 pub use votes::Votes;

@@ -1,4 +1,5 @@
 use super::*;
+use kinelm_classify::metrics::wilson;
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::{Motion, synth};
 use std::path::{Path, PathBuf};

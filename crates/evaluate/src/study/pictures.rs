@@ -3,7 +3,7 @@
 use super::Report;
 use super::metrics::RowMetrics;
 use kinelm_tokenizer::SchemeConfig;
-use kinelm_view::plot::{Chart, Look, Series};
+use kinelm_view::plot::{Chart, Look, Series, each_once};
 
 /// The pictures, by their names without extension.
 pub fn all(report: &Report) -> [(&'static str, Vec<Chart>); 2] {
@@ -42,12 +42,7 @@ fn bins(rows: &[RowMetrics]) -> Chart {
 
 /// Order-0 bits and tokens a second against the error of places, a curve a group.
 fn rate(rows: &[RowMetrics]) -> [Chart; 2] {
-    let mut groups: Vec<&str> = Vec::new();
-    rows.iter().map(|f| f.row.group.as_str()).for_each(|g| {
-        if !groups.contains(&g) {
-            groups.push(g);
-        }
-    });
+    let groups = each_once(rows.iter().map(|f| f.row.group.as_str()));
     let chart = |title: &str, x: &str, rate: fn(&RowMetrics) -> f64| {
         let series = groups.iter().map(|group| {
             let mut points: Vec<(f64, f64)> =

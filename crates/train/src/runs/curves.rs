@@ -2,7 +2,7 @@
 
 use super::log::{Log, LstmLoss, Valid};
 use crate::metrics::StepMetrics;
-use kinelm_view::plot::{Chart, Look, Scale, Series};
+use kinelm_view::plot::{Chart, Look, Scale, Series, each_once};
 
 /// The vertical axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,13 +95,7 @@ const MARKS: usize = 40;
 
 /// The curves of runs, by name: a chart of GPTs and one of each form of LSTMs, whose losses can't be compared.
 pub fn charts(runs: &[(String, Log)], metric: Metric, over: XAxis) -> Vec<Chart> {
-    // each form once, in the order of the call
-    let mut forms: Vec<&Option<String>> = Vec::new();
-    runs.iter().for_each(|(_, log)| {
-        if !forms.contains(&&log.form) {
-            forms.push(&log.form);
-        }
-    });
+    let forms = each_once(runs.iter().map(|(_, log)| &log.form));
     let of = |form| chart(form, runs.iter().filter(|(_, log)| log.form == *form), metric, over);
     forms.into_iter().map(of).collect()
 }

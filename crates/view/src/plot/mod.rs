@@ -17,6 +17,7 @@ mod picture;
 mod text;
 
 pub use heat::Heat;
+pub(crate) use heat::SHADES;
 pub use matrix::Matrix;
 
 use crate::{Error, Result};
@@ -125,6 +126,21 @@ impl Chart {
         let (x, y) = self.scales;
         series.points.iter().copied().filter(move |p| x.holds(p.0) && y.holds(p.1))
     }
+}
+
+/// Names of series, each once, in the order of their first mention.
+///
+/// ```
+/// assert_eq!(kinelm_view::plot::each_once(["b", "a", "b"]), ["b", "a"]);
+/// ```
+pub fn each_once<T: PartialEq>(all: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut once = Vec::new();
+    for one in all {
+        if !once.contains(&one) {
+            once.push(one);
+        }
+    }
+    once
 }
 
 /// Draws charts side by side, many of them in rows, as `path.png` and `path.svg`. Empty charts are left out; if all are empty,

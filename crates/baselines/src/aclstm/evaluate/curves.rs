@@ -1,8 +1,8 @@
 //! Metrics over time: the error of each predicted frame, and the share of still frames in each second.
 
-use crate::{Error, FPS, Result};
-use kinelm_store::input;
-use kinelm_view::plot::{Chart, Look, Scale, Series};
+use super::saved::{no_report, saved};
+use crate::{FPS, Result};
+use kinelm_view::plot::{Chart, Look, Scale, Series, each_once};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -60,24 +60,15 @@ impl Curves {
         struct Metrics {
             curves: Curves,
         }
-        let (expected, help) = ("a JSON report of kinelm aclstm evaluate", "measure the network again");
-        let text = input::text(path).map_err(Error::io(path))?;
-        let report: Report =
-            serde_json::from_str(&text).map_err(|e| Error::file(path, e.to_string(), expected, help))?;
+        let report: Report = saved(path)?;
         let longest = report.rows.into_iter().max_by_key(|row| row.seed_frames);
-        longest.map(|row| row.metrics.curves).ok_or_else(|| Error::file(path, "no rows", expected, help))
+        longest.map(|row| row.metrics.curves).ok_or_else(|| no_report(path, "no rows"))
     }
 }
 
 /// Charts of networks by name. Runs of the same name are one line, their mean.
 pub fn charts(all: &[(String, Curves)]) -> Vec<Chart> {
-    // each name once, in the order of the call
-    let mut names: Vec<&str> = Vec::new();
-    all.iter().for_each(|(name, _)| {
-        if !names.contains(&name.as_str()) {
-            names.push(name);
-        }
-    });
+    let names = each_once(all.iter().map(|(name, _)| name.as_str()));
     let of = |name: &str| Curves::mean(all.iter().filter(|(other, _)| other == name).map(|(_, curves)| curves));
     let means: Vec<(&str, Curves)> = names.into_iter().map(|name| (name, of(name))).collect();
     let held = Curves::mean(all.iter().map(|(_, curves)| curves));

@@ -7,6 +7,7 @@ mod curves;
 mod dances;
 mod metrics;
 mod report;
+mod saved;
 mod seed_lengths;
 mod seeds;
 

@@ -1,9 +1,9 @@
 //! Errors by length of the seed: means and standard deviations over runs.
 
+use super::saved::saved;
+use crate::Result;
 use crate::form::Form;
-use crate::{Error, Result};
-use kinelm_store::input;
-use kinelm_view::plot::{Chart, Look, Scale, Series};
+use kinelm_view::plot::{Chart, Look, Scale, Series, each_once};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -49,10 +49,7 @@ impl SeedLengths {
         struct Mean {
             mean: f64,
         }
-        let text = input::text(path).map_err(Error::io(path))?;
-        let (expected, help) = ("a JSON report of kinelm aclstm evaluate", "measure the network again");
-        let report: Report =
-            serde_json::from_str(&text).map_err(|e| Error::file(path, e.to_string(), expected, help))?;
+        let report: Report = saved(path)?;
         let errors = |m: Metrics| Errors { loss: m.loss.mean, root_cm: m.root_cm.mean, degrees: m.degrees.mean };
         let rows = report.rows.into_iter().map(|row| (row.seed_frames, errors(row.metrics))).collect();
         Ok(SeedLengths { form: report.form, rows })
@@ -62,19 +59,9 @@ impl SeedLengths {
 /// Charts of networks by name: the loss of each form, which others can't be compared with, then errors of joints and of
 /// rotations. Runs of the same name are one line, their mean, with a bar of a standard deviation to both sides.
 pub fn seed_charts(all: &[(String, SeedLengths)]) -> Vec<Chart> {
-    let mut forms: Vec<Form> = Vec::new();
-    all.iter().for_each(|(_, one)| {
-        if !forms.contains(&one.form) {
-            forms.push(one.form);
-        }
-    });
+    let forms = each_once(all.iter().map(|(_, one)| one.form));
     // a name has its colour in all charts
-    let mut names: Vec<&str> = Vec::new();
-    all.iter().for_each(|(name, _)| {
-        if !names.contains(&&**name) {
-            names.push(name);
-        }
-    });
+    let names = each_once(all.iter().map(|(name, _)| name.as_str()));
     let chart = |title: String, y: &str, form: Option<Form>, pick: fn(&Errors) -> f64| {
         let series = names.iter().enumerate().flat_map(|(colour, name)| {
             let runs = all.iter().filter(|(other, one)| other == name && form.is_none_or(|form| form == one.form));

@@ -10,6 +10,7 @@ use kinelm_motion::{Clip, Motion, Warning};
 use kinelm_store::FileRecord;
 use kinelm_tokenizer::TokenizerConfig;
 use std::path::Path;
+use std::sync::Arc;
 
 /// The form of requested clips, always on the neutral SMPL-24 body.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,18 +19,20 @@ pub struct ClipSpec {
     pub fps: f64,
     /// Whether the clip's floor is moved to y = 0.
     pub above_floor: bool,
+    /// Whether the clip at the file's own rate is kept beside it.
+    pub keep_own: bool,
 }
 
 impl ClipSpec {
     /// Clips at their own height in the world.
     pub fn in_world(fps: f64) -> ClipSpec {
-        ClipSpec { fps, above_floor: false }
+        ClipSpec { fps, above_floor: false, keep_own: false }
     }
 }
 
 impl From<&TokenizerConfig> for ClipSpec {
     fn from(config: &TokenizerConfig) -> ClipSpec {
-        ClipSpec { fps: config.fps, above_floor: config.above_floor() }
+        ClipSpec { fps: config.fps, above_floor: config.above_floor(), keep_own: false }
     }
 }
 
@@ -40,6 +43,8 @@ pub struct ModelClip {
     pub motion: Motion,
     /// The clip on the model's body at the requested rate, at its own height in the world.
     pub clip: Clip,
+    /// The same at the rate of the file, where the spec keeps it.
+    pub own: Option<Clip>,
     /// Height of the file's floor in metres, on the file's own rig; `None` if the floor stays.
     pub floor_m: Option<f64>,
     /// Height of that floor under `clip` in metres; 0 if the floor stays.
@@ -86,8 +91,9 @@ impl ModelClip {
     /// # Errors
     /// Those of retargeting and resampling.
     pub fn of(motion: Motion, options: &ReadOptions, spec: ClipSpec) -> Result<ModelClip> {
-        let own = ModelClip::at_own_rate(motion, options, spec.above_floor)?;
-        Ok(ModelClip { clip: resample(&own.clip, spec.fps, Method::Auto)?, ..own })
+        let at_own = ModelClip::at_own_rate(motion, options, spec.above_floor)?;
+        let clip = resample(&at_own.clip, spec.fps, Method::Auto)?;
+        Ok(ModelClip { own: spec.keep_own.then_some(at_own.clip), clip, ..at_own })
     }
 
     /// [`ModelClip::of`] a motion at the rate that it has.
@@ -104,7 +110,7 @@ impl ModelClip {
             let lowered = way.when_lowered(floor).clip(&motion.clip.slice(0..1).raised(-floor))?;
             (floor_m, clip_floor_m) = (Some(floor), first.y - lowered.root()[0].y);
         }
-        Ok(ModelClip { motion, clip, floor_m, clip_floor_m, sha256: String::new() })
+        Ok(ModelClip { motion, clip, own: None, floor_m, clip_floor_m, sha256: String::new() })
     }
 
     /// The clip as the tokenizer takes it: with its floor at y = 0, if the spec says so.
@@ -118,6 +124,8 @@ impl ModelClip {
 pub struct ItemClip {
     /// The clip.
     pub clip: Clip,
+    /// The whole file at its own rate, at its own height, where the spec keeps it.
+    pub own: Option<Arc<Clip>>,
     /// Height of the file's floor in metres, if the floor was moved to y = 0.
     pub floor_m: Option<f64>,
     /// SHA-256 of the file.
@@ -150,15 +158,16 @@ impl ItemClip {
         let options = item.read_options(options);
         let loaded = ModelClip::load(&item.path, &options, spec)?;
         let (clip, rate) = (loaded.lowered(), FileRate::of(&loaded.motion, &options));
-        Ok(ItemClip { clip, floor_m: loaded.floor_m, sha256: loaded.sha256, warnings: loaded.motion.warnings, rate })
+        let ModelClip { motion, own, floor_m, sha256, .. } = loaded;
+        Ok(ItemClip { clip, own: own.map(Arc::new), floor_m, sha256, warnings: motion.warnings, rate })
     }
 
     /// The segment of this whole file that an item is.
     pub(super) fn segment(&self, item: &Item) -> Result<ItemClip> {
         let mut warnings = self.warnings.clone();
         warnings.extend(past_end_warning(item, &self.clip));
-        let (sha256, rate) = (self.sha256.clone(), self.rate.clone());
-        Ok(ItemClip { clip: segment_of(item, &self.clip)?, warnings, sha256, rate, ..*self })
+        let (own, sha256, rate) = (self.own.clone(), self.sha256.clone(), self.rate.clone());
+        Ok(ItemClip { clip: segment_of(item, &self.clip)?, own, warnings, sha256, rate, ..*self })
     }
 }
 
@@ -207,7 +216,7 @@ mod tests {
         let dance = synth::corpus(3, 1, 4.0, 60.0).unwrap().remove(0).clip.raised(0.4);
         let motion = Motion::new(&path, dance);
         format::write(&path, &motion).unwrap();
-        let (options, wanted) = (ReadOptions::default(), ClipSpec { fps: 20.0, above_floor: true });
+        let (options, wanted) = (ReadOptions::default(), ClipSpec { fps: 20.0, above_floor: true, keep_own: false });
         let loaded = ModelClip::load(&path, &options, wanted).unwrap();
         let floor = loaded.floor_m.unwrap();
         assert!(

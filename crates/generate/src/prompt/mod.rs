@@ -53,7 +53,7 @@ impl PromptClip {
     fn of(placed: ModelClip, tokenizer: &Tokenizer) -> Result<PromptClip> {
         // coded on y = 0, decoded and raised again: the words don't depend on the file's floor
         let lowered = placed.lowered();
-        let ModelClip { mut motion, clip, floor_m, clip_floor_m: under_m, sha256 } = placed;
+        let ModelClip { mut motion, clip, floor_m, clip_floor_m: under_m, sha256, .. } = placed;
         if clip.frames() == 0 {
             return Err(Error::file(&motion.path, "no frames", "at least one", "give another prompt"));
         }

@@ -11,12 +11,11 @@ mod tests;
 use crate::Result;
 use crate::filter::hips::flips;
 pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
-use kinelm_corpus::load::{ClipSpec, load_at_own_rate};
+use kinelm_corpus::load::{ClipSpec, ItemClip};
 use kinelm_corpus::record::ExcludedRange;
 use kinelm_corpus::stats::glitches;
 use kinelm_corpus::{Dataset, Item, Split};
 use kinelm_motion::Clip;
-use kinelm_motion::format::ReadOptions;
 use kinelm_motion::rig::Humanoid;
 use kinelm_store::counted;
 use kinelm_tokenizer::TokenizerConfig;
@@ -105,7 +104,7 @@ pub fn clean(
     watch: &mut BuildProgress<'_>,
 ) -> Result<CleaningReport> {
     let items: Vec<&Item> = dataset.items.iter().collect();
-    let wanted = ClipSpec { fps: config.fps, above_floor: true };
+    let wanted = ClipSpec { fps: config.fps, above_floor: true, keep_own: true };
     let mut held: Vec<LoadedClip> = Vec::new();
     let summary = for_each_clip(
         &items,
@@ -115,7 +114,7 @@ pub fn clean(
         |item, loaded| match item.split {
             Split::Train => {
                 let mut finds = of_clip(&item.name, &loaded.clip, &config.joints)?;
-                finds.extend(flipped(item, &options.read, &loaded.clip)?);
+                finds.extend(flipped(item, loaded));
                 Ok((loaded.clip.clone(), finds))
             }
             Split::Valid | Split::Test => Ok((loaded.clip.clone(), Vec::new())),
@@ -141,20 +140,19 @@ fn of_clip(name: &str, clip: &Clip, joints: &[usize]) -> Result<Vec<Finding>> {
     Ok(found.chain(sinking(clip)?).collect())
 }
 
-/// The flips of an item, found at the file's own rate, in frames of its `clip`: a lower rate cuts the step of a flip into
+/// The flips of an item, found at the file's own rate, in frames of its clip: a lower rate cuts the step of a flip into
 /// two.
-fn flipped(item: &Item, read: &ReadOptions, clip: &Clip) -> Result<Vec<Finding>> {
-    let (own, _) = load_at_own_rate(item, read, false)?;
-    let [fps, own_fps] = [clip.fps(), own.fps()];
+fn flipped(item: &Item, ItemClip { clip, own, .. }: &ItemClip) -> Vec<Finding> {
+    let own = own.as_deref().unwrap_or(clip);
     let from_s = item.segment.map_or(0.0, |segment| segment.from_s);
-    let frame = |own: usize| (own as f64 / own_fps - from_s) * fps;
-    let found = flips(&own, 0).into_iter().filter_map(|flip| {
+    let frame = |at: usize| (at as f64 / own.fps() - from_s) * clip.fps();
+    let found = flips(own, 0).into_iter().filter_map(|flip| {
         let (first, end) = (frame(flip.frames.start).floor().max(0.0), frame(flip.frames.end).ceil());
         let (first, end) = (first as usize, (end.max(0.0) as usize).min(clip.frames()));
         let description = format!("hips flip by {:.0} degrees", flip.degrees());
         (first < end).then_some(Finding { first, end, why: Fault::Flip, description })
     });
-    Ok(found.collect())
+    found.collect()
 }
 
 fn sinking(clip: &Clip) -> Result<Vec<Finding>> {

@@ -221,6 +221,24 @@ impl Checkpoints {
         self.sweep()
     }
 
+    /// Removes all checkpoints, also half written ones, and `latest` and `best`.
+    ///
+    /// # Errors
+    /// I/O errors.
+    pub fn clear(&self) -> Result<()> {
+        // first: a pointer never names a folder that isn't there
+        for path in ["latest", "best"].map(|name| self.run.join(name)) {
+            match fs::remove_file(&path) {
+                Err(e) if e.kind() != ErrorKind::NotFound => return Err(Error::io(&path)(e)),
+                _ => (),
+            }
+        }
+        for path in self.steps()?.into_iter().map(|step| self.path(step)) {
+            fs::remove_dir_all(&path).map_err(Error::io(&path))?;
+        }
+        self.sweep()
+    }
+
     /// Removes what a killed process left half written.
     ///
     /// # Errors

@@ -50,10 +50,6 @@ impl Branch {
         let sha256 = FileRecord::of(&found.files[WEIGHTS]).sha256;
         let path = std::path::absolute(parent).map_err(Error::io(parent))?;
         let folder = RunFolder::create(&self.run)?;
-        // of a call that was killed: another step's checkpoint would be taken for the best of this one
-        for name in ["checkpoints", "samples"].map(|name| self.run.join(name)) {
-            std::fs::remove_dir_all(&name).and_then(|()| std::fs::create_dir(&name)).map_err(Error::io(&name))?;
-        }
         for Checkpoint { state, files, .. } in best.into_iter().chain([found]) {
             let named = [WEIGHTS, OPTIMIZER, AVERAGED].into_iter();
             let files: Vec<_> = named.filter_map(|name| Some((name, files.get(name)?.clone()))).collect();

@@ -3,7 +3,7 @@
 use super::metrics::METRICS;
 use super::provenance::{self, PROVENANCE};
 use crate::{Error, Result};
-use kinelm_model::checkpoint::refuse_links;
+use kinelm_model::checkpoint::{Checkpoints, refuse_links};
 use kinelm_model::lead_in::LEAD_INS;
 use kinelm_model::run::{CONFIG, TOKENIZER};
 use kinelm_store::owned::{self, Access};
@@ -46,6 +46,8 @@ impl RunFolder {
         for folder in [run.join("samples"), run.join("checkpoints")] {
             fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         }
+        // of a call that was killed, maybe with other weights: this run would go on from them
+        Checkpoints::of(run).clear()?;
         provenance::note(run)?;
         Ok(folder)
     }
@@ -174,6 +176,7 @@ fn is_free(run: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use kinelm_model::checkpoint::{Best, Measured, State};
 
     #[test]
     fn one_process_at_a_time() {
@@ -247,6 +250,16 @@ mod tests {
         fs::write(run.join("config.toml.77-0011223344556677.part"), "ver").unwrap();
         drop(RunFolder::create(&run).unwrap());
         assert!(!run.join("config.toml.77-0011223344556677.part").exists());
+        // a branch that was killed after its first checkpoint
+        let checkpoints = Checkpoints::of(&run);
+        checkpoints.write(State::new(9, 0, 0, 1, Some(Best { step: 9, measured: Measured::Loss(1.0) })), &[]).unwrap();
+        fs::write(run.join("checkpoints/notes"), "mine").unwrap();
+        drop(RunFolder::create(&run).unwrap());
+        assert_eq!(
+            (checkpoints.steps().unwrap(), checkpoints.named("latest"), checkpoints.named("best")),
+            (vec![], None, None)
+        );
+        assert!(run.join("checkpoints/notes").exists());
         fs::write(run.join("config.toml"), "").unwrap();
         assert!(RunFolder::create(&run).unwrap_err().to_string().contains("run exists; resume it"));
         // no run's

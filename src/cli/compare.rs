@@ -1,11 +1,10 @@
 //! `kinelm compare`.
 
-use super::named::named;
+use super::named::{named, pair};
 use super::view::stem;
-use super::{ForceArgs, Odd, Say, print, progress, read::ReadArgs};
+use super::{ForceArgs, Say, print, progress, read::ReadArgs};
 use crate::spectral::compare::{CompareOptions, compare};
 use anyhow::Result;
-use kinelm_motion::format::{self, RestFrame};
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
@@ -42,15 +41,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let paths = [&files[0].path, &files[1].path];
     let outputs = args.force.outputs(paths.into_iter().cloned().chain(args.read.files()));
     outputs.check(args.page.as_deref())?;
-    let mut options = args.read.of_files(&paths, RestFrame::Drop, say);
-    files.iter().zip(&mut options).try_for_each(|(file, options)| file.set(options))?;
-    let motions = [format::read(paths[0], &options[0])?, format::read(paths[1], &options[1])?];
-    let odd = Odd::new(say);
-    motions.iter().zip(&options).for_each(|(motion, options)| odd.warn(motion, options));
-    drop(odd);
+    let [teacher, student] = pair(&files, &args.read, say)?;
     progress::stage("comparing the dances");
     let band_s = args.band.seconds(crate::spectral::compare::FPS);
-    let compared = compare(&motions[0], &motions[1], &CompareOptions { joints: args.joints, band_s })?;
+    let compared = compare(&teacher, &student, &CompareOptions { joints: args.joints, band_s })?;
     if let Some(path) = &args.page {
         let page = compared.page([&stem(paths[0]), &stem(paths[1])])?;
         outputs.write(path, page.as_bytes())?;

@@ -1,14 +1,14 @@
 //! `kinelm interpolate`.
 
-use super::named::named;
+use super::named::{named, pair};
 use super::view::stem;
-use super::{ForceArgs, Odd, Say, WrongCall, print, read::ReadArgs};
+use super::{ForceArgs, Say, WrongCall, print, read::ReadArgs};
 use crate::spectral::interpolate::{
     Alignment, Coordinates, Descent, InterpolateOptions, Interpolated, Method, Spectrum, align, interpolate,
 };
 use crate::view::{Figure, page};
 use anyhow::Result;
-use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::format;
 use kinelm_motion::moment::Moment;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -107,13 +107,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let outputs = args.force.outputs(paths.into_iter().cloned().chain(args.read.files()));
     outputs.check(std::iter::once(&*args.out).chain(args.page.as_deref()).chain(args.plot.as_deref()))?;
     args.plot.as_deref().map_or(Ok(()), |path| super::picture(path, &outputs))?;
-    let mut options = args.read.of_files(&paths, RestFrame::Drop, say);
-    files.iter().zip(&mut options).try_for_each(|(file, options)| file.set(options))?;
-    let motions = [format::read(paths[0], &options[0])?, format::read(paths[1], &options[1])?];
-    let odd = Odd::new(say);
-    motions.iter().zip(&options).for_each(|(motion, options)| odd.warn(motion, options));
-    drop(odd);
-    let [a, b] = motions;
+    let [a, b] = pair(&files, &args.read, say)?;
     super::progress::stage("blending the dances");
     let at_s = [args.what.at_a.seconds(a.clip.fps()), args.what.at_b.seconds(b.clip.fps())];
     let done = interpolate(&a, &b, &args.settings(at_s))?;

@@ -1,10 +1,12 @@
 //! The reading options that follow the name of one file of several: `FILE:fps=60,skip=10`.
 
-use super::WrongCall;
+use super::read::ReadArgs;
 use super::values::positive;
+use super::{Odd, Say, WrongCall};
 use anyhow::Result;
 use clap::ValueEnum;
-use kinelm_motion::format::{BvhPosition, MirrorAxis, ReadOptions, RestFrame, Unit, Up};
+use kinelm_motion::Motion;
+use kinelm_motion::format::{self, BvhPosition, MirrorAxis, ReadOptions, RestFrame, Unit, Up};
 use std::path::{Path, PathBuf};
 
 /// A file or a folder of the call, and the `key=value` pairs after its name.
@@ -47,6 +49,29 @@ pub fn named(clip: &Path) -> Result<Named> {
         None => Err(WrongCall(format!("{}: {part:?} after the colon; expected KEY=VALUE", clip.display())).into()),
     };
     Ok(Named { path: path.into(), own: list.split(',').map(pair).collect::<Result<_>>()? })
+}
+
+/// How each file is read: as the call's options say, then as its own do.
+///
+/// # Errors
+/// Those of [`Named::set`].
+pub fn options(files: &[Named], read: &ReadArgs, say: Say) -> Result<Vec<ReadOptions>> {
+    let paths: Vec<&Path> = files.iter().map(|file| &*file.path).collect();
+    let mut options = read.of_files(&paths, RestFrame::Drop, say);
+    files.iter().zip(&mut options).try_for_each(|(file, options)| file.set(options))?;
+    Ok(options)
+}
+
+/// Two motions; reports what is odd about them.
+///
+/// # Errors
+/// Those of [`options`] and of reading.
+pub fn pair(files: &[Named; 2], read: &ReadArgs, say: Say) -> Result<[Motion; 2]> {
+    let options = options(files, read, say)?;
+    let read = |i: usize| format::read(&files[i].path, &options[i]);
+    let (motions, odd) = ([read(0)?, read(1)?], Odd::new(say));
+    motions.iter().zip(&options).for_each(|(motion, options)| odd.warn(motion, options));
+    Ok(motions)
 }
 
 /// Sets one option of a file.

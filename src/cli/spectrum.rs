@@ -1,12 +1,12 @@
 //! `kinelm spectrum`.
 
-use super::named::named;
+use super::named::{named, options};
 use super::view::stem;
 use super::{ForceArgs, Odd, Say, WrongCall, read::ReadArgs};
 use crate::spectral::picture::{Spectra, SpectrumOptions, charts, panels};
 use crate::view::{Figure, Page, plot};
 use anyhow::Result;
-use kinelm_motion::format::{self, RestFrame};
+use kinelm_motion::format;
 use kinelm_motion::moment::Moment;
 use kinelm_motion::{Motion, joints};
 use kinelm_store::output::Outputs;
@@ -58,8 +58,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     outputs.check(args.out.as_deref().into_iter().chain(args.page.as_deref()))?;
     args.out.as_deref().map_or(Ok(()), |out| super::picture(out, &outputs))?;
     args.page.as_deref().map_or(Ok(()), super::page)?;
-    let mut options = args.read.of_files(&paths, RestFrame::Drop, say);
-    files.iter().zip(&mut options).try_for_each(|(file, options)| file.set(options))?;
+    let options = options(&files, &args.read, say)?;
     let odd = Odd::new(say);
     let (mut motions, mut all) = (Vec::new(), Vec::new());
     for (path, options) in paths.iter().zip(&options) {

@@ -44,34 +44,43 @@ pub fn flips(clip: &Clip, hips: usize) -> Vec<Flip> {
     let jumps: Vec<usize> = (1..world.len()).filter(|&f| step(f) > FLIP_DEG).collect();
     let (mut found, mut at) = (Vec::new(), 0);
     while let Some(&[first, end]) = jumps.get(at..at + 2) {
-        // as if the step before went on, and the step after had begun earlier: a dancer who spins as fast doesn't flip
-        let ahead = |from: usize, before: usize| world[from] * world[before].conjugate() * world[from];
-        let before = ahead(first - 1, first.saturating_sub(2));
-        let after = ahead(end, (end + 1).min(world.len() - 1));
-        let of_world = [world[first] * before.conjugate(), world[end - 1] * after.conjugate()];
-        let of_own = [before.conjugate() * world[first], after.conjugate() * world[end - 1]];
-        let large = |turn: &Quat| angle_between(*turn, Quat::IDENTITY).to_degrees() > FLIP_DEG;
-        let apart = |turns: [Quat; 2]| angle_between(turns[0], turns[1]).to_degrees();
-        // the same fault at both ends, about an axis of the world or of the hips: whichever half turn is nearer
-        let exact = [(false, of_world), (true, of_own)].map(|(own, turns)| {
-            let half = nearest_half(turns[0], own);
-            let off = turns.map(|turn| angle_between(turn, half).to_degrees());
-            (off[0].max(off[1]), Flip { frames: first..end, own, turns: [half; 2] })
-        });
-        let rough = [(false, of_world), (true, of_own)]
-            .map(|(own, turns)| (apart(turns), Flip { frames: first..end, own, turns }));
-        let nearest = |[a, b]: [(f64, Flip); 2]| if b.0 < a.0 { b } else { a };
-        let (exact, rough) = (nearest(exact), nearest(rough));
-        let flip = match () {
-            _ if !of_world.iter().all(large) => None,
-            _ if exact.0 < UPRIGHT_DEG => Some(exact.1),
-            _ if rough.0 < SAME_DEG => Some(rough.1),
-            _ => None,
-        };
+        let flip = flip(&world, first..end);
         at += if flip.is_some() { 2 } else { 1 };
         found.extend(flip);
     }
     found
+}
+
+/// The flip between two jumps of world rotations (F), if they are one.
+fn flip(world: &[Quat], frames: Range<usize>) -> Option<Flip> {
+    let Range { start: first, end } = frames;
+    // as if the step before went on, and the step after had begun earlier: a dancer who spins as fast doesn't flip
+    let ahead = |from: usize, before: usize| world[from] * world[before].conjugate() * world[from];
+    let before = ahead(first - 1, first.saturating_sub(2));
+    let after = ahead(end, (end + 1).min(world.len() - 1));
+    // about an axis of the world, or of the hips
+    let of_world = [world[first] * before.conjugate(), world[end - 1] * after.conjugate()];
+    let of_own = [before.conjugate() * world[first], after.conjugate() * world[end - 1]];
+    let degrees = |a: Quat, b: Quat| angle_between(a, b).to_degrees();
+    if !of_world.iter().all(|turn| degrees(*turn, Quat::IDENTITY) > FLIP_DEG) {
+        return None;
+    }
+    // of both kinds of axis the one that fits better
+    let nearer = |fit: &dyn Fn(bool, [Quat; 2]) -> (f64, [Quat; 2])| {
+        let [world, own] = [(false, of_world), (true, of_own)].map(|(own, turns)| (own, fit(own, turns)));
+        let (own, (off, turns)) = if own.1.0 < world.1.0 { own } else { world };
+        (off, Flip { frames: first..end, own, turns })
+    };
+    // the same half turn at both ends
+    let (off, flip) = nearer(&|own, turns| {
+        let half = nearest_half(turns[0], own);
+        (degrees(turns[0], half).max(degrees(turns[1], half)), [half; 2])
+    });
+    if off < UPRIGHT_DEG {
+        return Some(flip);
+    }
+    let (off, flip) = nearer(&|_, turns| (degrees(turns[0], turns[1]), turns));
+    (off < SAME_DEG).then_some(flip)
 }
 
 /// A clip whose joint `hips` is turned back over its flips; joints on it that turned against a flip stay where they are. All

@@ -1,14 +1,16 @@
 //! The promises of the tiles over whole clips.
 
-use super::super::Fitted;
 use super::*;
 use crate::channel::RootRotation;
 use crate::contract::{bent, wild};
-use crate::scheme::SchemeConfig;
-use crate::{Tokenizer, TokenizerConfig};
+use crate::scheme::line::Line;
+use crate::scheme::series::Anchor;
+use crate::scheme::{Fitted, SchemeConfig};
+use crate::{Height, JointTransform, Tokenizer, TokenizerConfig};
 use kinelm_motion::joints::THIRTEEN;
 use kinelm_motion::metric::GeodesicError;
 use kinelm_motion::rotation::angle_between;
+use kinelm_motion::{Quat, Vec3};
 use proptest::prelude::*;
 
 const ALL: [usize; 24] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23];

@@ -45,14 +45,10 @@ function listen() {
     e.preventDefault();
     does();
   });
-  window.addEventListener('resize', () => { state.dirty = true; });
-  const dark = matchMedia('(prefers-color-scheme: dark)');
-  dark.addEventListener('change', theme);
+  listenToWindow(stage, scene, theme);
   window.addEventListener('hashchange', () => { address(); state.dirty = true; });
   const pressed = panels.find(panel => panel.press);
   listenToPointers(scene.canvas, stage, pressed && ((x, y) => pressed.press(x, y)));
-  scene.canvas.addEventListener('webglcontextlost', e => e.preventDefault());
-  scene.canvas.addEventListener('webglcontextrestored', () => { scene.build(); state.dirty = true; });
 }
 
 // The fragment of the address: `#t=2.5&pause&yaw=30`.
@@ -80,10 +76,8 @@ function address() {
 }
 
 function theme() {
-  const asked = name => location.hash.slice(1).split('&').includes(name);
-  const dark = asked('dark') || (!asked('light') && matchMedia('(prefers-color-scheme: dark)').matches);
-  document.documentElement.classList.toggle('dark', dark);
-  readColours();
+  readTheme(stage);
+  for (const panel of panels) panel.paint();
 }
 
 // What is left where nothing can be drawn: a sentence, and the dances as files.
@@ -126,5 +120,5 @@ function start() {
   scene.resize();
   show();
   if (parts.has('selftest')) selftest();
-  requestAnimationFrame(stamp => { before = stamp; tick(stamp); });
+  run(stage, show);
 }

@@ -185,13 +185,18 @@ impl<'a> Page<'a> {
         let of_words = |text: &'static str| if words { text } else { "" };
         let left_out = [(SOUND, music.is_some()), (PICK, words)].map(|(name, there)| if there { "" } else { name });
         let style = include_str!("page.css").to_owned() + &of_panels(include_str!("panels.css"));
+        let shades = of_panels(&format!("const SHADES = {:?};\n", plot::SHADES));
         let parts = [
             ("title", escaped(&titles.join(", "))),
             ("style", [include_str!("player/look.css"), &style, of_words(include_str!("words.css"))].concat()),
             ("modules", script(&left_out)),
+            ("any_page", ANY_PAGE.into()),
             ("page", include_str!("page.js").into()),
             ("controls", include_str!("controls.js").into()),
-            ("panel_script", of_words(include_str!("words.js")).to_owned() + &of_panels(include_str!("panels.js"))),
+            (
+                "panel_script",
+                [of_words(include_str!("words.js")), &shades, &of_panels(include_str!("panels.js"))].concat(),
+            ),
             ("selftest", include_str!("selftest.js").into()),
             // in JSON, `<` is only inside strings: none is left that could end the element or open a comment
             ("data", data.replace('<', "\\u003c")),
@@ -215,10 +220,8 @@ pub fn write_page(path: &Path, figures: &[Figure]) -> Result<usize> {
 }
 
 /// The modules of the page's player, each after those it imports, and its look. The page has them in one script and one
-/// style sheet, the studio loads them.
-/// An `import` or `export` begins its line, an `import` has one line alone, and no two modules have names in common, so
-/// that
-/// `script` needs no parser.
+/// style sheet, the studio loads them. An `import` or `export` begins its line, an `import` has one line alone, and no two
+/// modules have names in common, so that `script` needs no parser.
 pub const MODULES: &[(&str, &str)] = &[
     ("scene.js", include_str!("player/scene.js")),
     ("figure.js", include_str!("player/figure.js")),
@@ -232,6 +235,9 @@ pub const MODULES: &[(&str, &str)] = &[
 ];
 const SOUND: &str = "sound.js";
 const PICK: &str = "pick.js";
+
+/// The script of every page after its modules.
+const ANY_PAGE: &str = include_str!("any_page.js");
 
 /// The modules, but those `left_out`, as one script: without imports, `export`, comments, and the types in
 /// `/** .. */`, which only a checker reads.

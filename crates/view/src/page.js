@@ -1,7 +1,5 @@
 // The page of `kinelm view`: its dances, music, marks and clock, on the stage that it shares with the studio.
 
-const $ = id => document.getElementById(id);
-
 const stage = new Stage();
 const figures = JSON.parse($('figures').textContent).map(data => new Figure(data, decoded(data.data)));
 stage.setFigures(figures);
@@ -21,27 +19,16 @@ for (const [from, to] of figures.flatMap(f => f.anew)) {
   $('anew').append(mark);
 }
 
-// ---- colours, from the style sheet ----
-function readColours() {
-  const style = getComputedStyle(document.documentElement);
-  const rgb = name => [1, 3, 5].map(i => parseInt(style.getPropertyValue(name).trim().slice(i, i + 2), 16) / 255);
-  for (const name of ['floor', 'line', 'ink', 'given']) colours[name] = rgb(`--${name}`);
-  colours.shadow = parseFloat(style.getPropertyValue('--shadow'));
-  figures.forEach((f, i) => { f.colour = rgb(`--figure-${i % 6}`); });
-  for (const panel of panels) panel.paint();
-  state.dirty = true;
-}
-
 // ---- labels, with what is hit of the music's beats ----
 const labels = new Labels($('labels'), stage);
-labels.make((_, i) => `var(--figure-${i % 6})`);
+labels.make((_, i) => `var(${tint(i)})`);
 figures.forEach((f, i) => {
   if (!player || !f.hits) return;
   const kept = document.createElement('span'), light = document.createElement('i');
   light.className = 'light';
   kept.append(light, f.hits.says);
   labels.all[i].append(kept);
-  player.hit(f.hits.beats, `var(--figure-${i % 6})`, light);
+  player.hit(f.hits.beats, `var(${tint(i)})`, light);
 });
 
 // ---- what stands beside the dancers, where something does ----
@@ -59,23 +46,10 @@ function draw(plain = false) {
 function show() {
   scene.resize();
   labels.place(draw().view, scene.canvas.clientWidth, scene.canvas.clientHeight);
-  const clock = s => `${Math.floor(s / 60)}:${(s % 60 < 9.95 ? '0' : '') + (s % 60).toFixed(1)}`;
   if (player) player.show(state.time);
-  $('now').textContent = clock(state.time);
-  $('whole').textContent = ` / ${clock(whole)}`;
+  $('now').textContent = minutes(state.time);
+  $('whole').textContent = ` / ${minutes(whole)}`;
   $('scrub').value = state.time;
   $('scrub').style.setProperty('--done', `${whole ? 100 * state.time / whole : 0}%`);
   for (const panel of panels) panel.show(state.time);
-}
-
-let before = 0;
-function tick(stamp) {
-  const dt = clamp((stamp - before) / 1000, 0, 0.1);
-  before = stamp;
-  stage.advance(dt);
-  if (state.dirty) {
-    state.dirty = false;
-    show();
-  }
-  requestAnimationFrame(tick);
 }

@@ -4,10 +4,8 @@
 
 const [LEFT, EDGE] = [92, 10];                       // pixels beside a time axis, the same for all: moments are above each other
 const GAP = 65535;                                   // the number of a value that isn't there
-// viridis (Smith and van der Walt 2015), as in plots
-const SHADES = ['#440154', '#482878', '#3e4989', '#31688e', '#26828e', '#1f9e89', '#35b779', '#6ece58', '#b5de2b', '#fde725']
-  .map(hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16)));
 
+// One of SHADES, the colours of plots, which the page puts before this script.
 function shade(part) {
   const at = clamp(part, 0, 1) * (SHADES.length - 1), i = Math.min(Math.floor(at), SHADES.length - 2), u = at - i;
   return `rgb(${SHADES[i].map((c, k) => Math.round(c + (SHADES[i + 1][k] - c) * u)).join()})`;
@@ -19,9 +17,7 @@ const part = (tag, name, ...content) => {
   made.append(...content);
   return made;
 };
-const own = figure => (figure === null ? 'var(--quiet)' : `var(--figure-${figure % 6})`);
 const look = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const minutes = s => `${Math.floor(s / 60)}:${(s % 60 < 9.95 ? '0' : '') + (s % 60).toFixed(1)}`;
 
 // A number as one reads it, to three digits.
 function digits(x) {
@@ -90,7 +86,7 @@ class Timed {
   name(tracks, unit, dots) {
     for (const track of tracks) {
       const value = part('b'), entry = part('span', '', dots ? part('i') : '', track.name ? `${track.name} ` : '', value);
-      entry.style.setProperty('--own', own(track.figure));
+      entry.style.setProperty('--own', `var(${tint(track.figure)})`);
       this.legend.append(entry);
       this.readouts.push(time => {
         const text = `${digits(track.when(time))}${unit && ` ${unit}`}`;
@@ -162,7 +158,7 @@ class LinesPanel extends Timed {
       pen.stroke();
     }
     for (const track of this.tracks) {
-      pen.strokeStyle = track.figure === null ? colours.quiet : look(`--figure-${track.figure % 6}`);
+      pen.strokeStyle = look(tint(track.figure));
       pen.lineWidth = 1.5;
       pen.beginPath();
       let drawing = false;
@@ -221,7 +217,7 @@ class StripPanel extends Timed {
   constructor({ title, figure, every }) {
     super(title, 104);
     this.figure = figures[figure];
-    this.colour = figure % 6;
+    this.index = figure;
     this.every = every;
     this.places = new Float32Array(this.figure.points * 3);
   }
@@ -229,7 +225,7 @@ class StripPanel extends Timed {
   drawOn(pen, colours) {
     const { figure, places } = this, bottom = this.height - 20, size = (bottom - 6) / (figure.top || 1);
     const room = 34 / (this.width - LEFT - EDGE) * (whole || 1), every = this.every * Math.max(1, Math.ceil(room / this.every));
-    pen.strokeStyle = look(`--figure-${this.colour}`);
+    pen.strokeStyle = look(tint(this.index));
     pen.lineCap = 'round';
     pen.lineWidth = 1.6;
     for (let time = 0; time <= figure.lasts + 1e-9; time += every) {
@@ -249,7 +245,7 @@ class StripPanel extends Timed {
 function momentsPanel({ title, moments }) {
   const buttons = moments.map(({ label, at, figure }) => {
     const button = part('button', 'moment', part('i'), part('b', '', minutes(at)), ` ${label}`);
-    button.style.setProperty('--own', own(figure));
+    button.style.setProperty('--own', `var(${tint(figure)})`);
     button.onclick = () => seek(at);
     return button;
   });

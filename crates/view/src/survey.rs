@@ -2,7 +2,7 @@
 //! button that saves them as a file. It knows nothing of what it shows but the dances.
 
 use crate::data::drawn;
-use crate::{Error, Figure, PICK, Result, SOUND, escaped, filled, script};
+use crate::{ANY_PAGE, Error, Figure, PICK, Result, SOUND, escaped, filled, script};
 use serde_json::json;
 
 /// A question about the dancers of some trials.
@@ -41,6 +41,7 @@ impl Survey<'_> {
             ("question", escaped(question)),
             ("style", style),
             ("modules", script(&[SOUND, PICK])),
+            ("any_page", ANY_PAGE.into()),
             ("survey", include_str!("survey/survey.js").into()),
             ("data", data.replace('<', "\\u003c")),
         ];

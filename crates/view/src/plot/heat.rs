@@ -14,7 +14,7 @@ const BAR: [i32; 2] = [16, 16];
 const MOST_COLUMNS: usize = 400; // fewer than the pixels of a frame: narrower cells would round to none
 
 /// Ten colours of matplotlib's viridis (Smith and van der Walt 2015): perceptually uniform, also with red-green blindness.
-const COLOURS: [[f64; 3]; 10] = [
+pub(crate) const SHADES: [[f64; 3]; 10] = [
     [68.0, 1.0, 84.0],
     [72.0, 40.0, 120.0],
     [62.0, 73.0, 137.0],
@@ -75,9 +75,9 @@ impl Heat {
 
 /// The colour of 0 (darkest) to 1 (lightest).
 pub fn colour(part: f64) -> RGBColor {
-    let at = part * (COLOURS.len() - 1) as f64;
-    let (i, t) = ((at as usize).min(COLOURS.len() - 2), at - (at as usize).min(COLOURS.len() - 2) as f64);
-    let mix = |k: usize| (COLOURS[i][k] + t * (COLOURS[i + 1][k] - COLOURS[i][k])).round() as u8;
+    let at = part * (SHADES.len() - 1) as f64;
+    let (i, t) = ((at as usize).min(SHADES.len() - 2), at - (at as usize).min(SHADES.len() - 2) as f64);
+    let mix = |k: usize| (SHADES[i][k] + t * (SHADES[i + 1][k] - SHADES[i][k])).round() as u8;
     RGBColor(mix(0), mix(1), mix(2))
 }
 

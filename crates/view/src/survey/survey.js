@@ -1,6 +1,5 @@
 // A survey: a trial's dancers on the stage, a button for each answer, and the votes.
 
-const $ = id => document.getElementById(id);
 const survey = JSON.parse($('survey').textContent);
 const stage = new Stage(), labels = new Labels($('labels'), stage);
 const { state, colours } = stage;
@@ -60,8 +59,8 @@ function show(trial) {
   at = Math.min(trial, count - 1);
   if (trial < count) {
     stage.setFigures(survey.trials[at].map(data => new Figure(data, decoded(data.data))));
-    labels.make((_, i) => `var(--figure-${i})`);
-    theme();
+    labels.make((_, i) => `var(${tint(i)})`);
+    readTheme(stage);
     stage.resetView();
     stage.seek(0);
     stage.play(!state.stopped);
@@ -75,35 +74,12 @@ function show(trial) {
   });
 }
 
-function theme() {
-  const asked = name => location.hash.slice(1).split('&').includes(name);
-  const dark = asked('dark') || (!asked('light') && matchMedia('(prefers-color-scheme: dark)').matches);
-  document.documentElement.classList.toggle('dark', dark);
-  const style = getComputedStyle(document.documentElement);
-  const rgb = name => [1, 3, 5].map(i => parseInt(style.getPropertyValue(name).trim().slice(i, i + 2), 16) / 255);
-  for (const name of ['floor', 'line', 'ink', 'given']) colours[name] = rgb(`--${name}`);
-  colours.shadow = parseFloat(style.getPropertyValue('--shadow'));
-  stage.figures.forEach((f, i) => { f.colour = rgb(`--figure-${i}`); });
-  state.dirty = true;
-}
-
 function draw() {
   scene.resize();
   stage.compose();
   const view = stage.camera(scene.canvas.width, scene.canvas.height);
   scene.draw(view, stage.things, colours, false);
   labels.place(view.view, scene.canvas.clientWidth, scene.canvas.clientHeight);
-}
-
-let before = 0;
-function tick(stamp) {
-  stage.advance(clamp((stamp - before) / 1000, 0, 0.1));
-  before = stamp;
-  if (state.dirty) {
-    state.dirty = false;
-    draw();
-  }
-  requestAnimationFrame(tick);
 }
 
 function replay() {
@@ -132,12 +108,10 @@ function listen() {
     else return;
     e.preventDefault();
   });
-  addEventListener('resize', () => { state.dirty = true; });
+  const theme = () => readTheme(stage);
   addEventListener('hashchange', theme);
-  matchMedia('(prefers-color-scheme: dark)').addEventListener('change', theme);
+  listenToWindow(stage, scene, theme);
   listenToPointers(scene.canvas, stage);
-  scene.canvas.addEventListener('webglcontextlost', e => e.preventDefault());
-  scene.canvas.addEventListener('webglcontextrestored', () => { scene.build(); state.dirty = true; });
 }
 
 function start() {
@@ -155,7 +129,7 @@ function start() {
   // where one left off; all answered: the end
   const open = survey.trials.findIndex((_, trial) => !votes.by[trial]);
   show(open < 0 ? survey.trials.length : open);
-  requestAnimationFrame(stamp => { before = stamp; tick(stamp); });
+  run(stage, draw);
 }
 
 start();

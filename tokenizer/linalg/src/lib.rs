@@ -1,4 +1,4 @@
-//! Eigenvectors, principal components and products of small matrices.
+//! Eigenvectors, principal components, triangles and products of small matrices.
 //!
 //! A crate of its own because faer is generic: its code is compiled here once (half a minute), not with every change of the
 //! crates that use it. Matrices are slices, row by row. Everything runs on one thread: the same input gives the same bytes.
@@ -50,6 +50,24 @@ pub fn product([m, k, n]: [usize; 3], a: &[f64], b: &[f64], transposed: bool) ->
     out
 }
 
+/// The lower triangle L of a symmetric matrix (n, n) that is L times its transpose, (n, n) with zeros above the diagonal.
+/// `None` when the matrix isn't positive definite.
+///
+/// Only the lower triangle is read.
+///
+/// ```
+/// assert_eq!(kinelm_linalg::cholesky(2, &[4.0, 0.0, 2.0, 10.0]), Some(vec![2.0, 0.0, 1.0, 3.0]));
+/// ```
+///
+/// # Panics
+/// When `matrix` isn't n x n.
+pub fn cholesky(n: usize, matrix: &[f64]) -> Option<Vec<f64>> {
+    assert_eq!(matrix.len(), n * n, "a matrix of {n} x {n}");
+    let found = MatRef::from_row_major_slice(matrix, n, n).llt(Side::Lower).ok()?;
+    let lower: Vec<f64> = (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).map(|at| found.L()[at]).collect();
+    lower.iter().all(|x| x.is_finite()).then_some(lower)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -62,6 +80,7 @@ mod tests {
         assert!((vectors[0].powi(2) + vectors[1].powi(2) - 1.0).abs() < 1e-14);
         assert_eq!(symmetric_eigen(0, &[]), Some((vec![], vec![])));
         assert_eq!(symmetric_eigen(1, &[f64::NAN]), None);
+        assert_eq!((cholesky(2, &[1.0, 0.0, 2.0, 1.0]), cholesky(1, &[f64::NAN])), (None, None));
         let (a, b) = ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [1.0, 0.0, 2.0, -1.0, 1.0, 3.0]);
         assert_eq!(product([2, 3, 2], &a, &b, false), [8.0, 7.0, 20.0, 13.0]);
         assert_eq!(product([2, 3, 2], &a, &b, true), [7.0, 10.0, 16.0, 19.0]);

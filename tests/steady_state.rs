@@ -49,7 +49,7 @@ fn batch(first: u32, windows: usize, length: usize) -> Batch {
     let id = |i: usize| first + (i * i * 7 % 84) as u32;
     let n = windows * length;
     let (inputs, targets) = ((0..n).map(id).collect(), (1..=n).map(id).collect());
-    Batch { inputs, targets, clips: vec!["clip".into(); windows], conditioning: None }
+    Batch { inputs, targets, history: Vec::new(), clips: vec!["clip".into(); windows], conditioning: None }
 }
 
 #[test]

@@ -94,7 +94,13 @@ fn made_up(bench: &BenchModel, batch: usize) -> Batch {
         let id = || FIRST_ID + rng.next_u32() % ordinary;
         std::iter::repeat_with(id).take(batch * context).collect::<Vec<u32>>()
     };
-    Batch { inputs: ids(), targets: ids(), clips: vec!["made up".into(); batch], conditioning: None }
+    Batch {
+        inputs: ids(),
+        targets: ids(),
+        history: Vec::new(),
+        clips: vec!["made up".into(); batch],
+        conditioning: None,
+    }
 }
 
 /// A whole step; its loss.

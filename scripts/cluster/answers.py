@@ -49,12 +49,19 @@ class Answers(nn.Module):
         kinds = torch.tensor([*tokens.place_ids(), (0, 0, 0)] if tokens.places else [(0, 0, 0)] * tokens.word)
         self.register_buffer("kinds", kinds.long(), persistent=False)
         self.plans = {}
+        self.history = 0  # frames before a window that are read
 
     def forward(self, ids, targets=None):
         """Logits (B, T, V) of inputs (B, T), -inf where an id can't be; rows of the front that predict nothing have some.
-        With targets (B, T) their -ln p, 0 where they are pad."""
-        h = self.norm(self.states(ids))
-        return self.logits(h, ids) if targets is None else self.nats(h, ids, targets)
+        With targets (B, T) their -ln p, 0 where they are pad. A model that reads frames before its windows has them behind
+        the front of `ids`."""
+        ids, states, before = self.read(ids)
+        h = self.norm(states)
+        return self.logits(h, ids, before) if targets is None else self.nats(h, ids, targets, before)
+
+    def read(self, ids):
+        """The window's inputs (B, T), their states (B, T, D), and (B, T) the id that each counts its steps from, -1 for none."""
+        return ids, self.states(ids), self.earlier(ids, 1)
 
     def ids_table(self):
         """(V, D) whose rows answer for all ids."""
@@ -77,7 +84,7 @@ class Answers(nn.Module):
 
     # --- heads
 
-    def logits(self, h, ids):
+    def logits(self, h, ids, before):
         """Logits (B, T, V) of states (B, T, D)."""
         B, T, V = *ids.shape, self.tokens.vocabulary
         if self.config.head == "absolute":
@@ -86,7 +93,6 @@ class Answers(nn.Module):
         logits = h[:, plain] @ self.ids_table().T
         out = torch.full((B, T, V), -torch.inf, dtype=logits.dtype, device=ids.device)
         out = out.index_copy(1, plain, logits)
-        before = self.earlier(ids, 1)
         for name, r, first, n in steps:  # R inputs; (R, 1) of each
             table = getattr(self.head, name).weight
             bin = torch.arange(V, device=ids.device) - first  # (R, V): j of every id
@@ -94,10 +100,11 @@ class Answers(nn.Module):
             there = (bin >= 0) & (bin < n)
             row = (bin - p) % n if name == "circular" else bin - p + len(table) // 2
             found = (h[:, r] @ table.T).gather(2, row.clamp(0, len(table) - 1))
-            out = out.index_copy(1, r, found.masked_fill(~there, -torch.inf))
+            found = found.masked_fill(~there, -torch.inf)
+            out = out.index_copy(1, r, torch.where(before[:, r, None] >= 0, found, out[:, r]))
         return out
 
-    def nats(self, h, ids, targets):
+    def nats(self, h, ids, targets, before):
         """-ln p (B, T) of targets, 0 where they are pad, infinite where they can't be, from states (B, T, D): as from the
         logits, without making them."""
         pad = self.tokens.pad
@@ -108,7 +115,6 @@ class Answers(nn.Module):
         # a table that nobody asks, in windows of one frame, has the gradient 0
         nothing = sum(0.0 * part.weight.sum() for part in self.head.children())
         out = torch.zeros_like(targets, dtype=found.dtype).index_copy(1, plain, found + nothing)
-        before = self.earlier(ids, 1)
         for name, r, first, n in steps:
             table = getattr(self.head, name).weight
             some, p = targets[:, r], before[:, r] - first[:, 0]  # (B, R)
@@ -122,11 +128,13 @@ class Answers(nn.Module):
                 to = row - len(table) // 2 + p[..., None]
                 there = (to >= 0) & (to < n)  # (B, R, rows)
             is_bin = (some >= first[:, 0]) & (some < first[:, 0] + n[:, 0])
-            wanted = torch.where(is_bin & (wanted >= 0) & (wanted < len(table)), wanted, -1)
+            counts = before[:, r] >= 0
+            wanted = torch.where(is_bin & counts & (wanted >= 0) & (wanted < len(table)), wanted, -1)
             # where nothing counts every step may come, so that no gradient is nan
             there = there | (wanted < 0)[..., None]
             found = loss(rows.masked_fill(~there, -torch.inf), wanted, -1)
-            out = out.index_copy(1, r, found.masked_fill((some != pad) & ~is_bin, torch.inf))
+            found = found.masked_fill((some != pad) & ~is_bin, torch.inf)
+            out = out.index_copy(1, r, torch.where(counts, found, out[:, r]))
         return out
 
     def plan(self, T):
@@ -135,12 +143,13 @@ class Answers(nn.Module):
         if T not in self.plans:
             first, count, circular = (x.cpu() for x in self.kind_of(T))
             late = torch.arange(T) >= self.tokens.front - 1 + self.tokens.word
-            relative, goes = late & (count > 0), circular > 0
+            # a window's first frame may count from a frame before the window
+            relative, goes = (late | bool(self.history)) & (count > 0), circular > 0
             rows = lambda which: which.nonzero()[:, 0]
             tables = [("circular", rows(relative & goes)), ("clamped", rows(relative & ~goes))]
             move = lambda *all: [x.to(self.kinds.device) for x in all]
             steps = [(name, *move(r, first[r, None], count[r, None])) for name, r in tables if len(r)]
-            self.plans[T] = *move(rows(~relative)), steps
+            self.plans[T] = *move(rows(~(late & (count > 0)))), steps
         return self.plans[T]
 
     def uncounted(self, ids):

@@ -27,6 +27,17 @@ class Linear(nn.Module):
         return F.linear(x, self.weight.T, self.bias)
 
 
+class Projection(Table):
+    """A matrix without a bias, which begins as zeros and learns as tables do."""
+
+    def __init__(self, i, o):
+        super().__init__(i, o)
+        nn.init.zeros_(self.weight)
+
+    def forward(self, x):
+        return x @ self.weight
+
+
 class Attention(nn.Module):
     def __init__(self, c, residual):
         super().__init__()

@@ -50,6 +50,10 @@ class Model:
         model.load_state_dict({name: x.float() for name, x in load_file(self.weights).items()})
         return model
 
+    def forecast(self):
+        """The tensors that no training changes."""
+        return {name: x.float() for name, x in load_file(self.weights).items() if name.startswith("forecast.")}
+
     def write(self, folder, model, step):
         """What `kinelm import` reads; each file whole or not at all, the weights last."""
         folder = Path(folder)
@@ -108,7 +112,8 @@ class Model:
 
 
 def weights_of(model):
-    return {name: p.detach().cpu().float().contiguous() for name, p in sorted(model.named_parameters())}
+    """Parameters, and the forecast, which isn't trained."""
+    return {name: p.detach().cpu().float().contiguous() for name, p in sorted(model.state_dict().items())}
 
 
 def stated(tokens):

@@ -37,6 +37,7 @@ def likelihood(model, parts, conditions, about, most, place, split="valid"):
 def measured(model, corpus, every, most, conditions, about, place):
     """Nats, tokens asked for, tokens and frames shown, of some windows of a corpus, spread evenly."""
     tokens, masked = about.tokens, about.config.kind == "masked"
+    history = windows.history(about.config, tokens)
     taken = range(len(every)) if most >= len(every) else [i * len(every) // most for i in range(most)]
     length = max(every[i][2] for i in taken) + tokens.front - (0 if masked else 1)
     nats = asked = shown = frames = 0
@@ -52,6 +53,8 @@ def measured(model, corpus, every, most, conditions, about, place):
             else:
                 pairs.append(windows.causal(ids, front, tokens.pad, length))
                 pairs[-1][1][: tokens.front - 1 + scored] = tokens.pad
+                before = corpus.ids(clip, max(0, start - history), start)
+                pairs[-1] = windows.with_history(pairs[-1][0], tokens.front, before, history, tokens.pad), pairs[-1][1]
             shown += n - scored
             frames += scored_frames(corpus, clip, start + scored, start + n)
         x, y = (torch.from_numpy(np.stack(side)).to(place.device) for side in zip(*pairs))

@@ -119,6 +119,8 @@ class Trainer:
         if not self.o.fresh:
             return self.about.build()
         model = build(self.about.config, self.about.tokens)
+        # what is forecast belongs to the data
+        model.load_state_dict(self.about.forecast(), strict=False)
         with torch.no_grad():
             for name, p in model.named_parameters():
                 if p.dim() == 2:
@@ -235,7 +237,7 @@ class Trainer:
         if not self.average:
             return self.model
         model = build(self.about.config, self.about.tokens).to(self.place.device)
-        model.load_state_dict(self.average)
+        model.load_state_dict({**self.model.state_dict(), **self.average})
         return model
 
     def measure(self):

@@ -10,7 +10,8 @@ from torch import nn
 from torch.nn import functional as F
 
 from answers import Answers, counts
-from blocks import Linear, Table, deviation, stack
+from blocks import Linear, Projection, Table, deviation, stack
+from forecast import HISTORY, NUMBERS, Forecast, numbers, reached, steps
 
 BACK = 2  # frames that the trunk reads
 
@@ -45,6 +46,7 @@ class TwoLevelConfig:
     window: int = 128
     decoder: dict = field(default_factory=dict)
     goal: bool = False
+    forecast: bool = True
     music: str = "none"
     music_scale: dict | None = None
 
@@ -82,6 +84,7 @@ class TwoLevel(Answers):
         c = config.resolved(tokens)
         decoder = Stack(**c.decoder)
         super().__init__(c, tokens, decoder.width)
+        self.history = HISTORY if c.forecast else 0
         self.characters = tokens.word - 1
         self.circular, self.clamped = counts(tokens)
         self.bins = max(self.circular, self.clamped)  # S
@@ -94,26 +97,39 @@ class TwoLevel(Answers):
             "frame": Linear(D, d), "last": Table(self.steps + 1 + self.bins, d), "place": Table(tokens.word, d),
             "character": Table(self.bins + 1, d), "step": Table(self.steps + 1, d), "block": stack(decoder),
         })
+        if c.forecast:
+            self.forecast = Forecast(C)
+            self.spell["innovation"] = Table(self.steps + 1, d)
+            self.spell["forecast"] = Projection(NUMBERS, d)
         for level, width in ((self.frame, D), (self.spell, d)) if tokens.front > 1 else ():
             level["label"] = Table(tokens.vocabulary, width)
             nn.init.zeros_(level["label"].weight)
         of_place = torch.tensor(tokens.place_ids())  # (C, 3): first id, bins, goes round
         self.register_buffer("of_place", of_place.long(), persistent=False)
 
-    def states(self, ids):
-        """(B, T, d); zeros for the tokens of the front but its last."""
-        (B, T), K, W = ids.shape, self.tokens.front, self.tokens.word
+    def read(self, ids):
+        """As Answers.read; (B, T, d) states, zeros for the tokens of the front but its last."""
+        K, W, H = self.tokens.front, self.tokens.word, self.history
+        B, T = ids.shape[0], ids.shape[1] - H * W
         frames = -(-(T - K + 1) // W)
-        words = F.pad(ids[:, K:], (0, frames * W - (T - K)), value=self.tokens.pad).view(B, frames, W)
-        now = self.codes(words)  # (B, F, C)
-        before = [F.pad(now, (0, 0, n, 0), value=-1)[:, :frames] for n in (1, 2)]
+        words = F.pad(ids[:, K:], (0, frames * W - (T - K)), value=self.tokens.pad).view(B, H + frames, W)
+        all = F.pad(self.codes(words), (0, 0, 2, 0), value=-1)  # (B, 2 + H + F, C)
+        now, *before = [all[:, 2 + H - n : 2 + H - n + frames] for n in (0, 1, 2)]
+        base, forecast = before[0], None
+        if H:
+            _, count, circular = self.of_place.unbind(1)
+            forecast = self.forecast(all[:, 2:], count, circular)[:, H:]
+            base = reached(before[0], forecast, count, circular)
         spoken = self.spell["frame"](self.trunk_rows(before, ids[:, 1:K]))
         if "label" in self.spell:
             spoken = spoken + self.spell["label"](ids[:, 1:K]).sum(1, keepdim=True)
-        x = (spoken[:, :, None] + self.spelt(now, *before)).view(B * frames, W, -1)
+        x = (spoken[:, :, None] + self.spelt(now, *before, base, forecast)).view(B * frames, W, -1)
         for block in self.spell["block"].values():
             x = block(x)
-        return F.pad(x.reshape(B, frames * W, -1)[:, : T - K + 1], (0, 0, K - 1, 0))
+        states = F.pad(x.reshape(B, frames * W, -1)[:, : T - K + 1], (0, 0, K - 1, 0))
+        counts = F.pad(torch.where(base >= 0, base + self.of_place[:, 0], -1), (0, 1), value=-1).view(B, frames * W)
+        counts = F.pad(counts, (K - 1, 0), value=-1)[:, :T]
+        return torch.cat([ids[:, :K], ids[:, K + H * W :]], 1), states, counts
 
     def codes(self, words):
         """Bins (B, F, C) of words (B, F, W), -1 where a token is none of its place's."""
@@ -143,8 +159,9 @@ class TwoLevel(Answers):
         by = to - since
         return torch.where(circular > 0, by % count, self.circular + self.clamped - 1 + by)
 
-    def spelt(self, now, a, b):
-        """(B, F, W, d) what the decoder reads of bins (B, F, C) of this frame, of the one before and of that before it."""
+    def spelt(self, now, a, b, base, forecast):
+        """(B, F, W, d) what the decoder reads of bins (B, F, C) of this frame, of the one before and of that before it, and of
+        a forecast of this frame's steps, which lead to the bins `base`."""
         begin = torch.full_like(now[..., :1], self.steps)
         step = lambda to, since: torch.where((to >= 0) & (since >= 0), self.step(to, since), self.steps)
         # behind each character the step that led to it, its bin in a first frame
@@ -153,8 +170,21 @@ class TwoLevel(Answers):
         table = self.spell
         x = table["last"](torch.cat([begin, last], 2)) + table["place"].weight
         x = x + table["character"](torch.cat([self.or_missing(a), space], 2))
-        return x + table["step"](torch.cat([step(a, b), begin], 2))
+        x = x + table["step"](torch.cat([step(a, b), begin], 2))
+        if forecast is None:
+            return x
+        x = x + table["innovation"](torch.cat([begin, step(now, base)], 2))
+        _, count, circular = self.of_place.unbind(1)
+        told = numbers(forecast, steps(b, a, count, circular)) * (a >= 0)[..., None]
+        return x + F.pad(table["forecast"](told.to(x.dtype)), (0, 0, 0, 1))
+
+    def uncounted(self, ids):
+        """As Answers.uncounted, of the window alone."""
+        K, W = self.tokens.front, self.tokens.word
+        return super().uncounted(torch.cat([ids[:, :K], ids[:, K + self.history * W :]], 1))
 
     def deviation(self, name):
+        if name == "spell.forecast.weight":
+            return 0.0
         layers = self.config.decoder["layers"] if name.startswith("spell.") else self.config.layers
         return 0.0 if name.endswith(".label.weight") else deviation(name.split(".")[-2], layers)

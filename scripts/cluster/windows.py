@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 import streams
+from forecast import HISTORY
 
 UNKNOWN, MASK, SPACE = 4, 3, 5
+WITHOUT_HISTORY = 0.1  # share of the windows that are read as if a clip began with them
 FIRST_FIELDS = ["genre", "dancer", "music", "situation", "choreography"]
 
 
@@ -82,6 +84,7 @@ class Windows:
         self.context, self.masked, self.seed = context or config.context, config.kind == "masked", train["seed"]
         self.rows, self.first = (batch or train["batch"]) * train["accumulate"], first  # of a step; the first of its steps
         self.label_dropout = train["label_dropout"]
+        self.history = history(config, tokens)
         self.room = self.context - config.context + room(config, tokens)
         self.clips, self.shares, ends = [], [], [0]  # (corpus, clip); per corpus: first window, windows, those of a pass
         for corpus, weight in parts:
@@ -153,7 +156,10 @@ class Windows:
         ids = corpus.ids(clip, start, start + count)
         if self.masked:
             return masked(ids, front, self.tokens.pad, self.context, chosen(count, self.seed, *place))
-        return causal(ids, front, self.tokens.pad, self.context)
+        inputs, targets = causal(ids, front, self.tokens.pad, self.context)
+        hidden = self.history and streams.units(self.seed, "history", place[0], 1, place[1])[0] < WITHOUT_HISTORY
+        before = corpus.ids(clip, start if hidden else max(0, start - self.history), start)
+        return with_history(inputs, len(front), before, self.history, self.tokens.pad), targets
 
 
 class Stages:
@@ -178,6 +184,16 @@ class Stages:
     def at(self, step):
         """The windows of a step's stage."""
         return [w for w in self.all if w.first <= step][-1]
+
+
+def history(config, tokens):
+    """Tokens of the frames before a window that a model reads."""
+    return HISTORY * tokens.word if getattr(config, "forecast", False) else 0
+
+
+def with_history(inputs, front, before, length, pad):
+    """A window's inputs with `length` tokens behind the front: padding, and the tokens `before` the window."""
+    return np.concatenate([inputs[:front], np.full(length - len(before), pad, np.int64), before, inputs[front:]])
 
 
 def room(config, tokens):

@@ -133,6 +133,13 @@ impl Numbers {
     /// Without.
     pub fn as_windows(&self, layout: &Layout) -> Windows<'_> {
         let mask = mask(self.hiding.as_deref());
-        Windows { inputs: &self.inputs, targets: &self.targets, length: layout.length(), mask, conditioning: None }
+        Windows {
+            inputs: &self.inputs,
+            targets: &self.targets,
+            length: layout.length(),
+            mask,
+            history: &[],
+            conditioning: None,
+        }
     }
 }

@@ -161,9 +161,10 @@ impl Reader {
             rows.extend(read.map(|row| i * places + row));
         }
         let mask = self.model.mask();
-        let vectors = self
-            .model
-            .final_vectors(Windows { inputs: &inputs, targets: &inputs, length, mask, conditioning: None }, &rows)?;
+        let vectors = self.model.final_vectors(
+            Windows { inputs: &inputs, targets: &inputs, length, mask, history: &[], conditioning: None },
+            &rows,
+        )?;
         for (row, vector) in rows.iter().zip(vectors.chunks_exact(self.width)) {
             let sum = &mut sums[pieces[row / places].clip * self.width..][..self.width];
             sum.iter_mut().zip(vector).for_each(|(s, x)| *s += f64::from(*x));

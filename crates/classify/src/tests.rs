@@ -91,7 +91,8 @@ fn class_tokens_learn_what_motion_shows_and_load_the_same() {
 fn learns(run: fn(&Path) -> LoadedRun) {
     let dir = tempfile::tempdir().unwrap();
     let (corpus, run) = (corpus(dir.path()), run(dir.path()));
-    let done = trained(dir.path(), &run, &corpus, &options(), "c").unwrap();
+    let options = TrainOptions { steps: 100, ..options() };
+    let done = trained(dir.path(), &run, &corpus, &options, "c").unwrap();
     assert_eq!((done.clips, done.fields.len(), done.stopped), (24, 2, false));
     assert_eq!(done.fields.0[1].classes, ["high", "low"]);
     assert_eq!(done.fields.0[1].clips.iter().sum::<usize>(), 23);
@@ -114,7 +115,7 @@ fn learns(run: fn(&Path) -> LoadedRun) {
     );
     // the number of threads changes no byte
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    one.install(|| trained(dir.path(), &run, &corpus, &options(), "d")).unwrap();
+    one.install(|| trained(dir.path(), &run, &corpus, &options, "d")).unwrap();
     let weights = |name: &str| fs::read(dir.path().join(name).join(&classifier.manifest.weights.0)).unwrap();
     assert!(weights("c") == weights("d"));
 }

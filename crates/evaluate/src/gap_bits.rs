@@ -4,6 +4,7 @@ use super::gaps::CONTEXT_FRAMES;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Conditions, Corpus, fill_sequence};
 use kinelm_model::goal::{GoalEncoder, GoalTrack};
+use kinelm_model::scored_windows::history_of;
 use kinelm_model::{Scores, TokenWindows};
 use serde::Serialize;
 use std::f64::consts::LN_2;
@@ -90,6 +91,7 @@ fn nats(
     // targets are one ahead of inputs, so the front's last token predicts the first of the words
     let (front, first) = (conditions.front(&clip.labels), conditions.len() - 1);
     let length = first + ids.len();
+    let history = history_of(model, corpus, clip, start * word)?;
     let (mut inputs, mut targets, mut found) = (vec![pad; length], vec![pad; length], vec![0.0; length]);
     fill_sequence(&ids, &front, pad, &mut inputs, &mut targets);
     // padded targets cost 0: the model reads all, but only the gap is scored
@@ -98,7 +100,10 @@ fn nats(
     let given = (0..shown).flat_map(|frame| vec![!gap.contains(&frame); c]).collect();
     let goal = GoalTrack::new(ahead.clone(), ahead.codes(&ids), given, 0).conditioning(shown);
     let mut nats = |conditioning| -> Result<Vec<f64>> {
-        model.nats(TokenWindows { inputs: &inputs, targets: &targets, length, conditioning }, &mut found)?;
+        model.nats(
+            TokenWindows { inputs: &inputs, targets: &targets, length, history: &history, conditioning },
+            &mut found,
+        )?;
         Ok(found[first..].chunks(word).map(|frame| frame.iter().map(|&x| f64::from(x)).sum()).collect())
     };
     Ok([nats(None)?, nats(Some(&goal))?])
@@ -140,7 +145,7 @@ mod tests {
         ] {
             assert!((a / b - 1.0).abs() < 1e-4, "{a} {b}");
         }
-        assert!((found.conditioned - found.unconditioned).abs() > 0.1, "{found:?}");
+        assert!((found.conditioned_end - found.unconditioned_end).abs() > 0.1, "{found:?}");
         assert!(of(&mut fast, 11).unwrap_err().to_string().contains("expected 1 to 10 in windows of 12 frames"));
         let short: Vec<&ClipRecord> = Vec::new();
         assert_eq!(gap_bits(&mut fast, &corpus, &short, 4, &Conditions::none()).unwrap(), None);

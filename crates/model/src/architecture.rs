@@ -38,6 +38,11 @@ impl ModelConfig {
         tokens.room(self.context) / tokens.word.max(1)
     }
 
+    /// Whether steps are coded from a linear forecast.
+    pub fn forecast(&self) -> bool {
+        !self.architecture.is_flat() && self.forecast.unwrap_or(true)
+    }
+
     /// A two-level model's keys, with those that follow from them filled in.
     pub(super) fn two_levels(&self, tokens: &TokenLayout) -> ModelConfig {
         let window = self.window.unwrap_or(WINDOW);
@@ -49,6 +54,7 @@ impl ModelConfig {
             positions: Positions::FrameJoint,
             previous_frame: Some(true),
             head: Some(HeadKind::Relative),
+            forecast: Some(self.forecast()),
             tied_head: false,
             ..self.clone()
         }
@@ -64,6 +70,7 @@ impl ModelConfig {
                 ("window", self.window.is_some()),
                 ("decoder", self.decoder.is_some()),
                 ("goal", self.goal),
+                ("forecast", self.forecast.is_some()),
                 ("music", !self.music.is_none()),
                 ("music_scale", self.music_scale.is_some()),
             ];

@@ -48,6 +48,9 @@ pub struct ModelConfig {
     /// Whether a two-level model is conditioned on goals, frames that are given later; see [`super::goal`]. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub goal: bool,
+    /// Whether a two-level model codes steps from a linear forecast, see [`super::forecast`]. Left out: it does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub forecast: Option<bool>,
     /// Music conditioning of a two-level model, see [`super::music`]. Default `none`.
     #[serde(skip_serializing_if = "Music::is_none")]
     pub music: Music,
@@ -150,6 +153,7 @@ impl Default for ModelConfig {
             window: None,
             decoder: None,
             goal: false,
+            forecast: None,
             music: Music::None,
             music_scale: None,
             classes: 0,

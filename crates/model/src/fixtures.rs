@@ -6,7 +6,9 @@ use super::goal::{self, Conditioning};
 use super::gpt::Gpt;
 use super::music::Music;
 #[cfg(test)]
-use super::weights::{Array, Weights};
+use super::weights::Weights;
+use super::weights::{self, Array};
+use super::{DeviceName, forecast};
 use candle_core::{DType, Device, Tensor};
 use kinelm_corpus::windows::fill_sequence;
 use kinelm_tokenizer::{SlotIds, Special};
@@ -77,7 +79,10 @@ pub fn every(length: usize) -> Vec<(ModelConfig, TokenLayout)> {
     let conditioning = ModelConfig { goal: true, ..levels.clone() };
     let danced = ModelConfig { music: Music::Beats, ..levels.clone() };
     let both = ModelConfig { music: Music::Both, ..conditioning.clone() };
+    let plain = ModelConfig { forecast: Some(false), ..levels.clone() };
     let two = [
+        (plain.clone(), alone.clone()),
+        (plain, placed()),
         (levels.clone(), alone.clone()),
         (levels, placed()),
         (conditioning.clone(), alone.clone()),
@@ -116,9 +121,10 @@ pub fn conditioning(config: &ModelConfig, tokens: &TokenLayout, windows: usize) 
 pub fn name(config: &ModelConfig, tokens: &TokenLayout) -> String {
     let ModelConfig { architecture, kind, positions, previous_frame, head, tied_head, dropout, goal, music, .. } =
         config;
+    let forecast = config.forecast();
     let words = if tokens.varying { "any words" } else { "words of one length" };
     format!(
-        "{architecture:?} {kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout} goal {goal} music {music:?}, {words}"
+        "{architecture:?} {kind:?} {positions:?} previous {previous_frame:?} {head:?} tied {tied_head} dropout {dropout} goal {goal} forecast {forecast} music {music:?}, {words}"
     )
 }
 
@@ -131,7 +137,14 @@ pub(crate) fn scale(weights: &mut Weights, factor: f32) {
 
 /// A model away from zeros and ones, where gradients could be right by accident.
 pub fn model(config: &ModelConfig, tokens: &TokenLayout) -> Gpt {
-    let gpt = Gpt::new(config, tokens, 1).unwrap();
+    let mut weights = weights::initial(config, tokens, 1);
+    for (name, array) in weights.iter_mut().filter(|(name, _)| forecast::is_tensor(name)) {
+        let mut rng = kinelm_store::random::stream(7, name, 0, 0);
+        // up to a third of a bin a step: sums of many are bins
+        let whole = (0..array.numbers().len()).map(|_| (rng.next_u32() % 40_001) as f32 - 20_000.0);
+        *array = Array::new(array.shape(), whole.collect());
+    }
+    let gpt = Gpt::from_weights(config, tokens, &weights, DeviceName::Cpu).unwrap();
     for (name, var) in gpt.vars() {
         let shift = super::ops::check::random(name, var.dims(), 0.3).to_dtype(DType::F32).unwrap();
         var.set(&(var.as_tensor() + shift).unwrap()).unwrap();
@@ -186,6 +199,22 @@ pub fn batch(config: &ModelConfig, tokens: &TokenLayout, windows: usize, length:
         }
     }
     (inputs, targets)
+}
+
+/// (B, H W) what lies before the windows of a batch: before the first nothing, before others more and more frames.
+pub fn history(config: &ModelConfig, tokens: &TokenLayout, windows: usize) -> Vec<u32> {
+    let mut rng = kinelm_store::random::stream(6, "history", 0, 0);
+    let kinds: Vec<SlotIds> = tokens.slot_ids().collect();
+    let (frames, mut all) = (config.history(), Vec::new());
+    for window in 0..windows {
+        let shown = frames * window / windows.max(1);
+        all.extend(std::iter::repeat_n(tokens.pad, (frames - shown) * tokens.word));
+        for _ in 0..shown {
+            all.extend(kinds.iter().map(|kind| kind.first + rng.next_u32() % kind.count));
+            all.push(tokens.space);
+        }
+    }
+    all
 }
 
 /// The batch's inputs as a model takes them.

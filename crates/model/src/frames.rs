@@ -9,12 +9,25 @@
 //! frames, as the row of the next frame would be, and has a vector of its own in place of a position.
 
 use super::config::TokenLayout;
+use crate::forecast;
+use crate::sequence::Sequence;
 use crate::words::{Steps, Words};
 use kinelm_engine::bins::Bins;
 use kinelm_engine::op::embedding::NONE;
 
-/// The tables whose rows are added for a token of the frame decoder.
-pub const SPELT: [&str; 4] = ["spell.last.weight", "spell.place.weight", "spell.character.weight", "spell.step.weight"];
+/// The tables whose rows are added for a token of the frame decoder; the last where there is a forecast.
+pub const SPELT: [&str; 5] = [
+    "spell.last.weight",
+    "spell.place.weight",
+    "spell.character.weight",
+    "spell.step.weight",
+    "spell.innovation.weight",
+];
+
+/// The tables of [`SPELT`] that a model has.
+pub fn spelt_tables(forecast: bool) -> &'static [&'static str] {
+    &SPELT[..SPELT.len() - usize::from(!forecast)]
+}
 
 /// The number of previous frames that the trunk reads.
 pub const BACK: usize = 2;
@@ -73,9 +86,41 @@ impl Frames {
         rows.iter_mut().zip(self.words.seen(inputs, frame)).for_each(|(to, row)| *to = row as u32);
     }
 
-    /// The rows of [`SPELT`] for the decoder's row that predicts token `token`.
-    pub fn spelt(&self, inputs: &[u32], token: usize) -> [u32; 4] {
-        self.words.spelt(inputs, token).map(|row| row as u32)
+    /// The rows of [`SPELT`] for the decoder's row of input `at` of a sequence.
+    pub(crate) fn spelt(&self, sequence: &Sequence, at: usize) -> [u32; 5] {
+        let [last, place, character, step] = self.words.spelt(sequence.ids, at);
+        let before = (!at.is_multiple_of(self.word())).then(|| sequence.forecast(at - 1));
+        let innovation = self.innovation(sequence.ids, at, before);
+        [last, place, character, step, innovation].map(|row| row as u32)
+    }
+
+    /// The last of them: of the *innovation* of the slot just read, its step from where its forecast `before` led; R where there
+    /// is none.
+    pub(crate) fn innovation(&self, ids: &[u32], at: usize, before: Option<i32>) -> usize {
+        let innovation = before.and_then(|before| {
+            // input `at` itself is what follows the input before it, no word back
+            let ((bins, to), (_, from)) = (self.words.bin(ids, at - 1, 0)?, self.words.bin(ids, at - 1, 1)?);
+            Some(self.steps().row(bins, forecast::reached(bins, from, before), to))
+        });
+        innovation.unwrap_or(self.steps().all())
+    }
+
+    /// Writes [`forecast::numbers`] of the slot that follows input `at` of a sequence into `out`; zeros where nothing is one
+    /// frame back.
+    pub(crate) fn forecast_numbers(&self, ids: &[u32], at: usize, forecast: i32, out: &mut [f32]) {
+        match self.words.bin(ids, at, 1) {
+            None => out.fill(0.0),
+            Some((bins, from)) => {
+                let last = self.words.bin(ids, at, 2).map_or(0, |(_, first)| forecast::step(bins, first, from));
+                forecast::numbers(forecast, last, out);
+            }
+        }
+    }
+
+    /// Rows of the tables of [`SPELT`].
+    pub(crate) fn spelt_rows(&self) -> [usize; 5] {
+        let (steps, bins) = (self.steps().all() + 1, self.bins());
+        [steps + bins - 1, self.word(), bins, steps, steps]
     }
 }
 
@@ -130,18 +175,19 @@ mod tests {
     #[test]
     fn the_decoder_reads_steps_round_the_circle_and_up_to_the_ends() {
         let frames = frames();
+        let spelt = |at: usize| frames.spelt(&Sequence::alone(&INPUTS, 6), at)[..4].to_vec();
         // begin; then bins of a first frame, after a missing one the beginning again
-        assert_eq!(frames.spelt(&INPUTS, 0), [18, 0, 7, 18]);
-        assert_eq!(frames.spelt(&INPUTS, 1), [19, 1, 7, 18]);
-        assert_eq!(frames.spelt(&INPUTS, 2), [18, 2, 7, 18]);
+        assert_eq!(spelt(0), [18, 0, 7, 18]);
+        assert_eq!(spelt(1), [19, 1, 7, 18]);
+        assert_eq!(spelt(2), [18, 2, 7, 18]);
         // the second frame: 0 to 6 is 6 round a circle of 7
-        assert_eq!(frames.spelt(&INPUTS, 7), [6, 1, 7, 18]);
+        assert_eq!(spelt(7), [6, 1, 7, 18]);
         // after a character that is missing in the previous frame, its bin
-        assert_eq!(frames.spelt(&INPUTS, 8), [18 + 1 + 1, 2, 0, 18]);
+        assert_eq!(spelt(8), [18 + 1 + 1, 2, 0, 18]);
         // the third: a height from 5 down to 0, 11 clamped steps around 7 + 5
-        assert_eq!(frames.spelt(&INPUTS, 16), [7 + 5 - 5, 4, 3, 7 + 5 + 3]);
+        assert_eq!(spelt(16), [7 + 5 - 5, 4, 3, 7 + 5 + 3]);
         // a space
-        assert_eq!(frames.spelt(&INPUTS, 17), [7 + 5 - 3, 5, 7, 18]);
+        assert_eq!(spelt(17), [7 + 5 - 3, 5, 7, 18]);
     }
 
     #[test]
@@ -163,7 +209,8 @@ mod tests {
         for token in 0..18 {
             let mut other = INPUTS;
             other[token + 1..].fill(0);
-            assert_eq!(frames.spelt(&other, token), frames.spelt(&INPUTS, token), "{token}");
+            let spelt = |ids: &[u32]| frames.spelt(&Sequence::alone(ids, 6), token);
+            assert_eq!(spelt(&other), spelt(&INPUTS), "{token}");
             let (mut a, mut b) = ([0; 10], [0; 10]);
             frames.seen(&INPUTS, token / 6, &mut a);
             frames.seen(&other, token / 6, &mut b);

@@ -38,6 +38,9 @@ struct Case<'a> {
 impl Case<'_> {
     fn of(golden: &Value) -> Case<'_> {
         let config: ModelConfig = serde_json::from_value(golden["model"].clone()).unwrap();
+        // the script knows none
+        let forecast = (!config.architecture.is_flat()).then_some(false);
+        let config = ModelConfig { forecast, ..config };
         let tokens: TokenLayout = serde_json::from_value(golden["tokens"].clone()).unwrap();
         let parameters = layout::parameters(&config, &tokens);
         let vars = parameters.iter().enumerate().map(|(i, p)| (p.name.clone(), numbers(p, i))).collect();
@@ -50,7 +53,7 @@ impl Case<'_> {
         });
         Case {
             golden,
-            gpt: Gpt::from_vars(&config, &tokens, vars).unwrap(),
+            gpt: Gpt::from_vars(&config, &tokens, vars, None).unwrap(),
             length: inputs[0].len(),
             inputs: inputs.concat(),
             targets: targets.concat(),
@@ -105,14 +108,14 @@ impl Case<'_> {
         let mut gpt = self.gpt.to_f64().unwrap();
         let ids = gpt.ids(&self.inputs, self.length).unwrap();
         let logits = match &self.conditioning {
-            Some(conditioning) => gpt.forward_conditioned(&ids, conditioning).unwrap(),
+            Some(conditioning) => gpt.forward_beside(&ids, None, &[], Some(conditioning)).unwrap(),
             None => gpt.predict(&ids).unwrap(),
         };
         let logits = logits.flatten_all().unwrap().to_vec1::<f64>().unwrap();
         self.check_logits("plain", &logits, BOUND);
         let mut check = |width: Option<f64>, expected: &Value| {
             gpt.smooth_targets(width);
-            let loss = gpt.loss_sum_conditioned(&ids, &self.targets, None, self.conditioning.as_ref()).unwrap();
+            let loss = gpt.loss_sum_conditioned(&ids, &self.targets, None, &[], self.conditioning.as_ref()).unwrap();
             let loss = (loss / self.counted() as f64).unwrap();
             self.check_loss("plain", loss.to_scalar().unwrap(), BOUND);
             let store = loss.backward().unwrap();
@@ -138,6 +141,7 @@ impl Case<'_> {
             targets,
             length: self.length,
             mask: fast.mask(),
+            history: &[],
             conditioning: self.conditioning.as_ref(),
         };
         let logits: Vec<f64> = fast.logits(windows).unwrap().into_iter().map(f64::from).collect();

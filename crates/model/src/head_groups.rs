@@ -4,6 +4,7 @@
 use super::config::{HeadKind, ModelConfig, ModelKind, TokenLayout};
 use super::previous::{Basis, PreviousFrames, no_bin};
 use crate::Result;
+use crate::sequence::{Sequence, SequenceLayout};
 use kinelm_engine::bins::Bins;
 use kinelm_engine::op::cross_entropy::RowTarget;
 
@@ -31,16 +32,20 @@ pub(super) struct HeadGroups {
     pad: u32,
     /// Where slots are of one kind each.
     previous_frames: Option<PreviousFrames>,
+    layout: SequenceLayout,
 }
 
 impl HeadGroups {
     pub fn of(config: &ModelConfig, tokens: &TokenLayout) -> HeadGroups {
+        let layout = SequenceLayout::of(config, tokens);
+        let front = layout.front();
         HeadGroups {
             kind: config.kind,
             head: config.head_of(tokens),
             vocabulary: tokens.vocabulary as u32,
             pad: tokens.pad,
-            previous_frames: (!tokens.places.is_empty()).then(|| PreviousFrames::of(tokens)),
+            previous_frames: (!tokens.places.is_empty()).then(|| PreviousFrames::new(tokens, front)),
+            layout,
         }
     }
 
@@ -49,9 +54,10 @@ impl HeadGroups {
         self.previous_frames.as_ref().filter(|_| self.head == HeadKind::Relative)
     }
 
-    /// The basis of the logits of input `i` of `window`.
-    pub fn basis(&self, window: &[u32], i: usize) -> Basis {
-        self.steps().map_or(Basis::Ids, |previous_frames| previous_frames.basis(window, i))
+    /// The basis of the logits of input `i` of the window of a sequence.
+    pub fn basis(&self, sequence: &Sequence, i: usize) -> Basis {
+        let known = self.steps().zip(self.layout.at(i));
+        known.map_or(Basis::Ids, |(previous_frames, at)| previous_frames.basis(sequence, at))
     }
 
     /// The most rows of each group in a window of `length` inputs.
@@ -59,9 +65,15 @@ impl HeadGroups {
         let Some(previous_frames) = self.steps() else { return [length, 0, 0] };
         let mut most = [0; 3];
         for i in 0..length {
-            let bins = previous_frames.bins(i).filter(|_| previous_frames.has_frame_before(i));
+            let bins = self.layout.at(i).and_then(|at| previous_frames.bins(at));
+            let first = self.layout.at(i).is_none_or(|at| !self.layout.has_word_before(at));
             // by slot alone: an input without a bin one frame back moves to ids, but then it has no target
-            most[bins.map_or(0, |bins| 1 + usize::from(!bins.circular))] += 1;
+            match bins {
+                Some(bins) if !first || self.layout.has_history() => most[1 + usize::from(!bins.circular)] += 1,
+                _ => most[0] += 1,
+            }
+            // where there is a history, a first frame may count from it or not
+            most[0] += usize::from(bins.is_some() && first && self.layout.has_history());
         }
         most
     }
@@ -70,19 +82,16 @@ impl HeadGroups {
     fn bins_at(&self, i: usize) -> Option<Bins> {
         // a masked model predicts the input's own token, a causal one the next
         let i = if self.kind == ModelKind::Masked { i.checked_sub(1)? } else { i };
-        self.previous_frames.as_ref()?.bins(i)
+        self.previous_frames.as_ref()?.bins(self.layout.at(i)?)
     }
 
-    /// Fills `groups` with the rows of `windows` (B of one length) whose target (B T) isn't `<pad>`.
+    /// Fills `groups` with the rows of windows (B of one length) in their sequences whose target (B T) isn't `<pad>`.
     ///
     /// # Errors
     /// Under a relative head, for a target that is no bin of its slot, or whose id one frame back is none.
-    ///
-    /// # Panics
-    /// If there aren't as many targets as inputs.
     pub fn sort<'a>(
         &self,
-        windows: impl Iterator<Item = &'a [u32]>,
+        sequences: impl ExactSizeIterator<Item = Sequence<'a>>,
         targets: &[u32],
         groups: &mut Groups,
     ) -> Result<()> {
@@ -90,31 +99,29 @@ impl HeadGroups {
             rows.clear();
             targets.clear();
         }
-        let mut row = 0;
-        for window in windows {
-            for (i, &target) in targets[row..row + window.len()].iter().enumerate() {
+        let length = targets.len() / sequences.len().max(1);
+        for (window, sequence) in sequences.enumerate() {
+            for (i, &target) in targets[window * length..][..length].iter().enumerate() {
                 if target != self.pad {
-                    let (group, targets) = self.target_of(window, i, target)?;
-                    groups[group].rows.push((row + i) as u32);
+                    let (group, targets) = self.target_of(&sequence, i, target)?;
+                    groups[group].rows.push((window * length + i) as u32);
                     groups[group].targets.push(targets);
                 }
             }
-            row += window.len();
         }
-        assert_eq!(row, targets.len(), "a target for every input");
         Ok(())
     }
 
     /// A row's group and target.
-    fn target_of(&self, window: &[u32], i: usize, target: u32) -> Result<(usize, RowTarget)> {
+    fn target_of(&self, sequence: &Sequence, i: usize, target: u32) -> Result<(usize, RowTarget)> {
         let bins = self.bins_at(i);
-        if let (Some(previous_frames), Some(bins)) = (self.steps(), bins) {
-            match previous_frames.basis(window, i) {
+        if let (Some(previous_frames), Some(bins), Some(at)) = (self.steps(), bins, self.layout.at(i)) {
+            match previous_frames.basis(sequence, at) {
                 Basis::Steps { bins, from } => {
                     let bin = bins.bin(target).ok_or_else(|| no_bin("the target", target, bins, i))?;
                     return Ok((usize::from(!bins.circular) + 1, step(previous_frames, bins, from, bin)));
                 }
-                Basis::Ids => previous_frames.first_frame(window, i, bins)?,
+                Basis::Ids => previous_frames.first_frame(sequence.ids, at, bins)?,
             }
         }
         // smoothing spreads a target over neighbouring bins; a space or a label has none
@@ -157,7 +164,7 @@ mod tests {
 
     fn sort(config: &ModelConfig, inputs: &[u32], targets: &[u32]) -> Result<Groups> {
         let mut groups = Groups::default();
-        HeadGroups::of(config, &tokens()).sort(inputs.chunks(inputs.len()), targets, &mut groups)?;
+        HeadGroups::of(config, &tokens()).sort(std::iter::once(Sequence::alone(inputs, 3)), targets, &mut groups)?;
         Ok(groups)
     }
 
@@ -187,6 +194,31 @@ mod tests {
         assert_eq!(ids.rows, [1, 3, 5]);
         let bins: Vec<u32> = ids.targets.iter().map(|a| a.bins.first).collect();
         assert_eq!(bins, [6, 0, 10]);
+    }
+
+    #[test]
+    fn every_bin_has_a_step_of_its_own_wherever_a_forecast_leads() {
+        use crate::forecast::{BIN, reached};
+        let tokens = tokens();
+        let steps = HeadGroups::of(&relative(), &tokens).steps().unwrap().steps();
+        for (bins, from, forecast) in tokens
+            .bins()
+            .into_iter()
+            .flat_map(|bins| (0..bins.count as usize).map(move |from| (bins, from)))
+            .flat_map(|(bins, from)| (-9..=9).map(move |by| (bins, from, by * BIN / 2)))
+        {
+            let base = reached(bins, from, forecast);
+            let found: Vec<RowTarget> = (0..bins.count as usize)
+                .map(|bin| step(HeadGroups::of(&relative(), &tokens).steps().unwrap(), bins, base, bin))
+                .collect();
+            // the same columns for all bins, each of them the target of one bin
+            let mut columns: Vec<u32> = found.iter().map(|target| target.target).collect();
+            assert!(found.iter().all(|target| (target.first, target.count) == (found[0].first, bins.count)));
+            columns.sort_unstable();
+            assert!(columns.into_iter().eq(found[0].first..found[0].first + bins.count), "{bins:?} {from} {forecast}");
+            let rows = if bins.circular { steps.circular } else { steps.up_and_down() };
+            assert!(found[0].first as usize + bins.count as usize <= rows);
+        }
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use super::config::Architecture;
 use super::config::{HeadKind, ModelConfig, Positions, TokenLayout};
-use super::frames::{BACK, Frames, SPELT};
+use super::forecast;
+use super::frames::{BACK, Frames, spelt_tables};
 use super::goal;
 use crate::words::Steps;
 use kinelm_store::random;
@@ -110,9 +111,12 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
     stack(&mut all, TRUNK, config.layers, trunk);
     norm(&mut all, "trunk.norm", trunk);
     linear(&mut all, "spell.frame", trunk, d, 0.02);
-    let steps = frames.steps().all() + 1;
-    let rows = [steps + frames.bins() - 1, tokens.word, frames.bins(), steps];
-    all.extend(SPELT.iter().zip(rows).map(|(name, rows)| embedding(name, rows, d)));
+    let tables = spelt_tables(config.forecast()).iter().zip(frames.spelt_rows());
+    all.extend(tables.map(|(name, rows)| embedding(name, rows, d)));
+    if config.forecast() {
+        // zeros: a model begins with what it knows without the numbers
+        all.push(Parameter { init: Init::Zeros, ..embedding(FORECAST, forecast::NUMBERS, d) });
+    }
     stack(&mut all, SPELL, decoder.layers, d);
     if config.goal {
         let (numbers, steps) = (goal::numbers(c), frames.steps().all());
@@ -133,6 +137,8 @@ fn two_level(config: &ModelConfig, tokens: &TokenLayout) -> Vec<Parameter> {
 pub(super) const LABEL: &str = "frame.label.weight";
 /// Another, whose rows are added to every row of the decoder.
 pub(super) const SPELT_LABEL: &str = "spell.label.weight";
+/// The numbers of a slot's forecast are projected by it into the decoder's row.
+pub(super) const FORECAST: &str = "spell.forecast.weight";
 /// The vectors that class rows, after the last frame, have instead of a position.
 pub const CLASS: &str = "frame.class.weight";
 /// Goal conditioning is projected by these: its numbers into the trunk's row and into those of the decoder,

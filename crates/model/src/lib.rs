@@ -16,6 +16,7 @@ pub mod fast;
 #[cfg(any(test, feature = "fixtures"))]
 #[doc(hidden)]
 pub mod fixtures;
+pub mod forecast;
 mod frames;
 pub mod goal;
 #[cfg(test)]
@@ -34,6 +35,7 @@ mod pseudo_likelihood;
 pub mod run;
 pub mod scored_windows;
 mod scores;
+mod sequence;
 pub mod weights;
 pub mod words;
 

@@ -84,6 +84,7 @@ mod tests {
     use crate::fast::Fast;
     use crate::fixtures::TOKENS;
     use crate::goal::Conditioning;
+    use crate::scored_windows;
     use crate::{Gpt, ModelConfig, Reader, ReaderOptions, TokenWindows};
     use candle_core::{Device, Tensor};
     use kinelm_corpus::conditions::with_labels;
@@ -209,7 +210,10 @@ mod tests {
                 let conditioning = Conditioning { music, ..Conditioning::default() };
                 let mut found = vec![0.0; inputs.len()];
                 let (length, conditioning) = (inputs.len(), is_used.then_some(&conditioning));
-                fast.nats(TokenWindows { inputs: &inputs, targets, length, conditioning }, &mut found).unwrap();
+                // the second window is read after the clip's frames before it
+                let history = scored_windows::history(&ids[..first * word], config.history() * word, 0);
+                let windows = TokenWindows { inputs: &inputs, targets, length, history: &history, conditioning };
+                fast.nats(windows, &mut found).unwrap();
                 nats += found[scored * word..].iter().map(|&x| f64::from(x)).sum::<f64>();
             }
             nats / std::f64::consts::LN_2 / 20.0

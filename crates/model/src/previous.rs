@@ -5,6 +5,8 @@
 //! the id one frame back in that slot, b the one two frames back.
 
 use super::config::TokenLayout;
+use crate::forecast::reached;
+use crate::sequence::Sequence;
 use crate::words::{Steps, Words};
 use crate::{Error, Result};
 use kinelm_engine::bins::Bins;
@@ -18,7 +20,7 @@ pub enum Basis {
     Steps {
         /// The bins of the slot.
         bins: Bins,
-        /// p: the bin one frame back.
+        /// p: the bin one frame back, or where its forecast leads.
         from: usize,
     },
 }
@@ -41,12 +43,12 @@ pub struct PreviousFrames {
 }
 
 impl PreviousFrames {
-    /// For windows of these tokens.
+    /// For sequences of these tokens with `front` in front.
     ///
     /// # Panics
     /// If a word's slots have no kinds.
-    pub fn of(tokens: &TokenLayout) -> PreviousFrames {
-        PreviousFrames { words: Words::new(tokens.front, tokens.bins()), pad: tokens.pad }
+    pub fn new(tokens: &TokenLayout, front: usize) -> PreviousFrames {
+        PreviousFrames { words: Words::new(front, tokens.bins()), pad: tokens.pad }
     }
 
     /// How tables of steps are laid out.
@@ -59,11 +61,6 @@ impl PreviousFrames {
         self.words.follows(i)
     }
 
-    /// Whether the token that input `i` predicts has a frame before it in the window.
-    pub fn has_frame_before(&self, i: usize) -> bool {
-        self.words.has_word_before(i)
-    }
-
     /// The rows of `previous.character.weight` and `previous.step.weight` that are added to input `i` of `window`: a, or
     /// `<pad>` where it is missing; the step from b to a, mod the slot's bins, or S where there is none.
     ///
@@ -73,18 +70,19 @@ impl PreviousFrames {
         [a.unwrap_or(self.pad), step as u32]
     }
 
-    /// The basis of the logits of input `i` of `window` under a relative head: all ids in the first frame, for spaces,
+    /// The basis of the logits of input `i` of a sequence under a relative head: all ids in the first frame, for spaces,
     /// and where a is no bin of its slot (`<mask>`, `<pad>`).
-    pub fn basis(&self, window: &[u32], i: usize) -> Basis {
-        self.words.bin(window, i, 1).map_or(Basis::Ids, |(bins, from)| Basis::Steps { bins, from })
+    pub(crate) fn basis(&self, sequence: &Sequence, i: usize) -> Basis {
+        let Some((bins, from)) = self.words.bin(sequence.ids, i, 1) else { return Basis::Ids };
+        Basis::Steps { bins, from: reached(bins, from, sequence.forecast(i)) }
     }
 
-    /// Checks that a target whose head is over all ids, though its slot has `bins`, is in the window's first frame.
+    /// Checks that a target whose head is over all ids, though its slot has `bins`, is in the first frame.
     ///
     /// # Errors
     /// If there is an id one frame back, which is no bin then.
-    pub(super) fn first_frame(&self, window: &[u32], i: usize, bins: Bins) -> Result<()> {
-        match self.words.back(window, i, 1) {
+    pub(super) fn first_frame(&self, ids: &[u32], i: usize, bins: Bins) -> Result<()> {
+        match self.words.back(ids, i, 1).filter(|&id| id != self.pad) {
             None => Ok(()),
             Some(id) => Err(no_bin("what stands a frame before the target", id, bins, i)),
         }
@@ -121,7 +119,7 @@ mod tests {
 
     #[test]
     fn one_and_two_frames_back_by_hand() {
-        let previous_frames = PreviousFrames::of(&tokens());
+        let previous_frames = PreviousFrames::new(&tokens(), 2);
         assert_eq!(previous_frames.steps(), Steps { circular: 4, clamped: 3 });
         // bins (3, 2), (1, 0), (0, <mask>), then the third word's space
         let window = [1, 4, 9, 12, 5, 7, 10, 5, 6, 2, 5];
@@ -134,7 +132,8 @@ mod tests {
         assert_eq!(rows[7..10], [[7, 2], [10, 1], [5, 4]]);
         // the fourth word's first place: 0 - 1 mod 4
         assert_eq!(rows[10], [6, 3]);
-        let basis: Vec<Basis> = (0..window.len()).map(|i| previous_frames.basis(&window, i)).collect();
+        let basis: Vec<Basis> =
+            (0..window.len()).map(|i| previous_frames.basis(&Sequence::alone(&window, 3), i)).collect();
         assert_eq!(basis[..4], [Basis::Ids; 4]);
         let angle = Bins { first: 6, count: 4, circular: true };
         assert_eq!(basis[4], Basis::Steps { bins: angle, from: 3 });
@@ -142,6 +141,9 @@ mod tests {
         assert_eq!(basis[10], Basis::Steps { bins: angle, from: 0 });
         // after <mask> there is no step, and nothing to count from
         let more = [&window[..], &[8]].concat();
-        assert_eq!((previous_frames.previous(&more, 11), previous_frames.basis(&more, 11)), ([2, 4], Basis::Ids));
+        assert_eq!(
+            (previous_frames.previous(&more, 11), previous_frames.basis(&Sequence::alone(&more, 3), 11)),
+            ([2, 4], Basis::Ids)
+        );
     }
 }

@@ -92,6 +92,22 @@ fn scored_frames(corpus: &Corpus, clip: &ClipRecord, window: &EvalWindow) -> f64
     (words.before(scored.start + 1) - 1..words.before(scored.end)).map(frames).sum()
 }
 
+/// The frames (H W) of a clip that a model reads before its token `start`, the first of a word.
+///
+/// # Errors
+/// A corpus that can no longer be read.
+pub fn history_of(model: &dyn Scores, corpus: &Corpus, clip: &ClipRecord, start: usize) -> Result<Vec<u32>> {
+    let most = model.config().history() * model.tokens().word;
+    let ids = corpus.ids(clip, start.saturating_sub(most)..start)?;
+    Ok(history(&ids, most, model.tokens().pad))
+}
+
+/// The last `length` tokens of `ids`, after padding where there are fewer.
+pub fn history(ids: &[u32], length: usize, pad: u32) -> Vec<u32> {
+    let ids = &ids[ids.len().saturating_sub(length)..];
+    std::iter::repeat_n(pad, length - ids.len()).chain(ids.iter().copied()).collect()
+}
+
 /// Clips that a model is measured on, in windows that begin with their labels.
 pub(super) struct MeasuredClips<'a> {
     pub corpus: &'a Corpus,
@@ -133,17 +149,25 @@ impl MeasuredClips<'_> {
                 return Ok(score);
             }
             let (mut inputs, mut targets) = (vec![pad; windows.len() * length], vec![pad; windows.len() * length]);
+            let mut history = Vec::new();
             let places = inputs.chunks_mut(length).zip(targets.chunks_mut(length));
             for ((number, window), (input, target)) in windows.iter().zip(places) {
                 let clip = self.clips[window.clip];
                 let ids = self.corpus.ids(clip, window.start..window.start + window.tokens)?;
                 fill(*number as u64, window, &ids, &self.conditions.front(&clip.labels), input, target);
+                history.extend(history_of(model, self.corpus, clip, window.start)?);
                 score.frames += scored_frames(self.corpus, clip, window);
             }
             score.tokens += targets.iter().filter(|&&id| id != pad).count();
             let mut nats = vec![0.0; targets.len()];
             let music = self.music(model.config(), &windows)?;
-            let batch = TokenWindows { inputs: &inputs, targets: &targets, length, conditioning: music.as_ref() };
+            let batch = TokenWindows {
+                inputs: &inputs,
+                targets: &targets,
+                length,
+                history: &history,
+                conditioning: music.as_ref(),
+            };
             model.nats(batch, &mut nats)?;
             for ((_, window), nats) in windows.iter().zip(nats.chunks(length)) {
                 let sum: f64 = nats.iter().map(|&x| f64::from(x)).sum();

@@ -14,6 +14,9 @@ pub struct TokenWindows<'a> {
     pub targets: &'a [u32],
     /// T, at most the context.
     pub length: usize,
+    /// (B, H W) the frames before each window, `<pad>` where there are none; empty: none before any. H is
+    /// [`ModelConfig::history`].
+    pub history: &'a [u32],
     /// Conditioning on goals or music.
     pub conditioning: Option<&'a Conditioning>,
 }
@@ -47,10 +50,10 @@ impl Scores for Gpt {
     }
 
     fn nats(&mut self, windows: TokenWindows, out: &mut [f32]) -> Result<()> {
-        let TokenWindows { inputs, targets, length, conditioning } = windows;
+        let TokenWindows { inputs, targets, length, history, conditioning } = windows;
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
         let ids = self.ids(inputs, length)?;
-        let nats = self.frozen_nats(&ids, targets, conditioning)?.to_vec1::<f32>()?;
+        let nats = self.frozen_nats(&ids, targets, history, conditioning)?.to_vec1::<f32>()?;
         out.copy_from_slice(&nats);
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! A model's weights outside of both its forms: arrays by name, and one safetensors file of them.
 
 use crate::config::{ModelConfig, TokenLayout};
+use crate::forecast::{self, Forecast};
 use crate::layout::{self, Parameter};
 use crate::{Error, Result};
 use candle_core::{DType, Device, Tensor};
@@ -74,22 +75,45 @@ impl Array {
     }
 }
 
-/// The weights of a model before training.
-pub fn initial(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Weights {
-    let array = |p: Parameter| (p.name.clone(), Array::new(&p.shape, p.initial(seed)));
-    layout::parameters(config, tokens).into_iter().map(array).collect()
+/// The tensors of a forecast under their names.
+pub fn of_forecast(forecast: &Forecast) -> Weights {
+    let arrays = forecast.tensors().into_iter().zip(Forecast::shapes(forecast.slots()));
+    forecast::NAMES.iter().zip(arrays).map(|(name, (x, shape))| (name.to_string(), Array::new(&shape, x))).collect()
 }
 
-/// A model's parameters, each with its array.
+/// The forecast of a model of these tokens in some weights.
+///
+/// # Errors
+/// Tensors that are missing, of another shape, or not of whole numbers; each is named.
+fn forecast_in(tokens: &TokenLayout, weights: &Weights) -> Result<Forecast> {
+    let places = tokens.bins();
+    let shapes = Forecast::shapes(places.len());
+    let tensor = |i: usize| {
+        let array = weights.get(forecast::NAMES[i]).filter(|array| array.shape == shapes[i]);
+        let missing = || Error::Weights(format!("the weights have no {} of shape {:?}", forecast::NAMES[i], shapes[i]));
+        array.map(Array::numbers).ok_or_else(missing)
+    };
+    let tensors = [tensor(0)?, tensor(1)?];
+    Forecast::of_tensors(places, tensors)
+}
+
+/// The weights of a model before training, which forecasts that nothing moves.
+pub fn initial(config: &ModelConfig, tokens: &TokenLayout, seed: u64) -> Weights {
+    let array = |p: Parameter| (p.name.clone(), Array::new(&p.shape, p.initial(seed)));
+    let forecast = config.forecast().then(|| of_forecast(&Forecast::still(tokens.bins())));
+    layout::parameters(config, tokens).into_iter().map(array).chain(forecast.into_iter().flatten()).collect()
+}
+
+/// What a model learns and what it doesn't: its parameters, each with its array, and its forecast.
+pub(crate) type Checked<'a> = (Vec<(Parameter, &'a Array)>, Option<Forecast>);
+
+/// A model's parameters and its forecast in some weights.
 ///
 /// # Errors
 /// A configuration that doesn't hold; tensors that are missing, not the model's, or of another shape: each is named.
-pub(crate) fn checked<'a>(
-    config: &ModelConfig,
-    tokens: &TokenLayout,
-    weights: &'a Weights,
-) -> Result<Vec<(Parameter, &'a Array)>> {
+pub(crate) fn checked<'a>(config: &ModelConfig, tokens: &TokenLayout, weights: &'a Weights) -> Result<Checked<'a>> {
     config.validate_for(tokens)?;
+    let forecast = config.forecast().then(|| forecast_in(tokens, weights)).transpose()?;
     let own = |p: Parameter| {
         let (name, shape) = (&p.name, &p.shape);
         let missing = || Error::Weights(format!("the weights have no tensor {name}; expected one of shape {shape:?}"));
@@ -103,9 +127,12 @@ pub(crate) fn checked<'a>(
         }
     };
     let all: Vec<_> = layout::parameters(config, tokens).into_iter().map(own).collect::<Result<_>>()?;
-    match weights.keys().find(|name| all.binary_search_by(|(p, _)| p.name.cmp(name)).is_err()) {
+    let is_own = |name: &String| {
+        all.binary_search_by(|(p, _)| p.name.cmp(name)).is_ok() || forecast.is_some() && forecast::is_tensor(name)
+    };
+    match weights.keys().find(|name| !is_own(name)) {
         Some(name) => Err(Error::Weights(format!("the weights have a tensor {name} that this model has no place for"))),
-        None => Ok(all),
+        None => Ok((all, forecast)),
     }
 }
 
@@ -255,6 +282,11 @@ mod tests {
         weights.remove(layout::LABEL).unwrap();
         let message = checked(&config, &tokens, &weights).unwrap_err().to_string();
         assert!(message.contains("no tensor frame.label.weight; expected one of shape [26, 12]"), "{message}");
+        let whole = initial(&config, &tokens, 1);
+        let mut missing = whole.clone();
+        missing.remove(forecast::NAMES[0]);
+        let message = checked(&ModelConfig { forecast: Some(true), ..config.clone() }, &tokens, &missing).unwrap_err();
+        assert!(message.to_string().starts_with("the weights have no forecast.all of shape [5, 26, 5]"), "{message}");
         moments.remove("first.frame.label.weight").unwrap();
         let message = in_order("optimizer", &parameters, &moments, name).unwrap_err().to_string();
         assert!(message.contains("no first.frame.label.weight of shape [26, 12]"), "{message}");

@@ -46,11 +46,6 @@ impl Words {
         self.places.get(k % self.length()).copied()
     }
 
-    /// Whether the slot that follows input `i` has a word before its own.
-    pub(crate) fn has_word_before(&self, i: usize) -> bool {
-        i + 1 >= self.front + self.length()
-    }
-
     /// The token of `ids` that is `words` words before the slot that follows input `i`; `None` where there is none.
     pub fn back(&self, ids: &[u32], i: usize, words: usize) -> Option<u32> {
         // what follows input i is token i + 1; a front token is no word's
@@ -182,8 +177,6 @@ mod tests {
         assert_eq!(back(1), [none(4), some(&[6, 7, 5, 8, 9, 5])].concat());
         assert_eq!(back(2), [none(7), some(&[6, 7, 5])].concat());
         assert_eq!((ANGLE.bin(5), ANGLE.bin(6), ANGLE.bin(9), ANGLE.bin(10)), (None, Some(0), Some(3), None));
-        let before: Vec<bool> = (0..10).map(|i| words.has_word_before(i)).collect();
-        assert_eq!(before, back(1).iter().map(Option::is_some).collect::<Vec<_>>());
         // S is 4: no step in the first two words and at ends; 8 to 6 round 3, 9 to 6 round 4
         let previous: Vec<_> = (0..10).map(|i| words.previous(&ids, i)).collect();
         assert_eq!(previous[..4], [(None, 4); 4]);

@@ -1,13 +1,13 @@
 //! Weights in a quarter of their size: matrices as 8-bit integers with a scale for each row, an output of the matrix or a
-//! row of a table; vectors as they are.
+//! row of a table; vectors, and the whole numbers of a forecast, as they are.
 //!
 //! Limits: f32 alone; a number of a matrix is off by up to half a step, about 1/254 of the largest of its row.
 //!
 //! A file: `KINELMW1`; for each tensor, by name: the name's length (u16) and bytes, the number of sides (u8) and each side
-//! (u32), then of a vector its numbers (f32), of anything else a scale (f32) for each row, and the rows (i8). Little-endian.
+//! (u32), then of a vector or a forecast its numbers (f32), of anything else a scale (f32) for each row, and the rows (i8). Little-endian.
 
 use kinelm_model::weights::{Array, Weights};
-use kinelm_model::{Error, Result};
+use kinelm_model::{Error, Result, forecast};
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"KINELMW1";
@@ -27,7 +27,7 @@ pub fn pack(weights: &Weights) -> Result<Vec<u8>> {
         out.extend(name.bytes());
         out.push(array.shape().len() as u8);
         out.extend(array.shape().iter().flat_map(|&side| (side as u32).to_le_bytes()));
-        if array.shape().len() < 2 {
+        if is_exact(name, array.shape().len()) {
             out.extend(array.numbers().iter().flat_map(|x| x.to_le_bytes()));
             continue;
         }
@@ -40,6 +40,11 @@ pub fn pack(weights: &Weights) -> Result<Vec<u8>> {
         }
     }
     Ok(out)
+}
+
+/// Whether a tensor is stored as it is.
+fn is_exact(name: &str, sides: usize) -> bool {
+    sides < 2 || forecast::is_tensor(name)
 }
 
 /// The step of a row's integers. Its last 8 bits are 0, so that 127 steps are exact, and packing again gives the same.
@@ -65,7 +70,7 @@ pub fn expand(bytes: &[u8]) -> Result<Weights> {
         let rank = rest.array::<1>()?[0];
         let sides = (0..rank).map(|_| Ok(u32::from_le_bytes(rest.array()?) as usize)).collect::<Result<Vec<_>>>()?;
         let count = sides.iter().try_fold(1usize, |n, &side| n.checked_mul(side)).ok_or_else(wrong)?;
-        let numbers = if rank < 2 {
+        let numbers = if is_exact(&name, sides.len()) {
             rest.floats(count)?
         } else {
             let scales = rest.floats(sides[0])?;
@@ -114,11 +119,13 @@ mod tests {
             ("a".to_string(), Array::new(&[3, 4], matrix.clone())),
             ("b".to_string(), Array::new(&[2], vec![0.1, -7.0])),
             ("zero".to_string(), Array::full(&[2, 2], 0.0)),
+            ("forecast.own".to_string(), Array::new(&[1, 2], vec![65_537.0, -1.0])),
         ]);
         let bytes = pack(&weights).unwrap();
         let back = expand(&bytes).unwrap();
         assert_eq!(back["b"].numbers(), [0.1, -7.0]);
         assert_eq!(back["zero"].numbers(), [0.0; 4]);
+        assert_eq!(back["forecast.own"].numbers(), [65_537.0, -1.0]);
         for (row, own) in back["a"].rows().zip(matrix.chunks(4)) {
             let step = own.iter().fold(0.0f32, |most, x| most.max(x.abs())) / MOST;
             assert!(row.iter().zip(own).all(|(a, b)| (a - b).abs() <= 0.51 * step), "{row:?} {own:?}");

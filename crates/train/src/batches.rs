@@ -21,6 +21,7 @@ use kinelm_corpus::windows::{fill_sequence, whole_words};
 use kinelm_corpus::{ClipRecord, ClipWords, Corpus, SpanMasking, Split, WindowTokens, fill_masked};
 use kinelm_model::ModelKind;
 use kinelm_model::goal::Conditioning;
+use kinelm_model::scored_windows;
 use kinelm_store::random;
 use kinelm_tokenizer::Special;
 use rayon::prelude::*;
@@ -33,6 +34,8 @@ pub struct Batch {
     /// (B, T) ids: the tokens, from the last position of the front on; `<pad>` before, and after the end of the clip.
     /// For a masked model the masked tokens, each at its own position, and `<pad>` elsewhere.
     pub targets: Vec<u32>,
+    /// (B, H W) ids: the frames before each window, `<pad>` where there are none; empty where the model reads none.
+    pub history: Vec<u32>,
     /// Names of the windows' clips, with the window's first frame.
     pub clips: Vec<String>,
     /// Goals and music of the windows' frames, if any have them.
@@ -53,6 +56,8 @@ impl Batch {
 
 /// Share of the windows in which a span is hidden, where any are.
 const SPANS: f64 = 0.5;
+/// Share of the windows whose history is hidden: their first frame is as a clip's, of which there are few.
+const WITHOUT_HISTORY: f64 = 0.1;
 
 /// The training windows of a run's corpora, in order.
 pub struct Batches<'a> {
@@ -61,8 +66,9 @@ pub struct Batches<'a> {
     ends: Vec<usize>, // per clip: windows of a round up to it, inclusive
     shares: Vec<Share>,
     context: usize,
-    word: usize, // W, or the length of the longest word
-    room: usize, // tokens of words that are targets in a window
+    history: usize, // H: frames before a window
+    word: usize,    // W, or the length of the longest word
+    room: usize,    // tokens of words that are targets in a window
     batch: usize,
     seed: u64,
     label_dropout: f64,
@@ -80,6 +86,17 @@ struct TrainClip<'a> {
     corpus: &'a Corpus,
     record: &'a ClipRecord,
     words: ClipWords<'a>,
+}
+
+/// What a window has beside its tokens.
+struct Filled {
+    /// The name of its clip, with its first frame.
+    clip: String,
+    goals: Option<Conditioning>,
+    /// (F, M).
+    music: Vec<f32>,
+    /// (H W).
+    history: Vec<u32>,
 }
 
 /// A corpus's share of a pass.
@@ -142,6 +159,7 @@ impl<'a> Batches<'a> {
             ends,
             shares,
             context,
+            history: 0,
             word,
             room,
             batch,
@@ -169,6 +187,7 @@ impl<'a> Batches<'a> {
             masked,
             spans: run.train.masking.spans(data.tokenizer())?,
             context: run.model.context,
+            history: run.model.history(),
             augment: Augment::new(&run.augment, data.tokenizer(), run.train.seed)?,
             gaps: Gaps::new(run.train.gaps, data.tokenizer(), run.train.seed)?,
             music: MusicConditioning::new(
@@ -197,41 +216,46 @@ impl<'a> Batches<'a> {
         let (mut inputs, mut targets) = (vec![0; b * t], vec![0; b * t]);
         let rows = (inputs.par_chunks_mut(t), targets.par_chunks_mut(t), &windows);
         let fill = |(input, target, &window): (&mut [u32], &mut [u32], &WindowId)| self.fill(window, input, target);
-        let filled: Vec<(String, Option<Conditioning>, Vec<f32>)> =
-            rows.into_par_iter().map(fill).collect::<Result<_>>()?;
-        let (mut clips, mut goals, mut music) = (Vec::new(), Vec::new(), Vec::new());
-        for (clip, goal, of_window) in filled {
-            clips.push(clip);
-            goals.push(goal);
-            music.extend(of_window);
+        let filled: Vec<Filled> = rows.into_par_iter().map(fill).collect::<Result<_>>()?;
+        let (mut clips, mut goals, mut music, mut history) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for window in filled {
+            clips.push(window.clip);
+            goals.push(window.goals);
+            music.extend(window.music);
+            history.extend(window.history);
         }
         let mut conditioning = concatenated(goals);
         if !music.is_empty() {
             conditioning.get_or_insert_default().music = music;
         }
-        Ok(Batch { inputs, targets, clips, conditioning })
+        Ok(Batch { inputs, targets, history, clips, conditioning })
     }
 
-    /// Fills a window (T). Returns the name of its clip with its first frame, its goals, and (F, M) its music.
-    fn fill(
-        &self,
-        window: WindowId,
-        input: &mut [u32],
-        target: &mut [u32],
-    ) -> Result<(String, Option<Conditioning>, Vec<f32>)> {
+    /// Fills a window (T).
+    fn fill(&self, window: WindowId, input: &mut [u32], target: &mut [u32]) -> Result<Filled> {
         let span = self.span(window);
-        let TrainClip { corpus, record, .. } = self.clips[span.clip];
+        let TrainClip { corpus, record, words } = self.clips[span.clip];
         let augment = self.augment.as_ref();
         let gaps = self.gaps.as_ref().filter(|gaps| gaps.takes(window));
         // gaps reach beyond the window
         let beyond = gaps.map_or(0, |gaps| gaps.reach() * self.word);
-        // changed together with the window: goals after it have to be of the same mirrored, turned, stretched motion
-        let wide = WindowSpan { tokens: (record.tokens - span.start).min(span.tokens + beyond), ..span };
-        let changed = augment.and_then(|a| a.ids(corpus, record, &wide, window, self.room + beyond));
+        let before = self.before(window, span.word);
+        // changed together with the window: frames before and goals after it have to be of the same mirrored, turned, stretched
+        // motion
+        let wide = WindowSpan {
+            word: span.word - before,
+            start: words.start(span.word - before) + (span.start - words.start(span.word)),
+            tokens: (record.tokens - span.start).min(span.tokens + beyond) + before * self.word,
+            ..span
+        };
+        let changed =
+            augment.and_then(|a| a.ids(corpus, record, &wide, window, self.room + beyond + before * self.word));
         let (mut ids, first, factor) = match changed {
-            Some(Changed { ids, first, factor }) => (ids, first, factor),
+            Some(Changed { ids, first, factor }) => (ids, first + before as f64 * factor, factor),
             None => (corpus.ids(record, wide.start..wide.start + wide.tokens)?, span.word as f64, 1.0),
         };
+        // a clip that is faster now may end before the window
+        let mut history: Vec<u32> = ids.drain(..ids.len().min(before * self.word)).collect();
         let of_music = |music: &MusicConditioning| music.of_window(corpus, record, window, first, factor);
         let music = self.music.as_ref().map_or(Ok(Vec::new()), of_music)?;
         let front = self.front(record, window, factor);
@@ -254,14 +278,29 @@ impl<'a> Batches<'a> {
         }
         if let Some(augment) = augment {
             // after the targets and goals were taken from the clean ids
-            augment.disturb(window, &mut input[front.len()..]);
+            let mut read = [&history[..], &input[front.len()..]].concat();
+            augment.disturb(window, &mut read);
+            let (before, shown) = read.split_at(history.len());
+            history.copy_from_slice(before);
+            input[front.len()..].copy_from_slice(shown);
         }
         if !dropped.is_empty() {
+            hide(&dropped, self.word, &mut history, &mut []);
             // a causal target is one place before its input, a masked one at the same place
             let first = front.len() - usize::from(!self.masked);
             hide(&dropped, self.word, &mut input[front.len()..], &mut target[first..]);
         }
-        Ok((format!("{} from frame {}", record.name, corpus.frames_of(record, 0..span.word)), goals, music))
+        let clip = format!("{} from frame {}", record.name, corpus.frames_of(record, 0..span.word));
+        Ok(Filled { clip, goals, music, history: scored_windows::history(&history, self.history * self.word, pad) })
+    }
+
+    /// Words before a window that it is read after.
+    fn before(&self, WindowId { round, number }: WindowId, word: usize) -> usize {
+        let mut rng = random::stream(self.seed, "history", round, number as u64);
+        match self.history > 0 && random::unit(&mut rng) < WITHOUT_HISTORY {
+            true => 0,
+            false => word.min(self.history),
+        }
     }
 
     /// The window at an index of the data: window i of step s has s B + i.
@@ -368,9 +407,11 @@ fn hide(places: &[usize], word: usize, inputs: &mut [u32], targets: &mut [u32]) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::augment::AugmentConfig;
     use crate::config::Masking;
     use crate::fixture;
     use kinelm_model::ModelConfig;
+    use kinelm_tokenizer::UncodedPose;
 
     /// Without conditions.
     fn of(data: &Data, context: usize, batch: usize, seed: u64) -> Result<Batches<'_>> {
@@ -514,6 +555,47 @@ mod tests {
         }
         let both = hidden.inputs.chunks(37).filter(|w| w[1..3] == [4, 4]).count();
         assert!(both.abs_diff(100) < 40, "{both}");
+    }
+
+    #[test]
+    fn windows_are_read_after_the_frames_before_them_but_for_a_tenth() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = Data::one(fixture::turning(dir.path(), &[(90, Split::Train)])).unwrap();
+        let corpus = &data.parts()[0].corpus;
+        let word = data.tokenizer().tokens_per_word().unwrap();
+        let two_level = kinelm_model::Architecture::TwoLevel;
+        let model = ModelConfig { architecture: two_level, window: Some(10), ..Default::default() };
+        let train = TrainConfig { batch: 900, ..Default::default() };
+        let ids = corpus.clip_ids(&corpus.clips()[0]).unwrap();
+        let of = |augment: AugmentConfig| {
+            let run = RunFile { augment, ..RunFile::new(&model, &train, &data).unwrap() };
+            Batches::of_run(&run, &data).unwrap().batch(0).unwrap()
+        };
+        let batch = of(AugmentConfig::default());
+        let all = model.history() * word;
+        assert_eq!(batch.history.len(), 900 * all);
+        let mut hidden = 0;
+        for (i, clip) in batch.clips.iter().enumerate() {
+            let start: usize = clip.split_once(" from frame ").unwrap().1.parse().unwrap();
+            let found = &batch.history[i * all..][..all];
+            assert_eq!(batch.targets[i * 10 * word..][..10 * word], ids[start * word..][..10 * word]);
+            match found.iter().all(|id| *id == 0) {
+                true => hidden += usize::from(start > 0),
+                false => assert_eq!(found, scored_windows::history(&ids[..start * word], all, 0)),
+            }
+        }
+        // four standard deviations of a binomial: 36; some windows begin with the clip
+        assert!(hidden.abs_diff(88) < 40, "{hidden}");
+        // mirrored with their windows: the same clip in the mirror
+        let mirrored = of(AugmentConfig { mirror: 1.0, ..Default::default() });
+        let clip = data.tokenizer().decode(&data.tokenizer().words_of_ids(&ids).words, UncodedPose::Identity).unwrap();
+        let other = data.tokenizer().encode(&kinelm_motion::mirror::mirror(&clip).unwrap()).unwrap().words;
+        let other = data.tokenizer().ids_of_words(&other).unwrap();
+        let i = batch.clips.iter().position(|clip| clip.ends_with(" 40")).unwrap();
+        assert_eq!(mirrored.targets[i * 10 * word..][..10 * word], other[40 * word..50 * word]);
+        if batch.history[i * all] != 0 {
+            assert_eq!(mirrored.history[i * all..][..all], other[(40 - model.history()) * word..40 * word]);
+        }
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::Result;
 use kinelm_engine::arena::Floats;
 use kinelm_model::fast::{Fast, Windows};
 use kinelm_model::layout::{Parameter, Role};
-use kinelm_model::weights::{Weights, floats, named};
+use kinelm_model::weights::{Weights, floats};
 use kinelm_model::{Dropout, Scores};
 use rayon::prelude::*;
 
@@ -48,8 +48,9 @@ impl FastLearner {
     fn of_batch(&mut self, batch: &Batch, step: u64, first: u64) -> Result<f64> {
         let share = Scores::config(&self.model).dropout;
         let dropout = (share > 0.0).then_some(Dropout { share, seed: self.train.seed, step, first });
-        let (inputs, targets, conditioning) = (&batch.inputs, &batch.targets, batch.conditioning.as_ref());
-        let windows = Windows { inputs, targets, length: batch.length(), mask: self.model.mask(), conditioning };
+        let Batch { inputs, targets, history, conditioning, .. } = batch;
+        let (length, mask, conditioning) = (batch.length(), self.model.mask(), conditioning.as_ref());
+        let windows = Windows { inputs, targets, length, mask, history, conditioning };
         let nats = self.model.gradients(windows, dropout.as_ref(), &mut self.optimizer.gradients)?;
         match nats.is_finite() {
             true => Ok(nats),
@@ -125,7 +126,7 @@ impl Learner for FastLearner {
     }
 
     fn averages(&self) -> Result<Option<Weights>> {
-        Ok(self.averages.as_ref().map(|averages| named(self.model.parameters(), averages)))
+        Ok(self.averages.as_ref().map(|averages| self.model.named(averages)))
     }
 
     fn restore_averages(&mut self, averages: &Weights) -> Result<()> {

@@ -63,7 +63,13 @@ fn model(g: &Value) -> Gpt {
 
 fn batch(g: &Value) -> Batch {
     let ids = |key: &str| serde_json::from_value(g[key].clone()).unwrap();
-    Batch { inputs: ids("inputs"), targets: ids("targets"), clips: vec!["golden".into(); 3], conditioning: None }
+    Batch {
+        inputs: ids("inputs"),
+        targets: ids("targets"),
+        history: Vec::new(),
+        clips: vec!["golden".into(); 3],
+        conditioning: None,
+    }
 }
 
 fn furthest(a: &[f32], b: &[f32]) -> f32 {
@@ -92,7 +98,7 @@ fn logits_and_gradients_are_pytorchs_to_1e_4() {
     let logits = gpt.forward(&ids, None).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
     let mut fast = Fast::of(&gpt).unwrap();
     let (inputs, targets) = (&batch.inputs, &batch.targets);
-    let windows = Windows { inputs, targets, length: context, mask: Mask::Causal, conditioning: None };
+    let windows = Windows { inputs, targets, length: context, mask: Mask::Causal, history: &[], conditioning: None };
     for (form, logits) in [("plain", logits), ("fast", fast.logits(windows).unwrap())] {
         let error = furthest(&logits, &numbers(&g["logits"]));
         assert!(error < BOUND, "{form}: logits: {error}");
@@ -154,7 +160,8 @@ fn ten_steps_of_every_form_cost_the_same_plain_and_fast() {
         let config = ModelConfig { width: 16, dropout: 0.1, ..config };
         let gpt = Gpt::new(&config, &tokens, 1).unwrap();
         let (inputs, targets) = fixtures::batch(&config, &tokens, 3, 40);
-        let batch = Batch { inputs, targets, clips: vec!["made up".into(); 3], conditioning: None };
+        let batch =
+            Batch { inputs, targets, history: Vec::new(), clips: vec!["made up".into(); 3], conditioning: None };
         let train_config = if tokens.varying { &train_config } else { &ordinal };
         let mut fast = FastLearner::new(Fast::of(&gpt).unwrap(), train_config);
         let fast = train(&mut fast, &batch, train_config);
@@ -174,7 +181,7 @@ fn training_in_bf16_follows_training_in_f32() {
     let config = ModelConfig { width: 64, heads: 2, dropout: 0.1, ..config };
     let gpt = Gpt::new(&config, &tokens, 1).unwrap();
     let (inputs, targets) = fixtures::batch(&config, &tokens, 3, 40);
-    let batch = Batch { inputs, targets, clips: vec!["made up".into(); 3], conditioning: None };
+    let batch = Batch { inputs, targets, history: Vec::new(), clips: vec!["made up".into(); 3], conditioning: None };
     let train_config = TrainConfig { steps: 10, learning_rate: 3e-3, warmup: 2, ..Default::default() };
     let losses = |products| {
         let mut fast = Fast::of(&gpt).unwrap();
@@ -198,7 +205,7 @@ fn one_window_is_learnt_by_heart() {
         let gpt = Gpt::new(&config, &tokens, 1).unwrap();
         let targets: Vec<u32> = (0..48u32).map(|i| if i % 6 == 5 { 5 } else { 6 + (i * i * 7 + i * 3) % 24 }).collect();
         let inputs = [&[1], &targets[..47]].concat();
-        let batch = Batch { inputs, targets, clips: vec!["one".into()], conditioning: None };
+        let batch = Batch { inputs, targets, history: Vec::new(), clips: vec!["one".into()], conditioning: None };
         let train_config =
             TrainConfig { steps: 150, learning_rate: 1e-2, warmup: 10, weight_decay: 0.0, ..Default::default() };
         let mut learner = FastLearner::new(Fast::of(&gpt).unwrap(), &train_config);

@@ -7,7 +7,7 @@ use super::ema;
 use super::learner::{BatchLoss, Learner, no_average, not_finite};
 use crate::{Error, Result};
 use candle_core::{DType, Tensor};
-use kinelm_model::weights::{Array, Weights, in_order};
+use kinelm_model::weights::{Weights, in_order};
 use kinelm_model::{Dropout, Gpt, ModelConfig, Scores, layout};
 
 /// Attention scores of one layer that are computed at a time; the graph holds about six such tensors per layer.
@@ -86,12 +86,19 @@ impl Plain {
             let part = first * length..(first + clips.len()) * length;
             let dropout = self.dropout.map(|d| Dropout { step, first: before + first as u64, ..d });
             let ids = self.model.ids(&batch.inputs[part.clone()], length)?;
+            let before = batch.history.len() / batch.clips.len().max(1);
+            let history = &batch.history[first * before..(first + clips.len()) * before];
             let conditioning = batch
                 .conditioning
                 .as_ref()
                 .map(|conditioning| conditioning.windows(first..first + clips.len(), batch.clips.len()));
-            let loss =
-                self.model.loss_sum_conditioned(&ids, &batch.targets[part], dropout.as_ref(), conditioning.as_ref())?;
+            let loss = self.model.loss_sum_conditioned(
+                &ids,
+                &batch.targets[part],
+                dropout.as_ref(),
+                history,
+                conditioning.as_ref(),
+            )?;
             // by the targets of the whole step, so that the pieces' gradients add up to the mean's
             let loss = (loss / counted.max(1) as f64)?;
             let value = loss.to_scalar::<f32>()? as f64;
@@ -148,8 +155,7 @@ impl Learner for Plain {
 
     fn averages(&self) -> Result<Option<Weights>> {
         let Some((averages, _)) = &self.averages else { return Ok(None) };
-        let all = self.model.vars().keys().zip(averages);
-        Ok(Some(all.map(|(name, average)| Ok((name.clone(), Array::of(average)?))).collect::<Result<_>>()?))
+        Ok(Some(self.model.named(averages.iter())?))
     }
 
     fn restore_averages(&mut self, averages: &Weights) -> Result<()> {

@@ -4,7 +4,7 @@ use crate::{Error, Result};
 use kinelm_corpus::conditions::in_order;
 use kinelm_model::layout::{self, CLASS, GOAL, MUSIC};
 use kinelm_model::weights::{Array, Weights};
-use kinelm_model::{ModelConfig, TokenLayout};
+use kinelm_model::{ModelConfig, TokenLayout, forecast};
 
 /// The contents of a model's windows: its tokens, and the label fields after `<bos>`.
 #[derive(Debug, Clone, Copy)]
@@ -72,7 +72,12 @@ pub fn resize(weights: &Weights, config: &ModelConfig, old: Inputs, new: Inputs,
         }
         Ok((p.name.clone(), Array::new(&p.shape, all)))
     });
-    resized.collect()
+    let mut resized: Weights = resized.collect::<Result<_>>()?;
+    // no words have changed, so what is forecast of them stays
+    resized.extend(
+        weights.iter().filter(|(name, _)| forecast::is_tensor(name)).map(|(name, x)| (name.clone(), x.clone())),
+    );
+    Ok(resized)
 }
 
 /// Per token of the new front: its index in the old one.

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// The layout of `config.toml` that this program writes and reads.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 /// `config.toml` of a run folder: every option resolved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -305,9 +305,9 @@ mod tests {
         file.write(dir.path()).unwrap();
         let path = dir.path().join(CONFIG);
         let text = fs::read_to_string(&path).unwrap();
-        fs::write(&path, text.replace("version = 5", "version = 2")).unwrap();
+        fs::write(&path, text.replace("version = 6", "version = 2")).unwrap();
         let message = RunFile::read(dir.path()).unwrap_err().to_string();
-        assert!(message.contains("found version 2, expected version 5"), "{message}");
+        assert!(message.contains("found version 2, expected version 6"), "{message}");
         fs::write(&path, text.replace("weight", "wait")).unwrap();
         let message = RunFile::read(dir.path()).unwrap_err().to_string();
         assert!(message.contains("config.toml:") && message.contains("wait"), "{message}");

@@ -57,7 +57,7 @@ fn check(case: &Value) {
     };
     let mut fast = Fast::from_weights(&config, &tokens, &weights).unwrap();
     let mut gradients = fast.like_weights();
-    let windows = Windows { inputs: &inputs, targets: &targets, length, mask, conditioning: None };
+    let windows = Windows { inputs: &inputs, targets: &targets, length, mask, history: &[], conditioning: None };
     let loss =
         fast.gradients(windows, None, &mut gradients).unwrap() / targets.iter().filter(|&&t| t != 0).count() as f64;
     let expected = case["loss"].as_f64().unwrap();

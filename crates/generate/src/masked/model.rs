@@ -24,7 +24,7 @@ impl MaskedModel for Fast {
 
     fn logits(&mut self, window: &[u32]) -> Result<Vec<f32>> {
         let (length, mask) = (window.len(), self.mask());
-        Fast::logits(self, Windows { inputs: window, targets: window, length, mask, conditioning: None })
+        Fast::logits(self, Windows { inputs: window, targets: window, length, mask, history: &[], conditioning: None })
     }
 }
 

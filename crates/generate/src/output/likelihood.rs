@@ -5,7 +5,7 @@ use crate::{Error, Result};
 use kinelm_corpus::windows::{eval_windows, fill_sequence};
 use kinelm_corpus::words::ClipWords;
 use kinelm_model::TokenWindows;
-use kinelm_model::scored_windows::room;
+use kinelm_model::scored_windows::{history, room};
 use kinelm_tokenizer::{SPACE, Words};
 
 impl OpenRequest {
@@ -39,7 +39,9 @@ impl OpenRequest {
                 // scored by the window before
                 target[..front.len() - 1 + window.scored.start].fill(pad);
                 let mut scored = vec![0.0; length];
-                let windows = TokenWindows { inputs: &input, targets: &target, length, conditioning: None };
+                let before = history(&ids[..window.start], model.config().history() * model.tokens().word, pad);
+                let windows =
+                    TokenWindows { inputs: &input, targets: &target, length, history: &before, conditioning: None };
                 model.nats(windows, &mut scored)?;
                 nats += scored.iter().map(|&x| f64::from(x)).sum::<f64>();
             }

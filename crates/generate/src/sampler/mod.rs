@@ -265,7 +265,12 @@ impl Batch {
         let each = self.plan.streams();
         for (i, sequence) in self.sequences.iter_mut().enumerate() {
             let read = sequence.prepare(guesses);
-            (0..each).for_each(|stream| model.truncate(i * each + stream, read));
+            for stream in i * each..(i + 1) * each {
+                match read {
+                    0 => model.begin_after(stream, sequence.before()),
+                    read => model.truncate(stream, read),
+                }
+            }
             // the unconditioned reading gets neither goals nor music
             sequence.condition(model, i * each)?;
         }

@@ -19,6 +19,11 @@ pub trait NextToken: Send {
     /// A sequence forgets all but its first `length` tokens, and the conditioning of later frames.
     fn truncate(&mut self, stream: usize, length: usize);
 
+    /// A sequence forgets all tokens, and comes after the words `ids`, of which models read what they can.
+    fn begin_after(&mut self, stream: usize, _ids: &[u32]) {
+        self.truncate(stream, 0);
+    }
+
     /// Conditions a frame of a sequence, counted from its window's first, on its goals and on (M) its music, before the token
     /// is read that comes right before the frame. Models without such conditioning do nothing.
     ///
@@ -57,6 +62,10 @@ impl NextToken for Reader {
 
     fn truncate(&mut self, stream: usize, length: usize) {
         Reader::truncate(self, stream, length);
+    }
+
+    fn begin_after(&mut self, stream: usize, ids: &[u32]) {
+        Reader::begin_after(self, stream, ids);
     }
 
     fn condition(

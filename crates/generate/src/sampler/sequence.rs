@@ -118,6 +118,11 @@ impl Sequence {
         (self.ids, self.lookahead)
     }
 
+    /// The tokens before the window, whole words.
+    pub(crate) fn before(&self) -> &[u32] {
+        &self.ids[..self.first]
+    }
+
     /// The tokens that the model reads next; none when the dance is done.
     pub(crate) fn block(&self) -> &[u32] {
         &self.block

@@ -4,6 +4,7 @@
 
 use super::numbers::Numbers;
 use crate::config::{HeadKind, ModelConfig, TokenLayout};
+use crate::forecast::reached;
 use crate::head_groups::STEPS;
 use crate::words::Words;
 use kinelm_engine::decode::{Matrix, Product, StackDecoder, WeightKind};
@@ -125,10 +126,11 @@ impl Head {
         }
     }
 
-    /// The source of the logits after input `i` of the sequence `ids`.
-    fn task(&self, ids: &[u32], i: usize) -> Task {
+    /// The source of the logits after input `i` of the sequence `ids`, of which a step is forecast.
+    fn task(&self, ids: &[u32], i: usize, forecast: i32) -> Task {
         let known = |steps: &StepTables| Some((steps.words.bin(ids, i, 1)?, steps.words.steps()));
-        let Some(((bins, bin), steps)) = self.steps.as_ref().and_then(known) else { return Task::All };
+        let Some(((bins, from), steps)) = self.steps.as_ref().and_then(known) else { return Task::All };
+        let bin = reached(bins, from, forecast);
         let (first, count) = (bins.first as usize, bins.count as usize);
         match bins.circular {
             true => Task::Round { first, count, bin },
@@ -137,15 +139,15 @@ impl Head {
     }
 
     /// Appends the logits (rows, V) of the normed rows of `stack`; ids that can't follow have minus infinity. `rows` are the
-    /// rows' sequences and inputs.
+    /// rows' sequences, inputs and forecasts.
     pub fn logits<'a>(
         &self,
         logits: &mut Vec<f32>,
         stack: &mut StackDecoder,
-        rows: impl Iterator<Item = (&'a [u32], usize)> + Clone,
+        rows: impl Iterator<Item = (&'a [u32], usize, i32)> + Clone,
     ) {
         let (before, vocabulary) = (logits.len(), self.vocabulary);
-        let tasks = rows.map(|(ids, i)| self.task(ids, i)).enumerate();
+        let tasks = rows.map(|(ids, i, forecast)| self.task(ids, i, forecast)).enumerate();
         // a step reaches the bins of one slot: all other ids stay impossible
         logits.resize(before + tasks.clone().count() * vocabulary, f32::NEG_INFINITY);
         for table in TABLES {
@@ -182,14 +184,16 @@ mod tests {
         let head = Head { vocabulary: 11, absolute: matrix(11), steps: Some(steps) };
         // the last token of the second word's slot is that of <mask>
         let ids = [1, 9, 7, 10, 5, 6, 8, 3, 5, 6];
-        let tasks: Vec<Task> = (0..10).map(|i| head.task(&ids, i)).collect();
+        let tasks: Vec<Task> = (0..10).map(|i| head.task(&ids, i, 0)).collect();
         let all = Task::All;
         let round = |bin| Task::Round { first: 6, count: 4, bin };
         let shifted = |count, column| Task::Shifted { first: 6, count, column };
         let second = [round(3), shifted(3, 3), shifted(5, 0), all];
         assert_eq!(tasks[..8], [[all; 4], second].concat());
         assert_eq!(tasks[8..], [round(0), shifted(3, 2)]);
-        assert_eq!(head.task(&[&ids[..], &[7]].concat(), 10), all);
+        assert_eq!(head.task(&[&ids[..], &[7]].concat(), 10, 0), all);
+        // 3 and two steps more round a circle of 4; 1 and two more, up to the last of 3
+        assert_eq!((head.task(&ids, 4, 2 << 16), head.task(&ids, 5, 2 << 16)), (round(1), shifted(3, 2)));
         assert_eq!((shifted(5, 4).columns(11), round(0).columns(11)), (4..9, 0..4));
     }
 

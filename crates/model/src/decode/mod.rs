@@ -46,6 +46,8 @@ struct LogitRow {
     row: usize,
     stream: usize,
     place: usize,
+    /// Of the slot that follows, where there is one.
+    forecast: i32,
 }
 
 /// Adds row `row` of a table to `x`.

@@ -127,6 +127,18 @@ impl Reader {
         either!(&mut self.decoder, truncate(stream, length));
     }
 
+    /// A sequence forgets all tokens, and comes after the frames `ids`: whole words, of which the model reads the last
+    /// [`ModelConfig::history`]. A flat model reads none.
+    ///
+    /// # Panics
+    /// If there is no such sequence.
+    pub fn begin_after(&mut self, stream: usize, ids: &[u32]) {
+        match &mut self.decoder {
+            Decoder::Flat(decoder) => decoder.truncate(stream, 0),
+            Decoder::TwoLevel(decoder) => decoder.begin_after(stream, without_padding(ids, self.tokens.pad)),
+        }
+    }
+
     /// Sets the conditioning of a frame of a sequence, its goals and its music (M), before the last token before the
     /// frame is read; `None` and empty: none. A flat model has no conditioning.
     ///
@@ -201,6 +213,11 @@ impl Reader {
     }
 }
 
+/// The words after the padding.
+fn without_padding(ids: &[u32], pad: u32) -> &[u32] {
+    &ids[ids.iter().take_while(|&&id| id == pad).count()..]
+}
+
 impl Scores for Reader {
     fn config(&self) -> &ModelConfig {
         &self.config
@@ -211,7 +228,7 @@ impl Scores for Reader {
     }
 
     fn nats(&mut self, windows: TokenWindows, out: &mut [f32]) -> Result<()> {
-        let TokenWindows { inputs, targets, length, conditioning } = windows;
+        let TokenWindows { inputs, targets, length, history, conditioning } = windows;
         if conditioning.is_some() {
             let why = "it is given to whole windows; measure with weights and keys in f32";
             return Err(Error::unsupported("conditioning on goals or music", why));
@@ -219,9 +236,12 @@ impl Scores for Reader {
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
         let pad = self.tokens.pad;
         let mut nats = vec![0.0; length];
+        self.config.check_history(&self.tokens, inputs.len() / length.max(1), history)?;
         let windows = inputs.chunks(length).zip(targets.chunks(length)).zip(out.chunks_mut(length));
-        for ((inputs, targets), out) in windows {
+        let before = self.config.history() * self.tokens.word;
+        for (i, ((inputs, targets), out)) in windows.enumerate() {
             (0..self.streams()).for_each(|stream| self.truncate(stream, 0));
+            self.begin_after(0, history.get(i * before..(i + 1) * before).unwrap_or_default());
             let mut blocks = vec![&[][..]; self.streams()];
             // the other streams stay empty: windows are scored one after the other
             blocks[0] = inputs;

@@ -40,29 +40,36 @@ fn apart(a: &[f32], b: &[f32]) -> f32 {
     apart / largest(&mut b.iter().copied().filter(|x| x.is_finite())).max(f32::MIN_POSITIVE)
 }
 
-/// Windows of the plain form's logits for each of `sequences`.
-fn truth(gpt: &Gpt, sequences: &[Vec<u32>]) -> Vec<Vec<f32>> {
-    let logits = |ids: &Vec<u32>| {
+/// Windows of the plain form's logits for each of `sequences`, after its part of their history.
+fn truth(gpt: &Gpt, sequences: &[Vec<u32>], history: &[u32]) -> Vec<Vec<f32>> {
+    let before = history.len() / sequences.len();
+    let logits = |(i, ids): (usize, &Vec<u32>)| {
         let input = Tensor::new(ids.as_slice(), &Device::Cpu).unwrap().unsqueeze(0).unwrap();
-        let mut logits = gpt.predict(&input).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        let logits = gpt.forward_beside(&input, None, &history[i * before..][..before], None).unwrap();
+        let mut logits = logits.flatten_all().unwrap().to_vec1::<f32>().unwrap();
         if !gpt.config().architecture.is_flat() {
             // a two-level model predicts no label: those rows are zeros
             logits[..(gpt.tokens().front - 1) * gpt.tokens().vocabulary].fill(0.0);
         }
         logits
     };
-    sequences.iter().map(logits).collect()
+    sequences.iter().enumerate().map(logits).collect()
 }
 
 /// Reads `sequences` side by side in all ways, now and then more than that, which is taken back.
 fn check(gpt: &Gpt, sequences: &[Vec<u32>], name: &str) {
     let (vocabulary, length) = (gpt.tokens().vocabulary, sequences[0].len());
-    let truth = truth(gpt, sequences);
     let streams = sequences.len();
+    let history = fixtures::history(gpt.config(), gpt.tokens(), streams);
+    let truth = truth(gpt, sequences, &history);
+    let before = history.len() / streams;
     let mut reader = Reader::new(gpt, ReaderOptions { streams, ..ReaderOptions::default() }).unwrap();
     let mut first: Vec<Vec<f32>> = Vec::new();
     for cuts in [vec![length], vec![1; length], vec![length / 2, 1, length / 3, length - length / 2 - length / 3 - 1]] {
-        (0..streams).for_each(|stream| reader.truncate(stream, 0));
+        for stream in 0..streams {
+            let ids = &history[stream * before..][..before];
+            reader.begin_after(stream, &ids[ids.iter().take_while(|id| **id == 0).count()..]);
+        }
         let mut read = 0;
         for n in cuts {
             // another sequence's tokens go in and are forgotten
@@ -144,7 +151,7 @@ fn conditioned_frames_have_the_logits_of_the_plain_form() {
         let (gpt, length) = (fixtures::model(&config, &tokens), config.context);
         let (inputs, _) = fixtures::batch(&config, &tokens, 2, length);
         let conditioning = fixtures::conditioning(&config, &tokens, 2).unwrap();
-        let truth = gpt.forward_conditioned(&fixtures::ids(&inputs, length), &conditioning).unwrap();
+        let truth = gpt.forward_beside(&fixtures::ids(&inputs, length), None, &[], Some(&conditioning)).unwrap();
         let mut truth = truth.to_vec3::<f32>().unwrap();
         truth.iter_mut().for_each(|rows| rows[..tokens.front - 1].iter_mut().for_each(|row| row.fill(0.0)));
         let mut reader = Reader::new(&gpt, ReaderOptions { streams: 2, ..ReaderOptions::default() }).unwrap();
@@ -185,7 +192,7 @@ fn scores_are_those_of_the_plain_form() {
     let (inputs, mut targets) = (ids(60, 1), ids(60, 2));
     targets[25..].fill(0);
     let (mut found, mut expected) = (vec![9.0; 60], vec![9.0; 60]);
-    let windows = TokenWindows { inputs: &inputs, targets: &targets, length: 30, conditioning: None };
+    let windows = TokenWindows { inputs: &inputs, targets: &targets, length: 30, history: &[], conditioning: None };
     reader.nats(windows, &mut found).unwrap();
     gpt.nats(windows, &mut expected).unwrap();
     assert!(apart(&found, &expected) < 1e-5);
@@ -199,7 +206,10 @@ fn bytes_and_half_floats_cost_less_than_half_a_percent() {
         let mut out = vec![0.0; 70];
         Reader::new(&gpt, ReaderOptions { streams: 1, weights, kv })
             .unwrap()
-            .nats(TokenWindows { inputs: &inputs, targets: &targets, length: 70, conditioning: None }, &mut out)
+            .nats(
+                TokenWindows { inputs: &inputs, targets: &targets, length: 70, history: &[], conditioning: None },
+                &mut out,
+            )
             .unwrap();
         out.iter().sum::<f32>()
     };

@@ -179,7 +179,12 @@ impl TokenDecoder {
                     // only the piece with the block's last token has the row whose logits are returned
                     Logits::Last => n - usize::from(after.is_empty()),
                 };
-                self.pending.extend((first..n).map(|i| LogitRow { row: row + i, stream, place: place + i }));
+                self.pending.extend((first..n).map(|i| LogitRow {
+                    row: row + i,
+                    stream,
+                    place: place + i,
+                    forecast: 0,
+                }));
                 if self.stack.free() == 0 {
                     self.pass();
                 }
@@ -249,7 +254,7 @@ impl TokenDecoder {
         if !self.pending.is_empty() {
             self.stack.norm(&weights.norm, self.pending.iter().map(|pending| pending.row));
             let (tokens, context) = (&self.tokens, weights.context);
-            let ids = |row: &LogitRow| (&tokens[row.stream * context..][..=row.place], row.place);
+            let ids = |row: &LogitRow| (&tokens[row.stream * context..][..=row.place], row.place, 0);
             weights.head.logits(&mut self.logits, &mut self.stack, self.pending.iter().map(ids));
         }
         self.pending.clear();

@@ -13,7 +13,8 @@ use super::conditioning::{Conditioning, FrameConditioning};
 use super::head::Head;
 use super::numbers::Numbers;
 use super::{KvKind, LogitRow, Logits, ReaderOptions, add_row};
-use crate::frames::{BACK, Frames, SPELT};
+use crate::forecast::{Forecast, NUMBERS, Track};
+use crate::frames::{BACK, Frames, spelt_tables};
 use crate::{Gpt, Result, layout};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::decode::{Matrix, Norm, Run, Stack, StackDecoder, StackWeights, in_pool};
@@ -26,8 +27,10 @@ pub(super) struct TwoLevelDecoder {
     /// Every frame begins at place 0 of its stream: the keys of the frame before are overwritten.
     decoder: StackDecoder,
     progress: Vec<Progress>,
-    /// Tokens read, T per stream.
+    /// (streams, K + H W + F W): the front, the frames before the window, the tokens read after the front.
     tokens: Vec<u32>,
+    /// What is forecast of each stream's slots; empty without a forecast.
+    tracks: Vec<Track>,
     /// The trunk's output for each frame, (F, d) per stream: going back costs no trunk row.
     contexts: Floats,
     /// Stream and frame of the trunk's next rows, and their inputs, (m, 2 C e).
@@ -40,10 +43,13 @@ pub(super) struct TwoLevelDecoder {
 
 struct Weights {
     frames: Frames,
-    /// F, V, K - 1, e.
+    forecast: Option<Arc<Forecast>>,
+    /// F, V, K - 1, H W, `<pad>`, e.
     window: usize,
     vocabulary: usize,
     skipped: usize,
+    history: usize,
+    pad: u32,
     character_width: usize,
     /// (C (S + 1), e).
     characters: Floats,
@@ -57,8 +63,9 @@ struct Weights {
     trunk_norm: Norm,
     /// (D, d): from the trunk to the frame decoder.
     output: Matrix,
-    /// Tables of [`SPELT`].
-    tables: [Floats; 4],
+    /// Tables of [`crate::frames::SPELT`], and (P, d) the projection of a forecast's numbers.
+    tables: Vec<Floats>,
+    projection: Floats,
     decoder: StackWeights,
     norm: Norm,
     head: Head,
@@ -75,6 +82,8 @@ pub(super) struct Progress {
     pub frame: usize,
     /// How many of them belong to the tokens read.
     pub rows: usize,
+    /// Words of the sequence, history included, that are padding.
+    padded: usize,
 }
 
 impl Progress {
@@ -100,9 +109,12 @@ impl Weights {
         let trunk = Stack { layers: config.layers, heads: config.heads, width: wide };
         let decoder = Stack { layers: shape.layers, heads: shape.heads, width: d };
         Weights {
+            forecast: gpt.forecast().cloned(),
             window: config.frames(tokens),
             vocabulary: tokens.vocabulary,
             skipped: tokens.front - 1,
+            history: config.history() * tokens.word,
+            pad: tokens.pad,
             character_width: shape.character_width,
             characters: numbers.floats("frame.character.weight"),
             join: Matrix::linear(numbers.pair("frame.join"), inputs, wide, kind),
@@ -111,7 +123,8 @@ impl Weights {
             trunk: numbers.stack(layout::TRUNK, trunk, kind, None),
             trunk_norm: numbers.norm("trunk.norm", wide),
             output: Matrix::linear(numbers.pair("spell.frame"), wide, d, kind),
-            tables: SPELT.map(|name| numbers.floats(name)),
+            tables: spelt_tables(config.forecast()).iter().map(|name| numbers.floats(name)).collect(),
+            projection: Floats::of(numbers.optional(layout::FORECAST)),
             decoder: numbers.stack(layout::SPELL, decoder, kind, None),
             norm: numbers.norm("norm", d),
             // the front's last token alone is before the frames: labels aren't part of the decoder's sequence
@@ -126,9 +139,15 @@ impl Weights {
         decoder.bytes() + head.bytes() + (trunk.bytes() + join.bytes() + output.bytes()) / frames.word()
     }
 
-    /// T = K - 1 + F W.
-    fn context(&self) -> usize {
-        self.skipped + self.window * self.frames.word()
+    /// Tokens that a stream holds.
+    fn room(&self) -> usize {
+        self.skipped + 1 + self.history + self.window * self.frames.word()
+    }
+
+    /// The slots of words that are not padding, up to the last of the first `tokens` of a sequence's words.
+    fn slots(&self, padded: usize, tokens: usize) -> usize {
+        let (word, slots) = (self.frames.word(), self.frames.characters());
+        (tokens / word * slots + (tokens % word).min(slots)).saturating_sub(padded * slots)
     }
 
     /// 2 C e.
@@ -146,6 +165,22 @@ impl Weights {
         let [wide, d] = self.widths();
         let frame = self.trunk.work() + (self.input_width() + d) * wide;
         frames * frame + tokens * (self.decoder.work() + self.vocabulary * d)
+    }
+
+    /// The forecast of the slot just read and of the one that follows, after a sequence's `ids`; `None` and 0 where there is none.
+    fn forecasts(&self, track: &mut Track, forecast: &Forecast, ids: &[u32], padded: usize) -> (Option<i32>, i32) {
+        let (word, slots, places) = (self.frames.word(), self.frames.characters(), self.frames.places());
+        let known = self.slots(padded, ids.len() - 1);
+        track.truncate(known);
+        for slot in track.known_slots()..known {
+            let (frame, place) = (padded + slot / slots, slot % slots);
+            track.push(forecast, places[place].bin(ids[1 + frame * word + place]));
+        }
+        match (ids.len() - 1) % word {
+            0 => (None, track.next(forecast)),
+            place if place == slots => (track.forecasts().last().copied(), 0),
+            _ => (track.forecasts().last().copied(), track.next(forecast)),
+        }
     }
 
     /// Writes the trunk's input (2 C e) for `frame` of the sequence `ids`.
@@ -184,9 +219,12 @@ impl TwoLevelDecoder {
         let rows = window * streams * word;
         let decoder = StackDecoder::new(&weights.decoder, kv, streams, word, rows, weights.head.widest());
         let trunk = StackDecoder::new(&weights.trunk, kv, streams, window, window * streams, d);
+        let padded = weights.history / word;
+        let track = || Track::new(weights.frames.characters(), padded + window);
         TwoLevelDecoder {
-            progress: vec![Progress::default(); streams],
-            tokens: vec![0; streams * weights.context()],
+            progress: vec![Progress { padded, ..Progress::default() }; streams],
+            tokens: vec![weights.pad; streams * weights.room()],
+            tracks: weights.forecast.iter().flat_map(|_| (0..streams).map(|_| track())).collect(),
             contexts: Floats::new(streams * window * d),
             trunk_rows: Vec::with_capacity(trunk.free()),
             inputs: Floats::new(trunk.free() * weights.input_width()),
@@ -223,7 +261,28 @@ impl TwoLevelDecoder {
     pub fn truncate(&mut self, stream: usize, length: usize) {
         let (word, skipped) = (self.weights.frames.word(), self.weights.skipped);
         self.progress[stream].truncate(length, word, skipped);
-        self.conditioning.clear(stream, self.progress[stream].inputs(skipped).div_ceil(word));
+        let progress = self.progress[stream];
+        self.conditioning.clear(stream, progress.inputs(skipped).div_ceil(word));
+        if let Some(track) = self.tracks.get_mut(stream) {
+            let tokens = (self.weights.history + progress.inputs(skipped)).saturating_sub(1);
+            track.truncate(self.weights.slots(progress.padded, tokens));
+        }
+    }
+
+    /// A stream forgets all tokens, and has `ids` before its window: whole frames, the last H of them.
+    pub fn begin_after(&mut self, stream: usize, ids: &[u32]) {
+        self.truncate(stream, 0);
+        let Weights { history, skipped, pad, .. } = *self.weights;
+        let word = self.weights.frames.word();
+        let ids = &ids[ids.len().saturating_sub(history)..];
+        let first = stream * self.weights.room() + skipped + 1;
+        let (padding, before) = self.tokens[first..first + history].split_at_mut(history - ids.len());
+        padding.fill(pad);
+        before.copy_from_slice(ids);
+        self.progress[stream].padded = padding.len() / word;
+        if let Some(track) = self.tracks.get_mut(stream) {
+            track.truncate(0);
+        }
     }
 
     /// Sets the conditioning of a frame of a stream, before the last token in front of it is read. Frames from it on that
@@ -241,11 +300,16 @@ impl TwoLevelDecoder {
     /// the streams and of their tokens. What follows a token of the front but its last isn't known: its row is 0. A
     /// token's logits depend on the tokens before it alone.
     pub fn read(&mut self, blocks: &[&[u32]], logits: Logits) -> &[f32] {
-        let (context, word, skipped) = (self.weights.context(), self.weights.frames.word(), self.weights.skipped);
+        let (word, skipped) = (self.weights.frames.word(), self.weights.skipped);
         for (stream, block) in blocks.iter().enumerate() {
             let length = &mut self.progress[stream].length;
-            self.tokens[stream * context + *length..][..block.len()].copy_from_slice(block);
-            *length += block.len();
+            let tokens = &mut self.tokens[stream * self.weights.room()..];
+            let (front, words) = block.split_at(block.len().min((skipped + 1).saturating_sub(*length)));
+            tokens[*length..][..front.len()].copy_from_slice(front);
+            *length += front.len();
+            // the history lies between the front and the words
+            tokens[self.weights.history + *length..][..words.len()].copy_from_slice(words);
+            *length += words.len();
         }
         self.logits.clear();
         // `frames` never exceeds what the inputs need: `truncate` and `condition` lower both
@@ -286,9 +350,11 @@ impl TwoLevelDecoder {
     fn write_frames(&mut self, stream: usize, frame: usize, first: usize) {
         let (weights, wide) = (&self.weights, self.weights.input_width());
         let [width, _] = weights.widths();
-        let front = stream * weights.context();
-        let sequence = &self.tokens[front + weights.skipped..][..self.progress[stream].inputs(weights.skipped)];
+        let front = stream * weights.room();
+        let inputs = self.progress[stream].inputs(weights.skipped);
+        let sequence = &self.tokens[front + weights.skipped..][..weights.history + inputs];
         let labels = &self.tokens[front + 1..=front + weights.skipped];
+        let before = weights.history / weights.frames.word();
         let rows = self.trunk.rows_mut(first);
         // one copy, since the rows are consecutive frames of one stream
         rows.copy_from_slice(&weights.positions[frame * width..][..rows.len()]);
@@ -296,7 +362,7 @@ impl TwoLevelDecoder {
         for ((x, input), frame) in rows.chunks_exact_mut(width).zip(inputs).zip(frame..) {
             Weights::add_labels(x, &weights.labels[0], labels);
             self.conditioning.add(x, stream, frame, &self.conditioning.trunk);
-            weights.write_input(input, sequence, frame);
+            weights.write_input(input, sequence, before + frame);
         }
     }
 
@@ -311,7 +377,7 @@ impl TwoLevelDecoder {
         for (row, (stream, frame)) in self.trunk_rows.drain(..).enumerate() {
             let context = &mut self.contexts[(stream * weights.window + frame) * d..][..d];
             product.copy(row, 0, context);
-            let labels = &self.tokens[stream * weights.context()..][1..=weights.skipped];
+            let labels = &self.tokens[stream * weights.room()..][1..=weights.skipped];
             // once per frame rather than for each of its tokens
             Weights::add_labels(context, &weights.labels[1], labels);
             self.conditioning.add(context, stream, frame, &self.conditioning.decoder);
@@ -366,15 +432,31 @@ impl TwoLevelDecoder {
             }
             let row = self.decoder.push(Run { stream, place: done, rows: n });
             let context = &self.contexts[(stream * weights.window + frame) * width..][..width];
-            let ids = &self.tokens[stream * weights.context() + weights.skipped..][..end];
-            for (i, x) in (from..).zip(self.decoder.rows_mut(row).chunks_exact_mut(width)) {
+            let ids = &self.tokens[stream * weights.room() + weights.skipped..][..weights.history + end];
+            for ((i, row), x) in (from..).zip(row..).zip(self.decoder.rows_mut(row).chunks_exact_mut(width)) {
                 x.copy_from_slice(context);
-                let rows = weights.frames.words().spelt(ids, i);
+                let at = weights.history + i;
+                let rows = weights.frames.words().spelt(ids, at);
                 weights.tables.iter().zip(rows).for_each(|(table, row)| add_row(x, table, row));
+                let mut forecast = 0;
+                if let Some((track, known)) = self.tracks.get_mut(stream).zip(weights.forecast.as_deref()) {
+                    let Progress { padded, .. } = self.progress[stream];
+                    let before;
+                    (before, forecast) = weights.forecasts(track, known, &ids[..=at], padded);
+                    add_row(x, &weights.tables[4], weights.frames.innovation(ids, at, before));
+                    let mut numbers = [0.0; NUMBERS];
+                    weights.frames.forecast_numbers(ids, at, forecast, &mut numbers);
+                    // at most eight of them aren't 0
+                    let rows = numbers.iter().zip(weights.projection.chunks_exact(width));
+                    for (number, row) in rows.filter(|(number, _)| **number != 0.0) {
+                        x.iter_mut().zip(row).for_each(|(x, y)| *x += number * y);
+                    }
+                }
                 self.conditioning.add_rows(x, stream, frame, i % word);
+                if i >= first {
+                    self.pending.push(LogitRow { row, stream, place: i, forecast });
+                }
             }
-            let pending = (from..from + n).zip(row..).filter(|&(place, _)| place >= first);
-            self.pending.extend(pending.map(|(place, row)| LogitRow { row, stream, place }));
             self.progress[stream].rows += n;
             if self.decoder.free() == 0 {
                 self.pass_decoder();
@@ -389,8 +471,10 @@ impl TwoLevelDecoder {
         if !self.pending.is_empty() {
             self.decoder.norm(&weights.norm, self.pending.iter().map(|pending| pending.row));
             let tokens = &self.tokens;
-            let ids =
-                |row: &LogitRow| (&tokens[row.stream * weights.context() + weights.skipped..][..=row.place], row.place);
+            let ids = |row: &LogitRow| {
+                let at = weights.history + row.place;
+                (&tokens[row.stream * weights.room() + weights.skipped..][..=at], at, row.forecast)
+            };
             weights.head.logits(&mut self.logits, &mut self.decoder, self.pending.iter().map(ids));
         }
         self.pending.clear();

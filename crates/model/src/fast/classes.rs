@@ -204,6 +204,7 @@ mod tests {
                 targets: &self.targets,
                 length,
                 mask: mask(Some(&self.hiding)),
+                history: &[],
                 conditioning: None,
             }
         }
@@ -354,6 +355,7 @@ mod tests {
                 targets: &targets,
                 length,
                 mask: mask(hiding.as_deref()),
+                history: &[],
                 conditioning: None,
             };
             let found =
@@ -387,7 +389,14 @@ mod tests {
         let hiding = layout.hiding(&words, false).unwrap();
         let read = |inputs: &[u32]| {
             let mut fast = Fast::of(&gpt).unwrap();
-            let windows = Windows { inputs, targets: &targets, length, mask: mask(Some(&hiding)), conditioning: None };
+            let windows = Windows {
+                inputs,
+                targets: &targets,
+                length,
+                mask: mask(Some(&hiding)),
+                history: &[],
+                conditioning: None,
+            };
             let vectors = fast.final_vectors(windows, &(0..2 * places).collect::<Vec<_>>()).unwrap();
             (vectors, fast.logits(windows).unwrap())
         };

@@ -7,6 +7,7 @@ use crate::Result;
 use crate::config::{ModelConfig, TokenLayout};
 use crate::head_groups::{Groups, HeadGroups, STEPS};
 use crate::previous::Basis;
+use crate::sequence::Sequences;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::Norm;
 use kinelm_engine::head::{self, Targets, Workspace};
@@ -74,12 +75,12 @@ impl Heads {
         }
     }
 
-    /// Takes the rows of `inputs` (B, T), T = `length`, whose target counts.
+    /// Takes the rows of windows in their sequences whose target (B, T) counts.
     ///
     /// # Errors
     /// As [`HeadGroups::sort`].
-    pub fn set_targets(&mut self, inputs: &[u32], targets: &[u32], length: usize) -> Result<()> {
-        self.head_groups.sort(inputs.chunks(length), targets, &mut self.groups)?;
+    pub fn set_targets(&mut self, sequences: &Sequences, targets: &[u32]) -> Result<()> {
+        self.head_groups.sort(sequences.iter(), targets, &mut self.groups)?;
         self.places.fill(NONE);
         let rows = self.groups.iter().flat_map(|g| &g.rows);
         (0..).zip(rows).for_each(|(place, &row)| self.places[row as usize] = place);
@@ -142,11 +143,11 @@ impl Heads {
         }
     }
 
-    /// `out` (N, V) becomes the logits of the rows `last` (N, D) of `inputs` (B, T), T = `length`.
-    pub fn logits(&mut self, model: &Fast, last: &[f32], inputs: &[u32], length: usize, out: &mut [f32]) {
+    /// `out` (N, V) becomes the logits of the rows `last` (N, D) of windows (B, T), T = `length`, in their sequences.
+    pub fn logits(&mut self, model: &Fast, last: &[f32], sequences: &Sequences, length: usize, out: &mut [f32]) {
         let (d, vocabulary) = (self.width, model.tokens.vocabulary);
-        let basis = |row: usize| self.head_groups.basis(&inputs[row / length * length..][..length], row % length);
-        let bases: Vec<Basis> = (0..inputs.len()).map(basis).collect();
+        let basis = |row: usize| self.head_groups.basis(&sequences.get(row / length), row % length);
+        let bases: Vec<Basis> = (0..sequences.iter().len() * length).map(basis).collect();
         // a relative head reaches the bins of one slot: all other ids stay impossible
         out.fill(f32::NEG_INFINITY);
         for (group, name) in self.names.into_iter().enumerate() {

@@ -47,7 +47,7 @@ impl Inputs {
         });
         let previous_frames = config.reads_previous(tokens).then(|| {
             tables.extend(["previous.character.weight", "previous.step.weight"].map(|name| (name, none(rows))));
-            (tables.len() - 2, PreviousFrames::of(tokens))
+            (tables.len() - 2, PreviousFrames::new(tokens, tokens.front))
         });
         let turns = (config.positions == Positions::Rope).then(|| Turns {
             // words of varying length may have one token each, and 0 is the front

@@ -18,6 +18,7 @@ mod two_level;
 pub use classes::{ClassRow, Losses};
 
 use super::config::{ModelConfig, TokenLayout};
+use super::forecast::Forecast;
 use super::goal::Conditioning;
 use super::layout::{Parameter, TRUNK};
 use super::scores::{Scores, TokenWindows};
@@ -46,6 +47,9 @@ pub struct Windows<'a> {
     pub length: usize,
     /// Which tokens a token sees.
     pub mask: Mask<'a>,
+    /// (B, H W) the frames before each window, `<pad>` where there are none; empty: none before any. H is
+    /// [`ModelConfig::history`].
+    pub history: &'a [u32],
     /// Goal conditioning of the frames of a two-level model.
     pub conditioning: Option<&'a Conditioning>,
 }
@@ -61,6 +65,7 @@ pub struct Fast {
     /// Sorted by name.
     parameters: Vec<Parameter>,
     weights: Vec<Floats>,
+    forecast: Option<Forecast>,
     training: Option<Pass>,
     scoring: Option<Pass>,
     keys: Option<Keys>,
@@ -75,13 +80,14 @@ impl Fast {
     /// # Errors
     /// As [`Gpt::from_weights`].
     pub fn from_weights(config: &ModelConfig, tokens: &TokenLayout, weights: &Weights) -> Result<Fast> {
-        let all = weights::checked(config, tokens, weights)?.into_iter();
-        let (parameters, weights) = all.map(|(p, array)| (p, Floats::of(array.numbers()))).unzip();
+        let (all, forecast) = weights::checked(config, tokens, weights)?;
+        let (parameters, weights) = all.into_iter().map(|(p, array)| (p, Floats::of(array.numbers()))).unzip();
         Ok(Fast {
             config: config.clone(),
             tokens: tokens.clone(),
             weights,
             parameters,
+            forecast,
             training: None,
             scoring: None,
             keys: None,
@@ -121,10 +127,20 @@ impl Fast {
 
     /// Its weights, copied.
     pub fn weights(&self) -> Weights {
-        named(&self.parameters, &self.weights)
+        self.named(&self.weights)
     }
 
-    /// Its tensors, in the order of their names.
+    /// Numbers of its tensors as its weights: under their names, with its forecast.
+    ///
+    /// # Panics
+    /// If they have other lengths than its tensors.
+    pub fn named(&self, numbers: &[Floats]) -> Weights {
+        let mut all = named(&self.parameters, numbers);
+        all.extend(self.forecast.iter().flat_map(weights::of_forecast));
+        all
+    }
+
+    /// The tensors that it learns, in the order of their names.
     pub fn parameters(&self) -> &[Parameter] {
         &self.parameters
     }
@@ -161,6 +177,7 @@ impl Fast {
         // taken out, so that the pass may borrow the model; an error below drops it, and the next call builds another
         let pass = self.training.take().filter(|p| p.fits(inputs.len(), length, self.products));
         let mut pass = pass.unwrap_or_else(|| Pass::new(self, inputs.len(), length, self.products, true));
+        pass.fill(self, windows);
         pass.set_targets(windows)?;
         let counted = targets.iter().filter(|&&t| t != self.tokens.pad).count();
         let batch = inputs.len() / length;
@@ -196,10 +213,13 @@ impl Fast {
         self.check(windows)?;
         let (rows, length) = (windows.inputs.len(), windows.length);
         let pass = self.scoring.take().filter(|p| p.fits(rows, length, Products::F32));
-        Ok(pass.unwrap_or_else(|| Pass::new(self, rows, length, Products::F32, false)))
+        let mut pass = pass.unwrap_or_else(|| Pass::new(self, rows, length, Products::F32, false));
+        pass.fill(self, windows);
+        Ok(pass)
     }
 
-    fn check(&self, Windows { inputs, targets, length, conditioning, .. }: Windows) -> Result<()> {
+    fn check(&self, windows: Windows) -> Result<()> {
+        let Windows { inputs, targets, length, history, conditioning, .. } = windows;
         let (context, vocabulary) = (self.config.context, self.tokens.vocabulary);
         if length > context {
             let (needs, limit) = (format!("{length} tokens"), format!("{context} tokens"));
@@ -217,6 +237,7 @@ impl Fast {
             let expected = format!("whole frames of {word} for a two-level model");
             return Err(Error::invalid("the length of a window", format!("{length} tokens"), expected));
         }
+        self.config.check_history(&self.tokens, inputs.len() / length, history)?;
         if let Some(conditioning) = conditioning {
             conditioning.check(&self.config, &self.tokens, inputs.len() / length, length)?;
         }
@@ -270,9 +291,9 @@ impl Scores for Fast {
     }
 
     fn nats(&mut self, windows: TokenWindows, out: &mut [f32]) -> Result<()> {
-        let TokenWindows { inputs, targets, length, conditioning } = windows;
+        let TokenWindows { inputs, targets, length, history, conditioning } = windows;
         assert_eq!((inputs.len(), targets.len()), (out.len(), out.len()), "a target for every input and its nats");
-        let windows = Windows { inputs, targets, length, mask: self.mask(), conditioning };
+        let windows = Windows { inputs, targets, length, mask: self.mask(), history, conditioning };
         let mut pass = self.scored(windows)?;
         pass.set_targets(windows)?;
         pass.forward(self, windows, None);

@@ -6,6 +6,7 @@ use super::head::Heads;
 use super::keys::Keys;
 use super::two_level::TwoLevel;
 use super::{Fast, Windows};
+use crate::sequence::Sequences;
 use crate::{Architecture, Result};
 use kinelm_engine::arena::Floats;
 use kinelm_engine::linear::Products;
@@ -15,6 +16,7 @@ pub(super) struct Pass {
     rows: usize,
     length: usize,
     products: Products,
+    sequences: Sequences,
     body: Body,
     heads: Heads,
     /// (N, d), d numbers of a row that the head reads.
@@ -34,6 +36,7 @@ impl Pass {
             rows,
             length,
             products,
+            sequences: Sequences::new(config, &model.tokens, rows / length, length),
             body: match config.architecture {
                 Architecture::Flat => Body::Flat(Box::new(Flat::new(model, rows, length, products, learn))),
                 Architecture::TwoLevel => Body::TwoLevel(Box::new(TwoLevel::new(model, rows, length, products, learn))),
@@ -47,18 +50,23 @@ impl Pass {
         (self.rows, self.length, self.products) == (rows, length, products)
     }
 
+    /// Takes windows, of which all else is computed.
+    pub fn fill(&mut self, model: &Fast, windows: Windows) {
+        self.sequences.fill(windows.inputs, windows.history, model.forecast.as_ref());
+    }
+
     /// Takes the rows whose target counts.
     ///
     /// # Errors
     /// Targets that nothing answers.
     pub fn set_targets(&mut self, windows: Windows) -> Result<()> {
-        self.heads.set_targets(windows.inputs, windows.targets, windows.length)
+        self.heads.set_targets(&self.sequences, windows.targets)
     }
 
     pub fn forward(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {
         match &mut self.body {
             Body::Flat(flat) => flat.forward(model, windows, keys),
-            Body::TwoLevel(levels) => levels.forward(model, windows, keys),
+            Body::TwoLevel(levels) => levels.forward(model, windows, &self.sequences, keys),
         }
     }
 
@@ -69,7 +77,7 @@ impl Pass {
 
     /// The logits (N, V) of all rows.
     pub fn logits(&mut self, model: &Fast, windows: Windows, out: &mut [f32]) {
-        self.heads.logits(model, self.body.last(), windows.inputs, windows.length, out);
+        self.heads.logits(model, self.body.last(), &self.sequences, windows.length, out);
     }
 
     /// The input of the norm of [`Fast::final_vectors`]: (B T, D), of a two-level model the trunk's rows (B F, D).
@@ -80,7 +88,7 @@ impl Pass {
                 flat.last()
             }
             Body::TwoLevel(levels) => {
-                levels.forward_trunk(model, windows, None);
+                levels.forward_trunk(model, windows, &self.sequences, None);
                 levels.vectors()
             }
         }

@@ -127,7 +127,8 @@ fn check(case: &Case) {
     };
     let logits = truth.forward_masked(&ids, &plain_mask, dropout.as_ref()).unwrap();
     let loss = loss_sum(&logits.flatten_to(1).unwrap(), &targets, 0).unwrap();
-    let windows = Windows { inputs: &inputs, targets: &targets, length: case.length, mask, conditioning: None };
+    let windows =
+        Windows { inputs: &inputs, targets: &targets, length: case.length, mask, history: &[], conditioning: None };
     let fast = compare(&what, &truth, Fast::of(&gpt).unwrap(), (windows, dropout.as_ref()), &loss, &logits);
     if case.mask == Hides::Later {
         check_nats(&what, fast, windows, dropout.as_ref());
@@ -180,8 +181,8 @@ fn compare(
 fn check_nats(what: &str, (mut fast, nats): (Fast, f64), windows: Windows, dropout: Option<&Dropout>) {
     if dropout.is_none() && windows.conditioning.is_none() {
         let mut each = vec![f32::NAN; windows.inputs.len()];
-        let Windows { inputs, targets, length, conditioning, .. } = windows;
-        fast.nats(TokenWindows { inputs, targets, length, conditioning }, &mut each).unwrap();
+        let Windows { inputs, targets, length, history, conditioning, .. } = windows;
+        fast.nats(TokenWindows { inputs, targets, length, history, conditioning }, &mut each).unwrap();
         let sum: f64 = each.iter().map(|x| *x as f64).sum();
         assert!((sum - nats).abs() <= BOUND * nats.max(1.0), "{what}: {sum} nats one by one, {nats} at once");
         assert!(each.iter().zip(windows.targets).all(|(x, &t)| (*x == 0.0) == (t == 0)), "{what}");
@@ -201,13 +202,17 @@ fn check_form(config: &ModelConfig, tokens: &TokenLayout, windows: usize, width:
     fast.smooth_targets(width);
     let ids = fixtures::ids(&inputs, length);
     let conditioning = fixtures::conditioning(config, tokens, windows);
-    let logits = match &conditioning {
-        Some(conditioning) => truth.forward_conditioned(&ids, conditioning).unwrap(),
-        None => truth.forward(&ids, dropout.as_ref()).unwrap(),
+    let history = fixtures::history(config, tokens, windows);
+    let logits = truth.forward_beside(&ids, dropout.as_ref(), &history, conditioning.as_ref()).unwrap();
+    let loss = truth.loss_sum_conditioned(&ids, &targets, dropout.as_ref(), &history, conditioning.as_ref()).unwrap();
+    let windows = Windows {
+        inputs: &inputs,
+        targets: &targets,
+        length,
+        mask: fast.mask(),
+        history: &history,
+        conditioning: conditioning.as_ref(),
     };
-    let loss = truth.loss_sum_conditioned(&ids, &targets, dropout.as_ref(), conditioning.as_ref()).unwrap();
-    let windows =
-        Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), conditioning: conditioning.as_ref() };
     let found = compare(&what, &truth, fast, (windows, dropout.as_ref()), &loss, &logits);
     check_nats(&what, found, windows, dropout.as_ref());
 }
@@ -247,7 +252,8 @@ fn what_nobody_tells_changes_no_bit_and_learns_nothing() {
         let is_told = |name: &str| layout::GOAL.contains(&name) || layout::MUSIC.contains(&name);
         let mut weights = gpt.weights().unwrap();
         let run = |fast: &mut Fast, conditioning: Option<&Conditioning>| {
-            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), conditioning };
+            let windows =
+                Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), history: &[], conditioning };
             let mut gradients = fast.like_weights();
             fast.gradients(windows, None, &mut gradients).unwrap();
             let learns: Vec<bool> = gradients.iter().map(|g| g.iter().any(|x| *x != 0.0)).collect();
@@ -275,6 +281,7 @@ fn what_nobody_tells_changes_no_bit_and_learns_nothing() {
                 targets: &targets,
                 length,
                 mask: fast.mask(),
+                history: &[],
                 conditioning: Some(&conditioning),
             };
             assert!(fast.logits(windows).unwrap_err().to_string().contains(if can { what } else { why }));
@@ -290,7 +297,14 @@ fn forms_begin_with_a_front_alone() {
         let mut fast = Fast::of(&gpt).unwrap();
         for length in tokens.front..12 {
             let (inputs, targets) = fixtures::batch(&config, &tokens, 2, length);
-            let windows = Windows { inputs: &inputs, targets: &targets, length, mask: fast.mask(), conditioning: None };
+            let windows = Windows {
+                inputs: &inputs,
+                targets: &targets,
+                length,
+                mask: fast.mask(),
+                history: &[],
+                conditioning: None,
+            };
             let found = fast.logits(windows).unwrap();
             let expected =
                 gpt.predict(&fixtures::ids(&inputs, length)).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
@@ -313,7 +327,8 @@ fn what_counts_behind_no_bin_is_refused_and_the_next_batch_is_taken() {
     bad[dropped - 1 + tokens.word] = 6;
     let mut gradients = fast.like_weights();
     let mut run = |targets: &[u32]| {
-        let windows = Windows { inputs: &inputs, targets, length: 29, mask: Mask::Causal, conditioning: None };
+        let windows =
+            Windows { inputs: &inputs, targets, length: 29, mask: Mask::Causal, history: &[], conditioning: None };
         fast.gradients(windows, None, &mut gradients).map_err(|e| e.to_string())
     };
     assert!(run(&bad).unwrap_err().contains("is id 3; expected a bin of its slot"));
@@ -363,7 +378,8 @@ fn words_of_any_length_have_the_oracle_s_positions() {
     let gpt = model(&case);
     let mut fast = Fast::of(&gpt).unwrap();
     for ids in [[1, 7, 5, 8, 9, 6, 5, 5, 7], [1, 5, 8, 8, 8, 5, 8, 8, 8]] {
-        let windows = Windows { inputs: &ids, targets: &ids, length: 9, mask: Mask::Causal, conditioning: None };
+        let windows =
+            Windows { inputs: &ids, targets: &ids, length: 9, mask: Mask::Causal, history: &[], conditioning: None };
         let found = fast.logits(windows).unwrap();
         let expected =
             gpt.predict(&gpt.ids(&ids, 9).unwrap()).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
@@ -415,6 +431,7 @@ fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
         let length = config.context;
         let gpt = fixtures::model(&config, &tokens);
         let (inputs, targets) = fixtures::batch(&config, &tokens, 3, length);
+        let (history, before) = (fixtures::history(&config, &tokens, 3), config.history() * tokens.word);
         let dropout = config.architecture.is_flat().then_some(Dropout { share: 0.1, seed: 1, step: 0, first: 0 });
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -426,6 +443,7 @@ fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
                     targets: &targets[..n],
                     length,
                     mask,
+                    history: &history[..n / length * before],
                     conditioning: None,
                 };
                 let mut gradients = fast.like_weights();
@@ -444,7 +462,7 @@ fn threads_change_no_bit_and_a_second_shape_finds_its_room() {
 fn wrong_windows_are_refused() {
     let mut fast = Fast::of(&model(&CASE)).unwrap();
     let mut said = |inputs: &[u32], length| {
-        let windows = Windows { inputs, targets: inputs, length, mask: Mask::Causal, conditioning: None };
+        let windows = Windows { inputs, targets: inputs, length, mask: Mask::Causal, history: &[], conditioning: None };
         fast.logits(windows).unwrap_err().to_string()
     };
     assert_eq!(

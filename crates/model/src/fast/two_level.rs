@@ -8,10 +8,12 @@ use super::keys::Keys;
 use super::stack::{Blocks, Stack};
 use super::tables::{add_rows, embed, into_table};
 use super::{Fast, Windows};
-use crate::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
+use crate::forecast::NUMBERS;
+use crate::frames::{BACK, Frames, SPELT, TrunkRow, spelt_tables, trunk_row};
 use crate::goal;
 use crate::goal::Conditioning;
-use crate::layout::{CLASS, GOAL, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK};
+use crate::layout::{CLASS, FORECAST, GOAL, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK};
+use crate::sequence::Sequences;
 use kinelm_engine::arena::Floats;
 use kinelm_engine::block::{Linear, Norm, Rules, Shape};
 use kinelm_engine::dense;
@@ -47,8 +49,9 @@ pub(super) struct TwoLevel {
     /// n, and (N) rows of their table.
     class_rows: usize,
     classes: Vec<u32>,
-    /// (N W) each, rows of the tables of [`SPELT`], and of the frames' vectors.
-    spelt: [Vec<u32>; 4],
+    /// The tables of the decoder's rows, (N W) each of [`SPELT`] their rows, and those of the frames' vectors.
+    tables: &'static [&'static str],
+    spelt: [Vec<u32>; 5],
     own: Vec<u32>,
     /// (N) each of the K - 1: rows of the tables of labels.
     labels: Vec<Vec<u32>>,
@@ -64,6 +67,8 @@ pub(super) struct TwoLevel {
     conditioning: Floats,
     to_decoder: dense::Workspace,
     decoder: Stack,
+    /// (N W, P) the numbers of the slots' forecasts, and their projection, where there is a forecast.
+    forecast: Option<(Floats, Matrix)>,
     /// The conditioning of frames: goals, and music.
     projections: Vec<Projection>,
     back: Option<Back>,
@@ -85,14 +90,8 @@ struct Matrix {
     space: dense::Workspace,
     /// (N, n).
     out: Floats,
-    /// (n), zeros.
+    /// (n), zeros, and their gradient, which nothing reads.
     bias: Floats,
-    back: Option<MatrixBack>,
-}
-
-/// Buffers for a matrix's gradient that nothing reads: (N, P) and (n).
-struct MatrixBack {
-    d_numbers: Floats,
     d_bias: Floats,
 }
 
@@ -102,7 +101,7 @@ impl Matrix {
             space: dense::Workspace::new(n, conditioning, out, products, learn),
             out: Floats::new(n * out),
             bias: Floats::new(out),
-            back: learn.then(|| MatrixBack { d_numbers: Floats::new(n * conditioning), d_bias: Floats::new(out) }),
+            d_bias: Floats::new(out),
         }
     }
 
@@ -114,11 +113,8 @@ impl Matrix {
 
     /// The gradient of `weight` from that of what it was added to, `dx` (N, n).
     fn backward(&mut self, dx: &[f32], numbers: &[f32], weight: &[f32], gradient: &mut [f32]) {
-        let Some(MatrixBack { d_numbers, d_bias }) = &mut self.back else {
-            panic!("buffers for the forward pass only")
-        };
-        let to = Linear { weight: gradient, bias: d_bias };
-        dense::backward(Some(d_numbers), dx, numbers, weight, to, &mut self.space);
+        let to = Linear { weight: gradient, bias: &mut *self.d_bias };
+        dense::backward(None, dx, numbers, weight, to, &mut self.space);
     }
 }
 
@@ -156,6 +152,7 @@ impl TwoLevel {
             positions: (0..n).map(|row| (row % number) as u32).collect(),
             class_rows: config.classes,
             classes: vec![NONE; n],
+            tables: spelt_tables(config.forecast()),
             spelt: std::array::from_fn(|_| vec![0; n * word]),
             own: (0..n * word).map(|row| (row / word) as u32).collect(),
             labels: vec![vec![0; n]; skipped],
@@ -167,6 +164,10 @@ impl TwoLevel {
             normed: Floats::new(n * trunk),
             conditioning: Floats::new(n * d),
             to_decoder: dense::Workspace::new(n, trunk, d, products, learn),
+            forecast: config.forecast().then(|| {
+                let rows = n * word;
+                (Floats::new(rows * NUMBERS), Matrix::new(rows, NUMBERS, d, products, learn))
+            }),
             // a frame is a sequence of its own to the decoder, so its attention ends at the frame
             decoder: stack(SPELL, decoder.layers, shape(n, word, d, decoder.heads)),
             projections: {
@@ -194,7 +195,7 @@ impl TwoLevel {
     }
 
     /// Finds the rows that windows (B, T) take of all tables.
-    fn look(&mut self, inputs: &[u32], length: usize) {
+    fn look(&mut self, inputs: &[u32], length: usize, sequences: &Sequences) {
         let (frames, number, word, skipped) = (&self.frames, self.number, self.frames.word(), self.skipped);
         for (k, labels) in self.labels.iter_mut().enumerate() {
             labels.iter_mut().enumerate().for_each(|(row, label)| *label = inputs[row / number * length + 1 + k]);
@@ -213,18 +214,32 @@ impl TwoLevel {
             NONE => row % number,
             class => row % number - class as usize,
         };
-        self.seen.par_chunks_mut(of_frame).enumerate().for_each(|(i, rows)| frames.seen(window(i), read(i), rows));
-        let [last, place, character, step] = self.spelt.each_mut().map(|rows| rows.par_chunks_mut(word));
-        (last, place, character, step).into_par_iter().enumerate().for_each(|(i, (last, place, character, step))| {
+        // frames before the window's first
+        let before = sequences.layout.history() / word;
+        self.seen.par_chunks_mut(of_frame).enumerate().for_each(|(i, rows)| {
+            frames.seen(sequences.get(i / number).ids, before + read(i), rows);
+        });
+        let [last, place, character, step, innovation] = self.spelt.each_mut().map(|rows| rows.par_chunks_mut(word));
+        let tables = (last, place, character, step, innovation).into_par_iter().enumerate();
+        tables.for_each(|(i, (last, place, character, step, innovation))| {
+            let sequence = sequences.get(i / number);
             for k in 0..word {
-                [last[k], place[k], character[k], step[k]] = frames.spelt(window(i), i % number * word + k);
+                [last[k], place[k], character[k], step[k], innovation[k]] =
+                    frames.spelt(&sequence, (before + i % number) * word + k);
             }
         });
+        if let Some((numbers, _)) = &mut self.forecast {
+            numbers.par_chunks_mut(NUMBERS).enumerate().for_each(|(row, numbers)| {
+                let (i, k) = (row / word, row % word);
+                let (sequence, at) = (sequences.get(i / number), (before + i % number) * word + k);
+                frames.forecast_numbers(sequence.ids, at, sequence.forecast(at), numbers);
+            });
+        }
     }
 
     /// The trunk alone, for [`TwoLevel::vectors`].
-    pub fn forward_trunk(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {
-        self.look(windows.inputs, windows.length);
+    pub fn forward_trunk(&mut self, model: &Fast, windows: Windows, sequences: &Sequences, keys: Option<&Keys>) {
+        self.look(windows.inputs, windows.length, sequences);
         let seen = [Lookup { table: model.weight("frame.character.weight"), ids: &self.seen }];
         embed(&mut self.read, self.character, &seen);
         dense::forward(self.trunk.input(), &self.read, linear(model, JOIN), &mut self.join);
@@ -247,8 +262,8 @@ impl TwoLevel {
         self.trunk.last()
     }
 
-    pub fn forward(&mut self, model: &Fast, windows: Windows, keys: Option<&Keys>) {
-        self.forward_trunk(model, windows, keys);
+    pub fn forward(&mut self, model: &Fast, windows: Windows, sequences: &Sequences, keys: Option<&Keys>) {
+        self.forward_trunk(model, windows, sequences, keys);
         let norm = Norm { weight: model.weight(NORM[1]), bias: model.weight(NORM[0]) };
         dense::norm(&mut self.normed, &mut self.stats, self.trunk.last(), norm);
         dense::forward(&mut self.conditioning, &self.normed, linear(model, TO_DECODER), &mut self.to_decoder);
@@ -262,12 +277,17 @@ impl TwoLevel {
         let goal = windows.conditioning.filter(|conditioning| !conditioning.rows[0].is_empty());
         let goal = goal.iter().flat_map(|conditioning| GOAL[2..].iter().copied().zip(&conditioning.rows));
         let mut used = 1;
-        for (lookup, (name, ids)) in lookups[1..].iter_mut().zip(SPELT.into_iter().zip(&self.spelt).chain(goal)) {
+        for (lookup, (name, ids)) in
+            lookups[1..].iter_mut().zip(self.tables.iter().copied().zip(&self.spelt).chain(goal))
+        {
             *lookup = Lookup { table: model.weight(name), ids };
             used += 1;
         }
         let d = self.decoder.shape().width;
         embed(self.decoder.input(), d, &lookups[..used]);
+        if let Some((numbers, matrix)) = &mut self.forecast {
+            matrix.add(self.decoder.input(), numbers, model.weight(FORECAST));
+        }
         // no dropout in the decoder: keys exist for the trunk's blocks alone, as in the plain form
         self.decoder.forward(&model.weights, SPELLING, None);
         if self.skipped > 0 {
@@ -308,8 +328,11 @@ impl TwoLevel {
             dx
         };
         self.decoder.backward(&model.weights, gradients, dx, SPELLING, None);
-        for (name, ids) in SPELT.iter().zip(&self.spelt) {
+        for (name, ids) in self.tables.iter().zip(&self.spelt) {
             into_table(&mut gradients[model.index(name)], d, ids, dx);
+        }
+        if let Some((numbers, matrix)) = &mut self.forecast {
+            matrix.backward(dx, numbers, model.weight(FORECAST), &mut gradients[model.index(FORECAST)]);
         }
         // the frame's vector was added to all its W rows, so its gradient is their sum
         into_table(d_conditioning, d, &self.own, dx);

@@ -9,6 +9,7 @@ mod tests;
 use crate::cache::Cache;
 use crate::config::{ModelConfig, TokenLayout};
 use crate::dropout::Dropout;
+use crate::forecast::Forecast;
 use crate::goal::Conditioning;
 use crate::net::{Beside, Net};
 use crate::ops::Mask;
@@ -17,12 +18,14 @@ use crate::{DeviceName, Error, Result};
 use candle_core::{Device, Tensor, Var};
 use kinelm_engine::op::smoothing::Smoothing;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// A model: its shape and its variables.
 pub struct Gpt {
     config: ModelConfig,
     tokens: TokenLayout,
     vars: BTreeMap<String, Var>,
+    forecast: Option<Arc<Forecast>>,
     net: Net,
     smoothing: Option<Smoothing>,
 }
@@ -48,15 +51,21 @@ impl Gpt {
         device: DeviceName,
     ) -> Result<Gpt> {
         let device = device.open()?;
-        let all = weights::checked(config, tokens, weights)?.into_iter();
-        let vars = all.map(|(p, array)| Ok((p.name, Var::from_tensor(&array.tensor(&device)?)?)));
-        Gpt::from_vars(config, tokens, vars.collect::<Result<_>>()?)
+        let (all, forecast) = weights::checked(config, tokens, weights)?;
+        let vars = all.into_iter().map(|(p, array)| Ok((p.name, Var::from_tensor(&array.tensor(&device)?)?)));
+        Gpt::from_vars(config, tokens, vars.collect::<Result<_>>()?, forecast.map(Arc::new))
     }
 
     /// A model of its variables, which are all there.
-    pub(crate) fn from_vars(config: &ModelConfig, tokens: &TokenLayout, vars: BTreeMap<String, Var>) -> Result<Gpt> {
-        let net = Net::new(config, tokens, vars.iter().map(|(name, var)| (name, var.as_tensor().clone())))?;
-        Ok(Gpt { config: config.clone(), tokens: tokens.clone(), vars, net, smoothing: None })
+    pub(crate) fn from_vars(
+        config: &ModelConfig,
+        tokens: &TokenLayout,
+        vars: BTreeMap<String, Var>,
+        forecast: Option<Arc<Forecast>>,
+    ) -> Result<Gpt> {
+        let tensors = vars.iter().map(|(name, var)| (name, var.as_tensor().clone()));
+        let net = Net::new(config, tokens, tensors, forecast.clone())?;
+        Ok(Gpt { config: config.clone(), tokens: tokens.clone(), vars, forecast, net, smoothing: None })
     }
 
     /// The `[model]` table it was made from.
@@ -79,7 +88,23 @@ impl Gpt {
     /// # Errors
     /// Errors of the device.
     pub fn weights(&self) -> Result<Weights> {
-        self.vars.iter().map(|(name, var)| Ok((name.clone(), Array::of(var)?))).collect()
+        self.named(self.vars.values().map(|var| var.as_tensor()))
+    }
+
+    /// Numbers of its variables as its weights: under their names, with its forecast.
+    ///
+    /// # Errors
+    /// Errors of the device.
+    pub fn named<'a>(&self, numbers: impl Iterator<Item = &'a Tensor>) -> Result<Weights> {
+        let mut all: Weights =
+            self.vars.keys().zip(numbers).map(|(name, x)| Ok((name.clone(), Array::of(x)?))).collect::<Result<_>>()?;
+        all.extend(self.forecast.iter().flat_map(|forecast| weights::of_forecast(forecast)));
+        Ok(all)
+    }
+
+    /// Its forecast, if it has one.
+    pub(crate) fn forecast(&self) -> Option<&Arc<Forecast>> {
+        self.forecast.as_ref()
     }
 
     /// The same model in f64, for checking gradients.
@@ -91,7 +116,12 @@ impl Gpt {
         let var = |(name, var): (&String, &Var)| {
             Ok((name.clone(), Var::from_tensor(&var.as_tensor().to_dtype(candle_core::DType::F64)?)?))
         };
-        Gpt::from_vars(&self.config, &self.tokens, self.vars.iter().map(var).collect::<Result<_>>()?)
+        Gpt::from_vars(
+            &self.config,
+            &self.tokens,
+            self.vars.iter().map(var).collect::<Result<_>>()?,
+            self.forecast.clone(),
+        )
     }
 
     /// The device it is on.
@@ -126,17 +156,23 @@ impl Gpt {
     /// As [`Gpt::forward`]; a mask of another shape.
     pub(crate) fn forward_masked(&self, ids: &Tensor, mask: &Mask, dropout: Option<&Dropout>) -> Result<Tensor> {
         self.check_length(ids.dims2()?.1)?;
-        self.net.forward(ids, mask, Beside { dropout, conditioning: None }, None)
+        self.net.forward(ids, mask, Beside { dropout, ..Default::default() }, None)
     }
 
-    /// As [`Gpt::forward`], with goal conditioning.
+    /// As [`Gpt::forward`], with the frames before the windows (B, H W) and conditioning.
     ///
     /// # Errors
-    /// As [`Gpt::forward`]; conditioning of other frames.
+    /// As [`Gpt::forward`]; a history of other frames, and conditioning of others.
     #[cfg(test)]
-    pub fn forward_conditioned(&self, ids: &Tensor, conditioning: &Conditioning) -> Result<Tensor> {
-        self.check_conditioning(ids, Some(conditioning))?;
-        self.net.forward(ids, &self.mask(), Beside { dropout: None, conditioning: Some(conditioning) }, None)
+    pub fn forward_beside(
+        &self,
+        ids: &Tensor,
+        dropout: Option<&Dropout>,
+        history: &[u32],
+        conditioning: Option<&Conditioning>,
+    ) -> Result<Tensor> {
+        self.check_beside(ids, history, conditioning)?;
+        self.net.forward(ids, &self.mask(), Beside { dropout, history, conditioning }, None)
     }
 
     /// The input of the heads for `ids` (B, T): the final norm's output (B T, D). Differentiable.
@@ -176,23 +212,27 @@ impl Gpt {
     /// # Errors
     /// As [`Gpt::forward`]; targets outside the vocabulary; under a relative head targets without a bin before them.
     pub fn loss_sum(&self, ids: &Tensor, targets: &[u32], dropout: Option<&Dropout>) -> Result<Tensor> {
-        self.loss_sum_conditioned(ids, targets, dropout, None)
+        self.loss_sum_conditioned(ids, targets, dropout, &[], None)
     }
 
-    /// As [`Gpt::loss_sum`], with goal conditioning.
+    /// As [`Gpt::loss_sum`], with the frames before the windows (B, H W) and conditioning.
     ///
     /// # Errors
-    /// As [`Gpt::loss_sum`]; conditioning of other frames.
+    /// As [`Gpt::loss_sum`]; a history of other frames, and conditioning of others.
     pub fn loss_sum_conditioned(
         &self,
         ids: &Tensor,
         targets: &[u32],
         dropout: Option<&Dropout>,
+        history: &[u32],
         conditioning: Option<&Conditioning>,
     ) -> Result<Tensor> {
         self.check(ids, targets)?;
-        self.check_conditioning(ids, conditioning)?;
-        Ok(self.net.nats(ids, targets, Beside { dropout, conditioning }, self.smoothing.as_ref())?.sum_all()?)
+        self.check_beside(ids, history, conditioning)?;
+        Ok(self
+            .net
+            .nats(ids, targets, Beside { dropout, history, conditioning }, self.smoothing.as_ref())?
+            .sum_all()?)
     }
 
     /// Mean cross-entropy over the targets that aren't `<pad>`, in nats a token; 0 where there are none.
@@ -224,15 +264,17 @@ impl Gpt {
         &self,
         ids: &Tensor,
         targets: &[u32],
+        history: &[u32],
         conditioning: Option<&Conditioning>,
     ) -> Result<Tensor> {
         self.check(ids, targets)?;
-        self.check_conditioning(ids, conditioning)?;
-        self.frozen()?.nats(ids, targets, Beside { dropout: None, conditioning }, None)
+        self.check_beside(ids, history, conditioning)?;
+        self.frozen()?.nats(ids, targets, Beside { dropout: None, history, conditioning }, None)
     }
 
-    fn check_conditioning(&self, ids: &Tensor, conditioning: Option<&Conditioning>) -> Result<()> {
+    fn check_beside(&self, ids: &Tensor, history: &[u32], conditioning: Option<&Conditioning>) -> Result<()> {
         let (batch, length) = ids.dims2()?;
+        self.config.check_history(&self.tokens, batch, history)?;
         conditioning.map_or(Ok(()), |conditioning| conditioning.check(&self.config, &self.tokens, batch, length))
     }
 
@@ -251,7 +293,8 @@ impl Gpt {
 
     fn frozen(&self) -> Result<Net> {
         // detached tensors share the numbers but record no graph, so a long reading doesn't grow
-        Net::new(&self.config, &self.tokens, self.vars.iter().map(|(name, var)| (name, var.as_tensor().detach())))
+        let tensors = self.vars.iter().map(|(name, var)| (name, var.as_tensor().detach()));
+        Net::new(&self.config, &self.tokens, tensors, self.forecast.clone())
     }
 
     fn check_length(&self, found: usize) -> Result<()> {

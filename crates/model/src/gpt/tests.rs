@@ -3,6 +3,7 @@
 use super::*;
 use crate::head_groups::HeadGroups;
 use crate::previous::Basis;
+use crate::sequence::Sequences;
 use crate::{HeadKind, ModelKind, Positions, fixtures};
 use rand_chacha::rand_core::RngCore;
 
@@ -65,7 +66,8 @@ fn every_variable_has_the_gradient_that_finite_differences_find() {
         let conditioning = fixtures::conditioning(&config, &tokens, 2);
         let counted = targets.iter().filter(|&&t| t != tokens.pad).count() as f64;
         let loss = || {
-            (gpt.loss_sum_conditioned(&inputs, &targets, dropout, conditioning.as_ref()).unwrap() / counted).unwrap()
+            (gpt.loss_sum_conditioned(&inputs, &targets, dropout, &[], conditioning.as_ref()).unwrap() / counted)
+                .unwrap()
         };
         let grads = loss().backward().unwrap();
         let at = |v: &Var, numbers: &[f64]| {
@@ -122,10 +124,12 @@ fn losses_are_those_of_the_logits_and_relative_rows_know_their_place_alone() {
             assert!(found.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 1e-12), "{what}");
         }
         let head_groups = HeadGroups::of(&config, &tokens);
+        let mut sequences = Sequences::new(&config, &tokens, 3, length);
+        sequences.fill(&inputs, &[], None);
         let mut relative = 0;
         for (row, logits) in logits.iter().enumerate() {
             let can: Vec<u32> = (0..).zip(logits).filter(|(_, x)| x.is_finite()).map(|(id, _)| id).collect();
-            match head_groups.basis(&inputs[row / length * length..][..length], row % length) {
+            match head_groups.basis(&sequences.get(row / length), row % length) {
                 Basis::Ids => assert_eq!(can.len(), tokens.vocabulary, "{what}"),
                 Basis::Steps { bins, .. } => {
                     relative += 1;

@@ -3,10 +3,12 @@
 use crate::config::{ModelConfig, TokenLayout};
 use crate::head_groups::{Group, Groups, HeadGroups, STEPS};
 use crate::previous::{Basis, PreviousFrames};
+use crate::sequence::Sequences;
 use crate::{Result, ops};
 use candle_core::Tensor;
 use candle_nn::VarBuilder;
 use kinelm_engine::op::smoothing::Smoothing;
+use std::ops::Range;
 
 #[derive(Clone)]
 pub(super) struct Head {
@@ -39,10 +41,10 @@ impl Head {
         [Some(&self.ids), self.steps[0].as_ref(), self.steps[1].as_ref()]
     }
 
-    /// Logits (N, V) of the rows `hidden` (N, D), those after the first `before` inputs of `windows`.
-    pub fn logits(&self, hidden: &Tensor, windows: &[Vec<u32>], before: usize) -> Result<Tensor> {
-        let inputs = windows.iter().flat_map(|w| (before..w.len()).map(move |i| (w, i)));
-        let bases: Vec<Basis> = inputs.map(|(w, i)| self.head_groups.basis(w, i)).collect();
+    /// Logits (N, V) of the rows `hidden` (N, D), those of the `inputs` of all windows in their sequences.
+    pub fn logits(&self, hidden: &Tensor, sequences: &Sequences, inputs: Range<usize>) -> Result<Tensor> {
+        let inputs = sequences.iter().flat_map(|sequence| inputs.clone().map(move |i| (sequence, i)));
+        let bases: Vec<Basis> = inputs.map(|(sequence, i)| self.head_groups.basis(&sequence, i)).collect();
         let mut parts = Vec::new();
         let mut order = Vec::new();
         for (group, table) in self.tables().into_iter().enumerate() {
@@ -78,16 +80,16 @@ impl Head {
         Ok((steps.gather(&columns, 1)? + hide)?)
     }
 
-    /// -ln p of each of `targets` (N), 0 where it is `<pad>`, for the rows `hidden` (N, D) of `windows`.
+    /// -ln p of each of `targets` (N), 0 where it is `<pad>`, for the rows `hidden` (N, D) of windows in their sequences.
     pub fn nats(
         &self,
         hidden: &Tensor,
-        windows: &[Vec<u32>],
+        sequences: &Sequences,
         targets: &[u32],
         smoothing: Option<&Smoothing>,
     ) -> Result<Tensor> {
         let mut groups = Groups::default();
-        self.head_groups.sort(windows.iter().map(Vec::as_slice), targets, &mut groups)?;
+        self.head_groups.sort(sequences.iter(), targets, &mut groups)?;
         let mut parts = Vec::new();
         let mut order = Vec::new();
         // what has no part in this batch still gets its gradient, 0

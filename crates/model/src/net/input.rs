@@ -55,7 +55,7 @@ impl Input {
             true => Some(Previous {
                 character: table(vars, "previous.character.weight")?,
                 step: table(vars, "previous.step.weight")?,
-                previous_frames: PreviousFrames::of(tokens),
+                previous_frames: PreviousFrames::new(tokens, tokens.front),
             }),
             false => None,
         };

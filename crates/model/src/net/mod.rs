@@ -17,8 +17,10 @@ mod two_level;
 use super::config::Architecture;
 use super::config::{ModelConfig, ModelKind, TokenLayout};
 use super::dropout::Dropout;
+use super::forecast::Forecast;
 use super::goal::Conditioning;
 use super::ops::Mask;
+use super::sequence::Sequences;
 use crate::{Error, Result};
 use block::Norm;
 use candle_core::{Device, Tensor};
@@ -27,6 +29,7 @@ use flat::Flat;
 use head::Head;
 use kinelm_engine::op::smoothing::Smoothing;
 use std::collections::HashMap;
+use std::sync::Arc;
 use two_level::TwoLevel;
 
 /// Added to the variance in layer norms, as in GPT-2.
@@ -35,6 +38,9 @@ pub const EPSILON: f64 = 1e-5;
 /// The tensors by their use. A clone shares the numbers.
 #[derive(Clone)]
 pub(super) struct Net {
+    config: ModelConfig,
+    tokens: TokenLayout,
+    forecast: Option<Arc<Forecast>>,
     kind: ModelKind,
     body: Body,
     norm: Norm,
@@ -60,6 +66,8 @@ pub(super) struct Memory<'a> {
 /// Inputs of a pass beside the ids.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Beside<'a> {
+    /// (B, H W) the frames before the windows; empty: none.
+    pub history: &'a [u32],
     /// The dropout, if any.
     pub dropout: Option<&'a Dropout>,
     /// The goal conditioning of frames.
@@ -72,6 +80,7 @@ impl Net {
         config: &ModelConfig,
         tokens: &TokenLayout,
         tensors: impl Iterator<Item = (&'a String, Tensor)>,
+        forecast: Option<Arc<Forecast>>,
     ) -> Result<Net> {
         let tensors: HashMap<String, Tensor> = tensors.map(|(name, tensor)| (name.clone(), tensor)).collect();
         // every model has it, and all tensors share its type and device
@@ -79,6 +88,9 @@ impl Net {
         let (dtype, device) = (table.dtype(), table.device().clone());
         let vars = &VarBuilder::from_tensors(tensors, dtype, &device);
         Ok(Net {
+            config: config.clone(),
+            tokens: tokens.clone(),
+            forecast,
             kind: config.kind,
             body: match config.architecture {
                 Architecture::Flat => Body::Flat(Flat::new(config, tokens, vars)?),
@@ -115,9 +127,10 @@ impl Net {
     pub(super) fn forward(&self, ids: &Tensor, mask: &Mask, beside: Beside, memory: Option<&Memory>) -> Result<Tensor> {
         let (batch, length) = ids.dims2()?;
         let windows = windows(ids, memory)?;
-        let hidden = self.hidden(ids, &windows, mask, beside, memory)?;
+        let sequences = self.sequences(&windows, beside);
+        let hidden = self.hidden(ids, &windows, &sequences, mask, beside, memory)?;
         let before = memory.map_or(0, |m| m.before.len());
-        Ok(self.head.logits(&hidden, &windows, before)?.reshape((batch, length, ()))?)
+        Ok(self.head.logits(&hidden, &sequences, before..before + length)?.reshape((batch, length, ()))?)
     }
 
     /// -ln p of each of `targets` (N), in nats, 0 where it is `<pad>`. With `smoothing` the numbers are the same, and their
@@ -130,30 +143,40 @@ impl Net {
         smoothing: Option<&Smoothing>,
     ) -> Result<Tensor> {
         let windows = windows(ids, None)?;
-        let hidden = self.hidden(ids, &windows, &self.mask(), beside, None)?;
-        self.head.nats(&hidden, &windows, targets, smoothing)
+        let sequences = self.sequences(&windows, beside);
+        let hidden = self.hidden(ids, &windows, &sequences, &self.mask(), beside, None)?;
+        self.head.nats(&hidden, &sequences, targets, smoothing)
     }
 
     /// The output of the final norm (N, D); of a two-level model the trunk's, a row a frame.
     pub(super) fn final_vectors(&self, ids: &Tensor, mask: &Mask) -> Result<Tensor> {
         let windows = windows(ids, None)?;
+        let sequences = self.sequences(&windows, Beside::default());
         match &self.body {
-            Body::Flat(_) => Ok(self.hidden(ids, &windows, mask, Beside::default(), None)?),
-            Body::TwoLevel(levels) => Ok(levels.vectors(&windows, mask)?.flatten_to(1)?),
+            Body::Flat(_) => Ok(self.hidden(ids, &windows, &sequences, mask, Beside::default(), None)?),
+            Body::TwoLevel(levels) => Ok(levels.vectors(&windows, &sequences, mask)?.flatten_to(1)?),
         }
+    }
+
+    /// Windows of one length in their sequences.
+    fn sequences(&self, windows: &[Vec<u32>], beside: Beside) -> Sequences {
+        let mut sequences = Sequences::new(&self.config, &self.tokens, windows.len(), windows[0].len());
+        sequences.fill(&windows.concat(), beside.history, self.forecast.as_deref());
+        sequences
     }
 
     fn hidden(
         &self,
         ids: &Tensor,
         windows: &[Vec<u32>],
+        sequences: &Sequences,
         mask: &Mask,
         beside: Beside,
         memory: Option<&Memory>,
     ) -> candle_core::Result<Tensor> {
         let x = match &self.body {
             Body::Flat(flat) => flat.rows(ids, windows, mask, beside.dropout, memory)?,
-            Body::TwoLevel(levels) => levels.rows(windows, mask, beside)?,
+            Body::TwoLevel(levels) => levels.rows(windows, sequences, mask, beside)?,
         };
         self.norm.forward(&x)?.flatten_to(1)
     }

@@ -5,10 +5,12 @@
 use super::block::{Block, Norm, linear};
 use super::{Beside, rows_of, table};
 use crate::config::{ModelConfig, TokenLayout};
-use crate::frames::{BACK, Frames, SPELT, TrunkRow, trunk_row};
+use crate::forecast::NUMBERS;
+use crate::frames::{BACK, Frames, TrunkRow, spelt_tables, trunk_row};
 use crate::goal::Conditioning;
-use crate::layout::{CLASS, GOAL, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK, block_name};
+use crate::layout::{CLASS, FORECAST, GOAL, LABEL, MUSIC, SPELL, SPELT_LABEL, TRUNK, block_name};
 use crate::ops::Mask;
+use crate::sequence::Sequences;
 use candle_core::{Result, Tensor};
 use candle_nn::{Embedding, Linear, Module, VarBuilder};
 use kinelm_engine::op::embedding::NONE;
@@ -35,6 +37,8 @@ pub(super) struct TwoLevel {
     frame: Linear,
     /// Rows of d numbers each.
     spelt: Vec<Embedding>,
+    /// (P, d), where there is a forecast.
+    forecast: Option<Tensor>,
     decoder: Vec<Block>,
     /// Goal conditioning: (P, D), (P, d), and two tables of steps (R, d).
     conditioning: Option<([Tensor; 2], [Embedding; 2])>,
@@ -65,7 +69,8 @@ impl TwoLevel {
             trunk: blocks(TRUNK, config.layers)?,
             trunk_norm: Norm::new(&vars.pp("trunk.norm"))?,
             frame: linear(&vars.pp("spell.frame"))?,
-            spelt: SPELT.iter().map(table).collect::<Result<_>>()?,
+            spelt: spelt_tables(config.forecast()).iter().map(table).collect::<Result<_>>()?,
+            forecast: config.forecast().then(|| vars.get_unchecked(FORECAST)).transpose()?,
             decoder: blocks(SPELL, decoder.layers)?,
             conditioning: config.goal.then(conditioning).transpose()?,
             music: (!config.music.is_none()).then(|| matrices(MUSIC)).transpose()?,
@@ -73,14 +78,14 @@ impl TwoLevel {
     }
 
     /// (B, F, D) what the trunk's norm gives of `windows` (B, T), whose frames see what `mask` lets them.
-    pub fn vectors(&self, windows: &[Vec<u32>], mask: &Mask) -> Result<Tensor> {
+    pub fn vectors(&self, windows: &[Vec<u32>], sequences: &Sequences, mask: &Mask) -> Result<Tensor> {
         let frames = windows[0].len().saturating_sub(self.skipped).div_ceil(self.frames.word());
-        self.trunk_norm.forward(&self.trunk(windows, frames, mask, Beside::default())?)
+        self.trunk_norm.forward(&self.trunk(windows, sequences, frames, mask, Beside::default())?)
     }
 
     /// (B, T, d) of `windows` (B, T), whose frames attend to what `mask` allows; 0 for the tokens of the front but the last,
     /// which predict nothing.
-    pub fn rows(&self, windows: &[Vec<u32>], mask: &Mask, beside: Beside) -> Result<Tensor> {
+    pub fn rows(&self, windows: &[Vec<u32>], sequences: &Sequences, mask: &Mask, beside: Beside) -> Result<Tensor> {
         let conditioning = beside.conditioning;
         let (batch, length) = (windows.len(), windows[0].len().saturating_sub(self.skipped));
         let no_rows = (batch, self.skipped.min(windows[0].len()), self.spelt[0].hidden_size());
@@ -89,7 +94,8 @@ impl TwoLevel {
             return Ok(no_rows);
         }
         let frames = length.div_ceil(self.frames.word());
-        let mut u = self.frame.forward(&self.trunk_norm.forward(&self.trunk(windows, frames, mask, beside)?)?)?;
+        let trunk = self.trunk(windows, sequences, frames, mask, beside)?;
+        let mut u = self.frame.forward(&self.trunk_norm.forward(&trunk)?)?;
         if let Some([_, spelt]) = &self.labels {
             u = u.broadcast_add(&self.of_labels(spelt, windows)?)?;
         }
@@ -98,7 +104,7 @@ impl TwoLevel {
         }
         // a row for every token of every frame, the window's or not
         let word = self.frames.word();
-        let x = self.spelt(windows, frames)?.reshape((batch * frames, word, ()))?;
+        let x = self.spelt(sequences, frames)?.reshape((batch * frames, word, ()))?;
         let mut x = x.broadcast_add(&u.reshape((batch * frames, 1, ()))?)?;
         if let Some((conditioning, (_, tables))) = conditioning.zip(self.conditioning.as_ref()) {
             for (table, rows) in tables.iter().zip(&conditioning.rows).filter(|(_, rows)| !rows.is_empty()) {
@@ -135,7 +141,14 @@ impl TwoLevel {
     }
 
     /// (B, F, D).
-    fn trunk(&self, windows: &[Vec<u32>], frames: usize, mask: &Mask, beside: Beside) -> Result<Tensor> {
+    fn trunk(
+        &self,
+        windows: &[Vec<u32>],
+        sequences: &Sequences,
+        frames: usize,
+        mask: &Mask,
+        beside: Beside,
+    ) -> Result<Tensor> {
         let of_frame = BACK * self.frames.characters();
         let mut seen = vec![0; windows.len() * frames * of_frame];
         let classes = self.class.as_ref().map_or(Ok(0), |class| class.embeddings().dim(0))?;
@@ -143,7 +156,11 @@ impl TwoLevel {
         for (i, rows) in seen.chunks_mut(of_frame).enumerate() {
             let window = &windows[i / frames][self.skipped..];
             let TrunkRow { frame, position, class } = trunk_row(i % frames, self.frames.shown(window), classes);
-            self.frames.seen(window, frame, rows);
+            self.frames.seen(
+                sequences.get(i / frames).ids,
+                sequences.layout.history() / self.frames.word() + frame,
+                rows,
+            );
             positions.push(position);
             class_rows.push(class);
         }
@@ -170,14 +187,21 @@ impl TwoLevel {
     }
 
     /// (B F W, d).
-    fn spelt(&self, windows: &[Vec<u32>], frames: usize) -> Result<Tensor> {
-        let tokens = frames * self.frames.word();
-        let rows: Vec<[u32; 4]> = windows
+    fn spelt(&self, sequences: &Sequences, frames: usize) -> Result<Tensor> {
+        let (tokens, before) = (frames * self.frames.word(), sequences.layout.history());
+        let rows: Vec<[u32; 5]> = sequences
             .iter()
-            .flat_map(|w| (0..tokens).map(|token| self.frames.spelt(&w[self.skipped..], token)))
+            .flat_map(|sequence| (before..before + tokens).map(move |at| self.frames.spelt(&sequence, at)))
             .collect();
         let one = |i: usize| rows_of(&self.spelt[i], rows.iter().map(|row| row[i]).collect());
-        (one(0)? + one(1)?)? + (one(2)? + one(3)?)?
+        let x = (1..self.spelt.len()).try_fold(one(0)?, |sum, i| sum + one(i)?)?;
+        let Some(matrix) = &self.forecast else { return Ok(x) };
+        let mut numbers = vec![0.0; rows.len() * NUMBERS];
+        for (row, numbers) in numbers.chunks_mut(NUMBERS).enumerate() {
+            let (sequence, at) = (sequences.get(row / tokens), before + row % tokens);
+            self.frames.forecast_numbers(sequence.ids, at, sequence.forecast(at), numbers);
+        }
+        x + through(&numbers, matrix, 1, rows.len())?.squeeze(0)?
     }
 }
 

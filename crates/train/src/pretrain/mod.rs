@@ -21,8 +21,9 @@ use super::{lead_ins, memory};
 use crate::{Error, Result};
 use kinelm_corpus::CorpusOptions;
 use kinelm_model::checkpoint::{Best, CheckpointChoice, Checkpoints};
+use kinelm_model::forecast::Forecast;
 use kinelm_model::scored_windows::Likelihood;
-use kinelm_model::weights::Weights;
+use kinelm_model::weights::{self, Weights};
 use kinelm_model::{Compute, LoadedRun, ModelConfig, exchange};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -174,7 +175,11 @@ fn new(
         .map_err(|e| if options.conditions.is_some() { e } else { file.located(e) })?;
     let run = RunFile::new(&model, &train, &data).map_err(|e| file.located(e))?;
     let mut run = RunFile { augment: file.augment, ..run };
-    let Some((from, source)) = source else { return Ok((run, data, None)) };
+    let Some((from, source)) = source else {
+        // what is forecast belongs to the data, so such a run begins with a checkpoint of its own
+        let weights = run.model.forecast().then(|| first_weights(&run, &data)).transpose()?;
+        return Ok((run, data, weights));
+    };
     if !is_finetuning {
         check_same_model(from, &run.model, &source)?;
     }
@@ -186,6 +191,19 @@ fn new(
         progress.note(&finetune::new_inputs(&source.tokens, &run.tokens));
     }
     Ok((run, data, Some(weights)))
+}
+
+/// Random weights of a run's seed, with the forecast of its data.
+///
+/// # Errors
+/// A corpus that can no longer be read.
+pub fn first_weights(run: &RunFile, data: &Data) -> Result<Weights> {
+    let mut weights = weights::initial(&run.model, &run.tokens, run.train.seed);
+    if run.model.forecast() {
+        let corpora: Vec<_> = data.parts().iter().map(|part| (&part.corpus, part.weight)).collect();
+        weights.extend(weights::of_forecast(&Forecast::of_corpora(&corpora)?));
+    }
+    Ok(weights)
 }
 
 /// Refuses weights of another model than the run's. Only dropout may differ.

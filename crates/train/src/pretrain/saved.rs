@@ -10,7 +10,7 @@ use crate::{Error, Result};
 use kinelm_model::checkpoint::{Checkpoints, State};
 use kinelm_model::run::{AVERAGED, OPTIMIZER, WEIGHTS};
 use kinelm_model::weights::{self, Array, Weights, in_order};
-use kinelm_model::{Compute, layout};
+use kinelm_model::{Compute, forecast, layout};
 
 /// The state of a run before its first step.
 pub fn before(file: &RunFile) -> State {
@@ -31,7 +31,8 @@ pub fn files(learner: &dyn Learner) -> Result<Files> {
 /// Weights of another model than the run's, each named; numbers that are not finite.
 pub fn first(file: &RunFile, weights: Weights) -> Result<Files> {
     let parameters = layout::parameters(&file.model, &file.tokens);
-    if let Some(name) = weights.keys().find(|name| parameters.iter().all(|p| p.name != **name)) {
+    let is_own = |name: &str| forecast::is_tensor(name) || parameters.iter().any(|p| p.name == name);
+    if let Some(name) = weights.keys().find(|name| !is_own(name)) {
         return Err(Error::Weights(format!("the model has no place for the tensor {name}")));
     }
     // before anything is written, as `load` would refuse them only in the folder of a run

@@ -59,8 +59,14 @@ fn a_frame_has_the_goals_of_a_whole_window() {
                 .all(|(frame, x)| { x.iter().any(|x| *x != 0.0) == ((4..9).contains(&frame) || frame == 12) })
         );
         let mask = fast.mask();
-        let windows =
-            Windows { inputs: &inputs, targets: &ids, length: ids.len(), mask, conditioning: Some(&conditioning) };
+        let windows = Windows {
+            inputs: &inputs,
+            targets: &ids,
+            length: ids.len(),
+            mask,
+            history: &[],
+            conditioning: Some(&conditioning),
+        };
         let logits = fast.logits(windows).unwrap();
         for (at, row) in logits.chunks(tokenizer.vocabulary().len() as usize).enumerate() {
             let (frame, place) = (at / (C + 1), at % (C + 1));

@@ -1,6 +1,7 @@
 //! Sampling from models whose choices are easy to predict.
 
 mod goals;
+mod history;
 mod music;
 
 use super::*;

@@ -43,6 +43,7 @@ fn a_frame_has_the_music_of_a_whole_window() {
             targets: &ids,
             length: ids.len(),
             mask: fast.mask(),
+            history: &[],
             conditioning: Some(&conditioning),
         };
         let logits = fast.logits(windows).unwrap();

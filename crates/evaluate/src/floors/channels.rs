@@ -12,7 +12,8 @@
 //! in d and e.
 
 use super::codes::{CodeClips, CodeSplits};
-use super::kernels::{KERNELS, Kernels, bits, distinct, fit};
+use super::forecast::ForecastFloor;
+use super::kernels::{Histogram, KERNELS, Kernels, LEAST_CASES, bits, distinct, fit};
 use crate::{Error, Result};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
@@ -33,9 +34,6 @@ pub const MODELS: [&str; 6] = ["a_order0", "b_delta", "c_prev", "d_extrap_only",
 
 /// Lower bounds of the sizes of a last step that have weights of their own: 0 | 1 | 2 | 3-4 | 5-8 | 9-16 | 17 and more.
 const ACTIVITY: [u32; 6] = [1, 2, 3, 5, 9, 17];
-
-/// Fewer training cases than these take the weights of all sizes.
-const LEAST_CASES: usize = 200;
 
 /// The floors of a corpus.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,6 +56,8 @@ pub struct ChannelFloors {
     pub by_channel: [Vec<f64>; 6],
     /// Weight of the extrapolation in d: (C).
     pub weight_on_extrapolation: Vec<f64>,
+    /// The forecast's floor, which isn't static: it learns from other channels. `None` where characters were merged.
+    pub forecast: Option<ForecastFloor>,
 }
 
 impl ChannelFloors {
@@ -98,6 +98,7 @@ impl ChannelFloors {
             from_third_frame: (later > 0).then_some(from_third),
             by_channel,
             weight_on_extrapolation: costs.iter().map(|c| c.weight_on_extrapolation).collect(),
+            forecast: (!codes.places.is_empty()).then(|| ForecastFloor::measure(codes, &codes.places)),
         })
     }
 
@@ -130,6 +131,7 @@ impl ChannelFloors {
             "bits_per_frame_from_third_frame": self.from_third_frame.as_ref().map(named),
             "bits_per_character": by_channel,
             "d_mix_weight_on_extrapolation": self.weight_on_extrapolation,
+            "forecast": self.forecast.map(|f| json!({ "bits_per_frame": f.bits_per_frame, "from_third_frame": f.from_third_frame })),
         });
         if let Some(of) = sampled([self.train[1], self.test[1]], self.of) {
             line["frames_of"] = json!({ "train": of[0], "test": of[1] });
@@ -148,6 +150,9 @@ impl fmt::Display for ChannelFloors {
         write!(f, "\n{}", figure_row("uniform", self.uniform(), None))?;
         for (i, name) in ROWS.iter().enumerate() {
             write!(f, "\n{}", figure_row(name, self.bits_per_frame[i], self.from_third_frame.map(|t| t[i])))?;
+        }
+        if let Some(floor) = self.forecast {
+            write!(f, "\n{}", figure_row("around a linear forecast", floor.bits_per_frame, floor.from_third_frame))?;
         }
         Ok(())
     }
@@ -322,29 +327,6 @@ fn add(sum: &mut [f64; 6], bits: [f64; 6]) {
     sum.iter_mut().zip(bits).for_each(|(s, b)| *s += b);
 }
 
-/// Add-one counts.
-struct Histogram {
-    counts: Vec<f64>,
-    total: f64,
-}
-
-impl Histogram {
-    fn fit(bins: usize, codes: impl Iterator<Item = u32>) -> Self {
-        let mut counts = vec![1.0; bins];
-        codes.for_each(|c| counts[c as usize] += 1.0);
-        let total = counts.iter().sum();
-        Histogram { counts, total }
-    }
-
-    fn p(&self, code: u32) -> f64 {
-        self.counts[code as usize] / self.total
-    }
-
-    fn bits(&self, code: u32) -> f64 {
-        -self.p(code).log2()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -378,6 +360,7 @@ mod tests {
         let codes = CodeSplits {
             bins: golden.bins,
             channels: golden.channels,
+            places: Vec::new(),
             of: [776, 183],
             train: golden.train,
             test: golden.test,
@@ -393,7 +376,7 @@ mod tests {
     fn splits(train: Vec<u16>, test: Vec<u16>) -> CodeSplits {
         let one = |codes| vec![codes];
         let of = [train.len(), test.len()];
-        CodeSplits { bins: 8, channels: 1, train: one(train), test: one(test), of }
+        CodeSplits { bins: 8, channels: 1, places: Vec::new(), train: one(train), test: one(test), of }
     }
 
     #[test]

@@ -3,6 +3,8 @@
 use super::sample::{Extent, Stretch, stretches};
 use crate::{Error, Result};
 use kinelm_corpus::{Corpus, Split};
+use kinelm_engine::bins::Bins;
+use kinelm_model::TokenLayout;
 use kinelm_tokenizer::WordLength;
 
 /// Clips of codes, frame after frame: a clip is (F, C), the channel running fastest.
@@ -15,6 +17,8 @@ pub struct CodeSplits {
     pub bins: usize,
     /// C.
     pub channels: usize,
+    /// (C) the bins of each channel, code 0 their first; empty where characters were merged.
+    pub places: Vec<Bins>,
     /// Tables and weights are fitted on it.
     pub train: CodeClips,
     /// Bits are measured on it.
@@ -44,8 +48,17 @@ impl CodeSplits {
             let codes = |of: Stretch| Ok(corpus.some_words(of.clip, of.words)?.codes().to_vec());
             stretches(corpus, split, extent).into_iter().map(codes).collect()
         };
+        let code_0 = |bins: Bins| Bins { first: 0, ..bins };
+        let places = TokenLayout::of(corpus.tokenizer()).bins().into_iter().map(code_0).collect();
         let (train, test) = (read(fitted, Split::Train)?, read(corpus, measured)?);
-        Ok(CodeSplits { bins, channels, train, test, of: [frames(fitted, Split::Train), frames(corpus, measured)] })
+        Ok(CodeSplits {
+            bins,
+            channels,
+            places,
+            train,
+            test,
+            of: [frames(fitted, Split::Train), frames(corpus, measured)],
+        })
     }
 }
 

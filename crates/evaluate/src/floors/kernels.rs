@@ -5,6 +5,9 @@
 /// Kernels around one centre.
 pub const KERNELS: usize = 1 + LAPLACE.len() + CAUCHY.len() + 1;
 
+/// A class of cases of which training has fewer takes the weights of all classes.
+pub const LEAST_CASES: usize = 200;
+
 /// Scales of the Laplace kernels and of the Cauchy kernels, in bins.
 const LAPLACE: [f64; 9] = [0.35, 0.7, 1.2, 2.0, 3.5, 6.0, 11.0, 20.0, 40.0];
 const CAUCHY: [f64; 2] = [1.0, 5.0];
@@ -37,6 +40,11 @@ impl Kernels {
         let sum = |c: usize, k: usize| before[c + 1][k] + before[n - c][k] - by_distance[0][k];
         let inverse_sum = (0..n).map(|c| std::array::from_fn(|k| 1.0 / sum(c, k))).collect();
         Kernels { by_distance, inverse_sum }
+    }
+
+    /// n.
+    pub fn bins(&self) -> u32 {
+        self.by_distance.len() as u32
     }
 
     /// The probability of `bin` under each kernel around `centre`.
@@ -89,6 +97,32 @@ pub fn distinct<T: Ord + Copy>(mut cases: Vec<T>) -> (Vec<T>, Vec<f64>) {
         counts.push(run.len() as f64);
     }
     (values, counts)
+}
+
+/// Add-one counts.
+pub struct Histogram {
+    counts: Vec<f64>,
+    total: f64,
+}
+
+impl Histogram {
+    /// Of these codes, below `bins`.
+    pub fn fit(bins: usize, codes: impl Iterator<Item = u32>) -> Self {
+        let mut counts = vec![1.0; bins];
+        codes.for_each(|c| counts[c as usize] += 1.0);
+        let total = counts.iter().sum();
+        Histogram { counts, total }
+    }
+
+    /// The probability of a code.
+    pub fn p(&self, code: u32) -> f64 {
+        self.counts[code as usize] / self.total
+    }
+
+    /// Bits of a code.
+    pub fn bits(&self, code: u32) -> f64 {
+        -self.p(code).log2()
+    }
 }
 
 #[cfg(test)]

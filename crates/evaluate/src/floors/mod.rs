@@ -2,12 +2,14 @@
 
 pub(crate) mod channels;
 pub mod codes;
+mod forecast;
 mod kernels;
 mod sample;
 mod tokens;
 
 pub use channels::ChannelFloors;
 pub use codes::CodeSplits;
+pub use forecast::ForecastFloor;
 pub use sample::Extent;
 pub use tokens::TokenFloors;
 

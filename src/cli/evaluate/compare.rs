@@ -7,6 +7,7 @@ use crate::cli::{Odd, Say, each_file, motion_files, print, wrong_call};
 use crate::corpus::Corpus;
 use crate::evaluate::dance::compare::{Comparison, MeasuredDance, Side, take_of};
 use crate::evaluate::dance::features::Features;
+use crate::evaluate::dance::two_sample::{self, ToldApart};
 use crate::evaluate::dance::{Dance, Reference};
 use anyhow::Result;
 use kinelm_motion::format::{ReadOptions, RestFrame};
@@ -19,6 +20,7 @@ use std::path::{Path, PathBuf};
 struct Line {
     #[serde(flatten)]
     comparison: Comparison,
+    told_apart: Vec<ToldApart>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     features: Vec<Features>,
 }
@@ -29,6 +31,7 @@ pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], read: &ReadArgs, how: How<'_
     let [a, b] = folders.map(|folder| side(corpus, folder, read, say));
     let sides = [a?, b?];
     let comparison = real.compare(&sides)?;
+    let told_apart = real.told_apart(&sides)?;
     let features = match how.features {
         true => {
             let sets = sides.each_ref().map(|side| side.dances.iter().map(|d| d.dance.clone()).collect::<Vec<_>>());
@@ -58,10 +61,10 @@ pub fn run(corpus: &Corpus, folders: [&PathBuf; 2], read: &ReadArgs, how: How<'_
         crate::cli::draw_charts(out, &real.charts(&sets)?, how.outputs)?;
     }
     if how.json {
-        return print(&format!("{}\n", serde_json::to_string(&Line { comparison, features })?));
+        return print(&format!("{}\n", serde_json::to_string(&Line { comparison, told_apart, features })?));
     }
     let tables: String = features.iter().map(|table| format!("\n\n{table}")).collect();
-    print(&format!("{comparison}{tables}\n"))
+    print(&format!("{comparison}\n\n{}{tables}\n", two_sample::table(&told_apart)))
 }
 
 /// Options of the comparison.

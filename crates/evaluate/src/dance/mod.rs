@@ -26,6 +26,7 @@ mod repetition;
 mod report;
 #[cfg(test)]
 mod tests;
+pub mod two_sample;
 
 pub use coded::Dance;
 pub use load::requested_label;

@@ -2,7 +2,7 @@
 
 use super::values::positive;
 use crate::generate::open::{GAP_TOP_P, GIVEN_TOP_P};
-use crate::generate::sampling::{Sampling, TOP_P};
+use crate::generate::sampling::{FORECAST_TOP_P, Sampling, TOP_P};
 use anyhow::Result;
 
 /// How tokens are sampled: the penalty first, then temperature, top-k, top-p, min-p.
@@ -19,7 +19,7 @@ pub struct DrawArgs {
     #[arg(long, value_name = "N")]
     top_k: Option<usize>,
     #[arg(long, value_name = "P", help = format!("Sample from the smallest set of most likely tokens whose probability reaches \
-        P; 1 truncates nothing [default: {TOP_P} without other truncation; {GIVEN_TOP_P} in generate where joints are given \
+        P; 1 truncates nothing [default: {TOP_P} without other truncation, {FORECAST_TOP_P} by a model with a forecast; {GIVEN_TOP_P} in generate where joints are given \
         after free ones throughout, such as an arm but not the root alone; {GAP_TOP_P} in other gaps that a goal-conditioned \
         model fills]"))]
     top_p: Option<f64>,

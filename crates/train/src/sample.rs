@@ -5,7 +5,7 @@ use crate::{Error, Result};
 use kinelm_generate as generate;
 use kinelm_generate::SamplingPlan;
 use kinelm_generate::masked::{PASSES, fill};
-use kinelm_generate::sampling::{Sampling, TOP_P};
+use kinelm_generate::sampling::{Sampling, default_top_p};
 use kinelm_model::fast::Fast;
 use kinelm_model::run::{TOKENIZER, load_tokenizer};
 use kinelm_model::weights::Weights;
@@ -43,7 +43,7 @@ fn write(run: &Path, step: u64, file: &RunFile, weights: &Weights) -> Result<Pat
     let mut plan = SamplingPlan::free(
         tokenizer.grammar(),
         words,
-        Sampling { top_p: Some(TOP_P), ..Sampling::default() },
+        Sampling { top_p: Some(default_top_p(&file.model)), ..Sampling::default() },
         file.train.seed,
     );
     (plan.fronts, plan.passes) = (vec![(0, front)], PASSES);

@@ -7,7 +7,7 @@ use crate::evaluate::gaps::{Filler, frames_around, gaps, position_scale};
 use crate::generate::RunModel;
 use crate::generate::masked::PASSES;
 use crate::generate::open::{GAP_TOP_P, GOAL_GUIDANCE, check_goal_guidance, check_passes};
-use crate::generate::sampling::TOP_P;
+use crate::generate::sampling::default_top_p;
 use crate::model::goal::GoalEncoder;
 use crate::model::{LoadedRun, ModelKind, load_run};
 use anyhow::Result;
@@ -75,7 +75,7 @@ pub fn run(args: &Args, say: Say) -> Result<()> {
     }
     let conditions = run.load_conditions()?;
     let goal = goal(args.goal_guidance, &run, &tokenizer)?;
-    let draw = args.draw.requested()?.truncated_at(if goal.is_some() { GAP_TOP_P } else { TOP_P });
+    let draw = args.draw.requested()?.truncated_at(if goal.is_some() { GAP_TOP_P } else { default_top_p(&run.config) });
     // guidance reads a second, unconditioned stream per sample
     let streams = if goal.as_ref().is_some_and(|(_, scale)| *scale != 1.0) { 2 } else { 1 };
     let passes = args.passes.map(usize::from);

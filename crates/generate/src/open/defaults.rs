@@ -1,14 +1,14 @@
 //! Every option that a request leaves open is decided here, and only here.
 //!
 //! [`without_inputs`] decides what reading the inputs needs, [`decide`] all else, once they are read. Constants of single
-//! rooms are defined there: [`TOP_P`], [`FIRST_FRAMES`], [`PASSES`], [`crate::sampler::GUESSES`].
+//! rooms are defined there: [`default_top_p`], [`FIRST_FRAMES`], [`PASSES`], [`crate::sampler::GUESSES`].
 
 use super::inputs::Inputs;
 use super::prompt::PreparedPrompt;
 use crate::masked::PASSES;
 use crate::request::{Edit, FootMode, LeadInKind, Loop, Placement, Request, Resolved, Rig, Seeding, UncodedJoints};
 use crate::sampler::FIRST_FRAMES;
-use crate::sampling::TOP_P;
+use crate::sampling::default_top_p;
 use crate::{Error, Result};
 use kinelm_model::ModelKind;
 use kinelm_model::lead_in::{self, LeadInFrom, LeadIns};
@@ -80,7 +80,7 @@ pub(super) fn decide(request: Request, inputs: &Inputs) -> Result<(Resolved, Opt
     let sampling = request.sampling.truncated_at(match prompt {
         Some(prompt) if prompt.is_given_throughout(inputs.frames) => GIVEN_TOP_P,
         _ if has_goals && goal_guidance != 0.0 => GAP_TOP_P,
-        _ => TOP_P,
+        _ => default_top_p(&run.config),
     });
     let seed = request.seed.unwrap_or(SEED);
     let lead_ins = lead_ins(&request, is_unprompted, inputs)?;

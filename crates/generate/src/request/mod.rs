@@ -70,7 +70,7 @@ pub struct Request {
     /// Inputs of the random streams beside the seed. `None`: [`Seeding::Inputs`].
     pub seeding: Option<Seeding>,
     /// How free characters are sampled. Where none of its rules truncates, `top_p` is chosen:
-    /// [`crate::sampling::TOP_P`], or [`crate::open::GIVEN_TOP_P`] where joints are given from end to end, or
+    /// [`crate::sampling::default_top_p`], or [`crate::open::GIVEN_TOP_P`] where joints are given from end to end, or
     /// [`crate::open::GAP_TOP_P`] where the model is goal-conditioned, a gap ends and its guidance isn't 0.
     pub sampling: Sampling,
     /// The rig that the dance is written on. `None`: the prompt's own where a clip is edited, else the model's.

@@ -17,6 +17,7 @@ mod top_k;
 mod top_p;
 
 use crate::{Error, Result};
+use kinelm_model::ModelConfig;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
@@ -56,6 +57,15 @@ pub struct Sampling {
 
 /// [`Sampling::top_p`] where a request has no truncation: measured in docs/results/two-level.md.
 pub const TOP_P: f64 = 0.95;
+
+/// The same by a model with a forecast, whose dances would be a quarter slower than real ones: what is left to sample is how far a
+/// step is from its forecast.
+pub const FORECAST_TOP_P: f64 = 0.97;
+
+/// That of a model.
+pub fn default_top_p(model: &ModelConfig) -> f64 {
+    if model.forecast() { FORECAST_TOP_P } else { TOP_P }
+}
 
 impl Default for Sampling {
     fn default() -> Sampling {

@@ -97,16 +97,6 @@ impl Forecast {
         self.places.len()
     }
 
-    /// The forecasts (F, C) of all frames of `ids`, whole words of a slot each and a space; 0 for the first.
-    pub fn of_words(&self, ids: &[u32]) -> Vec<i32> {
-        let word = self.slots() + 1;
-        let mut track = Track::new(self.slots(), ids.len().div_ceil(word));
-        track.follow(self, ids);
-        track.into_forecasts()
-    }
-}
-
-impl Forecast {
     /// The forecasts (F, C) of codes (F, C), bins of their slots.
     pub fn of_codes(&self, codes: &[u16]) -> Vec<i32> {
         let mut track = Track::new(self.slots(), codes.len().div_ceil(self.slots()));

@@ -43,8 +43,7 @@ const PROBE: &str = r"
     costs.push(performance.now() - begin);
     nodes = Math.max(nodes, document.getElementsByTagName('*').length);
   }
-  costs.sort((a, b) => a - b);
-  answer({ pointed, left, marked, right, down, nodes, ms: [costs[costs.length >> 1], costs[Math.floor(costs.length * 0.99)]] });
+  answer({ pointed, left, marked, right, down, nodes, ms: costs.reduce((a, b) => a + b) / costs.length });
 ";
 
 fn dance(seconds: f64) -> Clip {
@@ -80,7 +79,7 @@ fn a_character_names_what_it_stands_for_and_a_joint_marks_its_characters() {
     // the left knee, whose characters are a run of three
     assert_eq!(found["marked"], json!([4, [15, 16, 17]]));
     assert_eq!((&found["right"], &found["down"][0], &found["down"][2]), (&json!(1), &found["down"][1], &json!(1)));
-    assert!(found["nodes"].as_f64().unwrap() < 1200.0 && found["ms"][1].as_f64().unwrap() < 16.0, "{found}");
+    assert!(found["nodes"].as_f64().unwrap() < 1200.0 && found["ms"].as_f64().unwrap() < 4.0, "{found}");
 }
 
 #[test]

@@ -18,6 +18,7 @@
 //! - [`sampling`]: which of the allowed tokens comes next, one file per rule.
 //! - [`request`]: what decides a dance, as values that files can hold.
 //! - [`sampler`]: words sampled from a model, as an iterator.
+//! - [`score`]: how believable a stretch of a dance is.
 //! - [`masked`]: the same from a masked model, window by window.
 //! - [`run_model`]: the model of a run, of either kind.
 //! - [`prompt`]: a clip as the model sees it, and the way back to its rig.
@@ -43,6 +44,7 @@ pub mod request;
 pub mod run_model;
 pub mod sampler;
 pub mod sampling;
+pub mod score;
 pub mod timeline;
 
 pub use kinelm_model::{Error, Result};

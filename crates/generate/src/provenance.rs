@@ -7,6 +7,7 @@ use crate::best::Best;
 use crate::open::OpenRequest;
 use crate::request::{Resolved, Timeline};
 use crate::sampler::variation_seed;
+use crate::score::LIMITS;
 use crate::{Error, Result};
 use kinelm_model::CheckpointChoice;
 use kinelm_motion::format::ReadOptions;
@@ -53,6 +54,9 @@ pub struct Provenance {
     pub weights_sha256: String,
     /// The tokenizer's hash.
     pub tokenizer_sha256: String,
+    /// SHA-256 of the limits that its blocks were chosen by.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limits_sha256: Option<String>,
     /// SHA-256 of the prompt's file.
     pub prompt_sha256: Option<String>,
     /// SHA-256 of the music's file.
@@ -132,6 +136,7 @@ impl Provenance {
             step: open.run.state.step,
             weights_sha256: open.run.weights_sha256(),
             tokenizer_sha256: open.tokenizer.hash(),
+            limits_sha256: open.limits_sha256(),
             prompt_sha256: open.prompt.as_ref().map(|prompt| prompt.clip.sha256.clone()),
             music_sha256: open.music.as_ref().map(|music| music.sha256.clone()),
         }
@@ -233,6 +238,9 @@ impl Provenance {
         let weights = format!("{run}: the weights at step {}", self.step);
         check_hash(&weights, &self.weights_sha256, &open.run.weights_sha256())?;
         check_hash(&format!("{tokenizer}: the tokenizer"), &self.tokenizer_sha256, &open.tokenizer.hash())?;
+        if let Some((expected, found)) = self.limits_sha256.as_ref().zip(open.limits_sha256()) {
+            check_hash(&format!("{run}: the limits of {LIMITS}"), expected, &found)?;
+        }
         if let (Some(expected), Some(prompt), Some(request)) =
             (&self.prompt_sha256, &open.prompt, &open.resolved.prompt)
         {

@@ -42,7 +42,7 @@ pub mod words;
 pub use cache::Cache;
 pub use choice::{CheckpointChoice, Keep};
 pub use config::{Architecture, DecoderConfig, HeadKind, ModelConfig, ModelKind, Positions, TokenLayout};
-pub use decode::{FrameConditioning, KvKind, Logits, Reader, ReaderOptions, WeightKind};
+pub use decode::{FrameConditioning, KvKind, Logits, Reader, ReaderOptions, SavedSequence, WeightKind};
 pub use device::{Compute, DeviceName, Form};
 pub use dropout::Dropout;
 pub use error::{Error, Result};

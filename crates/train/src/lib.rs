@@ -20,6 +20,7 @@ pub mod folder;
 mod gaps;
 pub mod import;
 mod lead_ins;
+mod limits;
 pub mod learner;
 pub mod lr_find;
 mod memory;

@@ -6,11 +6,12 @@ use crate::cli::draw::DrawArgs;
 use crate::cli::values::{length, length_in_frames, rate, run_folder, time};
 use crate::cli::{CheckpointArg, ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
 use crate::generate::masked::{MOST_PASSES, PASSES};
-use crate::generate::open::{FEATURE_GUIDANCE, FPS, GOAL_GUIDANCE, MUSIC_GUIDANCE, SEED};
+use crate::generate::open::{FEATURE_GUIDANCE, FPS, GOAL_GUIDANCE, MOST_CANDIDATES, MUSIC_GUIDANCE, SEED};
 use crate::generate::request::{
     Computing, Edit, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel, UncodedJoints,
 };
 use crate::generate::sampler::{FIRST_FRAMES, GUESSES};
+use crate::generate::score::BLOCK_S;
 use anyhow::Result;
 use kinelm_motion::moment::Moment;
 use std::collections::BTreeMap;
@@ -66,6 +67,10 @@ pub struct DanceArgs {
         which these are most likely. No truncation applies to them [default: {FIRST_FRAMES}; 1 where --tries chooses among \
         whole dances]"))]
     first_frames: Option<u8>,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=MOST_CANDIDATES as i64), help = format!(
+        "Continuations that are sampled of every {BLOCK_S} seconds, of which the dance goes on with the one that keeps its \
+        balance, its feet and its pace best; 1 to {MOST_CANDIDATES} [default: 1, no choice]"))]
+    look_ahead: Option<u8>,
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..), help = format!("Passes of a masked model \
         over each window: the most certain characters stay, the others are sampled again; 1 to {MOST_PASSES} \
         [default: {PASSES}]"))]
@@ -153,6 +158,7 @@ impl DanceArgs {
             fps: self.fps,
             lead_in: self.lead_in,
             first_frames: self.first_frames.map(usize::from),
+            look_ahead: self.look_ahead.map(usize::from),
             passes: self.passes.map(usize::from),
             seed: Some(self.seed),
             sampling: self.draw.requested()?,

@@ -116,6 +116,27 @@ impl KvCache {
         self.unit
     }
 
+    /// The keys and values of a stream of `streams`, unit after unit.
+    pub fn save(&self, stream: usize, streams: usize) -> Vec<f32> {
+        let units = self.numbers.chunks_exact(self.unit_floats());
+        units.skip(stream).step_by(streams).flatten().copied().collect()
+    }
+
+    /// Gives a stream of `streams` the keys and values that [`KvCache::save`] returned.
+    pub fn restore(&mut self, stream: usize, streams: usize, saved: &[f32]) {
+        let floats = self.unit_floats();
+        let units = self.numbers.chunks_exact_mut(floats).skip(stream).step_by(streams);
+        units.zip(saved.chunks_exact(floats)).for_each(|(unit, saved)| unit.copy_from_slice(saved));
+    }
+
+    /// Whole floats that a unit takes.
+    fn unit_floats(&self) -> usize {
+        match self.kind {
+            KvKind::F32 => self.unit.len(),
+            KvKind::F16 => self.unit.len() / 2,
+        }
+    }
+
     /// [head][stream] of a layer.
     pub fn layer<E: Stored>(&mut self, layer: usize) -> &mut [E] {
         let all: &mut [E] = bytemuck::cast_slice_mut(&mut self.numbers);

@@ -2,7 +2,7 @@
 
 use super::coded::Dance;
 use super::coordination::{Coordination, coordination};
-use super::reference::feet;
+use kinelm_generate::score::coded_feet;
 use crate::Result;
 use kinelm_generate::prompt::{PromptClip, given_characters, read_back, share_changed};
 use kinelm_generate::provenance::Provenance;
@@ -71,7 +71,7 @@ impl PromptMetrics {
         }
         // beside a prompt at rest there is none
         let quotient = |dance: Option<f64>, prompt: Option<f64>| Some(dance? / prompt.filter(|x| *x > 0.0)?);
-        let feet = feet(tokenizer.channels().joints())?;
+        let feet = coded_feet(tokenizer.channels().joints())?;
         // given feet are the prompt's own
         let is_free = feet.joints.iter().all(|(foot, _)| free.contains(foot));
         let skate = |clip: &Clip| Skate::of(&feet, clip).cm_s().filter(|_| is_free);

@@ -9,6 +9,7 @@ use super::repetition::repeats;
 use crate::floors::codes::frames;
 use crate::{Error, Result};
 use kinelm_corpus::{ClipRecord, Corpus, Split};
+use kinelm_generate::score::coded_feet;
 use kinelm_motion::Clip;
 use kinelm_motion::feet::leg::Leg;
 use kinelm_motion::metric::{Balance, FootContact, Ground, Laban, Skate, jitter_of};
@@ -48,7 +49,7 @@ impl<'a> Reference<'a> {
         let joints = corpus.tokenizer().channels().joints().to_vec();
         let (fps, frames_per_word) = (corpus.tokenizer().fps(), corpus.tokenizer().frames_per_word());
         let (held, thresholds) = (BTreeMap::new(), [0.0; 2]);
-        let feet = feet(&joints)?;
+        let feet = coded_feet(&joints)?;
         let legs = Leg::of(Humanoid::neutral())?;
         let mut real = Reference { corpus, held, feet, legs, joints, fps, frames_per_word, thresholds };
         if frames(corpus, Split::Train) + frames(corpus, Split::Valid) <= HELD_FRAMES {
@@ -179,13 +180,4 @@ impl<'a> Reference<'a> {
         self.fold(Split::Train, |_, d| Track::both(&d.clip, joints), |both| nearest.add_training(&both))?;
         Ok(nearest.distances())
     }
-}
-
-/// The feet of the model's body as far as they are coded: of the thirteen joints the ankles. Where none is, the ankles.
-pub(super) fn feet(joints: &[usize]) -> Result<Feet> {
-    let mut feet = Humanoid::neutral().feet()?;
-    let coded = feet.joints.iter().any(|(j, _)| joints.contains(j));
-    // 7 and 8 are the ankles
-    feet.joints.retain(|(j, _)| if coded { joints.contains(j) } else { matches!(j, 7 | 8) });
-    Ok(feet)
 }

@@ -108,6 +108,7 @@ pub(super) fn decide(request: Request, inputs: &Inputs) -> Result<(Resolved, Opt
     // a leg that is given isn't moved
     let is_leg = |joint: &usize| LEGS.iter().flatten().any(|leg| leg == joint);
     let has_leg = prompt.and_then(|prompt| prompt.selection.as_ref()).is_some_and(|s| s.joints.iter().any(is_leg));
+    let look_ahead = look_ahead(&request, is_masked || is_edited || sampling.greedy || has_leg)?;
     let resolved = Resolved {
         guidance,
         goal_guidance,
@@ -116,6 +117,7 @@ pub(super) fn decide(request: Request, inputs: &Inputs) -> Result<(Resolved, Opt
         lead_in: if is_unprompted { lead_in::words(&inputs.tokenizer) * inputs.tokenizer.frames_per_word() } else { 0 },
         lead_in_from,
         first_frames,
+        look_ahead,
         passes: request.passes.or(is_masked.then_some(PASSES)),
         seed,
         seeding: request.seeding.unwrap_or(Seeding::Inputs),
@@ -137,6 +139,19 @@ pub(super) fn decide(request: Request, inputs: &Inputs) -> Result<(Resolved, Opt
         music: request.music,
     };
     Ok((resolved, lead_ins))
+}
+
+/// Candidates for each block; `is_out`: where there is nothing to choose, or something else chooses.
+fn look_ahead(request: &Request, is_out: bool) -> Result<usize> {
+    match request.look_ahead {
+        Some(n) if n > 1 && is_out => {
+            let why = "nothing is chosen block by block in an edited clip (tries chooses there), where a leg is given, in \
+                       greedy sampling, and by a masked model; leave it out";
+            Err(Error::unsupported(Subject::of_parameter("look_ahead").with(n), why))
+        }
+        Some(n) => Ok(n.max(1)),
+        None => Ok(1),
+    }
 }
 
 /// The scale that suits a model's music conditioning; 1 where its tempo label is all it knows of music.

@@ -6,6 +6,7 @@ mod defaults;
 mod inputs;
 mod labels;
 mod lead_in;
+mod look_ahead;
 mod music;
 mod prompt;
 mod sample;
@@ -13,12 +14,14 @@ mod seeding;
 
 pub use conditions::{check_goal_guidance, check_passes};
 pub use defaults::{FEATURE_GUIDANCE, FPS, GAP_TOP_P, GIVEN_TOP_P, GOAL_GUIDANCE, MUSIC_GUIDANCE, SEED};
+pub use look_ahead::MOST_CANDIDATES;
 pub use music::OpenMusic;
 pub use prompt::PreparedPrompt;
 
 use crate::edit::PreparedEdit;
 use crate::request::{PromptRequest, Request, Resolved, Rig};
 use crate::sampler::check_frames;
+use crate::score::Limits;
 use crate::timeline::TimelineLayout;
 use crate::{Error, Result};
 use defaults::NO_LEAD_IN;
@@ -51,6 +54,8 @@ pub struct OpenRequest {
     unconditioned: Option<Vec<u32>>,
     /// The run's lead-ins, where the dance continues from one.
     lead_ins: Option<LeadIns>,
+    /// What blocks are chosen by, where the dance is looked ahead.
+    limits: Option<Limits>,
 }
 
 impl OpenRequest {
@@ -122,7 +127,7 @@ impl OpenRequest {
                         without some of them, and guidance needs that";
             run.notes.push(what.into());
         }
-        let open = OpenRequest {
+        let mut open = OpenRequest {
             resolved,
             run,
             tokenizer,
@@ -133,7 +138,9 @@ impl OpenRequest {
             fronts,
             unconditioned,
             lead_ins,
+            limits: None,
         };
+        open.load_limits()?;
         // more frames at the rate of the file than a dance may have
         if let Some(fps) = open.resampled_fps() {
             check_frames(held_frames(frames, open.tokenizer.fps(), fps))?;

@@ -25,7 +25,8 @@ impl OpenRequest {
         }
         let plan = self.plan(variations)?;
         let (computing, each) = (&self.resolved.computing, plan.streams());
-        let models = readers(&self.run, computing.compute()?, computing.reading(variations * each), each)?;
+        let streams = variations * plan.candidates() * each;
+        let models = readers(&self.run, computing.compute()?, computing.reading(streams), each)?;
         Sampler::side_by_side(models, plan)
     }
 
@@ -48,7 +49,7 @@ impl OpenRequest {
         let tries = self.tries();
         let (computing, each) = (&self.resolved.computing, plan.streams());
         let dances = if tries > 1 { tries } else { variations };
-        let reading = computing.reading(dances * each);
+        let reading = computing.reading(dances * plan.candidates() * each);
         let mut model = RunModel::open(&self.run, computing.compute()?, reading, each)?;
         if tries == 1 {
             return model.sample(&plan, &mut |words, last| progress(0, words, last));
@@ -114,6 +115,7 @@ impl OpenRequest {
         plan.music = self.music_rows(words);
         (plan.lead_in, plan.first_frames) = (lead_in, request.first_frames);
         plan.passes = request.passes.unwrap_or(1);
+        plan.look_ahead = self.look_ahead()?;
         (plan.goal_guidance, plan.inputs_hash) = (request.goal_guidance, self.inputs_hash());
         // the first front holds for the lead-in too
         let from_word = |frame: usize| if frame == 0 { 0 } else { lead_in + frame.div_ceil(length) };

@@ -10,6 +10,7 @@ mod request_notes;
 pub mod surprise;
 
 pub use feet::lock_feet;
+pub(crate) use feet::lock_settings;
 pub use free_spans::FreeSpan;
 pub use placement::RootGiven;
 

@@ -62,6 +62,9 @@ pub struct Request {
     /// Candidates for the first frame. `None`: [`crate::sampler::FIRST_FRAMES`] where some joints of it are given after
     /// free ones.
     pub first_frames: Option<usize>,
+    /// Continuations of every block of two seconds, of which the most believable is kept, at most
+    /// [`crate::open::MOST_CANDIDATES`]; 1: none. `None`: 1.
+    pub look_ahead: Option<usize>,
     /// Passes of a masked model over a window, at most [`crate::masked::MOST_PASSES`]. `None`:
     /// [`crate::masked::PASSES`].
     pub passes: Option<usize>,

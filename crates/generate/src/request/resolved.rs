@@ -47,6 +47,9 @@ pub struct Resolved {
     /// Candidates for the first frame, see [`crate::sampler`]; 1: no choice.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub first_frames: usize,
+    /// Continuations of every block, of which the most believable is kept; 1: no choice.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub look_ahead: usize,
     /// Passes of a masked model over a window; `None`: the model is causal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub passes: Option<usize>,

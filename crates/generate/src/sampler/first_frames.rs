@@ -19,17 +19,22 @@ pub const FIRST_FRAMES: usize = 64;
 
 impl SamplingPlan {
     /// Whether there is a first word to choose: some of its characters are given after free ones, and nothing comes before.
-    fn chooses_first_word(&self) -> bool {
+    fn has_first_word_to_choose(&self) -> bool {
         let characters = self.grammar.tokens_per_word().map_or(0, |word| word - 1);
         let first = &self.given[..self.given.len().min(characters)];
         let is_first = self.lead_in == 0 && self.beginnings.is_empty();
         is_first && !self.sampling.greedy && !self.prompt.is_empty() && has_given_after_free(first)
     }
 
+    /// Whether the first word of a dance is the best of several candidates for it.
+    pub(super) fn has_chosen_first_word(&self) -> bool {
+        self.first_frames > 1 && self.has_first_word_to_choose()
+    }
+
     /// How the free characters of a word are sampled: those of candidates for the first word without truncation, since the
     /// choice removes what is rare and doesn't fit, and the one that fits may be rare.
     pub(super) fn sampling_of(&self, word: usize) -> Sampling {
-        if word > 0 || self.first_frames < 2 || !self.chooses_first_word() {
+        if word > 0 || !self.has_chosen_first_word() {
             return self.sampling;
         }
         self.sampling.untruncated()
@@ -50,14 +55,14 @@ pub(super) fn best_seeds(
     plan: &SamplingPlan,
     seeds: Vec<u64>,
 ) -> Result<Vec<u64>> {
-    if plan.first_frames < 2 || !plan.chooses_first_word() {
+    if !plan.has_chosen_first_word() {
         return Ok(seeds);
     }
     // what is given at the end of the first word is read with the second
     let words = plan.words.min(2);
     let music = plan.music[..plan.music_width() * words].to_vec();
     // without guesses, whose rows the scores would count
-    let begun = Arc::new(SamplingPlan { words, music, guesses: 0, ..plan.clone() });
+    let begun = Arc::new(SamplingPlan { words, music, guesses: 0, look_ahead: None, ..plan.clone() });
     let mut best: Vec<(f64, u64)> = seeds.iter().map(|&seed| (f64::NEG_INFINITY, seed)).collect();
     let mut prefix = Vec::new();
     for candidate in 0..plan.first_frames {

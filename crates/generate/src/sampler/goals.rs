@@ -6,6 +6,7 @@ use kinelm_tokenizer::root_path::RootState;
 use std::sync::Arc;
 
 /// Conditions the frames of one dance on the goals after them.
+#[derive(Debug, Clone)]
 pub(super) struct GoalConditioning {
     goals: Arc<GoalTrack>,
     /// The root's state after each word, as far as it was needed.

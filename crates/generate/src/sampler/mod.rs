@@ -10,6 +10,7 @@
 mod first_frames;
 mod goals;
 pub(crate) mod guidance;
+mod look_ahead;
 mod model;
 mod plan;
 mod sequence;
@@ -17,6 +18,7 @@ mod sequence;
 pub use first_frames::FIRST_FRAMES;
 pub(crate) use first_frames::has_given_after_free;
 pub use guidance::Guidance;
+pub use look_ahead::{Chooser, LookAhead};
 pub(crate) use model::check_f32;
 pub use model::{NextToken, reader, readers};
 pub use plan::{GUESSES, MOST_FRAMES, SamplingPlan, check_frames, variation_seed};
@@ -73,8 +75,11 @@ impl SampledTokens {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Sampler<M> {
+    plan: Arc<SamplingPlan>,
     parts: Vec<Part<M>>,
-    words: usize,
+    /// Blocks that are decided, and the words of them.
+    blocks: usize,
+    decided: usize,
     yielded: usize,
     has_failed: bool,
 }
@@ -86,7 +91,7 @@ struct Part<M> {
 }
 
 impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
-    /// As many dances as `model` has sequences for, see `SamplingPlan::streams`. The first has the plan's seed, the others
+    /// As many dances as `model` has sequences for, see `SamplingPlan::streams` and [`LookAhead`]. The first has the plan's seed, the others
     /// seeds derived from it.
     ///
     /// # Errors
@@ -107,19 +112,66 @@ impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
         let mut first = 0;
         for model in models {
             plan.check(&*model)?;
-            let dances = first..first + model.streams() / plan.streams();
-            first = dances.end;
-            begun.push((model, dances));
+            let numbers = first..first + model.streams() / plan.streams();
+            first = numbers.end;
+            begun.push((model, numbers));
         }
-        let parts = at_once(begun, |(model, dances)| Part::new(model, &plan, dances))?;
-        Ok(Sampler { parts, words: plan.words, yielded: 0, has_failed: false })
+        if !first.is_multiple_of(plan.candidates()) {
+            let expected = format!("a multiple of the {} candidates of a dance", plan.candidates());
+            return Err(Error::invalid("the number of sequences", first, expected));
+        }
+        let parts = at_once(begun, |(model, numbers)| Part::new(model, &plan, numbers))?;
+        Ok(Sampler { plan, parts, blocks: 0, decided: 0, yielded: 0, has_failed: false })
+    }
+
+    /// Samples the next block of all dances, and goes on with the best candidates for it.
+    fn decide(&mut self) -> Result<()> {
+        let words = self.plan.decided(self.blocks);
+        at_once(self.parts.iter_mut().collect(), |part| part.sample(words - 1))?;
+        self.blocks += 1;
+        if let Some(ahead) = self.plan.look_ahead.clone() {
+            self.choose(&ahead, self.decided..words)?;
+        }
+        self.decided = words;
+        Ok(())
+    }
+
+    /// Of every dance, all candidates go on from the one that has the best words `block`.
+    fn choose(&mut self, ahead: &LookAhead, block: Range<usize>) -> Result<()> {
+        let each = self.plan.streams();
+        let parts = self.parts.iter().enumerate();
+        let places: Vec<(usize, usize)> =
+            parts.flat_map(|(part, own)| (0..own.batch.sequences.len()).map(move |i| (part, i))).collect();
+        for candidates in places.chunks(ahead.candidates) {
+            let words = |&(part, i): &(usize, usize)| self.parts[part].batch.sequences[i].first_words(block.end);
+            let dances: Vec<&[u32]> = candidates.iter().map(words).collect();
+            let (part, i) = candidates[ahead.chooser.best(&dances, block.clone())?];
+            let own = &self.parts[part];
+            let saved: Option<Vec<_>> = (0..each).map(|stream| own.model.save(i * each + stream)).collect();
+            let best = own.batch.sequences[i].clone();
+            for &(to_part, to) in candidates {
+                let other = &mut self.parts[to_part];
+                // what the best one has read stays
+                let is_best = (to_part, to) == (part, i);
+                let saved = saved.iter().flatten().filter(|_| !is_best);
+                (to * each..).zip(saved.clone()).for_each(|(stream, saved)| other.model.restore(stream, saved));
+                let has_read = is_best || saved.count() > 0;
+                other.batch.sequences[to].go_on_from(&best, self.blocks, has_read);
+            }
+        }
+        Ok(())
     }
 
     /// The tokens sampled so far.
     pub(crate) fn into_tokens(self) -> SampledTokens {
         let mut all = SampledTokens::default();
-        for sequence in self.parts.into_iter().flat_map(|part| part.batch.sequences) {
+        let candidates = self.plan.candidates();
+        for (i, sequence) in self.parts.into_iter().flat_map(|part| part.batch.sequences).enumerate() {
             (all.guessed, all.right) = (all.guessed + sequence.guessed, all.right + sequence.right);
+            // all candidates of a dance are the best one in the end
+            if i % candidates > 0 {
+                continue;
+            }
             let (ids, lookahead) = sequence.into_tokens();
             all.ids.push(ids);
             all.lookahead.push(lookahead);
@@ -132,24 +184,28 @@ impl<M: DerefMut<Target: NextToken> + Send> Iterator for Sampler<M> {
     type Item = Result<Vec<Vec<u32>>>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.has_failed || self.yielded == self.words {
+        if self.has_failed || self.yielded == self.plan.words {
             return None;
         }
         let word = self.yielded;
-        if let Err(e) = at_once(self.parts.iter_mut().collect(), |part| part.sample(word)) {
+        if self.yielded == self.decided
+            && let Err(e) = self.decide()
+        {
             self.has_failed = true;
             return Some(Err(e));
         }
         self.yielded += 1;
-        let sequences = self.parts.iter().flat_map(|part| &part.batch.sequences);
+        let sequences = self.parts.iter().flat_map(|part| &part.batch.sequences).step_by(self.plan.candidates());
         Some(Ok(sequences.map(|sequence| sequence.word(word).to_vec()).collect()))
     }
 }
 
 impl<M: DerefMut<Target: NextToken>> Part<M> {
-    fn new(mut model: M, plan: &Arc<SamplingPlan>, dances: Range<usize>) -> Result<Part<M>> {
-        let first = dances.start;
-        let seeds = first_frames::best_seeds(&mut *model, plan, dances.map(|dance| plan.seed_of(dance)).collect())?;
+    /// The sequences with these numbers among all candidates of all dances.
+    fn new(mut model: M, plan: &Arc<SamplingPlan>, numbers: Range<usize>) -> Result<Part<M>> {
+        let first = numbers.start;
+        let seeds = numbers.map(|number| plan.seed_of(number / plan.candidates())).collect();
+        let seeds = first_frames::best_seeds(&mut *model, plan, seeds)?;
         let batch = Batch::new(plan, first, &seeds, model.context());
         Ok(Part { model, batch })
     }
@@ -243,9 +299,9 @@ struct Batch {
 }
 
 impl Batch {
-    /// A dance for each seed, numbered from `first` on.
+    /// A sequence for each dance's seed, numbered from `first` on.
     fn new(plan: &Arc<SamplingPlan>, first: usize, seeds: &[u64], context: usize) -> Batch {
-        let sequences = (first..).zip(seeds).map(|(dance, &seed)| Sequence::new(plan.clone(), dance, seed, context));
+        let sequences = (first..).zip(seeds).map(|(number, &seed)| Sequence::new(plan.clone(), number, seed, context));
         Batch { plan: plan.clone(), sequences: sequences.collect(), logits: Vec::new(), scores: false }
     }
 

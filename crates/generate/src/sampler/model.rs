@@ -2,7 +2,7 @@
 
 use crate::{Error, Result};
 use kinelm_model::{Cache, Compute, LoadedRun, ModelKind, Reader, ReaderOptions};
-use kinelm_model::{FrameConditioning, KvKind, Logits, WeightKind};
+use kinelm_model::{FrameConditioning, KvKind, Logits, SavedSequence, WeightKind};
 use kinelm_store::Subject;
 
 /// An autoregressive model that reads several sequences side by side.
@@ -23,6 +23,14 @@ pub trait NextToken: Send {
     fn begin_after(&mut self, stream: usize, _ids: &[u32]) {
         self.truncate(stream, 0);
     }
+
+    /// What a sequence has read, for another to go on from; `None` where the model can't say, and its window is read again.
+    fn save(&self, _stream: usize) -> Option<SavedSequence> {
+        None
+    }
+
+    /// A sequence has read what another had.
+    fn restore(&mut self, _stream: usize, _saved: &SavedSequence) {}
 
     /// Conditions a frame of a sequence, counted from its window's first, on its goals and on (M) its music, before the token
     /// is read that comes right before the frame. Models without such conditioning do nothing.
@@ -66,6 +74,14 @@ impl NextToken for Reader {
 
     fn begin_after(&mut self, stream: usize, ids: &[u32]) {
         Reader::begin_after(self, stream, ids);
+    }
+
+    fn save(&self, stream: usize) -> Option<SavedSequence> {
+        Some(Reader::save(self, stream))
+    }
+
+    fn restore(&mut self, stream: usize, saved: &SavedSequence) {
+        Reader::restore(self, stream, saved);
     }
 
     fn condition(

@@ -1,6 +1,7 @@
 //! The plan of a sampling.
 
 use super::guidance::Guidance;
+use super::look_ahead::LookAhead;
 use super::model::NextToken;
 use crate::sampling::Sampling;
 use crate::{Error, Result};
@@ -66,6 +67,8 @@ pub struct SamplingPlan {
     pub inputs_hash: u64,
     /// Candidates for a first word that is given in part; 1: no choice.
     pub first_frames: usize,
+    /// Which of several continuations a dance goes on with; `None`: the one that is sampled.
+    pub look_ahead: Option<LookAhead>,
     /// Free tokens that are guessed ahead and verified in one read. They change the time, no id.
     pub guesses: usize,
     /// Passes of a masked model over a window; a causal one makes none.
@@ -92,6 +95,7 @@ impl SamplingPlan {
             seed,
             inputs_hash: 0,
             first_frames: 1,
+            look_ahead: None,
             guesses: if sampling.greedy { GUESSES } else { 0 },
             passes: 1,
         }
@@ -135,7 +139,7 @@ impl SamplingPlan {
         last.map_or(&[], |(_, front)| front)
     }
 
-    /// The ids that a dance begins with.
+    /// The ids that a dance begins with, counted from 0.
     pub(crate) fn beginning(&self, dance: usize) -> &[u32] {
         self.beginnings.get(dance).or(self.beginnings.first()).map_or(&[], Vec::as_slice)
     }

@@ -7,10 +7,14 @@ use crate::sampling;
 use kinelm_tokenizer::{SPACE, Slot};
 use std::sync::Arc;
 
+#[derive(Clone)]
 pub(super) struct Sequence {
     plan: Arc<SamplingPlan>,
-    /// Its number among the dances sampled side by side.
+    /// Its dance's number among those sampled side by side, and its own among the dance's candidates.
     dance: usize,
+    candidate: usize,
+    /// The dance's seed, and that of the block which is being sampled.
+    dance_seed: u64,
     seed: u64,
     /// Tokens that a window holds.
     context: usize,
@@ -52,11 +56,15 @@ pub(super) struct Sequence {
 }
 
 impl Sequence {
-    pub fn new(plan: Arc<SamplingPlan>, dance: usize, seed: u64, context: usize) -> Sequence {
+    /// The sequence with this number among all candidates of all dances; `dance_seed`: its dance's.
+    pub fn new(plan: Arc<SamplingPlan>, number: usize, dance_seed: u64, context: usize) -> Sequence {
         let word = plan.grammar.tokens_per_word();
+        let (dance, candidate) = (number / plan.candidates(), number % plan.candidates());
         let mut sequence = Sequence {
             dance,
-            seed,
+            candidate,
+            dance_seed,
+            seed: plan.block_seed(dance_seed, 0, candidate),
             context,
             front: 0,
             window_words: word.map(|word| (context + 1 - plan.front_length()) / word),
@@ -80,6 +88,19 @@ impl Sequence {
         };
         sequence.advance();
         sequence
+    }
+
+    /// Goes on as another candidate of the same dance did, with `block`; `has_read`: whether the model has read what that has.
+    pub fn go_on_from(&mut self, other: &Sequence, block: usize, has_read: bool) {
+        let seed = self.plan.block_seed(self.dance_seed, block, self.candidate);
+        let read = if has_read { other.read } else { 0 };
+        let (guessed, right) = (self.guessed, self.right);
+        *self = Sequence { candidate: self.candidate, seed, read, guessed, right, ..other.clone() };
+    }
+
+    /// The ids of the first `words` words.
+    pub fn first_words(&self, words: usize) -> &[u32] {
+        &self.ids[..self.starts[words]]
     }
 
     /// The number of whole words.
@@ -387,6 +408,9 @@ impl Sequence {
 
     /// The token of the next slot, which is free.
     fn sample(&self, logits: &[f32]) -> Result<u32> {
-        self.plan.draw(self.seed, self.words(), self.slot, logits, &self.recent(self.slot.tokens))
+        let (word, slot) = (self.words(), self.slot);
+        // a first word that is chosen by what is given in it is that of all candidates
+        let seed = if word == 0 && self.plan.has_chosen_first_word() { self.dance_seed } else { self.seed };
+        self.plan.draw(seed, word, slot, logits, &self.recent(slot.tokens))
     }
 }

@@ -35,6 +35,14 @@ pub(super) struct Conditioning {
     tables: [Floats; 2],
 }
 
+/// The conditioning of a stream's frames.
+#[derive(Debug, Clone)]
+pub(super) struct SavedConditioning {
+    is_set: Vec<bool>,
+    numbers: Vec<f32>,
+    rows: [Vec<u32>; 2],
+}
+
 impl Conditioning {
     pub fn new(numbers: &Numbers, config: &ModelConfig, streams: usize, frames: usize, word: usize) -> Conditioning {
         let [trunk, decoder, tables @ ..] = layout::GOAL.map(|name| numbers.optional(name));
@@ -89,6 +97,22 @@ impl Conditioning {
         }
     }
 
+    /// The conditioning of a stream's frames, for another stream.
+    pub fn save(&self, stream: usize) -> SavedConditioning {
+        SavedConditioning {
+            is_set: of_stream(&self.is_set, stream, self.frames).to_vec(),
+            numbers: of_stream(&self.numbers, stream, self.frames * self.numbers_per_frame).to_vec(),
+            rows: self.rows.each_ref().map(|rows| of_stream(rows, stream, self.frames * self.word).to_vec()),
+        }
+    }
+
+    /// Gives a stream's frames the conditioning of another's.
+    pub fn restore(&mut self, stream: usize, saved: &SavedConditioning) {
+        put(&mut self.is_set, stream, &saved.is_set);
+        put(&mut self.numbers, stream, &saved.numbers);
+        self.rows.iter_mut().zip(&saved.rows).for_each(|(rows, saved)| put(rows, stream, saved));
+    }
+
     /// Whether a frame has conditioning.
     fn is_set(&self, stream: usize, frame: usize) -> bool {
         self.is_set.get(stream * self.frames + frame).is_some_and(|is| *is)
@@ -119,4 +143,14 @@ impl Conditioning {
             }
         }
     }
+}
+
+/// The part of a stream in `all`, `each` long; empty where there is no conditioning.
+fn of_stream<T>(all: &[T], stream: usize, each: usize) -> &[T] {
+    all.get(stream * each..(stream + 1) * each).unwrap_or_default()
+}
+
+/// Puts the part of a stream.
+fn put<T: Copy>(all: &mut [T], stream: usize, saved: &[T]) {
+    all[stream * saved.len()..][..saved.len()].copy_from_slice(saved);
 }

@@ -12,7 +12,7 @@ mod two_level;
 
 pub use conditioning::FrameConditioning;
 pub use kinelm_engine::decode::{KvKind, WeightKind};
-pub use reader::Reader;
+pub use reader::{Reader, SavedSequence};
 
 /// How a model is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

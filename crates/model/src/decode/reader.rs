@@ -1,8 +1,8 @@
 //! A model that reads tokens incrementally.
 
 use super::conditioning::FrameConditioning;
-use super::tokens::TokenDecoder;
-use super::two_level::TwoLevelDecoder;
+use super::tokens::{SavedTokens, TokenDecoder};
+use super::two_level::{SavedFrames, TwoLevelDecoder};
 use super::{Logits, ReaderOptions};
 use crate::config::Architecture;
 use crate::config::{ModelConfig, ModelKind, TokenLayout};
@@ -39,6 +39,16 @@ pub struct Reader {
 enum Decoder {
     Flat(Box<TokenDecoder>),
     TwoLevel(Box<TwoLevelDecoder>),
+}
+
+/// What a sequence has read, with its keys and values: [`Reader::save`].
+#[derive(Debug, Clone)]
+pub struct SavedSequence(Saved);
+
+#[derive(Debug, Clone)]
+enum Saved {
+    Flat(SavedTokens),
+    TwoLevel(SavedFrames),
 }
 
 /// Calls the same method of either decoder.
@@ -136,6 +146,29 @@ impl Reader {
         match &mut self.decoder {
             Decoder::Flat(decoder) => decoder.truncate(stream, 0),
             Decoder::TwoLevel(decoder) => decoder.begin_after(stream, without_padding(ids, self.tokens.pad)),
+        }
+    }
+
+    /// What a sequence has read, for another to go on from without reading it.
+    ///
+    /// # Panics
+    /// If there is no such sequence.
+    pub fn save(&self, stream: usize) -> SavedSequence {
+        SavedSequence(match &self.decoder {
+            Decoder::Flat(decoder) => Saved::Flat(decoder.save(stream)),
+            Decoder::TwoLevel(decoder) => Saved::TwoLevel(decoder.save(stream)),
+        })
+    }
+
+    /// A sequence has read what another had, of this reader or of one made with the same weights and options.
+    ///
+    /// # Panics
+    /// If there is no such sequence, or of a sequence of another model.
+    pub fn restore(&mut self, stream: usize, saved: &SavedSequence) {
+        match (&mut self.decoder, &saved.0) {
+            (Decoder::Flat(decoder), Saved::Flat(saved)) => decoder.restore(stream, saved),
+            (Decoder::TwoLevel(decoder), Saved::TwoLevel(saved)) => decoder.restore(stream, saved),
+            _ => panic!("a sequence of another architecture"),
         }
     }
 

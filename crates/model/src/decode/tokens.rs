@@ -26,6 +26,14 @@ pub(super) struct TokenDecoder {
     logits: Vec<f32>,
 }
 
+/// What a stream has read.
+#[derive(Debug, Clone)]
+pub(super) struct SavedTokens {
+    tokens: Vec<u32>,
+    at: Vec<WordPosition>,
+    keys: Vec<f32>,
+}
+
 struct Weights {
     /// T, V, D, K.
     context: usize,
@@ -152,6 +160,27 @@ impl TokenDecoder {
     pub fn truncate(&mut self, stream: usize, length: usize) {
         // keys and ids after it stay: the next read overwrites them before a row attends to them
         self.lengths[stream] = self.lengths[stream].min(length);
+    }
+
+    /// What a stream has read, for another to go on from.
+    pub fn save(&self, stream: usize) -> SavedTokens {
+        let context = self.weights.context;
+        SavedTokens {
+            tokens: self.tokens[stream * context..][..self.lengths[stream]].to_vec(),
+            at: self.at.get(stream * (context + 1)..).unwrap_or_default().iter().take(context + 1).copied().collect(),
+            keys: self.stack.save(stream),
+        }
+    }
+
+    /// A stream has read what another had.
+    pub fn restore(&mut self, stream: usize, saved: &SavedTokens) {
+        let context = self.weights.context;
+        self.lengths[stream] = saved.tokens.len();
+        self.tokens[stream * context..][..saved.tokens.len()].copy_from_slice(&saved.tokens);
+        if !saved.at.is_empty() {
+            self.at[stream * (context + 1)..][..context + 1].copy_from_slice(&saved.at);
+        }
+        self.stack.restore(stream, &saved.keys);
     }
 
     /// Reads a block of tokens per stream, which may be empty; logits (rows, V) of what follows, the rows in the order of

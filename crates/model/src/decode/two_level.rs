@@ -9,7 +9,7 @@
 //! back, and of the trunk's output; it attends to the rows of its own frame alone. So the wide trunk is paid for once per
 //! frame, and a prompt, of which only the last logits are needed, costs no decoder rows but those of its last frame.
 
-use super::conditioning::{Conditioning, FrameConditioning};
+use super::conditioning::{Conditioning, FrameConditioning, SavedConditioning};
 use super::head::Head;
 use super::numbers::Numbers;
 use super::{KvKind, LogitRow, Logits, ReaderOptions, add_row};
@@ -69,6 +69,18 @@ struct Weights {
     decoder: StackWeights,
     norm: Norm,
     head: Head,
+}
+
+/// What a stream has read, and what was computed of it.
+#[derive(Debug, Clone)]
+pub(super) struct SavedFrames {
+    progress: Progress,
+    tokens: Vec<u32>,
+    track: Option<Track>,
+    contexts: Vec<f32>,
+    conditioning: SavedConditioning,
+    trunk: Vec<f32>,
+    decoder: Vec<f32>,
 }
 
 /// How far a stream is.
@@ -283,6 +295,32 @@ impl TwoLevelDecoder {
         if let Some(track) = self.tracks.get_mut(stream) {
             track.truncate(0);
         }
+    }
+
+    /// What a stream has read, for another to go on from.
+    pub fn save(&self, stream: usize) -> SavedFrames {
+        let (room, contexts) = (self.weights.room(), self.contexts.len() / self.streams());
+        SavedFrames {
+            progress: self.progress[stream],
+            tokens: self.tokens[stream * room..][..room].to_vec(),
+            track: self.tracks.get(stream).cloned(),
+            contexts: self.contexts[stream * contexts..][..contexts].to_vec(),
+            conditioning: self.conditioning.save(stream),
+            trunk: self.trunk.save(stream),
+            decoder: self.decoder.save(stream),
+        }
+    }
+
+    /// A stream has read what another had.
+    pub fn restore(&mut self, stream: usize, saved: &SavedFrames) {
+        let (room, contexts) = (self.weights.room(), saved.contexts.len());
+        self.progress[stream] = saved.progress;
+        self.tokens[stream * room..][..room].copy_from_slice(&saved.tokens);
+        self.tracks.get_mut(stream).zip(saved.track.as_ref()).map(|(track, saved)| track.clone_from(saved));
+        self.contexts[stream * contexts..][..contexts].copy_from_slice(&saved.contexts);
+        self.conditioning.restore(stream, &saved.conditioning);
+        self.trunk.restore(stream, &saved.trunk);
+        self.decoder.restore(stream, &saved.decoder);
     }
 
     /// Sets the conditioning of a frame of a stream, before the last token in front of it is read. Frames from it on that

@@ -17,7 +17,7 @@ use super::run::{RunFile, origin};
 use super::stages::Stages;
 use super::train_file::TrainFile;
 use super::trainer::Trainer;
-use super::{lead_ins, memory};
+use super::{lead_ins, limits, memory};
 use crate::{Error, Result};
 use kinelm_corpus::CorpusOptions;
 use kinelm_model::checkpoint::{Best, CheckpointChoice, Checkpoints};
@@ -255,6 +255,7 @@ pub(crate) fn continue_run(
     progress: &mut dyn Progress,
 ) -> Result<Summary> {
     lead_ins::write(run.path(), file.train.seed, data)?;
+    limits::write(run.path(), data)?;
     let started = Instant::now();
     let mut trainer = trainer(run, file, data, compute, progress)?;
     trainer.train(stop)?;

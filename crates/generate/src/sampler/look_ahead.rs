@@ -1,0 +1,64 @@
+//! Look-ahead: a dance goes on with the best of several continuations, block after block.
+//!
+//! A likelihood doesn't see a body that leans or slides; a look at two seconds does. So every block is sampled several times
+//! side by side, one [`Chooser`] names the best, and all go on from it: its keys and values are copied, nothing is read
+//! again. This is best-of-N sampling, stretch by stretch: Nakano et al., "WebGPT" (2021), section 3.
+
+use super::plan::SamplingPlan;
+use crate::Result;
+use rand_chacha::rand_core::RngCore;
+use std::fmt::Debug;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Names the best of several continuations of a dance.
+pub trait Chooser: Debug + Send + Sync {
+    /// The number of the best of these dances, all alike but for the last words; `block`: the numbers of those. Each has
+    /// the ids of its words from the first on, spaces included.
+    ///
+    /// # Errors
+    /// Words that can't be decoded.
+    fn best(&self, dances: &[&[u32]], block: Range<usize>) -> Result<usize>;
+}
+
+/// How far and how often a dance is looked ahead.
+#[derive(Debug, Clone)]
+pub struct LookAhead {
+    /// Continuations of each block, at least 2.
+    pub candidates: usize,
+    /// Words of the first block, behind what is known of the dance's beginning; at least 1.
+    pub first: usize,
+    /// Words of all later ones, at least 1.
+    pub block: usize,
+    /// Names the best.
+    pub chooser: Arc<dyn Chooser>,
+}
+
+impl SamplingPlan {
+    /// Continuations that are sampled of each dance.
+    pub(crate) fn candidates(&self) -> usize {
+        self.look_ahead.as_ref().map_or(1, |ahead| ahead.candidates.max(1))
+    }
+
+    /// Words of the dances that are decided once block `block` is; without look-ahead every word is a block.
+    pub(super) fn decided(&self, block: usize) -> usize {
+        let Some(ahead) = &self.look_ahead else { return self.words.min(block + 1) };
+        self.words.min(self.known_words() + ahead.first.max(1) + block * ahead.block.max(1))
+    }
+
+    /// Whole words that all dances begin with, or the lead-in.
+    fn known_words(&self) -> usize {
+        let word = self.grammar.tokens_per_word().unwrap_or(1);
+        let begun = self.beginnings.iter().map(|ids| ids.len() / word).min();
+        self.lead_in.max(begun.unwrap_or(0))
+    }
+
+    /// The seed of a candidate for a block of a dance with this seed. The first has the dance's own, so that a dance whose
+    /// first candidates are all the best is the one that is made without look-ahead.
+    pub(super) fn block_seed(&self, seed: u64, block: usize, candidate: usize) -> u64 {
+        match candidate {
+            0 => seed,
+            i => kinelm_store::random::stream(seed, "look-ahead", block as u64, i as u64).next_u64(),
+        }
+    }
+}

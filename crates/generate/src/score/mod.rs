@@ -1,0 +1,163 @@
+//! How believable a stretch of a dance is: what of its motion goes beyond what train clips do.
+//!
+//! [`Measures`] are taken of a clip on SMPL-24 at the model's rate, with its floor at y = 0. [`Limits`] say what is usual of
+//! train clips, and what none of them does; a [`Scorer`] compares. docs/generation.md, "Looking ahead".
+
+mod limits;
+#[cfg(test)]
+mod tests;
+
+pub use limits::{LIMITS, Limits, Usual};
+
+use crate::Result;
+use kinelm_motion::feet::leg::Leg;
+use kinelm_motion::metric::{BalanceFrame, Ground, Skate};
+use kinelm_motion::rig::{Feet, Humanoid};
+use kinelm_motion::rotation::angle_between;
+use kinelm_motion::{Clip, Quat};
+use std::ops::Range;
+
+/// Seconds of a block, of which several are sampled.
+pub const BLOCK_S: f64 = 2.0;
+/// Seconds before a block that are measured with it: feet in contact are locked where they came down.
+pub const BEFORE_S: f64 = 2.0;
+/// Joints whose bend has an end: knees and elbows, SMPL ids.
+pub const HINGES: [usize; 4] = [4, 5, 18, 19];
+/// Further outside the support than this is out of balance, metres.
+const FAR_M: f64 = 0.15;
+/// A joint that turns faster snaps, degrees per second.
+const SNAP_DEG_S: f64 = 1000.0;
+/// What the score of a stretch rises by where it does what no train clip does, besides the share by which it goes beyond.
+const NEVER: f64 = 4.0;
+
+/// Measures of a stretch of a dance.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Measures {
+    /// Mean distance of the centre of mass outside the support over the frames with a contact, cm.
+    pub outside_cm: f64,
+    /// Share of them in which it is more than 15 cm.
+    pub outside_share: f64,
+    /// Share of the frames with a foot kicked up.
+    pub kick_share: f64,
+    /// Share of the steps of feet on the floor that slide; 1 where no foot ever stands.
+    pub slide_share: f64,
+    /// Mean depth of the lowest foot in the floor beyond 2 cm, cm.
+    pub penetration_cm: f64,
+    /// Mean speed of the coded joints, cm/s.
+    pub speed_cm_s: f64,
+    /// Jerk over speed, 1/s².
+    pub shake: f64,
+    /// Share of the frames into which a coded joint snaps: turns by more than 1,000 degrees a second.
+    pub snap_share: f64,
+    /// (24) the greatest speed of each joint, m/s; 0 of those that aren't coded.
+    pub fastest_m_s: Vec<f64>,
+    /// (24) the greatest turn of each coded joint from frame to frame, degrees.
+    pub turn_deg: Vec<f64>,
+    /// The greatest bend of each of [`HINGES`], degrees; 0 of those that aren't coded.
+    pub bend_deg: [f64; 4],
+    /// The least height of the pelvis, metres.
+    pub lowest_m: f64,
+}
+
+/// Takes [`Measures`].
+#[derive(Debug, Clone)]
+pub struct Scorer {
+    joints: Vec<usize>,
+    feet: Feet,
+    legs: [Leg; 2],
+}
+
+impl Scorer {
+    /// Of dances of which these SMPL joints are coded.
+    ///
+    /// # Errors
+    /// None on SMPL-24.
+    pub fn new(joints: &[usize]) -> Result<Scorer> {
+        Ok(Scorer { joints: joints.to_vec(), feet: coded_feet(joints)?, legs: Leg::of(Humanoid::neutral())? })
+    }
+
+    /// Measures `frames` of a clip. What is before and after them says where feet are in contact.
+    pub fn measures(&self, clip: &Clip, frames: Range<usize>) -> Measures {
+        let part = clip.slice(frames.clone());
+        let fps = clip.fps();
+        let balance = &BalanceFrame::of(&self.legs, clip)[frames.clone()];
+        let outside: Vec<f64> = balance.iter().filter_map(|frame| frame.outside_m).collect();
+        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
+        let pelvis: Vec<f64> = part.root().iter().map(|p| p.y).collect();
+        let ground = Ground::of(&self.feet.clearance(&part), &pelvis, fps);
+        let mut found = Measures {
+            outside_cm: 100.0 * outside.iter().sum::<f64>() / outside.len().max(1) as f64,
+            outside_share: share(outside.iter().filter(|m| **m > FAR_M).count(), outside.len()),
+            kick_share: share(balance.iter().filter(|frame| frame.kick).count(), balance.len()),
+            slide_share: Skate::of(&self.feet, &part).share().unwrap_or(1.0),
+            penetration_cm: ground.penetration_cm().unwrap_or(0.0),
+            fastest_m_s: vec![0.0; 24],
+            turn_deg: vec![0.0; 24],
+            lowest_m: pelvis.iter().copied().fold(f64::INFINITY, f64::min),
+            ..Measures::default()
+        };
+        // the steps into the stretch's first frames count too: a snap between two blocks is one
+        let before = frames.start.min(3);
+        let part = clip.slice(frames.start - before..frames.end);
+        let (places, count) = (part.positions(), part.joints());
+        let (mut speed, mut jerk, mut snaps) = (0.0, 0.0, vec![false; part.frames()]);
+        for &joint in &self.joints {
+            let at = |f: usize| places[f * count + joint];
+            let turned = |f: usize| part.pose(f)[joint];
+            for f in before.max(1)..part.frames() {
+                let step = (at(f) - at(f - 1)).length() * fps;
+                speed += step;
+                found.fastest_m_s[joint] = found.fastest_m_s[joint].max(step);
+                let turn = angle_between(turned(f - 1), turned(f)).to_degrees();
+                found.turn_deg[joint] = found.turn_deg[joint].max(turn);
+                snaps[f] |= turn * fps > SNAP_DEG_S;
+                if f >= 3 {
+                    jerk += (at(f) - at(f - 1) * 3.0 + at(f - 2) * 3.0 - at(f - 3)).length() * fps.powi(3);
+                }
+            }
+            if let Some(hinge) = HINGES.iter().position(|hinge| *hinge == joint) {
+                let bend = |f: usize| angle_between(Quat::IDENTITY, turned(f)).to_degrees();
+                found.bend_deg[hinge] = (before..part.frames()).map(bend).fold(0.0, f64::max);
+            }
+        }
+        let steps = part.frames().saturating_sub(before.max(1)) * self.joints.len();
+        found.speed_cm_s = 100.0 * speed / steps.max(1) as f64;
+        found.snap_share = share(snaps.iter().filter(|snaps| **snaps).count(), frames.len());
+        found.shake = if speed > 0.0 { jerk / speed } else { 0.0 };
+        found
+    }
+
+    /// Measures of the windows of a real clip: as long as a block of look-ahead, half of it apart. A clip of less than half a
+    /// window has none.
+    pub fn windows(&self, clip: &Clip) -> Vec<Measures> {
+        let frames = |s: f64| ((s * clip.fps()).round() as usize).max(1);
+        let (window, hop) = (frames(BLOCK_S).min(clip.frames()), frames(BLOCK_S / 2.0));
+        let starts = (0..=clip.frames() - window).step_by(hop).filter(|_| window >= hop);
+        let measured = |start: usize| {
+            // as much before it as is looked at before a block
+            let before = start.min(frames(BEFORE_S));
+            self.measures(&clip.slice(start - before..start + window), before..before + window)
+        };
+        starts.map(measured).collect()
+    }
+
+    /// The score of a stretch, 0 at best: what its measures go beyond what is usual, in the usual spreads, and what no train
+    /// clip does.
+    pub fn score(&self, found: &Measures, limits: &Limits) -> f64 {
+        let usual = limits.usual(found).map(|(x, usual)| usual.map_or(0.0, |usual| usual.beyond(x)));
+        let never = limits.never(found).into_iter().flatten().map(|by| NEVER + by);
+        usual.iter().sum::<f64>() + never.sum::<f64>()
+    }
+}
+
+/// The feet of the model's body as far as they are coded: of the thirteen joints the ankles. Where none is, the ankles.
+///
+/// # Errors
+/// None on SMPL-24.
+pub fn coded_feet(joints: &[usize]) -> Result<Feet> {
+    let mut feet = Humanoid::neutral().feet()?;
+    let coded = feet.joints.iter().any(|(j, _)| joints.contains(j));
+    // 7 and 8 are the ankles
+    feet.joints.retain(|(j, _)| if coded { joints.contains(j) } else { matches!(j, 7 | 8) });
+    Ok(feet)
+}

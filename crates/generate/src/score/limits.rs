@@ -16,6 +16,12 @@ const MARGIN: f64 = 0.02;
 /// the logarithm of the speed, and of shaking as a share of its median.
 const LEAST: [f64; SOFT] = [1.0, 0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 0.02];
 const SOFT: usize = 8;
+/// The places of some among them: shares of frames that most windows have none of, the speed, and shaking.
+const RARE: [usize; 3] = [1, 2, 7];
+const SPEED: usize = 5;
+const SHAKE: usize = 6;
+/// Up to this quantile over train windows a rare measure is usual; of the others the quartiles are.
+const RARELY: f64 = 0.9;
 
 /// How train clips move.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -74,7 +80,7 @@ impl Default for Limits {
     /// Of a run without train clips: balance, kicks and feet, as 29 dances of the CMU set have them.
     fn default() -> Limits {
         let usual = |to, spread| Usual { from: None, to, spread };
-        let feet = [usual(1.0, 3.0), usual(0.0, 0.1), usual(0.0, 0.05), usual(0.3, 0.3), usual(0.1, 0.5)];
+        let feet = [usual(3.0, 3.0), usual(0.1, 0.05), usual(0.08, 0.05), usual(0.9, 0.1), usual(0.0, 0.2)];
         Limits { version: VERSION, feet, pace: None, most: None }
     }
 }
@@ -94,13 +100,14 @@ impl Limits {
         let usual = |i: usize| {
             let all = &soft[i];
             let [low, median, high] = [0.25, 0.5, 0.75].map(|share| at_share(all, share));
+            // most windows of real dances have no kick and no snap, and those that have are no worse for it
+            let to = if RARE.contains(&i) { at_share(all, RARELY) } else { high };
             // shaking has no unit of its own
-            let least = if i == 6 { LEAST[i] * median } else { LEAST[i] };
-            let from = (i == 5).then_some(median);
-            Usual { from, to: if i == 5 { high } else { median }, spread: (high - low).max(least) }
+            let least = if i == SHAKE { LEAST[i] * median } else { LEAST[i] };
+            Usual { from: (i == SPEED).then_some(low), to, spread: (high - low).max(least) }
         };
         let feet = [0, 1, 2, 3, 4].map(usual);
-        Limits { version: VERSION, feet, pace: Some([5, 6, 7].map(usual)), most: Some(most) }
+        Limits { version: VERSION, feet, pace: Some([SPEED, SHAKE, 7].map(usual)), most: Some(most) }
     }
 
     /// The file's text.

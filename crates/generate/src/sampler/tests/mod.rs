@@ -2,6 +2,7 @@
 
 mod goals;
 mod history;
+mod look_ahead;
 mod music;
 
 use super::*;

@@ -44,6 +44,8 @@ class Dance(Reading, total=False):
     """Of the model, 1 or more."""
     labels: Mapping[str, str]
     guidance: float
+    look_ahead: int
+    """Continuations of every two seconds, of which the most believable is kept, 1 to 64."""
     music: Path
     seed: int
     temperature: float

@@ -41,6 +41,7 @@ struct DanceOptions {
     fps: Option<f64>,
     labels: BTreeMap<String, String>,
     guidance: Option<f64>,
+    look_ahead: Option<usize>,
     music: Option<PathBuf>,
     seed: Option<u64>,
     temperature: Option<f64>,
@@ -89,6 +90,7 @@ impl Model {
             prompt: prompt.map(|path| PromptRequest { read, joints, from_frame, edit, ..PromptRequest::of(path) }),
             labels: options.labels,
             guidance: options.guidance,
+            look_ahead: options.look_ahead,
             length: options.frames.map(Length::Frames).or(options.seconds.map(Length::Seconds)),
             fps: options.fps,
             music: options.music.map(|path| MusicRequest::of(path, None)),
@@ -130,7 +132,7 @@ impl Model {
     /// A dance. Of `prompt`, a motion file, `joints` are given throughout, all joints before `from_frame`, or all but `free`
     /// (a list such as ["left_arm@4s:8s"]); `loop` makes its end lead to its beginning. With `rig` "prompt" alone it lends its
     /// rig and its rate. `seconds` or `frames` (of the model) say how long the dance is, `fps` its rate: by default the prompt's,
-    /// else 30. `labels`, `guidance`, `music`, `seed`, `temperature`, `top_p`, `rig` ("model" or "prompt") and `lock_feet` as the
+    /// else 30. `labels`, `guidance`, `look_ahead`, `music`, `seed`, `temperature`, `top_p`, `rig` ("model" or "prompt") and `lock_feet` as the
     /// program's flags; `fps_source`, `skip`, `up`, `unit`, `map`, `root`, `take` and `mirror_axis` as in
     /// `Clip.read`.
     #[pyo3(signature = (prompt=None, **options))]

@@ -19,7 +19,7 @@ pub struct Best {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Verdict {
-    /// Excess over the median of real windows, in their interquartile ranges, summed over the four measures below.
+    /// The mean score of its windows: [`crate::score`].
     pub score: f64,
     /// Share of the steps of feet in contact that are faster than 10 cm/s, where feet are generated.
     pub skate_share: Option<f64>,

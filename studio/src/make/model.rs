@@ -2,7 +2,7 @@
 
 use crate::Result;
 use kinelm_generate::open::FPS;
-use kinelm_model::{CheckpointChoice, load_run};
+use kinelm_model::{CheckpointChoice, ModelKind, load_run};
 use kinelm_motion::joints::{self, GROUPS};
 use kinelm_motion::smpl;
 use serde_json::{Value, json};
@@ -20,6 +20,8 @@ pub struct Model {
     pub name: String,
     /// Its rate, frames per second.
     pub fps: f64,
+    /// Whether it dances word by word, so that it can look ahead.
+    pub is_causal: bool,
     labels: BTreeMap<String, Vec<String>>,
     coded: Vec<usize>,
 }
@@ -46,7 +48,8 @@ impl Model {
             }
         };
         let coded = tokenizer.channels().joints().to_vec();
-        Ok(Model { run: path, checkpoint, name, fps: tokenizer.fps(), labels, coded })
+        let is_causal = loaded.config.kind == ModelKind::Causal;
+        Ok(Model { run: path, checkpoint, name, fps: tokenizer.fps(), is_causal, labels, coded })
     }
 
     /// As a page has it.

@@ -21,6 +21,8 @@ const MOST_BEST: usize = 16;
 const LONGEST_S: f64 = 600.0;
 /// The highest rate that may be requested, frames a second.
 const MOST_FPS: f64 = 240.0;
+/// Continuations of every two seconds of a dance from nothing, over all its variations.
+const LOOK_AHEAD: usize = 8;
 /// Seconds of a dance from nothing.
 const FREE_S: f64 = 8.0;
 
@@ -181,6 +183,9 @@ impl Make {
         let (mut layout, mut source, mut rig) = (None, None, None);
         match self.kind {
             Kind::Free => {
+                // the same work whatever the number of dances
+                let dances = self.best.unwrap_or(self.variations);
+                request.look_ahead = model.is_causal.then_some((LOOK_AHEAD / dances).max(1));
                 // with music the dance is as long as the music
                 if request.music.is_none() {
                     request.length = request.length.or(Some(Length::Seconds(FREE_S)));

@@ -16,22 +16,14 @@ use kinelm_generate::best::{Best, Verdict};
 use kinelm_generate::make;
 use kinelm_generate::open::OpenRequest;
 use kinelm_generate::output::FreeSpan;
+use kinelm_generate::score::{Limits, Measures, Scorer};
 use kinelm_motion::format::Format;
-use kinelm_motion::metric::{Balance, Ground, Skate, jitter_of};
 use kinelm_motion::{Clip, joints::LEGS};
 use kinelm_tokenizer::Words;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-/// Length and hop of the windows in which real clips are measured, seconds.
-const WINDOW_S: f64 = 5.0;
-const HOP_S: f64 = 2.5;
-/// How many measures make up the score.
-const MEASURES: usize = 4;
-/// Least spread of each measure, or a tiny excess over nearly equal real windows would decide the score: the share of
-/// steps that slide, penetration in cm, shaking over its median, the centre of mass outside the support in cm.
-const LEAST: [f64; MEASURES] = [0.02, 0.2, 0.1, 0.5];
 /// A dance is a copy if more than this share of its windows is nearer to training than 99 of 100 windows of real dances
 /// that nothing was trained on.
 const COPIED: f64 = 0.1;
@@ -42,19 +34,13 @@ pub struct Judge<'a> {
     invented: Vec<FreeSpan>,
     /// All that were invented in any frame.
     joints: Vec<usize>,
-    typical: [Option<Typical>; MEASURES],
+    scorer: Scorer,
+    /// Of the real train clips.
+    usual: Limits,
     /// The span that is invented up to the end, and the threshold under which its joints stand still, cm/s.
     last: Option<(FreeSpan, f64)>,
     /// By joints: the least distance to training clips that is no copy; `None` without validation clips.
     limits_cm: Mutex<BTreeMap<Vec<usize>, Option<f64>>>,
-}
-
-/// A measure over windows of the real train clips.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Typical {
-    median: f64,
-    /// From the first quartile to the third, or [`LEAST`].
-    spread: f64,
 }
 
 impl<'a> Judge<'a> {
@@ -66,22 +52,11 @@ impl<'a> Judge<'a> {
         let mut joints: Vec<usize> = invented.iter().flat_map(|stretch| stretch.joints.iter().copied()).collect();
         joints.sort_unstable();
         joints.dedup();
-        let mut judge =
-            Judge { real, invented, joints, typical: [None; MEASURES], last: None, limits_cm: Mutex::default() };
-        let of =
-            |clip: Clip| judge.measures(&clip, &[FreeSpan { frames: 0..clip.frames(), joints: judge.joints.clone() }]);
-        let of_dance = |_, dance: &Dance| Ok(windows(&dance.clip).into_iter().map(of).collect::<Vec<_>>());
-        let all: Vec<[Option<f64>; MEASURES]> = real.each(Split::Train, of_dance)?.concat();
-        for (i, least) in LEAST.into_iter().enumerate() {
-            let mut values: Vec<f64> = all.iter().filter_map(|measures| measures[i]).collect();
-            values.sort_by(f64::total_cmp);
-            let at = |p| percentile(&values, p);
-            judge.typical[i] = at(0.5).zip(at(0.25).zip(at(0.75))).map(|(median, (low, high))| {
-                // shaking has no unit of its own, so its least spread is relative to the median
-                let least = if i == 2 { least * median } else { least };
-                Typical { median, spread: (high - low).max(least) }
-            });
-        }
+        let scorer = scorer(real, &joints)?;
+        let windows = real.each(Split::Train, |_, dance: &Dance| Ok(scorer.windows(&dance.clip)))?;
+        let windows: Vec<(Measures, f64)> = windows.into_iter().flatten().map(|found| (found, 1.0)).collect();
+        let usual = Limits::of(&windows);
+        let mut judge = Judge { real, invented, joints, scorer, usual, last: None, limits_cm: Mutex::default() };
         if let Some(last) = judge.invented.last() {
             let mut threshold = Threshold::of(frames(real.corpus(), Split::Train));
             let of = |_, dance: &Dance| Ok(energy(&judge.places(&dance.clip, &last.joints)));
@@ -97,16 +72,37 @@ impl<'a> Judge<'a> {
         if all { JointPositions::of(clip, joints) } else { JointPositions::of_pose(clip, joints) }
     }
 
-    /// The verdict on one dance, before the search for copies.
-    pub fn verdict(&self, dance: &Dance) -> Verdict {
-        let found = self.measures(&dance.clip, &self.invented);
-        let beyond = |(found, typical): (Option<f64>, Option<Typical>)| {
-            found.zip(typical).map_or(0.0, |(x, typical)| ((x - typical.median) / typical.spread).max(0.0))
+    /// The verdict on one dance, before the search for copies: the mean over windows of what was invented.
+    ///
+    /// # Errors
+    /// None on SMPL-24.
+    pub fn verdict(&self, dance: &Dance) -> Result<Verdict> {
+        let (mut found, mut on_feet, mut score) = (Vec::new(), 0, 0.0);
+        for stretch in &self.invented {
+            let scorer =
+                if stretch.joints == self.joints { self.scorer.clone() } else { scorer(self.real, &stretch.joints)? };
+            let part = slice(&dance.clip, stretch);
+            let mut windows = scorer.windows(&part);
+            if windows.is_empty() && part.frames() > 1 {
+                windows.push(scorer.measures(&part, 0..part.frames()));
+            }
+            score += windows.iter().map(|found| scorer.score(found, &self.usual)).sum::<f64>();
+            on_feet += if scorer.has_feet() { windows.len() } else { 0 };
+            found.extend(windows);
+        }
+        let mean = |of: fn(&Measures) -> f64, count: usize| {
+            (count > 0).then(|| found.iter().map(of).sum::<f64>() / count as f64)
         };
-        let [skate_share, penetration_cm, shake, outside_cm] = found;
-        let score = found.into_iter().zip(self.typical).map(beyond).sum();
-        let freezes_s = self.freezes_s(&dance.clip);
-        Verdict { score, skate_share, penetration_cm, shake, outside_cm, freezes_s, copied: false }
+        Ok(Verdict {
+            score: score / found.len().max(1) as f64,
+            // measures of feet are 0 where a leg was given
+            skate_share: mean(|found| found.slide_share, on_feet),
+            penetration_cm: mean(|found| found.penetration_cm, on_feet),
+            shake: mean(|found| found.shake, found.len()),
+            outside_cm: mean(|found| found.outside_cm, on_feet),
+            freezes_s: self.freezes_s(&dance.clip),
+            copied: false,
+        })
     }
 
     /// The dances from the best to the worst with their verdicts. Those that freeze or copy come after
@@ -115,7 +111,8 @@ impl<'a> Judge<'a> {
     /// # Errors
     /// Clips that can't be mirrored.
     pub(crate) fn ranked(&self, dances: &[Dance], count: usize) -> Result<Vec<(usize, Verdict)>> {
-        let mut all: Vec<(usize, Verdict)> = dances.iter().map(|dance| self.verdict(dance)).enumerate().collect();
+        let verdicts = dances.iter().map(|dance| self.verdict(dance)).collect::<Result<Vec<_>>>()?;
+        let mut all: Vec<(usize, Verdict)> = verdicts.into_iter().enumerate().collect();
         let order = |a: &(usize, Verdict), b: &(usize, Verdict)| {
             let key = |v: &Verdict| (v.doubt().is_some(), v.score);
             let ((a_out, a_score), (b_out, b_score)) = (key(&a.1), key(&b.1));
@@ -163,31 +160,6 @@ impl<'a> Judge<'a> {
         Ok(limit)
     }
 
-    /// Share of steps that slide, penetration, shaking and centre of mass outside the support of what was invented of a clip;
-    /// of the feet where both legs were.
-    fn measures(&self, clip: &Clip, invented: &[FreeSpan]) -> [Option<f64>; MEASURES] {
-        let (mut skate, mut ground, mut balance) = (Skate::default(), Ground::default(), Balance::default());
-        let (mut jerk, mut speed, mut feet_frames) = (0.0, 0.0, 0);
-        for stretch in invented {
-            let part = slice(clip, stretch);
-            if LEGS.iter().flatten().all(|joint| stretch.joints.contains(joint) || !self.real.joints.contains(joint)) {
-                skate.add(&Skate::of(&self.real.feet, &part));
-                feet_frames += part.frames();
-                let pelvis: Vec<f64> = part.root().iter().map(|p| p.y).collect();
-                ground.add(&Ground::of(&self.real.feet.clearance(&part), &pelvis, clip.fps()));
-                balance.add(&Balance::of(&self.real.legs, &part));
-            }
-            if let Some(mean) = jitter_of(&part, &stretch.joints) {
-                // a mean over third differences, which are three fewer than the frames
-                jerk += (part.frames() - 3) as f64 * mean;
-                speed += JointPositions::of(&part, &stretch.joints).speeds().iter().sum::<f64>();
-            }
-        }
-        // feet that never stand are no better than feet that always slide
-        let slides = skate.share().or((feet_frames > 1).then_some(1.0));
-        [slides, ground.penetration_cm(), (speed > 0.0).then(|| jerk / speed), balance.outside_cm()]
-    }
-
     /// From when on the span that is invented up to the end stands still, seconds.
     fn freezes_s(&self, clip: &Clip) -> Option<f64> {
         let (last, threshold) = self.last.as_ref()?;
@@ -225,12 +197,11 @@ fn slice(clip: &Clip, stretch: &FreeSpan) -> Clip {
     clip.slice(stretch.frames.start.min(end)..end)
 }
 
-/// Windows of a real clip; one that is shorter, whole.
-fn windows(clip: &Clip) -> Vec<Clip> {
-    let frames = |s: f64| ((s * clip.fps()).round() as usize).max(1);
-    let (length, hop) = (frames(WINDOW_S), frames(HOP_S));
-    let last = clip.frames().saturating_sub(length);
-    (0..=last).step_by(hop).map(|start| clip.slice(start..(start + length).min(clip.frames()))).collect()
+/// The scorer of dances of which some joints were invented: of feet where both legs were.
+fn scorer(real: &Reference<'_>, invented: &[usize]) -> Result<Scorer> {
+    let is_invented = |joint: &usize| invented.contains(joint) || !real.joints.contains(joint);
+    let scorer = Scorer::new(invented)?;
+    Ok(if LEGS.iter().flatten().all(is_invented) { scorer } else { scorer.without_feet() })
 }
 
 #[cfg(test)]
@@ -281,7 +252,7 @@ mod tests {
         let root = (0..150).map(|f| test.clip.root()[at(f)]).collect();
         let rotations = (0..150).flat_map(|f| test.clip.pose(at(f)).to_vec()).collect();
         still.clip = Clip::new(test.clip.skeleton().clone(), 20.0, root, rotations).unwrap();
-        let verdict = |dance: &Dance| judge.verdict(dance);
+        let verdict = |dance: &Dance| judge.verdict(dance).unwrap();
         let own = verdict(&test);
         assert!(own.score < 2.0 && own.doubt().is_none(), "{own}");
         assert!(verdict(&slides).skate_share > own.skate_share, "{} beside {own}", verdict(&slides));
@@ -310,7 +281,7 @@ mod tests {
         let wrong =
             |f: usize| if f < 100 { Vec3::Y * if f.is_multiple_of(2) { -0.5 } else { -0.6 } } else { Vec3::ZERO };
         let dance = moved(&test, wrong);
-        let of = |invented: Vec<FreeSpan>| Judge::new(&real, invented).unwrap().verdict(&dance);
+        let of = |invented: Vec<FreeSpan>| Judge::new(&real, invented).unwrap().verdict(&dance).unwrap();
         let (whole, later) = (of(all(200)), of(vec![FreeSpan { frames: 100..200, joints: JOINTS.to_vec() }]));
         assert!(whole.penetration_cm.unwrap() > 10.0 && later.penetration_cm.unwrap() < 1.0, "{whole}; {later}");
         assert!(whole.shake > later.shake.map(|x| 1.2 * x), "{whole}; {later}");

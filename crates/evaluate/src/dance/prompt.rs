@@ -2,10 +2,10 @@
 
 use super::coded::Dance;
 use super::coordination::{Coordination, coordination};
-use kinelm_generate::score::coded_feet;
 use crate::Result;
 use kinelm_generate::prompt::{PromptClip, given_characters, read_back, share_changed};
 use kinelm_generate::provenance::Provenance;
+use kinelm_generate::score::coded_feet;
 use kinelm_model::run::TOKENIZER;
 use kinelm_motion::metric::{Skate, jitter_of};
 use kinelm_motion::{Clip, joints};

@@ -65,7 +65,8 @@ impl OpenRequest {
     pub(super) fn look_ahead(&self) -> Result<Option<LookAhead>> {
         let candidates = self.resolved.look_ahead;
         let Some(limits) = self.limits.clone().filter(|_| candidates > 1) else { return Ok(None) };
-        let words = |s: f64| ((s * self.tokenizer.fps() / self.tokenizer.frames_per_word() as f64).round() as usize).max(1);
+        let words =
+            |s: f64| ((s * self.tokenizer.fps() / self.tokenizer.frames_per_word() as f64).round() as usize).max(1);
         let chooser = BlockChooser {
             scorer: Scorer::new(self.tokenizer.channels().joints())?,
             rest: self.rest()?,

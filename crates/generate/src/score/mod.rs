@@ -65,6 +65,7 @@ pub struct Scorer {
     joints: Vec<usize>,
     feet: Feet,
     legs: [Leg; 2],
+    has_feet: bool,
 }
 
 impl Scorer {
@@ -73,11 +74,33 @@ impl Scorer {
     /// # Errors
     /// None on SMPL-24.
     pub fn new(joints: &[usize]) -> Result<Scorer> {
-        Ok(Scorer { joints: joints.to_vec(), feet: coded_feet(joints)?, legs: Leg::of(Humanoid::neutral())? })
+        Ok(Scorer {
+            joints: joints.to_vec(),
+            feet: coded_feet(joints)?,
+            legs: Leg::of(Humanoid::neutral())?,
+            has_feet: true,
+        })
+    }
+
+    /// The same of dances whose legs were given: balance, kicks and feet are 0, as nothing of them was invented.
+    pub fn without_feet(self) -> Scorer {
+        Scorer { has_feet: false, ..self }
+    }
+
+    /// Whether balance, kicks and feet are measured.
+    pub fn has_feet(&self) -> bool {
+        self.has_feet
     }
 
     /// Measures `frames` of a clip. What is before and after them says where feet are in contact.
     pub fn measures(&self, clip: &Clip, frames: Range<usize>) -> Measures {
+        let mut found = if self.has_feet { self.on_feet(clip, frames.clone()) } else { Measures::default() };
+        self.of_joints(clip, frames, &mut found);
+        found
+    }
+
+    /// Balance, kicks, and feet on the floor.
+    fn on_feet(&self, clip: &Clip, frames: Range<usize>) -> Measures {
         let part = clip.slice(frames.clone());
         let fps = clip.fps();
         let balance = &BalanceFrame::of(&self.legs, clip)[frames.clone()];
@@ -85,17 +108,21 @@ impl Scorer {
         let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
         let pelvis: Vec<f64> = part.root().iter().map(|p| p.y).collect();
         let ground = Ground::of(&self.feet.clearance(&part), &pelvis, fps);
-        let mut found = Measures {
+        Measures {
             outside_cm: 100.0 * outside.iter().sum::<f64>() / outside.len().max(1) as f64,
             outside_share: share(outside.iter().filter(|m| **m > FAR_M).count(), outside.len()),
             kick_share: share(balance.iter().filter(|frame| frame.kick).count(), balance.len()),
             slide_share: Skate::of(&self.feet, &part).share().unwrap_or(1.0),
             penetration_cm: ground.penetration_cm().unwrap_or(0.0),
-            fastest_m_s: vec![0.0; 24],
-            turn_deg: vec![0.0; 24],
-            lowest_m: pelvis.iter().copied().fold(f64::INFINITY, f64::min),
             ..Measures::default()
-        };
+        }
+    }
+
+    /// How the joints move.
+    fn of_joints(&self, clip: &Clip, frames: Range<usize>, found: &mut Measures) {
+        let fps = clip.fps();
+        (found.fastest_m_s, found.turn_deg) = (vec![0.0; 24], vec![0.0; 24]);
+        found.lowest_m = clip.root()[frames.clone()].iter().map(|p| p.y).fold(f64::INFINITY, f64::min);
         // the steps into the stretch's first frames count too: a snap between two blocks is one
         let before = frames.start.min(3);
         let part = clip.slice(frames.start - before..frames.end);
@@ -104,13 +131,13 @@ impl Scorer {
         for &joint in &self.joints {
             let at = |f: usize| places[f * count + joint];
             let turned = |f: usize| part.pose(f)[joint];
-            for f in before.max(1)..part.frames() {
+            for (f, snaps) in snaps.iter_mut().enumerate().skip(before.max(1)) {
                 let step = (at(f) - at(f - 1)).length() * fps;
                 speed += step;
                 found.fastest_m_s[joint] = found.fastest_m_s[joint].max(step);
                 let turn = angle_between(turned(f - 1), turned(f)).to_degrees();
                 found.turn_deg[joint] = found.turn_deg[joint].max(turn);
-                snaps[f] |= turn * fps > SNAP_DEG_S;
+                *snaps |= turn * fps > SNAP_DEG_S;
                 if f >= 3 {
                     jerk += (at(f) - at(f - 1) * 3.0 + at(f - 2) * 3.0 - at(f - 3)).length() * fps.powi(3);
                 }
@@ -122,9 +149,8 @@ impl Scorer {
         }
         let steps = part.frames().saturating_sub(before.max(1)) * self.joints.len();
         found.speed_cm_s = 100.0 * speed / steps.max(1) as f64;
-        found.snap_share = share(snaps.iter().filter(|snaps| **snaps).count(), frames.len());
+        found.snap_share = snaps.iter().filter(|snaps| **snaps).count() as f64 / frames.len().max(1) as f64;
         found.shake = if speed > 0.0 { jerk / speed } else { 0.0 };
-        found
     }
 
     /// Measures of the windows of a real clip: as long as a block of look-ahead, half of it apart. A clip of less than half a

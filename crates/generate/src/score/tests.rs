@@ -73,7 +73,8 @@ fn each_fault_costs() {
 fn a_snap_into_the_first_frame_counts_and_what_comes_before_does_not() {
     let (scorer, clip) = (scorer(), dance(6.0));
     let turned = |from: usize| {
-        let turn = move |f: usize, j: usize, q: Quat| if j == 17 && f >= from { Quat::from_rotation_y(2.0) * q } else { q };
+        let turn =
+            move |f: usize, j: usize, q: Quat| if j == 17 && f >= from { Quat::from_rotation_y(2.0) * q } else { q };
         scorer.measures(&changed(&clip, |_, p| p, turn), 40..80)
     };
     let own = scorer.measures(&clip, 40..80);

@@ -48,7 +48,7 @@ pub struct SavedSequence(Saved);
 #[derive(Debug, Clone)]
 enum Saved {
     Flat(SavedTokens),
-    TwoLevel(SavedFrames),
+    TwoLevel(Box<SavedFrames>),
 }
 
 /// Calls the same method of either decoder.
@@ -156,7 +156,7 @@ impl Reader {
     pub fn save(&self, stream: usize) -> SavedSequence {
         SavedSequence(match &self.decoder {
             Decoder::Flat(decoder) => Saved::Flat(decoder.save(stream)),
-            Decoder::TwoLevel(decoder) => Saved::TwoLevel(decoder.save(stream)),
+            Decoder::TwoLevel(decoder) => Saved::TwoLevel(Box::new(decoder.save(stream))),
         })
     }
 

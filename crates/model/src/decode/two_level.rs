@@ -316,7 +316,9 @@ impl TwoLevelDecoder {
         let (room, contexts) = (self.weights.room(), saved.contexts.len());
         self.progress[stream] = saved.progress;
         self.tokens[stream * room..][..room].copy_from_slice(&saved.tokens);
-        self.tracks.get_mut(stream).zip(saved.track.as_ref()).map(|(track, saved)| track.clone_from(saved));
+        if let Some((track, saved)) = self.tracks.get_mut(stream).zip(saved.track.as_ref()) {
+            track.clone_from(saved);
+        }
         self.contexts[stream * contexts..][..contexts].copy_from_slice(&saved.contexts);
         self.conditioning.restore(stream, &saved.conditioning);
         self.trunk.restore(stream, &saved.trunk);

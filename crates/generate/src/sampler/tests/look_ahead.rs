@@ -63,7 +63,8 @@ fn every_block_is_the_best_and_the_next_goes_on_from_it() {
 fn where_the_first_candidate_is_always_chosen_nothing_changes() {
     let hot = plan(10, &[false, true, false], &[6, 7, 8, 5, 9, 10, 11, 5], Sampling::temperature(3.0));
     let varied = varying(9, &[6, 7, 5, 8, 9, 10, 5], Sampling::temperature(3.0));
-    let begun = SamplingPlan { first_frames: 9, ..plan(9, &[false, true, true], &[6, 7, 8, 5], Sampling::temperature(3.0)) };
+    let begun =
+        SamplingPlan { first_frames: 9, ..plan(9, &[false, true, true], &[6, 7, 8, 5], Sampling::temperature(3.0)) };
     for plan in [hot, varied, begun] {
         let plain = sample(&mut model(20, 2), &plan, &mut unwatched).unwrap();
         let ahead = SamplingPlan { look_ahead: ahead(3, Arc::new(First)), ..plan };
@@ -75,12 +76,16 @@ fn where_the_first_candidate_is_always_chosen_nothing_changes() {
 fn candidates_of_a_dance_in_several_models_are_those_of_one() {
     let tokenizer = tokenizer();
     let gpt = two_level(&tokenizer, ModelConfig { window: Some(6), ..ModelConfig::default() });
-    let flat = fixtures::model(&ModelConfig { layers: 1, heads: 1, width: 8, context: 40, ..Default::default() }, &TokenLayout::of(&tokenizer));
+    let flat = fixtures::model(
+        &ModelConfig { layers: 1, heads: 1, width: 8, context: 40, ..Default::default() },
+        &TokenLayout::of(&tokenizer),
+    );
     let grammar = tokenizer.grammar();
     let free = SamplingPlan::free(grammar, 20, Sampling::temperature(1.5), 7);
     for gpt in [gpt, flat] {
         let of = |splits: &[usize], look_ahead: Option<LookAhead>| {
-            let reader = |streams: &usize| Reader::new(&gpt, ReaderOptions { streams: *streams, ..Default::default() }).unwrap();
+            let reader =
+                |streams: &usize| Reader::new(&gpt, ReaderOptions { streams: *streams, ..Default::default() }).unwrap();
             let mut readers: Vec<Box<dyn NextToken>> = splits.iter().map(|n| Box::new(reader(n)) as _).collect();
             sample_side_by_side(&mut readers, &SamplingPlan { look_ahead, ..free.clone() }, &mut unwatched).unwrap().ids
         };

@@ -48,22 +48,33 @@ for run in base labels run; do
     }
 done
 
-# seconds that the model itself made, instead of parts of clips: the two likeliest dances of eight of each genre
-[ -e "$out/leads/corpus.json" ] || {
-    for genre in $genres; do
-        mkdir -p "$out/made/$genre"
-        [ -e "$out/made/$genre/2-8.bvh" ] || for seed in 1 2; do
-            "$kinelm" generate --run "$out/run" --fps 20 --label genre=$genre --guidance 2 --seconds 12 --variations 8 --seed $seed \
-                --out "$out/made/$genre/$seed.bvh" $threads
-        done
+# seconds that the model itself made, instead of parts of clips: of sixteen dances of each genre
+made=""
+for genre in $genres; do
+    mkdir -p "$out/made/$genre"
+    for seed in 1 2; do
+        [ -e "$out/made/$genre/$seed-8.bvh" ] || "$kinelm" generate --run "$out/run" --fps 20 --label genre=$genre --guidance 2 \
+            --look-ahead 8 --seconds 12 --variations 8 --seed $seed --out "$out/made/$genre/$seed.bvh" $threads
     done
-    { echo clip,genre,split; for genre in $genres; do for dance in "$out/made/$genre"/*.bvh; do
-        echo "$genre/$(basename "$dance" .bvh),$genre,train"; done; done; } > "$out/made.csv"
-    "$kinelm" tokenize "$out/made" --labels "$out/made.csv" --tokenizer "$out/run/tokenizer.json" --out "$out/leads" --quiet
-}
-# a run that begins with that corpus keeps seconds of it
-[ -e "$out/lead-run/lead_ins.json" ] ||
-    "$kinelm" finetune --from "$out/run" --config goal --steps 1 --corpus "$out/leads" --run "$out/lead-run" $threads
+    { echo clip,genre,split; for dance in "$out/made/$genre"/*.bvh; do
+        echo "$(basename "$dance" .bvh),$genre,train"; done; } > "$out/made-$genre.csv"
+    [ -e "$out/leads/$genre/corpus.json" ] || "$kinelm" tokenize "$out/made/$genre" --labels "$out/made-$genre.csv" \
+        --tokenizer "$out/run/tokenizer.json" --out "$out/leads/$genre" --quiet
+    # dances begin with a genre as often as the train clips are of it
+    share=$("$python" - "$out/corpus" $genre <<'PYTHON'
+import json, sys
+from pathlib import Path
+
+clips = [json.loads(line) for line in (Path(sys.argv[1]) / "clips.jsonl").read_text().splitlines()]
+train = [clip for clip in clips if clip["split"] == "train"]
+own = [clip for clip in train if clip["labels"]["genre"] == sys.argv[2]]
+print(f"{100 * sum(clip['frames'] for clip in own) / sum(clip['frames'] for clip in train):.1f}")
+PYTHON
+)
+    made="$made --corpus $out/leads/$genre=$share"
+done
+# a run that begins with those corpora keeps seconds of them
+[ -e "$out/lead-run/lead_ins.json" ] || "$kinelm" finetune --from "$out/run" --config goal --steps 1 $made --run "$out/lead-run" $threads
 cp "$out/lead-run/lead_ins.json" "$out/run/lead_ins.json"
 
 # how surprising its held-out clips are

@@ -113,7 +113,7 @@ pub type Set<'a> = (&'a str, Vec<(&'a Dance, Option<&'a PromptMetrics>)>);
 type Measure = fn(&DanceMetrics, Option<&PromptMetrics>) -> Option<f64>;
 
 /// What is measured, with the digits that are printed. Effort's flow follows its time (0.97 over salsas) and isn't.
-const MEASURES: [(&str, usize, Measure); 22] = [
+const MEASURES: [(&str, usize, Measure); 26] = [
     ("stands still, %", 1, |f, _| share(f.world.still, f.world.frames)),
     ("stands still, pose alone, %", 1, |f, _| share(f.pose.still, f.pose.frames)),
     ("frozen in the end, %", 0, |f, _| Some(100.0 * f64::from(f.world.time_to_freeze_s.is_some()))),
@@ -126,6 +126,10 @@ const MEASURES: [(&str, usize, Measure); 22] = [
     ("in the floor, % of frames", 1, |f, _| f.ground.penetration_share().map(|x| 100.0 * x)),
     ("floating, % of frames", 1, |f, _| f.ground.floating_share().map(|x| 100.0 * x)),
     ("PFC", 2, |f, _| f.contact.mean()),
+    ("outside the support, %", 1, |f, _| f.balance.outside_share().map(|x| 100.0 * x)),
+    ("kicks, %", 1, |f, _| f.balance.kick_share().map(|x| 100.0 * x)),
+    ("snaps, per minute", 1, |f, _| f.most.snaps_per_min()),
+    ("fastest joint, m/s", 1, |f, _| f.most.fastest()),
     ("hands above shoulders, %", 1, |f, _| f.balance.raised_share().map(|x| 100.0 * x)),
     ("effort: weight, m2/s2", 2, |f, _| Some(f.laban?.weight)),
     ("effort: time, m/s2", 2, |f, _| Some(f.laban?.time)),

@@ -1,7 +1,7 @@
 //! The figures of one dance, and of several.
 
 use super::freeze::{Freezing, Summary, summary};
-use kinelm_motion::metric::{Balance, FootContact, Ground, Laban, Skate};
+use kinelm_motion::metric::{Balance, Extremes, FootContact, Ground, Laban, Skate};
 use serde::Serialize;
 
 /// The figures of one dance.
@@ -13,6 +13,7 @@ pub(super) struct DanceMetrics {
     pub(super) ground: Ground,
     pub(super) skate: Skate,
     pub(super) balance: Balance,
+    pub(super) most: Extremes,
     /// Sums over the frames that have one: m/s, m/s^3.
     pub(super) speed: Mean,
     pub(super) jitter: Mean,
@@ -58,6 +59,12 @@ pub struct GroupMetrics {
     pub kick_share: Option<f64>,
     /// Share of frames in which a wrist is above the shoulder of its side.
     pub raised_share: Option<f64>,
+    /// Frames a minute into which a joint turns by more than 1,000 degrees a second.
+    pub snaps_per_min: Option<f64>,
+    /// The greatest speed of a joint, m/s.
+    pub fastest_m_s: Option<f64>,
+    /// The greatest bend of a knee and of an elbow, degrees.
+    pub bends_deg: [f64; 2],
 }
 
 /// A mean over frames that adds up over clips.
@@ -86,11 +93,13 @@ pub(super) fn group(name: &str, all: &[DanceMetrics]) -> GroupMetrics {
     let mut ground = Ground::default();
     let mut skate = Skate::default();
     let mut balance = Balance::default();
+    let mut most = Extremes::default();
     let mut contact = FootContact::default();
     all.iter().for_each(|f| {
         ground.add(&f.ground);
         skate.add(&f.skate);
         balance.add(&f.balance);
+        most.add(&f.most);
         contact.add(&f.contact);
     });
     GroupMetrics {
@@ -111,5 +120,8 @@ pub(super) fn group(name: &str, all: &[DanceMetrics]) -> GroupMetrics {
         outside_cm: balance.outside_cm(),
         kick_share: balance.kick_share(),
         raised_share: balance.raised_share(),
+        snaps_per_min: most.snaps_per_min(),
+        fastest_m_s: most.fastest(),
+        bends_deg: most.bends(),
     }
 }

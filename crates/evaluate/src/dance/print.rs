@@ -82,12 +82,19 @@ impl fmt::Display for Report {
             cells
         })?;
         writeln!(f)?;
-        self.table(f, &["outside %", "outside cm", "kicks %", "hands up %"], |group| {
+        let heads =
+            ["outside %", "outside cm", "kicks %", "hands up %", "snaps/min", "fastest m/s", "knee deg", "elbow deg"];
+        self.table(f, &heads, |group| {
+            let [knee, elbow] = group.bends_deg;
             vec![
                 percent(group.outside_share),
                 number(group.outside_cm, 2),
                 percent(group.kick_share),
                 percent(group.raised_share),
+                number(group.snaps_per_min, 1),
+                number(group.fastest_m_s, 1),
+                number(Some(knee), 0),
+                number(Some(elbow), 0),
             ]
         })?;
         write!(f, "\nfreeze % of every 5 s:")?;

@@ -12,7 +12,7 @@ use kinelm_corpus::{ClipRecord, Corpus, Split};
 use kinelm_generate::score::coded_feet;
 use kinelm_motion::Clip;
 use kinelm_motion::feet::leg::Leg;
-use kinelm_motion::metric::{Balance, FootContact, Ground, Laban, Skate, jitter_of};
+use kinelm_motion::metric::{Balance, Extremes, FootContact, Ground, Laban, Skate, jitter_of};
 use kinelm_motion::rig::{Feet, Humanoid};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -138,6 +138,7 @@ impl<'a> Reference<'a> {
             ground: self.ground(&dance.clip),
             skate: Skate::of(&self.feet, &dance.clip),
             balance: Balance::of(&self.legs, &dance.clip),
+            most: Extremes::of(&dance.clip, &self.joints, 0..dance.clip.frames()),
             speed: {
                 let speeds = JointPositions::of(&dance.clip, &self.joints).speeds();
                 Mean { sum: speeds.iter().sum(), frames: speeds.len() }

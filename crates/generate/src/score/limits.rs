@@ -60,7 +60,7 @@ struct Most {
     fastest_m_s: Vec<f64>,
     /// (24) degrees from frame to frame.
     turn_deg: Vec<f64>,
-    /// Degrees, of [`super::HINGES`].
+    /// Degrees, of [`HINGES`](kinelm_motion::metric::HINGES).
     bend_deg: [f64; 4],
     /// The lowest pelvis, metres.
     lowest_m: f64,
@@ -154,9 +154,9 @@ impl Limits {
         };
         let low = most.lowest_m - found.lowest_m;
         [
-            beyond(&found.fastest_m_s, &most.fastest_m_s),
-            beyond(&found.turn_deg, &most.turn_deg),
-            beyond(&found.bend_deg, &most.bend_deg),
+            beyond(&found.most.fastest_m_s, &most.fastest_m_s),
+            beyond(&found.most.turn_deg, &most.turn_deg),
+            beyond(&found.most.bend_deg, &most.bend_deg),
             low / smpl::STANDING_PELVIS_M,
             1.0 - found.speed_cm_s / most.slowest_cm_s,
         ]
@@ -167,9 +167,9 @@ impl Limits {
 impl Most {
     fn of(found: &Measures) -> Most {
         Most {
-            fastest_m_s: found.fastest_m_s.clone(),
-            turn_deg: found.turn_deg.clone(),
-            bend_deg: found.bend_deg,
+            fastest_m_s: found.most.fastest_m_s.clone(),
+            turn_deg: found.most.turn_deg.clone(),
+            bend_deg: found.most.bend_deg,
             lowest_m: found.lowest_m,
             slowest_cm_s: found.speed_cm_s,
         }
@@ -178,9 +178,9 @@ impl Most {
     /// The most of both.
     fn with(mut self, found: &Measures) -> Most {
         let most = |most: &mut [f64], found: &[f64]| most.iter_mut().zip(found).for_each(|(a, b)| *a = a.max(*b));
-        most(&mut self.fastest_m_s, &found.fastest_m_s);
-        most(&mut self.turn_deg, &found.turn_deg);
-        most(&mut self.bend_deg, &found.bend_deg);
+        most(&mut self.fastest_m_s, &found.most.fastest_m_s);
+        most(&mut self.turn_deg, &found.most.turn_deg);
+        most(&mut self.bend_deg, &found.most.bend_deg);
         self.lowest_m = self.lowest_m.min(found.lowest_m);
         self.slowest_cm_s = self.slowest_cm_s.min(found.speed_cm_s);
         self

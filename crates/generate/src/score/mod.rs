@@ -10,23 +10,18 @@ mod tests;
 pub use limits::{LIMITS, Limits, Usual};
 
 use crate::Result;
+use kinelm_motion::Clip;
 use kinelm_motion::feet::leg::Leg;
-use kinelm_motion::metric::{BalanceFrame, Ground, Skate};
+use kinelm_motion::metric::{BalanceFrame, Extremes, Ground, Skate};
 use kinelm_motion::rig::{Feet, Humanoid};
-use kinelm_motion::rotation::angle_between;
-use kinelm_motion::{Clip, Quat};
 use std::ops::Range;
 
 /// Seconds of a block, of which several are sampled.
 pub const BLOCK_S: f64 = 2.0;
 /// Seconds before a block that are measured with it: feet in contact are locked where they came down.
 pub const BEFORE_S: f64 = 2.0;
-/// Joints whose bend has an end: knees and elbows, SMPL ids.
-pub const HINGES: [usize; 4] = [4, 5, 18, 19];
 /// Further outside the support than this is out of balance, metres.
 const FAR_M: f64 = 0.15;
-/// A joint that turns faster snaps, degrees per second.
-const SNAP_DEG_S: f64 = 1000.0;
 /// What the score of a stretch rises by where it does what no train clip does, besides the share by which it goes beyond.
 const NEVER: f64 = 4.0;
 
@@ -47,14 +42,10 @@ pub struct Measures {
     pub speed_cm_s: f64,
     /// Jerk over speed, 1/s².
     pub shake: f64,
-    /// Share of the frames into which a coded joint snaps: turns by more than 1,000 degrees a second.
+    /// Share of the frames into which a coded joint [snaps](Extremes).
     pub snap_share: f64,
-    /// (24) the greatest speed of each joint, m/s; 0 of those that aren't coded.
-    pub fastest_m_s: Vec<f64>,
-    /// (24) the greatest turn of each coded joint from frame to frame, degrees.
-    pub turn_deg: Vec<f64>,
-    /// The greatest bend of each of [`HINGES`], degrees; 0 of those that aren't coded.
-    pub bend_deg: [f64; 4],
+    /// The most that the coded joints do.
+    pub most: Extremes,
     /// The least height of the pelvis, metres.
     pub lowest_m: f64,
 }
@@ -120,36 +111,23 @@ impl Scorer {
 
     /// How the joints move.
     fn of_joints(&self, clip: &Clip, frames: Range<usize>, found: &mut Measures) {
-        let fps = clip.fps();
-        (found.fastest_m_s, found.turn_deg) = (vec![0.0; 24], vec![0.0; 24]);
         found.lowest_m = clip.root()[frames.clone()].iter().map(|p| p.y).fold(f64::INFINITY, f64::min);
         // the steps into the stretch's first frames count too: a snap between two blocks is one
         let before = frames.start.min(3);
-        let part = clip.slice(frames.start - before..frames.end);
-        let (places, count) = (part.positions(), part.joints());
-        let (mut speed, mut jerk, mut snaps) = (0.0, 0.0, vec![false; part.frames()]);
-        for &joint in &self.joints {
-            let at = |f: usize| places[f * count + joint];
-            let turned = |f: usize| part.pose(f)[joint];
-            for (f, snaps) in snaps.iter_mut().enumerate().skip(before.max(1)) {
-                let step = (at(f) - at(f - 1)).length() * fps;
-                speed += step;
-                found.fastest_m_s[joint] = found.fastest_m_s[joint].max(step);
-                let turn = angle_between(turned(f - 1), turned(f)).to_degrees();
-                found.turn_deg[joint] = found.turn_deg[joint].max(turn);
-                *snaps |= turn * fps > SNAP_DEG_S;
-                if f >= 3 {
-                    jerk += (at(f) - at(f - 1) * 3.0 + at(f - 2) * 3.0 - at(f - 3)).length() * fps.powi(3);
-                }
-            }
-            if let Some(hinge) = HINGES.iter().position(|hinge| *hinge == joint) {
-                let bend = |f: usize| angle_between(Quat::IDENTITY, turned(f)).to_degrees();
-                found.bend_deg[hinge] = (before..part.frames()).map(bend).fold(0.0, f64::max);
+        let (part, count) = (clip.slice(frames.start - before..frames.end), frames.len());
+        found.most = Extremes::of(&part, &self.joints, before..part.frames());
+        found.snap_share = found.most.snaps as f64 / count.max(1) as f64;
+        let (places, joints, fps) = (part.positions(), part.joints(), clip.fps());
+        let (mut speed, mut jerk) = (0.0, 0.0);
+        let steps = before.max(1)..part.frames();
+        for (f, &joint) in steps.clone().flat_map(|f| self.joints.iter().map(move |joint| (f, joint))) {
+            let at = |back: usize| places[(f - back) * joints + joint];
+            speed += (at(0) - at(1)).length() * fps;
+            if f >= 3 {
+                jerk += (at(0) - at(1) * 3.0 + at(2) * 3.0 - at(3)).length() * fps.powi(3);
             }
         }
-        let steps = part.frames().saturating_sub(before.max(1)) * self.joints.len();
-        found.speed_cm_s = 100.0 * speed / steps.max(1) as f64;
-        found.snap_share = snaps.iter().filter(|snaps| **snaps).count() as f64 / frames.len().max(1) as f64;
+        found.speed_cm_s = 100.0 * speed / (steps.len() * self.joints.len()).max(1) as f64;
         found.shake = if speed > 0.0 { jerk / speed } else { 0.0 };
     }
 

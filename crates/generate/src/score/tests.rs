@@ -1,6 +1,6 @@
 use super::*;
 use kinelm_motion::joints::EIGHTEEN;
-use kinelm_motion::{Vec3, synth};
+use kinelm_motion::{Quat, Vec3, synth};
 
 fn dance(seconds: f64) -> Clip {
     synth::corpus(4, 1, seconds, 20.0).unwrap().remove(0).clip
@@ -80,7 +80,7 @@ fn a_snap_into_the_first_frame_counts_and_what_comes_before_does_not() {
     let own = scorer.measures(&clip, 40..80);
     assert_eq!(own.snap_share, 0.0);
     assert_eq!(turned(40).snap_share, 1.0 / 40.0);
-    assert!(turned(40).turn_deg[17] > own.turn_deg[17] + 60.0);
+    assert!(turned(40).most.turn_deg[17] > own.most.turn_deg[17] + 60.0);
     assert_eq!(turned(39).snap_share, 0.0);
     // without anything before it the first step is within
     assert_eq!(scorer.measures(&clip, 0..1).speed_cm_s, 0.0);

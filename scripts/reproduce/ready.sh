@@ -91,19 +91,3 @@ text = json.dumps({"median": round(float(np.median(bits)), 2), "p95": round(floa
 (out / "run/held_out.json").write_text(text + "\n")
 print("held out:", text)
 PYTHON
-
-# dances that it made itself, chosen beside real ones: `--best` compares with them where the corpus is nowhere
-[ -e "$out/run/corpus-made/corpus.json" ] || {
-    mkdir -p "$out/best"
-    # the run's tokenizer knows the labels, which makes it another
-    [ -e "$out/real/corpus.json" ] ||
-        "$kinelm" tokenize "$out/data" --labels "$out/labels.csv" --tokenizer "$out/run/tokenizer.json" --out "$out/real" --quiet
-    for genre in $genres; do
-        count=3
-        [ $genre != salsa ] || count=6
-        [ -e "$out/best/$genre-$count.bvh" ] || "$kinelm" generate --run "$out/run" --fps 20 --real "$out/real" --best 16 --variations $count \
-            --label genre=$genre --guidance 2 --seconds 10 --seed 3 --out "$out/best/$genre.bvh" $threads
-    done
-    { echo clip,split; for dance in "$out/best"/*.bvh; do echo "$(basename "$dance" .bvh),train"; done; } > "$out/best.csv"
-    (cd "$out" && "$kinelm" tokenize best --labels best.csv --tokenizer run/tokenizer.json --floor 0 --out run/corpus-made --quiet)
-}

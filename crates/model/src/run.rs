@@ -28,10 +28,10 @@ pub const OPTIMIZER: &str = "optimizer.safetensors";
 pub const CONFIG: &str = "config.toml";
 /// The bits per frame of the run's held-out clips, where it stores them.
 pub const HELD_OUT: &str = "held_out.json";
+/// How the run's train clips move, by which dances are chosen.
+pub const LIMITS: &str = "limits.json";
 /// The run's tokenizer.
 pub const TOKENIZER: &str = "tokenizer.json";
-/// In a run whose real dances may not go with it: a corpus of dances that the model made itself, chosen beside them.
-pub const MADE: &str = "corpus-made";
 
 /// A model's weights and settings, in no form yet.
 pub struct LoadedRun {

@@ -8,7 +8,7 @@ pub mod packed;
 use etcetera::base_strategy::{BaseStrategy, choose_native_strategy};
 use kinelm_model::checkpoint::{Checkpoints, State};
 use kinelm_model::lead_in::LEAD_INS;
-use kinelm_model::run::{CONFIG, HELD_OUT, MADE, TOKENIZER, WEIGHTS};
+use kinelm_model::run::{CONFIG, HELD_OUT, LIMITS, TOKENIZER, WEIGHTS};
 use kinelm_model::{CheckpointChoice, Error, Result, load_run, weights};
 use kinelm_store::files::{self, PendingFolder};
 use kinelm_store::{hash, input, owned, part};
@@ -26,17 +26,12 @@ const VERSION_NAME: &str = "version.txt";
 const PACKED: &[u8] = include_bytes!("../data/weights.bin");
 const STATE: &str = include_str!("../data/state.json");
 /// The other files of the run, as they are.
-const FILES: [(&str, &str); 4] = [
+const FILES: [(&str, &str); 5] = [
     (CONFIG, include_str!("../data/config.toml")),
     (TOKENIZER, include_str!("../data/tokenizer.json")),
     (LEAD_INS, include_str!("../data/lead_ins.json")),
+    (LIMITS, include_str!("../data/limits.json")),
     (HELD_OUT, include_str!("../data/held_out.json")),
-];
-/// The files of [`MADE`], beside the tokenizer.
-const MADE_FILES: [(&str, &[u8]); 3] = [
-    ("corpus-made/corpus.json", include_bytes!("../data/corpus-made/corpus.json")),
-    ("corpus-made/clips.jsonl", include_bytes!("../data/corpus-made/clips.jsonl")),
-    ("corpus-made/tokens.u16", include_bytes!("../data/corpus-made/tokens.u16")),
 ];
 /// The version of all files, as [`pack`] wrote it.
 const VERSION: &str = include_str!("../data/version.txt");
@@ -63,7 +58,7 @@ fn run_in(cache: &Path) -> Result<PathBuf> {
 /// Whether a folder is the run, by a quick look. The weights are hashed where they were changed after they had
 /// been written; whoever loads them hashes them in any case.
 fn is_whole(place: &Path) -> bool {
-    let holds = |(name, bytes): (String, &[u8])| input::peek_bytes(&place.join(name)).is_ok_and(|found| found == bytes);
+    let holds = |(name, bytes): (&str, &[u8])| input::peek_bytes(&place.join(name)).is_ok_and(|found| found == bytes);
     let checkpoints = Checkpoints::of(place);
     let weights = || {
         let state = checkpoints.steps().ok().and_then(|steps| checkpoints.state(*steps.last()?).ok())?;
@@ -86,10 +81,8 @@ fn is_whole(place: &Path) -> bool {
 }
 
 /// All files but those of the checkpoint.
-fn small_files() -> impl Iterator<Item = (String, &'static [u8])> {
-    let texts = FILES.into_iter().chain([("CARD.md", CARD)]).map(|(name, text)| (name.to_owned(), text.as_bytes()));
-    let made = MADE_FILES.into_iter().map(|(name, bytes)| (name.to_owned(), bytes));
-    texts.chain(made).chain([(format!("{MADE}/{TOKENIZER}"), tokenizer().as_bytes())])
+fn small_files() -> impl Iterator<Item = (&'static str, &'static [u8])> {
+    FILES.into_iter().chain([("CARD.md", CARD)]).map(|(name, text)| (name, text.as_bytes()))
 }
 
 fn packed_state() -> Result<State> {
@@ -108,20 +101,13 @@ pub fn write(place: &Path) -> Result<()> {
 
 fn prepare(place: &Path) -> Result<PendingFolder> {
     let folder = PendingFolder::create(place)?;
-    let made = folder.path().join(MADE);
-    std::fs::create_dir(&made).map_err(Error::io(&made))?;
     for (name, bytes) in small_files() {
-        folder.write(&name, bytes)?;
+        folder.write(name, bytes)?;
     }
     let expanded = packed::expand(PACKED)?;
     let bytes = weights::to_bytes(&expanded)?;
     Checkpoints::of(folder.path()).write(packed_state()?, &[(WEIGHTS, bytes)])?;
     Ok(folder)
-}
-
-/// The run's tokenizer, which its corpus has too.
-fn tokenizer() -> &'static str {
-    FILES.iter().find(|(name, _)| *name == TOKENIZER).map_or("", |(_, text)| text)
 }
 
 /// Where programs store what they can make again: XDG_CACHE_HOME, else as the system has it.
@@ -145,11 +131,6 @@ pub fn pack(run: &Path, to: &Path) -> Result<()> {
         let text = input::text(&path).map_err(Error::io(&path))?;
         let text = if name == CONFIG { without_corpora(&text) } else { text };
         contents.push((name.to_owned(), text.into_bytes()));
-    }
-    std::fs::create_dir_all(to.join(MADE)).map_err(Error::io(to))?;
-    for (name, _) in MADE_FILES {
-        let path = run.join(name);
-        contents.push((name.to_owned(), input::bytes(&path).map_err(Error::io(&path))?));
     }
     let State { step, windows, tokens, seed, .. } = loaded.state;
     let state = serde_json::to_vec_pretty(&State::new(step, windows, tokens, seed, None));

@@ -3,7 +3,8 @@
 use super::data::Data;
 use crate::Result;
 use kinelm_corpus::{ClipRecord, Corpus, Split};
-use kinelm_generate::score::{LIMITS, Limits, Measures, Scorer};
+use kinelm_generate::score::{Limits, Measures, Scorer};
+use kinelm_model::run::LIMITS;
 use kinelm_store::files;
 use kinelm_tokenizer::Tokenizer;
 use rayon::prelude::*;

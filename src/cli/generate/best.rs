@@ -5,7 +5,6 @@ use crate::evaluate::dance::real::{RealDances, corpus_of};
 use crate::generate::best::Best;
 use crate::generate::make::Chosen;
 use crate::generate::open::OpenRequest;
-use crate::model::run::MADE;
 use anyhow::Result;
 use kinelm_tokenizer::Words;
 use std::path::PathBuf;
@@ -35,18 +34,19 @@ impl BestArgs {
         if self.best.is_none() {
             return Ok(None);
         }
-        let path = self.real.clone().map_or_else(|| corpus_of(&open.resolved.run), Ok)?;
-        let dances = RealDances::open(&path, open, TrustArgs::default().opening())?;
-        if path.ends_with(MADE) {
+        let run = &open.resolved.run;
+        let Some(path) = self.real.clone().map_or_else(|| corpus_of(run), |path| Ok(Some(path)))? else {
             say.line(
-                "compared with dances that the model made itself, chosen beside real ones; --real compares with yours",
+                "compared with what the run knows of its train clips; whether a dance is a copy isn't known. --real compares \
+                 with yours",
             );
-        } else {
-            if !dances.shows_copies() {
-                say.line("no validation clips: whether a dance is a copy isn't known");
-            }
-            say.line(format_args!("compared with the train clips of {}", path.display()));
+            return Ok(Some(RealDances::of_run(run)?));
+        };
+        let dances = RealDances::open(&path, open, TrustArgs::default().opening())?;
+        if !dances.shows_copies() {
+            say.line("no validation clips: whether a dance is a copy isn't known");
         }
+        say.line(format_args!("compared with the train clips of {}", path.display()));
         Ok(Some(dances))
     }
 }

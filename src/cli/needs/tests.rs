@@ -50,13 +50,13 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ("finetune", "checkpoint from config corpus run steps seed conditions precision device form trust set", &[]),
     (
         "generate timeline",
-        "checkpoint run out label music guidance goal-guidance frames seconds fps variations seed first-frames lead-in \
+        "checkpoint run out label music guidance goal-guidance frames seconds fps variations seed first-frames look-ahead lead-in \
          rig uncoded-joints feet blend tries passes guesses best force weights kv device form check",
         &[DRAWING],
     ),
     (
         "generate",
-        "checkpoint prompt run out label music guidance frames seconds fps variations seed first-frames lead-in feet \
+        "checkpoint prompt run out label music guidance frames seconds fps variations seed first-frames look-ahead lead-in feet \
          passes guesses best force weights kv device form",
         &[DRAWING],
     ),

@@ -8,7 +8,6 @@ use kinelm_corpus::CorpusOptions;
 use kinelm_corpus::build::{BuildEvent, BuildOptions, tokenize};
 use kinelm_evaluate::dance::real::{RealDances, corpus_of};
 use kinelm_generate::OpenRequest;
-use kinelm_model::run::MADE;
 use kinelm_store::hash;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -21,8 +20,13 @@ use std::path::{Path, PathBuf};
 pub fn real(named: Option<&Path>, open: &OpenRequest, library: &Library) -> Result<(RealDances, &'static str)> {
     let (path, what) = match (named, corpus_of(&open.resolved.run)) {
         (Some(path), _) => (path.to_owned(), "the corpus that was named"),
-        (None, Ok(path)) if path.ends_with(MADE) => (path, "dances of the model's own, chosen beside real ones"),
-        (None, Ok(path)) => (path, "the dances that the model was trained on"),
+        (None, Ok(Some(path))) => (path, "the dances that the model was trained on"),
+        (None, Ok(None)) => {
+            return Ok((
+                RealDances::of_run(&open.resolved.run)?,
+                "what the model knows of the dances that it was trained on",
+            ));
+        }
         (None, Err(_)) => (of_library(open, library)?, "the clips of the library"),
     };
     Ok((RealDances::open(&path, open, CorpusOptions::default())?, what))

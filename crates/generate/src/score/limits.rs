@@ -2,13 +2,12 @@
 
 use super::Measures;
 use crate::{Error, Result};
+use kinelm_model::run::LIMITS;
 use kinelm_motion::smpl;
 use kinelm_store::input;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The file of a run's limits.
-pub const LIMITS: &str = "limits.json";
 const VERSION: u32 = 1;
 /// Nothing is beyond a train clip's most by less than this share of it: coding rounds, and a block isn't one of its windows.
 const MARGIN: f64 = 0.02;
@@ -80,7 +79,7 @@ impl Default for Limits {
     /// Of a run without train clips: balance, kicks and feet, as 29 dances of the CMU set have them.
     fn default() -> Limits {
         let usual = |to, spread| Usual { from: None, to, spread };
-        let feet = [usual(3.0, 3.0), usual(0.1, 0.05), usual(0.08, 0.05), usual(0.9, 0.1), usual(0.0, 0.2)];
+        let feet = [usual(2.8, 2.5), usual(0.15, 0.05), usual(0.05, 0.05), usual(0.94, 0.09), usual(0.0, 0.2)];
         Limits { version: VERSION, feet, pace: None, most: None }
     }
 }

@@ -7,7 +7,7 @@ mod limits;
 #[cfg(test)]
 mod tests;
 
-pub use limits::{LIMITS, Limits, Usual};
+pub use limits::{Limits, Usual};
 
 use crate::Result;
 use kinelm_motion::Clip;

@@ -1,4 +1,5 @@
 use super::*;
+use kinelm_model::run::LIMITS;
 use kinelm_motion::joints::EIGHTEEN;
 use kinelm_motion::{Quat, Vec3, synth};
 

@@ -24,6 +24,8 @@ pub struct LikelihoodReport {
     pub gaps: Vec<GapBits>,
     /// Static floors of the same tokens, or why there are none.
     pub floors: Result<Floors, String>,
+    /// Bits a frame of the model mixed online with the floors, where all of the split was scored by both.
+    pub mixed: Option<f64>,
     /// Frames of the split, scored or not.
     pub all_frames: usize,
     /// Frames per second of the corpus.
@@ -46,7 +48,7 @@ impl LikelihoodReport {
             "bits_per_frame": found.bits_per_frame, "bits_per_s": found.bits_per_frame * self.fps,
             "nats_per_token": found.nats_per_token, "tokens": found.tokens, "frames": found.frames,
             "windows": found.windows, "all_windows": found.all_windows, "pseudo": found.pseudo, "floors": floors.map(Floors::to_json),
-            "all_frames": all_frames,
+            "mixed_with_floors": self.mixed, "all_frames": all_frames,
             "bits": {
                 "model": in_all(found.bits_per_frame), "order0": floors.map(|f| in_all(f.order0())),
             },
@@ -77,6 +79,9 @@ impl LikelihoodReport {
             }
         };
         let mut table = format!("{beside}\n{}\n", figure_row(name, found.bits_per_frame, None));
+        if let Some(mixed) = self.mixed {
+            table += &format!("{}\n", figure_row("mixed with floors, online", mixed, None));
+        }
         let floors = floors.as_ref().ok();
         let of = format!("{all_frames} frames of {split}");
         table += &format!("\n{of:<32} {:>12} {:>14}\n", "bits/frame", "bits in all");

@@ -34,6 +34,6 @@ pub fn run(args: &Args) -> Result<()> {
         let (corpus, split) = (args.corpus.display(), args.split);
         anyhow::bail!("{corpus}: no frame in the {split} split; try another --split");
     }
-    let found = fitted.measure(&opened, args.split)?.map_err(|why| anyhow::anyhow!(why))?;
+    let found = fitted.measure(&opened, args.split, false)?.map_err(|why| anyhow::anyhow!(why))?;
     print(&if args.json { format!("{}\n", found.to_json()) } else { format!("{found}\n") })
 }

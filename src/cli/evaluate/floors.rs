@@ -79,14 +79,14 @@ impl FloorsArgs {
 }
 
 impl Fitted {
-    /// The floors of a split of `corpus`, or why there are none.
-    pub fn measure(&self, corpus: &Corpus, split: Split) -> Result<std::result::Result<Floors, String>> {
+    /// The floors of a split of `corpus`, or why there are none; `each`: with the bits of every code.
+    pub fn measure(&self, corpus: &Corpus, split: Split, each: bool) -> Result<std::result::Result<Floors, String>> {
         let (fitted, extent) = match self {
             Fitted::Own(extent) => (corpus, *extent),
             Fitted::Other(other, extent) => (&**other, *extent),
             Fitted::Nothing(why) => return Ok(Err(why.clone())),
         };
         crate::cli::progress::stage("fitting and measuring static models");
-        Ok(Ok(Floors::of_corpora(fitted, corpus, split, extent)?))
+        Ok(Ok(Floors::of_corpora(fitted, corpus, split, extent, each)?))
     }
 }

@@ -96,6 +96,9 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
         ConditionsArg::None => known.unknown(),
     };
     let mut nats_of: BTreeMap<String, f64> = BTreeMap::new();
+    // by the clips' places in the corpus: bits of every code, where a word is a frame of codes and a space
+    let word = corpus.tokenizer().tokens_per_word().filter(|_| args.windows == 0).unwrap_or(0);
+    let mut bits_of: BTreeMap<u64, Vec<f32>> = BTreeMap::new();
     let found = if args.per_joint {
         // for its message: the error of `by_slot` doesn't name the flag
         slots(corpus.tokenizer()).map_err(|e| WrongCall(format!("--per-joint: {e}")))?;
@@ -104,7 +107,10 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
         // how many tokens a part of the windows has is known only after they are read
         let tokens = if args.windows == 0 { clips.iter().map(|c| c.tokens).sum() } else { 0 };
         let (bar, mut done) = (progress::bar(tokens as u64, "tokens", say), 0);
-        let mut each = |clip: &ClipRecord, _, nats: f64| {
+        let mut each = |clip: &ClipRecord, token: usize, nats: f64| {
+            if word > 0 && token % word < word - 1 {
+                bits_of.entry(clip.offset as u64).or_default().push((nats / LN_2) as f32);
+            }
             match nats_of.get_mut(&clip.name) {
                 Some(sum) => *sum += nats,
                 None => drop(nats_of.insert(clip.name.clone(), nats)),
@@ -129,14 +135,18 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
     let whole = |c: &&&ClipRecord| args.windows == 0 && c.frames > 0;
     let bits = |c: &&ClipRecord| Some((c.name.clone(), nats_of.get(&c.name)? / LN_2 / c.frames as f64));
     let whole_clips = clips.iter().filter(whole).filter_map(bits).collect();
+    let floors = fitted.measure(corpus, args.split, word > 0 && !args.per_joint)?;
+    let bits: Vec<Vec<f32>> = clips.iter().filter_map(|clip| bits_of.remove(&(clip.offset as u64))).collect();
+    let mixed = floors.as_ref().ok().filter(|_| !found.pseudo).and_then(|floors| floors.mixed_with(&bits));
     Ok(LikelihoodReport {
+        mixed,
         clips: whole_clips,
         checkpoint: run.checkpoint.display().to_string(),
         split: args.split,
         found,
         places,
         gaps,
-        floors: fitted.measure(corpus, args.split)?,
+        floors,
         all_frames: clips.iter().map(|c| c.frames).sum(),
         fps: corpus.manifest().fps,
     })

@@ -56,6 +56,9 @@ pub struct ChannelFloors {
     pub by_channel: [Vec<f64>; 6],
     /// Weight of the extrapolation in d: (C).
     pub weight_on_extrapolation: Vec<f64>,
+    /// Bits of every test code, clip by clip (F, C), of the last static model and of the forecast's floor; empty where they
+    /// weren't asked for, only a sample was measured, or characters were merged.
+    pub(crate) by_code: [Vec<Vec<f32>>; 2],
     /// The forecast's floor, which isn't static: it learns from other channels. `None` where characters were merged.
     pub forecast: Option<ForecastFloor>,
 }
@@ -67,18 +70,24 @@ impl ChannelFloors {
     /// [`kinelm_store::Error::Missing`] when a split has no frame, or the codes are no whole frames of bins below `codes.bins`, of which
     /// there are 2 to 65,536.
     pub fn measure(codes: &CodeSplits) -> Result<ChannelFloors> {
+        ChannelFloors::measure_each(codes, false)
+    }
+
+    /// The same; also keeps the bits of every code, if `each` and where the codes are those of the whole split.
+    ///
+    /// # Errors
+    /// As [`ChannelFloors::measure`].
+    pub(crate) fn measure_each(codes: &CodeSplits, each: bool) -> Result<ChannelFloors> {
         check(codes)?;
         let &CodeSplits { bins, channels, .. } = codes;
         let kernels = Kernels::new(bins);
+        let is_whole = codes.of[1] * channels == codes.test.iter().map(Vec::len).sum::<usize>();
+        let keeps = each && is_whole && !codes.places.is_empty();
         let costs: Vec<ChannelCost> = (0..channels)
             .into_par_iter()
             .map(|c| {
-                channel_cost(
-                    &kernels,
-                    bins,
-                    &Series::of(&codes.train, channels, c),
-                    &Series::of(&codes.test, channels, c),
-                )
+                let models = ChannelModels::fit(&kernels, bins, &Series::of(&codes.train, channels, c));
+                models.cost(&codes.test, (channels, c), keeps)
             })
             .collect();
         let size = |clips: &CodeClips| [clips.len(), clips.iter().map(Vec::len).sum::<usize>() / channels];
@@ -88,6 +97,13 @@ impl ChannelFloors {
             std::array::from_fn(|m| costs.iter().map(|c| (c.early[m] + c.later[m]) / test[1] as f64).collect());
         // 0 / 0 where no clip has a third frame; `then_some` drops it below
         let from_third = std::array::from_fn(|m| costs.iter().map(|c| c.later[m]).sum::<f64>() / later as f64);
+        let (forecast, by_forecast) = match codes.places.is_empty() {
+            true => (None, Vec::new()),
+            false => {
+                let (floor, by_slot) = ForecastFloor::measure(codes, &codes.places, keeps);
+                (Some(floor), clips_of(&codes.test, by_slot))
+            }
+        };
         Ok(ChannelFloors {
             bins,
             channels,
@@ -98,7 +114,8 @@ impl ChannelFloors {
             from_third_frame: (later > 0).then_some(from_third),
             by_channel,
             weight_on_extrapolation: costs.iter().map(|c| c.weight_on_extrapolation).collect(),
-            forecast: (!codes.places.is_empty()).then(|| ForecastFloor::measure(codes, &codes.places)),
+            by_code: [clips_of(&codes.test, costs.into_iter().map(|cost| cost.codes).collect()), by_forecast],
+            forecast,
         })
     }
 
@@ -244,51 +261,106 @@ struct ChannelCost {
     early: [f64; 6], // bits of all first and second frames
     later: [f64; 6], // bits of all others
     weight_on_extrapolation: f64,
+    codes: Vec<f32>, // bits of every code under the last model, where they are kept
 }
 
-fn channel_cost(kernels: &Kernels, bins: usize, train: &Series, test: &Series) -> ChannelCost {
-    // an extrapolated line may leave the bins, and kernels are centred on bins alone
-    let line = |b1: u32, b2: u32| (2 * i64::from(b1) - i64::from(b2)).clamp(0, bins as i64 - 1) as u32;
-    let step = |x: u32, b: u32| (x + bins as u32 - b) % bins as u32;
+/// The static models of a channel.
+struct ChannelModels<'a> {
+    kernels: &'a Kernels,
+    bins: usize,
+    order0: Histogram,
+    delta: Histogram,
+    previous: [f64; KERNELS],
+    extrapolated: [f64; KERNELS],
+    mixed: [f64; 2 * KERNELS],
+    by_size: [[f64; 2 * KERNELS + 1]; ACTIVITY.len() + 1],
+}
 
-    let order0 = Histogram::fit(bins, train.all());
-    let delta = Histogram::fit(bins, train.pairs().map(|(x, b)| step(x, b)));
+impl<'a> ChannelModels<'a> {
+    fn fit(kernels: &'a Kernels, bins: usize, train: &Series) -> ChannelModels<'a> {
+        let line = |b1, b2| line(bins, b1, b2);
+        let order0 = Histogram::fit(bins, train.all());
+        let delta = Histogram::fit(bins, train.pairs().map(|(x, b)| step(bins, x, b)));
 
-    // equal cases are counted once: expectation maximisation reads every case in each round
-    let (pairs, counts) = distinct(train.pairs().collect());
-    let previous = fit(&counts, |i| kernels.row(pairs[i].1, pairs[i].0));
+        // equal cases are counted once: expectation maximisation reads every case in each round
+        let (pairs, counts) = distinct(train.pairs().collect());
+        let previous = fit(&counts, |i| kernels.row(pairs[i].1, pairs[i].0));
 
-    let (pairs, counts) = distinct(train.later.iter().map(|&[x, b1, b2]| (x, line(b1, b2))).collect());
-    let extrapolated = fit(&counts, |i| kernels.row(pairs[i].1, pairs[i].0));
+        let (pairs, counts) = distinct(train.later.iter().map(|&[x, b1, b2]| (x, line(b1, b2))).collect());
+        let extrapolated = fit(&counts, |i| kernels.row(pairs[i].1, pairs[i].0));
 
-    let both = |x: u32, b1: u32, l: u32| -> [f64; 2 * KERNELS] { join(&kernels.row(b1, x), &kernels.row(l, x)) };
-    let (triples, counts) = distinct(train.later.iter().map(|&[x, b1, b2]| (x, b1, line(b1, b2))).collect());
-    let mixed = fit(&counts, |i| both(triples[i].0, triples[i].1, triples[i].2));
+        let (triples, counts) = distinct(train.later.iter().map(|&[x, b1, b2]| (x, b1, line(b1, b2))).collect());
+        let mixed = fit(&counts, |i| both(kernels, triples[i].0, triples[i].1, triples[i].2));
 
-    let three = |x: u32, b1: u32, l: u32| -> [f64; 2 * KERNELS + 1] { join(&both(x, b1, l), &[order0.p(x)]) };
-    let any_size = fit(&counts, |i| three(triples[i].0, triples[i].1, triples[i].2));
-    let by_size = weights_by_size(train, any_size, line, three);
+        let three = |x, b1, l| three(kernels, &order0, x, b1, l);
+        let any_size = fit(&counts, |i| three(triples[i].0, triples[i].1, triples[i].2));
+        let by_size = weights_by_size(train, any_size, line, three);
+        ChannelModels { kernels, bins, order0, delta, previous, extrapolated, mixed, by_size }
+    }
 
-    let a = |x: u32| order0.bits(x);
-    let b = |x: u32, b1: u32| delta.bits(step(x, b1));
-    let c = |x: u32, b1: u32| bits(&previous, &kernels.row(b1, x));
-    let mut cost =
+    /// Bits of code `x` after those `before` it, the last one first.
+    fn bits(&self, x: u32, before: [Option<u32>; 2]) -> [f64; 6] {
+        let a = self.order0.bits(x);
+        let [Some(b1), b2] = before else { return [a; 6] };
+        let b = self.delta.bits(step(self.bins, x, b1));
+        let c = bits(&self.previous, &self.kernels.row(b1, x));
+        let Some(b2) = b2 else { return [a, b, c, c, c, c] };
+        let l = line(self.bins, b1, b2);
+        let d_line = bits(&self.extrapolated, &self.kernels.row(l, x));
+        let d = bits(&self.mixed, &both(self.kernels, x, b1, l));
+        let e = bits(&self.by_size[size_of_step(b1, b2)], &three(self.kernels, &self.order0, x, b1, l));
+        [a, b, c, d_line, d, e]
+    }
+
+    /// The bits of a channel of clips of `channels`.
+    fn cost(&self, clips: &CodeClips, (channels, channel): (usize, usize), keeps: bool) -> ChannelCost {
         // `both` has the extrapolation's kernels second
-        ChannelCost { early: [0.0; 6], later: [0.0; 6], weight_on_extrapolation: mixed[KERNELS..].iter().sum() };
-    for &x in &test.first {
-        add(&mut cost.early, [a(x); 6]);
+        let weight_on_extrapolation = self.mixed[KERNELS..].iter().sum();
+        let mut cost = ChannelCost { early: [0.0; 6], later: [0.0; 6], weight_on_extrapolation, codes: Vec::new() };
+        for clip in clips {
+            let mut before = [None; 2];
+            for &code in clip.iter().skip(channel).step_by(channels) {
+                let code = code.into();
+                let bits = self.bits(code, before);
+                add(if before[1].is_some() { &mut cost.later } else { &mut cost.early }, bits);
+                cost.codes.extend(keeps.then_some(bits[5] as f32));
+                before = [Some(code), before[0]];
+            }
+        }
+        cost
     }
-    for &[x, b1] in &test.second {
-        let c = c(x, b1);
-        add(&mut cost.early, [a(x), b(x, b1), c, c, c, c]);
+}
+
+/// The linear extrapolation of the last two codes. It may leave the bins, and kernels are centred on bins alone.
+fn line(bins: usize, b1: u32, b2: u32) -> u32 {
+    (2 * i64::from(b1) - i64::from(b2)).clamp(0, bins as i64 - 1) as u32
+}
+
+fn step(bins: usize, x: u32, b: u32) -> u32 {
+    (x + bins as u32 - b) % bins as u32
+}
+
+fn both(kernels: &Kernels, x: u32, b1: u32, l: u32) -> [f64; 2 * KERNELS] {
+    join(&kernels.row(b1, x), &kernels.row(l, x))
+}
+
+fn three(kernels: &Kernels, order0: &Histogram, x: u32, b1: u32, l: u32) -> [f64; 2 * KERNELS + 1] {
+    join(&both(kernels, x, b1, l), &[order0.p(x)])
+}
+
+/// Bits by slot, each over all clips, as (F, C) of each clip; empty where none are kept.
+fn clips_of(clips: &CodeClips, by_slot: Vec<Vec<f32>>) -> Vec<Vec<f32>> {
+    let channels = by_slot.len();
+    if by_slot.iter().all(Vec::is_empty) {
+        return Vec::new();
     }
-    for &[x, b1, b2] in &test.later {
-        let l = line(b1, b2);
-        let d_line = bits(&extrapolated, &kernels.row(l, x));
-        let (d, e) = (bits(&mixed, &both(x, b1, l)), bits(&by_size[size_of_step(b1, b2)], &three(x, b1, l)));
-        add(&mut cost.later, [a(x), b(x, b1), c(x, b1), d_line, d, e]);
-    }
-    cost
+    let mut first = 0;
+    let mut of_clip = |clip: &Vec<u16>| {
+        let frames = first..first + clip.len() / channels;
+        first = frames.end;
+        frames.flat_map(|frame| by_slot.iter().map(move |bits| bits[frame])).collect()
+    };
+    clips.iter().map(&mut of_clip).collect()
 }
 
 /// The weights of e for each size of the last step.

@@ -42,8 +42,9 @@ struct Case {
 }
 
 impl ForecastFloor {
-    /// Fits on `codes.train` and measures on `codes.test`, codes that were checked.
-    pub(super) fn measure(codes: &CodeSplits, places: &[Bins]) -> ForecastFloor {
+    /// Fits on `codes.train` and measures on `codes.test`, codes that were checked. Also returns the bits of every code,
+    /// slot by slot, if `keeps`.
+    pub(super) fn measure(codes: &CodeSplits, places: &[Bins], keeps: bool) -> (ForecastFloor, Vec<Vec<f32>>) {
         let c = places.len();
         let bins = |clip: &[u16]| clip.iter().map(|&code| Some(usize::from(code))).collect::<Vec<_>>();
         let mut sums = Fit::new(places.to_vec());
@@ -56,20 +57,28 @@ impl ForecastFloor {
             let order0 = Histogram::fit(codes.bins, column(&codes.train, c, slot));
             let cases = |moves: &Moves, clips| moves.cases(clips, places[slot], (c, slot), &bounds);
             let fitted = Mixtures::fit(&kernels, &order0, cases(&train, &codes.train));
-            let first: f64 = codes.test.iter().filter_map(|clip| clip.get(slot)).map(|&x| order0.bits(x.into())).sum();
-            let later = cases(&test, &codes.test).into_iter();
-            later.fold([first, 0.0], |[all, third], (is_third, case)| {
-                let bits = fitted.bits(&kernels, &order0, case);
-                [all + bits, if is_third { third + bits } else { third }]
-            })
+            let (mut all, mut third, mut kept) = (0.0, 0.0, Vec::new());
+            let mut later = cases(&test, &codes.test).into_iter();
+            for clip in &codes.test {
+                let first = clip.get(slot).map(|&code| order0.bits(code.into()));
+                let rest = later.by_ref().take((clip.len() / c).saturating_sub(1));
+                let rest = rest.map(|(is_third, case)| (is_third, fitted.bits(&kernels, &order0, case)));
+                for (is_third, bits) in first.map(|bits| (false, bits)).into_iter().chain(rest) {
+                    all += bits;
+                    third += if is_third { bits } else { 0.0 };
+                    kept.extend(keeps.then_some(bits as f32));
+                }
+            }
+            ([all, third], kept)
         };
-        let costs: Vec<[f64; 2]> = (0..c).into_par_iter().map(cost).collect();
+        let (costs, kept): (Vec<[f64; 2]>, Vec<Vec<f32>>) = (0..c).into_par_iter().map(cost).unzip();
         let frames = |least: usize| codes.test.iter().map(|clip| (clip.len() / c).saturating_sub(least)).sum::<usize>();
         let sum = |i: usize| costs.iter().map(|cost| cost[i]).sum::<f64>();
-        ForecastFloor {
+        let floor = ForecastFloor {
             bits_per_frame: sum(0) / frames(0) as f64,
             from_third_frame: (frames(2) > 0).then(|| sum(1) / frames(2) as f64),
-        }
+        };
+        (floor, kept)
     }
 }
 

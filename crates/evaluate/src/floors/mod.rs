@@ -4,6 +4,7 @@ pub(crate) mod channels;
 pub mod codes;
 mod forecast;
 mod kernels;
+pub(crate) mod mixture;
 mod sample;
 mod tokens;
 
@@ -15,6 +16,7 @@ pub use tokens::TokenFloors;
 
 use crate::{Error, Result};
 use kinelm_corpus::{Corpus, Split};
+use rayon::prelude::*;
 use serde_json::Value;
 use std::fmt;
 
@@ -28,11 +30,12 @@ pub enum Floors {
 }
 
 impl Floors {
-    /// The floors of a split of a corpus, fitted on the train clips of `fitted`, which may be the same.
+    /// The floors of a split of a corpus, fitted on the train clips of `fitted`, which may be the same. `each`: the bits of
+    /// every code are kept, for [`Floors::mixed_with`].
     ///
     /// # Errors
     /// Corpora of two tokenizers; a split without frames; ids that are not allowed in their slots.
-    pub fn of_corpora(fitted: &Corpus, corpus: &Corpus, split: Split, extent: Extent) -> Result<Floors> {
+    pub fn of_corpora(fitted: &Corpus, corpus: &Corpus, split: Split, extent: Extent, each: bool) -> Result<Floors> {
         let [found, expected] = [fitted, corpus].map(|corpus| corpus.tokenizer().base_hash());
         if found != expected {
             let help = "tokenize both with one tokenizer.json";
@@ -40,9 +43,10 @@ impl Floors {
             return Err(Error::file(fitted.dir(), found, expected, help));
         }
         Ok(match codes::channels(corpus) {
-            Some(_) => Floors::Channels(Box::new(ChannelFloors::measure(&CodeSplits::of_corpora(
-                fitted, corpus, split, extent,
-            )?)?)),
+            Some(_) => {
+                let codes = CodeSplits::of_corpora(fitted, corpus, split, extent)?;
+                Floors::Channels(Box::new(ChannelFloors::measure_each(&codes, each)?))
+            }
             None => Floors::Tokens(TokenFloors::measure(fitted, corpus, split, extent)?),
         })
     }
@@ -61,6 +65,25 @@ impl Floors {
             Floors::Channels(floors) => floors.bits_per_frame[0],
             Floors::Tokens(floors) => floors.bits_per_frame[0],
         }
+    }
+
+    /// Bits a frame of a model, mixed online with the best static one and the forecast's floor. `model`: its bits of every
+    /// code of the measured clips, in their order, each (F, C). `None` where the floors have no bits of every code, or of
+    /// others than the model.
+    pub fn mixed_with(&self, model: &[Vec<f32>]) -> Option<f64> {
+        let Floors::Channels(floors) = self else { return None };
+        let [last, forecast] = &floors.by_code;
+        let lengths = |all: &[Vec<f32>]| all.iter().map(Vec::len).collect::<Vec<_>>();
+        if last.is_empty() || lengths(last) != lengths(model) || lengths(forecast) != lengths(model) {
+            return None;
+        }
+        let clips = model.par_iter().zip(last).zip(forecast);
+        let bits = |((model, last), forecast): ((&Vec<f32>, &Vec<f32>), &Vec<f32>)| {
+            mixture::mixed(&[model, last, forecast], floors.channels).into_iter().map(f64::from).sum::<f64>()
+        };
+        // collected first: a parallel sum's order would change its last bits
+        let bits: Vec<f64> = clips.map(bits).collect();
+        Some(bits.iter().sum::<f64>() / floors.test[1] as f64)
     }
 
     /// One object; `of` says what the models are of.

@@ -32,9 +32,9 @@ fn it_dances_to_a_clip_without_a_run() {
     assert_eq!(fs::read(dir.path().join("a.bvh")).unwrap(), fs::read(dir.path().join("b.bvh")).unwrap());
     call(dir.path(), "again a.bvh.kinelm.json --out c.bvh").assert().success();
     assert_eq!(fs::read(dir.path().join("a.bvh")).unwrap(), fs::read(dir.path().join("c.bvh")).unwrap());
-    // without a corpus of real dances the best is chosen beside some that the model made itself
+    // without a corpus of real dances the best is chosen by what the run knows of them
     let best = call(dir.path(), &format!("{words} --best 2 --out e.bvh")).assert().success();
-    best.stderr(contains("dances that the model made itself").and(contains("of 2, score")));
+    best.stderr(contains("what the run knows of its train clips").and(contains("of 2, score")));
     // a folder of that name is a run as any other
     fs::create_dir(dir.path().join("ready")).unwrap();
     let own = call(dir.path(), &format!("{words} --run ready --out d.bvh")).assert().failure();

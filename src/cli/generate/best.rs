@@ -11,8 +11,8 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct BestArgs {
-    /// Sample N dances, 2 to 16, and write the best --variations of them: those that slide, sink and shake least beyond what
-    /// real dances do, and neither freeze nor copy
+    /// Sample N dances, 2 to 16, and write the best --variations of them: those that lose their balance, slide, sink, kick,
+    /// shake and snap least beyond what real dances do, and, where real ones are at hand, neither freeze nor copy
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=16), conflicts_with = "greedy")]
     pub best: Option<u8>,
     /// The corpus of real dances to compare with [default: the run's corpus of the largest weight]
@@ -37,8 +37,8 @@ impl BestArgs {
         let run = &open.resolved.run;
         let Some(path) = self.real.clone().map_or_else(|| corpus_of(run), |path| Ok(Some(path)))? else {
             say.line(
-                "compared with what the run knows of its train clips; whether a dance is a copy isn't known. --real compares \
-                 with yours",
+                "compared with what the run knows of its train clips; whether a dance freezes or is a copy isn't known. \
+                 --real compares with yours",
             );
             return Ok(Some(RealDances::of_run(run)?));
         };

@@ -161,7 +161,7 @@ impl make::Judge for Judge<'_> {
 }
 
 /// The best dances by a run's own limits: whether a dance is a copy, or freezes, isn't known. All coded joints are measured, as
-/// the limits were.
+/// the limits were, while any is invented.
 ///
 /// # Errors
 /// As [`make::Judge::best`].
@@ -172,10 +172,18 @@ pub(super) fn best_by(
     out: &Path,
     count: usize,
 ) -> Result<Vec<(usize, Best)>> {
-    let scorer = Scorer::new(open.tokenizer.channels().joints())?;
-    let dances = read_back(open, sampled, out)?.into_iter();
-    let mut ranked: Vec<(usize, Verdict)> =
-        dances.map(|dance| measured(&[(scorer.clone(), dance.clip)], limits)).enumerate().collect();
+    let coded = open.tokenizer.channels().joints();
+    let spans = open.free_spans();
+    let part = |clip: &Clip, span: &FreeSpan| {
+        let all = Scorer::new(coded)?;
+        Ok((if has_legs(coded, &span.joints) { all } else { all.without_feet() }, slice(clip, span)))
+    };
+    let verdict = |dance: Dance| {
+        let parts = spans.iter().map(|span| part(&dance.clip, span)).collect::<Result<Vec<_>>>()?;
+        Ok(measured(&parts, limits))
+    };
+    let verdicts = read_back(open, sampled, out)?.into_iter().map(verdict).collect::<Result<Vec<_>>>()?;
+    let mut ranked: Vec<(usize, Verdict)> = verdicts.into_iter().enumerate().collect();
     // stable: of equals the first
     ranked.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
     Ok(first(ranked, count))
@@ -235,9 +243,13 @@ fn slice(clip: &Clip, stretch: &FreeSpan) -> Clip {
 
 /// The scorer of dances of which some joints were invented: of feet where both legs were.
 fn scorer(real: &Reference<'_>, invented: &[usize]) -> Result<Scorer> {
-    let is_invented = |joint: &usize| invented.contains(joint) || !real.joints.contains(joint);
     let scorer = Scorer::new(invented)?;
-    Ok(if LEGS.iter().flatten().all(is_invented) { scorer } else { scorer.without_feet() })
+    Ok(if has_legs(&real.joints, invented) { scorer } else { scorer.without_feet() })
+}
+
+/// Whether both legs are invented, as far as they are coded.
+fn has_legs(coded: &[usize], invented: &[usize]) -> bool {
+    LEGS.iter().flatten().all(|joint| invented.contains(joint) || !coded.contains(joint))
 }
 
 #[cfg(test)]

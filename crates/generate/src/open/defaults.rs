@@ -149,7 +149,8 @@ fn look_ahead(request: &Request, is_out: bool) -> Result<usize> {
                        greedy sampling, and by a masked model; leave it out";
             Err(Error::unsupported(Subject::of_parameter("look_ahead").with(n), why))
         }
-        Some(n) => Ok(n.max(1)),
+        Some(0) => Err(Error::invalid_parameter("look_ahead", 0, "1 (no choice) or more")),
+        Some(n) => Ok(n),
         None => Ok(1),
     }
 }

@@ -6,6 +6,7 @@
 
 use super::plan::SamplingPlan;
 use crate::Result;
+use kinelm_tokenizer::SPACE;
 use rand_chacha::rand_core::RngCore;
 use std::fmt::Debug;
 use std::ops::Range;
@@ -48,8 +49,8 @@ impl SamplingPlan {
 
     /// Whole words that all dances begin with, or the lead-in.
     fn known_words(&self) -> usize {
-        let word = self.grammar.tokens_per_word().unwrap_or(1);
-        let begun = self.beginnings.iter().map(|ids| ids.len() / word).min();
+        let words = |ids: &Vec<u32>| ids.iter().filter(|id| **id == SPACE).count();
+        let begun = self.beginnings.iter().map(words).min();
         self.lead_in.max(begun.unwrap_or(0))
     }
 

@@ -127,6 +127,10 @@ impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
     /// Samples the next block of all dances, and goes on with the best candidates for it.
     fn decide(&mut self) -> Result<()> {
         let words = self.plan.decided(self.blocks);
+        if self.plan.look_ahead.is_some() {
+            let sequences = self.parts.iter_mut().flat_map(|part| &mut part.batch.sequences);
+            sequences.for_each(|sequence| sequence.wait_at(words));
+        }
         at_once(self.parts.iter_mut().collect(), |part| part.sample(words - 1))?;
         self.blocks += 1;
         if let Some(ahead) = self.plan.look_ahead.clone() {

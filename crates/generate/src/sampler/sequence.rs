@@ -16,6 +16,8 @@ pub(super) struct Sequence {
     /// The dance's seed, and that of the block which is being sampled.
     dance_seed: u64,
     seed: u64,
+    /// Words that it samples before its dance's candidates are compared.
+    until: usize,
     /// Tokens that a window holds.
     context: usize,
     /// Index of the window's front among the plan's.
@@ -65,6 +67,7 @@ impl Sequence {
             candidate,
             dance_seed,
             seed: plan.block_seed(dance_seed, 0, candidate),
+            until: usize::MAX,
             context,
             front: 0,
             window_words: word.map(|word| (context + 1 - plan.front_length()) / word),
@@ -88,6 +91,11 @@ impl Sequence {
         };
         sequence.advance();
         sequence
+    }
+
+    /// Samples no more than the first `words` words.
+    pub fn wait_at(&mut self, words: usize) {
+        self.until = words;
     }
 
     /// Goes on as another candidate of the same dance did, with `block`; `has_read`: whether the model has read what that has.
@@ -302,7 +310,8 @@ impl Sequence {
     fn fill_block(&mut self, guesses: usize) {
         self.block.clear();
         self.guesses = 0;
-        if self.is_done() {
+        // one that is ahead of the others waits: what comes after depends on which of them is the best
+        if self.is_done() || self.words() >= self.until {
             return;
         }
         let front = self.plan.fronts.get(self.front).map_or(&[][..], |(_, front)| front);

@@ -103,7 +103,7 @@ impl Limits {
             let to = if RARE.contains(&i) { at_share(all, RARELY) } else { high };
             // shaking has no unit of its own
             let least = if i == SHAKE { LEAST[i] * median } else { LEAST[i] };
-            Usual { from: (i == SPEED).then_some(low), to, spread: (high - low).max(least) }
+            Usual { from: (i == SPEED).then_some(median), to, spread: (high - low).max(least) }
         };
         let feet = [0, 1, 2, 3, 4].map(usual);
         Limits { version: VERSION, feet, pace: Some([SPEED, SHAKE, 7].map(usual)), most: Some(most) }
@@ -130,6 +130,10 @@ impl Limits {
         let found: Limits = serde_json::from_str(&text).map_err(|e| wrong(e.to_string(), "limits of a run"))?;
         if found.version != VERSION {
             return Err(wrong(format!("version {}", found.version), "version 1"));
+        }
+        let mut all = found.feet.iter().chain(found.pace.iter().flatten());
+        if let Some(usual) = all.find(|usual| !(usual.spread > 0.0 && usual.to.is_finite())) {
+            return Err(wrong(format!("{usual:?}"), "spreads above 0"));
         }
         let lengths = |most: &Most| [most.fastest_m_s.len(), most.turn_deg.len()];
         if let Some(found) = found.most.as_ref().map(lengths).filter(|lengths| *lengths != [24; 2]) {

@@ -98,6 +98,7 @@ fn a_file_of_limits_is_read_as_it_was_written() {
     for (text, says) in [
         (limits.to_json().replace("\"version\": 1", "\"version\": 2"), "version 2"),
         ("{".into(), "EOF"),
+        (limits.to_json().replacen("\"spread\": ", "\"spread\": -", 1), "spreads above 0"),
         (limits.to_json().replace("\"turn_deg\": [", "\"turn_deg\": [1.0,"), "25"),
     ] {
         std::fs::write(&path, text).unwrap();

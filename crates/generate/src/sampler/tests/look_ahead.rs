@@ -125,3 +125,23 @@ fn sequences_must_be_whole_dances() {
     let error = sample(&mut model(20, 6), &plan, &mut unwatched).unwrap_err().to_string();
     assert!(error.contains('6') && error.contains("4 candidates"), "{error}");
 }
+
+#[test]
+fn neither_guesses_nor_the_other_candidates_change_a_dance() {
+    let hot = Sampling::temperature(1.5);
+    let free = plan(12, &[false; 5], &[], hot);
+    for plan in [free, varying(15, &[6, 7, 5, 8, 5], hot)] {
+        let of = |splits: &[usize], guesses: usize| {
+            let look_ahead = ahead(4, Arc::new(Largest::default()));
+            let plan = SamplingPlan { look_ahead, guesses, ..plan.clone() };
+            let mut models: Vec<Box<dyn NextToken>> = splits.iter().map(|n| Box::new(model(30, *n)) as _).collect();
+            sample_side_by_side(&mut models, &plan, &mut unwatched).unwrap().ids
+        };
+        let one = of(&[8], 0);
+        for (splits, guesses) in [(&[8][..], 6), (&[3, 5], 0), (&[3, 5], 6), (&[1, 1, 6], 2)] {
+            assert_eq!(of(splits, guesses), one, "{splits:?}, {guesses} guesses");
+        }
+        // the first dance is the same without the second
+        assert_eq!(of(&[4], 6), one[..1]);
+    }
+}

@@ -12,7 +12,7 @@ run=${1:?$call} corpus=${2:?$call} data=${3:?$call}/cmu-dance/salsa out=${4:?$ca
 here=$(cd "$(dirname "$0")/../.." && pwd)
 kinelm=${KINELM:-$here/target/release/kinelm} python=${PYTHON:-python3}
 threads="--threads ${THREADS:-2} --quiet"
-genres=$(grep -q '"genre"' "$run/tokenizer.json" && grep -q '^conditions = \[.*"genre"' "$run/config.toml" && echo "salsa indian martial" || true)
+genres=$(grep -q '^conditions = .*"genre"' "$run/config.toml" && echo "salsa indian martial" || true)
 
 # NAME ARGS..: dances, measured
 measured() {

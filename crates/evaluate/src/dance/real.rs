@@ -41,7 +41,7 @@ pub enum RealDances {
     /// Real dances.
     Corpus(Box<Corpus>),
     /// What a run knows of those that it was trained on.
-    Limits(Limits),
+    Limits(Box<Limits>),
 }
 
 impl RealDances {
@@ -50,7 +50,7 @@ impl RealDances {
     /// # Errors
     /// Those of [`Limits::load`].
     pub fn of_run(run: &Path) -> Result<RealDances> {
-        Ok(RealDances::Limits(Limits::load(run)?))
+        Ok(RealDances::Limits(Box::new(Limits::load(run)?)))
     }
 
     /// Opens a corpus to compare dances of a request with.

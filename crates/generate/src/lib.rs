@@ -28,11 +28,13 @@
 //! - [`make`]: the way from an open request to files, with progress, a preview and a choice of the best.
 //! - [`output`]: words decoded to a motion on a rig.
 //! - [`best`]: what is known of a dance chosen among several.
+//! - [`feet`]: feet of a dance locked, as far as they were generated.
 //! - [`provenance`]: the file beside a dance, from which it can be made again.
 #![forbid(unsafe_code)]
 
 pub mod best;
 pub mod edit;
+pub mod feet;
 pub mod make;
 pub mod masked;
 pub mod open;

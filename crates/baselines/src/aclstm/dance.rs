@@ -6,7 +6,7 @@ use crate::form::frames_of_steps;
 use crate::{Error, FPS, Result, sidecar};
 use kinelm_corpus::sidecar::output_read_options;
 use kinelm_generate::check_frames;
-use kinelm_generate::output::lock_feet;
+use kinelm_generate::feet::lock_feet;
 use kinelm_generate::provenance::Provenance;
 use kinelm_generate::request::FootMode;
 use kinelm_motion::Motion;

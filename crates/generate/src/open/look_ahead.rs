@@ -1,7 +1,8 @@
 //! Which of several continuations of a dance is the most believable.
 
 use super::OpenRequest;
-use crate::output::lock_settings;
+use crate::feet::fixed;
+use crate::request::FootMode;
 use crate::sampler::{Chooser, LookAhead};
 use crate::score::{BEFORE_S, BLOCK_S, Limits, Scorer};
 use crate::{Error, Result};
@@ -67,10 +68,12 @@ impl OpenRequest {
         let Some(limits) = self.limits.clone().filter(|_| candidates > 1) else { return Ok(None) };
         let words =
             |s: f64| ((s * self.tokenizer.fps() / self.tokenizer.frames_per_word() as f64).round() as usize).max(1);
+        let given = self.prompt.as_ref().and_then(|prompt| prompt.selection.as_ref());
         let chooser = BlockChooser {
             scorer: Scorer::new(self.tokenizer.channels().joints())?,
             rest: self.rest()?,
-            fixed: lock_settings(self),
+            // the frames that a dance continues are before its blocks
+            fixed: (self.resolved.feet == FootMode::Lock).then(|| fixed(given, 0)),
             tokenizer: self.tokenizer.clone(),
             limits,
         };

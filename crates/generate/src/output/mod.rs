@@ -1,7 +1,6 @@
 //! Dances decoded: words become a motion on a rig, at a rate, with feet locked, and a file with its sidecar.
 
 mod distance;
-mod feet;
 mod free_spans;
 mod likelihood;
 mod notes;
@@ -9,13 +8,12 @@ mod placement;
 mod request_notes;
 pub mod surprise;
 
-pub use feet::lock_feet;
-pub(crate) use feet::lock_settings;
 pub use free_spans::FreeSpan;
 pub use placement::RootGiven;
 
 use crate::Result;
 use crate::edit::{ClosedGaps, ClosingError, PreparedEdit};
+use crate::feet::{fixed, lock_feet};
 use crate::open::{OpenRequest, PreparedPrompt};
 use crate::prompt::uncoded;
 use crate::request::{FootMode, Placement, Rig, UncodedJoints};
@@ -83,7 +81,7 @@ impl OpenRequest {
         let at_rate = |last: usize| (last as f64 * motion.clip.fps() / self.tokenizer.fps()) as usize + 1;
         let continued = continued.checked_sub(1).map_or(0, at_rate);
         let selection = self.prompt.as_ref().and_then(|prompt| prompt.selection.as_ref());
-        let (motion, locked) = lock_feet(motion, floor_m, feet::fixed(selection, continued))?;
+        let (motion, locked) = lock_feet(motion, floor_m, fixed(selection, continued))?;
         Ok(generated(motion, vec![locked]))
     }
 

@@ -4,9 +4,7 @@
 //! side by side, one [`Chooser`] names the best, and all go on from it: its keys and values are copied, nothing is read
 //! again. This is best-of-N sampling, stretch by stretch: Nakano et al., "WebGPT" (2021), section 3.
 
-use super::plan::SamplingPlan;
 use crate::Result;
-use kinelm_tokenizer::SPACE;
 use rand_chacha::rand_core::RngCore;
 use std::fmt::Debug;
 use std::ops::Range;
@@ -35,31 +33,11 @@ pub struct LookAhead {
     pub chooser: Arc<dyn Chooser>,
 }
 
-impl SamplingPlan {
-    /// Continuations that are sampled of each dance.
-    pub(crate) fn candidates(&self) -> usize {
-        self.look_ahead.as_ref().map_or(1, |ahead| ahead.candidates.max(1))
-    }
-
-    /// Words of the dances that are decided once block `block` is; without look-ahead every word is a block.
-    pub(super) fn decided(&self, block: usize) -> usize {
-        let Some(ahead) = &self.look_ahead else { return self.words.min(block + 1) };
-        self.words.min(self.known_words() + ahead.first.max(1) + block * ahead.block.max(1))
-    }
-
-    /// Whole words that all dances begin with, or the lead-in.
-    fn known_words(&self) -> usize {
-        let words = |ids: &Vec<u32>| ids.iter().filter(|id| **id == SPACE).count();
-        let begun = self.beginnings.iter().map(words).min();
-        self.lead_in.max(begun.unwrap_or(0))
-    }
-
-    /// The seed of a candidate for a block of a dance with this seed. The first has the dance's own, so that a dance whose
-    /// first candidates are all the best is the one that is made without look-ahead.
-    pub(super) fn block_seed(&self, seed: u64, block: usize, candidate: usize) -> u64 {
-        match candidate {
-            0 => seed,
-            i => kinelm_store::random::stream(seed, "look-ahead", block as u64, i as u64).next_u64(),
-        }
+/// The seed of a candidate for a block of a dance with this seed. The first has the dance's own, so that a dance whose first
+/// candidates are all the best is the one that is made without look-ahead.
+pub(super) fn block_seed(seed: u64, block: usize, candidate: usize) -> u64 {
+    match candidate {
+        0 => seed,
+        i => kinelm_store::random::stream(seed, "look-ahead", block as u64, i as u64).next_u64(),
     }
 }

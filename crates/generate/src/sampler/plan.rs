@@ -6,7 +6,7 @@ use super::model::NextToken;
 use crate::sampling::Sampling;
 use crate::{Error, Result};
 use kinelm_model::goal::GoalTrack;
-use kinelm_tokenizer::{Grammar, Slot, Special};
+use kinelm_tokenizer::{Grammar, SPACE, Slot, Special};
 use rand_chacha::rand_core::RngCore;
 use std::sync::Arc;
 
@@ -104,6 +104,23 @@ impl SamplingPlan {
     /// Sequences that a dance takes: two where it is guided by a scale other than 1.
     pub(crate) fn streams(&self) -> usize {
         1 + usize::from(self.guidance.is_some() || (self.used_goals().is_some() && self.goal_guidance != 1.0))
+    }
+
+    /// Continuations that are sampled of each dance.
+    pub(crate) fn candidates(&self) -> usize {
+        self.look_ahead.as_ref().map_or(1, |ahead| ahead.candidates.max(1))
+    }
+
+    /// Words of the dances that are decided once block `block` is; without look-ahead every word is a block.
+    pub(super) fn decided(&self, block: usize) -> usize {
+        let Some(ahead) = &self.look_ahead else { return self.words.min(block + 1) };
+        self.words.min(self.known_words() + ahead.first.max(1) + block * ahead.block.max(1))
+    }
+
+    /// Whole words that all dances begin with, or the lead-in.
+    fn known_words(&self) -> usize {
+        let words = |ids: &Vec<u32>| ids.iter().filter(|id| **id == SPACE).count();
+        self.lead_in.max(self.beginnings.iter().map(words).min().unwrap_or(0))
     }
 
     /// The goals, if they aren't left out.

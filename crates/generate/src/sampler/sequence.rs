@@ -1,6 +1,7 @@
 //! One dance being sampled: how much of its window the model has read, what it reads next, and what its logits give.
 
 use super::goals::GoalConditioning;
+use super::look_ahead::block_seed;
 use super::{NextToken, SamplingPlan};
 use crate::Result;
 use crate::sampling;
@@ -66,7 +67,7 @@ impl Sequence {
             dance,
             candidate,
             dance_seed,
-            seed: plan.block_seed(dance_seed, 0, candidate),
+            seed: block_seed(dance_seed, 0, candidate),
             until: usize::MAX,
             context,
             front: 0,
@@ -100,7 +101,7 @@ impl Sequence {
 
     /// Goes on as another candidate of the same dance did, with `block`; `has_read`: whether the model has read what that has.
     pub fn go_on_from(&mut self, other: &Sequence, block: usize, has_read: bool) {
-        let seed = self.plan.block_seed(self.dance_seed, block, self.candidate);
+        let seed = block_seed(self.dance_seed, block, self.candidate);
         let read = if has_read { other.read } else { 0 };
         let (guessed, right) = (self.guessed, self.right);
         *self = Sequence { candidate: self.candidate, seed, read, guessed, right, ..other.clone() };

@@ -1,6 +1,7 @@
 //! Dances that go on with the best of several continuations.
 
 use super::*;
+use crate::sampler::look_ahead::block_seed;
 use kinelm_corpus::samples;
 use kinelm_tokenizer::TokenizerConfig;
 use std::sync::Mutex;
@@ -52,7 +53,7 @@ fn every_block_is_the_best_and_the_next_goes_on_from_it() {
     // a candidate of the first block, sampled for itself, begins the dance
     let seed = hot.seed_of(0);
     let first = |candidate: usize| {
-        let plan = SamplingPlan { seed: hot.block_seed(seed, 0, candidate), words: 2, ..hot.clone() };
+        let plan = SamplingPlan { seed: block_seed(seed, 0, candidate), words: 2, ..hot.clone() };
         run(24, &plan).unwrap().0
     };
     let best = (0..6).map(first).max_by_key(sum).unwrap();

@@ -1,23 +1,15 @@
 //! Feet of a dance locked in contact, as far as they were generated.
 
-use crate::open::OpenRequest;
-use crate::request::FootMode;
 use crate::{Error, Result};
 use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, FootLock, lock};
 use kinelm_motion::joints::{LEGS, Selection};
 
 /// The parts that foot locking must not move: the first `frames` frames, and the given joints.
-pub(super) fn fixed(given: Option<&Selection>, frames: usize) -> FixedParts {
+pub(crate) fn fixed(given: Option<&Selection>, frames: usize) -> FixedParts {
     let has = |joints: &[usize]| given.is_some_and(|given| given.joints.iter().any(|j| joints.contains(j)));
     let root = given.is_some_and(|given| given.translation || given.joints.contains(&0));
     FixedParts { root, path: false, legs: LEGS.map(|leg| has(&leg)), frames }
-}
-
-/// The parts of a dance that foot locking must not move, but for the frames that it continues; `None` where feet aren't locked.
-pub(crate) fn lock_settings(open: &OpenRequest) -> Option<FixedParts> {
-    let given = open.prompt.as_ref().and_then(|prompt| prompt.selection.as_ref());
-    (open.resolved.feet == FootMode::Lock).then(|| fixed(given, 0))
 }
 
 /// A motion with its feet locked, and what that changed. The floor is at `floor_m`, or estimated from the feet.

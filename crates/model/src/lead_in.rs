@@ -80,11 +80,7 @@ impl LeadIns {
     /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for text that is none, another version or tokenizer, ids that make no words.
     pub fn load(run: &Path, tokenizer: &Tokenizer) -> Result<Option<LeadIns>> {
         let path = run.join(LEAD_INS);
-        let text = match input::text(&path) {
-            Ok(text) => text,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(e) => return Err(Error::io(&path)(e)),
-        };
+        let Some(text) = input::text_if_there(&path).map_err(Error::io(&path))? else { return Ok(None) };
         let help = "delete it, and `kinelm pretrain resume` writes it anew";
         let wrong = |found: String, expected: &str| Error::file(&path, found, expected, help);
         let found: LeadIns = serde_json::from_str(&text).map_err(|e| wrong(e.to_string(), "lead-ins of a run"))?;

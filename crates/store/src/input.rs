@@ -134,6 +134,17 @@ pub fn text(path: &Path) -> Result<String> {
     String::from_utf8(bytes(path)?).map_err(no_text)
 }
 
+/// The text of an input that may be missing.
+///
+/// # Errors
+/// As [`text`], but for a file that isn't there.
+pub fn text_if_there(path: &Path) -> Result<Option<String>> {
+    match text(path) {
+        Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+        found => found.map(Some),
+    }
+}
+
 /// Refuses pipes and devices. Folders pass; opening them fails with its own message.
 ///
 /// # Errors

@@ -77,7 +77,7 @@ impl<'a> HeldOut<'a> {
             Ok(Clip { record, file, frames, judge })
         });
         let clips = clips.collect::<Result<Vec<_>>>()?;
-        let verdict = |clip: &Clip| Ok(clip.judge.verdict(&Dance::of_corpus(corpus, clip.record)?)?);
+        let verdict = |clip: &Clip| Ok(clip.judge.verdict(&Dance::of_corpus(corpus, clip.record)?));
         let real = Aims::of(&clips.iter().map(verdict).collect::<Result<Vec<_>>>()?);
         Ok(HeldOut { split, corpus, clips, real, compute })
     }

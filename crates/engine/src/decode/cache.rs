@@ -94,6 +94,7 @@ impl Unit {
 pub(super) struct KvCache {
     kind: KvKind,
     unit: Unit,
+    streams: usize,
     /// Numbers of a layer.
     layer: usize,
     numbers: Floats,
@@ -105,7 +106,7 @@ impl KvCache {
         let numbers = layers * layer;
         // a panel has an even number of columns, so units of half floats are whole floats too
         let floats = if kind == KvKind::F16 { numbers / 2 } else { numbers };
-        KvCache { kind, unit, layer, numbers: Floats::new(floats) }
+        KvCache { kind, unit, streams, layer, numbers: Floats::new(floats) }
     }
 
     pub fn kind(&self) -> KvKind {
@@ -116,16 +117,18 @@ impl KvCache {
         self.unit
     }
 
-    /// The keys and values of a stream of `streams`, unit after unit.
-    pub fn save(&self, stream: usize, streams: usize) -> Vec<f32> {
+    /// The keys and values of a stream, unit after unit.
+    pub fn save(&self, stream: usize) -> Vec<f32> {
+        assert!(stream < self.streams, "stream {stream} of {}", self.streams);
         let units = self.numbers.chunks_exact(self.unit_floats());
-        units.skip(stream).step_by(streams).flatten().copied().collect()
+        units.skip(stream).step_by(self.streams).flatten().copied().collect()
     }
 
-    /// Gives a stream of `streams` the keys and values that [`KvCache::save`] returned.
-    pub fn restore(&mut self, stream: usize, streams: usize, saved: &[f32]) {
+    /// Gives a stream the keys and values that [`KvCache::save`] returned.
+    pub fn restore(&mut self, stream: usize, saved: &[f32]) {
+        assert!(stream < self.streams, "stream {stream} of {}", self.streams);
         let floats = self.unit_floats();
-        let units = self.numbers.chunks_exact_mut(floats).skip(stream).step_by(streams);
+        let units = self.numbers.chunks_exact_mut(floats).skip(stream).step_by(self.streams);
         units.zip(saved.chunks_exact(floats)).for_each(|(unit, saved)| unit.copy_from_slice(saved));
     }
 

@@ -39,7 +39,6 @@ pub struct Run {
 /// [`norm`](Self::norm), [`product`](Self::product) with the head, [`clear`](Self::clear).
 pub struct StackDecoder {
     cache: KvCache,
-    streams: usize,
     width: usize,
     /// The rows of the next pass by stream, processed in this order: a stream can begin anew among them.
     runs: Vec<Run>,
@@ -91,7 +90,7 @@ impl StackDecoder {
             rounded: bytes::Rows::default(),
         };
         let cache = KvCache::new(kv, layers, heads, streams, unit);
-        StackDecoder { cache, streams, width, runs: Vec::with_capacity(rows), rows: 0, capacity: rows, scratch }
+        StackDecoder { cache, width, runs: Vec::with_capacity(rows), rows: 0, capacity: rows, scratch }
     }
 
     /// The keys and values of a stream, for another stream, or a decoder made of the same arguments, to go on from.
@@ -99,8 +98,7 @@ impl StackDecoder {
     /// # Panics
     /// If there is no such stream.
     pub fn save(&self, stream: usize) -> Vec<f32> {
-        assert!(stream < self.streams, "stream {stream} of {}", self.streams);
-        self.cache.save(stream, self.streams)
+        self.cache.save(stream)
     }
 
     /// Gives a stream the keys and values that [`StackDecoder::save`] returned.
@@ -108,8 +106,7 @@ impl StackDecoder {
     /// # Panics
     /// If there is no such stream.
     pub fn restore(&mut self, stream: usize, saved: &[f32]) {
-        assert!(stream < self.streams, "stream {stream} of {}", self.streams);
-        self.cache.restore(stream, self.streams, saved);
+        self.cache.restore(stream, saved);
     }
 
     /// Rows of the next pass.

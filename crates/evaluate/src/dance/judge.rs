@@ -32,9 +32,8 @@ const COPIED: f64 = 0.1;
 pub struct Judge<'a> {
     real: &'a Reference<'a>,
     invented: Vec<FreeSpan>,
-    /// All that were invented in any frame.
-    joints: Vec<usize>,
-    scorer: Scorer,
+    /// Of each stretch.
+    scorers: Vec<Scorer>,
     /// Of the real train clips.
     usual: Limits,
     /// The span that is invented up to the end, and the threshold under which its joints stand still, cm/s.
@@ -52,11 +51,12 @@ impl<'a> Judge<'a> {
         let mut joints: Vec<usize> = invented.iter().flat_map(|stretch| stretch.joints.iter().copied()).collect();
         joints.sort_unstable();
         joints.dedup();
-        let scorer = scorer(real, &joints)?;
-        let windows = real.each(Split::Train, |_, dance: &Dance| Ok(scorer.windows(&dance.clip)))?;
+        let of_all = scorer(real, &joints)?;
+        let scorers = invented.iter().map(|stretch| scorer(real, &stretch.joints)).collect::<Result<Vec<_>>>()?;
+        let windows = real.each(Split::Train, |_, dance: &Dance| Ok(of_all.windows(&dance.clip)))?;
         let windows: Vec<(Measures, f64)> = windows.into_iter().flatten().map(|found| (found, 1.0)).collect();
         let usual = Limits::of(&windows);
-        let mut judge = Judge { real, invented, joints, scorer, usual, last: None, limits_cm: Mutex::default() };
+        let mut judge = Judge { real, invented, scorers, usual, last: None, limits_cm: Mutex::default() };
         if let Some(last) = judge.invented.last() {
             let mut threshold = Threshold::of(frames(real.corpus(), Split::Train));
             let of = |_, dance: &Dance| Ok(energy(&judge.places(&dance.clip, &last.joints)));
@@ -73,17 +73,9 @@ impl<'a> Judge<'a> {
     }
 
     /// The verdict on one dance, before the search for copies: the mean over windows of what was invented.
-    ///
-    /// # Errors
-    /// None on SMPL-24.
-    pub fn verdict(&self, dance: &Dance) -> Result<Verdict> {
-        let part = |stretch: &FreeSpan| {
-            let is_usual = stretch.joints == self.joints;
-            let own = if is_usual { self.scorer.clone() } else { scorer(self.real, &stretch.joints)? };
-            Ok((own, slice(&dance.clip, stretch)))
-        };
-        let parts = self.invented.iter().map(part).collect::<Result<Vec<_>>>()?;
-        Ok(Verdict { freezes_s: self.freezes_s(&dance.clip), ..measured(&parts, &self.usual) })
+    pub fn verdict(&self, dance: &Dance) -> Verdict {
+        let verdict = measured(&self.scorers, &self.invented, &dance.clip, &self.usual);
+        Verdict { freezes_s: self.freezes_s(&dance.clip), ..verdict }
     }
 
     /// The dances from the best to the worst with their verdicts. Those that freeze or copy come after
@@ -92,8 +84,7 @@ impl<'a> Judge<'a> {
     /// # Errors
     /// Clips that can't be mirrored.
     pub(crate) fn ranked(&self, dances: &[Dance], count: usize) -> Result<Vec<(usize, Verdict)>> {
-        let verdicts = dances.iter().map(|dance| self.verdict(dance)).collect::<Result<Vec<_>>>()?;
-        let mut all: Vec<(usize, Verdict)> = verdicts.into_iter().enumerate().collect();
+        let mut all: Vec<(usize, Verdict)> = dances.iter().map(|dance| self.verdict(dance)).enumerate().collect();
         let order = |a: &(usize, Verdict), b: &(usize, Verdict)| {
             let key = |v: &Verdict| (v.doubt().is_some(), v.score);
             let ((a_out, a_score), (b_out, b_score)) = (key(&a.1), key(&b.1));
@@ -174,16 +165,14 @@ pub(super) fn best_by(
 ) -> Result<Vec<(usize, Best)>> {
     let coded = open.tokenizer.channels().joints();
     let spans = open.free_spans();
-    let part = |clip: &Clip, span: &FreeSpan| {
+    let scorer = |span: &FreeSpan| {
         let all = Scorer::new(coded)?;
-        Ok((if has_legs(coded, &span.joints) { all } else { all.without_feet() }, slice(clip, span)))
+        Ok(if has_legs(coded, &span.joints) { all } else { all.without_feet() })
     };
-    let verdict = |dance: Dance| {
-        let parts = spans.iter().map(|span| part(&dance.clip, span)).collect::<Result<Vec<_>>>()?;
-        Ok(measured(&parts, limits))
-    };
-    let verdicts = read_back(open, sampled, out)?.into_iter().map(verdict).collect::<Result<Vec<_>>>()?;
-    let mut ranked: Vec<(usize, Verdict)> = verdicts.into_iter().enumerate().collect();
+    let scorers = spans.iter().map(scorer).collect::<Result<Vec<_>>>()?;
+    let dances = read_back(open, sampled, out)?.into_iter();
+    let verdicts = dances.map(|dance| measured(&scorers, &spans, &dance.clip, limits));
+    let mut ranked: Vec<(usize, Verdict)> = verdicts.enumerate().collect();
     // stable: of equals the first
     ranked.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
     Ok(first(ranked, count))
@@ -209,13 +198,14 @@ fn first(ranked: Vec<(usize, Verdict)>, count: usize) -> Vec<(usize, Best)> {
     best.take(count).collect()
 }
 
-/// The mean over windows of parts of a dance, each as its scorer measures it. Freezes and copies are not looked for.
-fn measured(parts: &[(Scorer, Clip)], limits: &Limits) -> Verdict {
+/// The mean over windows of stretches of a dance, each as its scorer measures it. Freezes and copies are not looked for.
+fn measured(scorers: &[Scorer], stretches: &[FreeSpan], dance: &Clip, limits: &Limits) -> Verdict {
     let (mut found, mut on_feet, mut score) = (Vec::new(), 0, 0.0);
-    for (scorer, part) in parts {
-        let mut windows = scorer.windows(part);
+    for (scorer, stretch) in scorers.iter().zip(stretches) {
+        let part = slice(dance, stretch);
+        let mut windows = scorer.windows(&part);
         if windows.is_empty() && part.frames() > 1 {
-            windows.push(scorer.measures(part, 0..part.frames()));
+            windows.push(scorer.measures(&part, 0..part.frames()));
         }
         score += windows.iter().map(|found| scorer.score(found, limits)).sum::<f64>();
         on_feet += if scorer.has_feet() { windows.len() } else { 0 };
@@ -300,7 +290,7 @@ mod tests {
         let root = (0..150).map(|f| test.clip.root()[at(f)]).collect();
         let rotations = (0..150).flat_map(|f| test.clip.pose(at(f)).to_vec()).collect();
         still.clip = Clip::new(test.clip.skeleton().clone(), 20.0, root, rotations).unwrap();
-        let verdict = |dance: &Dance| judge.verdict(dance).unwrap();
+        let verdict = |dance: &Dance| judge.verdict(dance);
         let own = verdict(&test);
         assert!(own.score < 3.0 && own.doubt().is_none(), "{own}");
         assert!(verdict(&slides).skate_share > own.skate_share, "{} beside {own}", verdict(&slides));
@@ -329,7 +319,7 @@ mod tests {
         let wrong =
             |f: usize| if f < 100 { Vec3::Y * if f.is_multiple_of(2) { -0.5 } else { -0.6 } } else { Vec3::ZERO };
         let dance = moved(&test, wrong);
-        let of = |invented: Vec<FreeSpan>| Judge::new(&real, invented).unwrap().verdict(&dance).unwrap();
+        let of = |invented: Vec<FreeSpan>| Judge::new(&real, invented).unwrap().verdict(&dance);
         let (whole, later) = (of(all(200)), of(vec![FreeSpan { frames: 100..200, joints: JOINTS.to_vec() }]));
         assert!(whole.penetration_cm.unwrap() > 10.0 && later.penetration_cm.unwrap() < 1.0, "{whole}; {later}");
         assert!(whole.shake > later.shake.map(|x| 1.2 * x), "{whole}; {later}");

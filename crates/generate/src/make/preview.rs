@@ -5,6 +5,7 @@
 
 use crate::Result;
 use crate::open::OpenRequest;
+use crate::prompt::uncoded::held;
 use kinelm_motion::{Clip, Quat, Vec3};
 use kinelm_tokenizer::{Tokenizer, UncodedPose, Words};
 
@@ -82,9 +83,7 @@ impl Preview {
             Some(rest) => rest,
             none => none.insert(rest()?),
         };
-        let held = rest.frames().min(first + words.len() * length);
-        // at least one frame of it, which decoding holds to the end
-        let rest = rest.slice(first.min(rest.frames().saturating_sub(1))..held);
+        let rest = held(rest, first..first + words.len() * length);
         let clip = tokenizer.decode(&words, UncodedPose::Clip(&rest))?;
         let clip = match self.last {
             None => standing(clip.slice(0..end))?,

@@ -2,7 +2,7 @@
 
 use super::conditions::add_tempo;
 use super::labels::fronts;
-use super::{OpenMusic, PreparedPrompt};
+use super::{MOST_CANDIDATES, OpenMusic, PreparedPrompt};
 use crate::edit::PreparedEdit;
 use crate::request::{Length, Request, Resolved, Rig};
 use crate::sampler::check_frames;
@@ -102,7 +102,11 @@ impl Inputs {
 /// Refuses more candidates than can be sampled side by side.
 pub(super) fn check_candidates(request: &Resolved) -> Result<()> {
     let tries = request.prompt.as_ref().and_then(|prompt| prompt.edit.as_ref()?.tries).unwrap_or(1);
-    for (name, n, most) in [("first_frames", request.first_frames, u8::MAX.into()), ("tries", tries, MOST_TRIES)] {
+    for (name, n, most) in [
+        ("first_frames", request.first_frames, u8::MAX.into()),
+        ("tries", tries, MOST_TRIES),
+        ("look_ahead", request.look_ahead, MOST_CANDIDATES),
+    ] {
         if n > most {
             return Err(Error::invalid_parameter(name, n, format!("{most} at most")));
         }

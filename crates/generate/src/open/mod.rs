@@ -121,13 +121,14 @@ impl OpenRequest {
         }
         check_frames(resolved.lead_in)?;
         check_candidates(&resolved)?;
+        let limits = (resolved.look_ahead > 1).then(|| Limits::load(&resolved.run)).transpose()?;
         let unconditioned = conditions::unconditioned(&resolved, &run, &conditions)?;
         if run.label_dropout == Some(0.0) && (unconditioned.is_some() || resolved.labels.len() < run.conditions.len()) {
             let what = "labels were never hidden in training (train.label_dropout = 0), so the model has never seen a dance \
                         without some of them, and guidance needs that";
             run.notes.push(what.into());
         }
-        let mut open = OpenRequest {
+        let open = OpenRequest {
             resolved,
             run,
             tokenizer,
@@ -138,9 +139,8 @@ impl OpenRequest {
             fronts,
             unconditioned,
             lead_ins,
-            limits: None,
+            limits,
         };
-        open.load_limits()?;
         // more frames at the rate of the file than a dance may have
         if let Some(fps) = open.resampled_fps() {
             check_frames(held_frames(frames, open.tokenizer.fps(), fps))?;

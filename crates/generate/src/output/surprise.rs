@@ -5,7 +5,6 @@ use crate::{Error, Result};
 use kinelm_model::run::HELD_OUT;
 use kinelm_store::input;
 use serde::{Deserialize, Serialize};
-use std::io::ErrorKind;
 
 /// Bits per frame of clips that a model has not seen.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -27,10 +26,7 @@ impl OpenRequest {
         let path = self.resolved.run.join(HELD_OUT);
         let given = self.prompt.as_ref().filter(|prompt| !prompt.lends() && !self.is_masked());
         let Some(prompt) = given else { return Ok(None) };
-        let text = match input::text(&path) {
-            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
-            other => other.map_err(Error::io(&path))?,
-        };
+        let Some(text) = input::text_if_there(&path).map_err(Error::io(&path))? else { return Ok(None) };
         let known: HeldOut = serde_json::from_str(&text)
             .map_err(|e| Error::file(&path, e.to_string(), "bits per frame of held-out clips", ""))?;
         let bits = self.bits_per_frame(&[&prompt.clip.words])?[0];

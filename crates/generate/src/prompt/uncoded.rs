@@ -5,6 +5,7 @@ use crate::request::UncodedJoints;
 use kinelm_motion::rotation::{nearest_sign, slerp};
 use kinelm_motion::{Clip, Quat, Vec3, smpl};
 use kinelm_tokenizer::Tokenizer;
+use std::ops::Range;
 
 /// The time in which the joints reach their mean, seconds.
 const SETTLING_S: f64 = 0.5;
@@ -41,6 +42,11 @@ pub(crate) fn settle(clip: &Clip, frames: usize) -> Result<Clip> {
         rotations.extend(given.pose(last).iter().zip(&mean).map(|(&from, &to)| slerp(from, to, t)));
     }
     Ok(Clip::new(given.skeleton().clone(), given.fps(), root, rotations)?)
+}
+
+/// Some frames of a clip of uncoded joints: at least one, which decoding holds to the end.
+pub(crate) fn held(clip: &Clip, frames: Range<usize>) -> Clip {
+    clip.slice(frames.start.min(clip.frames().saturating_sub(1))..clip.frames().min(frames.end))
 }
 
 /// (J) the mean rotation of every joint over a clip that has frames, signs aligned.

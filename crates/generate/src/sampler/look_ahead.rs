@@ -13,11 +13,11 @@ use std::sync::Arc;
 /// Names the best of several continuations of a dance.
 pub trait Chooser: Debug + Send + Sync {
     /// The number of the best of these dances, all alike but for the last words; `block`: the numbers of those. Each has
-    /// the ids of its words from the first on, spaces included.
+    /// the ids of its words from word `first` on, spaces included.
     ///
     /// # Errors
     /// Words that can't be decoded.
-    fn best(&self, dances: &[&[u32]], block: Range<usize>) -> Result<usize>;
+    fn best(&self, dances: &[&[u32]], first: usize, block: Range<usize>) -> Result<usize>;
 }
 
 /// How far and how often a dance is looked ahead.
@@ -29,6 +29,8 @@ pub struct LookAhead {
     pub first: usize,
     /// Words of all later ones, at least 1.
     pub block: usize,
+    /// Words before a block that the chooser sees with it.
+    pub before: usize,
     /// Names the best.
     pub chooser: Arc<dyn Chooser>,
 }

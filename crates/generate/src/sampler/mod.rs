@@ -147,12 +147,13 @@ impl<M: DerefMut<Target: NextToken> + Send> Sampler<M> {
         let places: Vec<(usize, usize)> =
             parts.flat_map(|(part, own)| (0..own.batch.sequences.len()).map(move |i| (part, i))).collect();
         for candidates in places.chunks(ahead.candidates) {
-            let words = |&(part, i): &(usize, usize)| self.parts[part].batch.sequences[i].first_words(block.end);
+            let first = block.start.saturating_sub(ahead.before);
+            let words = |&(part, i): &(usize, usize)| self.parts[part].batch.sequences[i].words_in(first..block.end);
             let dances: Vec<&[u32]> = candidates.iter().map(words).collect();
-            let (part, i) = candidates[ahead.chooser.best(&dances, block.clone())?];
+            let (part, i) = candidates[ahead.chooser.best(&dances, first, block.clone())?];
             let own = &self.parts[part];
             let saved: Option<Vec<_>> = (0..each).map(|stream| own.model.save(i * each + stream)).collect();
-            let best = own.batch.sequences[i].clone();
+            let best = own.batch.sequences[i].since(block.start);
             for &(to_part, to) in candidates {
                 let other = &mut self.parts[to_part];
                 // what the best one has read stays

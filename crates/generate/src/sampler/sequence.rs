@@ -6,9 +6,9 @@ use super::{NextToken, SamplingPlan};
 use crate::Result;
 use crate::sampling;
 use kinelm_tokenizer::{SPACE, Slot};
+use std::ops::Range;
 use std::sync::Arc;
 
-#[derive(Clone)]
 pub(super) struct Sequence {
     plan: Arc<SamplingPlan>,
     /// Its dance's number among those sampled side by side, and its own among the dance's candidates.
@@ -58,6 +58,20 @@ pub(super) struct Sequence {
     pub right: u64,
 }
 
+/// What a candidate sampled from a word on, and where it stands.
+pub(super) struct Continuation {
+    from: usize,
+    ids: Vec<u32>,
+    starts: Vec<usize>,
+    front: usize,
+    slot: Slot,
+    first: usize,
+    read: usize,
+    lookahead: Vec<(usize, u32)>,
+    looked_ahead: usize,
+    goals: Option<GoalConditioning>,
+}
+
 impl Sequence {
     /// The sequence with this number among all candidates of all dances; `dance_seed`: its dance's.
     pub fn new(plan: Arc<SamplingPlan>, number: usize, dance_seed: u64, context: usize) -> Sequence {
@@ -99,17 +113,40 @@ impl Sequence {
         self.until = words;
     }
 
-    /// Goes on as another candidate of the same dance did, with `block`; `has_read`: whether the model has read what that has.
-    pub fn go_on_from(&mut self, other: &Sequence, block: usize, has_read: bool) {
-        let seed = block_seed(self.dance_seed, block, self.candidate);
-        let read = if has_read { other.read } else { 0 };
-        let (guessed, right) = (self.guessed, self.right);
-        *self = Sequence { candidate: self.candidate, seed, read, guessed, right, ..other.clone() };
+    /// What it sampled from word `from` on. What comes before is the same in all candidates of a dance, and to copy it at
+    /// every block would take time that grows with the square of the dance.
+    pub fn since(&self, from: usize) -> Continuation {
+        Continuation {
+            from,
+            ids: self.ids[self.starts[from]..].to_vec(),
+            starts: self.starts[from..].to_vec(),
+            front: self.front,
+            slot: self.slot,
+            first: self.first,
+            read: self.read,
+            lookahead: self.lookahead.clone(),
+            looked_ahead: self.looked_ahead,
+            goals: self.goals.clone(),
+        }
     }
 
-    /// The ids of the first `words` words.
-    pub fn first_words(&self, words: usize) -> &[u32] {
-        &self.ids[..self.starts[words]]
+    /// Goes on as another candidate of the same dance did, with `block`; `has_read`: whether the model has read what that has.
+    pub fn go_on_from(&mut self, other: &Continuation, block: usize, has_read: bool) {
+        self.seed = block_seed(self.dance_seed, block, self.candidate);
+        self.ids.truncate(self.starts[other.from]);
+        self.ids.extend_from_slice(&other.ids);
+        self.starts.truncate(other.from);
+        self.starts.extend_from_slice(&other.starts);
+        (self.front, self.slot, self.first) = (other.front, other.slot, other.first);
+        self.read = if has_read { other.read } else { 0 };
+        self.lookahead.clone_from(&other.lookahead);
+        self.looked_ahead = other.looked_ahead;
+        self.goals.clone_from(&other.goals);
+    }
+
+    /// The ids of some words.
+    pub fn words_in(&self, words: Range<usize>) -> &[u32] {
+        &self.ids[self.starts[words.start]..self.starts[words.end]]
     }
 
     /// The number of whole words.
@@ -119,7 +156,7 @@ impl Sequence {
 
     /// The ids of a whole word, its space included.
     pub(crate) fn word(&self, word: usize) -> &[u32] {
-        &self.ids[self.starts[word]..self.starts[word + 1]]
+        self.words_in(word..word + 1)
     }
 
     pub(crate) fn is_done(&self) -> bool {

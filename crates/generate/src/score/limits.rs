@@ -3,6 +3,7 @@
 use super::Measures;
 use crate::{Error, Result};
 use kinelm_model::run::LIMITS;
+use kinelm_motion::metric::Extremes;
 use kinelm_motion::smpl;
 use kinelm_store::input;
 use serde::{Deserialize, Serialize};
@@ -89,12 +90,16 @@ impl Limits {
     /// [`Limits::default`].
     pub fn of(windows: &[(Measures, f64)]) -> Limits {
         let mut soft: [Vec<(f64, f64)>; SOFT] = Default::default();
-        let mut most: Option<Most> = None;
+        let (mut most, mut lowest_m, mut slowest_cm_s) = (Extremes::default(), f64::INFINITY, f64::INFINITY);
         for (found, weight) in windows {
             soft.iter_mut().zip(values(found)).for_each(|(all, x)| all.push((x, *weight)));
-            most = Some(most.map_or_else(|| Most::of(found), |most| most.with(found)));
+            most.add(&found.most);
+            lowest_m = lowest_m.min(found.lowest_m);
+            slowest_cm_s = slowest_cm_s.min(found.speed_cm_s);
         }
-        let Some(most) = most else { return Limits::default() };
+        if windows.is_empty() {
+            return Limits::default();
+        }
         soft.iter_mut().for_each(|all| all.sort_by(|a, b| a.0.total_cmp(&b.0)));
         let usual = |i: usize| {
             let all = &soft[i];
@@ -106,6 +111,8 @@ impl Limits {
             Usual { from: (i == SPEED).then_some(median), to, spread: (high - low).max(least) }
         };
         let feet = [0, 1, 2, 3, 4].map(usual);
+        let Extremes { fastest_m_s, turn_deg, bend_deg, .. } = most;
+        let most = Most { fastest_m_s, turn_deg, bend_deg, lowest_m, slowest_cm_s };
         Limits { version: VERSION, feet, pace: Some([SPEED, SHAKE, 7].map(usual)), most: Some(most) }
     }
 
@@ -120,11 +127,7 @@ impl Limits {
     /// [`kinelm_store::Error::Io`]; [`kinelm_store::Error::File`] for text that is none, or of another version.
     pub fn load(run: &Path) -> Result<Limits> {
         let path = run.join(LIMITS);
-        let text = match input::text(&path) {
-            Ok(text) => text,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Limits::default()),
-            Err(e) => return Err(Error::io(&path)(e)),
-        };
+        let Some(text) = input::text_if_there(&path).map_err(Error::io(&path))? else { return Ok(Limits::default()) };
         let help = "delete it, and `kinelm pretrain resume` writes it anew";
         let wrong = |found: String, expected: &str| Error::file(&path, found, expected, help);
         let found: Limits = serde_json::from_str(&text).map_err(|e| wrong(e.to_string(), "limits of a run"))?;
@@ -164,29 +167,6 @@ impl Limits {
             1.0 - found.speed_cm_s / most.slowest_cm_s,
         ]
         .map(|by| Some(by).filter(|by| *by > MARGIN))
-    }
-}
-
-impl Most {
-    fn of(found: &Measures) -> Most {
-        Most {
-            fastest_m_s: found.most.fastest_m_s.clone(),
-            turn_deg: found.most.turn_deg.clone(),
-            bend_deg: found.most.bend_deg,
-            lowest_m: found.lowest_m,
-            slowest_cm_s: found.speed_cm_s,
-        }
-    }
-
-    /// The most of both.
-    fn with(mut self, found: &Measures) -> Most {
-        let most = |most: &mut [f64], found: &[f64]| most.iter_mut().zip(found).for_each(|(a, b)| *a = a.max(*b));
-        most(&mut self.fastest_m_s, &found.most.fastest_m_s);
-        most(&mut self.turn_deg, &found.most.turn_deg);
-        most(&mut self.bend_deg, &found.most.bend_deg);
-        self.lowest_m = self.lowest_m.min(found.lowest_m);
-        self.slowest_cm_s = self.slowest_cm_s.min(found.speed_cm_s);
-        self
     }
 }
 

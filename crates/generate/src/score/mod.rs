@@ -12,7 +12,7 @@ pub use limits::{Limits, Usual};
 use crate::Result;
 use kinelm_motion::Clip;
 use kinelm_motion::feet::leg::Leg;
-use kinelm_motion::metric::{BalanceFrame, Extremes, Ground, Skate};
+use kinelm_motion::metric::{Balance, BalanceFrame, Extremes, Ground, Skate};
 use kinelm_motion::rig::{Feet, Humanoid};
 use std::ops::Range;
 
@@ -20,8 +20,6 @@ use std::ops::Range;
 pub const BLOCK_S: f64 = 2.0;
 /// Seconds before a block that are measured with it: feet in contact are locked where they came down.
 pub const BEFORE_S: f64 = 2.0;
-/// Further outside the support than this is out of balance, metres.
-const FAR_M: f64 = 0.15;
 /// What the score of a stretch rises by where it does what no train clip does, besides the share by which it goes beyond.
 const NEVER: f64 = 4.0;
 
@@ -94,15 +92,13 @@ impl Scorer {
     fn on_feet(&self, clip: &Clip, frames: Range<usize>) -> Measures {
         let part = clip.slice(frames.clone());
         let fps = clip.fps();
-        let balance = &BalanceFrame::of(&self.legs, clip)[frames.clone()];
-        let outside: Vec<f64> = balance.iter().filter_map(|frame| frame.outside_m).collect();
-        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
+        let balance = Balance::of_frames(&BalanceFrame::of(&self.legs, clip)[frames]);
         let pelvis: Vec<f64> = part.root().iter().map(|p| p.y).collect();
         let ground = Ground::of(&self.feet.clearance(&part), &pelvis, fps);
         Measures {
-            outside_cm: 100.0 * outside.iter().sum::<f64>() / outside.len().max(1) as f64,
-            outside_share: share(outside.iter().filter(|m| **m > FAR_M).count(), outside.len()),
-            kick_share: share(balance.iter().filter(|frame| frame.kick).count(), balance.len()),
+            outside_cm: balance.outside_cm().unwrap_or(0.0),
+            outside_share: balance.outside_share().unwrap_or(0.0),
+            kick_share: balance.kick_share().unwrap_or(0.0),
             slide_share: Skate::of(&self.feet, &part).share().unwrap_or(1.0),
             penetration_cm: ground.penetration_cm().unwrap_or(0.0),
             ..Measures::default()

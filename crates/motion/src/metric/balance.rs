@@ -104,8 +104,13 @@ impl Balance {
     /// # Panics
     /// If the clip is on a rig with fewer joints.
     pub fn of(legs: &[Leg; 2], clip: &Clip) -> Balance {
-        let mut balance = Balance { frames: clip.frames(), ..Balance::default() };
-        for frame in BalanceFrame::of(legs, clip) {
+        Balance::of_frames(&BalanceFrame::of(legs, clip))
+    }
+
+    /// Of some frames of a clip.
+    pub fn of_frames(frames: &[BalanceFrame]) -> Balance {
+        let mut balance = Balance { frames: frames.len(), ..Balance::default() };
+        for frame in frames {
             balance.kicks += usize::from(frame.kick);
             balance.raised += usize::from(frame.raised);
             if let Some(outside_m) = frame.outside_m {

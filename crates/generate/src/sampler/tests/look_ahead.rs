@@ -15,7 +15,7 @@ fn tokenizer() -> Tokenizer {
 struct Largest(Mutex<Vec<Range<usize>>>);
 
 impl Chooser for Largest {
-    fn best(&self, dances: &[&[u32]], block: Range<usize>) -> Result<usize> {
+    fn best(&self, dances: &[&[u32]], _: usize, block: Range<usize>) -> Result<usize> {
         self.0.lock().unwrap().push(block.clone());
         let sum = |ids: &&[u32]| ids.split_inclusive(|id| *id == SPACE).skip(block.start).flatten().sum::<u32>();
         assert!(dances.iter().all(|ids| ids.iter().filter(|id| **id == SPACE).count() == block.end));
@@ -28,13 +28,13 @@ impl Chooser for Largest {
 struct First;
 
 impl Chooser for First {
-    fn best(&self, _: &[&[u32]], _: Range<usize>) -> Result<usize> {
+    fn best(&self, _: &[&[u32]], _: usize, _: Range<usize>) -> Result<usize> {
         Ok(0)
     }
 }
 
 fn ahead(candidates: usize, chooser: Arc<dyn Chooser>) -> Option<LookAhead> {
-    Some(LookAhead { candidates, first: 2, block: 3, chooser })
+    Some(LookAhead { candidates, first: 2, block: 3, before: usize::MAX, chooser })
 }
 
 #[test]

@@ -79,6 +79,14 @@ impl FloorsArgs {
 }
 
 impl Fitted {
+    /// Whether every code of so many frames gets its bits.
+    pub fn is_all_of(&self, frames: usize) -> bool {
+        match self {
+            Fitted::Own(extent) | Fitted::Other(_, extent) => extent.is_all_of(frames),
+            Fitted::Nothing(_) => false,
+        }
+    }
+
     /// The floors of a split of `corpus`, or why there are none; `each`: with the bits of every code.
     pub fn measure(&self, corpus: &Corpus, split: Split, each: bool) -> Result<std::result::Result<Floors, String>> {
         let (fitted, extent) = match self {

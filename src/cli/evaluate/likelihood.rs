@@ -3,6 +3,7 @@
 use super::floors::{Fitted, FloorsArgs};
 use crate::cli::{CheckpointArg, ComputeArgs, ReadingArgs, Say, TrustArgs, WrongCall, print, progress};
 use crate::corpus::{ClipRecord, Corpus, Split};
+use crate::evaluate::floors::codes::frames;
 use crate::evaluate::gap_bits::gap_bits;
 use crate::evaluate::likelihood::LikelihoodReport;
 use crate::evaluate::per_joint::{by_slot, slots};
@@ -96,8 +97,10 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
         ConditionsArg::None => known.unknown(),
     };
     let mut nats_of: BTreeMap<String, f64> = BTreeMap::new();
-    // by the clips' places in the corpus: bits of every code, where a word is a frame of codes and a space
-    let word = corpus.tokenizer().tokens_per_word().filter(|_| args.windows == 0).unwrap_or(0);
+    // by the clips' places in the corpus: bits of every code, where a word is a frame of codes and a space, and the floors
+    // have them too
+    let mixes = args.windows == 0 && !args.per_joint && fitted.is_all_of(frames(corpus, args.split));
+    let word = corpus.tokenizer().tokens_per_word().filter(|_| mixes).unwrap_or(0);
     let mut bits_of: BTreeMap<u64, Vec<f32>> = BTreeMap::new();
     let found = if args.per_joint {
         // for its message: the error of `by_slot` doesn't name the flag
@@ -135,7 +138,7 @@ fn measure(args: &Args, run: &LoadedRun, corpus: &Corpus, fitted: &Fitted, say: 
     let whole = |c: &&&ClipRecord| args.windows == 0 && c.frames > 0;
     let bits = |c: &&ClipRecord| Some((c.name.clone(), nats_of.get(&c.name)? / LN_2 / c.frames as f64));
     let whole_clips = clips.iter().filter(whole).filter_map(bits).collect();
-    let floors = fitted.measure(corpus, args.split, word > 0 && !args.per_joint)?;
+    let floors = fitted.measure(corpus, args.split, mixes)?;
     let bits: Vec<Vec<f32>> = clips.iter().filter_map(|clip| bits_of.remove(&(clip.offset as u64))).collect();
     let mixed = floors.as_ref().ok().filter(|_| !found.pseudo).and_then(|floors| floors.mixed_with(&bits));
     Ok(LikelihoodReport {

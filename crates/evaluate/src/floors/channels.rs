@@ -81,12 +81,14 @@ impl ChannelFloors {
         check(codes)?;
         let &CodeSplits { bins, channels, .. } = codes;
         let kernels = Kernels::new(bins);
+        let order0: Vec<Histogram> =
+            (0..channels).map(|c| Histogram::fit(bins, column(&codes.train, channels, c))).collect();
         let is_whole = codes.of[1] * channels == codes.test.iter().map(Vec::len).sum::<usize>();
         let keeps = each && is_whole && !codes.places.is_empty();
         let costs: Vec<ChannelCost> = (0..channels)
             .into_par_iter()
             .map(|c| {
-                let models = ChannelModels::fit(&kernels, bins, &Series::of(&codes.train, channels, c));
+                let models = ChannelModels::fit(&kernels, &order0[c], &Series::of(&codes.train, channels, c));
                 models.cost(&codes.test, (channels, c), keeps)
             })
             .collect();
@@ -100,7 +102,7 @@ impl ChannelFloors {
         let (forecast, by_forecast) = match codes.places.is_empty() {
             true => (None, Vec::new()),
             false => {
-                let (floor, by_slot) = ForecastFloor::measure(codes, &codes.places, keeps);
+                let (floor, by_slot) = ForecastFloor::measure(codes, (&kernels, &order0), keeps);
                 (Some(floor), clips_of(&codes.test, by_slot))
             }
         };
@@ -251,10 +253,6 @@ impl Series {
     fn pairs(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
         self.second.iter().map(|s| (s[0], s[1])).chain(self.later.iter().map(|l| (l[0], l[1])))
     }
-
-    fn all(&self) -> impl Iterator<Item = u32> + '_ {
-        self.first.iter().copied().chain(self.pairs().map(|p| p.0))
-    }
 }
 
 struct ChannelCost {
@@ -267,8 +265,7 @@ struct ChannelCost {
 /// The static models of a channel.
 struct ChannelModels<'a> {
     kernels: &'a Kernels,
-    bins: usize,
-    order0: Histogram,
+    order0: &'a Histogram,
     delta: Histogram,
     previous: [f64; KERNELS],
     extrapolated: [f64; KERNELS],
@@ -277,9 +274,9 @@ struct ChannelModels<'a> {
 }
 
 impl<'a> ChannelModels<'a> {
-    fn fit(kernels: &'a Kernels, bins: usize, train: &Series) -> ChannelModels<'a> {
+    fn fit(kernels: &'a Kernels, order0: &'a Histogram, train: &Series) -> ChannelModels<'a> {
+        let bins = kernels.bins() as usize;
         let line = |b1, b2| line(bins, b1, b2);
-        let order0 = Histogram::fit(bins, train.all());
         let delta = Histogram::fit(bins, train.pairs().map(|(x, b)| step(bins, x, b)));
 
         // equal cases are counted once: expectation maximisation reads every case in each round
@@ -292,23 +289,27 @@ impl<'a> ChannelModels<'a> {
         let (triples, counts) = distinct(train.later.iter().map(|&[x, b1, b2]| (x, b1, line(b1, b2))).collect());
         let mixed = fit(&counts, |i| both(kernels, triples[i].0, triples[i].1, triples[i].2));
 
-        let three = |x, b1, l| three(kernels, &order0, x, b1, l);
+        let three = |x, b1, l| three(kernels, order0, x, b1, l);
         let any_size = fit(&counts, |i| three(triples[i].0, triples[i].1, triples[i].2));
         let by_size = weights_by_size(train, any_size, line, three);
-        ChannelModels { kernels, bins, order0, delta, previous, extrapolated, mixed, by_size }
+        ChannelModels { kernels, order0, delta, previous, extrapolated, mixed, by_size }
+    }
+
+    fn bins(&self) -> usize {
+        self.kernels.bins() as usize
     }
 
     /// Bits of code `x` after those `before` it, the last one first.
     fn bits(&self, x: u32, before: [Option<u32>; 2]) -> [f64; 6] {
         let a = self.order0.bits(x);
         let [Some(b1), b2] = before else { return [a; 6] };
-        let b = self.delta.bits(step(self.bins, x, b1));
+        let b = self.delta.bits(step(self.bins(), x, b1));
         let c = bits(&self.previous, &self.kernels.row(b1, x));
         let Some(b2) = b2 else { return [a, b, c, c, c, c] };
-        let l = line(self.bins, b1, b2);
+        let l = line(self.bins(), b1, b2);
         let d_line = bits(&self.extrapolated, &self.kernels.row(l, x));
         let d = bits(&self.mixed, &both(self.kernels, x, b1, l));
-        let e = bits(&self.by_size[size_of_step(b1, b2)], &three(self.kernels, &self.order0, x, b1, l));
+        let e = bits(&self.by_size[size_of_step(b1, b2)], &three(self.kernels, self.order0, x, b1, l));
         [a, b, c, d_line, d, e]
     }
 
@@ -329,6 +330,11 @@ impl<'a> ChannelModels<'a> {
         }
         cost
     }
+}
+
+/// The codes of a channel of clips of `channels`.
+pub(super) fn column(clips: &CodeClips, channels: usize, channel: usize) -> impl Iterator<Item = u32> + '_ {
+    clips.iter().flat_map(move |clip| clip.iter().skip(channel).step_by(channels).map(|&code| code.into()))
 }
 
 /// The linear extrapolation of the last two codes. It may leave the bins, and kernels are centred on bins alone.

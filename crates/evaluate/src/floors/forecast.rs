@@ -42,30 +42,33 @@ struct Case {
 }
 
 impl ForecastFloor {
-    /// Fits on `codes.train` and measures on `codes.test`, codes that were checked. Also returns the bits of every code,
-    /// slot by slot, if `keeps`.
-    pub(super) fn measure(codes: &CodeSplits, places: &[Bins], keeps: bool) -> (ForecastFloor, Vec<Vec<f32>>) {
-        let c = places.len();
+    /// Fits on `codes.train` and measures on `codes.test`, codes that were checked; with the static floors' kernels and
+    /// histograms of order 0. Also returns the bits of every code, slot by slot, if `keeps`.
+    pub(super) fn measure(
+        codes: &CodeSplits,
+        (kernels, order0): (&Kernels, &[Histogram]),
+        keeps: bool,
+    ) -> (ForecastFloor, Vec<Vec<f32>>) {
+        let (places, c) = (&codes.places, codes.channels);
         let bins = |clip: &[u16]| clip.iter().map(|&code| Some(usize::from(code))).collect::<Vec<_>>();
-        let mut sums = Fit::new(places.to_vec());
+        let mut sums = Fit::new(places.clone());
         codes.train.iter().for_each(|clip| sums.add(&bins(clip), 1.0));
         let forecast = sums.forecast();
         let [train, test] = [&codes.train, &codes.test].map(|clips| Moves::of(clips, places, &forecast));
         let bounds = train.bounds();
-        let kernels = Kernels::new(codes.bins);
         let cost = |slot: usize| {
-            let order0 = Histogram::fit(codes.bins, column(&codes.train, c, slot));
+            let order0 = &order0[slot];
             let cases = |moves: &Moves, clips| moves.cases(clips, places[slot], (c, slot), &bounds);
-            let fitted = Mixtures::fit(&kernels, &order0, cases(&train, &codes.train));
+            let fitted = Mixtures::fit(kernels, order0, cases(&train, &codes.train));
             let (mut all, mut third, mut kept) = (0.0, 0.0, Vec::new());
             let mut later = cases(&test, &codes.test).into_iter();
             for clip in &codes.test {
                 let first = clip.get(slot).map(|&code| order0.bits(code.into()));
                 let rest = later.by_ref().take((clip.len() / c).saturating_sub(1));
-                let rest = rest.map(|(is_third, case)| (is_third, fitted.bits(&kernels, &order0, case)));
-                for (is_third, bits) in first.map(|bits| (false, bits)).into_iter().chain(rest) {
+                let rest = rest.map(|case| fitted.bits(kernels, order0, case));
+                for (frame, bits) in first.into_iter().chain(rest).enumerate() {
                     all += bits;
-                    third += if is_third { bits } else { 0.0 };
+                    third += if frame > 1 { bits } else { 0.0 };
                     kept.extend(keeps.then_some(bits as f32));
                 }
             }
@@ -87,16 +90,12 @@ fn moved(place: Bins, from: u16, to: u16) -> u32 {
     step(place, from.into(), to.into()).unsigned_abs()
 }
 
-fn column(clips: &CodeClips, c: usize, slot: usize) -> impl Iterator<Item = u32> + '_ {
-    clips.iter().flat_map(move |clip| clip.iter().skip(slot).step_by(c).map(|&code| code.into()))
-}
-
 /// How clips move, clip by clip.
 struct Moves {
     /// (F, C) forecasts in eighths of a bin, two bytes each: those of slots of more than 24,000 bins are cut.
     forecasts: Vec<Vec<i16>>,
     /// (F) sums of the sizes of a frame's steps.
-    activity: Vec<Vec<u64>>,
+    activity: Vec<Vec<u32>>,
 }
 
 impl Moves {
@@ -106,10 +105,10 @@ impl Moves {
             let eighths = (i64::from(x) * PARTS).div_euclid(BIN.into());
             eighths.clamp(i16::MIN.into(), i16::MAX.into()) as i16
         };
-        let activity = |clip: &Vec<u16>| -> Vec<u64> {
+        let activity = |clip: &Vec<u16>| -> Vec<u32> {
             let frames = clip.chunks(c).zip(clip.chunks(c).skip(1));
-            let size = |(place, (from, to)): (&Bins, (&u16, &u16))| u64::from(moved(*place, *from, *to));
-            let of_frame = |(from, to): (&[u16], &[u16])| places.iter().zip(from.iter().zip(to)).map(size).sum::<u64>();
+            let size = |(place, (from, to)): (&Bins, (&u16, &u16))| moved(*place, *from, *to);
+            let of_frame = |(from, to): (&[u16], &[u16])| places.iter().zip(from.iter().zip(to)).map(size).sum::<u32>();
             std::iter::once(0).chain(frames.map(of_frame)).collect()
         };
         Moves {
@@ -122,15 +121,15 @@ impl Moves {
     }
 
     /// The activities that divide the frames after a clip's first into classes of the same size.
-    fn bounds(&self) -> Vec<u64> {
-        let mut all: Vec<u64> =
+    fn bounds(&self) -> Vec<u32> {
+        let mut all: Vec<u32> =
             self.activity.iter().flat_map(|clip| &clip[..clip.len().saturating_sub(1)]).copied().collect();
         all.sort_unstable();
         (1..ACTIVITIES).filter_map(|i| all.get(i * all.len() / ACTIVITIES).copied()).collect()
     }
 
-    /// The cases of a slot after each clip's first frame, and whether each has two frames before it.
-    fn cases(&self, clips: &CodeClips, bins: Bins, (c, slot): (usize, usize), bounds: &[u64]) -> Vec<(bool, Case)> {
+    /// The cases of a slot after each clip's first frame.
+    fn cases(&self, clips: &CodeClips, bins: Bins, (c, slot): (usize, usize), bounds: &[u32]) -> Vec<Case> {
         let mut all = Vec::new();
         for (i, clip) in clips.iter().enumerate() {
             for frame in 1..clip.len() / c {
@@ -148,7 +147,7 @@ impl Moves {
                 let body = bounds.partition_point(|bound| *bound <= self.activity[i][frame - 1]);
                 let class = body * (STEPS.len() + 1) + STEPS.partition_point(|most| *most < last);
                 let (class, part) = (class as u8, part as u8);
-                all.push((frame > 1, Case { class, part, below: below as u16, code: code as u16 }));
+                all.push(Case { class, part, below: below as u16, code: code as u16 });
             }
         }
         all
@@ -162,14 +161,14 @@ struct Mixtures {
 }
 
 impl Mixtures {
-    fn fit(kernels: &Kernels, order0: &Histogram, cases: Vec<(bool, Case)>) -> Mixtures {
+    fn fit(kernels: &Kernels, order0: &Histogram, cases: Vec<Case>) -> Mixtures {
         let of = |cases: Vec<Case>| {
             let (cases, counts) = distinct(cases);
             fit(&counts, |i| row(kernels, order0, cases[i]))
         };
         let mut by_class: Vec<Vec<Case>> = vec![Vec::new(); ACTIVITIES * (STEPS.len() + 1)];
-        cases.iter().for_each(|(_, case)| by_class[usize::from(case.class)].push(*case));
-        let any = of(cases.into_iter().map(|(_, case)| Case { class: 0, ..case }).collect());
+        cases.iter().for_each(|case| by_class[usize::from(case.class)].push(*case));
+        let any = of(cases.into_iter().map(|case| Case { class: 0, ..case }).collect());
         let by_class = by_class.into_iter().map(|cases| (cases.len() >= LEAST_CASES).then(|| of(cases)));
         Mixtures { any, by_class: by_class.collect() }
     }

@@ -20,12 +20,17 @@ pub enum Extent {
 }
 
 impl Extent {
+    /// Whether all of so many frames are measured.
+    pub fn is_all_of(self, frames: usize) -> bool {
+        self == Extent::All || frames <= MOST_FRAMES
+    }
+
     /// Stretches of clips, given each clip's units (frames, or words of `frames` frames): the clip's number and its
     /// units.
     /// Whole clips, in order, where they have few enough frames.
     pub(crate) fn stretches(self, clips: &[usize], frames: usize) -> Vec<(usize, Range<usize>)> {
         let all: usize = clips.iter().map(|units| units * frames).sum();
-        if self == Extent::All || all <= MOST_FRAMES {
+        if self.is_all_of(all) {
             return clips.iter().enumerate().map(|(clip, &units)| (clip, 0..units)).collect();
         }
         // a stretch has a word at least, even where a word is longer than [`STRETCH`]

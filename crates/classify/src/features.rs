@@ -109,11 +109,7 @@ impl Motion {
         let one = |start: usize| {
             let held = |x: &[f64]| (0..spec.frames).map(|f| x[f.min(frames - 1)]).collect::<Vec<f64>>();
             let window: Vec<f64> = series.window(start, frames).chunks_exact(frames).flat_map(held).collect();
-            // a window of zeros stays one
-            let mut feature = transform.feature(&window, series.channels.len());
-            let norm = feature.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
-            feature.iter_mut().for_each(|x| *x /= norm);
-            feature
+            transform.unit_feature(&window, series.channels.len())
         };
         let starts: Vec<usize> = spec.starts(series.frames.max(spec.frames), 0).collect();
         Ok(starts.into_iter().map(one).collect())

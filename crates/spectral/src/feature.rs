@@ -44,6 +44,17 @@ impl Transform {
         })
     }
 
+    /// The same with a norm of 1; a window of zeros stays zeros.
+    ///
+    /// # Panics
+    /// As [`Transform::feature`].
+    pub fn unit_feature(&self, window: &[f64], channels: usize) -> Vec<f64> {
+        let mut feature = self.feature(window, channels);
+        let norm = feature.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
+        feature.iter_mut().for_each(|x| *x /= norm);
+        feature
+    }
+
     /// The gradient over the window (C, N) of a function of its feature, from the one over the feature (C, kept).
     ///
     /// # Panics

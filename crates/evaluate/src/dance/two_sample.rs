@@ -87,15 +87,14 @@ impl Reference<'_> {
     /// Words that can't be decoded; features that are not finite.
     pub fn told_apart(&self, sides: &[Side; 2]) -> Result<Vec<ToldApart>> {
         let mut all = Vec::new();
-        for seconds in SECONDS {
-            let real = self.real_windows(seconds)?;
-            let tellers = [Teller::Lda, Teller::Nearest];
-            let parts = sides.each_ref().map(|side| -> Result<Option<[Parts; 2]>> {
-                let of = |d: &MeasuredDance| Ok((d.take.clone(), self.window_spectra(&d.dance, seconds)?));
-                let made: Vec<(String, Vec<Vec<f64>>)> = side.dances.par_iter().map(of).collect::<Result<_>>()?;
-                told(&real, &made)
-            });
-            let [a, b] = parts;
+        let real = self.real_windows()?;
+        let of = |d: &MeasuredDance| Ok((d.take.clone(), self.window_spectra(&d.dance)?));
+        let of_side = |side: &Side| side.dances.par_iter().map(of).collect::<Result<Vec<_>>>().map(by_length);
+        let [a, b] = sides.each_ref().map(of_side);
+        let made = [a?, b?];
+        let tellers = [Teller::Lda, Teller::Nearest];
+        for (length, seconds) in SECONDS.into_iter().enumerate() {
+            let [a, b] = made.each_ref().map(|made| told(&real[length], &made[length]));
             let parts = [a?, b?];
             for (i, by) in tellers.into_iter().enumerate() {
                 let of = parts.each_ref().map(|parts| parts.as_ref().map(|parts| &parts[i]));
@@ -116,43 +115,52 @@ impl Reference<'_> {
         Ok(all.into_iter().filter(|row: &ToldApart| row.sides.iter().any(Option::is_some)).collect())
     }
 
-    /// The windows of all real clips, by their takes.
-    fn real_windows(&self, seconds: f64) -> Result<Vec<(String, Vec<Vec<f64>>)>> {
+    /// The windows of all real clips, of each length by their takes.
+    fn real_windows(&self) -> Result<[Vec<TakeWindows>; 3]> {
         let mut all = Vec::new();
         for split in [Split::Train, Split::Valid, Split::Test] {
             let takes: Vec<String> = self.corpus.split(split).map(|clip| clip.take.clone()).collect();
-            let found = self.each(split, |_, dance| self.window_spectra(dance, seconds))?;
+            let found = self.each(split, |_, dance| self.window_spectra(dance))?;
             all.extend(takes.into_iter().zip(found));
         }
-        Ok(all)
+        Ok(by_length(all))
     }
 
-    /// The features of a dance's windows, each of norm 1.
-    fn window_spectra(&self, dance: &Dance, seconds: f64) -> Result<Vec<Vec<f64>>> {
-        let fps = WindowSpec::default().fps;
-        let frames = (seconds * fps).round() as usize;
-        let spec = WindowSpec { frames, hop: frames / 2, fps };
-        let transform = Transform::Dct(LowDct::new(frames, KEEP));
+    /// The features of a dance's windows of each length, each of norm 1.
+    fn window_spectra(&self, dance: &Dance) -> Result<[Vec<Vec<f64>>; 3]> {
         if dance.clip.frames() < 2 {
-            return Ok(Vec::new());
+            return Ok(Default::default());
         }
+        let fps = WindowSpec::default().fps;
         let series = Series::of(&dance.clip, &self.joints, fps, false)?;
-        let feature = |start: usize| {
-            let mut feature = transform.feature(&series.window(start, frames), series.channels.len());
-            let norm = feature.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
-            feature.iter_mut().for_each(|x| *x /= norm);
-            feature
-        };
-        Ok(spec.starts(series.frames, 0).map(feature).collect())
+        Ok(SECONDS.map(|seconds| {
+            let frames = (seconds * fps).round() as usize;
+            let spec = WindowSpec { frames, hop: frames / 2, fps };
+            let transform = Transform::Dct(LowDct::new(frames, KEEP));
+            let feature = |start: usize| transform.unit_feature(&series.window(start, frames), series.channels.len());
+            spec.starts(series.frames, 0).map(feature).collect()
+        }))
     }
 }
 
+/// A clip's take and the features of its windows.
+type TakeWindows = (String, Vec<Vec<f64>>);
+
+/// The windows of each length, clip by clip.
+fn by_length(clips: Vec<(String, [Vec<Vec<f64>>; 3])>) -> [Vec<TakeWindows>; 3] {
+    let mut all: [Vec<TakeWindows>; 3] = Default::default();
+    for (take, windows) in clips {
+        all.iter_mut().zip(windows).for_each(|(all, windows)| all.push((take.clone(), windows)));
+    }
+    all
+}
+
 /// Per teller the windows that are right, take by take; `None` where either class has no window.
-fn told(real: &[(String, Vec<Vec<f64>>)], made: &[(String, Vec<Vec<f64>>)]) -> Result<Option<[Parts; 2]>> {
+fn told(real: &[TakeWindows], made: &[TakeWindows]) -> Result<Option<[Parts; 2]>> {
     let names: Vec<&str> = real.iter().chain(made).map(|(take, _)| take.as_str()).collect();
     let takes: Vec<&str> = names.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
     let index = |take: &str| takes.binary_search(&take).unwrap_or(0);
-    let of = |clips: &[(String, Vec<Vec<f64>>)]| -> Vec<(usize, Vec<f64>)> {
+    let of = |clips: &[TakeWindows]| -> Vec<(usize, Vec<f64>)> {
         clips.iter().flat_map(|(take, all)| all.iter().map(|feature| (index(take), feature.clone()))).collect()
     };
     let [real, made] = [of(real), of(made)];

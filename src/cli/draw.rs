@@ -19,9 +19,9 @@ pub struct DrawArgs {
     #[arg(long, value_name = "N")]
     top_k: Option<usize>,
     #[arg(long, value_name = "P", help = format!("Sample from the smallest set of most likely tokens whose probability reaches \
-        P; 1 truncates nothing [default: {TOP_P} without other truncation, {FORECAST_TOP_P} by a model with a forecast; {GIVEN_TOP_P} in generate where joints are given \
-        after free ones throughout, such as an arm but not the root alone; {GAP_TOP_P} in other gaps that a goal-conditioned \
-        model fills]"))]
+        P; 1 truncates nothing [default: {TOP_P} without other truncation, {FORECAST_TOP_P} by a model with a forecast; \
+        {GIVEN_TOP_P} in generate where joints are given after free ones throughout, such as an arm but not the root alone; \
+        {GAP_TOP_P} in other gaps that a goal-conditioned model fills]"))]
     top_p: Option<f64>,
     /// Sample only from tokens at least P times as likely as the most likely one
     #[arg(long, value_name = "P")]

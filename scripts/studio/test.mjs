@@ -173,6 +173,8 @@ try {
     await page.keyboard.press('1');
     await page.keyboard.press('Space');
     await page.waitForFunction(() => window.studio.stage.figures.length === 1 && !window.studio.stage.state.playing);
+    // one pose, whenever play was stopped: at some the pelvis lies over the spine
+    await state(() => window.studio.stage.seek(1));
     await page.waitForTimeout(400);
     const at = await state(() => {
       const { stage } = window.studio,
@@ -191,8 +193,7 @@ try {
     await page.mouse.click(...at);
     await page.waitForFunction(() => window.studio.ui.joints.size === 1);
     const chosen = await state(() => [...window.studio.ui.joints][0]);
-    // the pose is that of the moment when it was stopped: what lies over the spine there may be nearer
-    assert.ok(['spine', 'root', 'left_arm', 'right_arm'].includes(chosen), chosen);
+    assert.ok(['spine', 'left_arm', 'right_arm'].includes(chosen), chosen);
     await page.keyboard.press('Escape');
     await page.keyboard.press('Escape');
   });

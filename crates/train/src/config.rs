@@ -59,6 +59,9 @@ pub struct TrainConfig {
     /// Share of the labels that are hidden in training, independently, so that the model works without them too, 0..=1.
     /// Default 0.1.
     pub label_dropout: f64,
+    /// Share of the windows that are read without the frames before them, as a clip's first ones are, by a model that reads
+    /// such frames, 0..=1. Default 0.1.
+    pub history_dropout: f64,
     /// The loss whose gradients are taken. Default `cross_entropy`.
     pub loss: Loss,
     /// Deviation of the targets of `ordinal`, in bins, above 0 and at most 100. Default 0.75.
@@ -162,6 +165,7 @@ impl Default for TrainConfig {
             sample_every: 0,
             conditions: Vec::new(),
             label_dropout: 0.1,
+            history_dropout: 0.1,
             loss: Loss::CrossEntropy,
             ordinal_width: 0.75,
             precision: Precision::F32,
@@ -254,7 +258,8 @@ impl TrainConfig {
         let once = in_order(&self.conditions).len() == self.conditions.len();
         check(once, "conditions", self.conditions.join(", "), "every field once")?;
         number((0.0..=1.0).contains(&self.gaps), "gaps", self.gaps, "0 to 1")?;
-        number((0.0..=1.0).contains(&self.label_dropout), "label_dropout", self.label_dropout, "0 to 1")
+        number((0.0..=1.0).contains(&self.label_dropout), "label_dropout", self.label_dropout, "0 to 1")?;
+        number((0.0..=1.0).contains(&self.history_dropout), "history_dropout", self.history_dropout, "0 to 1")
     }
 }
 

@@ -246,6 +246,7 @@ mod tests {
         );
         assert!(said("[train]\ngaps = -0.5").contains("train.gaps is -0.5; expected 0 to 1"));
         assert!(said("[train]\nlabel_dropout = 2").contains("train.label_dropout is 2; expected 0 to 1"));
+        assert!(said("[train]\nhistory_dropout = -1").contains("train.history_dropout is -1; expected 0 to 1"));
         assert!(said("[model]\nlayers = 0").contains("model.layers is 0"));
         let message = said("[train]\nordinal_width = 0.0");
         assert!(message.contains("train.ordinal_width is 0; expected a number above 0 and at most 100"), "{message}");

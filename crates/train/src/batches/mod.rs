@@ -56,8 +56,6 @@ impl Batch {
 
 /// Share of the windows in which a span is hidden, where any are.
 const SPANS: f64 = 0.5;
-/// Share of the windows whose history is hidden: their first frame is as a clip's, of which there are few.
-const WITHOUT_HISTORY: f64 = 0.1;
 
 /// The training windows of a run's corpora, in order.
 pub struct Batches<'a> {
@@ -72,6 +70,7 @@ pub struct Batches<'a> {
     batch: usize,
     seed: u64,
     label_dropout: f64,
+    history_dropout: f64,
     masked: bool,
     spans: Option<SpanMasking>,
     augment: Option<Augment>,
@@ -152,7 +151,7 @@ impl<'a> Batches<'a> {
             ));
         }
         let word = data.tokenizer().longest_word();
-        let (batch, seed, label_dropout) = (train.batch, train.seed, train.label_dropout);
+        let (batch, seed) = (train.batch, train.seed);
         Ok(Batches {
             data,
             clips,
@@ -164,7 +163,8 @@ impl<'a> Batches<'a> {
             room,
             batch,
             seed,
-            label_dropout,
+            label_dropout: train.label_dropout,
+            history_dropout: train.history_dropout,
             masked: false,
             spans: None,
             augment: None,
@@ -297,7 +297,7 @@ impl<'a> Batches<'a> {
     /// Words before a window that it is read after.
     fn before(&self, WindowId { round, number }: WindowId, word: usize) -> usize {
         let mut rng = random::stream(self.seed, "history", round, number as u64);
-        match self.history > 0 && random::unit(&mut rng) < WITHOUT_HISTORY {
+        match self.history > 0 && random::unit(&mut rng) < self.history_dropout {
             true => 0,
             false => word.min(self.history),
         }

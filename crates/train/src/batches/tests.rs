@@ -149,7 +149,7 @@ fn labels_precede_windows_and_a_share_of_them_is_hidden() {
 }
 
 #[test]
-fn windows_are_read_after_the_frames_before_them_but_for_a_tenth() {
+fn windows_are_read_after_the_frames_before_them_but_for_a_share() {
     let dir = tempfile::tempdir().unwrap();
     let data = Data::one(fixture::turning(dir.path(), &[(90, Split::Train)])).unwrap();
     let corpus = &data.parts()[0].corpus;
@@ -158,10 +158,13 @@ fn windows_are_read_after_the_frames_before_them_but_for_a_tenth() {
     let model = ModelConfig { architecture: two_level, window: Some(10), ..Default::default() };
     let train = TrainConfig { batch: 900, ..Default::default() };
     let ids = corpus.clip_ids(&corpus.clips()[0]).unwrap();
-    let of = |augment: AugmentConfig| {
+    let drawn = |augment: AugmentConfig, history_dropout: f64| {
+        let train = TrainConfig { history_dropout, ..train.clone() };
         let run = RunFile { augment, ..RunFile::new(&model, &train, &data).unwrap() };
         Batches::of_run(&run, &data).unwrap().batch(0).unwrap()
     };
+    let of = |augment: AugmentConfig| drawn(augment, train.history_dropout);
+    assert!(drawn(AugmentConfig::default(), 1.0).history.iter().all(|id| *id == 0));
     let batch = of(AugmentConfig::default());
     let all = model.history() * word;
     assert_eq!(batch.history.len(), 900 * all);

@@ -37,7 +37,7 @@ const HELP = {
   seed: 'The number that decides: the same seed gives the same dance. Empty: another one each time.',
   temperature: 'How daring the choices are. 1 is as learned; lower is calmer, higher is wilder.',
   top_p: 'Leaves out what is unlikely. 0.8 is safe, 1 leaves nothing out.',
-  guidance: 'How strongly labels count. 1 is as learned, 2 or 3 is stronger and takes twice the time.',
+  guidance: 'How strongly labels count. Left empty it is 2; 1 is as learned, in half the time.',
   feet: 'Lock holds feet still while they stand on the floor. Off leaves them as they are made.',
   best: 'Makes this many and shows the best of them, with a score: 0 is as good as real dances, more is worse.',
 };

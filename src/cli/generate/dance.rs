@@ -6,7 +6,9 @@ use crate::cli::draw::DrawArgs;
 use crate::cli::values::{length, length_in_frames, rate, run_folder, time};
 use crate::cli::{CheckpointArg, ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
 use crate::generate::masked::{MOST_PASSES, PASSES};
-use crate::generate::open::{FEATURE_GUIDANCE, FPS, GOAL_GUIDANCE, MOST_CANDIDATES, MUSIC_GUIDANCE, SEED};
+use crate::generate::open::{
+    FEATURE_GUIDANCE, FPS, GOAL_GUIDANCE, LABEL_GUIDANCE, MOST_CANDIDATES, MUSIC_GUIDANCE, SEED,
+};
 use crate::generate::request::{
     Computing, Edit, FootMode, LeadInKind, Length, MusicRequest, PromptRequest, Request, Rig, TimedLabel, UncodedJoints,
 };
@@ -40,7 +42,7 @@ pub struct DanceArgs {
     #[arg(long, value_name = "SECONDS", value_parser = time)]
     music_from: Option<Moment>,
     #[arg(long, value_name = "G", help = format!("Guidance towards labels and music: 1 as trained, 2 to 3 stronger, at twice \
-        the time [default: {MUSIC_GUIDANCE} where the model is conditioned on beats, {FEATURE_GUIDANCE} on sound, else 1]"))]
+        the time [default: {MUSIC_GUIDANCE} where the model is conditioned on beats, {FEATURE_GUIDANCE} on sound, {LABEL_GUIDANCE} with labels, else 1]"))]
     guidance: Option<f64>,
     #[arg(long, value_name = "G", value_parser = goal_guidance, allow_hyphen_values = true, help = format!(
         "Guidance of gaps (--given, --free) towards what is given after them: 0 none, 1 as trained, up to 10, at twice the \

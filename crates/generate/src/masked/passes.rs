@@ -30,8 +30,8 @@ impl Dance<'_> {
             if open.is_empty() {
                 break;
             }
-            let logits = self.logits(front, &ids, model)?;
-            let sample = |&at: &usize| self.sample(tokens.start, &ids, at, &logits);
+            let (logits, conditioned) = self.logits(front, &ids, model)?;
+            let sample = |&at: &usize| self.sample(tokens.start, &ids, at, &logits, conditioned.as_deref());
             let mut sampled: Vec<Sampled> = open.par_iter().map(sample).collect::<Result<_>>()?;
             // ties by position, so that threads and sort order change no dance
             sampled.sort_by(|a, b| b.certainty.total_cmp(&a.certainty).then(a.at.cmp(&b.at)));
@@ -46,8 +46,8 @@ impl Dance<'_> {
         Ok(())
     }
 
-    /// (n, V) the logits of each of a window's n tokens.
-    fn logits(&self, front: &[u32], ids: &[u32], model: &mut dyn MaskedModel) -> Result<Vec<f32>> {
+    /// (n, V) the logits of each of a window's n tokens; of guided ones the conditioned ones too.
+    fn logits(&self, front: &[u32], ids: &[u32], model: &mut dyn MaskedModel) -> Result<(Vec<f32>, Option<Vec<f32>>)> {
         let mut read = |front: &[u32]| -> Result<Vec<f32>> {
             let tokens = [front, ids].concat();
             let mut logits = model.logits(&tokens)?;
@@ -55,21 +55,30 @@ impl Dance<'_> {
             Ok(logits)
         };
         let mut logits = read(front)?;
-        if let Some(guidance) = &self.plan.guidance {
-            guidance::mix(guidance.scale, &mut logits, &read(&guidance.unconditioned)?);
-        }
-        Ok(logits)
+        let Some(guidance) = &self.plan.guidance else { return Ok((logits, None)) };
+        let mut other = read(&guidance.unconditioned)?;
+        guidance::mix(guidance.scale, &mut logits, &mut other);
+        Ok((logits, Some(other)))
     }
 
     /// Samples one character of a window that begins with token `start` of the dance.
-    fn sample(&self, start: usize, ids: &[u32], at: usize, logits: &[f32]) -> Result<Sampled> {
+    fn sample(
+        &self,
+        start: usize,
+        ids: &[u32],
+        at: usize,
+        logits: &[f32],
+        conditioned: Option<&[f32]>,
+    ) -> Result<Sampled> {
         let (word, tokens) = ((start + at) / self.length, (start + at) % self.length);
         let vocabulary = logits.len() / ids.len();
-        let row = &logits[at * vocabulary..][..vocabulary];
+        let own = at * vocabulary..(at + 1) * vocabulary;
+        let row = &logits[own.clone()];
+        let guided = self.plan.guidance.as_ref().zip(conditioned).map(|(guidance, all)| (guidance.scale, &all[own]));
         let allowed = self.plan.grammar.allowed(slot(tokens));
         let before = (1..=self.plan.sampling.looks_back()).map_while(|words| at.checked_sub(words * self.length));
         let recent: Vec<u32> = before.map(|at| ids[at]).filter(|&id| id != Special::Mask.id()).collect();
-        let id = self.plan.draw(self.seed, word, slot(tokens), row, &recent)?;
+        let id = self.plan.draw(self.seed, (word, slot(tokens)), row, guided, &recent)?;
         Ok(Sampled { at, id, certainty: sampling::log_probability(row, &allowed, id) })
     }
 }

@@ -31,6 +31,10 @@ pub const MUSIC_GUIDANCE: f64 = 3.0;
 /// The same of a model conditioned on sound features: at higher scales some dances fly apart.
 pub const FEATURE_GUIDANCE: f64 = 2.0;
 
+/// The same under labels, without music, by a model that has seen dances without some of them: at 1 a dance forgets a genre
+/// that has few training clips (docs/results/two-level.md, "Labels").
+pub const LABEL_GUIDANCE: f64 = 2.0;
+
 /// [`crate::sampling::Sampling::top_p`] of a dance all of whose frames have joints given after free ones. These keep
 /// such a dance going, and less chance leaves less to go wrong; a dance by itself would freeze sooner
 /// (docs/results/two-level.md, "Truncation").
@@ -75,8 +79,12 @@ pub(super) fn decide(request: Request, inputs: &Inputs) -> Result<(Resolved, Opt
     // the model knows the ends of gaps, and there are some
     let has_goals = run.config.goal && prompt.is_some_and(PreparedPrompt::has_ends);
     let goal_guidance = request.goal_guidance.unwrap_or(if has_goals { GOAL_GUIDANCE } else { 0.0 });
-    let guidance =
-        request.guidance.unwrap_or(if request.music.is_some() { music_guidance(run.config.music) } else { 1.0 });
+    let has_labels = !(request.labels.is_empty() && request.timed_labels.is_empty());
+    let guidance = request.guidance.unwrap_or(match has_labels && run.label_dropout.is_some_and(|share| share > 0.0) {
+        _ if request.music.is_some() => music_guidance(run.config.music),
+        true => LABEL_GUIDANCE,
+        false => 1.0,
+    });
     let sampling = request.sampling.truncated_at(match prompt {
         Some(prompt) if prompt.is_given_throughout(inputs.frames) => GIVEN_TOP_P,
         _ if has_goals && goal_guidance != 0.0 => GAP_TOP_P,

@@ -13,7 +13,9 @@ mod sample;
 mod seeding;
 
 pub use conditions::{check_goal_guidance, check_passes};
-pub use defaults::{FEATURE_GUIDANCE, FPS, GAP_TOP_P, GIVEN_TOP_P, GOAL_GUIDANCE, MUSIC_GUIDANCE, SEED};
+pub use defaults::{
+    FEATURE_GUIDANCE, FPS, GAP_TOP_P, GIVEN_TOP_P, GOAL_GUIDANCE, LABEL_GUIDANCE, MUSIC_GUIDANCE, SEED,
+};
 pub use look_ahead::MOST_CANDIDATES;
 pub use music::OpenMusic;
 pub use prompt::PreparedPrompt;

@@ -47,7 +47,8 @@ pub struct Request {
     /// Music to dance to.
     pub music: Option<MusicRequest>,
     /// Scale of classifier-free guidance by labels and music; 1 is the model as trained. `None`: with music the scale that
-    /// suits the model's music conditioning ([`crate::open::MUSIC_GUIDANCE`] with beats), else 1.
+    /// suits the model's music conditioning ([`crate::open::MUSIC_GUIDANCE`] with beats), with labels
+    /// [`crate::open::LABEL_GUIDANCE`] where the model was taught without some of them too, else 1.
     pub guidance: Option<f64>,
     /// Scale of guidance towards the goals after gaps, 0 to 10; 1 is the model as trained. `None`:
     /// [`crate::open::GOAL_GUIDANCE`] where the model is goal-conditioned and a gap ends, else 0.

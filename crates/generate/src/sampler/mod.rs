@@ -347,13 +347,14 @@ impl Batch {
         for sequence in &mut self.sequences {
             let (own, after) = rest.split_at_mut(rows(sequence) * each * vocabulary);
             let (conditioned, unconditioned) = own.split_at_mut(rows(sequence) * vocabulary);
-            if let Some(scale) = sequence.scale().filter(|_| each > 1) {
+            let scale = sequence.scale().filter(|_| each > 1);
+            if let Some(scale) = scale {
                 guidance::mix(scale, conditioned, unconditioned);
             }
             if self.scores {
                 sequence.score(conditioned, vocabulary);
             }
-            sequence.take(conditioned, vocabulary)?;
+            sequence.take(conditioned, scale.map(|scale| (scale, &*unconditioned)), vocabulary)?;
             rest = after;
         }
         Ok(())

@@ -1,6 +1,6 @@
 //! The plan of a sampling.
 
-use super::guidance::Guidance;
+use super::guidance::{self, Guidance};
 use super::look_ahead::LookAhead;
 use super::model::NextToken;
 use crate::sampling::Sampling;
@@ -161,15 +161,28 @@ impl SamplingPlan {
         self.beginnings.get(dance).or(self.beginnings.first()).map_or(&[], Vec::as_slice)
     }
 
-    /// Samples a free character of a dance with this seed, by the `logits` (V) of all ids; the penalty looks back on `recent` ids.
-    pub(crate) fn draw(&self, seed: u64, word: usize, slot: Slot, logits: &[f32], recent: &[u32]) -> Result<u32> {
+    /// Samples a free character of a dance with this seed, by the `logits` (V) of all ids; the penalty looks back on `recent`
+    /// ids. Of guided logits the scale, and the conditioned ones.
+    pub(crate) fn draw(
+        &self,
+        seed: u64,
+        (word, slot): (usize, Slot),
+        logits: &[f32],
+        guided: Option<(f64, &[f32])>,
+        recent: &[u32],
+    ) -> Result<u32> {
         let (found, expected) = (logits.len(), self.grammar.vocabulary());
         if found != expected as usize {
             return Err(Error::invalid("the model's vocabulary", found, format!("{expected} tokens, the tokenizer's")));
         }
         // every character has a stream of its own, whatever is sampled beside or before it
         let mut rng = kinelm_store::random::stream(seed, "character", word as u64, slot.tokens as u64);
-        let id = self.sampling_of(word).sample(logits, &self.grammar.allowed(slot), recent, &mut rng);
+        let allowed = self.grammar.allowed(slot);
+        let allowed = match guided {
+            Some((scale, conditioned)) => guidance::likely(scale, conditioned, allowed),
+            None => allowed,
+        };
+        let id = self.sampling_of(word).sample(logits, &allowed, recent, &mut rng);
         let broken = "the model's logits allow no token; the run is broken";
         id.ok_or_else(|| Error::NotFinite(format!("word {word}, slot {}: {broken}", slot.tokens)))
     }

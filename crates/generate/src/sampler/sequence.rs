@@ -405,7 +405,8 @@ impl Sequence {
 
     /// Samples what the block's `logits` (rows, V) allow to: the next free slot, and those after guesses that turn out right.
     /// The rows end with the block.
-    pub fn take(&mut self, logits: &[f32], vocabulary: usize) -> Result<()> {
+    /// Of guided logits the scale, and the conditioned ones (rows, V).
+    pub fn take(&mut self, logits: &[f32], guided: Option<(f64, &[f32])>, vocabulary: usize) -> Result<()> {
         if self.block.is_empty() {
             return Ok(());
         }
@@ -418,8 +419,9 @@ impl Sequence {
         loop {
             // counted from the end, as the block may be read with its last logits alone
             let row = (rows + right).checked_sub(1 + guesses.len());
-            let row = row.and_then(|row| logits.get(row * vocabulary..(row + 1) * vocabulary)).unwrap_or_default();
-            let id = self.sample(row)?;
+            let row = row.map_or(0..0, |row| row * vocabulary..(row + 1) * vocabulary);
+            let guided = guided.map(|(scale, conditioned)| (scale, part(conditioned, &row)));
+            let id = self.sample(part(logits, &row), guided)?;
             if let Some(guess) = guesses.get(right) {
                 self.guessed += 1;
                 self.right += u64::from(*guess == id);
@@ -454,10 +456,15 @@ impl Sequence {
     }
 
     /// The token of the next slot, which is free.
-    fn sample(&self, logits: &[f32]) -> Result<u32> {
+    fn sample(&self, logits: &[f32], guided: Option<(f64, &[f32])>) -> Result<u32> {
         let (word, slot) = (self.words(), self.slot);
         // a first word that is chosen by what is given in it is that of all candidates
         let seed = if word == 0 && self.plan.has_chosen_first_word() { self.dance_seed } else { self.seed };
-        self.plan.draw(seed, word, slot, logits, &self.recent(slot.tokens))
+        self.plan.draw(seed, (word, slot), logits, guided, &self.recent(slot.tokens))
     }
+}
+
+/// The logits of a row; none where the model returned too few.
+fn part<'a>(logits: &'a [f32], row: &Range<usize>) -> &'a [f32] {
+    logits.get(row.clone()).unwrap_or_default()
 }

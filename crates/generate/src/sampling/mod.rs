@@ -177,6 +177,15 @@ impl Sampling {
     }
 }
 
+/// The `allowed` ids at least `min_p` times as likely as the likeliest of them, by the `logits` (V) of all ids, ascending.
+/// `None` if a logit is missing, NaN or plus infinity, or if none is finite.
+pub(crate) fn likely(logits: &[f32], allowed: &[Range<u32>], min_p: f64) -> Option<Vec<Range<u32>>> {
+    let mut left = candidates(logits, allowed)?;
+    centre(&mut left);
+    min_p::apply(&mut left, min_p);
+    Some(left.iter().map(|candidate| candidate.id..candidate.id + 1).collect())
+}
+
 /// ln p of an id among the `allowed` ones, by the `logits` (V) of all ids; minus infinity where it is impossible.
 pub(crate) fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -> f64 {
     let Some(mut all) = candidates(logits, allowed) else { return f64::NEG_INFINITY };

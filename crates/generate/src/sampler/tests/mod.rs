@@ -349,7 +349,8 @@ fn guidance_reads_with_and_without_conditions() {
             let sampled = SamplingPlan { sampling: Sampling::temperature(9.0), ..plan.clone() };
             let alone = sample_one(&mut model(context, 2), &sampled, &mut unwatched).unwrap();
             let three = sample(&mut model(context, 6), &sampled, &mut unwatched).unwrap().ids;
-            assert!(three.len() == 3 && three[0] == alone && three[1] != alone);
+            // above 1 the one token that the reading with conditions finds likely is left, whatever the temperature
+            assert!(three.len() == 3 && three[0] == alone && (three[1] == alone) == (scale > 1.0));
             if scale == 1.0 {
                 let plain = SamplingPlan { guidance: None, ..sampled };
                 assert_eq!(sample_one(&mut model(context, 1), &plain, &mut unwatched).unwrap(), alone);

@@ -7,7 +7,8 @@
 //!
 //! Above 1 only what the conditioned reading itself finds likely is sampled ([`MIN_P`]). Far from the likely steps the
 //! difference of two readings is that of two small numbers, and scaled it makes a dance jump where neither reading would
-//! (docs/results/two-level.md, "Labels").
+//! (docs/results/two-level.md, "Labels"). Dances to music have no such bound: what falls on a beat is rare elsewhere, and
+//! under it they lose the beat (docs/results/music.md).
 
 use crate::sampling;
 use std::ops::Range;
@@ -21,8 +22,8 @@ pub struct Guidance {
     pub unconditioned: Vec<u32>,
 }
 
-/// Where g is above 1, what is less likely than this, as a share of the likeliest, by the conditioned reading is never
-/// sampled: e^-2.
+/// Where g is above 1 and there is no music, what is less likely than this, as a share of the likeliest, by the conditioned
+/// reading is never sampled: e^-2.
 pub(crate) const MIN_P: f64 = 0.135;
 
 /// Turns the conditioned logits into the guided ones, at scale g. A token that is impossible in either reading stays so. The

@@ -179,8 +179,9 @@ impl SamplingPlan {
         let mut rng = kinelm_store::random::stream(seed, "character", word as u64, slot.tokens as u64);
         let allowed = self.grammar.allowed(slot);
         let allowed = match guided {
-            Some((scale, conditioned)) => guidance::likely(scale, conditioned, allowed),
-            None => allowed,
+            // the steps that music asks for are rare ones
+            Some((scale, conditioned)) if self.music.is_empty() => guidance::likely(scale, conditioned, allowed),
+            _ => allowed,
         };
         let id = self.sampling_of(word).sample(logits, &allowed, recent, &mut rng);
         let broken = "the model's logits allow no token; the run is broken";

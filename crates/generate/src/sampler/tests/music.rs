@@ -88,3 +88,20 @@ fn music_of_other_words_and_numbers_is_refused() {
     assert!(said(vec![0.0; 7]).contains("music is 7 numbers; expected as many for each of 5 words"));
     assert!(said(vec![0.0; 10]).contains("the music of a frame is 2 numbers; expected"));
 }
+
+#[test]
+fn dances_to_music_take_steps_that_the_bound_of_guidance_leaves_out() {
+    let (tokenizer, _) = setup(4);
+    let plan = SamplingPlan::free(tokenizer.grammar(), 1, Sampling::greedy(), 1);
+    let slot = kinelm_tokenizer::Slot::default();
+    let likeliest = plan.grammar.allowed(slot)[0].start;
+    let mut conditioned = vec![-9.0; plan.grammar.vocabulary() as usize];
+    let (mut guided, rare) = (conditioned.clone(), likeliest + 1);
+    (conditioned[likeliest as usize], conditioned[rare as usize]) = (0.0, -3.0);
+    (guided[likeliest as usize], guided[rare as usize]) = (0.0, 1.0);
+    let drawn = |music: &[f32]| {
+        let plan = SamplingPlan { music: music.to_vec(), ..plan.clone() };
+        plan.draw(1, (0, slot), &guided, Some((2.0, &conditioned)), &[]).unwrap()
+    };
+    assert_eq!((drawn(&[]), drawn(&[0.0])), (likeliest, rare));
+}

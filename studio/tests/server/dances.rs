@@ -18,9 +18,8 @@ fn with_a_clip(seconds: f64) -> (Place, String) {
     (place, id)
 }
 
-/// Makes something, which must succeed: its dances.
-/// The dances of a request; where it names no seed, of seed 1, since what an untrained model invents
-/// from a seed of chance may miss a bound once in some hundred runs.
+/// Makes something, which must succeed: its dances. Where the request names no seed it is 1, since what an untrained model
+/// invents from a seed of chance may miss a bound once in some hundred runs.
 fn made(browser: &Browser, make: &Value) -> Vec<Value> {
     let mut request = json!({ "seed": 1 });
     request.as_object_mut().unwrap().extend(make.as_object().unwrap().clone());

@@ -130,7 +130,8 @@ impl Moves {
 
     /// The cases of a slot after each clip's first frame.
     fn cases(&self, clips: &CodeClips, bins: Bins, (c, slot): (usize, usize), bounds: &[u32]) -> Vec<Case> {
-        let mut all = Vec::new();
+        // room for all at once: a list that grows holds them twice
+        let mut all = Vec::with_capacity(clips.iter().map(|clip| (clip.len() / c).saturating_sub(1)).sum());
         for (i, clip) in clips.iter().enumerate() {
             for frame in 1..clip.len() / c {
                 let at = |frame: usize| frame * c + slot;
@@ -161,16 +162,19 @@ struct Mixtures {
 }
 
 impl Mixtures {
-    fn fit(kernels: &Kernels, order0: &Histogram, cases: Vec<Case>) -> Mixtures {
+    fn fit(kernels: &Kernels, order0: &Histogram, mut cases: Vec<Case>) -> Mixtures {
         let of = |cases: Vec<Case>| {
             let (cases, counts) = distinct(cases);
             fit(&counts, |i| row(kernels, order0, cases[i]))
         };
-        let mut by_class: Vec<Vec<Case>> = vec![Vec::new(); ACTIVITIES * (STEPS.len() + 1)];
-        cases.iter().for_each(|case| by_class[usize::from(case.class)].push(*case));
-        let any = of(cases.into_iter().map(|case| Case { class: 0, ..case }).collect());
-        let by_class = by_class.into_iter().map(|cases| (cases.len() >= LEAST_CASES).then(|| of(cases)));
-        Mixtures { any, by_class: by_class.collect() }
+        // by class first
+        cases.sort_unstable();
+        let mut by_class = vec![None; ACTIVITIES * (STEPS.len() + 1)];
+        for cases in cases.chunk_by(|a, b| a.class == b.class).filter(|cases| cases.len() >= LEAST_CASES) {
+            by_class[usize::from(cases[0].class)] = Some(of(cases.to_vec()));
+        }
+        cases.iter_mut().for_each(|case| case.class = 0);
+        Mixtures { any: of(cases), by_class }
     }
 
     fn bits(&self, kernels: &Kernels, order0: &Histogram, case: Case) -> f64 {

@@ -1,9 +1,9 @@
 """Joint positions as Blender has them after its import of a BVH or GLB, with the defaults of its importers.
 
     pip install bpy==4.2.0                          # Python 3.11; also 4.5.15 and 5.0.1
-    python scripts/importers/blender.py dance.bvh FPS positions.json
+    python scripts/importers/blender.py dance.bvh FPS positions.json [ANIMATION]
 
-Writes {"frames": [{joint: [x, y, z]}]} in metres, y up.
+Of a character with ANIMATION, that action. Writes {"frames": [{joint: [x, y, z]}]} in metres, y up.
 """
 
 import json
@@ -12,7 +12,8 @@ import sys
 
 import bpy
 
-source, fps, target = sys.argv[1], float(sys.argv[2]), sys.argv[3]
+source, fps, target, *animation = sys.argv[1:]
+fps = float(fps)
 bpy.ops.wm.read_factory_settings(use_empty=True)
 scene = bpy.context.scene
 scene.render.fps = round(fps)
@@ -25,6 +26,14 @@ else:
         bpy.ops.preferences.addon_enable(module="io_scene_gltf2")
     bpy.ops.import_scene.gltf(filepath=source)
 armature = next(o for o in bpy.context.scene.objects if o.type == "ARMATURE")
+if animation:
+    # its own action per object, or a slot of one for all (from 4.4)
+    action = next(a for a in bpy.data.actions if a.name.split("_" + armature.name)[0] == animation[0])
+    for track in armature.animation_data.nla_tracks:
+        track.mute = True
+    armature.animation_data.action = action
+    if hasattr(armature.animation_data, "action_suitable_slots"):
+        armature.animation_data.action_slot = armature.animation_data.action_suitable_slots[0]
 begin, end = armature.animation_data.action.frame_range
 frames = []
 for f in range(round(begin), round(end) + 1):

@@ -27,7 +27,7 @@ for clip in salsa/03 salsa/07 salsa/11 salsa/18 salsa/22 salsa/26 indian/13 indi
 done
 
 # the same body on SMPL's rig, whose toes are joints
-[ -e salsa-03-smpl.bvh ] || "$kinelm" convert salsa-03-off.bvh salsa-03-smpl.bvh --skeleton smpl --quiet
+[ -e salsa-03-smpl.bvh ] || "$kinelm" convert salsa-03-off.bvh salsa-03-smpl.bvh --onto smpl --quiet
 for rig in off smpl; do
     for minutes in 1 4 16; do
         long=long-$rig-$minutes.bvh

@@ -50,8 +50,8 @@ def main():
         with tempfile.TemporaryDirectory() as work:
             work = Path(work)
             own, slow, coded = (work / f"{name}.npz" for name in ("own", "slow", "coded"))
-            kinelm("convert", file, own, "--positions", "--skeleton", "smpl", *read)
-            kinelm("convert", file, slow, "--positions", "--skeleton", "smpl", "--fps", 20, *read)
+            kinelm("convert", file, own, "--positions", "--onto", "smpl", *read)
+            kinelm("convert", file, slow, "--positions", "--onto", "smpl", "--fps", 20, *read)
             with open(work / "words.txt", "wb") as words:
                 kinelm("tokenizer", "text", file, "--tokenizer", args.tokenizer, *read, out=words)
             kinelm("tokenizer", "decode", work / "words.txt", work / "coded.bvh", "--tokenizer", args.tokenizer)

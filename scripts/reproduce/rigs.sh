@@ -29,7 +29,7 @@ failed=0
 for file in "$out"/files/*; do
     name=$(basename "${file%.*}")
     case $file in *.asf) continue ;; esac
-    "$kinelm" convert "$file" "$out/smpl/$name.bvh" --skeleton smpl --force --quiet &&
+    "$kinelm" convert "$file" "$out/smpl/$name.bvh" --onto smpl --force --quiet &&
         "$kinelm" generate --run "$run" --fps 20 --prompt "$file" --joints root,torso,right_arm --rig prompt --seed 1 --threads 1 \
             --out "$out/dances/$name.bvh" --force --quiet || { echo "$file: failed"; failed=1; continue; }
     for of in "$file" "$out/smpl/$name.bvh" "$out/dances/$name.bvh"; do

@@ -62,11 +62,11 @@ fn options_may_stand_between_and_positions_go_with_a_rate_and_a_rig() {
     call("convert a.bvh still.bvh --in-place").success();
     call("convert a.bvh start.bvh --at-origin").success();
     call("convert a.bvh none.bvh --at-origin --in-place").code(2);
-    call("convert a.bvh c.npz --positions --fps 30 --skeleton smpl --from 1s").success();
+    call("convert a.bvh c.npz --positions --fps 30 --onto smpl --from 1s").success();
     let (shape, _) = array(&dir.path().join("c.npz"), "positions");
     assert_eq!((shape[0], shape[2]), (30, 3));
     assert_eq!(array(&dir.path().join("c.npz"), "fps").1, [30.0]);
-    call("convert a.bvh d.npz --positions --skeleton b.bvh").success();
+    call("convert a.bvh d.npz --positions --onto b.bvh").success();
     call("convert a.bvh e.npz --positions --write-unit m").code(2);
 }
 
@@ -96,18 +96,16 @@ fn a_clip_and_the_rig_that_it_goes_to_have_options_of_their_own() {
     renamed("a.bvh", "q.bvh");
     call("convert a.bvh one.bvh --to 1f").success();
     // what is of the clip doesn't reach the rig, and the other way round
-    call("convert a.bvh b.bvh --skip 10 --fps-source 30 --skeleton one.bvh")
-        .success()
-        .stderr(contains("110 frames at 30"));
-    call("convert q.bvh c.bvh --map q.toml --skeleton one.bvh").success();
-    call("convert a.bvh d.bvh --skeleton q.bvh --skeleton-map q.toml --skeleton-unit cm --skeleton-root q0").success();
-    call("convert q.bvh e.bvh --map q.toml --skeleton q.bvh --skeleton-map own.toml")
+    call("convert a.bvh b.bvh --skip 10 --fps-source 30 --onto one.bvh").success().stderr(contains("110 frames at 30"));
+    call("convert q.bvh c.bvh --map q.toml --onto one.bvh").success();
+    call("convert a.bvh d.bvh --onto q.bvh --onto-map q.toml --onto-unit cm --onto-root q0").success();
+    call("convert q.bvh e.bvh --map q.toml --onto q.bvh --onto-map own.toml")
         .code(1)
         .stderr(contains("q.bvh: ").and(contains("finds no pelvis")));
-    call("convert a.bvh e.bvh --skeleton two.bvh --skeleton-unit m")
+    call("convert a.bvh e.bvh --onto two.bvh --onto-unit m")
         .code(1)
         .stderr(contains("two.bvh: a rig of the joints a, b"));
-    call("convert a.bvh e.bvh --skeleton-map q.toml").code(2).stderr(contains("--skeleton"));
+    call("convert a.bvh e.bvh --onto-map q.toml").code(2).stderr(contains("--onto"));
     // what a map makes of a file
     call("inspect q.bvh --map q.toml").success().stdout(contains(
         "map smpl: 24 of SMPL's 24 joints; a body stands in its reference pose; on SMPL's body pelvis to neck is 0.0",

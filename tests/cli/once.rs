@@ -57,8 +57,8 @@ fn a_command_searches_a_file_s_map_once() {
     for (words, files) in [
         ("inspect a.bvh b.bvh c.json", 3),
         ("tokenize a.bvh --tokenizer ready --out corpus", 1),
-        ("convert a.bvh smpl.bvh --skeleton smpl --joints all --fps 20", 1),
-        ("convert a.bvh on-b.bvh --skeleton b.bvh", 2),
+        ("convert a.bvh smpl.bvh --onto smpl --joints all --fps 20", 1),
+        ("convert a.bvh on-b.bvh --onto b.bvh", 2),
         ("convert c.json c.npz", 1),
         ("view a.bvh b.bvh --forced left_arm --out page.html", 2),
         ("filter a.bvh --feet --out filtered.bvh", 1),

@@ -97,7 +97,7 @@ const MADE: &[&str] = &[
 type Row = (&'static str, &'static str, &'static str, &'static [&'static str]);
 
 const WRITE: &[Row] = &[
-    ("convert", "convert data/0.bvh OUT --skeleton data/1.bvh", "bvh", &["data/0.bvh", "data/1.bvh"]),
+    ("convert", "convert data/0.bvh OUT --onto data/1.bvh", "bvh", &["data/0.bvh", "data/1.bvh"]),
     ("convert", "convert data/0.bvh OUT --positions", "npz", &["data/0.bvh"]),
     ("view", "view data/0.bvh --music songs/song0.wav --out OUT", "html", &["data/0.bvh", "songs/song0.wav"]),
     (

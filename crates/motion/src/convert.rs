@@ -170,6 +170,7 @@ pub fn on_rig(motion: Motion, rig: &TargetRig) -> Result<Motion> {
             let mut source = like.source.clone();
             match &mut source {
                 Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),
+                Source::Glb(glb) => glb.floor_m = Some(floor_m),
                 Source::Plain | Source::Turned(_) => source = Source::Retargeted { floor_m },
                 _ => {}
             }

@@ -1,8 +1,8 @@
 //! What is above the body belongs to its path, in every format; what is beside it stays in the file.
 
 use kinelm_motion::convert::{ConvertOptions, TargetRig, convert};
-use kinelm_motion::format::bvh::{self, Changed};
 use kinelm_motion::format::{self, ReadOptions, Unit, glb, json};
+use kinelm_motion::format::{Changed, bvh};
 use kinelm_motion::rotation::angle_between;
 use kinelm_motion::{Clip, FaultKind, Motion, Quat, Result, Skeleton, Source, Vec3, synth};
 use serde_json::{Value, json};

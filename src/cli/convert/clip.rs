@@ -11,7 +11,11 @@ use std::path::Path;
 /// A motion at the rate and on the rig of the output.
 pub fn converted(args: &Args, rig: Option<&TargetRig>, motion: Motion, output: &Path) -> Result<Motion> {
     let options = convert_options(args, rig, &motion, output)?;
-    Ok(convert(motion, &options)?)
+    let motion = convert(motion, &options)?;
+    Ok(match &args.rig.replace_animation {
+        Some(name) => motion.replacing(name)?,
+        None => motion,
+    })
 }
 
 /// The conversion for a motion that goes to `output`.

@@ -167,7 +167,7 @@ fn pairs(args: &Args) -> Result<Vec<Pair>> {
 fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
     for Pair { output, .. } in pairs {
         if super::writable(output)? == "npz" && args.rig.is_other() && !args.positions {
-            let what = "--skeleton with an .npz: AMASS files are on SMPL's joints; write .bvh or .json";
+            let what = "--onto with an .npz: AMASS files are on SMPL's joints; write .bvh or .json";
             return Err(WrongCall(what.into()).into());
         }
         if args.write_unit.is_some() && extension(output) != "bvh" {
@@ -192,7 +192,7 @@ impl Args {
     fn moves(&self) -> bool {
         let moment = self.from.is_some() || self.to.is_some();
         let placed = self.in_place || self.at_origin;
-        moment || placed || self.fps.is_some() || self.rig.skeleton.is_some() || self.joints.is_some()
+        moment || placed || self.fps.is_some() || self.rig.onto.is_some() || self.joints.is_some()
     }
 }
 

@@ -8,45 +8,48 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct RigArgs {
-    /// The rig to retarget to: smpl, a body model (SMPL_*.npz), or a motion file with the rig
+    /// The rig to retarget to: smpl, a body model (SMPL_*.npz), or a motion file with the rig. A .glb or .vrm with a mesh
+    /// is a character: a .glb that is written is that file with one more animation
     #[arg(long, value_name = "NAME|FILE")]
-    pub skeleton: Option<String>,
-    /// The skeleton map of the --skeleton file [default: found by its joints]
+    pub onto: Option<String>,
+    /// The skeleton map of the --onto file [default: found by its joints]
     #[arg(long, value_name = "NAME|FILE")]
-    skeleton_map: Option<String>,
-    /// The unit of the --skeleton file [default: auto]
+    onto_map: Option<String>,
+    /// The unit of the --onto file [default: auto]
     #[arg(long, value_name = "UNIT")]
-    skeleton_unit: Option<Unit>,
-    /// The root to read of the --skeleton file, where it has several
+    onto_unit: Option<Unit>,
+    /// The root to read of the --onto file, where it has several
     #[arg(long, value_name = "NAME")]
-    skeleton_root: Option<String>,
+    onto_root: Option<String>,
+    /// The animation of a character, by name, whose place the new one takes
+    #[arg(long, value_name = "NAME")]
+    pub replace_animation: Option<String>,
 }
 
 impl RigArgs {
     /// The target rig, if there is one.
     pub fn load(&self) -> Result<Option<TargetRig>> {
         let options = ReadOptions {
-            map: self.skeleton_map.clone(),
-            unit: self.skeleton_unit.unwrap_or_default(),
-            root: self.skeleton_root.clone(),
+            map: self.onto_map.clone(),
+            unit: self.onto_unit.unwrap_or_default(),
+            root: self.onto_root.clone(),
             ..ReadOptions::default()
         };
-        let is_smpl = self.skeleton.as_deref() == Some("smpl");
+        let is_smpl = self.onto.as_deref() == Some("smpl");
         if is_smpl && options != ReadOptions::default() {
-            let what =
-                "--skeleton smpl is no file; --skeleton-map, --skeleton-unit and --skeleton-root say how one is read";
+            let what = "--onto smpl is no file; --onto-map, --onto-unit and --onto-root say how one is read";
             return Err(WrongCall(what.into()).into());
         }
-        Ok(self.skeleton.as_deref().map(|name| TargetRig::load(name, &options)).transpose()?)
+        Ok(self.onto.as_deref().map(|name| TargetRig::load(name, &options)).transpose()?)
     }
 
     /// The files that are read for the rig.
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
-        self.skeleton.iter().chain(&self.skeleton_map).map(PathBuf::from)
+        self.onto.iter().chain(&self.onto_map).map(PathBuf::from)
     }
 
     /// Whether it is a rig of other joints than SMPL's.
     pub fn is_other(&self) -> bool {
-        self.skeleton.as_deref().is_some_and(|name| name != "smpl")
+        self.onto.as_deref().is_some_and(|name| name != "smpl")
     }
 }

@@ -50,7 +50,7 @@ pub struct DanceArgs {
     goal_guidance: Option<f64>,
     /// Frames to generate at the model's rate, or a time such as 12s [default: the prompt's length, or the music's]
     #[arg(long, value_name = "N", value_parser = length_in_frames,
-        required_unless_present_any = ["prompt", "seconds", "music"])]
+        required_unless_present_any = ["prompt", "onto", "seconds", "music"])]
     frames: Option<Moment>,
     /// Seconds to generate, instead of --frames: 12, 12s or 240f
     #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = length)]
@@ -174,7 +174,8 @@ impl DanceArgs {
     }
 
     /// The files to write. Refuses, before anything is read, what can't be written: `edited` is whether a clip is edited.
-    pub fn outs(&self, edited: bool, prompt: Option<&Path>) -> Result<Vec<PathBuf>> {
+    /// `onto`: whether a new dance is on the prompt's rig.
+    pub fn outs(&self, edited: bool, prompt: Option<&Path>, onto: bool) -> Result<Vec<PathBuf>> {
         let Some(out) = &self.out else { wrong_call!("no --out FILE; expected where the dance goes") };
         let extension = writable(out)?;
         if let Some(best) = self.best.best.filter(|best| *best < self.variations) {
@@ -193,8 +194,9 @@ impl DanceArgs {
                  --rig model"
             );
         }
-        if self.is_on_own_rig() && extension == "npz" {
-            wrong_call!("--rig prompt with an .npz: AMASS files are on the model's rig; write .bvh or .json");
+        if (self.is_on_own_rig() || onto) && extension == "npz" {
+            let flag = if onto { "--onto" } else { "--rig prompt" };
+            wrong_call!("{flag} with an .npz: AMASS files are on the model's rig; write .bvh, .json or .glb");
         }
         let numbered = |i: u8| {
             let mut name = out.file_stem().unwrap_or_default().to_owned();

@@ -7,8 +7,8 @@ pub mod make;
 
 use super::read::ReadArgs;
 use super::values::length_in_frames;
-use super::{Say, print, wrong_call};
-use crate::generate::request::{PromptRequest, Timeline};
+use super::{Say, extension, print, wrong_call};
+use crate::generate::request::{PromptRequest, Rig, Timeline};
 use crate::generate::timeline::chart;
 use crate::model::run::TOKENIZER;
 use crate::train::run::RunFile;
@@ -29,6 +29,13 @@ pub struct Args {
     /// --free, --loop). Of a new dance it lends the rig and the rate (--rig prompt). Without one, the dance is free
     #[arg(long, value_name = "CLIP")]
     prompt: Option<PathBuf>,
+    /// A new dance on the rig of this file, as --prompt FILE --rig prompt. A .glb or .vrm with a mesh is a character: the
+    /// .glb that is written is that file with one more animation, named as --out is
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["prompt", "joints", "from_frame", "given", "free", "loop", "rig"])]
+    onto: Option<PathBuf>,
+    /// The animation of a character, by name, whose place the dance takes in the .glb that is written
+    #[arg(long, value_name = "NAME")]
+    replace_animation: Option<String>,
     /// Joints that are taken from the prompt: groups (root, right_arm, hands, feet, spine, ...), names (SMPL's or the prompt
     /// rig's) and ids, separated by commas. root includes the translation
     #[arg(long, value_name = "LIST")]
@@ -68,9 +75,17 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         Some(Command::Timeline(args)) => return timeline(args, say),
         None => {}
     }
-    let outs = args.dance.outs(args.edit.is_requested(), args.prompt.as_deref())?;
-    let prompt = args.prompt.as_ref().map(|path| prompt(&args, path, say)).transpose()?;
-    make::make(&args.dance, args.dance.request(prompt, Vec::new())?, &outs, None, say)
+    let path = args.prompt.as_ref().or(args.onto.as_ref());
+    let outs = args.dance.outs(args.edit.is_requested(), path.map(|path| &**path), args.onto.is_some())?;
+    if let Some((name, out)) = args.replace_animation.as_ref().zip(outs.iter().find(|out| extension(out) != "glb")) {
+        wrong_call!("--replace-animation {name} with {}: only a .glb has animations; write .glb", out.display());
+    }
+    let prompt = path.map(|path| prompt(&args, path, say)).transpose()?;
+    let mut request = args.dance.request(prompt, Vec::new())?;
+    if args.onto.is_some() {
+        request.rig = Some(Rig::Prompt);
+    }
+    make::make(&args.dance, request, &outs, None, say)
 }
 
 fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
@@ -79,7 +94,7 @@ fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
         layout.notes.iter().for_each(|note| say.line(note));
         return print(&chart(&layout));
     }
-    let outs = args.dance.outs(true, None)?;
+    let outs = args.dance.outs(true, None, false)?;
     let (prompt, layout) = edit::of_timeline(&args.timeline, &args.dance, say)?;
     let request = args.dance.request(Some(prompt), layout.labels.clone())?;
     make::make(&args.dance, request, &outs, Some((&args.timeline, layout)), say)
@@ -91,8 +106,10 @@ fn prompt(args: &Args, path: &Path, say: Say) -> Result<PromptRequest> {
     let read = read_as(&args.read, &run, path, say);
     let from_frame = args.from_frame.map(|at| at_model_rate(&run, at)).transpose()?.map(|(_, frame)| frame as usize);
     let edit = args.edit.get(&args.dance, &|| Ok(format::read(path, &read)?.clip.fps()))?;
-    let prompt = PromptRequest { read, joints: args.joints.clone(), from_frame, edit, ..PromptRequest::of(path) };
-    if prompt.lends() && !args.dance.is_on_own_rig() {
+    let replace_animation = args.replace_animation.clone();
+    let joints = args.joints.clone();
+    let prompt = PromptRequest { read, joints, from_frame, edit, replace_animation, ..PromptRequest::of(path) };
+    if prompt.lends() && !args.dance.is_on_own_rig() && args.onto.is_none() {
         wrong_call!(
             "--prompt alone; say what is taken from it (--joints LIST, --from-frame N, or both), what of it is generated \
              (--free, --given), or --rig prompt for a new dance on its rig"

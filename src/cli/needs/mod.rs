@@ -39,20 +39,15 @@ const DRAWING: &[&str] = &["greedy", "temperature", "top-k", "top-p", "min-p", "
 const NEEDS: &[Need] = &[
     Need {
         commands: &["generate"],
-        options: &[
-            "joints",
-            "from-frame",
-            "given",
-            "free",
-            "loop",
-            "rig=prompt",
-            "uncoded-joints=follow",
-            "uncoded-joints=prompt",
-            "uncoded-joints=mean",
-        ],
+        options: &["joints", "from-frame", "given", "free", "loop", "rig=prompt"],
         any_of: &["prompt"],
     },
-    Need { commands: &["generate"], options: READING, any_of: &["prompt"] },
+    Need {
+        commands: &["generate"],
+        options: &["uncoded-joints=follow", "uncoded-joints=prompt", "uncoded-joints=mean", "replace-animation"],
+        any_of: &["prompt", "onto"],
+    },
+    Need { commands: &["generate"], options: READING, any_of: &["prompt", "onto"] },
     Need { commands: &["generate"], options: &["loop-over"], any_of: &["loop"] },
     Need { commands: &["generate"], options: &["blend", "tries", "goal-guidance"], any_of: &["given", "free", "loop"] },
     Need { commands: &["generate", "generate timeline"], options: &["music-from"], any_of: &["music"] },
@@ -64,8 +59,8 @@ const NEEDS: &[Need] = &[
     },
     Need {
         commands: &["convert"],
-        options: &["skeleton-map", "skeleton-unit", "skeleton-root"],
-        any_of: &["skeleton"],
+        options: &["onto-map", "onto-unit", "onto-root", "replace-animation"],
+        any_of: &["onto"],
     },
     Need { commands: &["filter"], options: &["butterworth"], any_of: &["cutoff"] },
     Need { commands: &["filter"], options: &["compat"], any_of: &["butterworth"] },

@@ -21,7 +21,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
         &[],
     ),
     ("compare", "joints band json page", &[READING]),
-    ("convert", "format fps skeleton joints from to in-place at-origin for write-unit positions force", &[READING]),
+    ("convert", "format fps onto joints from to in-place at-origin for write-unit positions force", &[READING]),
     ("corpus clean", "labels strict out tokenizer force", &[READING]),
     ("corpus merge", "out force", &[]),
     ("corpus order", "corpus config steps seed out force trust", &[]),
@@ -56,7 +56,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ),
     (
         "generate",
-        "checkpoint prompt run out label music guidance frames seconds fps variations seed first-frames look-ahead lead-in feet \
+        "checkpoint prompt onto run out label music guidance frames seconds fps variations seed first-frames look-ahead lead-in feet \
          passes guesses best force weights kv device form",
         &[DRAWING],
     ),
@@ -245,6 +245,7 @@ fn with_what_it_needs_an_option_is_taken() {
         "generate --out a.bvh --prompt b.bvh --loop --loop-over 3s --blend 1s --tries 9 --fps-source 60",
         "generate --out a.bvh --prompt b.bvh --free left_arm@1s:2s --blend 1s --goal-guidance 2 --rig prompt",
         "generate --out a.bvh --seconds 5 --rig model --uncoded-joints training",
+        "generate --out a.glb --onto b.glb --seconds 5 --uncoded-joints mean --replace-animation idle --unit cm",
         "generate --out a.bvh --frames 5 --best 4 --keep-all --real corpus --music a.wav --music-from 2s",
         "generate timeline a.toml --out a.bvh --blend 1s --tries 9 --goal-guidance 2",
         "filter a.bvh --out b.bvh --butterworth 2 --cutoff 5 --compat",

@@ -20,7 +20,7 @@ use crate::prompt::uncoded::mean_pose;
 use crate::request::{Edit, PromptRequest};
 use crate::{Error, Result};
 use kinelm_motion::feet::FootLock;
-use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::Changed};
+use kinelm_motion::format::{self, Changed, ReadOptions, RestFrame};
 use kinelm_motion::joints::Selection;
 use kinelm_motion::moment::Timebase;
 use kinelm_motion::resample::{Method, held_frames, resample, resample_held};
@@ -275,7 +275,11 @@ fn whole(request: &PromptRequest, text: &[u8], read: &Motion, is_lengthened: boo
         return Ok(read.clone());
     }
     let options = ReadOptions { skip: 0, rest: RestFrame::Keep, ..request.read.clone() };
-    Ok(format::parse(&request.path, text, &options)?)
+    let motion = format::parse(&request.path, text, &options)?;
+    Ok(match &request.replace_animation {
+        Some(name) => motion.replacing(name)?,
+        None => motion,
+    })
 }
 
 /// (C) the joint of each character.

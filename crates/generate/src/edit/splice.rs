@@ -3,7 +3,7 @@
 use super::gap::{Shares, difference};
 use super::mask::Mask;
 use crate::Result;
-use kinelm_motion::format::bvh::Changed;
+use kinelm_motion::format::Changed;
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::Retarget;
 use kinelm_motion::rotation::exp_map;

@@ -84,7 +84,11 @@ impl PreparedPrompt {
             request.read.map = Some(map);
         }
         request.read.floor = clip.floor_m.or(request.read.floor);
-        if let Source::Bvh(_) | Source::Json(_) = clip.motion.source {
+        request.is_character = matches!(clip.motion.source, Source::Glb(_));
+        if let Some(animation) = &request.replace_animation {
+            clip.motion = clip.motion.replacing(animation)?;
+        }
+        if let Source::Bvh(_) | Source::Json(_) | Source::Glb(_) = clip.motion.source {
             request.read.up = clip.motion.source.axes().up;
         }
         let (rig, map) = (clip.motion.clip.skeleton(), clip.motion.map());

@@ -18,9 +18,9 @@ use crate::open::{OpenRequest, PreparedPrompt};
 use crate::prompt::uncoded;
 use crate::request::{FootMode, Placement, Rig, UncodedJoints};
 use kinelm_motion::feet::FootLock;
-use kinelm_motion::format::{self, Format, ReadOptions, RestFrame, bvh::Changed};
+use kinelm_motion::format::{self, Changed, ReadOptions, RestFrame};
 use kinelm_motion::resample::{Method, resample_held};
-use kinelm_motion::{Clip, Motion, Source};
+use kinelm_motion::{Clip, Motion};
 use kinelm_tokenizer::{UncodedPose, Words};
 use std::path::Path;
 use std::sync::Arc;
@@ -43,14 +43,12 @@ impl Generated {
     /// The bytes of a file of this name, whose extension says the format.
     ///
     /// # Errors
-    /// Those of [`format::to_bytes`].
+    /// Those of [`format::edited_to_bytes`].
     pub fn bytes(&self, out: &Path) -> Result<Vec<u8>> {
-        match (&self.motion.source, &self.changed) {
-            (Source::Bvh(source), Some((changed, text))) if Format::of_name(out) == Some(Format::Bvh) => {
-                Ok(source.spliced(text, &self.motion.clip, changed)?)
-            }
-            _ => Ok(format::to_bytes(out, &self.motion)?),
-        }
+        Ok(match &self.changed {
+            Some((changed, file)) => format::edited_to_bytes(out, &self.motion, changed, file)?,
+            None => format::to_bytes(out, &self.motion)?,
+        })
     }
 }
 

@@ -42,6 +42,12 @@ pub struct PromptRequest {
     /// The given and the generated parts, instead of `joints` and `from_frame`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edit: Option<Edit>,
+    /// The animation of the file, by name, whose place a dance on its rig takes; `None` adds one of the dance's name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub replace_animation: Option<String>,
+    /// Whether the file is a character, into which a dance on its rig is written as an animation; known once it is read.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_character: bool,
 }
 
 impl PromptRequest {
@@ -49,7 +55,16 @@ impl PromptRequest {
     /// this program is read: [`kinelm_corpus::sidecar::read_options`].
     pub fn of(path: impl Into<PathBuf>) -> PromptRequest {
         let read = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
-        PromptRequest { path: path.into(), read, joints: None, from_frame: None, timeline: None, edit: None }
+        PromptRequest {
+            path: path.into(),
+            read,
+            joints: None,
+            from_frame: None,
+            timeline: None,
+            edit: None,
+            replace_animation: None,
+            is_character: false,
+        }
     }
 
     /// Whether nothing is given: the clip lends its rig and its rate.

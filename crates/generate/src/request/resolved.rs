@@ -7,7 +7,7 @@ use super::{
 use crate::sampling::Sampling;
 use kinelm_corpus::sidecar::output_read_options;
 use kinelm_model::lead_in::LeadInFrom;
-use kinelm_motion::format::ReadOptions;
+use kinelm_motion::format::{Format, ReadOptions};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -95,7 +95,10 @@ impl Resolved {
     /// out of it too. The floor of every other dance is y = 0.
     pub fn read_back(&self, dance: &Path) -> ReadOptions {
         let on_rig = self.prompt.as_ref().filter(|_| self.rig == Rig::Prompt);
-        let own = output_read_options(dance, on_rig.map(|prompt| (&*prompt.path, &prompt.read)));
+        let own = match on_rig.filter(|prompt| prompt.is_character && Format::of_name(dance) == Some(Format::Glb)) {
+            Some(prompt) => animation_of(prompt, dance),
+            None => output_read_options(dance, on_rig.map(|prompt| (&*prompt.path, &prompt.read))),
+        };
         let Some((prompt, edit)) = self.prompt.as_ref().and_then(|prompt| Some((prompt, prompt.edit.as_ref()?))) else {
             return ReadOptions { floor: Some(0.0), ..own };
         };
@@ -105,6 +108,14 @@ impl Resolved {
             false => own,
         }
     }
+}
+
+/// How a dance is read that is an animation of its prompt's file: as the prompt was.
+fn animation_of(prompt: &PromptRequest, dance: &Path) -> ReadOptions {
+    let name = || dance.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let ReadOptions { unit, up, map, root, mirror_axis, floor, .. } = prompt.read.clone();
+    let take = Some(prompt.replace_animation.clone().unwrap_or_else(name));
+    ReadOptions { unit, up, map, root, mirror_axis, floor, take, ..ReadOptions::default() }
 }
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {

@@ -119,11 +119,9 @@ pub const FORMATS: &[FormatInfo] = &[
         name: "GLB",
         extensions: &["glb", "vrm"],
         written: &["glb"],
-        then: &[Step::Skip, Step::Mirror],
+        then: &[Step::Skip],
         read: Some(glb::read),
-        write: Some(|path, motion| {
-            glb::to_bytes(&[(&path.file_stem().unwrap_or_default().to_string_lossy(), &motion.clip)])
-        }),
+        write: Some(|path, motion| glb::motion_to_bytes(path, motion, None)),
         ..READ_ONLY
     },
     FormatInfo {

@@ -54,7 +54,7 @@ pub use rates::{FileRate, RateDoubts, RateGroup};
 pub use reflect::MirrorAxis;
 pub use rest::{has_rest_frame, smeared_frames};
 pub(crate) use sniff::sniff;
-pub use source::{Motion, Source};
+pub use source::{Changed, Motion, Source};
 pub use stand::standing_axis;
 pub use up::{Axes, Up, UpSource};
 
@@ -251,6 +251,19 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
         return Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into());
     }
     info.write.ok_or_else(|| left_out(path, info))?(path, motion)
+}
+
+/// The content of a file to which an edited clip is written: what is not `changed` is as in `bytes`, the file that was read,
+/// where that is kept: in a BVH of a BVH, and in a GLB of one with a mesh.
+///
+/// # Errors
+/// Those of [`to_bytes`]; other joints or flags than the clip's.
+pub fn edited_to_bytes(path: &Path, motion: &Motion, changed: &Changed, bytes: &[u8]) -> Result<Vec<u8>> {
+    match (&motion.source, Format::of(path)?) {
+        (Source::Bvh(source), Format::Bvh) => source.spliced(bytes, &motion.clip, changed),
+        (Source::Glb(_), Format::Glb) => glb::motion_to_bytes(path, motion, Some(changed)),
+        _ => to_bytes(path, motion),
+    }
 }
 
 #[cfg(test)]

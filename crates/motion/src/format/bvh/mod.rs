@@ -24,7 +24,6 @@ pub use super::source::bvh::{BvhRig, BvhSource, Channel, Header, Node, NodeKind}
 pub use compose::Piece;
 pub use frame_time::USUAL_FPS;
 pub use positions::positions;
-pub use splice::Changed;
 pub use write::{to_bytes, to_bytes_in};
 
 use crate::format::{Axes, BvhPosition, ReadOptions};

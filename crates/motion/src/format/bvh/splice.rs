@@ -2,21 +2,11 @@
 
 use super::frame_time;
 use super::print::{not_finite, print_head, push_number};
+use crate::format::source::Changed;
 use crate::format::source::bvh::{BvhSource, Channel};
 use crate::rotation::Axis;
 use crate::{Clip, Error, Result};
 use std::ops::Range;
-
-/// The parts of a clip that differ from the file it comes from.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Changed {
-    /// Frames at the start of the file that are not written.
-    pub before: usize,
-    /// Whether the root's position changed (F).
-    pub root: Vec<bool>,
-    /// Whether each rotation changed (F, J).
-    pub joints: Vec<bool>,
-}
 
 impl BvhSource {
     /// The bytes of `clip`, y up, on this rig. `text` is the file that this was read from, with no frame dropped on reading.

@@ -3,11 +3,15 @@
 //! Readers make these types and writers use them, without knowing each other.
 
 pub mod bvh;
+mod changed;
+pub mod glb;
 
 use super::{Axes, Up};
 use crate::rig::{Floor, FoundBy, FoundMap, Humanoid, SkeletonMap, unknown};
 use crate::{Clip, Result, Vec3, Warning};
 use bvh::BvhSource;
+pub use changed::Changed;
+use glb::GlbSource;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -58,6 +62,19 @@ impl Motion {
     pub fn with_map(self, map: &str) -> Result<Motion> {
         let humanoid = Arc::new(Humanoid::of(&self.clip, Some(map))?);
         Ok(Motion { humanoid: OnceLock::from(Some(humanoid)), floor: OnceLock::new(), ..self })
+    }
+
+    /// The same for writing into the file of its character in place of the animation of this name.
+    ///
+    /// # Errors
+    /// [`Invalid`](kinelm_store::Error::Invalid) for a motion of a file without a mesh, into which nothing is written.
+    pub fn replacing(mut self, animation: &str) -> Result<Motion> {
+        let Source::Glb(glb) = &mut self.source else {
+            let found = format!("{animation} of {}", self.path.display());
+            return Err(crate::Error::invalid_parameter("replace_animation", found, "a .glb or .vrm with a mesh"));
+        };
+        glb.replace = Some(animation.to_owned());
+        Ok(self)
     }
 
     /// The motion of a file, of whose rig this map was found, or none, in the file's own axes.
@@ -170,6 +187,8 @@ pub enum Source {
         /// How the file's axes are rotated to the clip's.
         axes: Axes,
     },
+    /// A GLB with a mesh.
+    Glb(Box<GlbSource>),
     /// A JSON clip whose up axis is not y, or that is mirrored.
     Json(Axes),
     /// A clip of another format without a source of its own, whose up axis is not y.
@@ -188,6 +207,7 @@ impl Source {
     pub fn axes(&self) -> Axes {
         match self {
             Source::Bvh(bvh) => bvh.rig.axes,
+            Source::Glb(glb) => glb.axes,
             Source::Json(axes) | Source::Turned(axes) => *axes,
             Source::Amass { axes, .. } | Source::Aist { axes, .. } => *axes,
             Source::Retargeted { .. } | Source::Plain => Axes::OWN,

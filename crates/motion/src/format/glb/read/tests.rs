@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Clip, Skeleton, smpl, synth};
+use crate::{Clip, Quat, Skeleton, Vec3, smpl, synth};
 use std::sync::Arc;
 
 fn dance() -> Clip {
@@ -130,7 +130,7 @@ fn faults_say_what_is_wrong() {
             &|j| j["accessors"][1] = serde_json::json!({"componentType": 5126, "count": 2_000_000, "type": "VEC4"}),
             "2000000 elements",
         ),
-        (&|j| j["extensionsRequired"] = vec!["EXT_meshopt_compression"].into(), "EXT_meshopt_compression"),
+        (&|j| j["extensionsRequired"] = vec!["EXT_unheard_of"].into(), "EXT_unheard_of"),
         (&|j| j["asset"]["version"] = "1.0".into(), "version 2"),
     ];
     for (change, expected) in changes {

@@ -1,4 +1,4 @@
-//! The binary part of a GLB, and the container of both parts.
+//! The binary part of a GLB, with its views and accessors.
 
 use crate::{Error, Result};
 use kinelm_store::Subject;
@@ -28,9 +28,16 @@ pub struct Buffer {
     not_finite: bool,
     views: Vec<Value>,
     accessors: Vec<Value>,
+    /// Bytes, views and accessors that a file has already, which these come after.
+    before: [usize; 3],
 }
 
 impl Buffer {
+    /// A buffer that continues one of so many bytes, views and accessors.
+    pub fn after(bytes: usize, views: usize, accessors: usize) -> Buffer {
+        Buffer { before: [bytes, views, accessors], ..Buffer::default() }
+    }
+
     /// Adds (N, C) floats, C by `kind` (`SCALAR`, `VEC3`, `VEC4`, `MAT4`). Returns the index of the accessor, which has the
     /// minimum and maximum of each component if `bounds`.
     pub fn floats(&mut self, numbers: &[f32], kind: (&str, usize), target: Target, bounds: bool) -> usize {
@@ -62,44 +69,27 @@ impl Buffer {
     }
 
     fn add(&mut self, bytes: Vec<u8>, mut accessor: Value, target: Target) -> usize {
-        let mut view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
+        let [before, views, accessors] = self.before;
+        let mut view = json!({"buffer": 0, "byteOffset": before + self.bytes.len(), "byteLength": bytes.len()});
         if target != Target::None {
             view["target"] = (target as u32).into();
         }
         self.bytes.extend(bytes);
-        accessor["bufferView"] = self.views.len().into();
+        accessor["bufferView"] = (views + self.views.len()).into();
         self.views.push(view);
         self.accessors.push(accessor);
-        self.accessors.len() - 1
+        accessors + self.accessors.len() - 1
     }
 
-    /// The bytes of a GLB: `document` with the buffer's views and accessors.
+    /// Its views, its accessors and its bytes; `what` names them in an error.
     ///
     /// # Errors
     /// [`Unsupported`](kinelm_store::Error::Unsupported) for numbers beyond single precision.
-    pub fn container(self, mut document: Value) -> Result<Vec<u8>> {
+    pub fn parts(self, what: &str) -> Result<(Vec<Value>, Vec<Value>, Vec<u8>)> {
         if self.not_finite {
-            return Err(beyond("the body"));
+            return Err(beyond(what.to_owned()));
         }
-        document["buffers"] = json!([{"byteLength": self.bytes.len()}]);
-        document["bufferViews"] = self.views.into();
-        document["accessors"] = self.accessors.into();
-        let mut text = document.to_string().into_bytes();
-        // glTF 2.0, 4.4.3: chunks are aligned to 4 bytes, JSON with blanks and binary with zeros
-        text.resize(text.len().next_multiple_of(4), b' ');
-        let mut binary = self.bytes;
-        binary.resize(binary.len().next_multiple_of(4), 0);
-        let mut out = b"glTF".to_vec();
-        let whole = 12 + 8 + text.len() + 8 + binary.len();
-        for number in [2, whole as u32, text.len() as u32] {
-            out.extend(number.to_le_bytes());
-        }
-        out.extend(b"JSON");
-        out.extend(text);
-        out.extend((binary.len() as u32).to_le_bytes());
-        out.extend(b"BIN\0");
-        out.extend(binary);
-        Ok(out)
+        Ok((self.views, self.accessors, self.bytes))
     }
 }
 

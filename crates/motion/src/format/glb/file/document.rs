@@ -1,22 +1,30 @@
-//! The parts of a glTF file that animation needs, and its binary buffers.
+//! The parts of a glTF document that animation needs, and the numbers in its buffer.
 
+use super::chunks::{Chunks, not_this};
 use crate::{Error, FaultKind, FileError, Result};
 use kinelm_store::SourcePos;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Most zeros of an accessor that has no view.
 const MOST_ZEROS: usize = 1 << 22;
 /// Most numbers of an accessor.
 const MOST_NUMBERS: usize = 1 << 28;
+/// Extensions that compress views, of which a plain reader finds no bytes.
+const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 /// Extensions that a file may require without its skeleton or animation depending on them.
-const HARMLESS: [&str; 8] = [
+const HARMLESS: [&str; 10] = [
     "KHR_materials",
     "KHR_texture",
     "KHR_lights",
     "KHR_mesh_quantization",
-    // of meshes alone; EXT_meshopt_compression, which is not here, may compress animations too
+    // of meshes alone
     "KHR_draco",
+    // may compress animations too: a view that it compresses is refused where numbers of it are needed
+    MESHOPT[0],
+    MESHOPT[1],
     "EXT_texture",
     "VRM",
     "MSFT_texture",
@@ -24,26 +32,27 @@ const HARMLESS: [&str; 8] = [
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-pub(super) struct Json {
-    asset: Asset,
+pub struct Json {
+    pub asset: Asset,
     extensions_required: Vec<String>,
     pub nodes: Vec<Node>,
     pub skins: Vec<Skin>,
     pub animations: Vec<Animation>,
-    accessors: Vec<Accessor>,
-    buffer_views: Vec<View>,
-    buffers: Vec<BufferOf>,
+    pub accessors: Vec<Accessor>,
+    pub buffer_views: Vec<View>,
+    pub buffers: Vec<BufferOf>,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-struct Asset {
+pub struct Asset {
     version: String,
+    pub generator: String,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Node {
+pub struct Node {
     pub name: Option<String>,
     pub children: Vec<usize>,
     pub translation: Option<[f64; 3]>,
@@ -51,19 +60,20 @@ pub(super) struct Node {
     pub scale: Option<[f64; 3]>,
     pub matrix: Option<[f64; 16]>,
     pub mesh: Option<usize>,
+    pub skin: Option<usize>,
     pub camera: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-pub(super) struct Skin {
+pub struct Skin {
     pub joints: Vec<usize>,
     pub inverse_bind_matrices: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Animation {
+pub struct Animation {
     pub name: Option<String>,
     pub channels: Vec<ChannelOf>,
     pub samplers: Vec<Sampler>,
@@ -71,21 +81,21 @@ pub(super) struct Animation {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct ChannelOf {
+pub struct ChannelOf {
     pub sampler: usize,
     pub target: Target,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Target {
+pub struct Target {
     pub node: Option<usize>,
     pub path: String,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Sampler {
+pub struct Sampler {
     pub input: usize,
     pub output: usize,
     pub interpolation: Option<String>,
@@ -93,7 +103,7 @@ pub(super) struct Sampler {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-struct Accessor {
+pub struct Accessor {
     buffer_view: Option<usize>,
     byte_offset: usize,
     component_type: u32,
@@ -105,52 +115,35 @@ struct Accessor {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-struct View {
+pub struct View {
     buffer: usize,
     byte_offset: usize,
     byte_length: usize,
     byte_stride: Option<usize>,
+    extensions: BTreeMap<String, IgnoredAny>,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-struct BufferOf {
-    uri: Option<String>,
+pub struct BufferOf {
+    pub uri: Option<String>,
 }
 
 /// A file with its binary chunk.
-pub(super) struct Document<'a> {
+pub struct Document<'a> {
     path: &'a Path,
     pub json: Json,
     binary: &'a [u8],
 }
 
 impl<'a> Document<'a> {
-    /// The chunks of a GLB (glTF 2.0, section 4.4).
+    /// The document of a GLB.
+    ///
+    /// # Errors
+    /// [`FaultKind::NotThisFormat`] for bytes that are no GLB of version 2, or that need an extension.
     pub fn parse(path: &'a Path, bytes: &'a [u8]) -> Result<Self> {
         let bad = |found: String, expected: &str| not_this(path, found, expected);
-        let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
-        if !bytes.starts_with(b"glTF") {
-            return Err(bad(crate::format::sniff(bytes).to_owned(), "a GLB (binary glTF)"));
-        }
-        if word(4) != Some(2) {
-            return Err(bad(format!("glTF of version {}", word(4).unwrap_or(0)), "version 2"));
-        }
-        // magic, version and length, 4 bytes each, are before the first chunk
-        let (mut at, mut json, mut binary) = (12usize, None, &bytes[..0]);
-        while let (Some(length), Some(kind)) = (word(at), word(at + 4)) {
-            let chunk = bytes.get(at + 8..(at + 8).saturating_add(length as usize));
-            let Some(chunk) = chunk else {
-                return Err(bad(format!("a chunk of {length} bytes at byte {at}"), "all of it; the file was cut off"));
-            };
-            match &kind.to_le_bytes() {
-                b"JSON" if json.is_none() => json = Some(chunk),
-                b"BIN\0" => binary = chunk,
-                _ => {}
-            }
-            at += 8 + length as usize;
-        }
-        let json = json.ok_or_else(|| bad("no JSON chunk".into(), "a GLB with one"))?;
+        let Chunks { json, binary, .. } = Chunks::parse(path, bytes)?;
         let json: Json = serde_json::from_slice(json).map_err(|e| bad(e.to_string(), "a glTF document"))?;
         if !json.asset.version.starts_with("2.") {
             return Err(bad(format!("an asset of version {:?}", json.asset.version), "version 2"));
@@ -159,7 +152,13 @@ impl<'a> Document<'a> {
         if let Some(needs) = json.extensions_required.iter().find(strange) {
             return Err(bad(format!("a file that requires {needs}"), "one without; export it uncompressed"));
         }
-        Ok(Document { path, json, binary })
+        Ok(Document { path, json, binary: binary.unwrap_or_default() })
+    }
+
+    /// Whether it has a mesh that isn't the body of capsules which kinelm gives its own files.
+    pub fn has_character(&self) -> bool {
+        let is_own = self.json.asset.generator.starts_with("kinelm ");
+        !is_own && self.json.nodes.iter().any(|node| node.mesh.is_some())
     }
 
     pub fn fault(&self, found: String, expected: &str) -> Error {
@@ -198,7 +197,11 @@ impl<'a> Document<'a> {
         // by the specification, an accessor without a view is all zeros
         let Some(view) = accessor.buffer_view else { return Ok(vec![0.0; accessor.count * width]) };
         let view = self.json.buffer_views.get(view).ok_or_else(|| bad("no buffer view".into(), "one"))?;
-        let outside = self.json.buffers.get(view.buffer).is_none_or(|b| b.uri.is_some());
+        if let Some(name) = MESHOPT.iter().find(|&&name| view.extensions.contains_key(name)) {
+            return Err(bad(format!("compressed by {name}"), "plain numbers; export animation and skin uncompressed"));
+        }
+        // the first buffer alone is the binary chunk (section 4.4.3.3)
+        let outside = view.buffer > 0 || self.json.buffers.first().is_none_or(|b| b.uri.is_some());
         if outside {
             return Err(bad("a buffer in another file".into(), "the file's own binary chunk; export as GLB"));
         }
@@ -238,8 +241,4 @@ fn number(kind: u32, raw: &[u8]) -> f64 {
         (_, [a, b, c, d]) => f64::from(f32::from_le_bytes([*a, *b, *c, *d])),
         _ => 0.0,
     }
-}
-
-fn not_this(path: &Path, found: String, expected: &str) -> Error {
-    FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into()
 }

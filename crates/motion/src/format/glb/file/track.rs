@@ -4,8 +4,8 @@ use crate::rotation::{nearest_sign, slerp};
 use crate::{Quat, Vec3};
 
 /// How values between keys are found.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Between {
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Between {
     Linear,
     Step,
     /// Hermite, with a tangent before and after each value.
@@ -13,7 +13,7 @@ pub(super) enum Between {
 }
 
 /// Keys of a property: seconds (K) and values (K, width), or (K, 3, width) with tangents.
-pub(super) struct Track {
+pub struct Track {
     pub times: Vec<f64>,
     pub values: Vec<f64>,
     pub width: usize,
@@ -22,14 +22,14 @@ pub(super) struct Track {
 
 impl Track {
     /// The key before `time`, the one after it, and how far between them it is.
-    fn place(&self, time: f64) -> (usize, usize, f64) {
+    pub fn place(&self, time: f64) -> (usize, usize, f64) {
         let after = self.times.partition_point(|t| *t <= time);
         let (a, b) = (after.saturating_sub(1), after.min(self.times.len() - 1));
         let span = self.times[b] - self.times[a];
         (a, b, if span > 0.0 { ((time - self.times[a]) / span).clamp(0.0, 1.0) } else { 0.0 })
     }
 
-    fn value(&self, key: usize) -> &[f64] {
+    pub fn value(&self, key: usize) -> &[f64] {
         let cubic = self.between == Between::Cubic;
         // in-tangent, value, out-tangent for each key
         let at = if cubic { (3 * key + 1) * self.width } else { key * self.width };
@@ -42,7 +42,7 @@ impl Track {
     }
 
     /// The components at `time`, but for linear rotations.
-    fn components(&self, time: f64) -> Vec<f64> {
+    pub fn components(&self, time: f64) -> Vec<f64> {
         let (a, b, u) = self.place(time);
         let (from, to) = (self.value(a), self.value(b));
         match self.between {
@@ -64,6 +64,24 @@ impl Track {
         }
     }
 
+    /// How fast the components change at `time`, of a cubic track; 0 before its first key and after its last.
+    pub fn slopes(&self, time: f64) -> Vec<f64> {
+        let (a, b, u) = self.place(time);
+        let span = self.times[b] - self.times[a];
+        if span <= 0.0 {
+            return vec![0.0; self.width];
+        }
+        let tangent = |key: usize, side: usize, c: usize| self.values[(3 * key + side) * self.width + c];
+        let (from, to) = (self.value(a), self.value(b));
+        // the derivative of the polynomials in `components`
+        let slope = |c: usize| {
+            (6.0 * u * u - 6.0 * u) * (from[c] - to[c]) / span
+                + (3.0 * u * u - 4.0 * u + 1.0) * tangent(a, 2, c)
+                + (3.0 * u * u - 2.0 * u) * tangent(b, 0, c)
+        };
+        (0..self.width).map(slope).collect()
+    }
+
     /// A place or a scale at `time`.
     pub fn vector(&self, time: f64) -> Vec3 {
         let c = self.components(time);
@@ -82,7 +100,7 @@ impl Track {
 }
 
 /// x, y, z, w; identity if it is none.
-pub(super) fn quat(c: &[f64]) -> Quat {
+pub fn quat(c: &[f64]) -> Quat {
     let q = Quat::from_xyzw(c[0], c[1], c[2], c[3]);
     if q.length() > 1e-9 { q.normalize() } else { Quat::IDENTITY }
 }

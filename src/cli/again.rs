@@ -111,7 +111,8 @@ impl Args {
         let making = Making { guesses: self.guesses.map(usize::from), ..Making::of(&outs) };
         let mut dances = make::with_bar(say, |watch| open.make(&making, watch))?;
         let generated = dances.chosen.remove(0).decode(&open)?.generated;
-        let bytes = generated.bytes(&out)?;
+        // a GLB names its animation as the file of before
+        let bytes = generated.bytes(Path::new(&first.output.file))?;
         first.check_bytes(&bytes)?;
         // the sidecar describes these very bytes
         match self.has_sidecar(&out) {

@@ -277,8 +277,9 @@ impl Provenance {
 
     /// The sidecar of the same dance at `out`, written at a rate.
     pub fn copied_to(self, out: &Path, open: &OpenRequest, fps: f64) -> Provenance {
+        // by its first name, which an animation of a GLB keeps
+        let read = ReadOptions { fps_source: Some(fps), ..open.read_back(Path::new(&self.output.file)) };
         let output = FileHash { file: name_of(out), ..self.output };
-        let read = ReadOptions { fps_source: Some(fps), ..open.read_back(out) };
         let request = Resolved { seed: self.request.seed, ..open.resolved.clone() };
         Provenance { output, read, request, kinelm: env!("CARGO_PKG_VERSION").into(), ..self }
     }

@@ -142,7 +142,7 @@ fn a_dance_is_added_and_the_rest_stays() {
     assert!(apart(&read(&out, Some("own")).clip, &motion.clip) < 1e-9);
     let (old, new) = (Chunks::parse(Path::new("a"), &bytes).unwrap(), Chunks::parse(Path::new("a"), &out).unwrap());
     let [before, after] = [old.binary, new.binary].map(Option::unwrap);
-    assert!(after.starts_with(before) && new.others == old.others && out.len() % 4 == 0);
+    assert!(after.starts_with(before) && new.others == old.others && out.len().is_multiple_of(4));
     // without what was added, the document of before, but for the knee (`text` holds the bytes of the rest)
     let mut left: Value = serde_json::from_slice(new.json).unwrap();
     for (list, own) in [("accessors", 7), ("bufferViews", 7), ("animations", 1)] {
@@ -211,9 +211,9 @@ fn an_edit_shares_what_it_leaves_alone() {
             changed.joints[f * j + joint] = true;
         }
     }
-    for f in 0..2 {
-        root[f] += Vec3::Y * 0.2;
-        changed.root[f] = true;
+    for (place, is_new) in root.iter_mut().zip(&mut changed.root).take(2) {
+        *place += Vec3::Y * 0.2;
+        *is_new = true;
     }
     let clip = Clip::new(motion.clip.skeleton().clone(), 20.0, root, rotations).unwrap();
     let edited = motion.clone().with_clip(clip.clone());

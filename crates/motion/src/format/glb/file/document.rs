@@ -60,7 +60,6 @@ pub struct Node {
     pub scale: Option<[f64; 3]>,
     pub matrix: Option<[f64; 16]>,
     pub mesh: Option<usize>,
-    pub skin: Option<usize>,
     pub camera: Option<usize>,
 }
 
@@ -142,9 +141,16 @@ impl<'a> Document<'a> {
     /// # Errors
     /// [`FaultKind::NotThisFormat`] for bytes that are no GLB of version 2, or that need an extension.
     pub fn parse(path: &'a Path, bytes: &'a [u8]) -> Result<Self> {
+        Document::of(path, &Chunks::parse(path, bytes)?)
+    }
+
+    /// The document of a GLB's chunks.
+    ///
+    /// # Errors
+    /// [`FaultKind::NotThisFormat`] for one that is damaged, or needs an extension.
+    pub fn of(path: &'a Path, chunks: &Chunks<'a>) -> Result<Self> {
         let bad = |found: String, expected: &str| not_this(path, found, expected);
-        let Chunks { json, binary, .. } = Chunks::parse(path, bytes)?;
-        let json: Json = serde_json::from_slice(json).map_err(|e| bad(e.to_string(), "a glTF document"))?;
+        let json: Json = serde_json::from_slice(chunks.json).map_err(|e| bad(e.to_string(), "a glTF document"))?;
         if !json.asset.version.starts_with("2.") {
             return Err(bad(format!("an asset of version {:?}", json.asset.version), "version 2"));
         }
@@ -152,7 +158,7 @@ impl<'a> Document<'a> {
         if let Some(needs) = json.extensions_required.iter().find(strange) {
             return Err(bad(format!("a file that requires {needs}"), "one without; export it uncompressed"));
         }
-        Ok(Document { path, json, binary: binary.unwrap_or_default() })
+        Ok(Document { path, json, binary: chunks.binary.unwrap_or_default() })
     }
 
     /// Whether it has a mesh that isn't the body of capsules which kinelm gives its own files.

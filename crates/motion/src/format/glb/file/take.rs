@@ -1,11 +1,23 @@
 //! An animation of a document: the tracks of its nodes.
 
-use super::document::{self, Document};
+use super::document::{self, ChannelOf, Document};
 use super::track::{Between, Track};
 use crate::Result;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Tracks of a node: translation, rotation, scale.
+/// The properties of a node that place it.
+const PATHS: [&str; 3] = ["translation", "rotation", "scale"];
+
+/// The type of an accessor with a property's values, and its components (section 3.11).
+pub fn element(path: &str) -> (&'static str, usize) {
+    match path {
+        "translation" | "scale" => ("VEC3", 3),
+        "rotation" => ("VEC4", 4),
+        _ => ("SCALAR", 1),
+    }
+}
+
+/// Tracks of a node, one for each of [`PATHS`].
 pub type Tracks = [Option<Track>; 3];
 
 /// An animation.
@@ -22,17 +34,12 @@ impl Take {
         let animation = &document.json.animations[n];
         let mut take = Take { tracks: BTreeMap::new(), begin: f64::INFINITY, end: f64::NEG_INFINITY };
         for channel in &animation.channels {
-            let (path, width) = match channel.target.path.as_str() {
-                "translation" => (0, 3),
-                "rotation" => (1, 4),
-                "scale" => (2, 3),
-                _ => continue,
-            };
+            let Some(n) = PATHS.iter().position(|path| channel.target.path == *path) else { continue };
             let Some(node) = channel.target.node.filter(|node| nodes.contains(node)) else { continue };
-            let track = Take::track(document, animation, channel.sampler, width)?;
+            let track = Take::track(document, animation, channel)?;
             take.begin = take.begin.min(track.times[0]);
             take.end = take.end.max(track.times[track.times.len() - 1]);
-            take.tracks.entry(node).or_default()[path] = Some(track);
+            take.tracks.entry(node).or_default()[n] = Some(track);
         }
         if take.tracks.is_empty() {
             (take.begin, take.end) = (0.0, 0.0);
@@ -40,23 +47,14 @@ impl Take {
         Ok(take)
     }
 
-    /// The keys of an animation's sampler, of `width` numbers each.
+    /// The keys of a channel. Of weights of morph targets, scalars, a key has as many as there are for each time.
     ///
     /// # Errors
     /// No such sampler; keys that are none, or go back.
-    pub fn track(document: &Document, animation: &document::Animation, sampler: usize, width: usize) -> Result<Track> {
-        Take::of_width(document, animation, sampler, (width, width))
-    }
-
-    /// The keys of a sampler of `width` numbers each, in elements of `of` components.
-    fn of_width(
-        document: &Document,
-        animation: &document::Animation,
-        sampler: usize,
-        (of, width): (usize, usize),
-    ) -> Result<Track> {
+    pub fn track(document: &Document, animation: &document::Animation, channel: &ChannelOf) -> Result<Track> {
+        let sampler = channel.sampler;
         let bad = |found: &str, expected: &str| document.fault(format!("sampler {sampler}: {found}"), expected);
-        let sampler = animation.samplers.get(sampler).ok_or_else(|| bad("not there", "a sampler"))?;
+        let sampler = Take::sampler(document, animation, channel)?;
         let between = match sampler.interpolation.as_deref() {
             None | Some("LINEAR") => Between::Linear,
             Some("STEP") => Between::Step,
@@ -64,9 +62,12 @@ impl Take {
             Some(other) => return Err(bad(other, "LINEAR, STEP or CUBICSPLINE")),
         };
         let times = document.numbers(sampler.input, 1)?;
-        let values = document.numbers(sampler.output, of)?;
-        let each = if between == Between::Cubic { 3 * width } else { width };
-        if times.is_empty() || values.len() != times.len() * each {
+        let (_, components) = element(&channel.target.path);
+        let values = document.numbers(sampler.output, components)?;
+        let keys = if between == Between::Cubic { 3 * times.len() } else { times.len() };
+        let width = if components == 1 { values.len() / keys.max(1) } else { components };
+        if times.is_empty() || width == 0 || values.len() != keys * width {
+            let each = if between == Between::Cubic { 3 * components } else { components };
             return Err(bad(&format!("{} times, {} numbers", times.len(), values.len()), &format!("{each} a time")));
         }
         if !times.is_sorted() {
@@ -75,20 +76,17 @@ impl Take {
         Ok(Track { times, values, width, between })
     }
 
-    /// The keys of a sampler of scalars, as many a key as there are: weights of morph targets.
+    /// The sampler of a channel.
     ///
     /// # Errors
-    /// Those of [`Take::track`].
-    pub fn scalars(document: &Document, animation: &document::Animation, sampler: usize) -> Result<Track> {
-        let bad = |found: &str| document.fault(format!("sampler {sampler}: {found}"), "scalars at times");
-        let own = animation.samplers.get(sampler).ok_or_else(|| bad("not there"))?;
-        let keys = document.numbers(own.input, 1)?.len();
-        let numbers = document.numbers(own.output, 1)?.len();
-        let each = if own.interpolation.as_deref() == Some("CUBICSPLINE") { 3 * keys } else { keys };
-        if each == 0 || !numbers.is_multiple_of(each) {
-            return Err(bad(&format!("{keys} times, {numbers} numbers")));
-        }
-        Take::of_width(document, animation, sampler, (1, numbers / each))
+    /// No such sampler.
+    pub fn sampler<'a>(
+        document: &Document,
+        animation: &'a document::Animation,
+        channel: &ChannelOf,
+    ) -> Result<&'a document::Sampler> {
+        let missing = || document.fault(format!("sampler {}: not there", channel.sampler), "a sampler");
+        animation.samplers.get(channel.sampler).ok_or_else(missing)
     }
 
     /// Whether a track changes anything.

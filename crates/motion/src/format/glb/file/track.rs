@@ -12,6 +12,17 @@ pub enum Between {
     Cubic,
 }
 
+impl Between {
+    /// As a sampler states it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Between::Linear => "LINEAR",
+            Between::Step => "STEP",
+            Between::Cubic => "CUBICSPLINE",
+        }
+    }
+}
+
 /// Keys of a property: seconds (K) and values (K, width), or (K, 3, width) with tangents.
 pub struct Track {
     pub times: Vec<f64>,

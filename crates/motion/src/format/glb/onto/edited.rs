@@ -1,15 +1,13 @@
 //! An edit of an animation that the file has: new keys in the frames that are new, the others as they are.
 
-use super::super::file::document::{Animation as Own, ChannelOf};
 use super::super::file::take::Take;
-use super::super::file::track::{Between, Track};
+use super::super::file::track::Track;
 use super::keys::{of_place, of_quat};
 use super::{Animation, Character};
 use crate::format::source::Changed;
 use crate::format::source::glb::Played;
 use crate::{Clip, Result};
 use glam::DAffine3;
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -76,13 +74,14 @@ impl Character<'_> {
         &self,
         clip: &Clip,
         (changed, played): (&Changed, Played),
-        targets: &[Cow<str>],
+        targets: &[&str],
         animation: &mut Animation,
     ) -> Result<()> {
         let own = &self.document.json.animations[played.animation];
         let times = Times::of(clip, changed, played);
-        let nodes: BTreeSet<usize> = (0..self.tree.parents.len()).collect();
-        let take = Take::new(self.document, played.animation, &nodes)?;
+        // what is above the root may move in the animation
+        let above: BTreeSet<usize> = self.tree.upwards(self.source.nodes[0]).skip(1).collect();
+        let take = Take::new(self.document, played.animation, &above)?;
         let joints = clip.joints();
         // what is new, and isn't added yet: a joint's node and property with its frames
         let new = |is_new: &dyn Fn(usize) -> bool| runs(times.frames, is_new);
@@ -92,33 +91,33 @@ impl Character<'_> {
             .filter(|(_, _, runs)| !runs.is_empty())
             .collect();
         for (channel, target) in own.channels.iter().zip(targets) {
-            let ChannelOf { sampler, target: what } = channel;
-            animation.moved.extend(what.node);
+            let what = &channel.target;
+            animation.moved.extend(what.node.map(|node| (node, what.path.clone())));
             let at = edits
                 .iter()
                 .position(|(joint, path, _)| what.node == Some(self.source.nodes[*joint]) && what.path == *path);
             match at.map(|n| edits.swap_remove(n)) {
                 Some((joint, path, runs)) => {
-                    let width = if path == "rotation" { 4 } else { 3 };
-                    let track = Take::track(self.document, own, *sampler, width)?;
+                    let track = Take::track(self.document, own, channel)?;
                     let track = self.with_new(track, (joint, path), clip, (&runs, &times), &take);
-                    add(animation, target, &times.written(track));
+                    animation.add_keys((target, path), &times.written(track));
                 }
                 None if times.are_own() => {
-                    let sampler = &own.samplers[*sampler];
+                    let sampler = Take::sampler(self.document, own, channel)?;
                     let between = sampler.interpolation.as_deref().unwrap_or("LINEAR");
                     animation.share(target, sampler.input, sampler.output, between);
                 }
-                None => add(animation, target, &times.written(self.any_track(own, channel)?)),
+                None => {
+                    let track = Take::track(self.document, own, channel)?;
+                    animation.add_keys((target, &what.path), &times.written(track));
+                }
             }
         }
         for (joint, path, runs) in edits {
             let (turn, place) = self.local.own[joint];
             let own = if path == "rotation" { of_quat(turn) } else { of_place(place) };
             let track = self.with_new(Track::still(own), (joint, path), clip, (&runs, &times), &take);
-            animation.moved.insert(self.source.nodes[joint]);
-            let target = Animation::target(self.source.nodes[joint], path);
-            add(animation, &target, &times.written(track));
+            animation.add(self.source.nodes[joint], path, &times.written(track));
         }
         Ok(())
     }
@@ -133,7 +132,6 @@ impl Character<'_> {
         take: &Take,
     ) -> Track {
         let root = self.source.nodes[0];
-        // what is above the root may move in the animation that is edited
         let above = |second: f64| match self.tree.parents[root] {
             Some(above) if joint == 0 => self.tree.world(Some((take, second)))[above],
             _ => DAffine3::IDENTITY,
@@ -152,16 +150,6 @@ impl Character<'_> {
         }
         track
     }
-
-    /// The track of any channel: how many numbers a key has follows from its property, or from the keys.
-    fn any_track(&self, own: &Own, channel: &ChannelOf) -> Result<Track> {
-        let width = match channel.target.path.as_str() {
-            "rotation" => 4,
-            "translation" | "scale" => 3,
-            _ => return Take::scalars(self.document, own, channel.sampler),
-        };
-        Take::track(self.document, own, channel.sampler, width)
-    }
 }
 
 /// Runs of frames that are new.
@@ -174,13 +162,4 @@ fn runs(frames: usize, is_new: &dyn Fn(usize) -> bool) -> Vec<Range<usize>> {
         }
     }
     runs
-}
-
-fn add(animation: &mut Animation, target: &str, track: &Track) {
-    let between = match track.between {
-        Between::Linear => "LINEAR",
-        Between::Step => "STEP",
-        Between::Cubic => "CUBICSPLINE",
-    };
-    animation.add(target, &track.times, &track.values, (track.width, between));
 }

@@ -13,6 +13,8 @@ mod whole;
 
 use super::file::chunks::Chunks;
 use super::file::document::Document;
+use super::file::take::element;
+use super::file::track::Track;
 use super::file::tree::Tree;
 use super::write::buffer::{Buffer, Target};
 use crate::format::source::Changed;
@@ -23,7 +25,6 @@ use local::Local;
 use serde::Deserialize;
 use serde_json::value::RawValue;
 use serde_json::{Value, json};
-use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use text::{Edits, Members, items};
@@ -41,7 +42,7 @@ pub(super) fn onto(
     changed: Option<&Changed>,
 ) -> Result<Vec<u8>> {
     let chunks = Chunks::parse(path, &source.bytes)?;
-    let document = Document::parse(path, &source.bytes)?;
+    let document = Document::of(path, &chunks)?;
     let damaged = |e: &dyn std::fmt::Display| document.fault(e.to_string(), "a glTF document");
     let text = std::str::from_utf8(chunks.json).map_err(|e| damaged(&e))?;
     let members: Members = serde_json::from_str(text).map_err(|e| damaged(&e))?;
@@ -53,6 +54,11 @@ pub(super) fn onto(
     if clip.frames() == 0 {
         return Err(Error::unsupported(name.to_owned(), "0 frames; a GLB needs one"));
     }
+    let (frames, joints) = (clip.frames(), clip.joints());
+    if changed.is_some_and(|new| new.root.len() != frames || new.joints.len() != frames * joints) {
+        let expected = format!("a flag for each of {frames} frames, and of {joints} joints in them");
+        return Err(Error::invalid("what is new of the clip", "other flags", expected));
+    }
     let clip = source.axes.restored(clip)?;
     let tree = Tree::new(&document)?;
     let character = Character { source, document: &document, local: Local::of(source, &tree), tree: &tree };
@@ -60,11 +66,10 @@ pub(super) fn onto(
     let begin = binary.len().next_multiple_of(4);
     let views = [document.json.buffer_views.len(), document.json.accessors.len()];
     let mut animation = Animation::after(begin, views);
+    let own = items(members.animations).map_err(|e| damaged(&e))?;
     match (changed, source.played) {
         (Some(changed), Some(played)) => {
-            let own = items(members.animations).map_err(|e| damaged(&e))?;
-            let own = own.get(played.animation).ok_or_else(|| damaged(&"its animation is gone"))?;
-            let targets = targets(own).map_err(|e| damaged(&e))?;
+            let targets = targets(own[played.animation]).map_err(|e| damaged(&e))?;
             character.edit(&clip, (changed, played), &targets, &mut animation)?;
         }
         _ => character.dance(&clip, &mut animation),
@@ -81,7 +86,7 @@ pub(super) fn onto(
         let (channels, samplers) = (channels.join(","), Value::from(samplers));
         let printed = format!("{{\"name\":{},\"samplers\":{samplers},\"channels\":[{channels}]}}", json!(name));
         match replaced {
-            Some(n) => edits.replace(items(members.animations).map_err(|e| damaged(&e))?[n], printed),
+            Some(n) => edits.replace(own[n], printed),
             None => edits.append("animations", members.animations, &[printed]),
         }
     }
@@ -94,8 +99,10 @@ pub(super) fn onto(
         None => edits.append("buffers", members.buffers, &[json!({"byteLength": length}).to_string()]),
     }
     let nodes = items(members.nodes).map_err(|e| damaged(&e))?;
+    let moved: BTreeSet<usize> = moved.into_iter().map(|(node, _)| node).collect();
     for node in moved {
-        let NodeText { matrix } = serde_json::from_str(nodes[node].get()).map_err(|e| damaged(&e))?;
+        let text = nodes.get(node).ok_or_else(|| damaged(&format!("a channel of node {node}, which isn't there")))?;
+        let NodeText { matrix } = serde_json::from_str(text.get()).map_err(|e| damaged(&e))?;
         let Some(matrix) = matrix else { continue };
         // an animated node has no matrix (section 3.6.1.1)
         let (scale, turn, place) = tree.own(node);
@@ -161,9 +168,9 @@ struct ChannelText<'a> {
 }
 
 /// What the channels of an animation move, as text.
-fn targets(animation: &RawValue) -> serde_json::Result<Vec<Cow<'_, str>>> {
+fn targets(animation: &RawValue) -> serde_json::Result<Vec<&str>> {
     let animation: AnimationText = serde_json::from_str(animation.get())?;
-    Ok(animation.channels.iter().map(|channel| Cow::Borrowed(channel.target.get())).collect())
+    Ok(animation.channels.iter().map(|channel| channel.target.get()).collect())
 }
 
 /// A file that is given an animation.
@@ -180,8 +187,8 @@ struct Animation {
     samplers: Vec<Value>,
     /// Each as text.
     channels: Vec<String>,
-    /// The nodes that it moves.
-    moved: BTreeSet<usize>,
+    /// What it moves: nodes and their properties.
+    moved: BTreeSet<(usize, String)>,
     /// The accessors of times that there are, by the bits of the times.
     inputs: BTreeMap<Vec<u32>, usize>,
 }
@@ -194,33 +201,23 @@ impl Animation {
         Animation { buffer, samplers, channels, moved, inputs }
     }
 
-    /// The target of a node's property.
-    fn target(node: usize, path: &str) -> String {
-        json!({"node": node, "path": path}).to_string()
+    /// Adds keys of a node's property.
+    fn add(&mut self, node: usize, path: &str, track: &Track) {
+        self.moved.insert((node, path.to_owned()));
+        self.add_keys((&json!({"node": node, "path": path}).to_string(), path), track);
     }
 
-    /// Whether a property has keys.
-    fn has(&self, target: &str) -> bool {
-        self.channels.iter().any(|channel| channel.ends_with(&format!("\"target\":{target}}}")))
-    }
-
-    /// Adds keys of `width` numbers.
-    fn add(&mut self, target: &str, times: &[f64], numbers: &[f64], (width, between): (usize, &str)) {
+    /// Adds keys of a property, whose target is given as text.
+    fn add_keys(&mut self, (target, path): (&str, &str), track: &Track) {
+        let Track { times, values, between, .. } = track;
         let times: Vec<f32> = times.iter().map(|&time| time as f32).collect();
         let bits: Vec<u32> = times.iter().map(|time| time.to_bits()).collect();
         let buffer = &mut self.buffer;
         let input =
             *self.inputs.entry(bits).or_insert_with(|| buffer.floats(&times, ("SCALAR", 1), Target::None, true));
-        let numbers: Vec<f32> = numbers.iter().map(|&x| x as f32).collect();
-        let kind = match width {
-            3 => "VEC3",
-            4 => "VEC4",
-            // weights of morph targets: as many scalars a key (section 3.11)
-            _ => "SCALAR",
-        };
-        let width = if kind == "SCALAR" { 1 } else { width };
-        let output = self.buffer.floats(&numbers, (kind, width), Target::None, false);
-        self.share(target, input, output, between);
+        let numbers: Vec<f32> = values.iter().map(|&x| x as f32).collect();
+        let output = self.buffer.floats(&numbers, element(path), Target::None, false);
+        self.share(target, input, output, between.name());
     }
 
     /// Adds keys that the file has.

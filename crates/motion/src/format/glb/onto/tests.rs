@@ -312,3 +312,58 @@ fn compressed_keys_are_refused_and_compressed_meshes_kept() {
     let e = view(&mut hero, 4).unwrap_err().to_string();
     assert!(e.contains("accessor 4: compressed by EXT_meshopt_compression"), "{e}");
 }
+
+#[test]
+fn weights_of_three_morph_targets_are_scalars_in_a_part_too() {
+    let mut hero = hero();
+    let weights = hero.json["animations"][0]["samplers"][3]["output"].as_u64().unwrap() as usize;
+    let numbers: Vec<u8> = (0..33u8).flat_map(|n| (f32::from(n) / 33.0).to_le_bytes()).collect();
+    let length = hero.binary.len();
+    hero.json["bufferViews"][weights] = json!({"buffer": 0, "byteOffset": length, "byteLength": numbers.len()});
+    hero.json["accessors"][weights]["count"] = 33.into();
+    hero.binary.extend(numbers);
+    hero.json["buffers"][0]["byteLength"] = hero.binary.len().into();
+    let motion = read(&hero.bytes(), None);
+    let part = motion.clip.slice(3..8);
+    let changed = Changed { before: 3, root: vec![false; 5], joints: vec![false; 5 * part.joints()] };
+    let out = glb::motion_to_bytes(Path::new("new.glb"), &motion.with_clip(part), Some(&changed)).unwrap();
+    let document = Document::parse(Path::new("new.glb"), &out).unwrap();
+    let new = &document.json.animations[1];
+    let channel = new.channels.iter().find(|c| c.target.path == "weights").unwrap();
+    let found = document.numbers(new.samplers[channel.sampler].output, 1).unwrap();
+    let expected: Vec<f64> = (9..24u8).map(|n| f64::from(f32::from(n) / 33.0)).collect();
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn broken_files_and_flags_are_errors() {
+    let edited = |hero: &Hero| {
+        let motion = glb::read(Path::new("hero.glb"), &hero.bytes(), &ReadOptions::default())?;
+        let (frames, j) = (motion.clip.frames(), motion.clip.joints());
+        let changed = Changed { before: 0, root: vec![true; frames], joints: vec![false; frames * j] };
+        glb::motion_to_bytes(Path::new("new.glb"), &motion, Some(&changed))
+    };
+    assert!(edited(&hero()).is_ok());
+    let mut other = hero();
+    other.json["animations"][0]["channels"][3]["sampler"] = 9.into();
+    assert!(edited(&other).unwrap_err().to_string().contains("sampler 9: not there"));
+    let mut other = hero();
+    other.json["animations"][0]["channels"][3]["target"]["node"] = 99.into();
+    assert!(edited(&other).unwrap_err().to_string().contains("node 99"));
+    let motion = read(&hero().bytes(), None);
+    let changed = Changed { before: 0, root: vec![true], joints: Vec::new() };
+    let e = glb::motion_to_bytes(Path::new("new.glb"), &motion, Some(&changed)).unwrap_err().to_string();
+    assert!(e.contains("a flag for each of 11 frames"), "{e}");
+    // whatever stands in the document
+    let whole = hero().bytes();
+    for at in (20..whole.len() - hero().binary.len()).step_by(7) {
+        let mut spoilt = whole.clone();
+        spoilt[at] ^= 0x15;
+        if let Ok(motion) = glb::read(Path::new("hero.glb"), &spoilt, &ReadOptions::default()) {
+            let (frames, j) = (motion.clip.frames(), motion.clip.joints());
+            let changed = Changed { before: 0, root: vec![true; frames], joints: vec![true; frames * j] };
+            let _ = glb::motion_to_bytes(Path::new("new.glb"), &motion, None);
+            let _ = glb::motion_to_bytes(Path::new("new.glb"), &motion, Some(&changed));
+        }
+    }
+}

@@ -1,13 +1,15 @@
 //! A new dance: keys in every frame.
 
+use super::super::file::track::{Between, Track};
+use super::keys::{of_place, of_quat};
 use super::{Animation, Character};
-use crate::rotation::{angle_between, nearest_sign};
-use crate::{Clip, Quat, Vec3};
+use crate::Clip;
+use crate::rotation::nearest_sign;
 use std::collections::BTreeSet;
 
-/// Rotations this near to each other are equal, radians: the single precision of a bind pose.
-const SAME_TURN: f64 = 2e-5;
-/// Places this near to each other are equal, in the file's lengths.
+/// Quaternions this near to each other are one: half the angle that the single precision of a bind pose leaves.
+const SAME_TURN: f64 = 1e-5;
+/// Places this near to each other are one, in the file's lengths.
 const SAME_PLACE: f64 = 1e-6;
 
 impl Character<'_> {
@@ -15,21 +17,19 @@ impl Character<'_> {
     pub fn dance(&self, clip: &Clip, animation: &mut Animation) {
         let times: Vec<f64> = (0..clip.frames()).map(|f| f as f64 / clip.fps()).collect();
         let above = &self.local.above;
-        for joint in 0..clip.joints() {
+        for (joint, &node) in self.source.nodes.iter().enumerate() {
             let (own, _) = self.local.own[joint];
             let mut before = own;
             let turn = |f: usize| {
                 before = nearest_sign(self.local.turn(joint, clip.pose(f)[joint], above), before);
-                before
+                of_quat(before)
             };
-            let turns: Vec<Quat> = (0..clip.frames()).map(turn).collect();
-            let is_same = |a: Quat, b: Quat| angle_between(a, b) < SAME_TURN;
-            self.add(animation, (joint, "rotation"), &times, &turns, own, is_same, |q| q.to_array().to_vec());
+            let turns: Vec<Vec<f64>> = (0..clip.frames()).map(turn).collect();
+            add(animation, (node, "rotation"), &times, &turns, (&of_quat(own), SAME_TURN));
         }
         let (_, own) = self.local.own[0];
-        let places: Vec<Vec3> = clip.root().iter().map(|&place| self.local.place(place, above)).collect();
-        let is_same = |a: Vec3, b: Vec3| a.distance(b) < SAME_PLACE;
-        self.add(animation, (0, "translation"), &times, &places, own, is_same, |p| p.to_array().to_vec());
+        let places: Vec<Vec<f64>> = clip.root().iter().map(|&place| of_place(self.local.place(place, above))).collect();
+        add(animation, (self.source.nodes[0], "translation"), &times, &places, (&of_place(own), SAME_PLACE));
         self.hold_others(animation, &times);
     }
 
@@ -38,55 +38,44 @@ impl Character<'_> {
     fn hold_others(&self, animation: &mut Animation, times: &[f64]) {
         let figure: BTreeSet<usize> = self.source.nodes.iter().flat_map(|&node| self.tree.upwards(node)).collect();
         let channels = self.document.json.animations.iter().flat_map(|other| &other.channels);
-        let moved: BTreeSet<(usize, &str)> =
-            channels.filter_map(|channel| Some((channel.target.node?, &*channel.target.path))).collect();
-        for (node, path) in moved {
-            let target = Animation::target(node, path);
-            if !figure.contains(&node) || animation.has(&target) {
-                continue;
-            }
-            let (scale, turn, place) = self.tree.own(node);
-            let own = match path {
-                "translation" => place.to_array().to_vec(),
-                "rotation" => turn.to_array().to_vec(),
-                "scale" => scale.to_array().to_vec(),
+        let moved: BTreeSet<(usize, String)> =
+            channels.filter_map(|channel| Some((channel.target.node?, channel.target.path.clone()))).collect();
+        for (node, path) in moved.difference(&animation.moved.clone()).filter(|(node, _)| figure.contains(node)) {
+            let (scale, turn, place) = self.tree.own(*node);
+            let own = match path.as_str() {
+                "translation" => of_place(place),
+                "rotation" => of_quat(turn),
+                "scale" => of_place(scale),
                 _ => continue,
             };
-            let ends = ends(times);
-            animation.moved.insert(node);
-            animation.add(&target, &ends, &own.repeat(ends.len()), (own.len(), "LINEAR"));
+            animation.add(*node, path, &held(&own, times));
         }
-    }
-
-    /// Adds the keys (F) of a joint's property, which is `own` where the file has none.
-    #[allow(clippy::too_many_arguments)]
-    fn add<T: Copy>(
-        &self,
-        animation: &mut Animation,
-        (joint, path): (usize, &str),
-        times: &[f64],
-        values: &[T],
-        own: T,
-        is_same: impl Fn(T, T) -> bool,
-        numbers: impl Fn(&T) -> Vec<f64>,
-    ) {
-        let is_still = |value: T| values.iter().all(|&other| is_same(other, value));
-        if is_still(own) {
-            return;
-        }
-        let (times, values): (Vec<f64>, Vec<f64>) = match is_still(values[0]) {
-            true => (ends(times), numbers(&values[0]).repeat(ends(times).len())),
-            false => (times.to_vec(), values.iter().flat_map(numbers).collect()),
-        };
-        let (node, width) = (self.source.nodes[joint], values.len() / times.len());
-        animation.moved.insert(node);
-        animation.add(&Animation::target(node, path), &times, &values, (width, "LINEAR"));
     }
 }
 
-/// The first and the last second: what holds a pose needs no others.
-fn ends(times: &[f64]) -> Vec<f64> {
+/// Adds the keys (F) of a node's property, which is `own` where the file has none. Values nearer than `same` are one.
+fn add(
+    animation: &mut Animation,
+    (node, path): (usize, &str),
+    times: &[f64],
+    values: &[Vec<f64>],
+    (own, same): (&[f64], f64),
+) {
+    let far = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    let is_still = |value: &[f64]| values.iter().all(|other| far(other, value) < same);
+    if is_still(own) {
+        return;
+    }
+    let track = match is_still(&values[0]) {
+        true => held(&values[0], times),
+        false => Track { times: times.to_vec(), width: own.len(), values: values.concat(), between: Between::Linear },
+    };
+    animation.add(node, path, &track);
+}
+
+/// A pose that is held: its first and its last second need no others between them.
+fn held(value: &[f64], times: &[f64]) -> Track {
     let mut ends = vec![times[0], times[times.len() - 1]];
     ends.dedup();
-    ends
+    Track { width: value.len(), values: value.repeat(ends.len()), times: ends, between: Between::Linear }
 }

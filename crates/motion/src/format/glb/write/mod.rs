@@ -162,11 +162,11 @@ fn turns(clip: &Clip, joint: usize) -> Vec<Quat> {
 }
 
 /// x, y, z, w.
-pub(super) fn quat(q: Quat) -> [f32; 4] {
+fn quat(q: Quat) -> [f32; 4] {
     [q.x, q.y, q.z, q.w].map(|x| x as f32)
 }
 
-pub(super) fn place(p: Vec3) -> [f32; 3] {
+fn place(p: Vec3) -> [f32; 3] {
     p.to_array().map(|x| x as f32)
 }
 

@@ -9,10 +9,10 @@ use kinelm_generate::check_frames;
 use kinelm_generate::feet::lock_feet;
 use kinelm_generate::provenance::Provenance;
 use kinelm_generate::request::FootMode;
-use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, FootLock};
 use kinelm_motion::format::{Format, ReadOptions};
 use kinelm_motion::resample::{Method, resample};
+use kinelm_motion::{Motion, Source};
 use kinelm_store::hash;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -113,7 +113,11 @@ impl Request {
                 Some(self.read.floor.map_or_else(|| humanoid.floor(&clip).map(|floor| floor.height_m), Ok)?)
             }
         };
-        let motion = motion.with_clip(coder.clip(&frames, &skeleton, FPS)?);
+        let mut motion = motion.with_clip(coder.clip(&frames, &skeleton, FPS)?);
+        if let Source::Glb(_) = motion.source {
+            // a new file, as it is read back: not an animation of the clip's own
+            motion = motion.with_source(Source::Plain);
+        }
         let Some(floor_m) = floor_m else { return Ok(Generated { motion, clip_sha256, locked: None }) };
         let fixed = FixedParts { root: false, path: false, legs: [false; 2], frames: given };
         let (motion, locked) = lock_feet(motion, Some(floor_m), fixed)?;

@@ -129,6 +129,11 @@ impl DanceArgs {
         self.rig == Some(Rig::Prompt)
     }
 
+    /// Requests the prompt's own rig.
+    pub fn put_on_own_rig(&mut self) {
+        self.rig = Some(Rig::Prompt);
+    }
+
     /// Whether the ready model is meant without being named.
     pub fn is_ready(&self) -> bool {
         self.run.is_none()
@@ -174,8 +179,7 @@ impl DanceArgs {
     }
 
     /// The files to write. Refuses, before anything is read, what can't be written: `edited` is whether a clip is edited.
-    /// `onto`: whether a new dance is on the prompt's rig.
-    pub fn outs(&self, edited: bool, prompt: Option<&Path>, onto: bool) -> Result<Vec<PathBuf>> {
+    pub fn outs(&self, edited: bool, prompt: Option<&Path>) -> Result<Vec<PathBuf>> {
         let Some(out) = &self.out else { wrong_call!("no --out FILE; expected where the dance goes") };
         let extension = writable(out)?;
         if let Some(best) = self.best.best.filter(|best| *best < self.variations) {
@@ -194,9 +198,10 @@ impl DanceArgs {
                  --rig model"
             );
         }
-        if (self.is_on_own_rig() || onto) && extension == "npz" {
-            let flag = if onto { "--onto" } else { "--rig prompt" };
-            wrong_call!("{flag} with an .npz: AMASS files are on the model's rig; write .bvh, .json or .glb");
+        if self.is_on_own_rig() && extension == "npz" {
+            wrong_call!(
+                "--rig prompt (--onto) with an .npz: AMASS files are on the model's rig; write .bvh, .json or .glb"
+            );
         }
         let numbered = |i: u8| {
             let mut name = out.file_stem().unwrap_or_default().to_owned();

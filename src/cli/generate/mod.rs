@@ -8,7 +8,7 @@ pub mod make;
 use super::read::ReadArgs;
 use super::values::length_in_frames;
 use super::{Say, extension, print, wrong_call};
-use crate::generate::request::{PromptRequest, Rig, Timeline};
+use crate::generate::request::{PromptRequest, Timeline};
 use crate::generate::timeline::chart;
 use crate::model::run::TOKENIZER;
 use crate::train::run::RunFile;
@@ -70,22 +70,21 @@ struct TimelineArgs {
     dance: DanceArgs,
 }
 
-pub fn run(args: Args, say: Say) -> Result<()> {
+pub fn run(mut args: Args, say: Say) -> Result<()> {
     match &args.command {
         Some(Command::Timeline(args)) => return timeline(args, say),
         None => {}
     }
-    let path = args.prompt.as_ref().or(args.onto.as_ref());
-    let outs = args.dance.outs(args.edit.is_requested(), path.map(|path| &**path), args.onto.is_some())?;
+    if let Some(character) = args.onto.take() {
+        args.prompt = Some(character);
+        args.dance.put_on_own_rig();
+    }
+    let outs = args.dance.outs(args.edit.is_requested(), args.prompt.as_deref())?;
     if let Some((name, out)) = args.replace_animation.as_ref().zip(outs.iter().find(|out| extension(out) != "glb")) {
         wrong_call!("--replace-animation {name} with {}: only a .glb has animations; write .glb", out.display());
     }
-    let prompt = path.map(|path| prompt(&args, path, say)).transpose()?;
-    let mut request = args.dance.request(prompt, Vec::new())?;
-    if args.onto.is_some() {
-        request.rig = Some(Rig::Prompt);
-    }
-    make::make(&args.dance, request, &outs, None, say)
+    let prompt = args.prompt.as_ref().map(|path| prompt(&args, path, say)).transpose()?;
+    make::make(&args.dance, args.dance.request(prompt, Vec::new())?, &outs, None, say)
 }
 
 fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
@@ -94,7 +93,7 @@ fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
         layout.notes.iter().for_each(|note| say.line(note));
         return print(&chart(&layout));
     }
-    let outs = args.dance.outs(true, None, false)?;
+    let outs = args.dance.outs(true, None)?;
     let (prompt, layout) = edit::of_timeline(&args.timeline, &args.dance, say)?;
     let request = args.dance.request(Some(prompt), layout.labels.clone())?;
     make::make(&args.dance, request, &outs, Some((&args.timeline, layout)), say)
@@ -109,7 +108,7 @@ fn prompt(args: &Args, path: &Path, say: Say) -> Result<PromptRequest> {
     let replace_animation = args.replace_animation.clone();
     let joints = args.joints.clone();
     let prompt = PromptRequest { read, joints, from_frame, edit, replace_animation, ..PromptRequest::of(path) };
-    if prompt.lends() && !args.dance.is_on_own_rig() && args.onto.is_none() {
+    if prompt.lends() && !args.dance.is_on_own_rig() {
         wrong_call!(
             "--prompt alone; say what is taken from it (--joints LIST, --from-frame N, or both), what of it is generated \
              (--free, --given), or --rig prompt for a new dance on its rig"

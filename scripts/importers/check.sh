@@ -9,17 +9,7 @@ set -eu
 call="the call is: $0 WORK FILE.."
 work=${1:?$call}
 shift
-here=$(cd "$(dirname "$0")" && pwd)
-kinelm=${KINELM:-$here/../../target/release/kinelm} python=${PYTHON:-python3}
-mkdir -p "$work"
-work=$(cd "$work" && pwd)
-for version in ${BPY-4.2.0 4.5.15 5.0.1}; do
-    [ -d "$work/bpy-$version" ] || {
-        python3.11 -m venv "$work/bpy-$version"
-        "$work/bpy-$version/bin/pip" install --quiet "bpy==$version"
-    }
-done
-[ -d "$work/node_modules/three" ] || (cd "$work" && npm install --silent three gltf-validator)
+. "$(dirname "$0")/install.sh"
 
 failed=0
 check() { # program's output, of which file
@@ -32,7 +22,7 @@ for file in "$@"; do
         "$kinelm" convert "$out" "$work/own.npz" --positions --force --quiet
         echo "$out"
         if [ "${kind%.*}" = blender ]; then
-            for version in ${BPY-4.2.0 4.5.15 5.0.1}; do
+            for version in $versions; do
                 "$work/bpy-$version/bin/python" "$here/blender.py" "$out" 30 "$work/theirs.json" > "$work/blender.log" 2>&1 ||
                     { cat "$work/blender.log"; failed=1; continue; }
                 check

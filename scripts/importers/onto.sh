@@ -10,18 +10,7 @@ set -eu
 call="the call is: $0 WORK DANCE HERO.."
 work=${1:?$call} dance=${2:?$call}
 shift 2
-here=$(cd "$(dirname "$0")" && pwd)
-kinelm=${KINELM:-$here/../../target/release/kinelm} python=${PYTHON:-python3}
-mkdir -p "$work"
-work=$(cd "$work" && pwd)
-for version in ${BPY-4.2.0 4.5.15 5.0.1}; do
-    [ -d "$work/bpy-$version" ] || {
-        python3.11 -m venv "$work/bpy-$version"
-        "$work/bpy-$version/bin/pip" install --quiet "bpy==$version"
-    }
-done
-[ -d "$work/node_modules/@babylonjs" ] ||
-    (cd "$work" && npm install --silent three gltf-validator @babylonjs/core@9.28.0 @babylonjs/loaders@9.28.0)
+. "$(dirname "$0")/install.sh"
 
 failed=0
 check() {
@@ -36,7 +25,7 @@ for hero in "$@"; do
     check
     (cd "$work" && node "$here/babylon.mjs" "$out" 30 "$work/theirs.json" onto) || failed=1
     check
-    for version in ${BPY-4.2.0 4.5.15 5.0.1}; do
+    for version in $versions; do
         "$work/bpy-$version/bin/python" "$here/blender.py" "$out" 30 "$work/theirs.json" onto > "$work/blender.log" 2>&1 ||
             { cat "$work/blender.log"; failed=1; continue; }
         check

@@ -1,0 +1,15 @@
+# Read by check.sh and onto.sh, with WORK in $work: installs the importers there, and sets here, kinelm and python.
+here=$(cd "$(dirname "$0")" && pwd)
+kinelm=${KINELM:-$here/../../target/release/kinelm} python=${PYTHON:-python3}
+versions=${BPY-4.2.0 4.5.15 5.0.1}
+mkdir -p "$work"
+work=$(cd "$work" && pwd)
+for version in $versions; do
+    [ -d "$work/bpy-$version" ] || {
+        python3.11 -m venv "$work/bpy-$version"
+        "$work/bpy-$version/bin/pip" install --quiet "bpy==$version"
+    }
+done
+# core and loaders of one version
+[ -d "$work/node_modules/@babylonjs" ] ||
+    (cd "$work" && npm install --silent three gltf-validator @babylonjs/core@9.28.0 @babylonjs/loaders@9.28.0)

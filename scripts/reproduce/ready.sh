@@ -6,14 +6,14 @@
 #
 # DATA and SPLITS as ../shared/data/unpack.sh leaves them. What is there is not made again. OUT/run is then packed by
 # `cargo run --release -p kinelm-ready --example pack -- OUT/run`. Variables: GENRES (salsa indian martial), STEPS (12000),
-# PRECISION (auto), THREADS (2), KINELM, PYTHON with numpy.
+# PRECISION (auto), SEED (1), THREADS (2), KINELM, PYTHON with numpy.
 set -eu
 call="the call is: $0 DATA SPLITS OUT"
 data=${1:?$call}/cmu-dance splits=${2:?$call} out=${3:?$call}
 here=$(cd "$(dirname "$0")/../.." && pwd)
 kinelm=${KINELM:-$here/target/release/kinelm} python=${PYTHON:-python3}
 threads="--threads ${THREADS:-2} --quiet"
-precision="--precision ${PRECISION:-auto}"
+precision="--precision ${PRECISION:-auto} --seed ${SEED:-1}"
 mkdir -p "$out"
 genres=${GENRES:-salsa indian martial}
 # cmu-dance begins with a rest pose that settles

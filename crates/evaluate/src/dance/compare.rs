@@ -239,6 +239,16 @@ fn doubts(sides: &[Side; 2], fps: f64) -> Vec<String> {
             ));
         }
     }
+    for side in sides {
+        // a row for each dance would hide that the model made one
+        let of: BTreeSet<&[u32]> = side.dances.iter().map(|d| &*d.dance.ids).collect();
+        if of.len() < side.dances.len() {
+            let (name, all, of) = (&side.name, side.dances.len(), of.len());
+            doubts.push(format!(
+                "{name}: only {of} of its {all} dances differ: the others repeat one of them to the word"
+            ));
+        }
+    }
     let takes = sides.each_ref().map(|side| side.takes().len());
     if takes.iter().any(|takes| *takes < FEW_TAKES) {
         let takes = takes.map(|takes| counted(takes, "takes"));

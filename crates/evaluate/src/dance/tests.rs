@@ -195,4 +195,10 @@ fn a_set_that_is_sunk_differs_in_the_floor_alone() {
     assert!(!found.paired, "{found}");
     let text = found.doubts.join("\n");
     assert!(text.contains("of 20 and of 60 frames a second") && text.contains("in the mean: longer"), "{text}");
+    assert!(!text.contains("repeat one"), "{text}");
+    // one dance under many names
+    let mut one = side("d", 0.0);
+    one.dances = vec![one.dances[0].clone(); 8];
+    let text = real.compare(&[one, side("a", 0.0)]).unwrap().doubts.join("\n");
+    assert!(text.contains("d: only 1 of its 8 dances differ"), "{text}");
 }

@@ -86,6 +86,8 @@ def read(wheel):
     for j, name in enumerate(names):
         for vertex, weight in weights.get(name, []):
             matrix[vertex, j] = weight
+    # those of a vertex add up to 0.2 to 1.5 in the file
+    matrix /= np.maximum(matrix.sum(axis=1, keepdims=True), 1e-9)
     used = np.unique(triangles)
     new = np.full(len(vertices), -1)
     new[used] = np.arange(len(used))
@@ -220,7 +222,7 @@ def main():
         "scenes": [{"nodes": [0, *range(2 + joints, len(nodes))]}], "nodes": nodes, "meshes": meshes,
         "skins": [{**skin, "name": f"body{n}"} for n in range(len(halves))],
         "materials": [{"name": "skin", "pbrMetallicRoughness":
-                       {"baseColorFactor": [0.62, 0.45, 0.36, 1], "metallicFactor": 0, "roughnessFactor": 0.8}}]}
+                       {"baseColorFactor": [0.56, 0.63, 0.72, 1], "metallicFactor": 0, "roughnessFactor": 0.8}}]}
     if args.odd:
         seconds = np.arange(31) / 30
         times = glb.add(seconds, "SCALAR", bounds=True)

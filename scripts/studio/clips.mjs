@@ -53,6 +53,18 @@ export function longer(from, path, seconds) {
   return path;
 }
 
+/** The same in a GLB as another program writes it: its mesh, of capsules, is a user's character. */
+export function character(from, path) {
+  execFileSync(KINELM, ['convert', from, path], { stdio: 'pipe' });
+  const file = readFileSync(path),
+    own = '"generator":"kinelm ',
+    at = file.indexOf(own);
+  if (at < 0) throw new Error('a GLB without its generator');
+  file.write('sculpt', at + own.length - 'kinelm '.length);
+  writeFileSync(path, file);
+  return path;
+}
+
 /** A BVH's lines: its hierarchy, and the numbers of its frames. */
 function parts(from) {
   const lines = readFileSync(from, 'utf8').trimEnd().split('\n'),

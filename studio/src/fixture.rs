@@ -45,10 +45,14 @@ pub fn dance(seed: u64, seconds: f64, fps: f64) -> Clip {
     synth::corpus(seed, 1, seconds, fps).unwrap().remove(0).clip
 }
 
-/// Writes a clip.
+/// Writes a clip; a GLB as if another program had made it, whose mesh is a user's.
 pub fn save(path: &Path, clip: &Clip) {
-    let motion = Motion::new(path, clip.clone());
-    format::write(path, &motion).unwrap();
+    let mut bytes = format::to_bytes(path, &Motion::new(path, clip.clone())).unwrap();
+    let own = b"\"generator\":\"kinelm ";
+    if let Some(at) = bytes.windows(own.len()).position(|here| here == own) {
+        bytes[at + own.len() - 7..][..6].copy_from_slice(b"sculpt");
+    }
+    std::fs::write(path, bytes).unwrap();
 }
 
 /// A project with these clips, all read.

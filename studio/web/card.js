@@ -7,14 +7,15 @@ import { compareWith } from './compare.js';
 import { h, icon, iconButton } from './dom.js';
 import { draggable } from './drag.js';
 import { loadSmall } from './figures.js';
-import { counted, length, rate } from './format.js';
+import { capital, counted, length, rate } from './format.js';
 import { setTimeline } from './live.js';
+import { howMany, makeOn } from './make-form.js';
 import { menu } from './menu.js';
 import { setMusic } from './music.js';
 import { openReading, state, stated } from './reading.js';
 import { Small } from './small.js';
 import { stage } from './stage-view.js';
-import { seedOf, store, tell, ui } from './store.js';
+import { characterOf, nameOf, seedOf, store, tell, ui } from './store.js';
 import { attempt, toast } from './toast.js';
 
 /** @typedef {import('./types.js').Clip} Clip @typedef {import('./types.js').Dance} Dance */
@@ -58,11 +59,17 @@ export async function putAt(id, seconds, from) {
 
 /** @param {Dance} dance */
 export function exportItems(dance) {
-  const to = (/** @type {string} */ format) => `/api/dances/${dance.id}/export?format=${format}`;
+  const to = (/** @type {string} */ format) => `/api/dances/${dance.id}/export?format=${format}`,
+    on = characterOf(dance.id);
   return [
     { label: 'Export BVH', hint: `on ${dance.source || dance.rig ? 'the clip’s own' : 'SMPL’s'} rig`, href: to('bvh'), does() {} },
     { label: 'Export for Blender', hint: 'a BVH in metres', href: to('bvh&for=blender'), does() {} },
-    { label: 'Export GLB', hint: 'for Blender, Unity, the web', href: to('glb'), does() {} },
+    {
+      label: 'Export GLB',
+      hint: on ? `${nameOf(on)} itself, with this dance` : 'for Blender, Unity, the web',
+      href: to('glb'),
+      does() {},
+    },
     { label: 'Export npz', hint: 'AMASS, for research', href: to('npz'), does() {} },
   ];
 }
@@ -92,6 +99,54 @@ export async function rename(id, name) {
     if (dialog.returnValue === 'ok' && input.value.trim())
       attempt(() => post(`/api/clips/${id}/rename`, { name: input.value.trim() }));
   });
+  dialog.showModal();
+  input.select();
+}
+
+// What a character can be made to dance: a line for each value of the model's first label.
+/** @param {Clip} clip @returns {import('./menu.js').Item[]} */
+function danceItems(clip) {
+  if (!clip.character || !clip.rig) return [];
+  const [name, values] = Object.entries(store.state.model.labels)[0] ?? ['', []];
+  const item = (/** @type {string} */ what, /** @type {Record<string, string>} */ labels) => ({
+    label: `${what} on this character`,
+    hint: howMany(),
+    does: () => makeOn(clip.id, labels),
+  });
+  return [...(values.length ? values.map(value => item(capital(value), { [name]: value })) : [item('A dance', {})]), null];
+}
+
+/** @param {Clip} clip @param {{ mirror?: boolean, speed?: number }} change */
+async function derive(clip, change) {
+  const made = await attempt(() => post(`/api/clips/${clip.id}/derive`, change));
+  if (made) toast(`${nameOf(made.id)} is in the library.`);
+}
+
+/** @param {Clip} clip */
+function retime(clip) {
+  const input = h('input', { type: 'number', value: 1.5, min: 0.5, max: 2, step: 0.05 });
+  const close = (/** @type {string} */ how) => () => dialog.close(how);
+  const dialog = h(
+    'dialog',
+    { class: 'ask', 'aria-label': 'Retime' },
+    h('label', null, 'Speed, 0.5 to 2 times its own', input),
+    h(
+      'div',
+      { class: 'row end' },
+      h('button', { type: 'button', class: 'quiet', onclick: close('') }, 'Cancel'),
+      h('button', { type: 'button', class: 'strong', onclick: close('ok') }, 'Make the clip'),
+    ),
+  );
+  input.addEventListener('keydown', e => {
+    if (e.key !== 'Enter') return;
+    e.preventDefault();
+    dialog.close('ok');
+  });
+  dialog.addEventListener('close', () => {
+    dialog.remove();
+    if (dialog.returnValue === 'ok') derive(clip, { speed: Number(input.value) });
+  });
+  document.body.append(dialog);
   dialog.showModal();
   input.select();
 }
@@ -134,6 +189,7 @@ function doubts(clip) {
 export function clipCard(clip) {
   const ready = clip.state === 'ready',
     motion = ready && !clip.music,
+    moves = (clip.frames ?? 0) > 1,
     said = stated(clip.reading),
     small = motion ? new Small(`${clip.name}, dancing`) : null;
   const open = motion ? () => showClip(clip.id) : clip.music ? () => setMusic(clip.id) : null;
@@ -142,6 +198,7 @@ export function clipCard(clip) {
     `More for ${clip.name}`,
     () =>
       menu(more, [
+        ...(motion ? danceItems(clip) : []),
         ...(motion
           ? [
               { label: 'Work on this', hint: 'a timeline of it alone', does: () => workOn(clip.id) },
@@ -152,6 +209,10 @@ export function clipCard(clip) {
               },
               { label: 'Show on the stage', does: () => showClip(clip.id) },
               { label: 'Compare a student with this', hint: 'lag, tempo, where they differ', does: () => compareWith(clip.id, clip.name) },
+              ...(clip.rig && moves
+                ? [{ label: 'Mirror', hint: 'left for right, as a new clip', does: () => derive(clip, { mirror: true }) }]
+                : []),
+              ...(moves ? [{ label: 'Retime', hint: 'at half to twice its speed, as a new clip', does: () => retime(clip) }] : []),
             ]
           : []),
         ...(clip.music

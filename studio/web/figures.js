@@ -1,5 +1,6 @@
 // Figures of clips and dances: loaded once, decoded beside the page, and growing while a dance is sampled.
 
+import { forgetCharacter } from './characters.js';
 import { decoded } from './figure.js';
 
 /** @typedef {import('./types.js').FigureData} FigureData */
@@ -110,6 +111,7 @@ export function forget(id) {
   lost.delete(id);
   whole.delete(id);
   small.delete(id);
+  forgetCharacter(id);
 }
 
 // Frames that were sampled just now.

@@ -65,6 +65,7 @@ const SHEET = [
       ['T', 'trails', () => toggle('trails')],
       ['N', 'contacts with the floor', () => toggle('contacts')],
       ['P', 'in place', () => toggle('inPlace')],
+      ['B', 'meshes of characters, or capsules', () => toggle('mesh')],
       ['C', 'the camera follows', () => toggle('follow')],
       ['F', 'the camera as it was', () => stage.resetView()],
     ],

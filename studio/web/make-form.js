@@ -125,6 +125,19 @@ export async function makeNow() {
   tell('cast', 'jobs');
 }
 
+// Dances from nothing on a character, with these labels; the form then says how they are made.
+/** @param {string} id of its clip @param {Record<string, string>} labels */
+export function makeOn(id, labels) {
+  Object.assign(choice, { kind: 'free', rig: id, labels });
+  chosenByHand = true;
+  draw();
+  return makeNow();
+}
+
+// How many dances that will be, and how long.
+export const howMany = () =>
+  `${choice.numbers.seconds || 8} s${choice.variations > 1 ? `, ${choice.variations} variations` : ''}`;
+
 // These settings again.
 /** @param {Make} make */
 export function takeOver(make) {

@@ -1,6 +1,7 @@
 // The stage's pane: draws the dancers, tells the time, and lets the other panes listen to it.
 
 import { cast, staged } from './cast.js';
+import { character } from './characters.js';
 import { find, h } from './dom.js';
 import { loaded } from './figures.js';
 import { clamp } from './figure.js';
@@ -10,6 +11,7 @@ import { arrange } from './layout.js';
 import { picked } from './pick.js';
 import { listenToPointers } from './pointers.js';
 import { Scene } from './scene.js';
+import { Skins } from './skins.js';
 import { Stage } from './stage.js';
 import { currentSet, isBusy, on, store, tell, ui } from './store.js';
 
@@ -21,6 +23,10 @@ stage.state.ghost = true;
 let dancers = [];
 /** @type {Scene | null} */
 let scene = null;
+/** @type {Skins | null} */
+let skins = null;
+/** @type {{ character: import('./character.js').Character, time: number, shift: number[] }[]} */
+let clothed = [];
 /** @type {Labels | null} */
 let labels = null;
 /** @type {((time: number) => void)[]} */
@@ -174,10 +180,28 @@ function empty() {
     : 'Drop a motion file here, or make a new dance on the right';
 }
 
+const soil = () => {
+  stage.state.dirty = true;
+};
+
+// Who has a character's mesh on; all others are capsules, as is one whose frames still come.
+function dress() {
+  const { time, mesh } = stage.state;
+  clothed = [];
+  for (const dancer of dancers) {
+    const whole = mesh && !dancer.isPart && !dancer.loaded.live;
+    const one = whole ? character(dancer.id, soil) : null;
+    dancer.isClothed = one !== null;
+    if (one && dancer.shows(time)) clothed.push({ character: one, time: Math.min(time, dancer.lasts), shift: dancer.shift });
+  }
+  if (clothed.length) skins?.keep(new Set(clothed.map(one => one.character)));
+}
+
 // ---- pictures ----
 export function draw(plain = false) {
   if (!scene) return null;
   wait(stage.state.time);
+  dress();
   stage.compose(plain);
   const view = stage.camera(scene.canvas.width, scene.canvas.height);
   scene.draw(view, stage.things, stage.colours, plain);
@@ -217,6 +241,10 @@ export function openStage() {
     );
     return;
   }
+  skins = new Skins(scene, soil);
+  scene.more = camera => {
+    if (clothed.length) skins?.draw(camera, clothed);
+  };
   labels = new Labels(find('labels'), stage);
   labels.top = 48;
   stage.margin = { high: 0.22, low: 0.0 };
@@ -225,6 +253,7 @@ export function openStage() {
   canvas.addEventListener('webglcontextlost', e => e.preventDefault());
   canvas.addEventListener('webglcontextrestored', () => {
     scene?.build();
+    skins?.build();
     stage.state.dirty = true;
   });
   new ResizeObserver(() => {

@@ -103,6 +103,13 @@ export const danceOf = id => store.state.dances.find(dance => dance.id === id);
 export const jobOf = id => store.state.jobs.find(job => job.id === id);
 /** @param {string} id */
 export const nameOf = id => clipOf(id)?.name ?? danceOf(id)?.name ?? id;
+// The clip whose file has the mesh of a clip or dance; null without one. A dance is on the rig of what it was made from.
+/** @param {string} id */
+export function characterOf(id) {
+  let at = /** @type {string | null} */ (id);
+  for (let dance = danceOf(at); dance; dance = danceOf(at)) at = dance.rig ?? dance.source;
+  return clipOf(at)?.character ? at : null;
+}
 export const keptDances = () => store.state.dances.filter(dance => dance.kept && !dance.rejected);
 export const motionClips = () => store.state.clips.filter(clip => clip.state === 'ready' && !clip.music);
 

@@ -6,7 +6,7 @@ import { clock } from './format.js';
 import { thePlayer } from './music.js';
 import { film, isFilming } from './record.js';
 import { dancersOnStage, onFrame, stage } from './stage-view.js';
-import { currentSet, danceOf, nameOf, on, store, ui } from './store.js';
+import { characterOf, currentSet, danceOf, nameOf, on, store, ui } from './store.js';
 import { wholeTime } from './timeline-view.js';
 
 const SPEEDS = [0.25, 0.5, 0.75, 1, 1.5, 2];
@@ -14,7 +14,7 @@ const SHOWN = [0.25, 0.5, 0.75, 1, 1.5, 2].map(
   speed => `${{ 0.25: '¼', 0.5: '½', 0.75: '¾', 1.5: '1½' }[speed] ?? speed}×`,
 );
 
-/** @typedef {'loop' | 'follow' | 'overlay' | 'ghost' | 'trails' | 'contacts' | 'inPlace'} Toggle */
+/** @typedef {'loop' | 'follow' | 'overlay' | 'ghost' | 'trails' | 'contacts' | 'inPlace' | 'mesh'} Toggle */
 
 /** @type {Record<Toggle, { name: string, tip: string }>} */
 const TOGGLES = {
@@ -23,6 +23,7 @@ const TOGGLES = {
   trails: { name: 'Trails', tip: 'The ways of hands and feet (T)' },
   contacts: { name: 'Contacts', tip: 'Feet that stand on the floor (N)' },
   inPlace: { name: 'In place', tip: 'Dance on the spot, without the way across the floor (P)' },
+  mesh: { name: 'Mesh', tip: 'Characters with their meshes, or as capsules (B)' },
   follow: { name: 'Follow', tip: 'The camera goes with the dancers (C)' },
   loop: { name: 'Loop', tip: 'Start again at the end (L)' },
 };
@@ -128,12 +129,8 @@ export function openTransport() {
     h(
       'span',
       { class: 'group', role: 'group', 'aria-label': 'Look' },
-      .../** @type {Toggle[]} */ (['overlay', 'ghost', 'trails', 'contacts', 'inPlace', 'follow']).map(toggleButton),
-      h(
-        'button',
-        { type: 'button', title: 'The camera as it was (F, or double click)', onclick: () => stage.resetView() },
-        'Reset view',
-      ),
+      .../** @type {Toggle[]} */ (['overlay', 'ghost', 'trails', 'contacts', 'inPlace', 'mesh', 'follow']).map(toggleButton),
+      iconButton('home', 'The camera as it was (F, or double click)', () => stage.resetView()),
     ),
   );
   const play = h(
@@ -185,6 +182,10 @@ export function openTransport() {
   });
   on(['cast', 'timeline', 'dances', 'jobs', 'clips'], modes);
   on(['cast', 'timeline', 'frames'], legend);
+  on(['cast', 'clips', 'dances'], () => {
+    const button = buttons.get('mesh');
+    if (button) button.hidden = !dancersOnStage().some(({ id }) => characterOf(id));
+  });
 }
 
 export const mute = () => {

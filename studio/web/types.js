@@ -6,7 +6,8 @@
  * @typedef {{ kind: string, text: string, fix?: { label: string, body: Reading } }} Doubt
  * @typedef {{ id: string, name: string, state: 'reading' | 'ready' | 'failed', seconds?: number, fps?: number, frames?: number,
  *   rig?: string | null, format?: string, joints?: number, doubts: Doubt[], music?: boolean, beats?: number[], error?: string,
- *   floor?: number, reading?: Reading }} Clip
+ *   floor?: number, character?: boolean, reading?: Reading }} Clip
+ *   character: its file has a mesh
  * @typedef {{ id: string, name: string, kept: boolean, rejected: boolean, seconds: number, frames: number, fps: number,
  *   job: string | null, variation: number, seed: number, note: string, generated_s: number[][], given: string, free: string,
  *   source: string | null, rig: string | null, opening: boolean, kept_name: string | null, made: { joints: number[], from: number, to: number }[],

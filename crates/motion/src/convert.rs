@@ -148,12 +148,29 @@ fn after_rest(clip: &Clip, fps: f64) -> Result<Clip> {
     Clip::new(clip.skeleton().clone(), fps, root, [rest.rotations(), moving.rotations()].concat())
 }
 
-/// Puts a motion on another rig, by way of SMPL-24.
+/// Offsets of two rigs nearer than this, metres, are the same: a BVH's digits leave less.
+const SAME_OFFSET_M: f64 = 1e-4;
+
+/// Whether two skeletons have the same joints at the same places, whatever these are called.
+fn is_same(a: &Skeleton, b: &Skeleton) -> bool {
+    let near = |(a, b): (&Vec3, &Vec3)| a.distance(*b) < SAME_OFFSET_M;
+    // where the root stands at rest, its path says
+    a.parents() == b.parents() && a.offsets().iter().zip(b.offsets()).skip(1).all(near)
+}
+
+/// Puts a motion on another rig, by way of SMPL-24; on its own rig, as another file has it, all of its joints stay.
 ///
 /// # Errors
 /// Errors of retargeting: no skeleton map fits the motion's rig.
 pub fn on_rig(motion: Motion, rig: &TargetRig) -> Result<Motion> {
     let floor_m = format::floor_height(&motion)?;
+    if let TargetRig::OfFile(like) = rig
+        && is_same(motion.clip.skeleton(), like.clip.skeleton())
+    {
+        let (root, rotations) = (motion.clip.root().to_vec(), motion.clip.rotations().to_vec());
+        let clip = Clip::new(like.clip.skeleton().clone(), motion.clip.fps(), root, rotations)?;
+        return Ok(motion.with_clip(clip).with_source(source_of(like, floor_m)));
+    }
     let clip = retarget::to_smpl(&motion)?;
     match rig {
         TargetRig::Smpl(body) => {
@@ -167,16 +184,21 @@ pub fn on_rig(motion: Motion, rig: &TargetRig) -> Result<Motion> {
         }
         TargetRig::OfFile(like) => {
             let back = Retarget::new(like.humanoid()?, clip.skeleton().clone())?.with_floor(floor_m);
-            let mut source = like.source.clone();
-            match &mut source {
-                Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),
-                Source::Glb(glb) => glb.floor_m = Some(floor_m),
-                Source::Plain | Source::Turned(_) => source = Source::Retargeted { floor_m },
-                _ => {}
-            }
-            Ok(motion.with_clip(back.to_rig(&clip)?).with_source(source))
+            Ok(motion.with_clip(back.to_rig(&clip)?).with_source(source_of(like, floor_m)))
         }
     }
+}
+
+/// The source of a motion that was put on the rig of another.
+fn source_of(like: &Motion, floor_m: f64) -> Source {
+    let mut source = like.source.clone();
+    match &mut source {
+        Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),
+        Source::Glb(glb) => glb.floor_m = Some(floor_m),
+        Source::Plain | Source::Turned(_) => source = Source::Retargeted { floor_m },
+        _ => {}
+    }
+    source
 }
 
 /// Sets the joints of an SMPL-24 clip that aren't selected to their rest rotation.
@@ -226,6 +248,26 @@ mod tests {
             let without = resample(&motion.clip.slice(1..motion.clip.frames()), 20.0, Method::Auto).unwrap();
             assert_eq!(slow.slice(1..slow.frames()), without, "{name}");
         }
+    }
+
+    #[test]
+    fn a_dance_on_its_own_rig_keeps_every_joint() {
+        let clip = synth::corpus(5, 1, 1.0, 30.0).unwrap().remove(0).clip;
+        // hands turn, which no retargeting carries over
+        let turn = |(i, q): (usize, &Quat)| if i % 24 == 22 { Quat::from_rotation_x(0.5) } else { *q };
+        let rotations: Vec<Quat> = clip.rotations().iter().enumerate().map(turn).collect();
+        let dance = Clip::new(clip.skeleton().clone(), 30.0, clip.root().to_vec(), rotations.clone()).unwrap();
+        let of = |scale: f64| {
+            let offsets = clip.skeleton().offsets().iter().map(|&o| o * scale).collect();
+            let (names, parents) = (clip.skeleton().names().to_vec(), clip.skeleton().parents().to_vec());
+            let rig = Arc::new(Skeleton::new(names, parents, offsets, clip.skeleton().ends().to_vec()).unwrap());
+            let clip = Clip::new(rig, 30.0, clip.root().to_vec(), clip.rotations().to_vec()).unwrap();
+            let like = TargetRig::of_motion(Motion::new("like.json", clip)).unwrap();
+            on_rig(Motion::new("a.json", dance.clone()), &like).unwrap().clip
+        };
+        let (same, larger) = (of(1.0 + 1e-6), of(1.1));
+        assert_eq!((same.rotations(), same.root()), (&*rotations, dance.root()));
+        assert!(same.skeleton() != dance.skeleton() && larger.root() != dance.root());
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::App;
 use super::answer::{Answer, blocking, body, done, file, json, text_of};
 use crate::library::compare::Pair;
+use crate::library::derive::Change;
 use crate::library::figure::Part;
 use crate::library::maps;
 use crate::library::search::Looked;
@@ -93,6 +94,23 @@ pub async fn figure(
     let studio = app.studio.clone();
     let text = blocking(move || studio.library().figure(&id, part)).await?;
     Ok(text_of(text.to_string(), "application/json"))
+}
+
+/// A clip or a dance in the file of its character, and the matrix from that file's world to the stage's.
+pub async fn character(State(app): State<Arc<App>>, Path(id): Path<String>) -> Answer {
+    let made = blocking(move || app.studio.library().on_character(&id, "on the stage")).await?;
+    let mut response = Response::new(Body::from(made.bytes));
+    set(&mut response, header::CONTENT_TYPE, "model/gltf-binary");
+    let numbers: Vec<String> = made.to_stage.iter().map(f64::to_string).collect();
+    set(&mut response, header::HeaderName::from_static("kinelm-to-stage"), &numbers.join(" "));
+    Ok(response)
+}
+
+/// Makes a clip of another: mirrored, or at another speed.
+pub async fn derive(State(app): State<Arc<App>>, Path(id): Path<String>, request: Body) -> Answer {
+    let change: Change = body(request).await?;
+    let id = blocking(move || app.studio.derive(&id, change)).await?;
+    Ok(json(&value!({ "id": id })))
 }
 
 /// Changes the reading of a clip.

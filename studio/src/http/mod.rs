@@ -61,6 +61,8 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/clips", post(clips::upload))
         .route("/api/maps", post(clips::map))
         .route("/api/clips/{id}/figure", get(clips::figure))
+        .route("/api/clips/{id}/character", get(clips::character))
+        .route("/api/clips/{id}/derive", post(clips::derive))
         .route("/api/clips/{id}/sound", get(clips::sound))
         .route("/api/clips/{id}/reading", post(clips::reading))
         .route("/api/clips/{id}/remove", post(clips::remove))

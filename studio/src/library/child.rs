@@ -5,6 +5,7 @@
 //! of its own, with limits, that is an error of one file, and the memory of a long clip goes back to the system
 //! afterwards. Only Linux limits its memory; on systems that aren't Unix, the clock is the only limit.
 
+use super::derive::{self, Derived};
 use super::doubts::{Outcome, outcome};
 use super::figure::Wanted;
 use crate::project::document::Reading;
@@ -23,7 +24,7 @@ const MOST_BYTES: u64 = 1 << 20;
 pub struct Job {
     /// The file.
     pub file: PathBuf,
-    /// Facts or a figure.
+    /// What is made of it.
     pub work: Work,
     /// The file for the answer.
     pub out: PathBuf,
@@ -31,7 +32,7 @@ pub struct Job {
     pub limits: Limits,
 }
 
-/// The facts of a file, or its figure.
+/// The facts of a file, its figure, or another file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Work {
     /// The facts for the library: the answer is an [`Outcome`].
@@ -43,21 +44,41 @@ pub enum Work {
     },
     /// The figure for the stage: the answer is for [`figure_of`].
     Figure(Box<Wanted>),
+    /// Another file: the answer is for [`derived_of`].
+    Derived(Box<derive::Wanted>),
 }
 
-/// The first line of an answer that is a figure, before its text.
-const FIGURE: &[u8] = b"figure\n";
-/// The first line of an answer with the reason why there is no figure.
+/// The first line of an answer that is there.
+const MADE: &[u8] = b"made\n";
+/// The first line of an answer with the reason why there is none.
 const NONE: &[u8] = b"none\n";
 
-/// The text of a figure, or the reason why there is none, from an answer to [`Work::Figure`].
-pub fn figure_of(answer: Vec<u8>) -> Option<Result<String>> {
-    let text = |of: &[u8]| String::from_utf8(of.to_vec()).ok();
-    match (answer.strip_prefix(FIGURE), answer.strip_prefix(NONE)) {
-        (Some(figure), _) => text(figure).map(Ok),
-        (_, Some(why)) => text(why).map(|why| Err(Error::Conflict(why))),
+/// What was made, or the reason why it wasn't.
+fn made_of(answer: &[u8]) -> Option<Result<&[u8]>> {
+    match (answer.strip_prefix(MADE), answer.strip_prefix(NONE)) {
+        (Some(made), _) => Some(Ok(made)),
+        (_, Some(why)) => Some(Err(Error::Conflict(str::from_utf8(why).ok()?.to_owned()))),
         _ => None,
     }
+}
+
+/// The text of a figure, or the reason why there is none, from an answer to [`Work::Figure`].
+pub fn figure_of(answer: &[u8]) -> Option<Result<String>> {
+    match made_of(answer)? {
+        Ok(made) => String::from_utf8(made.to_vec()).ok().map(Ok),
+        Err(why) => Some(Err(why)),
+    }
+}
+
+/// A file, or the reason why there is none, from an answer to [`Work::Derived`].
+pub fn derived_of(answer: &[u8]) -> Option<Result<Derived>> {
+    let made = match made_of(answer)? {
+        Ok(made) => made,
+        Err(why) => return Some(Err(why)),
+    };
+    let line = made.iter().position(|byte| *byte == b'\n')?;
+    let to_stage = serde_json::from_slice(&made[..line]).ok()?;
+    Some(Ok(Derived { to_stage, bytes: made[line + 1..].to_vec() }))
 }
 
 /// The limits of the process.
@@ -95,12 +116,22 @@ pub fn read_file() -> Result<()> {
             let found = Error::of_panics(|| Ok(outcome(&job.file, reading, convert)));
             serde_json::to_vec(&found.unwrap_or_else(|e| Outcome::failed(&e))).map_err(Error::failed)?
         }
-        Work::Figure(wanted) => match Error::of_panics(|| wanted.text(&job.file)) {
-            Ok(text) => [FIGURE, text.as_bytes()].concat(),
-            Err(e) => [NONE, e.to_string().as_bytes()].concat(),
-        },
+        Work::Figure(wanted) => made(Error::of_panics(|| wanted.text(&job.file)).map(String::into_bytes)),
+        Work::Derived(wanted) => made(Error::of_panics(|| {
+            let Derived { bytes, to_stage } = wanted.made(&job.file)?;
+            let line = serde_json::to_vec(&to_stage).map_err(Error::failed)?;
+            Ok([&line[..], b"\n", &bytes].concat())
+        })),
     };
     Ok(files::write_whole(&job.out, &answer)?)
+}
+
+/// The answer of work.
+fn made(work: Result<Vec<u8>>) -> Vec<u8> {
+    match work {
+        Ok(made) => [MADE, &made].concat(),
+        Err(e) => [NONE, e.to_string().as_bytes()].concat(),
+    }
 }
 
 /// Holds this process to limits, where the system can.

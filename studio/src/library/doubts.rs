@@ -54,6 +54,8 @@ pub struct Info {
     pub floor_m: f64,
     /// Whether it was converted to a BVH.
     pub converted: bool,
+    /// Whether its file has a mesh, and can be given an animation.
+    pub character: bool,
     /// Beats of music, seconds.
     pub beats_s: Vec<f64>,
     /// The file's own statements about its rate; empty for music.
@@ -198,6 +200,7 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
         rig: report["rig"].as_str().map(str::to_owned),
         floor_m,
         converted: !is_bvh,
+        character: matches!(motion.source, Source::Glb(_)),
         rate: FileRate::of(&motion, &options),
         doubts,
         ..Info::default()

@@ -1,7 +1,6 @@
 //! The figure of a clip or a dance on the stage: the data of the page's player.
 
 use super::{Library, Source};
-use crate::project::CACHE;
 use crate::project::document::{DanceRecord, MadeSpan};
 use crate::{Error, Result};
 use kinelm_motion::format::{self, ReadOptions};
@@ -10,8 +9,7 @@ use kinelm_view::Figure;
 use kinelm_view::data::{self, Drawn};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Bytes of figures in memory.
@@ -107,16 +105,10 @@ impl Library {
             return Ok(text);
         }
         let request = Wanted::of(&source, dance.as_ref(), part);
-        let text: Arc<str> = self.reader.figure(&source.path, request, &self.figure_file(), &self.stop)?.into();
+        let text: Arc<str> =
+            self.reader.figure(&source.path, request, &self.answer_file("figure")?, &self.stop)?.into();
         self.figures().insert(key, &text);
         Ok(text)
-    }
-
-    /// The file for a process's figure, a new one each time: several processes may work at once.
-    fn figure_file(&self) -> PathBuf {
-        static COUNT: AtomicU64 = AtomicU64::new(0);
-        let name = format!("figure-{}.read", COUNT.fetch_add(1, Ordering::Relaxed));
-        self.project().folder().join(CACHE).join(name)
     }
 }
 
@@ -186,7 +178,7 @@ mod tests {
         library.reader.args = vec!["--list".into()];
         let said = library.figure("c1", Part { fps: Some(10.0), seconds: None }).unwrap_err();
         assert!(said.status() == 409 && said.to_string().contains("a.bvh can't be read: its reader ended"), "{said}");
-        let left = std::fs::read_dir(dir.path().join(CACHE)).unwrap().flatten();
+        let left = std::fs::read_dir(dir.path().join(crate::project::CACHE)).unwrap().flatten();
         assert!(left.into_iter().all(|entry| entry.path().extension().is_none_or(|end| end != "read")));
     }
 

@@ -7,12 +7,14 @@
 //! - [`maps`]: skeleton maps of the project.
 //! - [`stated`]: the readings of clips in the timeline's text.
 //! - [`figure`]: the figure of a clip for the stage.
+//! - [`derive`]: files that are made of clips and dances.
 //! - [`search`]: clips that move alike.
 //!
 //! Files are read one after the other by a thread of their own; of each only a few facts stay in memory.
 
 pub mod child;
 pub mod compare;
+pub mod derive;
 pub mod doubts;
 pub mod figure;
 pub mod maps;
@@ -34,7 +36,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
@@ -224,6 +226,13 @@ impl Library {
         Ok(cached.outcome)
     }
 
+    /// The file for a process's answer, a new one each time: several processes may work at once.
+    fn answer_file(&self, of: &str) -> Result<PathBuf> {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        let name = format!("{of}-{}.read", COUNT.fetch_add(1, Ordering::Relaxed));
+        Ok(owned::path(self.project.folder(), Path::new(CACHE).join(name))?)
+    }
+
     /// The BVH that a clip of another format was converted to.
     pub fn converted(&self, id: &str) -> PathBuf {
         self.project.folder().join(CONVERTED).join(format!("{id}.bvh"))
@@ -328,7 +337,7 @@ impl Library {
                     let more = json!({
                         "state": "ready", "seconds": seconds, "fps": fps, "frames": frames, "rig": rig,
                         "format": info.format, "joints": info.joints, "doubts": doubts,
-                        "floor": info.floor_m,
+                        "floor": info.floor_m, "character": info.character,
                     });
                     extend(&mut view, more);
                     if info.music {

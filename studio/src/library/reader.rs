@@ -1,6 +1,7 @@
 //! The studio's side of the process that reads a file ([`super::child`]).
 
-use super::child::{Job, Limits, Work, figure_of};
+use super::child::{Job, Limits, Work, derived_of, figure_of};
+use super::derive::{self, Derived};
 use super::doubts::Outcome;
 use super::figure::Wanted;
 use crate::project::document::Reading;
@@ -76,7 +77,16 @@ impl Reader {
     /// Those of [`Reader::read`], those of [`Wanted::text`], and a process that crashes or takes too long.
     pub fn figure(&self, file: &Path, wanted: Wanted, out: &Path, stop: &AtomicBool) -> Result<String> {
         let (found, status) = self.answer(file, Work::Figure(Box::new(wanted)), out, stop)?;
-        found.and_then(figure_of).unwrap_or_else(|| Err(Error::Conflict(self.why_none(file, status))))
+        found.as_deref().and_then(figure_of).unwrap_or_else(|| Err(Error::Conflict(self.why_none(file, status))))
+    }
+
+    /// A file that is made of others; `out` is the file for it, which is removed afterwards.
+    ///
+    /// # Errors
+    /// Those of [`Reader::read`], those of [`derive::Wanted::made`], and a process that crashes or takes too long.
+    pub fn derived(&self, file: &Path, wanted: derive::Wanted, out: &Path, stop: &AtomicBool) -> Result<Derived> {
+        let (found, status) = self.answer(file, Work::Derived(Box::new(wanted)), out, stop)?;
+        found.as_deref().and_then(derived_of).unwrap_or_else(|| Err(Error::Conflict(self.why_none(file, status))))
     }
 
     /// Runs a process and reads its answer. Returns its exit status too; `None` if it took too long.

@@ -2,7 +2,7 @@
 
 use super::Studio;
 use crate::library::doubts::{Info, Outcome, is_music};
-use crate::library::{maps, upload};
+use crate::library::{derive, maps, upload};
 use crate::project::dances::plain_name;
 use crate::project::document::{Change, ClipRecord, DanceRecord, Music, Reading};
 use crate::project::{CLIPS, DANCES};
@@ -107,6 +107,31 @@ impl Studio {
         let (id, name) = (clip.id.clone(), format!("add {}", clip.name));
         self.step(&name, vec![change])?;
         Ok(Some(id))
+    }
+
+    /// Adds a changed clip to the library; its id.
+    ///
+    /// # Errors
+    /// Those of [`crate::library::Library::changed`]; I/O errors.
+    pub fn derive(&self, id: &str, change: derive::Change) -> Result<String> {
+        let before = self.project.clip(id)?;
+        let name = plain_name(&change.name(&before.name));
+        let (derived, extension) = self.library.changed(id, change, &name)?;
+        let mut upload = upload::Upload::begin(&self.project, &format!("{name}.{extension}"))?;
+        upload.write(&derived.bytes)?;
+        let Some(Change::Clip { after: Some(mut clip), .. }) = upload.finish(&self.project)? else {
+            return Err(Error::failed("a clip that is none"));
+        };
+        // its frames are those that were read, at a rate that is known
+        let Reading { up, unit, map, root, mirror_axis, .. } = self.library.reading(&before);
+        let written = Reading { map, fps_source: Some(self.library.info(id)?.fps), ..Reading::default() };
+        clip.reading = match extension {
+            "glb" => Reading { take: Some(name), up, unit, root, mirror_axis, ..written },
+            _ => written,
+        };
+        let id = clip.id.clone();
+        self.step(&format!("make {}", clip.name), vec![Change::Clip { before: None, after: Some(clip) }])?;
+        Ok(id)
     }
 
     /// What follows when a clip was read: pages get it, and the first one begins the timeline, unless it is back by a

@@ -62,14 +62,14 @@ export class Composition {
   /** @param {Figure} figure @param {number} time @param {Record<string, any>} colours @param {boolean} plain */
   addBody(figure, time, colours, plain) {
     const p = figure.now, [sx, sz] = figure.shift, own = figure.colour, { given, ink } = colours;
-    const list = figure.faint ? this.ghosts : this.capsules;
+    const list = figure.faint ? this.ghosts : this.capsules, isClothed = figure.isClothed && !figure.faint && !plain;
     let next = figure.faint ? this.ghostCount : this.capsuleCount;
-    for (const bone of figure.bones) {
+    for (const bone of isClothed ? [] : figure.bones) {
       const a = 3 * bone.a, b = 3 * bone.b, colour = figure.isGiven(bone, bone.a, time) ? given : own;
       this.put(list, CAPSULE * next++, p[a] + sx, p[a + 1], p[a + 2] + sz, bone.ra,
         p[b] + sx, p[b + 1], p[b + 2] + sz, bone.rb, colour, colour, 0);
     }
-    for (const ball of figure.balls) {
+    for (const ball of isClothed ? [] : figure.balls) {
       const i = 3 * ball.at, x = p[i] + sx, y = p[i + 1], z = p[i + 2] + sz, isGiven = figure.isGiven(ball, ball.at, time);
       this.put(list, CAPSULE * next++, x, y, z, ball.r, x, y, z, ball.r, isGiven ? given : own, ink, plain ? 0 : isGiven ? 0.12 : 0.16);
     }

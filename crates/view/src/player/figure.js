@@ -51,6 +51,7 @@ export class Figure {
     this.original = null;
     this.named = true;                               // its label is shown
     this.faint = false;                              // one can see through it
+    this.isClothed = false;                          // its body is drawn otherwise than by capsules
     /** @type {Uint8Array | null} (points): the joints that are selected */
     this.selected = null;
     /** @type {number[][][] | null} (points): the seconds, from and to, in which each is on the floor */

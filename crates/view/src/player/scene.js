@@ -176,6 +176,8 @@ export class Scene {
     /** @type {Colour | null} behind everything; null: what is behind the canvas shows through */
     this.backdrop = null;
     this.faces = this.threadFaces = 0;
+    /** @type {((camera: View) => void) | null} draws other bodies, after the capsules and before what one can see through */
+    this.more = null;
     this.build();
   }
 
@@ -282,7 +284,11 @@ export class Scene {
       this.fill(this.programs.threads, things.paths, things.pathCount * CAPSULE);
       gl.drawElementsInstanced(gl.TRIANGLES, this.threadFaces, gl.UNSIGNED_SHORT, 0, things.pathCount);
     }
-    if (things.ghostCount && !flat) this.drawGhosts(things);
+    if (this.more && !flat) this.more(camera);
+    if (things.ghostCount && !flat) {
+      gl.useProgram(this.programs.capsules.id);
+      this.drawGhosts(things);
+    }
     gl.bindVertexArray(null);
   }
 

@@ -22,7 +22,7 @@ export class Stage {
   constructor() {
     this.state = {
       time: 0, playing: true, speed: 1, loop: true, follow: true, overlay: false, trails: false,
-      ghost: false, contacts: false, inPlace: false,
+      ghost: false, contacts: false, inPlace: false, mesh: true,
       from: 0, upto: Infinity,                       // what is played of the whole
       overlaid: 0, following: 1,                     // 0 to 1: where a change of the two above has got to
       yaw: HOME.yaw, pitch: HOME.pitch, zoom: HOME.zoom, pan: [0, 0, 0], rested: 0, dirty: true,

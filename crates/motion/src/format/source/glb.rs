@@ -1,7 +1,7 @@
 //! What a GLB with a mesh contains beyond its clip: all of it, so that the character can be given another animation.
 
 use crate::format::Axes;
-use crate::{Clip, Quat, Skeleton};
+use crate::{Clip, Quat, Skeleton, Vec3};
 use std::sync::Arc;
 
 /// A GLB with a mesh, and where a clip's joints are in it.
@@ -41,6 +41,15 @@ pub(crate) struct Played {
 }
 
 impl GlbSource {
+    /// The matrix (4 x 4, column by column) from the file's world to the clip's: y up, metres.
+    pub fn world(&self) -> [f64; 16] {
+        let turn = |axis: Vec3| self.axes.position_to_y_up(axis) * self.metres;
+        let columns = [Vec3::X, Vec3::Y, Vec3::Z].map(turn);
+        let [x, y, z] = columns.map(|c| [c.x, c.y, c.z, 0.0]);
+        let all = [x, y, z, [0.0, 0.0, 0.0, 1.0]].concat();
+        std::array::from_fn(|i| all[i])
+    }
+
     /// Whether a clip is on this file's rig.
     pub(crate) fn fits(&self, clip: &Clip) -> bool {
         Arc::ptr_eq(clip.skeleton(), &self.skeleton) || **clip.skeleton() == *self.skeleton

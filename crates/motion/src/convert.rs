@@ -195,6 +195,7 @@ fn source_of(like: &Motion, floor_m: f64) -> Source {
     match &mut source {
         Source::Bvh(bvh) => bvh.floor_m = Some(floor_m),
         Source::Glb(glb) => glb.floor_m = Some(floor_m),
+        Source::Vrma(vrma) => vrma.floor_m = Some(floor_m),
         Source::Plain | Source::Turned(_) => source = Source::Retargeted { floor_m },
         _ => {}
     }

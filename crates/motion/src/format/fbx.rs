@@ -96,6 +96,7 @@ fn read_within(limit: usize, path: &Path, bytes: &[u8], options: &ReadOptions) -
         names,
         parents: nodes.iter().map(|&n| parent(&scene.nodes[n]).and_then(joint)).collect(),
         rest: nodes.iter().map(|&n| split(&bind(&scene.nodes[n]))).collect(),
+        roles: None,
     };
     let frames = (0..count as usize).map(|frame| {
         // the count is rounded, so the last frame may be past the end

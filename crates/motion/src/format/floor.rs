@@ -34,6 +34,7 @@ pub(crate) fn known_floor(motion: &Motion) -> Option<f64> {
         Source::Retargeted { floor_m } => Some(*floor_m),
         Source::Bvh(bvh) => bvh.floor_m,
         Source::Glb(glb) => glb.floor_m,
+        Source::Vrma(vrma) => vrma.floor_m,
         _ => None,
     }
 }

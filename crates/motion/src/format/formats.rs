@@ -18,8 +18,10 @@ pub enum Format {
     Bvh,
     /// `.amc`, with an `.asf` beside it: read, not written.
     Amc,
-    /// `.glb`, and `.vrm`, which is one: a VRM is read only.
+    /// `.glb`, and `.vrm`, which is one: a VRM is written only with an animation embedded.
     Glb,
+    /// `.vrma`: an animation of VRM's, which is a GLB too.
+    Vrma,
     /// `.npz`: AMASS.
     Npz,
     /// `.pkl`: AIST++.
@@ -55,6 +57,9 @@ pub struct FormatInfo {
 
 type Read = fn(&Path, &[u8], &ReadOptions) -> Result<Motion>;
 type Write = fn(&Path, &Motion) -> Result<Vec<u8>>;
+
+/// The extension of VRM's avatars, which are GLBs.
+pub(super) const VRM: &str = "vrm";
 
 /// A step after reading that several formats share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -117,11 +122,21 @@ pub const FORMATS: &[FormatInfo] = &[
     FormatInfo {
         format: Format::Glb,
         name: "GLB",
-        extensions: &["glb", "vrm"],
+        extensions: &["glb", VRM],
         written: &["glb"],
         then: &[Step::Skip],
         read: Some(glb::read),
         write: Some(|path, motion| glb::motion_to_bytes(path, motion, None)),
+        ..READ_ONLY
+    },
+    FormatInfo {
+        format: Format::Vrma,
+        name: "VRM animation",
+        extensions: &["vrma"],
+        written: &["vrma"],
+        then: &[Step::Skip],
+        read: Some(glb::read_vrma),
+        write: Some(glb::motion_to_vrma),
         ..READ_ONLY
     },
     FormatInfo {
@@ -168,7 +183,7 @@ pub const FORMATS: &[FormatInfo] = &[
 
 impl Format {
     /// The extensions of motion files that are written, most used first.
-    pub const WRITTEN: [&str; 4] = ["bvh", "npz", "json", "glb"];
+    pub const WRITTEN: [&str; 5] = ["bvh", "npz", "json", "glb", "vrma"];
 
     /// The extensions of motion files that are read, in lower case. A build without the feature of a format knows its
     /// extension too, and says so.
@@ -240,11 +255,11 @@ mod tests {
     fn what_is_not_read_is_refused_with_the_list_and_a_way_out() {
         let said = |name: &str| Format::of(Path::new(name)).unwrap_err().to_string();
         let all = Format::read_list();
-        assert!(all.starts_with(".bvh, .amc, .glb, .vrm, .npz, .pkl"), "{all}");
+        assert!(all.starts_with(".bvh, .amc, .glb, .vrm, .vrma, .npz, .pkl"), "{all}");
         for (name, help) in [("a.C3D", "markers, not joints"), ("a.gltf", "one .glb"), ("a.asf", ".amc"), ("a", "")] {
             assert!(said(name).contains(help) && said(name).contains(&all), "{}", said(name));
         }
-        assert_eq!(listed(Format::WRITTEN), ".bvh, .npz, .json or .glb");
+        assert_eq!(listed(Format::WRITTEN), ".bvh, .npz, .json, .glb or .vrma");
         for info in FORMATS {
             assert_eq!(info.format.info().name, info.name);
             for name in info.extensions {

@@ -244,13 +244,32 @@ pub fn write(path: &Path, motion: &Motion) -> Result<()> {
 /// that the format can't hold, or whose rate no reader takes.
 pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
     check_fps(motion.clip.fps())?;
-    let (info, extension) = (Format::of(path)?.info(), path.extension().unwrap_or_default());
-    if !info.written.iter().any(|name| extension.eq_ignore_ascii_case(name)) {
-        let (found, expected) = (extension.to_string_lossy(), formats::listed(Format::WRITTEN));
-        let (found, expected) = (format!("the extension .{found}"), format!("a {expected} to write"));
-        return Err(FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected).into());
-    }
+    let info = Format::of(path)?.info();
+    check_written(path, info, motion)?;
     info.write.ok_or_else(|| left_out(path, info))?(path, motion)
+}
+
+/// Checks that a motion is written under a name: one with an extension that is written, or a VRM's that is embedded in.
+fn check_written(path: &Path, info: &FormatInfo, motion: &Motion) -> Result<()> {
+    let extension = path.extension().unwrap_or_default();
+    if info.written.iter().any(|name| extension.eq_ignore_ascii_case(name)) {
+        return Ok(());
+    }
+    let is_vrm = extension.eq_ignore_ascii_case(formats::VRM);
+    match motion.avatar().filter(|_| is_vrm) {
+        Some(avatar) if avatar.embed => return Ok(()),
+        Some(_) => {
+            let why = "players of VRM ignore an animation inside a VRM; write a .vrma, the animation of this avatar, or \
+                       embed it all the same (`embed`)";
+            return Err(Error::unsupported(path.display().to_string(), why));
+        }
+        None => {}
+    }
+    let (found, expected) = (extension.to_string_lossy(), formats::listed(Format::WRITTEN));
+    let (found, expected) = (format!("the extension .{found}"), format!("a {expected} to write"));
+    let fault = FileError::new(SourcePos::file(path), FaultKind::NotThisFormat, found, expected);
+    let help = if is_vrm { "a .vrm is an avatar: a .vrma animates it, whatever its rig" } else { "" };
+    Err(fault.help(help).into())
 }
 
 /// The content of a file to which an edited clip is written: what is not `changed` is as in `bytes`, the file that was read,
@@ -259,7 +278,9 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
 /// # Errors
 /// Those of [`to_bytes`]; other joints or flags than the clip's.
 pub fn edited_to_bytes(path: &Path, motion: &Motion, changed: &Changed, bytes: &[u8]) -> Result<Vec<u8>> {
-    match (&motion.source, Format::of(path)?) {
+    let format = Format::of(path)?;
+    check_written(path, format.info(), motion)?;
+    match (&motion.source, format) {
         (Source::Bvh(source), Format::Bvh) => source.spliced(bytes, &motion.clip, changed),
         (Source::Glb(_), Format::Glb) => glb::motion_to_bytes(path, motion, Some(changed)),
         _ => to_bytes(path, motion),

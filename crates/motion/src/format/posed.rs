@@ -21,6 +21,8 @@ pub(super) struct Figure {
     pub names: Vec<String>,
     pub parents: Vec<Option<usize>>,
     pub rest: Vec<Placed>,
+    /// The joints by SMPL id, where the file states them.
+    pub roles: Option<[Option<usize>; 24]>,
 }
 
 /// A clip of a figure, as far as it is read.
@@ -77,7 +79,9 @@ impl Figure {
         moved[0] = spread(&path(0));
         let whole = Clip::new(Arc::new(skeleton), fps, path(0), rotations)?;
         let given = options.map.as_deref();
-        let mut found = map_if_any(&whole, given)?;
+        let roles = self.roles.as_ref().filter(|_| given.is_none());
+        let stated = roles.and_then(|roles| FoundMap::stated(&whole, roles));
+        let mut found = stated.map_or_else(|| map_if_any(&whole, given), |stated| Ok(Some(stated)))?;
         let root = motion_root::choose(&whole, root, &mut found, given, |j| moved[j] * metres > STILL_M)?;
         let beside = motion_root::beside(whole.skeleton(), root, |j| moved[j] * metres);
         let (clip, found) = if root == 0 {

@@ -201,6 +201,7 @@ fn source_lines(source: &Source) -> (&'static str, Vec<String>) {
             ("AIST++", vec![format!("scaling {scaling}"), body_line(*rest_pelvis, *body_model)])
         }
         Source::Glb(_) => ("GLB", vec!["a mesh: a dance on this rig is written into the file".to_owned()]),
+        Source::Vrma(_) => ("VRM animation", Vec::new()),
         Source::Json(_) | Source::Turned(_) | Source::Retargeted { .. } | Source::Plain => ("clip", Vec::new()),
     }
 }

@@ -28,6 +28,8 @@ pub enum FoundBy {
     Names,
     /// [Recognised](recognise()), by shape, movement and names.
     Shape,
+    /// Stated by the file.
+    File,
 }
 
 impl FoundMap {
@@ -56,6 +58,13 @@ impl FoundMap {
         FoundMap { map: named.clone().with_reference(rig, &turns), by, made, named }
     }
 
+    /// The map of a clip's rig whose file states the joints by SMPL id, if it has all that are required.
+    pub(crate) fn stated(clip: &Clip, joints: &[Option<usize>; 24]) -> Option<FoundMap> {
+        let rig = clip.skeleton();
+        let map = SkeletonMap::of_joints(rig, joints, &[]).described("vrm", "as the file states");
+        map.missing(rig.names()).is_empty().then(|| FoundMap::standing(map, FoundBy::File, rig, Some(clip)))
+    }
+
     /// The same map for another view of the rig that it was found for: without the joints above its body, along other axes,
     /// of other frames. Nothing is searched; the reference pose is settled anew.
     pub(crate) fn on(&self, clip: &Clip) -> FoundMap {
@@ -63,10 +72,10 @@ impl FoundMap {
         FoundMap::standing(self.named.bind_any(rig.names()), self.by, rig, Some(clip))
     }
 
-    /// Whether the map or its reference pose comes from how the clip moves, so that another clip on the rig might give
-    /// another one: whatever is derived from the clip has to store it.
+    /// Whether the map or its reference pose comes from the file or from how the clip moves, so that another clip on the rig
+    /// might give another one: whatever is derived from the clip has to store it.
     pub fn is_of_clip(&self) -> bool {
-        self.by == FoundBy::Shape || self.made
+        matches!(self.by, FoundBy::Shape | FoundBy::File) || self.made
     }
 }
 

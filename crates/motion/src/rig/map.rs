@@ -155,6 +155,11 @@ impl SkeletonMap {
         map.with_reference(rig, reference)
     }
 
+    /// The map under another name.
+    pub(super) fn described(self, name: &str, description: &str) -> Self {
+        SkeletonMap { name: name.into(), description: description.into(), ..self }
+    }
+
     /// The map with these local rotations (J) as its reference pose; an empty slice stands for the rest pose.
     pub(super) fn with_reference(self, rig: &Skeleton, reference: &[Quat]) -> Self {
         let turned = reference.iter().enumerate().filter(|(_, q)| **q != Quat::IDENTITY);

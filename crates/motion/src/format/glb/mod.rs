@@ -3,16 +3,19 @@
 //! - `file`: what a file has: its chunks, document, nodes and animations;
 //! - `read`: the clip of one figure;
 //! - `write`: new files, each clip with a body of capsules;
-//! - `onto`: an animation added to a file, of which all else stays as it is.
+//! - `onto`: an animation added to a file, of which all else stays as it is;
+//! - `vrma`: a VRM animation.
 //!
 //! Source: Khronos Group, glTF 2.0 Specification (2021), sections 3.5 to 3.7, 3.11, 4.4.
 
 mod file;
 mod onto;
 mod read;
+mod vrma;
 mod write;
 
-pub use read::read;
+pub use read::{read, read_vrma};
+pub(super) use vrma::motion_to_bytes as motion_to_vrma;
 pub use write::{Named, to_bytes};
 
 use super::{Changed, Motion, Source};

@@ -1,5 +1,6 @@
 //! What a GLB with a mesh contains beyond its clip: all of it, so that the character can be given another animation.
 
+use super::vrm::TPose;
 use crate::format::Axes;
 use crate::{Clip, Quat, Skeleton, Vec3};
 use std::sync::Arc;
@@ -23,6 +24,10 @@ pub struct GlbSource {
     pub(crate) played: Option<Played>,
     /// The floor found before a clip was put on this rig, metres; retargeting doesn't move it.
     pub(crate) floor_m: Option<f64>,
+    /// Of a VRM, its T-pose.
+    pub(crate) vrm: Option<TPose>,
+    /// Whether a VRM may be written with an animation in it.
+    pub embed: bool,
     /// The animation, by name, whose place and name the next one takes; `None` adds one.
     pub replace: Option<String>,
 }

@@ -5,6 +5,7 @@
 pub mod bvh;
 mod changed;
 pub mod glb;
+pub mod vrm;
 
 use super::{Axes, Up};
 use crate::rig::{Floor, FoundBy, FoundMap, Humanoid, SkeletonMap, unknown};
@@ -15,6 +16,7 @@ use glb::GlbSource;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
+use vrm::VrmaSource;
 
 /// A clip with its source, and what is known of its rig and floor.
 ///
@@ -75,6 +77,29 @@ impl Motion {
         };
         glb.replace = Some(animation.to_owned());
         Ok(self)
+    }
+
+    /// The same for writing into the file of its avatar, a VRM.
+    ///
+    /// # Errors
+    /// [`Invalid`](kinelm_store::Error::Invalid) for a motion of another file.
+    pub fn embedded(mut self) -> Result<Motion> {
+        match &mut self.source {
+            Source::Glb(glb) if glb.vrm.is_some() => glb.embed = true,
+            _ => {
+                let found = self.path.display().to_string();
+                return Err(crate::Error::invalid_parameter("embed", found, "a .vrm with a mesh"));
+            }
+        }
+        Ok(self)
+    }
+
+    /// The VRM on whose rig it is, if it is on one's.
+    pub(crate) fn avatar(&self) -> Option<&GlbSource> {
+        match &self.source {
+            Source::Glb(glb) if glb.vrm.is_some() && glb.fits(&self.clip) => Some(glb),
+            _ => None,
+        }
     }
 
     /// The motion of a file, of whose rig this map was found, or none, in the file's own axes.
@@ -189,6 +214,8 @@ pub enum Source {
     },
     /// A GLB with a mesh.
     Glb(Box<GlbSource>),
+    /// A VRM animation.
+    Vrma(Box<VrmaSource>),
     /// A JSON clip whose up axis is not y, or that is mirrored.
     Json(Axes),
     /// A clip of another format without a source of its own, whose up axis is not y.
@@ -210,7 +237,7 @@ impl Source {
             Source::Glb(glb) => glb.axes,
             Source::Json(axes) | Source::Turned(axes) => *axes,
             Source::Amass { axes, .. } | Source::Aist { axes, .. } => *axes,
-            Source::Retargeted { .. } | Source::Plain => Axes::OWN,
+            Source::Vrma(_) | Source::Retargeted { .. } | Source::Plain => Axes::OWN,
         }
     }
 

@@ -1,6 +1,7 @@
 //! The parts of a glTF document that animation needs, and the numbers in its buffer.
 
 use super::chunks::{Chunks, not_this};
+use super::humanoid::Extensions;
 use crate::{Error, FaultKind, FileError, Result};
 use kinelm_store::SourcePos;
 use serde::Deserialize;
@@ -35,6 +36,7 @@ const HARMLESS: [&str; 10] = [
 pub struct Json {
     pub asset: Asset,
     extensions_required: Vec<String>,
+    pub extensions: Extensions,
     pub nodes: Vec<Node>,
     pub skins: Vec<Skin>,
     pub animations: Vec<Animation>,

@@ -66,12 +66,13 @@ impl<'a> Tree<'a> {
         self.document.json.nodes[node].name.clone().filter(|n| !n.is_empty()).unwrap_or_else(|| format!("node{node}"))
     }
 
-    /// The figure to read: of the joints of all skins, else of what an animation moves.
-    pub fn figure(&self, root: Option<&str>, warnings: &mut Vec<Warning>) -> Result<Chosen> {
+    /// The figure to read: of these bones, where there are any, else of the joints of all skins, else of what an animation
+    /// moves.
+    pub fn figure(&self, bones: &[usize], root: Option<&str>, warnings: &mut Vec<Warning>) -> Result<Chosen> {
         let nodes = Nodes {
             names: (0..self.parents.len()).map(|n| self.name(n)).collect(),
             parents: self.parents.clone(),
-            joints: self.joints()?,
+            joints: if bones.is_empty() { self.joints()? } else { self.only(bones) },
         };
         let chosen = nodes.choose(root, warnings);
         let chosen = chosen.map_err(|(found, expected)| self.document.fault(found, &expected))?;
@@ -80,6 +81,11 @@ impl<'a> Tree<'a> {
             return Err(self.document.fault(found, "4,096 at most"));
         }
         Ok(chosen)
+    }
+
+    /// Which nodes are these.
+    fn only(&self, nodes: &[usize]) -> Vec<bool> {
+        (0..self.parents.len()).map(|n| nodes.contains(&n)).collect()
     }
 
     /// Which nodes are joints: those of the skins; without skins the nodes that an animation moves, and all nodes below
@@ -154,7 +160,7 @@ impl<'a> Tree<'a> {
             Some(bound) => as_long_as(&parents, bound, &stand),
             None => stand,
         };
-        Ok(Figure { names, parents, rest })
+        Ok(Figure { names, parents, rest, roles: None })
     }
 
     /// A node's scale, rotation and place in the frame of the node above, as the file was saved.

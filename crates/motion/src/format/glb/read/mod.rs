@@ -1,16 +1,20 @@
-//! GLB and VRM (binary glTF 2.0), read: the joints of the largest figure and the longest animation that moves it.
+//! GLB, VRM and VRM animations (binary glTF 2.0), read: the joints of the largest figure and the longest animation that
+//! moves it. VRM's files say which joint is which.
 //!
 //! Source: Khronos Group, glTF 2.0 Specification (2021), sections 3.5, 3.7.3, 3.11. Metres, y up. A file states no rate: it
 //! is that of its keys, if they are evenly spaced.
 
 mod rate;
+mod vrm;
 
 use super::file::document::Document;
+use super::file::humanoid::{Humanoid, Kind};
 use super::file::take::Take;
 use super::file::tree::{Tree, split};
 use crate::format::figure::{Chosen, choose_take};
-use crate::format::posed::{MOST_PLACED, Posed};
+use crate::format::posed::{Figure, MOST_PLACED, Posed};
 use crate::format::source::glb::{GlbSource, Played};
+use crate::format::source::vrm::VrmaSource;
 use crate::format::{Axes, ReadOptions, Up};
 use crate::{FaultKind, FileError, Motion, Result, Source, Warning};
 use kinelm_store::SourcePos;
@@ -32,8 +36,17 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let document = Document::parse(path, bytes)?;
     let tree = Tree::new(&document)?;
     let mut warnings = Vec::new();
-    let Chosen { nodes: joints, root } = tree.figure(options.root.as_deref(), &mut warnings)?;
-    let figure = tree.at_rest(&joints)?;
+    let humanoid = Humanoid::of(&document)?;
+    // an avatar has joints beside its bones, and an animation has nodes that are no joints
+    let bones: Vec<usize> = match &humanoid {
+        Some(Humanoid { kind: Kind::Animation { has_face }, bones }) => {
+            warnings.extend(has_face.then(vrm::face_dropped));
+            bones.iter().map(|(_, node)| *node).collect()
+        }
+        _ => Vec::new(),
+    };
+    let Chosen { nodes: joints, root } = tree.figure(&bones, options.root.as_deref(), &mut warnings)?;
+    let figure = Figure { roles: humanoid.as_ref().map(|of| vrm::roles_of(of, &joints)), ..tree.at_rest(&joints)? };
     let of_figure: BTreeSet<usize> = joints.iter().flat_map(|&joint| tree.upwards(joint)).collect();
     let take = take(&document, &of_figure, options.take.as_deref(), &mut warnings)?;
     let Frames { step_fps, fps, count } = match &take {
@@ -58,11 +71,18 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     warnings.extend(doubt);
     let axes = axes.mirrored(options.mirror_axis);
     let clip = axes.to_y_up(clip)?;
-    if !document.has_character() {
-        return Ok(Motion::read(path, clip, Source::plain(axes), warnings, found));
-    }
     let of_name = |name: &String| figure.names.iter().position(|own| own == name);
     let of_clip: Vec<usize> = clip.skeleton().names().iter().filter_map(of_name).collect();
+    let metres = options.unit.metres().map_or(1.0, |metres| metres / UNIT_M);
+    // VRM's files have y up: in other axes, or mirrored, it is a rig as any
+    let pose = humanoid.as_ref().filter(|of| !of.bones.is_empty() && axes.up == Up::Y && axes.mirror.is_none());
+    let pose = pose.map(|of| vrm::pose(of, &tree, (&figure, &joints, &of_clip), metres));
+    if !bones.is_empty() || !document.has_character() {
+        let (skeleton, floor_m) = (clip.skeleton().clone(), None);
+        let vrma = pose.filter(|_| !bones.is_empty()).map(|pose| VrmaSource { skeleton, pose, floor_m });
+        let source = vrma.map_or(Source::plain(axes), |vrma| Source::Vrma(Box::new(vrma)));
+        return Ok(Motion::read(path, clip, source, warnings, found));
+    }
     let played = |(animation, take): (usize, Take)| Played {
         animation,
         begin_s: take.begin,
@@ -74,13 +94,31 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
         skeleton: clip.skeleton().clone(),
         nodes: of_clip.iter().map(|&j| joints[j]).collect(),
         rest: of_clip.iter().map(|&j| figure.rest[j].0).collect(),
-        metres: options.unit.metres().map_or(1.0, |metres| metres / UNIT_M),
+        metres,
         axes,
         played: take.map(played),
         floor_m: None,
+        vrm: pose,
+        embed: false,
         replace: None,
     };
     Ok(Motion::read(path, clip, Source::Glb(Box::new(source)), warnings, found))
+}
+
+/// Reads a VRM animation, as [`read`] does.
+///
+/// # Errors
+/// Those of [`read`]; [`FaultKind::NotThisFormat`] for a GLB that is none.
+pub fn read_vrma(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
+    let document = Document::parse(path, bytes)?;
+    match Humanoid::of(&document)?.map(|of| (of.kind, of.bones.len())) {
+        Some((Kind::Animation { .. }, 1..)) => read(path, bytes, options),
+        Some((Kind::Animation { .. }, 0)) => {
+            Err(document.fault("a VRM animation without humanoid bones".into(), "one that moves a body"))
+        }
+        Some(_) => Err(document.fault("a VRM, an avatar".into(), "a VRM animation; name it .vrm")),
+        None => Err(document.fault("a GLB without VRMC_vrm_animation".into(), "a VRM animation; name it .glb")),
+    }
 }
 
 /// The take of that name and its number, else the longest that moves one of these nodes, else the longest; `None` without any.

@@ -12,6 +12,9 @@ use buffer::{Buffer, Target, beyond};
 use mesh::Mesh;
 use serde_json::{Value, json};
 
+/// What wrote a file.
+pub(super) const GENERATOR: &str = concat!("kinelm ", env!("CARGO_PKG_VERSION"));
+
 /// A name and a clip.
 pub type Named<'a> = (&'a str, &'a Clip);
 
@@ -52,7 +55,7 @@ pub fn to_bytes(clips: &[Named]) -> Result<Vec<u8>> {
     }
     let Scene { buffer, nodes, roots, meshes, skins, materials, samplers, channels } = scene;
     let mut document = json!({
-        "asset": {"version": "2.0", "generator": concat!("kinelm ", env!("CARGO_PKG_VERSION"))},
+        "asset": {"version": "2.0", "generator": GENERATOR},
         "scene": 0, "scenes": [{"nodes": roots}], "nodes": nodes,
     });
     // glTF forbids empty lists

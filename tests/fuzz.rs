@@ -4,9 +4,9 @@
 #[path = "../fuzz/src/lib.rs"]
 mod readers;
 
-use kinelm_motion::format::{bvh::BvhSource, glb, json};
+use kinelm_motion::format::{self, bvh::BvhSource, glb, json};
 use kinelm_motion::joints::THIRTEEN;
-use kinelm_motion::{Clip, synth};
+use kinelm_motion::{Clip, Motion, synth};
 use kinelm_tokenizer::{LappedConfig, SchemeConfig, Tokenizer, TokenizerConfig};
 use rand_chacha::rand_core::RngCore;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -98,7 +98,10 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
         "amass" => files("crates/motion/tests/golden/amass", "npz"),
         "body_model" => files("crates/motion/tests/golden/body", "npz"),
         "aist" => files("crates/motion/tests/golden/aist", "pkl"),
-        "glb" => dances().iter().map(|c| glb::to_bytes(&[("dance", c)]).unwrap()).collect(),
+        "glb" => {
+            let vrma = |c: &Clip| format::to_bytes(Path::new("a.vrma"), &Motion::new("a.vrma", c.clone())).unwrap();
+            dances().iter().flat_map(|c| [glb::to_bytes(&[("dance", c)]).unwrap(), vrma(c)]).collect()
+        }
         "json" => dances().iter().map(json::write).collect(),
         "skeleton_map" => files("configs/skeleton", "toml"),
         "joint_list" => own("root,right_arm,left_knee,7,13,head"),

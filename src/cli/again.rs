@@ -2,7 +2,7 @@
 
 use super::generate::make;
 use super::updates::BaselineDance;
-use super::{ForceArgs, Say, convert, extension, writable, wrong_call};
+use super::{ForceArgs, Say, convert, extension, writable_into, wrong_call};
 use crate::baselines::aclstm::dance::Request as Continued;
 use crate::baselines::music_lstm::dance::Request as ToMusic;
 use crate::baselines::sidecar::{Request, Sidecar};
@@ -72,7 +72,7 @@ impl Args {
     /// Where the dance is written, whose sidecar states its `name`: to --out, or beside the sidecar.
     fn out(&self, name: &str) -> Result<PathBuf> {
         let out = self.out.clone().unwrap_or_else(|| self.sidecar.with_file_name(name));
-        writable(&out)?;
+        writable_into(&out, extension(Path::new(name)) == "vrm")?;
         if extension(&out) != extension(Path::new(name)) {
             wrong_call!("{}: the dance was {name}; other formats hold other bytes", out.display());
         }

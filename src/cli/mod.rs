@@ -50,7 +50,7 @@ use crate::shell::say::all_read;
 use crate::shell::{
     BranchArgs, CheckpointArg, ComputeArgs, ForceArgs, Odd, ReadingArgs, Say, TrustArgs, WrongCall, chain, draw_charts,
     each_file, extension, motion_files, page, picture, print, progress, reported, tell, training, warn,
-    with_extensions, writable, written_as, wrong_call,
+    with_extensions, writable, writable_into, written_as, wrong_call,
 };
 use anyhow::{Error, Result};
 use command::{Call, command};

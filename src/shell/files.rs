@@ -18,10 +18,30 @@ pub fn with_extensions(text: &str) -> String {
 pub fn writable(path: &Path) -> Result<String> {
     let extension = extension(path);
     if !Format::WRITTEN.contains(&extension.as_str()) {
-        let what = format!("{}: expected a name ending in .bvh, .npz, .json or .glb", path.display());
+        let why = match extension.as_str() {
+            "vrm" => {
+                "; players of VRM ignore an animation inside a .vrm: a .vrma animates it, and --embed of generate and \
+                      convert puts one inside all the same"
+            }
+            _ => "",
+        };
+        let what = format!("{}: expected a name ending in .bvh, .npz, .json, .glb or .vrma{why}", path.display());
         return Err(WrongCall(what).into());
     }
     Ok(extension)
+}
+
+/// As [`writable`]; `embedded`: a VRM with an animation inside.
+pub fn writable_into(path: &Path, embedded: bool) -> Result<String> {
+    match (embedded, extension(path).as_str()) {
+        (false, _) => writable(path),
+        (true, "vrm") => Ok("vrm".into()),
+        (true, _) => {
+            let what =
+                format!("--embed with {}: it puts a dance into a .vrm; write one, or leave it out", path.display());
+            Err(WrongCall(what).into())
+        }
+    }
 }
 
 /// The result of a report on `file`; with `json` an error is printed as an object too, so that every file has a line.

@@ -13,7 +13,8 @@ mod wait;
 
 pub use args::{BranchArgs, CheckpointArg, ComputeArgs, ForceArgs, ReadingArgs, TrustArgs};
 pub use files::{
-    draw_charts, each_file, extension, motion_files, page, picture, reported, with_extensions, writable, written_as,
+    draw_charts, each_file, extension, motion_files, page, picture, reported, with_extensions, writable, writable_into,
+    written_as,
 };
 pub(crate) use outcome::wrong_call;
 pub use outcome::{WrongCall, chain};

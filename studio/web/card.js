@@ -70,6 +70,7 @@ export function exportItems(dance) {
       href: to('glb'),
       does() {},
     },
+    { label: 'Export VRMA', hint: 'for VRM avatars', href: to('vrma'), does() {} },
     { label: 'Export npz', hint: 'AMASS, for research', href: to('npz'), does() {} },
   ];
 }

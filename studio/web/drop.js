@@ -8,7 +8,7 @@ import { tell } from './store.js';
 import { attempt, toast } from './toast.js';
 
 // What is looked for in folders; single files are sent whatever they are called, and the studio says what it can't read.
-const READ = /\.(bvh|amc|asf|glb|vrm|npz|pkl|json|fbx|mp3|ogg|oga|flac|wav|m4a|mp4|aac)$/i;
+const READ = /\.(bvh|amc|asf|glb|vrm|vrma|npz|pkl|json|fbx|mp3|ogg|oga|flac|wav|m4a|mp4|aac)$/i;
 
 /** @type {Set<string>} names of files on their way */
 export const uploads = new Set();

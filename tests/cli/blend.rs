@@ -110,7 +110,7 @@ fn what_can_not_be_filtered_is_said() {
     said(&["--butterworth", "2"], "o.bvh", 2, "--cutoff");
     said(&["--level", "low", "--cutoff", "3"], "o.bvh", 2, "cannot be used with");
     said(&[], "a.bvh/o.bvh", 2, "a.bvh is a file, no folder");
-    said(&[], "o.fbx", 2, ".bvh, .npz, .json or .glb");
+    said(&[], "o.fbx", 2, ".bvh, .npz, .json, .glb or .vrma");
     said(&[], "a.bvh", 2, "this call reads it");
     let both = [&a, &d.path("b.json")];
     kinelm("filter").args(both).arg("--out").arg(d.path("b.json")).assert().code(2).stderr(contains("is no folder"));

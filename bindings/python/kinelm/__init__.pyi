@@ -89,9 +89,9 @@ class Clip:
         """offsets (J, 3), root (F, 3), rotations (F, J, 4) as x, y, z, w; `fps` is 0.001 to 10,000."""
     @staticmethod
     def read(path: Path, **reading: Unpack[Reading]) -> Clip:
-        """Reads .bvh .amc .fbx .glb .vrm .npz .pkl .json."""
+        """Reads .bvh .amc .fbx .glb .vrm .vrma .npz .pkl .json."""
     def write(self, path: Path, *, force: bool = False) -> None:
-        """Writes .bvh .glb .npz .json; replaces a file that is there only with `force`."""
+        """Writes .bvh .glb .vrma .npz .json; replaces a file that is there only with `force`."""
     def retarget(self, rig: Path | Clip, *, map: str | None = None, rig_map: str | None = None) -> Clip:
         """On another rig: "smpl", that of a file, or that of another clip."""
     def resample(self, fps: float) -> Clip: ...

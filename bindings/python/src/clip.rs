@@ -53,7 +53,7 @@ impl Clip {
         Ok(Clip(Motion::new("clip.json", clip)))
     }
 
-    /// Reads a motion file: .bvh .amc .fbx .glb .vrm .npz .pkl .json. `fps_source` is its true rate where the file's is wrong,
+    /// Reads a motion file: .bvh .amc .fbx .glb .vrm .vrma .npz .pkl .json. `fps_source` is its true rate where the file's is wrong,
     /// `skip` the frames left out at its beginning; `up` ("y", "z", ..), `unit` ("m", "cm", "mm", "in",
     /// "0.0725 m", ..) and `map` (a skeleton map's name, file or text) are found out if not given; `root` takes a figure or
     /// joint, `take` an animation; `mirror_axis` ("x", "y", "z") undoes the mirror of a left-handed file.
@@ -64,7 +64,7 @@ impl Clip {
         py.detach(|| format::read(&path, &options)).map(Clip).map_err(motion)
     }
 
-    /// Writes the clip, by the name's extension: .bvh .glb .npz .json. A file that is there is replaced only with `force`.
+    /// Writes the clip, by the name's extension: .bvh .glb .vrma .npz .json. A file that is there is replaced only with `force`.
     #[pyo3(signature = (path, *, force=false))]
     fn write(&self, py: Python<'_>, path: PathBuf, force: bool) -> PyResult<()> {
         py.detach(|| {

@@ -45,6 +45,10 @@ pub fn output_read_options(dance: &Path, clip: Option<(&Path, &ReadOptions)>) ->
     // have one axis, whatever a clip was read with
     let keeps_axes = matches!(format, Some(Format::Bvh | Format::Json));
     let up = if keeps_axes { Up::Y } else { Up::Auto };
+    if format == Some(Format::Vrma) {
+        // it states its joints, and its rest is a pose of its own, with the floor at 0
+        return ReadOptions { floor: Some(0.0), ..ReadOptions::default() };
+    }
     let Some((path, read)) = clip else { return ReadOptions { up, ..ReadOptions::default() } };
     let own = ReadOptions { up, map: read.map.clone(), floor: read.floor, ..ReadOptions::default() };
     if Format::of_name(path) != format {

@@ -255,7 +255,7 @@ fn files_by_their_names() {
     let none = ReadOptions { skip: 2, ..ReadOptions::default() };
     assert!(format::read(&json, &none).unwrap_err().to_string().contains("there are 2"));
     let pickle = format::write(&folder.path().join("a.pkl"), &dance).unwrap_err();
-    assert!(pickle.to_string().contains("expected a .bvh, .npz, .json or .glb to write"), "{pickle}");
+    assert!(pickle.to_string().contains("expected a .bvh, .npz, .json, .glb or .vrma to write"), "{pickle}");
     // a file with the wrong extension
     let wrong = folder.path().join("b.pkl");
     std::fs::copy(&npz, &wrong).unwrap();

@@ -36,7 +36,7 @@ pub struct Args {
     /// Write the seed in front of the generated frames
     #[arg(long)]
     with_seed: bool,
-    /// Where the dance goes (.bvh .npz .json .glb). A sidecar, FILE.bvh.kinelm.json, records how it was made
+    /// Where the dance goes (.bvh .npz .json .glb .vrma). A sidecar, FILE.bvh.kinelm.json, records how it was made
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Lock the feet while they are in contact with the floor, and keep the body on it, or leave all as the network has it

@@ -12,10 +12,11 @@ use std::path::Path;
 pub fn converted(args: &Args, rig: Option<&TargetRig>, motion: Motion, output: &Path) -> Result<Motion> {
     let options = convert_options(args, rig, &motion, output)?;
     let motion = convert(motion, &options)?;
-    Ok(match &args.rig.replace_animation {
+    let motion = match &args.rig.replace_animation {
         Some(name) => motion.replacing(name)?,
         None => motion,
-    })
+    };
+    Ok(if args.rig.embed { motion.embedded()? } else { motion })
 }
 
 /// The conversion for a motion that goes to `output`.

@@ -17,7 +17,7 @@ use rig::RigArgs;
 use std::path::{Path, PathBuf};
 use together::{together, write_together};
 
-const PATHS: &str = "Motion files (READ) or folders of them, then the file to write (.bvh .npz .json .glb), or for several a \
+const PATHS: &str = "Motion files (READ) or folders of them, then the file to write (.bvh .npz .json .glb .vrma), or for several a \
     folder, where paths below a folder are kept. An .npz is AMASS SMPL+H; a .glb has a body and can hold several clips, which \
     play together";
 
@@ -166,7 +166,7 @@ fn pairs(args: &Args) -> Result<Vec<Pair>> {
 /// Refuses what is wrong whatever the files contain.
 fn check(args: &Args, pairs: &[Pair]) -> Result<()> {
     for Pair { output, .. } in pairs {
-        if super::writable(output)? == "npz" && args.rig.is_other() && !args.positions {
+        if super::writable_into(output, args.rig.embed)? == "npz" && args.rig.is_other() && !args.positions {
             let what = "--onto with an .npz: AMASS files are on SMPL's joints; write .bvh or .json";
             return Err(WrongCall(what.into()).into());
         }

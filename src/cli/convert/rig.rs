@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct RigArgs {
     /// The rig to retarget to: smpl, a body model (SMPL_*.npz), or a motion file with the rig. A .glb or .vrm with a mesh
-    /// is a character: a .glb that is written is that file with one more animation
+    /// is a character: a .glb that is written is that file with one more animation. A .vrma animates the avatar of a .vrm
     #[arg(long, value_name = "NAME|FILE")]
     pub onto: Option<String>,
     /// The skeleton map of the --onto file [default: found by its joints]
@@ -24,6 +24,9 @@ pub struct RigArgs {
     /// The animation of a character, by name, whose place the new one takes
     #[arg(long, value_name = "NAME")]
     pub replace_animation: Option<String>,
+    /// Write a .vrm, that of --onto with the dance inside, which players of VRM ignore (docs/engines.md)
+    #[arg(long)]
+    pub embed: bool,
 }
 
 impl RigArgs {

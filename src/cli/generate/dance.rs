@@ -4,7 +4,7 @@ use super::at_model_rate;
 use super::best::BestArgs;
 use crate::cli::draw::DrawArgs;
 use crate::cli::values::{length, length_in_frames, rate, run_folder, time};
-use crate::cli::{CheckpointArg, ComputeArgs, ForceArgs, ReadingArgs, extension, writable, wrong_call};
+use crate::cli::{CheckpointArg, ComputeArgs, ForceArgs, ReadingArgs, extension, writable_into, wrong_call};
 use crate::generate::masked::{MOST_PASSES, PASSES};
 use crate::generate::open::{
     FEATURE_GUIDANCE, FPS, GOAL_GUIDANCE, LABEL_GUIDANCE, MOST_CANDIDATES, MUSIC_GUIDANCE, SEED,
@@ -26,7 +26,7 @@ pub struct DanceArgs {
     run: Option<PathBuf>,
     #[command(flatten)]
     checkpoint: CheckpointArg,
-    /// Where the dance goes (.bvh .npz .json .glb); with --variations to FILE-1, FILE-2, ... before the extension. A sidecar,
+    /// Where the dance goes (.bvh .npz .json .glb .vrma); with --variations to FILE-1, FILE-2, ... before the extension. A sidecar,
     /// FILE.bvh.kinelm.json, records how it was made
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -178,10 +178,11 @@ impl DanceArgs {
         })
     }
 
-    /// The files to write. Refuses, before anything is read, what can't be written: `edited` is whether a clip is edited.
-    pub fn outs(&self, edited: bool, prompt: Option<&Path>) -> Result<Vec<PathBuf>> {
+    /// The files to write. Refuses, before anything is read, what can't be written: `edited` is whether a clip is edited, `embed` whether the dance goes
+    /// into its prompt.
+    pub fn outs(&self, edited: bool, prompt: Option<&Path>, embed: bool) -> Result<Vec<PathBuf>> {
         let Some(out) = &self.out else { wrong_call!("no --out FILE; expected where the dance goes") };
-        let extension = writable(out)?;
+        let extension = writable_into(out, embed)?;
         if let Some(best) = self.best.best.filter(|best| *best < self.variations) {
             wrong_call!("--variations {} of --best {best}; expected as many at most", self.variations);
         }

@@ -30,12 +30,15 @@ pub struct Args {
     #[arg(long, value_name = "CLIP")]
     prompt: Option<PathBuf>,
     /// A new dance on the rig of this file, as --prompt FILE --rig prompt. A .glb or .vrm with a mesh is a character: the
-    /// .glb that is written is that file with one more animation, named as --out is
+    /// .glb that is written is that file with one more animation, named as --out is. A .vrma animates the avatar of a .vrm
     #[arg(long, value_name = "FILE", conflicts_with_all = ["prompt", "joints", "from_frame", "given", "free", "loop", "rig"])]
     onto: Option<PathBuf>,
     /// The animation of a character, by name, whose place the dance takes in the .glb that is written
     #[arg(long, value_name = "NAME")]
     replace_animation: Option<String>,
+    /// Write a .vrm, that of the rig with the dance inside, which players of VRM ignore (docs/engines.md)
+    #[arg(long)]
+    embed: bool,
     /// Joints that are taken from the prompt: groups (root, right_arm, hands, feet, spine, ...), names (SMPL's or the prompt
     /// rig's) and ids, separated by commas. root includes the translation
     #[arg(long, value_name = "LIST")]
@@ -79,9 +82,13 @@ pub fn run(mut args: Args, say: Say) -> Result<()> {
         args.prompt = Some(character);
         args.dance.put_on_own_rig();
     }
-    let outs = args.dance.outs(args.edit.is_requested(), args.prompt.as_deref())?;
-    if let Some((name, out)) = args.replace_animation.as_ref().zip(outs.iter().find(|out| extension(out) != "glb")) {
-        wrong_call!("--replace-animation {name} with {}: only a .glb has animations; write .glb", out.display());
+    let outs = args.dance.outs(args.edit.is_requested(), args.prompt.as_deref(), args.embed)?;
+    let has_no_animations = |out: &&PathBuf| !["glb", "vrm"].contains(&extension(out).as_str());
+    if let Some((name, out)) = args.replace_animation.as_ref().zip(outs.iter().find(has_no_animations)) {
+        wrong_call!(
+            "--replace-animation {name} with {}: only a .glb has several animations; write .glb",
+            out.display()
+        );
     }
     let prompt = args.prompt.as_ref().map(|path| prompt(&args, path, say)).transpose()?;
     make::make(&args.dance, args.dance.request(prompt, Vec::new())?, &outs, None, say)
@@ -93,7 +100,7 @@ fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
         layout.notes.iter().for_each(|note| say.line(note));
         return print(&chart(&layout));
     }
-    let outs = args.dance.outs(true, None)?;
+    let outs = args.dance.outs(true, None, false)?;
     let (prompt, layout) = edit::of_timeline(&args.timeline, &args.dance, say)?;
     let request = args.dance.request(Some(prompt), layout.labels.clone())?;
     make::make(&args.dance, request, &outs, Some((&args.timeline, layout)), say)
@@ -105,9 +112,12 @@ fn prompt(args: &Args, path: &Path, say: Say) -> Result<PromptRequest> {
     let read = read_as(&args.read, &run, path, say);
     let from_frame = args.from_frame.map(|at| at_model_rate(&run, at)).transpose()?.map(|(_, frame)| frame as usize);
     let edit = args.edit.get(&args.dance, &|| Ok(format::read(path, &read)?.clip.fps()))?;
-    let replace_animation = args.replace_animation.clone();
+    let (replace_animation, embed) = (args.replace_animation.clone(), args.embed);
     let joints = args.joints.clone();
-    let prompt = PromptRequest { read, joints, from_frame, edit, replace_animation, ..PromptRequest::of(path) };
+    let prompt = PromptRequest { read, joints, from_frame, edit, replace_animation, embed, ..PromptRequest::of(path) };
+    if embed && prompt.edit.is_none() && !args.dance.is_on_own_rig() {
+        wrong_call!("--embed of a dance on the model's rig; add --rig prompt, for one on that of {}", path.display());
+    }
     if prompt.lends() && !args.dance.is_on_own_rig() {
         wrong_call!(
             "--prompt alone; say what is taken from it (--joints LIST, --from-frame N, or both), what of it is generated \

@@ -29,7 +29,7 @@ pub struct Args {
     /// Frames to generate, at 30 per second, or a time such as 12s [default: to the end of the music]
     #[arg(long, value_name = "N", value_parser = frames_at(FPS, 1..=MOST_FRAMES as u32))]
     frames: Option<u32>,
-    /// Where the dance goes (.bvh .npz .json .glb). A sidecar, FILE.bvh.kinelm.json, records how it was made
+    /// Where the dance goes (.bvh .npz .json .glb .vrma). A sidecar, FILE.bvh.kinelm.json, records how it was made
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]

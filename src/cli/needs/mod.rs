@@ -44,7 +44,13 @@ const NEEDS: &[Need] = &[
     },
     Need {
         commands: &["generate"],
-        options: &["uncoded-joints=follow", "uncoded-joints=prompt", "uncoded-joints=mean", "replace-animation"],
+        options: &[
+            "uncoded-joints=follow",
+            "uncoded-joints=prompt",
+            "uncoded-joints=mean",
+            "replace-animation",
+            "embed",
+        ],
         any_of: &["prompt", "onto"],
     },
     Need { commands: &["generate"], options: READING, any_of: &["prompt", "onto"] },
@@ -59,7 +65,7 @@ const NEEDS: &[Need] = &[
     },
     Need {
         commands: &["convert"],
-        options: &["onto-map", "onto-unit", "onto-root", "replace-animation"],
+        options: &["onto-map", "onto-unit", "onto-root", "replace-animation", "embed"],
         any_of: &["onto"],
     },
     Need { commands: &["filter"], options: &["butterworth"], any_of: &["cutoff"] },

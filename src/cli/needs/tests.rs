@@ -246,6 +246,8 @@ fn with_what_it_needs_an_option_is_taken() {
         "generate --out a.bvh --prompt b.bvh --free left_arm@1s:2s --blend 1s --goal-guidance 2 --rig prompt",
         "generate --out a.bvh --seconds 5 --rig model --uncoded-joints training",
         "generate --out a.glb --onto b.glb --seconds 5 --uncoded-joints mean --replace-animation idle --unit cm",
+        "generate --out a.vrm --onto b.vrm --seconds 5 --embed",
+        "convert a.bvh b.vrm --onto c.vrm --embed",
         "generate --out a.bvh --frames 5 --best 4 --keep-all --real corpus --music a.wav --music-from 2s",
         "generate timeline a.toml --out a.bvh --blend 1s --tries 9 --goal-guidance 2",
         "filter a.bvh --out b.bvh --butterworth 2 --cutoff 5 --compat",

@@ -66,7 +66,7 @@ pub async fn export(
     Path(id): Path<String>,
     export: std::result::Result<Query<Export>, axum::extract::rejection::QueryRejection>,
 ) -> Answer {
-    let help = "?format=bvh, glb, npz or json; &for=blender for what Blender imports with its defaults";
+    let help = "?format=bvh, glb, vrma, npz or json; &for=blender for what Blender imports with its defaults";
     let Query(Export { format, importer }) = export.map_err(|_| Error::missing("format", help))?;
     let (name, bytes) = blocking(move || app.studio.export(&id, &format, importer.as_deref())).await?;
     Ok(file(&name, bytes))

@@ -188,7 +188,7 @@ impl Studio {
     pub fn export(&self, id: &str, format: &str, importer: Option<&str>) -> Result<(String, Vec<u8>)> {
         let kind = Format::of_name(Path::new(&format!("x.{format}"))).filter(|_| Format::WRITTEN.contains(&format));
         let Some(kind) = kind else {
-            return Err(Error::invalid_parameter("format", plain_name(format), "bvh, glb, npz or json"));
+            return Err(Error::invalid_parameter("format", plain_name(format), "bvh, glb, vrma, npz or json"));
         };
         let importer = match importer {
             None => None,

@@ -318,7 +318,7 @@ fn exports_hold_the_dance() {
         .as_str()
         .unwrap()
         .to_owned();
-    for format in ["bvh", "glb", "npz", "json"] {
+    for format in ["bvh", "glb", "vrma", "npz", "json"] {
         let answer = browser.get(&format!("/api/dances/{id}/export?format={format}"));
         assert_eq!(answer.status, 200, "{format}: {}", answer.text());
         let saved = answer.header("content-disposition").unwrap().to_owned();

@@ -276,10 +276,7 @@ fn whole(request: &PromptRequest, text: &[u8], read: &Motion, is_lengthened: boo
     }
     let options = ReadOptions { skip: 0, rest: RestFrame::Keep, ..request.read.clone() };
     let motion = format::parse(&request.path, text, &options)?;
-    Ok(match &request.replace_animation {
-        Some(name) => motion.replacing(name)?,
-        None => motion,
-    })
+    Ok(request.written_as_requested(motion)?)
 }
 
 /// (C) the joint of each character.

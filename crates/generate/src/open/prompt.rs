@@ -85,9 +85,7 @@ impl PreparedPrompt {
         }
         request.read.floor = clip.floor_m.or(request.read.floor);
         request.is_character = matches!(clip.motion.source, Source::Glb(_));
-        if let Some(animation) = &request.replace_animation {
-            clip.motion = clip.motion.replacing(animation)?;
-        }
+        clip.motion = request.written_as_requested(clip.motion)?;
         if let Source::Bvh(_) | Source::Json(_) | Source::Glb(_) = clip.motion.source {
             request.read.up = clip.motion.source.axes().up;
         }

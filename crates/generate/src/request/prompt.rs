@@ -1,6 +1,7 @@
 //! The inputs that a request names: a clip and music.
 
 use super::{Edit, Timeline};
+use kinelm_motion::Motion;
 use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_motion::joints;
 use serde::{Deserialize, Serialize};
@@ -45,6 +46,9 @@ pub struct PromptRequest {
     /// The animation of the file, by name, whose place a dance on its rig takes; `None` adds one of the dance's name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub replace_animation: Option<String>,
+    /// Whether a dance on the rig of a VRM is written into a VRM, which players of VRM ignore.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub embed: bool,
     /// Whether the file is a character, into which a dance on its rig is written as an animation; known once it is read.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_character: bool,
@@ -63,8 +67,18 @@ impl PromptRequest {
             timeline: None,
             edit: None,
             replace_animation: None,
+            embed: false,
             is_character: false,
         }
+    }
+
+    /// The file's motion, which says how a dance on its rig is written into the file.
+    pub(crate) fn written_as_requested(&self, motion: Motion) -> kinelm_motion::Result<Motion> {
+        let motion = match &self.replace_animation {
+            Some(animation) => motion.replacing(animation)?,
+            None => motion,
+        };
+        if self.embed { motion.embedded() } else { Ok(motion) }
     }
 
     /// Whether nothing is given: the clip lends its rig and its rate.

@@ -102,7 +102,9 @@ impl Resolved {
         let Some((prompt, edit)) = self.prompt.as_ref().and_then(|prompt| Some((prompt, prompt.edit.as_ref()?))) else {
             return ReadOptions { floor: Some(0.0), ..own };
         };
-        let own = ReadOptions { floor: prompt.read.floor, ..own };
+        // a VRM animation has its floor at 0, wherever that of the clip was
+        let floor = if Format::of_name(dance) == Some(Format::Vrma) { Some(0.0) } else { prompt.read.floor };
+        let own = ReadOptions { floor, ..own };
         match edit.looping.is_none() && on_rig.is_some() {
             true => ReadOptions { skip: prompt.read.skip, rest: prompt.read.rest, ..own },
             false => own,

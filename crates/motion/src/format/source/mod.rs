@@ -87,8 +87,8 @@ impl Motion {
         match &mut self.source {
             Source::Glb(glb) if glb.vrm.is_some() => glb.embed = true,
             _ => {
-                let found = self.path.display().to_string();
-                return Err(crate::Error::invalid_parameter("embed", found, "a .vrm with a mesh"));
+                let found = format!("a dance on another rig, {}", self.path.display());
+                return Err(crate::Error::invalid_parameter("embed", found, "one on that of a .vrm with a mesh"));
             }
         }
         Ok(self)

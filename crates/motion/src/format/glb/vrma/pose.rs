@@ -41,7 +41,7 @@ pub(super) fn of_rig(humanoid: &Humanoid) -> Result<TPose> {
         turn: pose.global.rotations[joint],
         place: pose.global.positions[joint] + moved,
     };
-    Ok(TPose { bones: bones_of_roles(&pose.joints).into_iter().map(posed).collect() })
+    Ok(TPose { bones: bones_of_roles(&pose.joints).into_iter().map(posed).collect(), sole_m: 0.0 })
 }
 
 /// A rotation in the world as one below `above`.

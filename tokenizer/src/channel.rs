@@ -39,8 +39,11 @@ impl Channel {
     /// Whether it belongs to a selection of joints.
     pub fn is_of(self, selection: &Selection) -> bool {
         match self {
-            Channel::Translation(_) => selection.translation,
-            other => selection.joints.contains(&other.joint()),
+            Channel::Translation(Axis::Y) => selection.height,
+            Channel::Translation(_) => selection.path,
+            Channel::Turn => selection.path || selection.joints.contains(&0),
+            Channel::Tilt(_) => selection.tilt || selection.joints.contains(&0),
+            Channel::Rotation { joint, .. } => selection.joints.contains(&joint),
         }
     }
 
@@ -158,5 +161,15 @@ mod tests {
         assert_eq!(of("right_arm"), [27, 28, 29, 33, 34, 35, 39, 40, 41]);
         assert_eq!(of("head"), Vec::<usize>::new());
         assert_eq!(of("13"), (0..42).collect::<Vec<_>>());
+        let c = Channels::new(THIRTEEN.to_vec(), RootRotation::HeadingDelta);
+        let of = |list: &str| {
+            let selection = joints::parse(list).unwrap();
+            c.iter().enumerate().filter(|(_, c)| c.is_of(&selection)).map(|(i, _)| i).collect::<Vec<_>>()
+        };
+        assert_eq!(
+            (of("path"), of("height"), of("tilt"), of("pelvis")),
+            (vec![0, 2, 3], vec![1], vec![4, 5], vec![3, 4, 5])
+        );
+        assert_eq!(of("path,height,tilt"), of("root"));
     }
 }

@@ -100,7 +100,7 @@ impl SpanMasking {
             return Err(refused("the words of this tokenizer differ in length".into()));
         };
         let slots = |&joint: &usize| {
-            let selection = Selection { joints: vec![joint], translation: joint == 0 };
+            let selection = Selection::of(vec![joint]);
             tokenizer.slots_of(&selection).map_err(|e| refused(e.to_string()))
         };
         let joints = tokenizer.channels().joints().iter().map(slots).collect::<Result<_>>()?;

@@ -83,20 +83,45 @@ pub fn smpl_ids(rig: &Skeleton, map: &SkeletonMap) -> Vec<Option<usize>> {
     rig.names().iter().map(|name| (0..smpl::NAMES.len()).find(|&id| map.joint(id) == Some(name))).collect()
 }
 
-/// A selection of SMPL joints.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// A selection of SMPL joints, and of what the root does.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Selection {
     /// Joint ids, ascending, without duplicates.
     pub joints: Vec<usize>,
-    /// Whether the root's translation is selected too: by `root`, `all`, `24`, `18` or `13`, but not by the joint `pelvis`
-    /// or by a group that merely contains joint 0.
-    pub translation: bool,
+    /// Whether the way over the floor is selected, x, z and the turn about the vertical: by `path`, `root`, `all`, `24`, `18`
+    /// or `13`, but not by the joint `pelvis` or by a group that merely contains joint 0.
+    pub path: bool,
+    /// Whether the root's height is selected: by `height`, and by all that has the root with its path.
+    pub height: bool,
+    /// Whether the pelvis's tilt is selected without its turn: by `tilt`. With joint 0 it is selected anyway.
+    pub tilt: bool,
+}
+
+/// What the root does, by name; the pelvis as a joint is `pelvis`, and all of it is `root`.
+pub const ROOT_PARTS: [&str; 3] = ["path", "height", "tilt"];
+
+impl Selection {
+    /// Joints, of which the root comes with its path and height.
+    pub fn of(joints: Vec<usize>) -> Selection {
+        let root = joints.contains(&0);
+        Selection { joints, path: root, height: root, tilt: false }
+    }
+
+    /// Joints without path and height.
+    pub fn in_place(joints: Vec<usize>) -> Selection {
+        Selection { joints, ..Selection::default() }
+    }
+
+    /// Whether anything of the root is selected but not all of it.
+    pub fn has_part_of_root(&self) -> bool {
+        (self.path || self.height || self.tilt) && !(self.path && self.height && self.joints.contains(&0))
+    }
 }
 
 /// Parses a joint list such as `13`, `18`, `24`, `root,right_arm` or `left_knee,7`.
 ///
-/// The list is one of the numbers `13`, `18` and `24`, or parts separated by commas: a group of [`GROUPS`], an SMPL joint
-/// name in any letter case, or a joint id. `head` is the group. Names of another rig, also as `rig:NAME`, must be
+/// The list is one of the numbers `13`, `18` and `24`, or parts separated by commas: a group of [`GROUPS`], one of
+/// [`ROOT_PARTS`], an SMPL joint name in any letter case, or a joint id. `head` is the group. Names of another rig, also as `rig:NAME`, must be
 /// translated first by [`to_smpl_names`].
 ///
 /// # Errors
@@ -112,17 +137,19 @@ pub struct Selection {
 /// ```
 pub fn parse(list: &str) -> Result<Selection> {
     match list.trim() {
-        "13" => return Ok(Selection { joints: THIRTEEN.to_vec(), translation: true }),
-        "18" => return Ok(Selection { joints: EIGHTEEN.to_vec(), translation: true }),
-        "24" => return Ok(Selection { joints: (0..24).collect(), translation: true }),
+        "13" => return Ok(Selection::of(THIRTEEN.to_vec())),
+        "18" => return Ok(Selection::of(EIGHTEEN.to_vec())),
+        "24" => return Ok(Selection::of((0..24).collect())),
         _ => {}
     }
-    let mut selection = Selection { joints: Vec::new(), translation: false };
+    let mut selection = Selection::default();
     for part in parts(list) {
         let found = by_exact_name(part).or_else(|| parse_part(part, str::eq_ignore_ascii_case));
         let found = found.ok_or_else(|| unknown(part, &[]))?;
         selection.joints.extend(found.joints);
-        selection.translation |= found.translation;
+        selection.path |= found.path;
+        selection.height |= found.height;
+        selection.tilt |= found.tilt;
     }
     selection.joints.sort_unstable();
     selection.joints.dedup();
@@ -256,11 +283,16 @@ fn is_but_for_case(a: &str, b: &str) -> bool {
 /// Parses one part of a list without a rig, comparing names by `is`.
 fn parse_part(part: &str, is: impl Fn(&str, &str) -> bool) -> Option<Selection> {
     if let Some((name, ids)) = GROUPS.iter().find(|(group, _)| is(group, part)) {
-        return Some(Selection { joints: ids.to_vec(), translation: matches!(*name, "root" | "all") });
+        let is_whole = matches!(*name, "root" | "all");
+        return Some(if is_whole { Selection::of(ids.to_vec()) } else { Selection::in_place(ids.to_vec()) });
+    }
+    if let Some(name) = ROOT_PARTS.into_iter().find(|name| is(name, part)) {
+        let [path, height, tilt] = ROOT_PARTS.map(|own| own == name);
+        return Some(Selection { joints: Vec::new(), path, height, tilt });
     }
     let id = smpl::NAMES.iter().position(|name| is(name, part));
     let id = id.or_else(|| part.parse::<usize>().ok().filter(|&id| id < 24))?;
-    Some(Selection { joints: vec![id], translation: false })
+    Some(Selection::in_place(vec![id]))
 }
 
 /// Parses one part by exact names.
@@ -311,12 +343,9 @@ mod tests {
         let trunk = parse("spine1,spine3,neck,left_collar,right_collar").unwrap().joints;
         let mut more = [THIRTEEN.as_slice(), &trunk].concat();
         more.sort_unstable();
-        assert_eq!(parse("18").unwrap(), Selection { joints: more, translation: true });
-        assert_eq!(
-            parse("root, right_arm").unwrap(),
-            Selection { joints: vec![0, 14, 17, 19, 21, 23], translation: true }
-        );
-        assert_eq!(parse("7,left_knee").unwrap(), Selection { joints: vec![4, 7], translation: false });
+        assert_eq!(parse("18").unwrap(), Selection::of(more));
+        assert_eq!(parse("root, right_arm").unwrap(), Selection::of(vec![0, 14, 17, 19, 21, 23]));
+        assert_eq!(parse("7,left_knee").unwrap(), Selection::in_place(vec![4, 7]));
         assert!(parse("left_wing").unwrap_err().to_string().contains("left_wing"));
         assert!(parse("").is_err());
         assert!(parse("24,0").is_err());
@@ -325,7 +354,7 @@ mod tests {
     #[test]
     fn new_groups_and_slips_of_the_hand() {
         assert_eq!(parse("hands,feet").unwrap().joints, [7, 8, 10, 11, 20, 21, 22, 23]);
-        assert_eq!(parse("spine").unwrap(), Selection { joints: vec![3, 6, 9], translation: false });
+        assert_eq!(parse("spine").unwrap(), Selection::in_place(vec![3, 6, 9]));
         let message = parse("root,rigth_arm").unwrap_err().to_string();
         assert!(
             message.contains("joint or group \"rigth_arm\": unknown; did you mean right_arm?; groups are"),
@@ -446,7 +475,12 @@ mod tests {
             let others: Vec<usize> = (0..24).filter(|id| !some.contains(id)).collect();
             for ids in [some, others].iter().filter(|ids| !ids.is_empty()) {
                 let selection = parse(&list_of(ids)).unwrap();
-                assert_eq!((&selection.joints, selection.translation), (ids, ids.contains(&0)), "{}", list_of(ids));
+                assert_eq!(
+                    (&selection.joints, selection.path && selection.height),
+                    (ids, ids.contains(&0)),
+                    "{}",
+                    list_of(ids)
+                );
             }
         }
         assert_eq!([list_of(&[15]), list_of(&[12, 15]), list_of(&[])], ["15", "head", ""]);

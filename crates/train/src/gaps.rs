@@ -40,7 +40,7 @@ impl Gaps {
             return Ok(None);
         }
         let places = |&joint: &usize| {
-            let selection = Selection { joints: vec![joint], translation: joint == 0 };
+            let selection = Selection::of(vec![joint]);
             tokenizer.slots_of(&selection).map_err(|e| Error::unsupported("train.gaps", e.to_string()))
         };
         let joints = tokenizer.channels().joints().iter().map(places).collect::<Result<_>>()?;

@@ -33,6 +33,10 @@ pub struct Args {
     /// .glb that is written is that file with one more animation, named as --out is. A .vrma animates the avatar of a .vrm
     #[arg(long, value_name = "FILE", conflicts_with_all = ["prompt", "joints", "from_frame", "given", "free", "loop", "rig"])]
     onto: Option<PathBuf>,
+    /// A path over the floor that is danced along: a .csv of seconds, x and z in metres, or of x, z and speed, and heading in
+    /// degrees if it isn't that of the way
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["prompt", "onto", "joints", "from_frame", "given", "free", "loop"])]
+    path: Option<PathBuf>,
     /// The animation of a character, by name, whose place the dance takes in the .glb that is written
     #[arg(long, value_name = "NAME")]
     replace_animation: Option<String>,
@@ -40,7 +44,7 @@ pub struct Args {
     #[arg(long)]
     embed: bool,
     /// Joints that are taken from the prompt: groups (root, right_arm, hands, feet, spine, ...), names (SMPL's or the prompt
-    /// rig's) and ids, separated by commas. root includes the translation
+    /// rig's) and ids, separated by commas. root includes the translation; of it path, height and tilt can be given alone
     #[arg(long, value_name = "LIST")]
     joints: Option<String>,
     /// Continue the prompt from this frame at the model's rate, or from a time such as 3s: earlier frames are taken from it,
@@ -77,6 +81,10 @@ pub fn run(mut args: Args, say: Say) -> Result<()> {
     match &args.command {
         Some(Command::Timeline(args)) => return timeline(args, say),
         None => {}
+    }
+    if let Some(path) = args.path.take() {
+        args.prompt = Some(path);
+        args.joints = Some("path".into());
     }
     if let Some(character) = args.onto.take() {
         args.prompt = Some(character);

@@ -98,7 +98,7 @@ pub async fn figure(
 
 /// A clip or a dance in the file of its character, and the matrix from that file's world to the stage's.
 pub async fn character(State(app): State<Arc<App>>, Path(id): Path<String>) -> Answer {
-    let made = blocking(move || app.studio.library().on_character(&id, "on the stage")).await?;
+    let made = blocking(move || app.studio.library().on_character(&id, "on the stage.glb")).await?;
     let mut response = Response::new(Body::from(made.bytes));
     set(&mut response, header::CONTENT_TYPE, "model/gltf-binary");
     let numbers: Vec<String> = made.to_stage.iter().map(f64::to_string).collect();

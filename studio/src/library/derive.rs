@@ -122,16 +122,16 @@ impl Library {
         self.info(&id).ok()?.character.then_some(id)
     }
 
-    /// A clip or dance in the file of its character, with an animation of this name.
+    /// A clip or dance as a file of this name, on its character: a GLB is the character's file with an animation called so.
     ///
     /// # Errors
     /// No character; those of [`Wanted::made`].
-    pub fn on_character(&self, id: &str, animation: &str) -> Result<Derived> {
+    pub fn on_character(&self, id: &str, name: &str) -> Result<Derived> {
         let none = || Error::Conflict("its rig has no mesh: it came from a file with bones alone".into());
         let character = self.character_of(id).ok_or_else(none)?;
         let source = self.source(id)?;
         let (path, read) = self.original(&character)?;
-        let name = format!("{animation}.glb");
+        let name = name.to_owned();
         let wanted = Wanted { name, read, floor_m: source.floor_m, change: Change::default(), onto: None };
         if character == id {
             return self.derived(&path, wanted);
@@ -204,7 +204,7 @@ mod tests {
             assert!(said.contains(expected), "{said}");
         }
         assert!(library.character_of("c1").is_none());
-        let said = library.on_character("c1", "x").unwrap_err();
+        let said = library.on_character("c1", "x.glb").unwrap_err();
         assert!(said.status() == 409 && said.to_string().contains("bones alone"), "{said}");
     }
 
@@ -242,7 +242,7 @@ mod tests {
         let far = (0..back.frames()).map(|f| back.root()[f].distance(dance.root()[f])).fold(0.0, f64::max);
         assert!(far < 1e-4, "{far} m");
         // as the stage shows the clip itself, and changed
-        let shown = library.on_character("c1", "on the stage").unwrap();
+        let shown = library.on_character("c1", "on the stage.glb").unwrap();
         assert_eq!(taken(&shown.bytes, "on the stage").frames(), hero.frames());
         let (slow, extension) = library.changed("c1", Change { mirror: true, speed: Some(0.5) }, "slow").unwrap();
         assert_eq!((extension, taken(&slow.bytes, "slow").frames()), ("glb", 2 * hero.frames() - 1));

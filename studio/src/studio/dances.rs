@@ -181,7 +181,8 @@ impl Studio {
         Ok(())
     }
 
-    /// A dance as a file of some format, with its name; a GLB is the file of its character, if it has one. `importer`: the program that imports it with its defaults.
+    /// A dance as a file of some format, with its name; a GLB is the file of its character, if it has one. `importer`: the
+    /// program that imports it with its defaults.
     ///
     /// # Errors
     /// An unknown dance, format or program; what the format can't hold, or the program doesn't read.
@@ -203,8 +204,9 @@ impl Studio {
             return Ok((format!("{stem}-blender.{format}"), importer.to_bytes(&stem, &motion, kind)?));
         }
         let name = format!("{stem}.{format}");
-        if kind == Format::Glb && self.library.character_of(id).is_some() {
-            return Ok((name, self.library.on_character(id, &stem)?.bytes));
+        if matches!(kind, Format::Glb | Format::Vrma) && self.library.character_of(id).is_some() {
+            let bytes = self.library.on_character(id, &name)?.bytes;
+            return Ok((name, bytes));
         }
         // the file is a BVH already
         if kind == Format::Bvh {

@@ -9,6 +9,10 @@ use kinelm_store::Subject;
 use kinelm_tokenizer::Tokenizer;
 use std::ops::Range;
 
+/// Why a part of the root isn't given for a time.
+pub(crate) const IN_PART: &str = "path, height and tilt are given throughout, by `joints` of a prompt; for a time the root \
+                                  is given or free as a whole";
+
 /// Given joints by frame, for the F frames of a clip at its file's rate and the 24 SMPL joints, of which the coded ones are
 /// given or free. The root's position goes with joint 0.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,7 +67,11 @@ impl Mask {
         let resolve = |name: &str, span: &Span| -> Result<ResolvedSpan> {
             let wrong = |why: String| Error::unsupported(Subject::of_parameter(name).with(span), why);
             let list = joints::to_smpl_names(&span.joints, rig, map).map_err(|e| wrong(e.to_string()))?;
-            let Selection { joints, .. } = joints::parse(&list).map_err(|e| wrong(e.to_string()))?;
+            let selection = joints::parse(&list).map_err(|e| wrong(e.to_string()))?;
+            if selection.has_part_of_root() && !selection.joints.contains(&0) {
+                return Err(wrong(IN_PART.into()));
+            }
+            let Selection { joints, .. } = selection;
             let all = list.split(',').any(|part| part.trim() == "all");
             let (joints, uncoded): (Vec<usize>, Vec<usize>) = joints.into_iter().partition(|&j| has(coded, j));
             if joints.is_empty() {

@@ -290,7 +290,7 @@ fn joints_of_characters(tokenizer: &Tokenizer) -> Result<Vec<usize>> {
     };
     let mut joints = vec![0; characters];
     for &joint in tokenizer.channels().joints() {
-        let selection = Selection { joints: vec![joint], translation: joint == 0 };
+        let selection = Selection::of(vec![joint]);
         let own = tokenizer.slots_of(&selection).map_err(|e| unsupported(e.to_string()))?;
         own.into_iter().for_each(|character| joints[character] = joint);
     }

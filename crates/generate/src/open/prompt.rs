@@ -1,17 +1,17 @@
 //! A prompt prepared for sampling: read, converted and coded once.
 
 use crate::edit::{PreparedEdit, lengthen};
-use crate::prompt::{PromptClip, given_characters};
+use crate::prompt::{PromptClip, given_characters, path};
 use crate::request::PromptRequest;
 use crate::sampler::has_given_after_free;
 use crate::timeline::TimelineLayout;
 use crate::{Error, Result};
 use kinelm_motion::Source;
-use kinelm_motion::format::Format;
+use kinelm_motion::format::{Format, RestFrame};
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::rig::Humanoid;
 use kinelm_store::Subject;
-use kinelm_store::input;
+use kinelm_store::{hash, input};
 use kinelm_tokenizer::Tokenizer;
 use std::sync::Arc;
 
@@ -74,8 +74,24 @@ impl PreparedPrompt {
         frames: Option<usize>,
         tokenizer: &Tokenizer,
     ) -> Result<PreparedPrompt> {
-        let text = bytes(request, layout)?;
-        let mut clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
+        let drawn = path::is_path(&request.path) && request.timeline.is_none();
+        let (text, mut clip) = if drawn {
+            let own = input::bytes(&request.path).map_err(Error::io(&request.path))?;
+            let text: Arc<[u8]> = path::to_json(&request.path, &own)?.into();
+            // all of it is in a rest pose
+            request.read.rest = RestFrame::Keep;
+            let clip = PromptClip::parse(&path::name(&request.path), &text, &request.read, tokenizer)?;
+            (text, PromptClip { sha256: hash::of(&own), ..clip })
+        } else {
+            let text = bytes(request, layout)?;
+            let clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
+            (text, clip)
+        };
+        if drawn && (request.joints.as_deref() != Some("path") || request.edit.is_some()) {
+            let found = request.joints.as_deref().unwrap_or("none");
+            let why = "a .csv is a path over the floor: all that it gives is `path`";
+            return Err(Error::unsupported(Subject::of_parameter("joints").with(found), why));
+        }
         // map, floor and up axis are settled here, so that they aren't estimated again, least of all from the dance
         let found = clip.motion.humanoid().ok().map(Humanoid::found).filter(|found| found.is_of_clip());
         if let Some(map) = found.map(|found| found.map.to_toml()) {

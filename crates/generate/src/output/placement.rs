@@ -19,7 +19,7 @@ impl RootGiven {
     /// Of a dance with this prompt.
     pub fn by(prompt: &PreparedPrompt) -> RootGiven {
         let is_continued = !prompt.beginning.is_empty();
-        let path = is_continued || prompt.selection.as_ref().is_some_and(|s| s.translation);
+        let path = is_continued || prompt.selection.as_ref().is_some_and(|s| s.path);
         RootGiven { path, heading: path || prompt.selection.as_ref().is_some_and(|s| s.joints.contains(&0)) }
     }
 }

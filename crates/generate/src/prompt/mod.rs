@@ -1,5 +1,6 @@
 //! A prompt clip as the model sees it, and the way back to the user's rig.
 
+pub(crate) mod path;
 pub mod uncoded;
 
 use crate::request::{PromptRequest, Resolved, Rig};
@@ -236,6 +237,12 @@ pub fn share_changed(codes: &[u16], again: &[u16], given: &[bool], frames: usize
 /// # Errors
 /// A tokenizer whose characters belong to no one joint, or that codes none of the joints.
 pub fn given_characters(tokenizer: &Tokenizer, selection: &Selection) -> Result<Vec<bool>> {
+    let has_turn = tokenizer.channels().has_turn();
+    if (selection.path || selection.tilt) && !selection.joints.contains(&0) && !has_turn {
+        let why = "this tokenizer has no slot for the turn about the vertical: it codes the pelvis's rotation as a whole \
+                   (`root_rotation` absolute); give `pelvis`, or a model with heading_delta";
+        return Err(Error::unsupported("a given path or tilt", why));
+    }
     let places = tokenizer.slots_of(selection)?;
     let WordLength::Fixed(characters) = tokenizer.word_length() else {
         let why = "words of this tokenizer differ in length: no character is always the same joint's";

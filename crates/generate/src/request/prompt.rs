@@ -88,7 +88,7 @@ impl PromptRequest {
 
     /// Whether the dance follows the clip's path, as far as the clip lasts: it continues from a frame, or the root is given.
     pub(crate) fn gives_path(&self) -> bool {
-        let has_root = |list: &str| joints::parse(list).is_ok_and(|selection| selection.translation);
+        let has_root = |list: &str| joints::parse(list).is_ok_and(|selection| selection.path);
         self.from_frame.is_some() || self.joints.as_deref().is_some_and(has_root)
     }
 

@@ -4,6 +4,7 @@ use super::fault::Fault;
 use super::labels::timed_labels;
 use super::times::{LONGEST_S, border, times};
 use crate::Error;
+use crate::edit::mask::IN_PART;
 use crate::request::{At, Segment, TimedLabel, Timeline, TimelineClip};
 use kinelm_motion::format::{self, ReadOptions, RestFrame, bvh::BvhSource, resolve_floor};
 use kinelm_motion::joints::{self, Selection};
@@ -268,7 +269,12 @@ fn place(
     let list = joints::to_smpl_names(&segment.joints, rig.clip.skeleton(), rig.map()).map_err(wrong)?;
     let twice = joints::ambiguous_names(&segment.joints, rig.clip.skeleton(), rig.map());
     notes.extend(twice.iter().map(|(part, own)| joints::ambiguity_note(part, own)));
-    let Selection { mut joints, .. } = joints::parse(&list).map_err(wrong)?;
+    let selection = joints::parse(&list).map_err(wrong)?;
+    if selection.has_part_of_root() && !selection.joints.contains(&0) {
+        let found = format!("joints = \"{}\": {IN_PART}", segment.joints);
+        return Err(Fault::Segment(index, found, "joints of the rig, or root".into()));
+    }
+    let Selection { mut joints, .. } = selection;
     joints.sort_unstable();
     joints.dedup();
     let Range { start: from, end: to } = times(index, segment, fps)?;

@@ -21,7 +21,7 @@ impl Droppable {
             Error::unsupported("augment.drop_joints", format!("no joint can be hidden: {why}; leave it out"))
         };
         let coded = tokenizer.channels().joints().iter().filter(|&&joint| joint != 0);
-        let places = |&joint: &usize| tokenizer.slots_of(&Selection { joints: vec![joint], translation: false });
+        let places = |&joint: &usize| tokenizer.slots_of(&Selection::in_place(vec![joint]));
         let joints: Vec<Vec<usize>> =
             coded.map(places).collect::<kinelm_tokenizer::Result<_>>().map_err(|e| refuse(e.to_string()))?;
         if tokenizer.tokens_per_word().is_none() {

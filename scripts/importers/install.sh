@@ -2,14 +2,7 @@
 here=$(cd "$(dirname "$0")" && pwd)
 kinelm=${KINELM:-$here/../../target/release/kinelm} python=${PYTHON:-python3}
 versions=${BPY-4.2.0 4.5.15 5.0.1}
-mkdir -p "$work"
-work=$(cd "$work" && pwd)
-for version in $versions; do
-    [ -d "$work/bpy-$version" ] || {
-        python3.11 -m venv "$work/bpy-$version"
-        "$work/bpy-$version/bin/pip" install --quiet "bpy==$version"
-    }
-done
+. "$here/bpy.sh"
 # core and loaders of one version
 [ -d "$work/node_modules/@babylonjs" ] && [ -d "$work/node_modules/@pixiv" ] ||
     (cd "$work" && npm install --silent three@0.187.0 gltf-validator @babylonjs/core@9.28.0 @babylonjs/loaders@9.28.0 \

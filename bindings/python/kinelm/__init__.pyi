@@ -96,6 +96,10 @@ class Clip:
         """On another rig: "smpl", that of a file, or that of another clip."""
     def resample(self, fps: float) -> Clip: ...
     def slice(self, start: int, stop: int) -> Clip: ...
+    def lock_feet(self) -> Clip:
+        """Feet locked where they are in contact with the floor, and the body on it."""
+    def humanoid(self) -> dict[str, str]:
+        """The joints that SMPL's correspond to, by SMPL's names."""
     def positions(self) -> NDArray[np.float64]:
         """(F, J, 3) in the world, metres."""
     def page(self) -> str:
@@ -194,10 +198,15 @@ class Model:
         """kinelm's own model; the first call writes it to the user's cache folder."""
     @property
     def run(self) -> str: ...
-    def generate(self, prompt: Path | None = None, **options: Unpack[Dance]) -> Clip: ...
-    def variations(self, count: int, prompt: Path | None = None, **options: Unpack[Dance]) -> list[Clip]:
+    def generate(
+        self, prompt: Path | Clip | None = None, *, callback: Callback | None = None, **options: Unpack[Dance]
+    ) -> Clip:
+        """The callback gets `frames` sampled `of` all after each word; False from it stops."""
+    def variations(
+        self, count: int, prompt: Path | Clip | None = None, *, callback: Callback | None = None, **options: Unpack[Dance]
+    ) -> list[Clip]:
         """Several dances, sampled side by side."""
-    def frames(self, prompt: Path | None = None, **options: Unpack[Dance]) -> Iterator[NDArray[np.float64]]:
+    def frames(self, prompt: Path | Clip | None = None, **options: Unpack[Dance]) -> Iterator[NDArray[np.float64]]:
         """(24, 3) positions of each frame while the dance is sampled. It can be dropped at any frame."""
     def bits_per_frame(self, path: Path, **reading: Unpack[Reading]) -> float:
         """How surprising a motion is to the model."""

@@ -2,10 +2,12 @@
 
 use crate::error::{library, motion, wrong};
 use crate::options::{Reading, free};
+use kinelm::generate::request::PromptRequest;
 use kinelm::motion::convert::{ConvertOptions, TargetRig, convert};
+use kinelm::motion::feet::{FixedParts, lock};
 use kinelm::motion::format::{self, ReadOptions, RestFrame};
 use kinelm::motion::resample::check_fps;
-use kinelm::motion::{Motion, Quat, Skeleton, Vec3};
+use kinelm::motion::{Motion, Quat, Skeleton, Vec3, smpl};
 use kinelm::store::files::write_whole;
 use kinelm::view::{Figure, page};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, ToPyArray};
@@ -111,6 +113,28 @@ impl Clip {
         Ok(Clip(self.0.clone().with_clip(self.0.clip.slice(start..stop))))
     }
 
+    /// The clip with feet locked where they are in contact with the floor, and the body on it.
+    fn lock_feet(&self, py: Python<'_>) -> PyResult<Clip> {
+        py.detach(|| {
+            let floor_m = self.0.floor()?.height_m;
+            lock(&self.0.clip, self.0.humanoid()?, floor_m, FixedParts::default())
+        })
+        .map(|(clip, _)| Clip(self.0.clone().with_clip(clip)))
+        .map_err(motion)
+    }
+
+    /// The joints that SMPL's correspond to, by SMPL's names.
+    fn humanoid<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let joints = py.detach(|| Ok(self.0.humanoid()?.pose()?.joints)).map_err(motion)?;
+        let found = PyDict::new(py);
+        for (smpl, joint) in smpl::NAMES.iter().zip(joints) {
+            if let Some(joint) = joint {
+                found.set_item(smpl, &self.0.clip.skeleton().names()[joint])?;
+            }
+        }
+        Ok(found)
+    }
+
     #[getter]
     fn fps(&self) -> f64 {
         self.0.clip.fps()
@@ -188,6 +212,30 @@ impl Clip {
     fn __repr__(&self) -> String {
         let clip = &self.0.clip;
         format!("<kinelm.Clip: {} frames of {} joints at {} fps>", clip.frames(), clip.joints(), clip.fps())
+    }
+}
+
+/// A prompt: a motion file, or a clip in memory.
+#[derive(FromPyObject)]
+pub enum Prompt {
+    /// A clip.
+    Clip(Clip),
+    /// A path.
+    File(PathBuf),
+}
+
+impl Prompt {
+    /// The request of it, `read` by these options; of a clip every frame is its own, none a rest pose in front.
+    pub fn request(self, read: ReadOptions) -> PyResult<PromptRequest> {
+        Ok(match self {
+            Prompt::File(path) => PromptRequest { read, ..PromptRequest::of(path) },
+            Prompt::Clip(clip) => {
+                // JSON has all digits of every number
+                let bytes = format::to_bytes("clip.json".as_ref(), &clip.0).map_err(motion)?;
+                let read = ReadOptions { rest: RestFrame::Keep, ..read };
+                PromptRequest { read, bytes: Some(bytes.into()), ..PromptRequest::of("clip.json") }
+            }
+        })
     }
 }
 

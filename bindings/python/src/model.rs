@@ -1,6 +1,6 @@
 //! Models.
 
-use crate::clip::{Clip, positions};
+use crate::clip::{Clip, Prompt, positions};
 use crate::corpus::{Corpus, split_of};
 use crate::error::{library, wrong};
 use crate::interrupt::Interrupt;
@@ -17,8 +17,11 @@ use kinelm::motion::format::RestFrame;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde::Deserialize;
+use serde_json::json;
 use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// A trained model: its run folder.
@@ -71,7 +74,7 @@ impl Model {
     }
 
     /// The request of a call.
-    fn request(&self, prompt: Option<PathBuf>, kwargs: Option<&Bound<'_, PyDict>>) -> PyResult<Request> {
+    fn request(&self, prompt: Option<Prompt>, kwargs: Option<&Bound<'_, PyDict>>) -> PyResult<Request> {
         let options: DanceOptions = parsed(kwargs)?;
         let DanceOptions { fps_source, skip, up, unit, map, root, take, mirror_axis, .. } = options;
         let read = Reading { fps_source, skip, up, unit, map, root, take, mirror_axis }.options(RestFrame::Drop)?;
@@ -86,8 +89,9 @@ impl Model {
             return Err(wrong("joints, from_frame, free, loop and rig=\"prompt\" are of a prompt; give one".into()));
         }
         let usual = Sampling::default();
+        let prompt = prompt.map(|prompt| prompt.request(read)).transpose()?;
         Ok(Request {
-            prompt: prompt.map(|path| PromptRequest { read, joints, from_frame, edit, ..PromptRequest::of(path) }),
+            prompt: prompt.map(|prompt| PromptRequest { joints, from_frame, edit, ..prompt }),
             labels: options.labels,
             guidance: options.guidance,
             look_ahead: options.look_ahead,
@@ -129,24 +133,31 @@ impl Model {
         self.run.clone()
     }
 
-    /// A dance. Of `prompt`, a motion file, `joints` are given throughout, all joints before `from_frame`, or all but `free`
+    /// A dance. Of `prompt`, a motion file or a clip, `joints` are given throughout, all joints before `from_frame`, or all but `free`
     /// (a list such as ["left_arm@4s:8s"]); `loop` makes its end lead to its beginning. With `rig` "prompt" alone it lends its
     /// rig and its rate. `seconds` or `frames` (of the model) say how long the dance is, `fps` its rate: by default the prompt's,
     /// else 30. `labels`, `guidance`, `look_ahead`, `music`, `seed`, `temperature`, `top_p`, `rig` ("model" or "prompt") and `lock_feet` as the
     /// program's flags; `fps_source`, `skip`, `up`, `unit`, `map`, `root`, `take` and `mirror_axis` as in
-    /// `Clip.read`.
-    #[pyo3(signature = (prompt=None, **options))]
-    fn generate(&self, py: Python<'_>, prompt: Option<PathBuf>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Clip> {
-        Ok(self.variations(py, 1, prompt, options)?.remove(0))
+    /// `Clip.read`. `callback` gets a dictionary, `frames` sampled `of` all, after each word, and may return False to stop.
+    #[pyo3(signature = (prompt=None, *, callback=None, **options))]
+    fn generate(
+        &self,
+        py: Python<'_>,
+        prompt: Option<Prompt>,
+        callback: Option<Py<PyAny>>,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Clip> {
+        Ok(self.variations(py, 1, prompt, callback, options)?.remove(0))
     }
 
     /// `count` dances of one call, sampled side by side, which is quicker than one after the other.
-    #[pyo3(signature = (count, prompt=None, **options))]
+    #[pyo3(signature = (count, prompt=None, *, callback=None, **options))]
     fn variations(
         &self,
         py: Python<'_>,
         count: usize,
-        prompt: Option<PathBuf>,
+        prompt: Option<Prompt>,
+        callback: Option<Py<PyAny>>,
         options: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Vec<Clip>> {
         let request = self.request(prompt, options)?;
@@ -155,10 +166,14 @@ impl Model {
         }
         detach(py, || {
             let open = OpenRequest::open(&request).map_err(library)?;
-            let mut interrupt = Interrupt::default();
+            let (mut interrupt, stop) = (Interrupt::default(), AtomicBool::new(false));
             // nothing is written: a name for each dance, whose extension is that of a format
             let outs = vec![PathBuf::from("dance.bvh"); count];
-            let dances = open.make(&Making::of(&outs), &mut |_| interrupt.check());
+            let dances = open.make(&Making::of(&outs), &mut |progress| {
+                let said = json!({ "frames": progress.frames, "of": progress.of });
+                interrupt.tell(callback.as_ref(), &stop, |py| python(py, &said));
+                if stop.load(Ordering::SeqCst) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            });
             let chosen = interrupt.result(dances)?.chosen.into_iter();
             chosen.map(|dance| Ok(Clip(dance.decode(&open).map_err(library)?.generated.motion))).collect()
         })
@@ -168,7 +183,7 @@ impl Model {
     /// model's rate. It can be dropped at any frame. Feet are not locked, ends of gaps not closed, and of several tries
     /// through a gap it shows the first.
     #[pyo3(signature = (prompt=None, **options))]
-    fn frames(&self, py: Python<'_>, prompt: Option<PathBuf>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Frames> {
+    fn frames(&self, py: Python<'_>, prompt: Option<Prompt>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Frames> {
         let request = self.request(prompt, options)?;
         detach(py, || {
             let open = OpenRequest::open(&request).map_err(library)?;

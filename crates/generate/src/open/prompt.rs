@@ -138,10 +138,11 @@ impl PreparedPrompt {
 
 /// The bytes of the prompt's file, or of the clip that a timeline is composed into.
 fn bytes(request: &PromptRequest, layout: Option<TimelineLayout>) -> Result<Arc<[u8]>> {
-    let bytes = match (&request.timeline, layout) {
-        (Some(_), Some(layout)) => layout.compose()?,
-        (Some(timeline), None) => timeline.lay_out()?.compose()?,
-        (None, _) => {
+    let bytes = match (&request.timeline, layout, &request.bytes) {
+        (Some(_), Some(layout), _) => layout.compose()?,
+        (Some(timeline), None, _) => timeline.lay_out()?.compose()?,
+        (None, _, Some(bytes)) => return Ok(bytes.clone()),
+        (None, _, None) => {
             Format::of(&request.path)?; // refused by its name before it is read
             input::bytes(&request.path).map_err(Error::io(&request.path))?
         }

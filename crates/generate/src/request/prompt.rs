@@ -6,6 +6,7 @@ use kinelm_motion::format::{ReadOptions, RestFrame};
 use kinelm_motion::joints;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// The music that is danced to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,6 +31,9 @@ impl MusicRequest {
 pub struct PromptRequest {
     /// The file. Of a timeline: the file of the clip that lends its rig.
     pub path: PathBuf,
+    /// What the file holds, where the clip is in memory: `path` then only names it, and no file is read.
+    #[serde(skip)]
+    pub bytes: Option<Arc<[u8]>>,
     /// How it is read.
     pub read: ReadOptions,
     /// The joints that are given throughout, as [`kinelm_motion::joints::parse`] takes them or as the prompt's rig names
@@ -61,6 +65,7 @@ impl PromptRequest {
         let read = ReadOptions { rest: RestFrame::Drop, ..ReadOptions::default() };
         PromptRequest {
             path: path.into(),
+            bytes: None,
             read,
             joints: None,
             from_frame: None,

@@ -19,21 +19,18 @@ FIELDS = {
 LINEAR, AUTO_CLAMPED = 1, 4
 
 
-def new_slot(action, obj):
-    """The slot of a new action, None before 4.4."""
-    return action.slots.new(obj.id_type, obj.name) if hasattr(action, "slots") else None
-
-
-def bag(action, slot):
-    """The curves of a slot, made if there are none; before 4.4 those of the action."""
+def bag(action, slot, obj=None):
+    """The curves of a slot, None where it has none; with an object they, and its slot, are made. Before 4.4 the action."""
     if not hasattr(action, "layers"):
         return action
     layers = action.layers
     if len(layers) > 1 or any(len(layer.strips) > 1 for layer in layers):
         raise Refused(f"{action.name} has {len(layers)} layers, or several strips in one; expected one of each: merge them")
+    if not obj:
+        return layers[0].strips[0].channelbag(slot) if slot and layers and layers[0].strips else None
     layer = layers[0] if layers else layers.new("Layer")
     strip = layer.strips[0] if layer.strips else layer.strips.new(type="KEYFRAME")
-    return strip.channelbag(slot, ensure=True)
+    return strip.channelbag(slot or action.slots.new(obj.id_type, obj.name), ensure=True)
 
 
 def slot_of(obj):
@@ -52,6 +49,13 @@ def action_of(obj):
         raise Refused(f"{data.action.name} has no slot for {obj.name}; choose one beside the action's name")
     first, last = (round(frame) for frame in data.action.curve_frame_range)
     return data.action, first, last
+
+
+def moves(action, slot, bones, frames):
+    """Whether a slot of an action moves some of these bones, for so many frames."""
+    first, last = action.curve_frame_range
+    paths = tuple(f'pose.bones["{bpy.utils.escape_identifier(bone)}"]' for bone in bones)
+    return last - first >= frames and any(curve.data_path.startswith(paths) for curve in getattr(bag(action, slot), "fcurves", ()))
 
 
 def assign(obj, action, identifier=None):
@@ -135,7 +139,13 @@ def _rotations(bone, bases, before):
         if q.dot(before) < 0:
             q.negate()
         before = q
-    return np.array(values if bone.rotation_mode == "QUATERNION" else [[q.angle, *q.axis] for q in values])
+    values = np.array(values)
+    if bone.rotation_mode == "QUATERNION":
+        return values
+    # not q.angle, whose arc cosine is off by hundredths of a degree for small angles
+    length = np.linalg.norm(values[:, 1:], axis=1)
+    axes = np.where(length[:, None] > 0, values[:, 1:] / np.maximum(length, 1e-30)[:, None], [0, 1, 0])
+    return np.column_stack([2 * np.arctan2(length, values[:, 0]), axes])
 
 
 def key_bone(curves, bone, first, bases, moves, span):
@@ -155,5 +165,5 @@ def key_bone(curves, bone, first, bases, moves, span):
 
 def selected_key_frames(action, slot):
     """The frames of an action that have a selected key, in order."""
-    curves = bag(action, slot).fcurves
-    return sorted({round(key.co[0]) for curve in curves for key in curve.keyframe_points if key.select_control_point})
+    keys = (key for curve in getattr(bag(action, slot), "fcurves", ()) for key in curve.keyframe_points)
+    return sorted({round(key.co[0]) for key in keys if key.select_control_point})

@@ -1,12 +1,14 @@
 """An armature's bones as the joints of a clip, and back."""
 
+from collections import namedtuple
+
 import bpy
 import kinelm
 import numpy as np
-from mathutils import Matrix
+from mathutils import Euler, Matrix, Quaternion
 
-from .rotations import Y_UP, quarter_turns, to_global, to_matrices, to_quaternions, without_scale
-
+# from Blender's world, z up, to kinelm's, y up: a figure that looks along -y then looks along +z
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 # a bone that only these rigs have
 CONTROL_RIGS = {
     "c_root_master.x": "Auto-Rig Pro", "c_traj": "Auto-Rig Pro", "Ctrl_Hips": "the Mixamo control rig",
@@ -22,27 +24,39 @@ for _side in ("L", "R"):
             _control = _name if _name == "shoulder" else f"{_name}_fk"
             RIGIFY[f"{_name}.{_side}"] = (f"{_control}.{_side}", _parent)
 IK_SWITCHES = [f"{limb}_parent.{side}" for limb in ("upper_arm", "thigh") for side in ("L", "R")]
-# angles and lengths that float32 can't tell from equal ones
-SAME = 1e-6
+SAME = 1e-6  # angles and lengths that float32 can't tell from equal ones
+
+
+def to_matrices(q):
+    """Rotations (.., 3, 3) of unit quaternions (.., 4) in kinelm's order, x, y, z, w."""
+    flat = [Quaternion((w, x, y, z)).to_matrix() for x, y, z, w in q.reshape(-1, 4)]
+    return np.array(flat, float).reshape(*q.shape[:-1], 3, 3)
+
+
+def to_quaternions(m):
+    """Quaternions (.., 4) in kinelm's order of rotations (.., 3, 3)."""
+    q = np.array([Matrix(of).to_quaternion() for of in m.reshape(-1, 3, 3)], float).reshape(*m.shape[:-2], 4)
+    return q[..., [1, 2, 3, 0]] / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def without_scale(m):
+    """The rotations of matrices (.., 4, 4) or (.., 3, 3) with scale."""
+    m = m[..., :3, :3]
+    return m / np.linalg.norm(m, axis=-2, keepdims=True)
 
 
 class Refused(Exception):
     """What can't be done, why, and what to do."""
 
 
-class Poses:
-    """What was read of an armature: a clip, its frames, and per frame the matrices of its object and of the root's parent."""
-
-    def __init__(self, clip, frames, objects, above):
-        self.clip, self.frames, self.objects, self.above = clip, frames, objects, above
+# what was read of an armature: a clip, its frames, and per frame the matrices of its object and of the root's parent
+Poses = namedtuple("Poses", "clip frames objects above")
 
 
 class Rig:
     """The bones of an armature that kinelm moves: J joints, parents first."""
 
     def __init__(self, obj):
-        if obj is None or obj.type != "ARMATURE":
-            raise Refused(f"{obj.name if obj else 'nothing'} is selected; expected an armature: click one of its bones")
         bones = obj.data.bones
         for bone, rig in CONTROL_RIGS.items():
             if bone in bones:
@@ -57,7 +71,7 @@ class Rig:
             # the tree that most bones are in; handles and targets are others
             tops = [bone for bone in bones if not bone.parent]
             top = max(tops, key=lambda bone: len(bone.children_recursive), default=None)
-            self._take({bone.name: bone.name for bone in self._below(top)} if top else {})
+            self._take({bone.name: bone.name for bone in [top, *top.children_recursive]} if top else {})
         try:
             self.smpl = self.rest_clip().humanoid()
         except kinelm.Error as e:
@@ -67,11 +81,8 @@ class Rig:
             trunk = [bones[self.smpl[name]] for name in ("left_hip", "right_hip", "spine1", "neck") if name in self.smpl]
             chains = [[*reversed(bone.parent_recursive), bone] for bone in [bones[self.smpl["pelvis"]], *trunk]]
             shared = [level[0] for level in zip(*chains) if all(bone == level[0] for bone in level)]
-            self._take({bone.name: bone.name for bone in self._below(shared[-1])})
+            self._take({bone.name: bone.name for bone in [shared[-1], *shared[-1].children_recursive]})
             self._check_constraints()
-
-    def _below(self, bone):
-        return [bone, *(b for child in bone.children for b in self._below(child))]
 
     def _take(self, joints):
         """Makes these the joints: {name: bone}, parents first."""
@@ -79,16 +90,17 @@ class Rig:
         parent = (lambda name: RIGIFY[name][1]) if self.is_rigify else (lambda name: getattr(bones[name].parent, "name", None))
         above = [parent(name) for name in self.names]
         self.parents = [self.names.index(name) if name in joints else None for name in above]
-        rest = np.array([bones[bone].matrix_local for bone in self.bones]).reshape(-1, 4, 4)
+        rest = np.array([bones[bone].matrix_local for bone in self.bones], float).reshape(-1, 4, 4)
         self.rest, self.heads = without_scale(rest), rest[:, :3, 3]
         # of the object only the axes that it was imported on: a character may face anywhere
-        world = np.array(self.obj.matrix_world)
+        world = np.array(self.obj.matrix_world, float)
         scales = np.linalg.norm(world[:3, :3], axis=0)
         if scales.max() > 1.001 * scales.min() or np.linalg.det(world[:3, :3]) <= 0:
             raise Refused(f"{self.obj.name} is scaled by {np.round(scales, 3)}; expected one factor above 0: apply its scale")
         self.unit = bpy.context.scene.unit_settings.scale_length
         self.scale = scales.mean() * self.unit
-        self.axes = Y_UP @ quarter_turns(without_scale(world))
+        quarters = np.round(np.array(self.obj.matrix_world.to_euler()) / (np.pi / 2))
+        self.axes = Y_UP @ np.array(Euler(quarters * np.pi / 2).to_matrix(), float)
 
     def _check_constraints(self):
         """Refuses constraints that move a joint of the body, which keys then don't."""
@@ -136,14 +148,13 @@ class Rig:
                 obj = self.obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
                 if self.is_rigify:
                     self.check_fk(obj)
-                poses.append([obj.pose.bones[bone].matrix for bone in self.bones])
+                poses.append(np.array([obj.pose.bones[bone].matrix for bone in self.bones]))
                 above.append(obj.pose.bones[parent.name].matrix.copy() if parent else Matrix())
-                poses[-1] = np.array(poses[-1])
                 objects.append(np.array(obj.matrix_world))
                 yield (n + 1) / len(frames)
         finally:
             scene.frame_set(current[0], subframe=current[1])
-        poses, objects = np.array(poses), np.array(objects)
+        poses, objects = np.array(poses, float), np.array(objects, float)
         turns = Y_UP @ without_scale(objects)[:, None] @ without_scale(poses)
         world = turns @ np.swapaxes(self.axes @ self.rest, -1, -2)
         local = world.copy()
@@ -169,7 +180,10 @@ class Rig:
         """For each of some frames of a clip a list of the matrices (4, 4) that bones have relative to their rest pose, as
         they are keyed."""
         bones, some = self.obj.data.bones, slice(first, last + 1)
-        world = to_global(to_matrices(clip.rotations[some]), self.parents)
+        world = to_matrices(clip.rotations[some])
+        for j, p in enumerate(self.parents):
+            if p is not None:
+                world[:, j] = world[:, p] @ world[:, j]
         inverse = np.linalg.inv(poses.objects[some])
         turns = without_scale(inverse)[:, None] @ Y_UP.T @ world @ self.axes @ self.rest
         places = np.einsum("fab,fb->fa", inverse[:, :3, :3], clip.root[some] @ Y_UP / self.unit) + inverse[:, :3, 3]

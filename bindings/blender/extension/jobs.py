@@ -1,6 +1,7 @@
 """The jobs: generators that yield how much is done, 0 to 1, so that Blender can draw and the user can stop them."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
 import bpy
@@ -26,12 +27,10 @@ class Job:
             return False
         return True
 
-    def cancel(self):
-        """Stops it; nothing of it is left."""
+    def cancel(self):  # nothing of it is left
         self.steps.close()
 
     def run(self):
-        """All of it at once."""
         while self.step():
             pass
         return self.result
@@ -50,31 +49,22 @@ def part(steps, begin, end):
 
 def in_background(work):
     """Work in a thread, given a callback that keeps how much is done and stops the work with the job."""
-    stop, state = threading.Event(), {"done": 0.0}
+    stop, done = threading.Event(), {"share": 0.0}
 
     def callback(said):
         share = said.get("frames", said.get("step", 0)) / max(said.get("of", said.get("steps", 0)), 1)
-        state["done"] = min(max(state["done"], share), 1.0)
+        done["share"] = min(max(done["share"], share), 1.0)
         return not stop.is_set()
 
-    def run():
+    with ThreadPoolExecutor(1) as pool:
+        future = pool.submit(work, callback)
         try:
-            state["result"] = work(callback)
-        except BaseException as error:  # raised again where the job is
-            state["error"] = error
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    try:
-        while thread.is_alive():
-            thread.join(0.01)
-            yield state["done"]
-    finally:
-        stop.set()
-        thread.join()
-    if "error" in state:
-        raise state["error"]
-    return state["result"]
+            while not future.done():
+                wait([future], 0.01)
+                yield done["share"]
+        finally:
+            stop.set()
+    return future.result()
 
 
 def model_of(run):
@@ -105,7 +95,7 @@ def _new_actions(rig, poses, clips, name, source, span):
             if source:
                 action["kinelm_source"] = source
             slot = next((s for s in getattr(action, "slots", []) if s.identifier == identifier), None)
-            curves = actions.bag(action, slot or actions.new_slot(action, obj))
+            curves = actions.bag(action, slot, obj)
             for j, bone in enumerate(rig.bones):
                 frames = np.flatnonzero(turned[:, j])
                 if len(frames):
@@ -121,7 +111,7 @@ def _new_actions(rig, poses, clips, name, source, span):
 
 
 def _of_action(obj, first, last, work):
-    """A job on frames of an object's action: `work(rig, clip, first frame, callback)` returns clips."""
+    """A job on frames of an object's action: `work(rig, poses, first, last, callback)` returns clips."""
     action, begin, end = actions.action_of(obj)
     first, last = max(first, begin), min(last, end)
     if last <= first:
@@ -134,8 +124,7 @@ def _of_action(obj, first, last, work):
 
 def _joints(rig, bones):
     """SMPL's names of bones, as kinelm's spans take them."""
-    # by its id, as "head" is a group with the neck, too
-    ids = {"head": "15"}
+    ids = {"head": "15"}  # "head" is a group with the neck, too
     joints = [ids.get(smpl, smpl) for smpl, name in rig.smpl.items() if rig.bones[rig.names.index(name)] in bones]
     if not joints:
         known = ", ".join(rig.bones[rig.names.index(name)] for name in rig.smpl.values())
@@ -147,9 +136,7 @@ def _joints(rig, bones):
 def edit(obj, bones, first, last, count=1, given=False, run="", **options):
     """Selected bones made anew in some frames, or `given` while all others are."""
     def work(rig, poses, begin, end, callback):
-        joints = _joints(rig, bones)
-        if given:
-            joints = _joints(rig, set(rig.bones) - set(bones))
+        joints = _joints(rig, set(rig.bones) - set(bones) if given else bones)
         spans = [f"{','.join(joints)}@{begin}f:{end + 1}f"]
         return model_of(run).variations(count, poses.clip, free=spans, callback=callback, **options)
     return _of_action(obj, first, last, work)
@@ -173,8 +160,8 @@ def between(obj, count=1, run="", **options):
 def loop(obj, first, last, count=1, run="", **options):
     """The end of some frames leads to their beginning."""
     def work(rig, poses, begin, end, callback):
-        clips = model_of(run).variations(
-            count, poses.clip.slice(begin, end + 1), loop=True, callback=callback, **options)
+        some = poses.clip.slice(begin, end + 1)
+        clips = model_of(run).variations(count, some, loop=True, callback=callback, **options)
         return [_within(poses.clip, clip, begin) for clip in clips]
     return _of_action(obj, first, last, work)
 
@@ -182,8 +169,7 @@ def loop(obj, first, last, count=1, run="", **options):
 def lock_feet(obj, first, last):
     """Feet that stand in some frames stay where they stand."""
     def work(rig, poses, begin, end, callback):
-        locked = poses.clip.slice(begin, end + 1).lock_feet()
-        return [_within(poses.clip, locked, begin)]
+        return [_within(poses.clip, poses.clip.slice(begin, end + 1).lock_feet(), begin)]
     return _of_action(obj, first, last, work)
 
 
@@ -197,14 +183,11 @@ def _within(clip, new, begin):
 def dance(obj, first, seconds, labels, count=1, run="", **options):
     """A dance from nothing, where the armature stands, as an action of its own."""
     rig = Rig(obj)
-    data = obj.animation_data
-    before = data.action if data else None
-    identifier = getattr(actions.slot_of(obj), "identifier", None) if before else None
-    if data and data.use_tweak_mode:
+    data = obj.animation_data or obj.animation_data_create()
+    before, identifier = data.action, getattr(actions.slot_of(obj), "identifier", None)
+    if data.use_tweak_mode:
         actions.action_of(obj)  # says how to leave it
-    # without its action nothing moves what the dance doesn't
-    if before:
-        data.action = None
+    data.action = None  # nothing moves what the dance doesn't
     try:
         here = yield from part(rig.read([bpy.context.scene.frame_current]), 0, 0.1)
         clips = yield from part(in_background(lambda callback: model_of(run).variations(
@@ -228,25 +211,21 @@ def tune(obj, folder, steps=None):
     rig, folder = Rig(obj), Path(folder)
     if folder.exists():
         raise Refused(f"{folder} is there; expected a new folder: choose another name")
-    own = {f'pose.bones["{bpy.utils.escape_identifier(bone)}"]' for bone in rig.bones}
     data = obj.animation_data or obj.animation_data_create()
     before, identifier = data.action, getattr(actions.slot_of(obj), "identifier", None)
+    takes = [(action, slot) for action in bpy.data.actions for slot in getattr(action, "slots", [None])
+             if actions.moves(action, slot, rig.bones, fps_of(bpy.context.scene))]
+    if not takes:
+        raise Refused(f"no action of this file moves {obj.name} for a second; expected its dances: append or import them")
     clips = []
     try:
-        all_actions = list(bpy.data.actions)
-        for n, action in enumerate(all_actions):
-            slots = [s for s in getattr(action, "slots", [None]) if s is None or s.target_id_type in ("OBJECT", "UNSPECIFIED")]
-            for slot in slots:
-                curves = actions.bag(action, slot).fcurves
-                first, last = (round(frame) for frame in action.curve_frame_range)
-                if last - first >= fps_of(bpy.context.scene) and any(c.data_path.rsplit(".", 1)[0] in own for c in curves):
-                    actions.assign(obj, action, getattr(slot, "identifier", None))
-                    steps_of = part(rig.read(range(first, last + 1)), n / len(all_actions), (n + 1) / len(all_actions))
-                    clips.append((yield from part(steps_of, 0, 0.2)).clip)
+        for n, (action, slot) in enumerate(takes):
+            actions.assign(obj, action, getattr(slot, "identifier", None))
+            _, first, last = actions.action_of(obj)
+            poses = yield from part(rig.read(range(first, last + 1)), 0.2 * n / len(takes), 0.2 * (n + 1) / len(takes))
+            clips.append(poses.clip)
     finally:
         actions.assign(obj, before, identifier)
-    if not clips:
-        raise Refused(f"no action of this file moves {obj.name} for a second; expected its dances: append or import them")
 
     def work(callback):
         (folder / "clips").mkdir(parents=True)

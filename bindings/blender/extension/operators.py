@@ -36,9 +36,8 @@ class Settings(bpy.types.PropertyGroup):
 
 def frames_of(scene):
     """The preview range, or the scene's frames."""
-    if scene.use_preview_range:
-        return scene.frame_preview_start, scene.frame_preview_end
-    return scene.frame_start, scene.frame_end
+    preview = scene.frame_preview_start, scene.frame_preview_end
+    return preview if scene.use_preview_range else (scene.frame_start, scene.frame_end)
 
 
 def selected_bones(obj):
@@ -63,21 +62,19 @@ def job_of(task, context):
         raise Refused(f"{obj.name if obj else 'nothing'} is active; expected an armature: click one of its bones")
     frames = frames_of(scene)
     options = {"count": settings.count, "seed": settings.seed, "run": settings.run, "lock_feet": settings.feet}
-    match task:
-        case "EDIT":
-            steps = jobs.edit(obj, selected_bones(obj), *frames, given=settings.given, **options)
-        case "BETWEEN":
-            steps = jobs.between(obj, **options)
-        case "LOOP":
-            steps = jobs.loop(obj, *frames, **options)
-        case "DANCE":
-            steps = jobs.dance(obj, frames[0], settings.seconds, labels_of(settings.labels), **options)
-        case "LOCK_FEET":
-            steps = jobs.lock_feet(obj, *frames)
-        case "TUNE":
-            folder = Path(bpy.utils.extension_path_user(__package__, path="models", create=True)) / settings.name
-            steps = jobs.tune(obj, folder, settings.steps or None)
-    return jobs.Job(steps)
+    begin = {
+        "EDIT": lambda: jobs.edit(obj, selected_bones(obj), *frames, given=settings.given, **options),
+        "BETWEEN": lambda: jobs.between(obj, **options),
+        "LOOP": lambda: jobs.loop(obj, *frames, **options),
+        "DANCE": lambda: jobs.dance(obj, frames[0], settings.seconds, labels_of(settings.labels), **options),
+        "LOCK_FEET": lambda: jobs.lock_feet(obj, *frames),
+        "TUNE": lambda: jobs.tune(obj, models_folder() / settings.name, settings.steps or None)}
+    return jobs.Job(begin[task]())
+
+
+def models_folder():
+    """Where your own models are: in the extension's own folder of the user's."""
+    return Path(bpy.utils.extension_path_user(__package__, path="models", create=True))
 
 
 class KINELM_OT_run(bpy.types.Operator):
@@ -93,7 +90,6 @@ class KINELM_OT_run(bpy.types.Operator):
         return next(text for name, _, text in TASKS if name == properties.task)
 
     def execute(self, context):
-        """All at once, as a script calls it."""
         return self._go(context, lambda: self._done(context, job_of(self.task, context).run()))
 
     # the modal shell: what a job does is in jobs.py
@@ -104,8 +100,7 @@ class KINELM_OT_run(bpy.types.Operator):
         if event.type == "ESC":
             self.job.cancel()
             return self._end(context, {"CANCELLED"})
-        if event.type != "TIMER":
-            # nothing may change the action meanwhile
+        if event.type != "TIMER":  # nothing may change the action meanwhile
             return {"RUNNING_MODAL"}
         answer = self._go(context, lambda: self._step(context))
         return answer if answer == {"RUNNING_MODAL"} else self._end(context, answer)
@@ -127,7 +122,6 @@ class KINELM_OT_run(bpy.types.Operator):
         context.window_manager.event_timer_remove(self.timer)
         self._show(context, -1.0)
         return answer
-    # end of the modal shell
 
     def _show(self, context, progress):
         context.scene.kinelm.progress = progress
@@ -152,13 +146,10 @@ class KINELM_OT_run(bpy.types.Operator):
 
 def variations(obj):
     """The actions that stand beside an object's action as its variations, and which of them it is."""
-    data = obj.animation_data if obj else None
-    current = data.action if data else None
-    name = current.get("kinelm_set") if current else None
-    if name is None:
-        return [], 0
-    found = [action for action in bpy.data.actions if action.get("kinelm_set") == name]
-    return found, found.index(current)
+    current = obj and obj.animation_data and obj.animation_data.action
+    name = current and current.get("kinelm_set")
+    found = [action for action in bpy.data.actions if name and action.get("kinelm_set") == name]
+    return found, found.index(current) if found else 0
 
 
 class KINELM_OT_choose(bpy.types.Operator):
@@ -178,19 +169,14 @@ class KINELM_OT_choose(bpy.types.Operator):
     def execute(self, context):
         obj = context.object
         found, at = variations(obj)
-        current, source = found[at], found[at].get("kinelm_source")
-        identifier = getattr(actions.slot_of(obj), "identifier", None)
-        if self.what == "NEXT":
-            actions.assign(obj, found[(at + 1) % len(found)], identifier)
-            return {"FINISHED"}
-        if self.what == "REJECT":
-            actions.assign(obj, source, identifier)
-        else:
-            del current["kinelm_set"]
-            current.pop("kinelm_source", None)
-            found.remove(current)
-        for action in found:
-            bpy.data.actions.remove(action)
+        chosen = {"NEXT": found[(at + 1) % len(found)], "ACCEPT": found[at], "REJECT": found[at].get("kinelm_source")}[self.what]
+        actions.assign(obj, chosen, getattr(actions.slot_of(obj), "identifier", None))
+        if self.what == "ACCEPT":
+            for name in ("kinelm_set", "kinelm_source"):
+                chosen.pop(name, None)
+        for action in found if self.what != "NEXT" else []:
+            if action != chosen:
+                bpy.data.actions.remove(action)
         return {"FINISHED"}
 
 

@@ -7,6 +7,7 @@ check.sh runs it in each version of Blender.
 
 import importlib
 import os
+import sys
 import tempfile
 import unittest
 from pathlib import Path
@@ -86,13 +87,13 @@ class Extension(unittest.TestCase):
     def sparse(self, kind="plain"):
         """The same with a key every ten frames, as an animator sets them: Bezier segments, handles of all kinds."""
         obj = self.dancing(kind)
-        for n, bone in enumerate(obj.pose.bones):
-            bone.rotation_mode = ("QUATERNION", "XYZ", "AXIS_ANGLE", "ZXY")[n % 4]
         rig, action = armature.Rig(obj), obj.animation_data.action
         poses = jobs.Job(rig.read(range(1, 96))).run()
         bases = jobs.Job(rig.bases(poses, poses.clip, 0, 94)).run()
         actions.assign(obj, None)
         bpy.data.actions.remove(action)
+        for n, bone in enumerate(obj.pose.bones):
+            bone.rotation_mode = ("QUATERNION", "XYZ", "AXIS_ANGLE", "ZXY")[n % 4]
         for frame in [*range(1, 95, 10)]:
             for name, basis in zip(rig.bones, bases[frame - 1]):
                 bone = obj.pose.bones[name]
@@ -335,7 +336,7 @@ class Extension(unittest.TestCase):
         obj, other = self.dancing(), rigs.person("mixamo")
         action = obj.animation_data.action
         slot = action.slots.new("OBJECT", "other")
-        bag = actions.bag(action, slot)
+        bag = actions.bag(action, slot, other)
         curve = bag.fcurves.new("location", index=0)
         curve.keyframe_points.add(2)
         curve.keyframe_points.foreach_set("co", [1, 1, 90, 5])
@@ -350,4 +351,7 @@ class Extension(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(verbosity=2)
+    ended = unittest.main(verbosity=2, exit=False).result
+    # bpy 4.5 may wait for ever in its own destructors
+    sys.stdout.flush()
+    os._exit(not ended.wasSuccessful())

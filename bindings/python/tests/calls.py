@@ -53,6 +53,8 @@ def calls(w):
         "Clip.resample": lambda: w.clip.resample(20),
         "Clip.slice": lambda: w.clip.slice(0, 9),
         "Clip.positions": lambda: w.clip.positions(),
+        "Clip.lock_feet": lambda: w.clip.lock_feet(),
+        "Clip.humanoid": lambda: w.clip.humanoid(),
         "Clip.page": lambda: w.clip.page(),
         "Tokenizer.fit": lambda: kinelm.Tokenizer.fit([w.clip]),
         "Tokenizer.load": lambda: kinelm.Tokenizer.load(w.json),

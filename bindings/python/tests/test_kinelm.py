@@ -113,6 +113,19 @@ class Kinelm(unittest.TestCase):
         with self.assertRaisesRegex(kinelm.Error, "expected a step, latest or best"):
             kinelm.Model.open(self.model.run, checkpoint="first")
 
+    def test_prompts_in_memory_and_progress(self):
+        clip, said = kinelm.Clip.read(self.at / "dance.bvh"), []
+        edited = self.model.generate(clip, free=["left_arm@1s:2s"], callback=said.append)
+        changed = np.abs(edited.rotations - clip.rotations).max(axis=(1, 2)) > 0
+        self.assertEqual(np.flatnonzero(changed).tolist(), list(range(30, 60)))
+        np.testing.assert_array_equal(edited.root, clip.root)
+        self.assertEqual(said[-1]["frames"], said[-1]["of"])
+        with self.assertRaises(kinelm.Error) as stopped:
+            self.model.variations(2, clip, rig="prompt", seconds=60, callback=lambda said: said["frames"] < 5)
+        self.assertEqual(stopped.exception.kind, "stopped")
+        self.assertEqual(clip.humanoid()["left_hip"], "left_hip")
+        self.assertEqual(len(clip.lock_feet()), len(clip))
+
     def test_options(self):
         self.assertEqual(len(self.model.variations(3, seconds=np.float64(1), seed=np.int64(5))), 3)
         with self.assertRaisesRegex(TypeError, "unknown field `second`, expected one of"):

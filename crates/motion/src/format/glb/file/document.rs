@@ -1,7 +1,7 @@
 //! The parts of a glTF document that animation needs, and the numbers in its buffer.
 
 use super::chunks::{Chunks, not_this};
-use super::humanoid::Extensions;
+use super::extensions::Extensions;
 use crate::{Error, FaultKind, FileError, Result};
 use kinelm_store::SourcePos;
 use serde::Deserialize;

@@ -1,72 +1,9 @@
 //! VRM's humanoid of a document: which nodes are its bones. VRM 0 lists them, VRM 1 and animations map names to nodes.
 
 use super::document::Document;
+use super::extensions::Extensions;
 use crate::Result;
 use crate::format::source::vrm::{bone, bone_of_vrm_0};
-use serde::Deserialize;
-use serde::de::IgnoredAny;
-use std::collections::BTreeMap;
-
-/// The extensions of a document that name bones. Their other members are whatever they are.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub struct Extensions {
-    #[serde(rename = "VRM")]
-    vrm_0: Option<Vrm>,
-    #[serde(rename = "VRMC_vrm")]
-    vrm_1: Option<Vrm>,
-    #[serde(rename = "VRMC_vrm_animation")]
-    animation: Option<Vrm>,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(default, rename_all = "camelCase")]
-struct Vrm {
-    humanoid: Option<HumanBones>,
-    expressions: Option<IgnoredAny>,
-    look_at: Option<IgnoredAny>,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(default, rename_all = "camelCase")]
-struct HumanBones {
-    human_bones: Bones,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(untagged)]
-enum Bones {
-    Listed(Vec<BoneOf>),
-    Named(BTreeMap<String, Option<BoneOf>>),
-}
-
-impl Default for Bones {
-    fn default() -> Bones {
-        Bones::Listed(Vec::new())
-    }
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-struct BoneOf {
-    /// Its name, where bones are listed.
-    bone: String,
-    /// -1 in files of VRM 0 for bones that a body lacks.
-    node: Option<i64>,
-}
-
-impl Vrm {
-    /// Names of bones with their nodes.
-    fn bones(&self) -> Vec<(&str, i64)> {
-        match self.humanoid.as_ref().map(|humanoid| &humanoid.human_bones) {
-            Some(Bones::Listed(list)) => list.iter().filter_map(|of| Some((&*of.bone, of.node?))).collect(),
-            Some(Bones::Named(map)) => {
-                map.iter().filter_map(|(name, of)| Some((&**name, of.as_ref()?.node?))).collect()
-            }
-            None => Vec::new(),
-        }
-    }
-}
 
 /// A file that is of VRM's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

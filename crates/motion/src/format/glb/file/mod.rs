@@ -2,6 +2,7 @@
 
 pub(super) mod chunks;
 pub(super) mod document;
+mod extensions;
 pub(super) mod humanoid;
 pub(super) mod take;
 pub(super) mod track;

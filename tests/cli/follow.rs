@@ -501,3 +501,11 @@ fn a_salsa_is_followed_where_it_stands() {
         }
     }
 }
+
+#[test]
+fn a_path_needs_a_slot_for_the_turn() {
+    let way = way();
+    way.generate("13-heading", "data/0.bvh", Some("path"), "path.bvh").assert().success();
+    let told = way.generate("13", "data/0.bvh", Some("path"), "no.bvh").assert().failure();
+    told.stderr(contains("no slot for the turn").and(contains("heading_delta")));
+}

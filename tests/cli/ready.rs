@@ -42,6 +42,27 @@ fn it_dances_to_a_clip_without_a_run() {
 }
 
 #[test]
+fn it_dances_along_a_path() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("walk.csv"), "seconds,x,z\n0,1,0\n1,1,1\n2,2,1\n").unwrap();
+    let along = call(dir.path(), "generate --path walk.csv --fps 20 --out a.bvh").assert().success();
+    along.stderr(contains("floor").not());
+    let clip = read(&dir.path().join("a.bvh"));
+    for (frame, [x, z]) in [(0, [1.0, 0.0]), (20, [1.0, 1.0]), (40, [2.0, 1.0])] {
+        let at = clip.root()[frame];
+        assert!((at.x - x).abs() < 1e-3 && (at.z - z).abs() < 1e-3, "{frame}: {at}");
+    }
+    assert_eq!(clip.frames(), 41);
+    call(dir.path(), "again a.bvh.kinelm.json --out b.bvh").assert().success();
+    assert_eq!(fs::read(dir.path().join("a.bvh")).unwrap(), fs::read(dir.path().join("b.bvh")).unwrap());
+    // what a path doesn't give, and a part of the root for a time
+    let more = call(dir.path(), "generate --prompt walk.csv --joints root --out c.bvh").assert().failure();
+    more.stderr(contains("all that it gives is `path`"));
+    let for_a_time = call(dir.path(), "generate --prompt a.bvh --given path@0s:1s --out c.bvh").assert().failure();
+    for_a_time.stderr(contains("path, height and tilt are given throughout"));
+}
+
+#[test]
 fn its_tokenizer_is_taken_by_name() {
     let dir = with_a_dance();
     let words = call(dir.path(), "tokenizer text mine.bvh --tokenizer ready").assert().success();

@@ -8,10 +8,9 @@ use kinelm_motion::joints::{LEGS, Selection};
 /// The parts that foot locking must not move: the first `frames` frames, and the given joints.
 pub(crate) fn fixed(given: Option<&Selection>, frames: usize) -> FixedParts {
     let has = |joints: &[usize]| given.is_some_and(|given| given.joints.iter().any(|j| joints.contains(j)));
-    let root = given.is_some_and(|given| given.height || given.joints.contains(&0));
-    // a body on a given path may still be raised and lowered
-    let path = given.is_some_and(|given| given.path);
-    FixedParts { root, path, legs: LEGS.map(|leg| has(&leg)), frames }
+    // a body on a given path isn't lowered either: feet that stood elsewhere would draw it to the floor
+    let root = given.is_some_and(|given| given.path || given.height || given.joints.contains(&0));
+    FixedParts { root, path: false, legs: LEGS.map(|leg| has(&leg)), frames }
 }
 
 /// A motion with its feet locked, and what that changed. The floor is at `floor_m`, or estimated from the feet.

@@ -50,7 +50,7 @@ pub struct DanceArgs {
     goal_guidance: Option<f64>,
     /// Frames to generate at the model's rate, or a time such as 12s [default: the prompt's length, or the music's]
     #[arg(long, value_name = "N", value_parser = length_in_frames,
-        required_unless_present_any = ["prompt", "onto", "seconds", "music"])]
+        required_unless_present_any = ["prompt", "onto", "path", "seconds", "music"])]
     frames: Option<Moment>,
     /// Seconds to generate, instead of --frames: 12, 12s or 240f
     #[arg(long, value_name = "S", conflicts_with = "frames", value_parser = length)]

@@ -56,7 +56,7 @@ const ALONE: &[(&str, &str, &[&[&str]])] = &[
     ),
     (
         "generate",
-        "checkpoint prompt onto run out label music guidance frames seconds fps variations seed first-frames look-ahead lead-in feet \
+        "checkpoint path prompt onto run out label music guidance frames seconds fps variations seed first-frames look-ahead lead-in feet \
          passes guesses best force weights kv device form",
         &[DRAWING],
     ),

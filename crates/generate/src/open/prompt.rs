@@ -78,8 +78,9 @@ impl PreparedPrompt {
         let (text, mut clip) = if drawn {
             let own = input::bytes(&request.path).map_err(Error::io(&request.path))?;
             let text: Arc<[u8]> = path::to_json(&request.path, &own)?.into();
-            // all of it is in a rest pose
+            // all of it is in a rest pose, whose feet slide along the way
             request.read.rest = RestFrame::Keep;
+            request.read.floor = Some(0.0);
             let clip = PromptClip::parse(&path::name(&request.path), &text, &request.read, tokenizer)?;
             (text, PromptClip { sha256: hash::of(&own), ..clip })
         } else {

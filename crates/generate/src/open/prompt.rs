@@ -77,7 +77,7 @@ impl PreparedPrompt {
         let drawn = path::is_path(&request.path) && request.timeline.is_none();
         let (text, mut clip) = if drawn {
             let own = input::bytes(&request.path).map_err(Error::io(&request.path))?;
-            let text: Arc<[u8]> = path::to_json(&request.path, &own)?.into();
+            let text: Arc<[u8]> = path::to_json(&request.path, &own, tokenizer.fps())?.into();
             // all of it is in a rest pose, whose feet slide along the way
             request.read.rest = RestFrame::Keep;
             request.read.floor = Some(0.0);

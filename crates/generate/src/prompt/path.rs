@@ -14,8 +14,6 @@ use kinelm_motion::format;
 use kinelm_motion::{Clip, Motion, Quat, Vec3, smpl};
 use std::path::{Path, PathBuf};
 
-/// Frames per second of the clip.
-const FPS: f64 = 60.0;
 /// Places of a path, at most.
 const MOST: usize = 100_000;
 /// The longest path, seconds.
@@ -41,15 +39,15 @@ pub(crate) fn name(file: &Path) -> PathBuf {
     file.with_extension("json")
 }
 
-/// A path's file as a clip in kinelm's JSON: SMPL's body goes along it, upright, with all joints at rest.
+/// A path's file as a clip in kinelm's JSON, at the model's rate: SMPL's body goes along it, upright, with all joints at rest.
 ///
 /// # Errors
 /// [`kinelm_store::Error::Invalid`] and faults of the file with their line: columns that are missing, what is no number, times
 /// that don't ascend.
-pub(crate) fn to_json(file: &Path, bytes: &[u8]) -> Result<Vec<u8>> {
+pub(crate) fn to_json(file: &Path, bytes: &[u8], fps: f64) -> Result<Vec<u8>> {
     let places = places(file, bytes)?;
     let last = places[places.len() - 1].time_s;
-    let frames = (last * FPS + 1e-9) as usize + 1;
+    let frames = (last * fps + 1e-9) as usize + 1;
     let rest = smpl::neutral();
     // the pelvis as high as the legs are long
     let height = -rest.offsets()[1].y - rest.offsets()[4].y - rest.offsets()[7].y - rest.offsets()[10].y.min(0.0);
@@ -60,13 +58,13 @@ pub(crate) fn to_json(file: &Path, bytes: &[u8]) -> Result<Vec<u8>> {
             (b[0] - a[0]).atan2(b[1] - a[1])
         }
     };
-    let times = (0..frames).map(|frame| frame as f64 / FPS);
+    let times = (0..frames).map(|frame| frame as f64 / fps);
     let root = times.clone().map(|time| at(&places, time)).map(|[x, z]| Vec3::new(x, height, z)).collect();
     let joints = rest.joints();
     let pose = |time| (0..joints).map(move |j| (j, time));
     let turned = |(j, time)| if j == 0 { Quat::from_rotation_y(heading(time)) } else { Quat::IDENTITY };
     let rotations = times.flat_map(pose).map(turned).collect();
-    let clip = Clip::new(rest, FPS, root, rotations)?;
+    let clip = Clip::new(rest, fps, root, rotations)?;
     Ok(format::to_bytes(&name(file), &Motion::new(file, clip))?)
 }
 
@@ -168,7 +166,7 @@ mod tests {
     use kinelm_motion::format::{self, ReadOptions};
 
     fn clip(text: &str) -> std::result::Result<Clip, String> {
-        let json = to_json(Path::new("walk.csv"), text.as_bytes()).map_err(|e| e.to_string())?;
+        let json = to_json(Path::new("walk.csv"), text.as_bytes(), 60.0).map_err(|e| e.to_string())?;
         Ok(format::parse(Path::new("walk.json"), &json, &ReadOptions::default()).unwrap().clip)
     }
 

@@ -217,6 +217,7 @@ impl Clip {
 
 /// A prompt: a motion file, or a clip in memory.
 #[derive(FromPyObject)]
+#[allow(clippy::large_enum_variant, reason = "one a call, and a box is nothing that Python converts to")]
 pub enum Prompt {
     /// A clip.
     Clip(Clip),

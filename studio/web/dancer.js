@@ -26,6 +26,8 @@ export class Dancer extends Figure {
     this.top = loaded.top;
     this.isPart = false;
     this.paint = '--figure-0'; // the name of its colour
+    /** @type {import('./character.js').Character | null} whose mesh it wears */
+    this.character = null;
     /** @type {number[][][] | null} (points) when each joint is made; null: as a whole, throughout */
     this.made = null;
     const contacts = loaded.head.contacts;

@@ -98,7 +98,7 @@ export class Skins {
   }
 
   // Frees what characters have on the card that aren't among these.
-  /** @param {Set<Character>} stay */
+  /** @param {Set<Character | null>} stay */
   keep(stay) {
     const { gl } = this.scene;
     for (const [character, parts] of this.loaded) {
@@ -152,8 +152,9 @@ export class Skins {
     this.changed();
   }
 
-  /** @param {View} camera @param {{ character: Character, time: number, shift: number[] }[]} all */
-  draw(camera, all) {
+  // A character as it is at a time, seconds.
+  /** @param {View} camera @param {Character} character @param {number} time @param {number[]} shift over the floor */
+  draw(camera, character, time, shift) {
     const { gl } = this.scene,
       { id, at } = this.program;
     gl.useProgram(id);
@@ -161,14 +162,12 @@ export class Skins {
     gl.uniform3fv(at.eye, camera.eye);
     gl.uniform1i(at.joints, 0);
     gl.uniform1i(at.image, 1);
-    for (const { character, time, shift } of all) {
-      character.pose(time);
-      gl.uniform2fv(at.shift, shift);
-      // what one can see through comes last, over the rest
-      const parts = this.load(character);
-      for (const isLast of [false, true])
-        for (const one of parts) if (one.part.material.blend === isLast) this.part(one, character.matrices(one.part));
-    }
+    character.pose(time);
+    gl.uniform2fv(at.shift, shift);
+    // what one can see through comes last, over the rest
+    const parts = this.load(character);
+    for (const isLast of [false, true])
+      for (const one of parts) if (one.part.material.blend === isLast) this.part(one, character.matrices(one.part));
     gl.activeTexture(gl.TEXTURE0);
     gl.bindVertexArray(null);
     gl.disable(gl.BLEND);

@@ -25,8 +25,6 @@ let dancers = [];
 let scene = null;
 /** @type {Skins | null} */
 let skins = null;
-/** @type {{ character: import('./character.js').Character, time: number, shift: number[] }[]} */
-let clothed = [];
 /** @type {Labels | null} */
 let labels = null;
 /** @type {((time: number) => void)[]} */
@@ -98,6 +96,7 @@ function recast() {
     place(dancers, before.length !== dancers.length);
     select();
   }
+  dress();
   labels?.all.forEach((label, i) => label.classList.toggle('chosen', dancers[i].id === ui.focus && dancers.length > 1));
   empty();
 }
@@ -184,24 +183,30 @@ const soil = () => {
   stage.state.dirty = true;
 };
 
-// Who has a character's mesh on; all others are capsules, as is one whose frames still come.
+// Who has a character's mesh; all others are capsules, as is one whose frames still come.
 function dress() {
-  const { time, mesh } = stage.state;
-  clothed = [];
-  for (const dancer of dancers) {
-    const whole = mesh && !dancer.isPart && !dancer.loaded.live;
-    const one = whole ? character(dancer.id, soil) : null;
-    dancer.isClothed = one !== null;
-    if (one && dancer.shows(time)) clothed.push({ character: one, time: Math.min(time, dancer.lasts), shift: dancer.shift });
+  for (const dancer of dancers) dancer.character = dancer.isPart || dancer.loaded.live ? null : character(dancer.id, dress);
+  skins?.keep(new Set(dancers.map(dancer => dancer.character)));
+  stage.state.dirty = true;
+}
+
+/** @param {import('./scene.js').View} camera */
+function drawSkins(camera) {
+  const { time } = stage.state;
+  for (const { isClothed, character, shift, lasts } of dancers) {
+    if (!isClothed || !character || !scene) continue;
+    // made for the first character: most stages have none
+    skins ??= new Skins(scene, soil);
+    skins.draw(camera, character, Math.min(time, lasts), shift);
   }
-  if (clothed.length) skins?.keep(new Set(clothed.map(one => one.character)));
 }
 
 // ---- pictures ----
 export function draw(plain = false) {
   if (!scene) return null;
   wait(stage.state.time);
-  dress();
+  const { time, mesh } = stage.state;
+  for (const dancer of dancers) dancer.isClothed = mesh && dancer.character !== null && dancer.shows(time);
   stage.compose(plain);
   const view = stage.camera(scene.canvas.width, scene.canvas.height);
   scene.draw(view, stage.things, stage.colours, plain);
@@ -241,10 +246,7 @@ export function openStage() {
     );
     return;
   }
-  skins = new Skins(scene, soil);
-  scene.more = camera => {
-    if (clothed.length) skins?.draw(camera, clothed);
-  };
+  scene.more = drawSkins;
   labels = new Labels(find('labels'), stage);
   labels.top = 48;
   stage.margin = { high: 0.22, low: 0.0 };
@@ -261,6 +263,7 @@ export function openStage() {
   }).observe(canvas);
   on(['cast', 'timeline'], recast);
   on(['frames'], grown);
+  on(['clips', 'dances'], dress);
   on(['selection'], select);
   recast();
   requestAnimationFrame(tick);

@@ -55,10 +55,10 @@ impl Clip {
         Ok(Clip(Motion::new("clip.json", clip)))
     }
 
-    /// Reads a motion file: .bvh .amc .fbx .glb .vrm .vrma .npz .pkl .json. `fps_source` is its true rate where the file's is wrong,
-    /// `skip` the frames left out at its beginning; `up` ("y", "z", ..), `unit` ("m", "cm", "mm", "in",
-    /// "0.0725 m", ..) and `map` (a skeleton map's name, file or text) are found out if not given; `root` takes a figure or
-    /// joint, `take` an animation; `mirror_axis` ("x", "y", "z") undoes the mirror of a left-handed file.
+    /// Reads a motion file: .bvh .amc .fbx .glb .vrm .vrma .npz .pkl .json. `fps_source` is its true rate where the file's is
+    /// wrong, `skip` the frames left out at its beginning; `up` ("y", "z", ..), `unit` ("m", "cm", "mm", "in", "0.0725 m", ..)
+    /// and `map` (a skeleton map's name, file or text) are found out if not given; `root` takes a figure or joint, `take` an
+    /// animation; `mirror_axis` ("x", "y", "z") undoes the mirror of a left-handed file.
     #[staticmethod]
     #[pyo3(signature = (path, **reading))]
     fn read(py: Python<'_>, path: PathBuf, reading: Option<&Bound<'_, PyDict>>) -> PyResult<Clip> {

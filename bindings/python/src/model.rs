@@ -133,8 +133,8 @@ impl Model {
         self.run.clone()
     }
 
-    /// A dance. Of `prompt`, a motion file or a clip, `joints` are given throughout, all joints before `from_frame`, or all but `free`
-    /// (a list such as ["left_arm@4s:8s"]); `loop` makes its end lead to its beginning. With `rig` "prompt" alone it lends its
+    /// A dance. Of `prompt`, a motion file or a clip, `joints` are given throughout, all joints before `from_frame`, or all but
+    /// `free` (a list such as ["left_arm@4s:8s"]); `loop` makes its end lead to its beginning. With `rig` "prompt" alone it lends its
     /// rig and its rate. `seconds` or `frames` (of the model) say how long the dance is, `fps` its rate: by default the prompt's,
     /// else 30. `labels`, `guidance`, `look_ahead`, `music`, `seed`, `temperature`, `top_p`, `rig` ("model" or "prompt") and `lock_feet` as the
     /// program's flags; `fps_source`, `skip`, `up`, `unit`, `map`, `root`, `take` and `mirror_axis` as in
@@ -170,8 +170,8 @@ impl Model {
             // nothing is written: a name for each dance, whose extension is that of a format
             let outs = vec![PathBuf::from("dance.bvh"); count];
             let dances = open.make(&Making::of(&outs), &mut |progress| {
-                let said = json!({ "frames": progress.frames, "of": progress.of });
-                interrupt.tell(callback.as_ref(), &stop, |py| python(py, &said));
+                let (frames, of) = (progress.frames, progress.of);
+                interrupt.tell(callback.as_ref(), &stop, |py| python(py, &json!({ "frames": frames, "of": of })));
                 if stop.load(Ordering::SeqCst) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             });
             let chosen = interrupt.result(dances)?.chosen.into_iter();

@@ -134,6 +134,12 @@ impl Clip {
         }
     }
 
+    /// Whether it is on a rig.
+    pub(crate) fn is_on(&self, rig: &Arc<Skeleton>) -> bool {
+        // of most clips it is the very same one
+        Arc::ptr_eq(&self.skeleton, rig) || self.skeleton == *rig
+    }
+
     /// The same frames at another rate: the motion runs faster or slower, nothing is resampled.
     ///
     /// # Errors

@@ -167,8 +167,7 @@ pub fn on_rig(motion: Motion, rig: &TargetRig) -> Result<Motion> {
     if let TargetRig::OfFile(like) = rig
         && is_same(motion.clip.skeleton(), like.clip.skeleton())
     {
-        let (root, rotations) = (motion.clip.root().to_vec(), motion.clip.rotations().to_vec());
-        let clip = Clip::new(like.clip.skeleton().clone(), motion.clip.fps(), root, rotations)?;
+        let clip = motion.clip.clone().with_skeleton(like.clip.skeleton().clone())?;
         return Ok(motion.with_clip(clip).with_source(source_of(like, floor_m)));
     }
     let clip = retarget::to_smpl(&motion)?;

@@ -112,17 +112,17 @@ impl Selection {
         Selection { joints, ..Selection::default() }
     }
 
-    /// Whether anything of the root is selected but not all of it.
+    /// Whether a part of the root is selected without the pelvis as a joint.
     pub fn has_part_of_root(&self) -> bool {
-        (self.path || self.height || self.tilt) && !(self.path && self.height && self.joints.contains(&0))
+        (self.path || self.height || self.tilt) && !self.joints.contains(&0)
     }
 }
 
 /// Parses a joint list such as `13`, `18`, `24`, `root,right_arm` or `left_knee,7`.
 ///
 /// The list is one of the numbers `13`, `18` and `24`, or parts separated by commas: a group of [`GROUPS`], one of
-/// [`ROOT_PARTS`], an SMPL joint name in any letter case, or a joint id. `head` is the group. Names of another rig, also as `rig:NAME`, must be
-/// translated first by [`to_smpl_names`].
+/// [`ROOT_PARTS`], an SMPL joint name in any letter case, or a joint id. `head` is the group. Names of another rig, also as
+/// `rig:NAME`, must be translated first by [`to_smpl_names`].
 ///
 /// # Errors
 /// [`Unsupported`](kinelm_store::Error::Unsupported) for an unknown part; the message lists groups and joints.

@@ -178,8 +178,8 @@ impl DanceArgs {
         })
     }
 
-    /// The files to write. Refuses, before anything is read, what can't be written: `edited` is whether a clip is edited, `embed` whether the dance goes
-    /// into its prompt.
+    /// The files to write. Refuses, before anything is read, what can't be written: `edited` is whether a clip is edited,
+    /// `embed` whether the dance goes into its prompt.
     pub fn outs(&self, edited: bool, prompt: Option<&Path>, embed: bool) -> Result<Vec<PathBuf>> {
         let Some(out) = &self.out else { wrong_call!("no --out FILE; expected where the dance goes") };
         let extension = writable_into(out, embed)?;

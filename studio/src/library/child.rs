@@ -64,21 +64,17 @@ fn made_of(answer: &[u8]) -> Option<Result<&[u8]>> {
 
 /// The text of a figure, or the reason why there is none, from an answer to [`Work::Figure`].
 pub fn figure_of(answer: &[u8]) -> Option<Result<String>> {
-    match made_of(answer)? {
-        Ok(made) => String::from_utf8(made.to_vec()).ok().map(Ok),
-        Err(why) => Some(Err(why)),
-    }
+    made_of(answer)?.map(|made| String::from_utf8(made.to_vec()).ok()).transpose()
 }
 
 /// A file, or the reason why there is none, from an answer to [`Work::Derived`].
 pub fn derived_of(answer: &[u8]) -> Option<Result<Derived>> {
-    let made = match made_of(answer)? {
-        Ok(made) => made,
-        Err(why) => return Some(Err(why)),
+    let parsed = |made: &[u8]| {
+        let line = made.iter().position(|byte| *byte == b'\n')?;
+        let to_stage = serde_json::from_slice(&made[..line]).ok()?;
+        Some(Derived { to_stage, bytes: made[line + 1..].to_vec() })
     };
-    let line = made.iter().position(|byte| *byte == b'\n')?;
-    let to_stage = serde_json::from_slice(&made[..line]).ok()?;
-    Some(Ok(Derived { to_stage, bytes: made[line + 1..].to_vec() }))
+    made_of(answer)?.map(parsed).transpose()
 }
 
 /// The limits of the process.

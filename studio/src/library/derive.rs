@@ -7,7 +7,7 @@ use kinelm_motion::convert::{TargetRig, on_rig};
 use kinelm_motion::format::{self, ReadOptions};
 use kinelm_motion::mirror::Mirror;
 use kinelm_motion::resample::{Method, resample};
-use kinelm_motion::{Clip, Motion, Source};
+use kinelm_motion::{Motion, Source};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -47,17 +47,17 @@ impl Change {
         format!("{of}{mirrored}{retimed}")
     }
 
-    fn of(self, motion: Motion) -> Result<Motion> {
-        let mut clip = motion.clip.clone();
+    fn of(self, mut motion: Motion) -> Result<Motion> {
         if self.mirror {
-            clip = Mirror::new(motion.humanoid()?)?.apply(&clip)?;
+            let clip = Mirror::new(motion.humanoid()?)?.apply(&motion.clip)?;
+            motion = motion.with_clip(clip);
         }
         if let Some(speed) = self.speed {
-            let (root, rotations) = (clip.root().to_vec(), clip.rotations().to_vec());
-            let retimed = Clip::new(clip.skeleton().clone(), clip.fps() * speed, root, rotations)?;
-            clip = resample(&retimed, clip.fps(), Method::Auto)?;
+            let fps = motion.clip.fps();
+            let clip = resample(&motion.clip.clone().with_fps(fps * speed)?, fps, Method::Auto)?;
+            motion = motion.with_clip(clip);
         }
-        Ok(motion.with_clip(clip))
+        Ok(motion)
     }
 }
 
@@ -131,13 +131,12 @@ impl Library {
         let character = self.character_of(id).ok_or_else(none)?;
         let source = self.source(id)?;
         let (path, read) = self.original(&character)?;
-        let name = name.to_owned();
-        let wanted = Wanted { name, read, floor_m: source.floor_m, change: Change::default(), onto: None };
-        if character == id {
-            return self.derived(&path, wanted);
-        }
-        let onto = Some((path, wanted.read));
-        self.derived(&source.path, Wanted { read: source.read, onto, ..wanted })
+        let (file, read, onto) = match character == id {
+            true => (path, read, None),
+            false => (source.path, source.read, Some((path, read))),
+        };
+        let (name, change) = (name.to_owned(), Change::default());
+        self.derived(&file, Wanted { name, read, floor_m: source.floor_m, change, onto })
     }
 
     /// A changed clip, as a file of this name without an extension: in the file of its character if it has one, else a BVH.
@@ -178,6 +177,7 @@ impl Library {
 mod tests {
     use super::*;
     use crate::fixture;
+    use kinelm_motion::Clip;
 
     #[test]
     fn a_clip_is_mirrored_and_retimed() {

@@ -76,8 +76,7 @@ impl Reader {
     /// # Errors
     /// Those of [`Reader::read`], those of [`Wanted::text`], and a process that crashes or takes too long.
     pub fn figure(&self, file: &Path, wanted: Wanted, out: &Path, stop: &AtomicBool) -> Result<String> {
-        let (found, status) = self.answer(file, Work::Figure(Box::new(wanted)), out, stop)?;
-        found.as_deref().and_then(figure_of).unwrap_or_else(|| Err(Error::Conflict(self.why_none(file, status))))
+        self.made(file, Work::Figure(Box::new(wanted)), out, stop, figure_of)
     }
 
     /// A file that is made of others; `out` is the file for it, which is removed afterwards.
@@ -85,8 +84,20 @@ impl Reader {
     /// # Errors
     /// Those of [`Reader::read`], those of [`derive::Wanted::made`], and a process that crashes or takes too long.
     pub fn derived(&self, file: &Path, wanted: derive::Wanted, out: &Path, stop: &AtomicBool) -> Result<Derived> {
-        let (found, status) = self.answer(file, Work::Derived(Box::new(wanted)), out, stop)?;
-        found.as_deref().and_then(derived_of).unwrap_or_else(|| Err(Error::Conflict(self.why_none(file, status))))
+        self.made(file, Work::Derived(Box::new(wanted)), out, stop, derived_of)
+    }
+
+    /// What a process makes, which `of` finds in its answer.
+    fn made<T>(
+        &self,
+        file: &Path,
+        work: Work,
+        out: &Path,
+        stop: &AtomicBool,
+        of: fn(&[u8]) -> Option<Result<T>>,
+    ) -> Result<T> {
+        let (found, status) = self.answer(file, work, out, stop)?;
+        found.as_deref().and_then(of).unwrap_or_else(|| Err(Error::Conflict(self.why_none(file, status))))
     }
 
     /// Runs a process and reads its answer. Returns its exit status too; `None` if it took too long.

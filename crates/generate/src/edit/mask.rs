@@ -68,7 +68,7 @@ impl Mask {
             let wrong = |why: String| Error::unsupported(Subject::of_parameter(name).with(span), why);
             let list = joints::to_smpl_names(&span.joints, rig, map).map_err(|e| wrong(e.to_string()))?;
             let selection = joints::parse(&list).map_err(|e| wrong(e.to_string()))?;
-            if selection.has_part_of_root() && !selection.joints.contains(&0) {
+            if selection.has_part_of_root() {
                 return Err(wrong(IN_PART.into()));
             }
             let Selection { joints, .. } = selection;

@@ -74,25 +74,13 @@ impl PreparedPrompt {
         frames: Option<usize>,
         tokenizer: &Tokenizer,
     ) -> Result<PreparedPrompt> {
-        let drawn = path::is_path(&request.path) && request.timeline.is_none();
-        let (text, mut clip) = if drawn {
-            let own = input::bytes(&request.path).map_err(Error::io(&request.path))?;
-            let text: Arc<[u8]> = path::to_json(&request.path, &own, tokenizer.fps())?.into();
-            // all of it is in a rest pose, whose feet slide along the way
-            request.read.rest = RestFrame::Keep;
-            request.read.floor = Some(0.0);
-            let clip = PromptClip::parse(&path::name(&request.path), &text, &request.read, tokenizer)?;
-            (text, PromptClip { sha256: hash::of(&own), ..clip })
+        let (text, mut clip) = if path::is_path(&request.path) && request.timeline.is_none() {
+            drawn(request, tokenizer)?
         } else {
             let text = bytes(request, layout)?;
             let clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
             (text, clip)
         };
-        if drawn && (request.joints.as_deref() != Some("path") || request.edit.is_some()) {
-            let found = request.joints.as_deref().unwrap_or("none");
-            let why = "a .csv is a path over the floor: all that it gives is `path`";
-            return Err(Error::unsupported(Subject::of_parameter("joints").with(found), why));
-        }
         // map, floor and up axis are settled here, so that they aren't estimated again, least of all from the dance
         let found = clip.motion.humanoid().ok().map(Humanoid::found).filter(|found| found.is_of_clip());
         if let Some(map) = found.map(|found| found.map.to_toml()) {
@@ -135,6 +123,22 @@ impl PreparedPrompt {
         };
         Ok(PreparedPrompt { clip, selection, given, beginning, frames, edit: prepared })
     }
+}
+
+/// A drawn path as a clip, and its bytes.
+fn drawn(request: &mut PromptRequest, tokenizer: &Tokenizer) -> Result<(Arc<[u8]>, PromptClip)> {
+    if request.joints.as_deref() != Some("path") || request.edit.is_some() {
+        let found = request.joints.as_deref().unwrap_or("none");
+        let why = "a .csv is a path over the floor: all that it gives is `path`";
+        return Err(Error::unsupported(Subject::of_parameter("joints").with(found), why));
+    }
+    let own = input::bytes(&request.path).map_err(Error::io(&request.path))?;
+    let text: Arc<[u8]> = path::to_json(&request.path, &own, tokenizer.fps())?.into();
+    // all of it is in a rest pose, whose feet slide along the way
+    request.read.rest = RestFrame::Keep;
+    request.read.floor = Some(0.0);
+    let clip = PromptClip::parse(&path::name(&request.path), &text, &request.read, tokenizer)?;
+    Ok((text, PromptClip { sha256: hash::of(&own), ..clip }))
 }
 
 /// The bytes of the prompt's file, or of the clip that a timeline is composed into.

@@ -20,7 +20,7 @@ use crate::request::{FootMode, Placement, Rig, UncodedJoints};
 use kinelm_motion::feet::FootLock;
 use kinelm_motion::format::{self, Changed, ReadOptions, RestFrame};
 use kinelm_motion::resample::{Method, resample_held};
-use kinelm_motion::{Clip, Motion, Vec3};
+use kinelm_motion::{Clip, Motion};
 use kinelm_tokenizer::{UncodedPose, Words};
 use std::path::Path;
 use std::sync::Arc;
@@ -50,19 +50,6 @@ impl Generated {
             None => format::to_bytes(out, &self.motion)?,
         })
     }
-}
-
-/// A dance whose x and z are those of a clip, as long as that lasts; then it goes on from there.
-fn on_path(dance: &Clip, clip: &Clip) -> kinelm_motion::Result<Clip> {
-    let known = clip.frames().min(dance.frames());
-    let Some(last) = known.checked_sub(1) else { return Ok(dance.clone()) };
-    let off = clip.root()[last] - dance.root()[last];
-    let placed = |(frame, place): (usize, &Vec3)| match clip.root().get(frame) {
-        Some(given) => Vec3::new(given.x, place.y, given.z),
-        None => Vec3::new(place.x + off.x, place.y, place.z + off.z),
-    };
-    let root = dance.root().iter().enumerate().map(placed).collect();
-    Clip::new(dance.skeleton().clone(), dance.fps(), root, dance.rotations().to_vec())
 }
 
 impl OpenRequest {
@@ -152,7 +139,7 @@ impl OpenRequest {
                 match &prompt.selection {
                     // steps are coded from the heading, which a tilt that isn't given turns a little
                     Some(selection) if selection.path && !selection.joints.contains(&0) => {
-                        Ok(on_path(&clip, &prompt.clip.clip)?)
+                        placement::on_path(&clip, &prompt.clip.clip)
                     }
                     _ => Ok(clip),
                 }

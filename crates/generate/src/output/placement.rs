@@ -42,6 +42,22 @@ impl Placement {
     }
 }
 
+/// A dance whose x and z are those of a clip, as long as that lasts; then it goes on from there.
+///
+/// # Errors
+/// None for a decoded clip.
+pub(super) fn on_path(dance: &Clip, clip: &Clip) -> Result<Clip> {
+    let known = clip.frames().min(dance.frames());
+    let Some(last) = known.checked_sub(1) else { return Ok(dance.clone()) };
+    let off = clip.root()[last] - dance.root()[last];
+    let placed = |(frame, place): (usize, &Vec3)| match clip.root().get(frame) {
+        Some(given) => Vec3::new(given.x, place.y, given.z),
+        None => Vec3::new(place.x + off.x, place.y, place.z + off.z),
+    };
+    let root = dance.root().iter().enumerate().map(placed).collect();
+    Ok(Clip::new(dance.skeleton().clone(), dance.fps(), root, dance.rotations().to_vec())?)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -270,7 +270,7 @@ fn place(
     let twice = joints::ambiguous_names(&segment.joints, rig.clip.skeleton(), rig.map());
     notes.extend(twice.iter().map(|(part, own)| joints::ambiguity_note(part, own)));
     let selection = joints::parse(&list).map_err(wrong)?;
-    if selection.has_part_of_root() && !selection.joints.contains(&0) {
+    if selection.has_part_of_root() {
         let found = format!("joints = \"{}\": {IN_PART}", segment.joints);
         return Err(Fault::Segment(index, found, "joints of the rig, or root".into()));
     }

@@ -30,7 +30,7 @@ use std::path::Path;
 pub(super) fn motion_to_bytes(path: &Path, motion: &Motion, changed: Option<&Changed>) -> Result<Vec<u8>> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     match &motion.source {
-        Source::Glb(source) if source.fits(&motion.clip) => {
+        Source::Glb(source) if motion.clip.is_on(&source.skeleton) => {
             onto::onto(source, (&motion.path, &name), &motion.clip, changed)
         }
         _ => to_bytes(&[(&name, &motion.clip)]),

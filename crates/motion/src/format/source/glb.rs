@@ -2,7 +2,7 @@
 
 use super::vrm::TPose;
 use crate::format::Axes;
-use crate::{Clip, Quat, Skeleton, Vec3};
+use crate::{Quat, Skeleton, Vec3};
 use std::sync::Arc;
 
 /// A GLB with a mesh, and where a clip's joints are in it.
@@ -53,10 +53,5 @@ impl GlbSource {
         let [x, y, z] = columns.map(|c| [c.x, c.y, c.z, 0.0]);
         let all = [x, y, z, [0.0, 0.0, 0.0, 1.0]].concat();
         std::array::from_fn(|i| all[i])
-    }
-
-    /// Whether a clip is on this file's rig.
-    pub(crate) fn fits(&self, clip: &Clip) -> bool {
-        Arc::ptr_eq(clip.skeleton(), &self.skeleton) || **clip.skeleton() == *self.skeleton
     }
 }

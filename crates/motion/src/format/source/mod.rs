@@ -97,7 +97,7 @@ impl Motion {
     /// The VRM on whose rig it is, if it is on one's.
     pub(crate) fn avatar(&self) -> Option<&GlbSource> {
         match &self.source {
-            Source::Glb(glb) if glb.vrm.is_some() && glb.fits(&self.clip) => Some(glb),
+            Source::Glb(glb) if glb.vrm.is_some() && self.clip.is_on(&glb.skeleton) => Some(glb),
             _ => None,
         }
     }

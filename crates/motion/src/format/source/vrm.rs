@@ -2,7 +2,7 @@
 //!
 //! Source: VRM Consortium, VRMC_vrm-1.0 (humanoid.md, tpose.md) and VRMC_vrm_animation-1.0.
 
-use crate::{Clip, Quat, Skeleton, Vec3};
+use crate::{Quat, Skeleton, Vec3};
 use std::sync::{Arc, LazyLock};
 
 /// A bone of VRM's humanoid. The eyes, which no animation file has, are left out.
@@ -28,7 +28,8 @@ const MIDDLE: [(&str, &str, Option<usize>, bool); 7] = [
     ("head", "neck", Some(15), true),
     ("jaw", "head", None, false),
 ];
-/// Those of a side, without `left` or `right`; the SMPL joint is the left one. A bone above that has a side begins with a capital.
+/// Those of a side, without `left` or `right`; the SMPL joint is the left one. A bone above that has a side begins with a
+/// capital.
 const SIDE: [(&str, &str, usize, bool); 8] = [
     ("UpperLeg", "hips", 1, true),
     ("LowerLeg", "UpperLeg", 4, true),
@@ -179,13 +180,6 @@ pub struct VrmaSource {
     pub(crate) pose: TPose,
     /// The floor found before a clip was put on this rig, metres; retargeting doesn't move it.
     pub(crate) floor_m: Option<f64>,
-}
-
-impl VrmaSource {
-    /// Whether a clip is on this rig.
-    pub(crate) fn fits(&self, clip: &Clip) -> bool {
-        Arc::ptr_eq(clip.skeleton(), &self.skeleton) || **clip.skeleton() == *self.skeleton
-    }
 }
 
 #[cfg(test)]

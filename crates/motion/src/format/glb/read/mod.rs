@@ -35,9 +35,19 @@ const FPS: f64 = 30.0;
 /// [`FaultKind::NotFinite`], [`FaultKind::TooLarge`].
 pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let document = Document::parse(path, bytes)?;
-    let tree = Tree::new(&document)?;
-    let mut warnings = Vec::new();
     let humanoid = Humanoid::of(&document)?;
+    motion((path, bytes), &document, humanoid, options)
+}
+
+/// The motion of a file with this document.
+fn motion(
+    (path, bytes): (&Path, &[u8]),
+    document: &Document,
+    humanoid: Option<Humanoid>,
+    options: &ReadOptions,
+) -> Result<Motion> {
+    let tree = Tree::new(document)?;
+    let mut warnings = Vec::new();
     // an avatar has joints beside its bones, and an animation has nodes that are no joints
     let bones: Vec<usize> = match &humanoid {
         Some(Humanoid { kind: Kind::Animation { has_face }, bones }) => {
@@ -49,7 +59,7 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
     let Chosen { nodes: joints, root } = tree.figure(&bones, options.root.as_deref(), &mut warnings)?;
     let figure = Figure { roles: humanoid.as_ref().map(|of| vrm::roles_of(of, &joints)), ..tree.at_rest(&joints)? };
     let of_figure: BTreeSet<usize> = joints.iter().flat_map(|&joint| tree.upwards(joint)).collect();
-    let take = take(&document, &of_figure, options.take.as_deref(), &mut warnings)?;
+    let take = take(document, &of_figure, options.take.as_deref(), &mut warnings)?;
     let Frames { step_fps, fps, count } = match &take {
         None => {
             warnings.push(Warning { kind: "no_animation", what: "no animation: its pose is read as one frame".into() });
@@ -116,8 +126,9 @@ pub fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> 
 /// Those of [`read`]; [`FaultKind::NotThisFormat`] for a GLB that is none.
 pub fn read_vrma(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Motion> {
     let document = Document::parse(path, bytes)?;
-    match Humanoid::of(&document)?.map(|of| (of.kind, of.bones.len())) {
-        Some((Kind::Animation { .. }, 1..)) => read(path, bytes, options),
+    let humanoid = Humanoid::of(&document)?;
+    match humanoid.as_ref().map(|of| (of.kind, of.bones.len())) {
+        Some((Kind::Animation { .. }, 1..)) => motion((path, bytes), &document, humanoid, options),
         Some((Kind::Animation { .. }, 0)) => {
             Err(document.fault("a VRM animation without humanoid bones".into(), "one that moves a body"))
         }

@@ -33,7 +33,7 @@ const STILL: f64 = 1e-5;
 pub fn motion_to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let (pose, floor) = match &motion.source {
-        Source::Vrma(source) if source.fits(&motion.clip) => {
+        Source::Vrma(source) if motion.clip.is_on(&source.skeleton) => {
             // an animation that was read stands on the floor of its format
             (Cow::Borrowed(&source.pose), source.floor_m.map_or(0.0, |floor| floor - source.pose.sole_m))
         }

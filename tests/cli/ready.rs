@@ -46,11 +46,11 @@ fn it_dances_along_a_path() {
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("walk.csv"), "seconds,x,z\n0,1,0\n1,1,1\n2,2,1\n").unwrap();
     let along = call(dir.path(), "generate --path walk.csv --fps 20 --out a.bvh").assert().success();
-    along.stderr(contains("floor").not());
+    along.stderr(contains("floor").not().and(contains("off its path by")));
     let clip = read(&dir.path().join("a.bvh"));
     for (frame, [x, z]) in [(0, [1.0, 0.0]), (20, [1.0, 1.0]), (40, [2.0, 1.0])] {
         let at = clip.root()[frame];
-        assert!((at.x - x).abs() < 1e-3 && (at.z - z).abs() < 1e-3, "{frame}: {at}");
+        assert!((at.x - x).hypot(at.z - z) < 0.15, "{frame}: {at}");
     }
     assert_eq!(clip.frames(), 41);
     call(dir.path(), "again a.bvh.kinelm.json --out b.bvh").assert().success();

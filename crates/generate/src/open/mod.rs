@@ -121,6 +121,10 @@ impl OpenRequest {
         if run.config.kind == ModelKind::Masked && resolved.passes.is_none() {
             return Err(Error::missing("`passes`", "the model is masked: say how many times it reads a window"));
         }
+        if run.config.kind == ModelKind::Masked && prompt.as_ref().is_some_and(|prompt| prompt.way.is_some()) {
+            let why = "a masked model fills whole windows and can't be led step by step; give a clip's path (`joints`)";
+            return Err(Error::unsupported("a drawn path", why));
+        }
         check_frames(resolved.lead_in)?;
         check_candidates(&resolved)?;
         let limits = (resolved.look_ahead > 1).then(|| Limits::load(&resolved.run)).transpose()?;

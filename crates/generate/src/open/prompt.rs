@@ -3,7 +3,7 @@
 use crate::edit::{PreparedEdit, lengthen};
 use crate::prompt::{PromptClip, given_characters, path};
 use crate::request::PromptRequest;
-use crate::sampler::has_given_after_free;
+use crate::sampler::{Way, has_given_after_free};
 use crate::timeline::TimelineLayout;
 use crate::{Error, Result};
 use kinelm_motion::Source;
@@ -27,6 +27,8 @@ pub struct PreparedPrompt {
     pub beginning: Vec<u32>,
     /// Frames of which something is given: all if joints are, those of the first words if they are, else none.
     pub frames: usize,
+    /// The way that is danced along, if the prompt is one.
+    pub way: Option<Arc<Way>>,
     /// The given and the generated parts, if the clip is edited.
     pub edit: Option<PreparedEdit>,
 }
@@ -74,9 +76,10 @@ impl PreparedPrompt {
         frames: Option<usize>,
         tokenizer: &Tokenizer,
     ) -> Result<PreparedPrompt> {
-        let (text, mut clip) = if path::is_path(&request.path) && request.timeline.is_none() {
-            drawn(request, tokenizer)?
-        } else {
+        if path::is_path(&request.path) && request.timeline.is_none() {
+            return drawn(request, tokenizer);
+        }
+        let (text, mut clip) = {
             let text = bytes(request, layout)?;
             let clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
             (text, clip)
@@ -121,24 +124,32 @@ impl PreparedPrompt {
             _ if request.lends() => 0,
             _ => clip.frames(),
         };
-        Ok(PreparedPrompt { clip, selection, given, beginning, frames, edit: prepared })
+        Ok(PreparedPrompt { clip, selection, given, beginning, frames, way: None, edit: prepared })
     }
 }
 
-/// A drawn path as a clip, and its bytes.
-fn drawn(request: &mut PromptRequest, tokenizer: &Tokenizer) -> Result<(Arc<[u8]>, PromptClip)> {
+/// A drawn path, along which all is generated.
+fn drawn(request: &mut PromptRequest, tokenizer: &Tokenizer) -> Result<PreparedPrompt> {
+    let wrong = |found: &str, why: String| Err(Error::unsupported(Subject::of_parameter("joints").with(found), why));
     if request.joints.as_deref() != Some("path") || request.edit.is_some() {
-        let found = request.joints.as_deref().unwrap_or("none");
         let why = "a .csv is a path over the floor: all that it gives is `path`";
-        return Err(Error::unsupported(Subject::of_parameter("joints").with(found), why));
+        return wrong(request.joints.as_deref().unwrap_or("none"), why.into());
     }
     let own = input::bytes(&request.path).map_err(Error::io(&request.path))?;
-    let text: Arc<[u8]> = path::to_json(&request.path, &own, tokenizer.fps())?.into();
+    let text = path::to_json(&request.path, &own, tokenizer.fps())?;
     // all of it is in a rest pose, whose feet slide along the way
     request.read.rest = RestFrame::Keep;
     request.read.floor = Some(0.0);
     let clip = PromptClip::parse(&path::name(&request.path), &text, &request.read, tokenizer)?;
-    Ok((text, PromptClip { sha256: hash::of(&own), ..clip }))
+    let way = match Way::of(&clip.words, tokenizer) {
+        Ok(way) => Some(Arc::new(way)),
+        Err(e) => {
+            return wrong("path", format!("the model's tokenizer codes no steps over the floor that can be led: {e}"));
+        }
+    };
+    let clip = PromptClip { sha256: hash::of(&own), ..clip };
+    let selection = Some(joints::parse("path")?);
+    Ok(PreparedPrompt { clip, selection, given: Vec::new(), beginning: Vec::new(), frames: 0, way, edit: None })
 }
 
 /// The bytes of the prompt's file, or of the clip that a timeline is composed into.

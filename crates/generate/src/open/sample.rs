@@ -100,6 +100,7 @@ impl OpenRequest {
             }
             plan.beginnings = Some(prompt.beginning.clone()).into_iter().filter(|ids| !ids.is_empty()).collect();
             plan.given.clone_from(&prompt.given);
+            plan.way.clone_from(&prompt.way);
         }
         if let Some((prompt, edit)) = edit {
             (plan.given, plan.lookahead) = edit.given(prompt.clip.words.len());

@@ -15,7 +15,7 @@ impl OpenRequest {
         if request.seeding == Seeding::Seed {
             return 0;
         }
-        let given = self.prompt.as_ref().filter(|prompt| !prompt.lends());
+        let given = self.prompt.as_ref().filter(|prompt| !prompt.lends() || prompt.way.is_some());
         let prompt = given.map(|prompt| format!("prompt {}", prompt.clip.sha256));
         let from_s = request.music.as_ref().map_or(0.0, |music| music.from_s);
         let music = self.music.as_ref().map(|music| format!("music {} from {from_s}", music.sha256));

@@ -130,6 +130,9 @@ impl OpenRequest {
     fn placed(&self, clip: Clip) -> Result<Clip> {
         let clip = self.without_lead_in(&clip)?;
         let clip = clip.slice(0..self.frames.min(clip.frames()));
+        if let Some(prompt) = self.prompt.as_ref().filter(|prompt| prompt.way.is_some()) {
+            return placement::along(&clip, &prompt.clip.clip);
+        }
         match (&self.prompt, self.resolved.placement) {
             (Some(prompt), Some(placement)) => {
                 let given = RootGiven::by(prompt);

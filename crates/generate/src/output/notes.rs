@@ -2,11 +2,13 @@
 
 use super::Generated;
 use super::distance::given_distance;
+use super::placement::off_way;
 use crate::Result;
 use crate::edit::gap::ClosingError;
 use crate::edit::loop_seam::roughness;
 use crate::open::OpenRequest;
 use crate::prompt;
+use kinelm_motion::resample::{Method, resample_held};
 use kinelm_store::counted;
 use kinelm_tokenizer::Words;
 use std::path::Path;
@@ -29,6 +31,16 @@ impl Generated {
             notes.push(format!(
                 "{warning}the seam of the loop jerks by {seam:.0} m/s³; 99 of 100 given frames by less than {usual:.0}"
             ));
+        }
+        if let Some(prompt) = open.prompt.as_ref().filter(|prompt| prompt.way.is_some()) {
+            let way = resample_held(&prompt.clip.clip, self.motion.clip.fps(), Method::Smooth).ok();
+            if let Some([mean_m, most_m, mean, most]) = way.and_then(|way| off_way(&self.motion.clip, &way)) {
+                notes.push(format!(
+                    "off its path by {:.1} cm on average, {:.1} at most, and by {mean:.1} degrees, {most:.1} at most",
+                    100.0 * mean_m,
+                    100.0 * most_m
+                ));
+            }
         }
         notes.extend(self.locked.iter().flat_map(|locked| locked.notes(self.locked_fps)));
         notes

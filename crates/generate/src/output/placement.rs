@@ -58,6 +58,44 @@ pub(super) fn on_path(dance: &Clip, clip: &Clip) -> Result<Clip> {
     Ok(Clip::new(dance.skeleton().clone(), dance.fps(), root, dance.rotations().to_vec())?)
 }
 
+/// A dance turned and moved over the floor to where it is nearest to the way of a clip, in place and heading: by least squares
+/// over their frames (Umeyama, "Least-squares estimation of transformation parameters between two point patterns", 1991,
+/// without scale). A step that way counts as much as a radian.
+///
+/// # Errors
+/// None for a decoded clip.
+pub(super) fn along(dance: &Clip, way: &Clip) -> Result<Clip> {
+    let frames = dance.frames().min(way.frames());
+    let facing = |clip: &Clip, frame: usize| heading(clip.pose(frame)[0]).map(|h| Vec3::new(h.sin(), 0.0, h.cos()));
+    let mean = |clip: &Clip| clip.root()[..frames].iter().fold(Vec3::ZERO, |sum, p| sum + *p) / frames.max(1) as f64;
+    let (from, to) = (mean(dance), mean(way));
+    let places = (0..frames).map(|f| (dance.root()[f] - from, way.root()[f] - to));
+    let facings = (0..frames).filter_map(|f| facing(dance, f).zip(facing(way, f)));
+    let (across, along) = places
+        .chain(facings)
+        .fold((0.0, 0.0), |(across, along), (a, b)| (across + a.z * b.x - a.x * b.z, along + a.x * b.x + a.z * b.z));
+    let turn = Quat::from_rotation_y(across.atan2(along));
+    let there = |p: &Vec3| (turn * (*p - from.with_y(0.0))) + to.with_y(0.0);
+    let mut rotations = dance.rotations().to_vec();
+    rotations.iter_mut().step_by(dance.joints()).for_each(|pelvis| *pelvis = turn * *pelvis);
+    Ok(Clip::new(dance.skeleton().clone(), dance.fps(), dance.root().iter().map(there).collect(), rotations)?)
+}
+
+/// How far a dance is from the way of a clip at the same rate: mean and largest distance, metres, and the same of headings,
+/// degrees. `None` without frames.
+pub(super) fn off_way(dance: &Clip, way: &Clip) -> Option<[f64; 4]> {
+    let frames = dance.frames().min(way.frames());
+    let off = (0..frames).map(|f| {
+        let place = (dance.root()[f] - way.root()[f]).with_y(0.0).length();
+        let turn = heading(dance.pose(f)[0]).zip(heading(way.pose(f)[0])).map_or(0.0, |(a, b)| a - b);
+        [place, turn.sin().atan2(turn.cos()).abs().to_degrees()]
+    });
+    let off: Vec<[f64; 2]> = off.collect();
+    let mean = |i: usize| off.iter().map(|both| both[i]).sum::<f64>() / frames as f64;
+    let most = |i: usize| off.iter().map(|both| both[i]).fold(0.0, f64::max);
+    (frames > 0).then(|| [mean(0), most(0), mean(1), most(1)])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -80,6 +118,21 @@ mod tests {
             assert!(((a[i] - a[j]).length() - (b[i] - b[j]).length()).abs() < 1e-9);
             assert!((a[i].y - b[i].y).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_dance_is_moved_to_its_way_wherever_it_was_decoded() {
+        let way = dance();
+        let elsewhere = Placement { x: 3.0, z: -2.0, heading: Some(2.5) };
+        let away = elsewhere.put(&way, RootGiven { path: false, heading: false }).unwrap();
+        assert!(off_way(&away, &way).unwrap()[0] > 1.0);
+        let [_, most_m, _, most] = off_way(&along(&away, &way).unwrap(), &way).unwrap();
+        assert!(most_m < 1e-9 && most < 1e-6, "{most_m} {most}");
+        // longer than its way, and with none of it
+        let half = way.slice(0..way.frames() / 2);
+        assert!(off_way(&along(&away, &half).unwrap(), &way).unwrap()[1] < 1e-9);
+        assert_eq!(off_way(&away, &way.slice(0..0)), None);
+        assert!(along(&away, &way.slice(0..0)).unwrap().root().iter().all(|place| place.is_finite()));
     }
 
     #[test]

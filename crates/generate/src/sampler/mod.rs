@@ -14,6 +14,7 @@ mod look_ahead;
 mod model;
 mod plan;
 mod sequence;
+mod way;
 
 pub use first_frames::FIRST_FRAMES;
 pub(crate) use first_frames::has_given_after_free;
@@ -22,6 +23,7 @@ pub use look_ahead::{Chooser, LookAhead};
 pub(crate) use model::check_f32;
 pub use model::{NextToken, reader, readers};
 pub use plan::{GUESSES, MOST_FRAMES, SamplingPlan, check_frames, variation_seed};
+pub use way::Way;
 
 use crate::{Error, Result};
 use kinelm_model::Logits;

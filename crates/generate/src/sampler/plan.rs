@@ -3,6 +3,7 @@
 use super::guidance::{self, Guidance};
 use super::look_ahead::LookAhead;
 use super::model::NextToken;
+use super::way::Way;
 use crate::sampling::Sampling;
 use crate::{Error, Result};
 use kinelm_model::goal::GoalTrack;
@@ -57,6 +58,8 @@ pub struct SamplingPlan {
     /// Scale of guidance towards the goals: 1 is the model as trained, 0 leaves the goals out, other numbers take twice the
     /// time.
     pub goal_guidance: f64,
+    /// The way that the root keeps close to, from the end of the lead-in on.
+    pub way: Option<Arc<Way>>,
     /// (words, M) conditioning on music; empty: none.
     pub music: Vec<f32>,
     /// How free characters are sampled.
@@ -90,6 +93,7 @@ impl SamplingPlan {
             guidance: None,
             goals: None,
             goal_guidance: 1.0,
+            way: None,
             music: Vec::new(),
             sampling,
             seed,

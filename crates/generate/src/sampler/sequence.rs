@@ -2,6 +2,7 @@
 
 use super::goals::GoalConditioning;
 use super::look_ahead::block_seed;
+use super::way::Follower;
 use super::{NextToken, SamplingPlan};
 use crate::Result;
 use crate::sampling;
@@ -52,6 +53,7 @@ pub(super) struct Sequence {
     /// Whether all of that is scored.
     is_scored: bool,
     goals: Option<GoalConditioning>,
+    way: Option<Follower>,
     /// Tokens guessed so far.
     pub guessed: u64,
     /// The number of right guesses.
@@ -70,6 +72,7 @@ pub(super) struct Continuation {
     lookahead: Vec<(usize, u32)>,
     looked_ahead: usize,
     goals: Option<GoalConditioning>,
+    way: Option<Follower>,
 }
 
 impl Sequence {
@@ -100,6 +103,7 @@ impl Sequence {
             log_likelihood: 0.0,
             is_scored: false,
             goals: plan.used_goals().cloned().map(GoalConditioning::new),
+            way: plan.way.clone().map(|way| Follower::new(way, plan.lead_in)),
             guessed: 0,
             right: 0,
             plan,
@@ -127,6 +131,7 @@ impl Sequence {
             lookahead: self.lookahead.clone(),
             looked_ahead: self.looked_ahead,
             goals: self.goals.clone(),
+            way: self.way.clone(),
         }
     }
 
@@ -142,6 +147,7 @@ impl Sequence {
         self.lookahead.clone_from(&other.lookahead);
         self.looked_ahead = other.looked_ahead;
         self.goals.clone_from(&other.goals);
+        self.way.clone_from(&other.way);
     }
 
     /// The ids of some words.
@@ -456,8 +462,17 @@ impl Sequence {
     }
 
     /// The token of the next slot, which is free.
-    fn sample(&self, logits: &[f32], guided: Option<(f64, &[f32])>) -> Result<u32> {
+    fn sample(&mut self, logits: &[f32], guided: Option<(f64, &[f32])>) -> Result<u32> {
         let (word, slot) = (self.words(), self.slot);
+        let pull = self.way.as_mut().and_then(|way| way.pull(word, slot.tokens, &self.ids));
+        let pulled = pull.map(|pull| {
+            let on = |logits: &[f32]| (0..).zip(logits).map(|(id, logit)| logit + pull(id)).collect::<Vec<f32>>();
+            (on(logits), guided.map(|(scale, conditioned)| (scale, on(conditioned))))
+        });
+        let (logits, guided) = match &pulled {
+            Some((logits, guided)) => (&logits[..], guided.as_ref().map(|(scale, logits)| (*scale, &logits[..]))),
+            None => (logits, guided),
+        };
         // a first word that is chosen by what is given in it is that of all candidates
         let seed = if word == 0 && self.plan.has_chosen_first_word() { self.dance_seed } else { self.seed };
         self.plan.draw(seed, (word, slot), logits, guided, &self.recent(slot.tokens))

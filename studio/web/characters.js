@@ -9,6 +9,11 @@ const MOST = 12;
 
 /** @type {Map<string, Character | null>} null while it comes, and where there is none */
 const known = new Map();
+/** Why some have no mesh here. @type {Map<string, string>} */
+const faults = new Map();
+
+/** @param {string} id @returns {string | undefined} why capsules stand for its mesh */
+export const whyCapsules = id => faults.get(id);
 
 /** @param {string} id of a clip or dance @param {() => void} come @returns {Character | null} */
 export function character(id, come) {
@@ -25,8 +30,10 @@ export function character(id, come) {
       }
       come();
     },
-    // capsules stand for a mesh that is packed
-    error => console.info(`${id} is drawn without its mesh: ${error.message}`),
+    error => {
+      faults.set(id, error.message);
+      come();
+    },
   );
   return null;
 }
@@ -41,4 +48,7 @@ async function fetched(id) {
 
 // It was read otherwise, or is gone.
 /** @param {string} id */
-export const forgetCharacter = id => known.delete(id);
+export const forgetCharacter = id => {
+  known.delete(id);
+  faults.delete(id);
+};

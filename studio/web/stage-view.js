@@ -188,6 +188,7 @@ function dress() {
   for (const dancer of dancers) dancer.character = dancer.isPart || dancer.loaded.live ? null : character(dancer.id, dress);
   skins?.keep(new Set(dancers.map(dancer => dancer.character)));
   stage.state.dirty = true;
+  tell('meshes');
 }
 
 /** @param {import('./scene.js').View} camera */

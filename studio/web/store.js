@@ -61,7 +61,7 @@ export const ui = {
 
 /**
  * @typedef {'clips' | 'dances' | 'jobs' | 'timeline' | 'undo' | 'music' | 'model' | 'cast' | 'selection' | 'tool' | 'frames'
- *   | 'connection'} Topic
+ *   | 'connection' | 'meshes'} Topic
  */
 
 /** @type {Map<Topic, (() => void)[]>} */

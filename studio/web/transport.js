@@ -5,6 +5,7 @@ import { find, h, icon, iconButton } from './dom.js';
 import { clock } from './format.js';
 import { thePlayer } from './music.js';
 import { film, isFilming } from './record.js';
+import { whyCapsules } from './characters.js';
 import { dancersOnStage, onFrame, stage } from './stage-view.js';
 import { characterOf, currentSet, danceOf, nameOf, on, store, ui } from './store.js';
 import { wholeTime } from './timeline-view.js';
@@ -182,9 +183,14 @@ export function openTransport() {
   });
   on(['cast', 'timeline', 'dances', 'jobs', 'clips'], modes);
   on(['cast', 'timeline', 'frames'], legend);
-  on(['cast', 'clips', 'dances'], () => {
+  on(['cast', 'clips', 'dances', 'meshes'], () => {
     const button = buttons.get('mesh');
-    if (button) button.hidden = !dancersOnStage().some(({ id }) => characterOf(id));
+    if (!button) return;
+    const dressed = dancersOnStage().filter(({ id }) => characterOf(id));
+    const fault = dressed.every(({ character }) => !character) && dressed.map(({ id }) => whyCapsules(id)).find(Boolean);
+    button.hidden = dressed.length === 0;
+    button.toggleAttribute('disabled', Boolean(fault));
+    button.title = fault ? `Capsules stand for the mesh: ${fault}` : TOGGLES.mesh.tip;
   });
 }
 

@@ -1,7 +1,8 @@
 //! kinelm's own model: what a user has who gives no run.
 
 use super::support::{kinelm_in, read, save};
-use kinelm_motion::synth;
+use kinelm_motion::format::{self, ReadOptions};
+use kinelm_motion::{Motion, synth};
 use predicates::prelude::*;
 use predicates::str::contains;
 use std::fs;
@@ -60,6 +61,39 @@ fn it_dances_along_a_path() {
     more.stderr(contains("all that it gives is --path"));
     let for_a_time = call(dir.path(), "generate --prompt a.bvh --given path@0s:1s --out c.bvh").assert().failure();
     for_a_time.stderr(contains("path, height and tilt are given throughout"));
+}
+
+#[test]
+fn a_dance_goes_into_the_file_of_a_character() {
+    let dir = tempfile::tempdir().unwrap();
+    let clip = synth::corpus(3, 1, 2.0, 30.0).unwrap().remove(0).clip;
+    let bytes = format::to_bytes(Path::new("hero.glb"), &Motion::new("hero.glb", clip)).unwrap();
+    // made by another program, a mesh is a character's
+    let at = bytes.windows(7).position(|w| w == b"kinelm ").unwrap();
+    let bytes = [&bytes[..at], b"a tool ", &bytes[at + 7..]].concat();
+    fs::write(dir.path().join("hero.glb"), &bytes).unwrap();
+    let said = call(dir.path(), "generate --onto hero.glb --seconds 1 --label genre=salsa --out salsa.glb").assert();
+    said.success().stderr(contains("salsa.glb: 30 frames"));
+    let taken = |take: &str| {
+        let options = ReadOptions { take: Some(take.into()), ..ReadOptions::default() };
+        format::read(&dir.path().join("salsa.glb"), &options).unwrap().clip.frames()
+    };
+    assert_eq!((taken("dance"), taken("salsa")), (60, 30));
+    let made = fs::read(dir.path().join("salsa.glb")).unwrap();
+    let buffer = |bytes: &[u8]| {
+        let json = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        bytes[28 + json..].to_vec()
+    };
+    assert!(buffer(&made).starts_with(&buffer(&bytes)) && made.len() > bytes.len());
+    // a name that is taken is said before anything is sampled
+    fs::create_dir(dir.path().join("new")).unwrap();
+    let taken = call(dir.path(), "generate --onto hero.glb --seconds 1 --out new/dance.glb").assert().failure();
+    taken.stderr(contains("an animation of that name is there").and(contains("continues from").not()));
+    call(dir.path(), "generate --onto hero.glb --seconds 1 --out new/dance.glb --replace-animation dance")
+        .assert()
+        .success();
+    let other = call(dir.path(), "convert salsa.glb salsa.glb new/two.glb --onto hero.glb").assert().failure();
+    other.stderr(contains("its mesh would be left out"));
 }
 
 #[test]

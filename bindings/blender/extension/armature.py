@@ -96,7 +96,7 @@ class Rig:
         world = np.array(self.obj.matrix_world, float)
         scales = np.linalg.norm(world[:3, :3], axis=0)
         if scales.max() > 1.001 * scales.min() or np.linalg.det(world[:3, :3]) <= 0:
-            raise Refused(f"{self.obj.name} is scaled by {np.round(scales, 3)}; expected one factor above 0: apply its scale")
+            raise Refused(f"{self.obj.name} is scaled by {np.round(scales, 3)} or mirrored; expected one factor above 0: apply its scale")
         self.unit = bpy.context.scene.unit_settings.scale_length
         self.scale = scales.mean() * self.unit
         quarters = np.round(np.array(self.obj.matrix_world.to_euler()) / (np.pi / 2))
@@ -136,6 +136,10 @@ class Rig:
         root = np.tile(self.scale * self.axes @ self.heads[0] if len(self.heads) else np.zeros(3), (2, 1))
         rotations = np.tile([0.0, 0.0, 0.0, 1.0], (2, len(self.names), 1))
         return self._clip(root, rotations, fps_of(bpy.context.scene))
+
+    def floor(self):
+        """How high the lowest joint of the body is at rest, where the object stands, metres: dances have it on their floor."""
+        return self.obj.matrix_world.translation.z * self.unit + (self.scale * self.heads @ self.axes.T)[:, 1].min()
 
     def read(self, frames):
         """The poses in some frames. Yields how much of it is done; a generator, as are all that take long."""
@@ -185,10 +189,9 @@ class Rig:
             if p is not None:
                 world[:, j] = world[:, p] @ world[:, j]
         inverse = np.linalg.inv(poses.objects[some])
-        turns = without_scale(inverse)[:, None] @ Y_UP.T @ world @ self.axes @ self.rest
         places = np.einsum("fab,fb->fa", inverse[:, :3, :3], clip.root[some] @ Y_UP / self.unit) + inverse[:, :3, 3]
-        posed = np.tile(np.eye(4), (*turns.shape[:2], 1, 1))
-        posed[..., :3, :3] = turns
+        posed = np.tile(np.eye(4), (*world.shape[:2], 1, 1))
+        posed[..., :3, :3] = without_scale(inverse)[:, None] @ Y_UP.T @ world @ self.axes @ self.rest
         posed[:, 0, :3, 3] = places
         if self.is_rigify:
             return (yield from self._posed_bases(poses.frames[some], posed))
@@ -208,8 +211,7 @@ class Rig:
     def _posed_bases(self, frames, posed):
         """Bases of controls that hang from others by constraints: posed level by level, as Blender evaluates them."""
         scene, controls = bpy.context.scene, [self.obj.pose.bones[name] for name in self.bones]
-        current, own = scene.frame_current, [control.matrix_basis.copy() for control in controls]
-        depths = []
+        current, own, depths = scene.frame_current, [control.matrix_basis.copy() for control in controls], []
         for p in self.parents:
             depths.append(0 if p is None else depths[p] + 1)
         all_bases = []

@@ -113,9 +113,9 @@ def _new_actions(rig, poses, clips, name, source, span):
 def _of_action(obj, first, last, work):
     """A job on frames of an object's action: `work(rig, poses, first, last, callback)` returns clips."""
     action, begin, end = actions.action_of(obj)
-    first, last = max(first, begin), min(last, end)
+    asked, (first, last) = f"{first} to {last}", (max(first, begin), min(last, end))
     if last <= first:
-        raise Refused(f"frames {first} to {last} of {action.name}, which spans {begin} to {end}; expected two or more of them")
+        raise Refused(f"frames {asked} of {action.name}, which spans {begin} to {end}; expected two or more of these")
     rig = Rig(obj)
     poses = yield from part(rig.read(range(begin, end + 1)), 0, 0.2)
     clips = yield from part(in_background(lambda callback: work(rig, poses, first - begin, last - begin, callback)), 0.2, 0.9)
@@ -148,8 +148,7 @@ def between(obj, count=1, run="", **options):
     keys = actions.selected_key_frames(action, actions.slot_of(obj))
     gaps = [(a, b) for a, b in zip(keys, keys[1:]) if b - a > 1]
     if not gaps:
-        raise Refused(f"selected keys of {action.name} are in frames {keys}; expected two with frames between them: select "
-                      "key poses in the dope sheet")
+        raise Refused(f"selected keys of {action.name} are in frames {keys}; expected two apart: select key poses")
 
     def work(rig, poses, _first, _last, callback):
         spans = [f"all@{a + 1 - begin}f:{b - begin}f" for a, b in gaps]
@@ -192,11 +191,11 @@ def dance(obj, first, seconds, labels, count=1, run="", **options):
         here = yield from part(rig.read([bpy.context.scene.frame_current]), 0, 0.1)
         clips = yield from part(in_background(lambda callback: model_of(run).variations(
             count, rig.rest_clip(), rig="prompt", seconds=seconds, labels=labels, callback=callback, **options)), 0.1, 0.9)
-        at = here.clip.root[0] * [1, 0, 1]
+        at = here.clip.root[0] * [1, 0, 1] + [0, rig.floor(), 0]
         clips = [kinelm.Clip(c.joints, c.parents, c.offsets, c.root - c.root[0] * [1, 0, 1] + at, c.rotations, c.fps)
                  for c in clips]
-        count = len(clips[0])
-        poses = Poses(here.clip, range(first, first + count), np.repeat(here.objects, count, 0), here.above * count)
+        frames = range(first, first + len(clips[0]))
+        poses = Poses(here.clip, frames, np.repeat(here.objects, len(frames), 0), here.above * len(frames))
         made = yield from part(_new_actions(rig, poses, clips, f"{obj.name} kinelm", None, None), 0.9, 1)
     except BaseException:
         actions.assign(obj, before, identifier)

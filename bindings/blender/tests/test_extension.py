@@ -288,7 +288,7 @@ class Extension(unittest.TestCase):
         obj = self.dancing()
         self.refuses("none of the selected bones", lambda: jobs.edit(obj, ["finger.L"], 33, 56))
         self.refuses("frames 200 to 96", lambda: jobs.edit(obj, ["arm.L"], 200, 300))
-        self.refuses("expected two with frames between", lambda: jobs.between(obj))
+        self.refuses("expected two apart", lambda: jobs.between(obj))
         curve = next(iter(curves_of(obj).values()))
         curve.modifiers.new("NOISE")
         self.refuses("modifier NOISE", lambda: jobs.edit(obj, ["hips"], 33, 56))

@@ -48,6 +48,14 @@ impl TargetRig {
         TargetRig::of_motion(format::parse(path, &bytes, options)?)
     }
 
+    /// The motion whose rig it is; `None` for SMPL's body.
+    pub fn motion(&self) -> Option<&Motion> {
+        match self {
+            TargetRig::Smpl(_) => None,
+            TargetRig::OfFile(motion) => Some(motion),
+        }
+    }
+
     /// The rig of a motion.
     ///
     /// # Errors

@@ -104,7 +104,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     let inputs = pairs.iter().map(|p| p.input.clone()).chain(args.read.files());
     let outputs = args.force.outputs(inputs.chain(args.rig.files()));
     outputs.check(pairs.iter().map(|p| &*p.output))?;
-    let rig = args.rig.load()?;
+    let rig = args.rig.load(say)?;
+    if let Some(program) = args.importer {
+        args.rig.check_no_character(rig.as_ref(), &format!("--for {program:?}"))?;
+    }
     let inputs: Vec<PathBuf> = pairs.iter().map(|p| p.input.clone()).collect();
     let (options, odd) = (args.read.of_files(&inputs, RestFrame::Keep, say), Odd::new(say));
     super::each_file(&inputs, say, |i, input| {

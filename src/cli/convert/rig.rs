@@ -1,7 +1,8 @@
 //! The rig that clips are put on, and how its file is read: none of the options of reading the clips.
 
-use crate::cli::WrongCall;
+use crate::cli::{Say, WrongCall, warn};
 use anyhow::Result;
+use kinelm_motion::Source;
 use kinelm_motion::convert::TargetRig;
 use kinelm_motion::format::{ReadOptions, Unit};
 use std::path::PathBuf;
@@ -30,8 +31,8 @@ pub struct RigArgs {
 }
 
 impl RigArgs {
-    /// The target rig, if there is one.
-    pub fn load(&self) -> Result<Option<TargetRig>> {
+    /// The target rig, if there is one; reports what is odd in its file.
+    pub fn load(&self, say: Say) -> Result<Option<TargetRig>> {
         let options = ReadOptions {
             map: self.onto_map.clone(),
             unit: self.onto_unit.unwrap_or_default(),
@@ -43,7 +44,29 @@ impl RigArgs {
             let what = "--onto smpl is no file; --onto-map, --onto-unit and --onto-root say how one is read";
             return Err(WrongCall(what.into()).into());
         }
-        Ok(self.onto.as_deref().map(|name| TargetRig::load(name, &options)).transpose()?)
+        let rig = self.onto.as_deref().map(|name| TargetRig::load(name, &options)).transpose()?;
+        let motion = rig.as_ref().and_then(TargetRig::motion);
+        motion.iter().for_each(|motion| warn(motion, say));
+        let is_character = motion.is_some_and(|motion| matches!(motion.source, Source::Glb(_)));
+        match &self.replace_animation {
+            Some(name) if !is_character => {
+                let what = format!("--replace-animation {name}: --onto is no .glb or .vrm with a mesh, and has none");
+                Err(WrongCall(what).into())
+            }
+            _ => Ok(rig),
+        }
+    }
+
+    /// Refuses a character for what is written without it; `what` says what that is.
+    pub fn check_no_character(&self, rig: Option<&TargetRig>, what: &str) -> Result<()> {
+        let is_character = rig.and_then(TargetRig::motion).is_some_and(|m| matches!(m.source, Source::Glb(_)));
+        if !is_character {
+            return Ok(());
+        }
+        let name = self.onto.as_deref().unwrap_or_default();
+        let what =
+            format!("--onto {name}, a character, with {what}: its mesh would be left out; leave one of them out");
+        Err(WrongCall(what).into())
     }
 
     /// The files that are read for the rig.

@@ -22,7 +22,8 @@ pub fn write_together(args: &Args, inputs: &[PathBuf], out: &Path, say: Say) -> 
     let read = inputs.iter().cloned().chain(args.read.files());
     let outputs = args.force.outputs(read.chain(args.rig.files()));
     outputs.check([out])?;
-    let rig = args.rig.load()?;
+    let rig = args.rig.load(say)?;
+    args.rig.check_no_character(rig.as_ref(), "several dancers in one .glb")?;
     let (options, odd) = (args.read.of_files(inputs, RestFrame::Keep, say), Odd::new(say));
     let mut clips = Vec::with_capacity(inputs.len());
     for (input, options) in inputs.iter().zip(options) {

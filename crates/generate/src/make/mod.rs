@@ -12,7 +12,7 @@ use crate::best::Best;
 use crate::open::OpenRequest;
 use crate::output::Generated;
 use crate::provenance::Provenance;
-use kinelm_motion::Clip;
+use kinelm_motion::{Clip, format};
 use kinelm_store::output::{Ours, Outputs};
 use kinelm_store::sidecar;
 use kinelm_tokenizer::Words;
@@ -136,6 +136,10 @@ impl OpenRequest {
     /// Errors of sampling and of the judge; [`kinelm_store::Error::Stopped`] when `watch` stopped it.
     pub fn make(&self, making: &Making<'_>, watch: &mut Watch<'_>) -> Result<Dances> {
         let outs = making.outs;
+        if let Some((prompt, _)) = self.on_own_rig() {
+            // before the first frame
+            outs.iter().try_for_each(|out| format::check_place(out, &prompt.clip.motion))?;
+        }
         let samples = making.best.as_ref().map_or(outs.len(), |best| best.samples);
         let mut previews: Vec<Preview> = outs.iter().map(|_| Preview::new(self)).collect();
         // ways through gaps are sampled side by side, and their dances one after the other

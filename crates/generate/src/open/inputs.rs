@@ -80,7 +80,7 @@ impl Inputs {
         let prompt = request.prompt.as_mut();
         let prompt = prompt.map(|prompt| PreparedPrompt::load(prompt, layout, requested, &tokenizer)).transpose()?;
         let frames = requested.or_else(|| frames_of(prompt.as_ref(), music.as_ref(), fps));
-        let help = "give a number of frames or seconds, or a prompt or music that has a length";
+        let help = "give a number of seconds or frames (`seconds`, `frames`), or a prompt or music that has a length";
         let frames = frames.ok_or_else(|| Error::missing("length of the dance", help))?;
         check_frames(frames)?;
         let seconds = frames as f64 / fps;
@@ -114,11 +114,13 @@ pub(super) fn check_candidates(request: &Resolved) -> Result<()> {
     Ok(())
 }
 
-/// The length of a dance whose request has none: as much as is given of the prompt, else the music, else the prompt.
+/// The length of a dance whose request has none: as much as is given of the prompt, else the music, else the prompt, unless it
+/// is a single pose, which lends its rig alone.
 fn frames_of(prompt: Option<&PreparedPrompt>, music: Option<&OpenMusic>, fps: f64) -> Option<usize> {
     let of_prompt = |p: &PreparedPrompt| p.edit.as_ref().map_or(p.clip.frames(), PreparedEdit::known);
-    let is_given = |p: &&PreparedPrompt| p.edit.is_some() || !p.given.is_empty();
+    let is_given = |p: &&PreparedPrompt| p.edit.is_some() || p.way.is_some() || !p.given.is_empty();
     // 1e-6: seconds that are whole frames may come out just below one
     let of_music = music.map(|music| (music.seconds() * fps + 1e-6).floor().max(1.0) as usize);
-    prompt.filter(is_given).map(of_prompt).or(of_music).or(prompt.map(of_prompt))
+    let moves = |p: &&PreparedPrompt| p.clip.motion.clip.frames() > 1;
+    prompt.filter(is_given).map(of_prompt).or(of_music).or(prompt.filter(moves).map(of_prompt))
 }

@@ -111,10 +111,13 @@ mod tests {
         let config = TokenizerConfig::uniform(&[0, 4], 20.0, 120);
         let config = TokenizerConfig { root_rotation: RootRotation::HeadingDelta, ..config };
         let tokenizer = Tokenizer::fit([&clip], config).unwrap();
-        let words = tokenizer.encode(&clip).unwrap().words;
+        // a walk that ends after 60 frames, so that who comes late can be there
+        let still = tokenizer.neutral();
+        let walk = tokenizer.encode(&clip).unwrap().words;
+        let codes = walk.iter().take(60).chain(std::iter::repeat_n(&still[..], 60)).flatten().copied().collect();
+        let words = Words::fixed(codes, still.len());
         let way = Arc::new(Way::of(&words, &tokenizer).unwrap());
         // two words come before the way; then the dance stands still for ten frames
-        let still = tokenizer.neutral();
         let mut ids: Vec<u32> = Vec::new();
         let push = |ids: &mut Vec<u32>, codes: &[u16]| {
             let words = kinelm_tokenizer::Words::fixed(codes.to_vec(), codes.len());

@@ -97,6 +97,7 @@ fn read_within(limit: usize, path: &Path, bytes: &[u8], options: &ReadOptions) -
         parents: nodes.iter().map(|&n| parent(&scene.nodes[n]).and_then(joint)).collect(),
         rest: nodes.iter().map(|&n| split(&bind(&scene.nodes[n]))).collect(),
         roles: None,
+        ends: Vec::new(),
     };
     let frames = (0..count as usize).map(|frame| {
         // the count is rounded, so the last frame may be past the end

@@ -249,6 +249,21 @@ pub fn to_bytes(path: &Path, motion: &Motion) -> Result<Vec<u8>> {
     info.write.ok_or_else(|| left_out(path, info))?(path, motion)
 }
 
+/// Checks whether a dance on the rig of a motion can be written to `path`, before it is made: into the file of its character,
+/// if it has one.
+///
+/// # Errors
+/// Those of [`to_bytes`] that don't depend on the dance: an animation's name that is taken or not there, and a character on
+/// which none can be put.
+pub fn check_place(path: &Path, rig: &Motion) -> Result<()> {
+    let format = Format::of(path)?;
+    check_written(path, format.info(), rig)?;
+    match &rig.source {
+        Source::Glb(source) if format == Format::Glb => glb::check_place(path, source),
+        _ => Ok(()),
+    }
+}
+
 /// Checks that a motion is written under a name: one with an extension that is written, or a VRM's that is embedded in.
 fn check_written(path: &Path, info: &FormatInfo, motion: &Motion) -> Result<()> {
     let extension = path.extension().unwrap_or_default();

@@ -3,7 +3,7 @@
 use super::options::ReadOptions;
 use super::{motion_root, size};
 use crate::rig::{FoundMap, map_if_any};
-use crate::{Clip, Quat, Result, Skeleton, Vec3, Warning};
+use crate::{Clip, EndSite, Quat, Result, Skeleton, Vec3, Warning};
 use std::sync::Arc;
 
 /// A change of a bone's length above this is reported, metres.
@@ -23,6 +23,8 @@ pub(super) struct Figure {
     pub rest: Vec<Placed>,
     /// The joints by SMPL id, where the file states them.
     pub roles: Option<[Option<usize>; 24]>,
+    /// Points that a joint moves, at rest as the world's axes are.
+    pub ends: Vec<EndSite>,
 }
 
 /// A clip of a figure, as far as it is read.
@@ -54,7 +56,7 @@ impl Figure {
             None => Vec3::ZERO,
         };
         let offsets: Vec<Vec3> = self.parents.iter().enumerate().map(offset).collect();
-        let skeleton = Skeleton::new(self.names.clone(), self.parents.clone(), offsets.clone(), Vec::new())?;
+        let skeleton = Skeleton::new(self.names.clone(), self.parents.clone(), offsets.clone(), self.ends.clone())?;
         let (mut places, mut rotations) = (Vec::new(), Vec::new());
         // by joint: how far it moves from its place at the joint above, and by how much its bone changes its length
         let (mut moved, mut stretched) = (vec![0.0f64; offsets.len()], vec![0.0f64; offsets.len()]);

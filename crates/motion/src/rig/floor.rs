@@ -32,7 +32,7 @@ pub struct Floor {
     pub found_m: f64,
     /// Doubts about the floor; empty if there are none.
     pub doubts: Vec<Warning>,
-    /// A doubted floor this near to y = 0 is replaced by it, metres.
+    /// A floor this near to y = 0 is replaced by it, metres: above 0 for a doubted one, and that of a single pose.
     near_m: f64,
 }
 
@@ -40,7 +40,7 @@ impl Floor {
     /// The height that detection would give for the same clip lowered by `by_m` metres.
     pub fn height_when_lowered(&self, by_m: f64) -> f64 {
         let found_m = self.found_m - by_m;
-        if !self.doubts.is_empty() && found_m.abs() <= self.near_m { 0.0 } else { found_m }
+        if found_m.abs() <= self.near_m { 0.0 } else { found_m }
     }
 }
 
@@ -51,8 +51,8 @@ impl Feet {
     /// heights. It is doubted when another joint is more than 10 cm below it in over 2 % of the frames (a handstand); when the
     /// lowest foot moves faster than 0.5 m/s in the median of the lowest 10 % of the frames (skating, swimming); when the
     /// median pelvis is outside 0.5 to 1.2 of its standing height (sitting, hanging); when a foot is within 10 cm of the floor
-    /// in under 10 % of the frames (stairs); or when the clip is shorter than 1 s. A doubted floor within 15 % of the body's
-    /// height from y = 0 is replaced by 0.
+    /// in under 10 % of the frames (stairs); or when the clip is shorter than 1 s, unless it is a single pose. A doubted floor,
+    /// or that of a single pose, within 15 % of the body's height from y = 0 is replaced by 0.
     ///
     /// # Panics
     /// If the clip is not on this rig.
@@ -68,9 +68,12 @@ impl Feet {
         doubt("floor_pelvis", self.pelvis_off(clip, &positions, found_m));
         doubt("floor_far", far(&lowest, found_m));
         let seconds = clip.duration_s();
-        doubt("floor_short", (seconds < SHORT_S).then(|| format!("the clip has {seconds:.2} s, under {SHORT_S} s")));
-        let near_m = PART_OF_BODY * self.body_m;
-        let height_m = if !doubts.is_empty() && found_m.abs() <= near_m { 0.0 } else { found_m };
+        let is_short = clip.frames() != 1 && seconds < SHORT_S;
+        doubt("floor_short", is_short.then(|| format!("the clip has {seconds:.2} s, under {SHORT_S} s")));
+        // a single pose is no motion and shows no floor, but nothing about it is odd: it lends its rig
+        let is_sure = doubts.is_empty() && clip.frames() != 1;
+        let near_m = if is_sure { 0.0 } else { PART_OF_BODY * self.body_m };
+        let height_m = if found_m.abs() <= near_m { 0.0 } else { found_m };
         let found = format!("the floor by the feet is at y = {found_m:.2} m");
         let taken = if height_m == found_m { "taken all the same" } else { "0 is taken" };
         for doubt in &mut doubts {

@@ -104,10 +104,13 @@ fn end_site(parent: usize, tip: Vec3, column: usize) -> Node {
     }
 }
 
-/// The end sites of a joint; for a leaf without any, a short tip that extends the bone.
+/// The end sites of a leaf; without any, a short tip that extends its bone. Below a joint with children, readers expect none.
 fn tips(skeleton: &Skeleton, joint: usize, leaf: bool) -> Vec<Vec3> {
     let own: Vec<Vec3> = skeleton.ends().iter().filter(|e| e.parent == joint).map(|e| e.offset).collect();
-    if !own.is_empty() || !leaf {
+    if !leaf {
+        return Vec::new();
+    }
+    if !own.is_empty() {
         return own;
     }
     let bone = if joint == 0 { Vec3::ZERO } else { skeleton.offsets()[joint] };
@@ -177,7 +180,7 @@ mod tests {
         assert_eq!(back.clip.skeleton().names(), ["a_b", "joint1", "e f", "c_d"]);
         assert!((back.clip.fps() - 29.97).abs() < 1e-12);
         assert!(back.clip.root()[0].distance(Vec3::ONE) < 1e-8);
-        assert_eq!(back.clip.skeleton().ends().len(), 3);
+        assert_eq!(back.clip.skeleton().ends().len(), 2);
     }
 
     #[test]

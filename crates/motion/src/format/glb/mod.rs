@@ -18,9 +18,18 @@ pub use read::{read, read_vrma};
 pub(super) use vrma::motion_to_bytes as motion_to_vrma;
 pub use write::{Named, to_bytes};
 
+use super::source::glb::GlbSource;
 use super::{Changed, Motion, Source};
 use crate::Result;
 use std::path::Path;
+
+/// Checks whether a motion on this rig can go to `path`: before it is made.
+///
+/// # Errors
+/// A name that an animation of its character's file has, and a character on which none can be put.
+pub(super) fn check_place(path: &Path, source: &GlbSource) -> Result<()> {
+    onto::check(source, &path.file_stem().unwrap_or_default().to_string_lossy())
+}
 
 /// The bytes of a motion that goes to `path`, whose stem names it: into the file of its character, if it has one, else a new
 /// file. `changed`: of the clip that the character's file has, what is new; `None`: all of it.
@@ -30,9 +39,7 @@ use std::path::Path;
 pub(super) fn motion_to_bytes(path: &Path, motion: &Motion, changed: Option<&Changed>) -> Result<Vec<u8>> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     match &motion.source {
-        Source::Glb(source) if motion.clip.is_on(&source.skeleton) => {
-            onto::onto(source, (&motion.path, &name), &motion.clip, changed)
-        }
+        Source::Glb(source) if motion.clip.is_on(&source.skeleton) => onto::onto(source, &name, &motion.clip, changed),
         _ => to_bytes(&[(&name, &motion.clip)]),
     }
 }

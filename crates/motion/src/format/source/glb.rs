@@ -3,11 +3,14 @@
 use super::vrm::TPose;
 use crate::format::Axes;
 use crate::{Quat, Skeleton, Vec3};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A GLB with a mesh, and where a clip's joints are in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GlbSource {
+    /// Its name, as the user gave it.
+    pub(crate) path: PathBuf,
     /// The file.
     pub(crate) bytes: Arc<[u8]>,
     /// The rig of its clip.

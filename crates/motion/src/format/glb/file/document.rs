@@ -38,6 +38,7 @@ pub struct Json {
     extensions_required: Vec<String>,
     pub extensions: Extensions,
     pub nodes: Vec<Node>,
+    pub meshes: Vec<Mesh>,
     pub skins: Vec<Skin>,
     pub animations: Vec<Animation>,
     pub accessors: Vec<Accessor>,
@@ -46,9 +47,10 @@ pub struct Json {
 }
 
 #[derive(Debug, Default, Deserialize)]
-#[serde(default)]
+#[serde(default, rename_all = "camelCase")]
 pub struct Asset {
     version: String,
+    min_version: Option<String>,
     pub generator: String,
 }
 
@@ -62,7 +64,29 @@ pub struct Node {
     pub scale: Option<[f64; 3]>,
     pub matrix: Option<[f64; 16]>,
     pub mesh: Option<usize>,
+    pub skin: Option<usize>,
     pub camera: Option<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Mesh {
+    pub primitives: Vec<Primitive>,
+}
+
+/// A part of a mesh: its accessors by name.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Primitive {
+    pub attributes: BTreeMap<String, usize>,
+    extensions: BTreeMap<String, IgnoredAny>,
+}
+
+impl Primitive {
+    /// Whether its numbers are in an extension's form, which its accessors don't show.
+    pub fn is_compressed(&self) -> bool {
+        self.extensions.keys().any(|name| name.starts_with("KHR_draco"))
+    }
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -109,6 +133,7 @@ pub struct Accessor {
     byte_offset: usize,
     component_type: u32,
     count: usize,
+    normalized: bool,
     #[serde(rename = "type")]
     kind: String,
     sparse: Option<serde_json::Value>,
@@ -156,9 +181,15 @@ impl<'a> Document<'a> {
         if !json.asset.version.starts_with("2.") {
             return Err(bad(format!("an asset of version {:?}", json.asset.version), "version 2"));
         }
+        if let Some(needs) = json.asset.min_version.as_ref().filter(|needs| *needs != "2.0") {
+            return Err(bad(format!("an asset for readers of version {needs:?}"), "version 2.0"));
+        }
         let strange = |e: &&String| !HARMLESS.iter().any(|known| e.starts_with(known));
         if let Some(needs) = json.extensions_required.iter().find(strange) {
-            return Err(bad(format!("a file that requires {needs}"), "one without; export it uncompressed"));
+            return Err(bad(
+                format!("a file that requires {needs}"),
+                "one without it; export it without that extension",
+            ));
         }
         Ok(Document { path, json, binary: chunks.binary.unwrap_or_default() })
     }
@@ -175,6 +206,17 @@ impl<'a> Document<'a> {
 
     /// The numbers of an accessor of `width` components (N, width), whole ones normalised (section 3.11).
     pub fn numbers(&self, index: usize, width: usize) -> Result<Vec<f64>> {
+        self.read(index, width, normalised)
+    }
+
+    /// The numbers of an accessor of `width` components (N, width), whole ones as they are unless it says that they are
+    /// normalised.
+    pub fn stored(&self, index: usize, width: usize) -> Result<Vec<f64>> {
+        let is_normalised = self.json.accessors.get(index).is_some_and(|accessor| accessor.normalized);
+        self.read(index, width, if is_normalised { normalised } else { plain })
+    }
+
+    fn read(&self, index: usize, width: usize, number: fn(u32, &[u8]) -> f64) -> Result<Vec<f64>> {
         let bad = |found: String, expected: &str| self.fault(format!("accessor {index}: {found}"), expected);
         let accessor = self.json.accessors.get(index).ok_or_else(|| bad("not there".into(), "an accessor"))?;
         if accessor.sparse.is_some() {
@@ -239,13 +281,25 @@ impl<'a> Document<'a> {
     }
 }
 
-fn number(kind: u32, raw: &[u8]) -> f64 {
+/// A number of a component type, whole ones as fractions of the largest.
+fn normalised(kind: u32, raw: &[u8]) -> f64 {
     match (kind, raw) {
         // -128 would be below -1, so the specification clamps
-        (5120, [a]) => (f64::from(*a as i8) / 127.0).max(-1.0),
-        (5121, [a]) => f64::from(*a) / 255.0,
-        (5122, [a, b]) => (f64::from(i16::from_le_bytes([*a, *b])) / 32767.0).max(-1.0),
-        (5123, [a, b]) => f64::from(u16::from_le_bytes([*a, *b])) / 65535.0,
+        (5120, _) => (plain(kind, raw) / 127.0).max(-1.0),
+        (5121, _) => plain(kind, raw) / 255.0,
+        (5122, _) => (plain(kind, raw) / 32767.0).max(-1.0),
+        (5123, _) => plain(kind, raw) / 65535.0,
+        _ => plain(kind, raw),
+    }
+}
+
+/// A number of a component type.
+fn plain(kind: u32, raw: &[u8]) -> f64 {
+    match (kind, raw) {
+        (5120, [a]) => f64::from(*a as i8),
+        (5121, [a]) => f64::from(*a),
+        (5122, [a, b]) => f64::from(i16::from_le_bytes([*a, *b])),
+        (5123, [a, b]) => f64::from(u16::from_le_bytes([*a, *b])),
         (_, [a, b, c, d]) => f64::from(f32::from_le_bytes([*a, *b, *c, *d])),
         _ => 0.0,
     }

@@ -4,6 +4,7 @@ pub(super) mod chunks;
 pub(super) mod document;
 mod extensions;
 pub(super) mod humanoid;
+pub(super) mod sole;
 pub(super) mod take;
 pub(super) mod track;
 pub(super) mod tree;

@@ -5,13 +5,27 @@ use super::take::Take;
 use super::track::quat;
 use crate::format::figure::{Chosen, Nodes};
 use crate::format::posed::{Figure, Placed, placed, unique};
-use crate::{Quat, Result, Vec3, Warning};
-use glam::DAffine3;
+use crate::{Error, Quat, Result, Vec3, Warning};
+use glam::{DAffine3, DMat3};
+use std::collections::BTreeSet;
 
 /// Most nodes, their deepest nesting, and most joints.
 const MOST_NODES: usize = 65_536;
 const DEEPEST: usize = 512;
 const MOST_JOINTS: usize = 4096;
+/// Scales and slants below this fraction are rounding.
+const UNEVEN: f64 = 0.005;
+
+/// A fault of a skin's matrices, said to be one.
+fn of_bind(e: Error) -> Error {
+    match e {
+        Error::File(mut e) => {
+            e.found = format!("{}, the bind matrices of a skin", e.found);
+            Error::File(e)
+        }
+        e => e,
+    }
+}
 
 pub fn split(m: &DAffine3) -> Placed {
     placed([m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis], m.translation)
@@ -145,7 +159,7 @@ impl<'a> Tree<'a> {
         let mut bound: Vec<Option<Placed>> = vec![None; joints.len()];
         for skin in &self.document.json.skins {
             let Some(matrices) = skin.inverse_bind_matrices else { continue };
-            let numbers = self.document.numbers(matrices, 16)?;
+            let numbers = self.document.numbers(matrices, 16).map_err(of_bind)?;
             for (&node, m) in skin.joints.iter().zip(numbers.chunks_exact(16)) {
                 let Some(j) = place(node).filter(|&j| bound[j].is_none()) else { continue };
                 let column = |c: usize| Vec3::new(m[4 * c], m[4 * c + 1], m[4 * c + 2]);
@@ -160,7 +174,7 @@ impl<'a> Tree<'a> {
             Some(bound) => as_long_as(&parents, bound, &stand),
             None => stand,
         };
-        Ok(Figure { names, parents, rest, roles: None })
+        Ok(Figure { names, parents, rest, roles: None, ends: Vec::new() })
     }
 
     /// A node's scale, rotation and place in the frame of the node above, as the file was saved.
@@ -174,6 +188,22 @@ impl<'a> Tree<'a> {
                 Vec3::from_array(node.translation.unwrap_or_default()),
             ),
         }
+    }
+
+    /// Of the nodes above these joints and them, one whose frame in the world is scaled unevenly or sheared while a joint hangs from
+    /// it, as the file was saved; and its scale.
+    pub fn uneven(&self, joints: &[usize]) -> Option<(String, Vec3)> {
+        let world = self.world(None);
+        let above: BTreeSet<usize> = joints.iter().flat_map(|&joint| self.upwards(joint).skip(1)).collect();
+        let is_even = |m: &DMat3| {
+            let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
+            let (least, most) =
+                (x.length().min(y.length()).min(z.length()), x.length().max(y.length()).max(z.length()));
+            let slant = x.dot(y).abs().max(y.dot(z).abs()).max(z.dot(x).abs());
+            most - least <= UNEVEN * most && slant <= UNEVEN * most * most
+        };
+        let uneven = above.into_iter().find(|&node| !is_even(&world[node].matrix3))?;
+        Some((self.name(uneven), self.own(uneven).0))
     }
 
     /// Where all nodes stand, as the file was saved or at a time of a take.

@@ -12,7 +12,7 @@ mod text;
 mod whole;
 
 use super::file::chunks::Chunks;
-use super::file::document::Document;
+use super::file::document::{Animation as Animated, Document};
 use super::file::take::element;
 use super::file::track::Track;
 use super::file::tree::Tree;
@@ -20,6 +20,7 @@ use super::write::buffer::{Buffer, Target};
 use crate::format::source::Changed;
 use crate::format::source::glb::GlbSource;
 use crate::{Clip, Error, Result};
+use glam::DMat4;
 use kinelm_store::Subject;
 use local::Local;
 use serde::Deserialize;
@@ -29,28 +30,49 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use text::{Edits, Members, items};
 
-/// The bytes of a character's file with a clip of its rig as an animation; `path` names the file in errors. The animation has
-/// this name, or that of the one which the source replaces. `changed`: of the animation that was read, what is new.
+/// A matrix is its scale, rotation and place to this fraction of its largest number.
+const SHEAR: f64 = 1e-4;
+
+/// Checks whether an animation of this name can be added to a character's file.
 ///
 /// # Errors
-/// [`Unsupported`](kinelm_store::Error::Unsupported) for a name that is taken or not there, a buffer beside the file, and
-/// numbers beyond single precision; those of reading for a file that can't be read.
-pub(super) fn onto(
-    source: &GlbSource,
-    (path, name): (&Path, &str),
-    clip: &Clip,
-    changed: Option<&Changed>,
-) -> Result<Vec<u8>> {
+/// [`Unsupported`](kinelm_store::Error::Unsupported) for a name that is taken or not there, a buffer beside the file, and a
+/// skeleton that is scaled unevenly.
+pub(super) fn check(source: &GlbSource, name: &str) -> Result<()> {
+    let chunks = Chunks::parse(&source.path, &source.bytes)?;
+    checked(source, &Document::of(&source.path, &chunks)?, name).map(drop)
+}
+
+/// The name of an animation that is added, and the number of the one that it replaces.
+fn checked<'a>(source: &'a GlbSource, document: &Document, name: &'a str) -> Result<(&'a str, Option<usize>)> {
+    let path = &source.path;
+    if document.json.buffers.first().is_some_and(|buffer| buffer.uri.is_some()) {
+        let why = "its buffer isn't its binary chunk; export it as a GLB with one";
+        return Err(Error::unsupported(path.display().to_string(), why));
+    }
+    if let Some((node, scale)) = Tree::new(document)?.uneven(&source.nodes) {
+        let why = format!(
+            "its scale is uneven or sheared ({scale}), which rotations of the joints below it would distort; apply it in the \
+             program that made the file"
+        );
+        return Err(Error::unsupported(format!("{node} of {}", path.display()), why));
+    }
+    placed(document, source.replace.as_deref(), (path, name))
+}
+
+/// The bytes of a character's file with a clip of its rig as an animation. The animation has this name, or that of the one which
+/// the source replaces. `changed`: of the animation that was read, what is new.
+///
+/// # Errors
+/// Those of [`check`], and for numbers beyond single precision; those of reading for a file that can't be read.
+pub(super) fn onto(source: &GlbSource, name: &str, clip: &Clip, changed: Option<&Changed>) -> Result<Vec<u8>> {
+    let path = &source.path;
     let chunks = Chunks::parse(path, &source.bytes)?;
     let document = Document::of(path, &chunks)?;
     let damaged = |e: &dyn std::fmt::Display| document.fault(e.to_string(), "a glTF document");
     let text = std::str::from_utf8(chunks.json).map_err(|e| damaged(&e))?;
     let members: Members = serde_json::from_str(text).map_err(|e| damaged(&e))?;
-    if document.json.buffers.first().is_some_and(|buffer| buffer.uri.is_some()) {
-        let why = "its buffer is in another file or in the document; export it as a GLB with a binary chunk";
-        return Err(Error::unsupported(path.display().to_string(), why));
-    }
-    let (name, replaced) = placed(&document, source.replace.as_deref(), (path, name))?;
+    let (name, replaced) = checked(source, &document, name)?;
     if clip.frames() == 0 {
         return Err(Error::unsupported(name.to_owned(), "0 frames; a GLB needs one"));
     }
@@ -103,12 +125,18 @@ pub(super) fn onto(
     for node in moved {
         let text = nodes.get(node).ok_or_else(|| damaged(&format!("a channel of node {node}, which isn't there")))?;
         let NodeText { matrix } = serde_json::from_str(text.get()).map_err(|e| damaged(&e))?;
-        let Some(matrix) = matrix else { continue };
+        let Some((text, matrix)) = matrix.zip(document.json.nodes[node].matrix.as_ref()) else { continue };
         // an animated node has no matrix (section 3.6.1.1)
         let (scale, turn, place) = tree.own(node);
+        let (own, same) = (DMat4::from_cols_array(matrix), DMat4::from_scale_rotation_translation(scale, turn, place));
+        if !own.abs_diff_eq(same, SHEAR * own.to_cols_array().iter().fold(1.0, |most: f64, x| most.max(x.abs()))) {
+            let why =
+                "its matrix is sheared, and an animated node has none; apply it in the program that made the file";
+            return Err(Error::unsupported(format!("node {node} of {}", path.display()), why));
+        }
         let [place, turn, scale] = [&place.to_array()[..], &turn.to_array(), &scale.to_array()].map(|x| json!(x));
         let by = format!("\"translation\":{place},\"rotation\":{turn},\"scale\":{scale}");
-        if !edits.replace_member("matrix", matrix, by) {
+        if !edits.replace_member("matrix", text, by) {
             return Err(damaged(&format!("node {node}: a matrix whose name has escapes")));
         }
     }
@@ -124,17 +152,22 @@ fn placed<'a>(
     replaced: Option<&'a str>,
     (path, name): (&Path, &'a str),
 ) -> Result<(&'a str, Option<usize>)> {
-    let of_name = |name: &str| document.json.animations.iter().position(|own| own.name.as_deref() == Some(name));
+    let called = |name: &str| {
+        let is_called = |own: &Animated| own.name.as_deref() == Some(name);
+        let all = document.json.animations.iter().enumerate().filter(|(_, own)| is_called(own));
+        all.map(|(n, _)| n).collect::<Vec<_>>()
+    };
     let subject = |name: &str| Subject::of_parameter("replace_animation").with(format!("{name} of {}", path.display()));
-    match (replaced, of_name(replaced.unwrap_or(name))) {
-        (Some(name), Some(n)) => Ok((name, Some(n))),
-        (None, None) => Ok((name, None)),
-        (None, Some(_)) => {
+    match (replaced, called(replaced.unwrap_or(name)).as_slice()) {
+        (Some(name), [n]) => Ok((name, Some(*n))),
+        (None, []) => Ok((name, None)),
+        (Some(name), [_, ..]) => Err(Error::unsupported(subject(name), "several animations have that name")),
+        (None, [_, ..]) => {
             let why =
                 "an animation of that name is there: name the file that is written otherwise, or replace it by name";
             Err(Error::unsupported(format!("the animation {name} in {}", path.display()), why))
         }
-        (Some(name), None) => {
+        (Some(name), []) => {
             let names: Vec<&str> = document.json.animations.iter().filter_map(|own| own.name.as_deref()).collect();
             let has = if names.is_empty() { "no animation has a name".to_owned() } else { names.join(", ") };
             Err(Error::unsupported(subject(name), format!("not there; the file has: {has}")))

@@ -293,7 +293,7 @@ fn names_and_what_is_refused() {
     bare.json["buffers"] = json!([{"byteLength": 4, "uri": "a.bin"}]);
     let bytes = Chunks { json: bare.json.to_string().as_bytes(), binary: None, others: vec![] }.bytes("bare").unwrap();
     let e = with(&read(&bytes, None), "new.glb", None).unwrap_err().to_string();
-    assert!(e.contains("in another file"), "{e}");
+    assert!(e.contains("isn't its binary chunk"), "{e}");
     // a file of capsules is written anew
     let own = glb::to_bytes(&[("dance", &dance(motion.clip.skeleton()))]).unwrap();
     assert!(matches!(read(&own, None).source, Source::Plain));
@@ -366,4 +366,87 @@ fn broken_files_and_flags_are_errors() {
             let _ = glb::motion_to_bytes(Path::new("new.glb"), &motion, Some(&changed));
         }
     }
+}
+
+#[test]
+fn soles_are_where_the_mesh_is_lowest_below_a_foot() {
+    let mut hero = hero();
+    let rig = smpl::neutral();
+    let (armature, turned): (DAffine3, Quat) = {
+        let own = &hero.json["nodes"][0];
+        let of = |key: &str| serde_json::from_value::<Vec<f64>>(own[key].clone()).unwrap();
+        let (place, turn) = (of("translation"), of("rotation"));
+        let turn = Quat::from_xyzw(turn[0], turn[1], turn[2], turn[3]);
+        let armature = DAffine3::from_scale_rotation_translation(Vec3::splat(0.01), turn, Vec3::from_slice(&place));
+        // the bind pose is in the armature's axes
+        (armature, turn.inverse())
+    };
+    let mut places: Vec<Vec3> = Vec::new();
+    for (j, parent) in rig.parents().iter().enumerate() {
+        places.push(parent.map_or(Vec3::Y, |p| places[p] + rig.offsets()[j]));
+    }
+    // below each ball its sole and the tip of the toes; a knee and the top of the head
+    let (sole, tip) = (Vec3::new(0.0, -0.03, 0.01), Vec3::new(0.01, -0.025, 0.08));
+    let vertices = [(10, sole), (10, tip), (11, sole), (11, tip), (4, Vec3::Z * 0.1), (15, Vec3::Y * 0.2)];
+    let mut add = |bytes: Vec<u8>, kind: &str, component: u32| {
+        let (offset, length) = (hero.binary.len(), bytes.len());
+        hero.binary.extend(bytes);
+        let [views, accessors] = ["bufferViews", "accessors"].map(|key| hero.json[key].as_array().unwrap().len());
+        let view = json!({"buffer": 0, "byteOffset": offset, "byteLength": length});
+        hero.json["bufferViews"].as_array_mut().unwrap().push(view);
+        let accessor = json!({"bufferView": views, "componentType": component, "count": vertices.len(), "type": kind});
+        hero.json["accessors"].as_array_mut().unwrap().push(accessor);
+        accessors
+    };
+    let floats = |numbers: Vec<f64>| numbers.iter().flat_map(|&x| (x as f32).to_le_bytes()).collect::<Vec<u8>>();
+    let of_armature = |(j, from): &(usize, Vec3)| armature.inverse().transform_point3(places[*j] + *from).to_array();
+    let positions = add(floats(vertices.iter().flat_map(of_armature).collect()), "VEC3", 5126);
+    let moved_by = add(vertices.iter().flat_map(|(j, _)| [0, *j as u8, 0, 0]).collect(), "VEC4", 5121);
+    let weights = add(floats(vertices.iter().flat_map(|_| [0.2, 0.8, 0.0, 0.0]).collect()), "VEC4", 5126);
+    let body = hero.json["nodes"].as_array().unwrap().len() - 1;
+    hero.json["nodes"][body]["skin"] = json!(0);
+    hero.json["buffers"][0]["byteLength"] = json!(hero.binary.len());
+    hero.json["meshes"][0]["primitives"][0]["attributes"] =
+        json!({"POSITION": positions, "JOINTS_0": moved_by, "WEIGHTS_0": weights});
+    let motion = read(&hero.bytes(), None);
+    let names = |parent: usize| motion.clip.skeleton().names()[parent].clone();
+    let ends: Vec<(String, Vec3)> =
+        motion.clip.skeleton().ends().iter().map(|end| (names(end.parent), end.offset)).collect();
+    let expected = ["left_foot", "right_foot"].iter().flat_map(|name| [(*name, turned * sole), (*name, turned * tip)]);
+    assert_eq!(ends.len(), 4, "{ends:?}");
+    for ((name, offset), (of, at)) in ends.iter().zip(expected) {
+        assert!(name == of && offset.distance(at) < 1e-5, "{ends:?}");
+    }
+    // a dance stands on its soles
+    let stand = motion.humanoid().unwrap().feet().unwrap();
+    assert!(stand.joints.iter().all(|(_, height)| *height > 0.0299), "{stand:?}");
+    hero.json["meshes"][0]["primitives"][0]["extensions"] = json!({"KHR_draco_mesh_compression": {"bufferView": 0}});
+    assert!(read(&hero.bytes(), None).clip.skeleton().ends().is_empty());
+}
+
+#[test]
+fn uneven_scales_and_sheared_matrices_are_refused() {
+    let fresh = hero();
+    let written = |change: &dyn Fn(&mut Value)| {
+        let mut hero = Hero { json: fresh.json.clone(), binary: fresh.binary.clone() };
+        change(&mut hero.json);
+        let motion = read(&hero.bytes(), None);
+        let doubted = motion.warnings.iter().any(|warning| warning.kind == "uneven_scale");
+        let motion = motion.clone().with_clip(dance(motion.clip.skeleton()));
+        let place = crate::format::check_place(Path::new("new.glb"), &motion).map_err(|e| e.to_string());
+        (doubted, place, glb::motion_to_bytes(Path::new("new.glb"), &motion, None).map_err(|e| e.to_string()))
+    };
+    let (doubted, place, bytes) = written(&|_| {});
+    assert!(!doubted && place.is_ok() && bytes.is_ok());
+    let (doubted, place, bytes) = written(&|json| json["nodes"][1]["scale"] = json!([1.0, 1.2, 1.0]));
+    let (place, bytes) = (place.unwrap_err(), bytes.unwrap_err());
+    assert!(doubted && place == bytes && place.contains("root of hero.glb") && place.contains("uneven"), "{place}");
+    // a leaf's matrix bends nothing that hangs from it, but no scale, turn and place are it
+    let head = fresh.json["nodes"].as_array().unwrap().iter().position(|node| node["name"] == "left_hand").unwrap();
+    let (_, _, bytes) = written(&|json| {
+        let node = json["nodes"][head].as_object_mut().unwrap();
+        ["translation", "rotation", "scale"].iter().for_each(|key| drop(node.remove(*key)));
+        node.insert("matrix".into(), json!([1, 0, 0, 0, 0.5, 1, 0, 0, 0, 0, 1, 0, 3, 4, 5, 1]));
+    });
+    assert!(bytes.is_err_and(|e| e.contains("sheared")));
 }

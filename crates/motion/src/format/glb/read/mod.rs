@@ -9,10 +9,11 @@ mod vrm;
 
 use super::file::document::Document;
 use super::file::humanoid::{Humanoid, Kind};
+use super::file::sole::soles;
 use super::file::take::Take;
 use super::file::tree::{Tree, split};
 use crate::format::figure::{Chosen, choose_take};
-use crate::format::posed::{Figure, MOST_PLACED, Posed};
+use crate::format::posed::{MOST_PLACED, Posed};
 use crate::format::source::glb::{GlbSource, Played};
 use crate::format::source::vrm::VrmaSource;
 use crate::format::{Axes, ReadOptions, Up};
@@ -57,7 +58,18 @@ fn motion(
         _ => Vec::new(),
     };
     let Chosen { nodes: joints, root } = tree.figure(&bones, options.root.as_deref(), &mut warnings)?;
-    let figure = Figure { roles: humanoid.as_ref().map(|of| vrm::roles_of(of, &joints)), ..tree.at_rest(&joints)? };
+    let mut figure = tree.at_rest(&joints)?;
+    figure.roles = humanoid.as_ref().map(|of| vrm::roles_of(of, &joints));
+    if bones.is_empty() && document.has_character() {
+        figure.ends = soles(document, &tree, (&figure, &joints));
+    }
+    if let Some((node, scale)) = tree.uneven(&joints) {
+        let what = format!(
+            "{node} is scaled unevenly or sheared, {scale}: a clip has no scale, so the joints below it come out elsewhere when \
+             they turn; apply the scale in the program that made the file"
+        );
+        warnings.push(Warning { kind: "uneven_scale", what });
+    }
     let of_figure: BTreeSet<usize> = joints.iter().flat_map(|&joint| tree.upwards(joint)).collect();
     let take = take(document, &of_figure, options.take.as_deref(), &mut warnings)?;
     let Frames { step_fps, fps, count } = match &take {
@@ -105,6 +117,7 @@ fn motion(
         frames: count as usize,
     };
     let source = GlbSource {
+        path: path.to_owned(),
         bytes: bytes.into(),
         skeleton: clip.skeleton().clone(),
         nodes: of_clip.iter().map(|&j| joints[j]).collect(),

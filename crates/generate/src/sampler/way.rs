@@ -67,6 +67,9 @@ impl Follower {
     /// of other slots, of the first frame, from which the way begins wherever it is, and after its end.
     pub fn pull(&mut self, word: usize, slot: usize, ids: &[u32]) -> Option<impl Fn(u32) -> f32> {
         let (step, frame) = (STEP_SLOTS.iter().position(|&at| at == slot)?, word.checked_sub(self.first)?);
+        if frame >= self.way.states.len() {
+            return None;
+        }
         self.follow(frame.checked_sub(1)?, ids)?;
         let (there, here) = (self.way.states.get(frame)?, &self.states[frame - 1]);
         let target = self.way.root_path.step_codes(here.step_to(there))[step];
@@ -90,8 +93,8 @@ impl Follower {
                 self.states.push(states[0].clone());
                 continue;
             };
-            let ids = ids.get((self.first + next) * word..)?;
-            let codes: Vec<u16> = ids.iter().take(ROOT_SLOTS).map(code).collect();
+            let at = (self.first + next) * word;
+            let codes: Vec<u16> = ids.get(at..at + ROOT_SLOTS)?.iter().map(code).collect();
             let mut state = self.states[before].clone();
             root_path.follow(&mut state, &codes);
             self.states.push(state);

@@ -7,19 +7,20 @@ import { characterOf } from './store.js';
 // Characters that are kept, the latest last.
 const MOST = 12;
 
-/** @type {Map<string, Character | null>} null while it comes, and where there is none */
+/** @type {Map<string, Character | string | null>} null while it comes, and why there is none */
 const known = new Map();
-/** Why some have no mesh here. @type {Map<string, string>} */
-const faults = new Map();
 
 /** @param {string} id @returns {string | undefined} why capsules stand for its mesh */
-export const whyCapsules = id => faults.get(id);
+export function whyCapsules(id) {
+  const there = known.get(id);
+  return typeof there === 'string' ? there : undefined;
+}
 
 /** @param {string} id of a clip or dance @param {() => void} come @returns {Character | null} */
 export function character(id, come) {
   if (!characterOf(id)) return null;
   const there = known.get(id);
-  if (there !== undefined) return there;
+  if (there !== undefined) return typeof there === 'string' ? null : there;
   known.set(id, null);
   fetched(id).then(
     one => {
@@ -31,7 +32,7 @@ export function character(id, come) {
       come();
     },
     error => {
-      faults.set(id, error.message);
+      known.set(id, error.message);
       come();
     },
   );
@@ -48,7 +49,4 @@ async function fetched(id) {
 
 // It was read otherwise, or is gone.
 /** @param {string} id */
-export const forgetCharacter = id => {
-  known.delete(id);
-  faults.delete(id);
-};
+export const forgetCharacter = id => known.delete(id);

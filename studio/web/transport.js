@@ -1,11 +1,11 @@
 // The bars of the stage: play and its speed below, what is shown above.
 
 import { clipPaint, showMode, staged, takes } from './cast.js';
+import { whyCapsules } from './characters.js';
 import { find, h, icon, iconButton } from './dom.js';
 import { clock } from './format.js';
 import { thePlayer } from './music.js';
 import { film, isFilming } from './record.js';
-import { whyCapsules } from './characters.js';
 import { dancersOnStage, onFrame, stage } from './stage-view.js';
 import { characterOf, currentSet, danceOf, nameOf, on, store, ui } from './store.js';
 import { wholeTime } from './timeline-view.js';

@@ -96,7 +96,7 @@ class Rig:
         world = np.array(self.obj.matrix_world, float)
         scales = np.linalg.norm(world[:3, :3], axis=0)
         if scales.max() > 1.001 * scales.min() or np.linalg.det(world[:3, :3]) <= 0:
-            raise Refused(f"{self.obj.name} is scaled by {np.round(scales, 3)} or mirrored; expected one factor above 0: apply its scale")
+            raise Refused(f"{self.obj.name} is scaled by {np.round(scales, 3)} or mirrored; expected one factor above 0: apply it")
         self.unit = bpy.context.scene.unit_settings.scale_length
         self.scale = scales.mean() * self.unit
         quarters = np.round(np.array(self.obj.matrix_world.to_euler()) / (np.pi / 2))

@@ -148,7 +148,8 @@ def between(obj, count=1, run="", **options):
     keys = actions.selected_key_frames(action, actions.slot_of(obj))
     gaps = [(a, b) for a, b in zip(keys, keys[1:]) if b - a > 1]
     if not gaps:
-        raise Refused(f"selected keys of {action.name} are in frames {keys}; expected two apart: select key poses")
+        raise Refused(f"selected keys of {action.name} are in frames {keys}; expected two with frames between them: select "
+                      "key poses in the dope sheet")
 
     def work(rig, poses, _first, _last, callback):
         spans = [f"all@{a + 1 - begin}f:{b - begin}f" for a, b in gaps]
@@ -159,8 +160,7 @@ def between(obj, count=1, run="", **options):
 def loop(obj, first, last, count=1, run="", **options):
     """The end of some frames leads to their beginning."""
     def work(rig, poses, begin, end, callback):
-        some = poses.clip.slice(begin, end + 1)
-        clips = model_of(run).variations(count, some, loop=True, callback=callback, **options)
+        clips = model_of(run).variations(count, poses.clip.slice(begin, end + 1), loop=True, callback=callback, **options)
         return [_within(poses.clip, clip, begin) for clip in clips]
     return _of_action(obj, first, last, work)
 

@@ -2,7 +2,7 @@
 
 use crate::cli::{Say, WrongCall, warn};
 use anyhow::Result;
-use kinelm_motion::Source;
+use kinelm_motion::Motion;
 use kinelm_motion::convert::TargetRig;
 use kinelm_motion::format::{ReadOptions, Unit};
 use std::path::PathBuf;
@@ -47,9 +47,8 @@ impl RigArgs {
         let rig = self.onto.as_deref().map(|name| TargetRig::load(name, &options)).transpose()?;
         let motion = rig.as_ref().and_then(TargetRig::motion);
         motion.iter().for_each(|motion| warn(motion, say));
-        let is_character = motion.is_some_and(|motion| matches!(motion.source, Source::Glb(_)));
         match &self.replace_animation {
-            Some(name) if !is_character => {
+            Some(name) if !motion.is_some_and(Motion::has_character) => {
                 let what = format!("--replace-animation {name}: --onto is no .glb or .vrm with a mesh, and has none");
                 Err(WrongCall(what).into())
             }
@@ -59,8 +58,7 @@ impl RigArgs {
 
     /// Refuses a character for what is written without it; `what` says what that is.
     pub fn check_no_character(&self, rig: Option<&TargetRig>, what: &str) -> Result<()> {
-        let is_character = rig.and_then(TargetRig::motion).is_some_and(|m| matches!(m.source, Source::Glb(_)));
-        if !is_character {
+        if !rig.and_then(TargetRig::motion).is_some_and(Motion::has_character) {
             return Ok(());
         }
         let name = self.onto.as_deref().unwrap_or_default();

@@ -200,7 +200,7 @@ fn motion(file: &Path, reading: &Reading, convert: &Path) -> Result<Info> {
         rig: report["rig"].as_str().map(str::to_owned),
         floor_m,
         converted: !is_bvh,
-        character: matches!(motion.source, Source::Glb(_)),
+        character: motion.has_character(),
         rate: FileRate::of(&motion, &options),
         doubts,
         ..Info::default()

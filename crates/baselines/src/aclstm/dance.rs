@@ -114,7 +114,7 @@ impl Request {
             }
         };
         let mut motion = motion.with_clip(coder.clip(&frames, &skeleton, FPS)?);
-        if let Source::Glb(_) = motion.source {
+        if motion.has_character() {
             // a new file, as it is read back: not an animation of the clip's own
             motion = motion.with_source(Source::Plain);
         }

@@ -110,7 +110,8 @@ fn turn_between(from: Quat, to: Quat) -> Quat {
     Quat::from_rotation_y(angle_between_headings(from, to))
 }
 
-fn angle_between_headings(from: Quat, to: Quat) -> f64 {
+/// The turn from the heading of one pelvis to that of another, radians, -PI to PI; 0 where one has none.
+pub(crate) fn angle_between_headings(from: Quat, to: Quat) -> f64 {
     let angle = heading(from).zip(heading(to)).map_or(0.0, |(from, to)| to - from);
     // the short way round: the difference of two headings may be beyond half a turn
     angle.sin().atan2(angle.cos())

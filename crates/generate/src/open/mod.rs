@@ -178,6 +178,11 @@ impl OpenRequest {
         Some((prompt, prompt.edit.as_ref()?))
     }
 
+    /// The drawn path along which the dance is led.
+    pub(crate) fn led(&self) -> Option<&PreparedPrompt> {
+        self.prompt.as_ref().filter(|prompt| prompt.way.is_some())
+    }
+
     /// The prompt on whose own rig the dance is written.
     pub(crate) fn on_own_rig(&self) -> Option<(&PreparedPrompt, &PromptRequest)> {
         let prompt = self.prompt.as_ref().zip(self.resolved.prompt.as_ref());

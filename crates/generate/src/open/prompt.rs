@@ -79,11 +79,8 @@ impl PreparedPrompt {
         if path::is_path(&request.path) && request.timeline.is_none() {
             return drawn(request, tokenizer);
         }
-        let (text, mut clip) = {
-            let text = bytes(request, layout)?;
-            let clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
-            (text, clip)
-        };
+        let text = bytes(request, layout)?;
+        let mut clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
         // map, floor and up axis are settled here, so that they aren't estimated again, least of all from the dance
         let found = clip.motion.humanoid().ok().map(Humanoid::found).filter(|found| found.is_of_clip());
         if let Some(map) = found.map(|found| found.map.to_toml()) {
@@ -92,7 +89,7 @@ impl PreparedPrompt {
             request.read.map = Some(map);
         }
         request.read.floor = clip.floor_m.or(request.read.floor);
-        request.is_character = matches!(clip.motion.source, Source::Glb(_));
+        request.is_character = clip.motion.has_character();
         clip.motion = request.written_as_requested(clip.motion)?;
         if let Source::Bvh(_) | Source::Json(_) | Source::Glb(_) = clip.motion.source {
             request.read.up = clip.motion.source.axes().up;
@@ -130,10 +127,10 @@ impl PreparedPrompt {
 
 /// A drawn path, along which all is generated.
 fn drawn(request: &mut PromptRequest, tokenizer: &Tokenizer) -> Result<PreparedPrompt> {
-    let wrong = |found: &str, why: String| Err(Error::unsupported(Subject::of_parameter("joints").with(found), why));
+    let wrong = |found: &str, why: String| Error::unsupported(Subject::of_parameter("joints").with(found), why);
     if request.joints.as_deref() != Some("path") || request.edit.is_some() {
         let why = "a .csv is a path over the floor: all that it gives is `path`";
-        return wrong(request.joints.as_deref().unwrap_or("none"), why.into());
+        return Err(wrong(request.joints.as_deref().unwrap_or("none"), why.into()));
     }
     let own = input::bytes(&request.path).map_err(Error::io(&request.path))?;
     let text = path::to_json(&request.path, &own, tokenizer.fps())?;
@@ -141,12 +138,10 @@ fn drawn(request: &mut PromptRequest, tokenizer: &Tokenizer) -> Result<PreparedP
     request.read.rest = RestFrame::Keep;
     request.read.floor = Some(0.0);
     let clip = PromptClip::parse(&path::name(&request.path), &text, &request.read, tokenizer)?;
-    let way = match Way::of(&clip.words, tokenizer) {
-        Ok(way) => Some(Arc::new(way)),
-        Err(e) => {
-            return wrong("path", format!("the model's tokenizer codes no steps over the floor that can be led: {e}"));
-        }
-    };
+    let way = Way::of(&clip.words, tokenizer).map_err(|e| {
+        wrong("path", format!("the model's tokenizer codes no steps over the floor that can be led: {e}"))
+    })?;
+    let way = Some(Arc::new(way));
     let clip = PromptClip { sha256: hash::of(&own), ..clip };
     let selection = Some(joints::parse("path")?);
     Ok(PreparedPrompt { clip, selection, given: Vec::new(), beginning: Vec::new(), frames: 0, way, edit: None })

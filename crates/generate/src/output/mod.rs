@@ -130,7 +130,7 @@ impl OpenRequest {
     fn placed(&self, clip: Clip) -> Result<Clip> {
         let clip = self.without_lead_in(&clip)?;
         let clip = clip.slice(0..self.frames.min(clip.frames()));
-        if let Some(prompt) = self.prompt.as_ref().filter(|prompt| prompt.way.is_some()) {
+        if let Some(prompt) = self.led() {
             return placement::along(&clip, &prompt.clip.clip);
         }
         match (&self.prompt, self.resolved.placement) {

@@ -32,7 +32,7 @@ impl Generated {
                 "{warning}the seam of the loop jerks by {seam:.0} m/s³; 99 of 100 given frames by less than {usual:.0}"
             ));
         }
-        if let Some(prompt) = open.prompt.as_ref().filter(|prompt| prompt.way.is_some()) {
+        if let Some(prompt) = open.led() {
             let way = resample_held(&prompt.clip.clip, self.motion.clip.fps(), Method::Smooth).ok();
             if let Some([mean_m, most_m, mean, most]) = way.and_then(|way| off_way(&self.motion.clip, &way)) {
                 notes.push(format!(

@@ -1,6 +1,7 @@
 //! The placement of a decoded dance: coding drops the first frame's position, and a free root starts with any heading.
 
 use crate::Result;
+use crate::edit::gap::angle_between_headings;
 use crate::open::PreparedPrompt;
 use crate::request::Placement;
 use kinelm_motion::rotation::heading;
@@ -35,11 +36,16 @@ impl Placement {
         // a given heading is the prompt's already: turning it would leave the prompt's path
         let turn = if given.heading { Quat::IDENTITY } else { Quat::from_rotation_y(turn) };
         let (from, to) = (if given.path { Vec3::ZERO } else { first }, Vec3::new(self.x, 0.0, self.z));
-        let root = dance.root().iter().map(|p| turn * (*p - from) + to).collect();
-        let mut rotations = dance.rotations().to_vec();
-        rotations.iter_mut().step_by(dance.joints()).for_each(|pelvis| *pelvis = turn * *pelvis);
-        Ok(Clip::new(dance.skeleton().clone(), dance.fps(), root, rotations)?)
+        turned(dance, turn, (from, to))
     }
+}
+
+/// A dance turned about a place and brought to another.
+fn turned(dance: &Clip, turn: Quat, (from, to): (Vec3, Vec3)) -> Result<Clip> {
+    let root = dance.root().iter().map(|p| turn * (*p - from) + to).collect();
+    let mut rotations = dance.rotations().to_vec();
+    rotations.iter_mut().step_by(dance.joints()).for_each(|pelvis| *pelvis = turn * *pelvis);
+    Ok(Clip::new(dance.skeleton().clone(), dance.fps(), root, rotations)?)
 }
 
 /// A dance whose x and z are those of a clip, as long as that lasts; then it goes on from there.
@@ -75,10 +81,7 @@ pub(super) fn along(dance: &Clip, way: &Clip) -> Result<Clip> {
         .chain(facings)
         .fold((0.0, 0.0), |(across, along), (a, b)| (across + a.z * b.x - a.x * b.z, along + a.x * b.x + a.z * b.z));
     let turn = Quat::from_rotation_y(across.atan2(along));
-    let there = |p: &Vec3| (turn * (*p - from.with_y(0.0))) + to.with_y(0.0);
-    let mut rotations = dance.rotations().to_vec();
-    rotations.iter_mut().step_by(dance.joints()).for_each(|pelvis| *pelvis = turn * *pelvis);
-    Ok(Clip::new(dance.skeleton().clone(), dance.fps(), dance.root().iter().map(there).collect(), rotations)?)
+    turned(dance, turn, (from.with_y(0.0), to.with_y(0.0)))
 }
 
 /// How far a dance is from the way of a clip at the same rate: mean and largest distance, metres, and the same of headings,
@@ -87,8 +90,7 @@ pub(super) fn off_way(dance: &Clip, way: &Clip) -> Option<[f64; 4]> {
     let frames = dance.frames().min(way.frames());
     let off = (0..frames).map(|f| {
         let place = (dance.root()[f] - way.root()[f]).with_y(0.0).length();
-        let turn = heading(dance.pose(f)[0]).zip(heading(way.pose(f)[0])).map_or(0.0, |(a, b)| a - b);
-        [place, turn.sin().atan2(turn.cos()).abs().to_degrees()]
+        [place, angle_between_headings(way.pose(f)[0], dance.pose(f)[0]).abs().to_degrees()]
     });
     let off: Vec<[f64; 2]> = off.collect();
     let mean = |i: usize| off.iter().map(|both| both[i]).sum::<f64>() / frames as f64;

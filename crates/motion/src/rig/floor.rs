@@ -68,10 +68,11 @@ impl Feet {
         doubt("floor_pelvis", self.pelvis_off(clip, &positions, found_m));
         doubt("floor_far", far(&lowest, found_m));
         let seconds = clip.duration_s();
-        let is_short = clip.frames() != 1 && seconds < SHORT_S;
-        doubt("floor_short", is_short.then(|| format!("the clip has {seconds:.2} s, under {SHORT_S} s")));
         // a single pose is no motion and shows no floor, but nothing about it is odd: it lends its rig
-        let is_sure = doubts.is_empty() && clip.frames() != 1;
+        let is_pose = clip.frames() == 1;
+        let is_short = !is_pose && seconds < SHORT_S;
+        doubt("floor_short", is_short.then(|| format!("the clip has {seconds:.2} s, under {SHORT_S} s")));
+        let is_sure = doubts.is_empty() && !is_pose;
         let near_m = if is_sure { 0.0 } else { PART_OF_BODY * self.body_m };
         let height_m = if found_m.abs() <= near_m { 0.0 } else { found_m };
         let found = format!("the floor by the feet is at y = {found_m:.2} m");

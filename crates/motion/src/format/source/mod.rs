@@ -102,6 +102,11 @@ impl Motion {
         }
     }
 
+    /// Whether its file has a mesh that can be given a dance.
+    pub fn has_character(&self) -> bool {
+        matches!(self.source, Source::Glb(_))
+    }
+
     /// The motion of a file, of whose rig this map was found, or none, in the file's own axes.
     pub(crate) fn read(
         path: &Path,

@@ -14,9 +14,10 @@ const EDGE: f64 = 0.006;
 /// The end sites of a figure's soles: of each joint that moves lowest vertices of the mesh as it is at rest, the lowest and, of
 /// those that are nearly as low, the one farthest from it. None where no mesh can be read: compressed, or in another file.
 pub fn soles(document: &Document, tree: &Tree, (figure, joints): (&Figure, &[usize])) -> Vec<EndSite> {
+    let Some((&first, rest)) = joints.first().zip(figure.rest.first()) else { return Vec::new() };
     let saved = tree.world(None);
-    // (V) joint, and place in its frame at rest, as the world's axes are
-    let mut vertices: Vec<(usize, Vec3)> = Vec::new();
+    // by joint (J): the places (V) of what it moves in its frame at rest, as the world's axes are
+    let mut moved: Vec<Vec<Vec3>> = vec![Vec::new(); joints.len()];
     for node in &document.json.nodes {
         let skinned = node.mesh.zip(node.skin);
         let Some((mesh, skin)) =
@@ -24,26 +25,31 @@ pub fn soles(document: &Document, tree: &Tree, (figure, joints): (&Figure, &[usi
         else {
             continue;
         };
-        let Some(bound) = bind_matrices(document, skin.inverse_bind_matrices, skin.joints.len()) else { continue };
+        let Ok(bound) = tree.inverse_binds(skin) else { continue };
+        // a skin without matrices is bound as it is (section 5.28)
+        let bound = bound.unwrap_or_else(|| vec![DAffine3::IDENTITY; skin.joints.len()]);
+        let frame = |(&node, bind): (&usize, DAffine3)| {
+            let joint = joints.iter().position(|&j| j == node)?;
+            Some((joint, bind, saved[node].matrix3, split(&saved[node]).0.inverse()))
+        };
+        let frames: Vec<_> = skin.joints.iter().zip(bound).map(frame).collect();
         for (of_skin, place) in mesh.primitives.iter().filter_map(|p| held(document, p)).flatten() {
-            let Some((&node, bind)) = skin.joints.get(of_skin).zip(bound.get(of_skin)) else { continue };
-            let Some(joint) = joints.iter().position(|&j| j == node) else { continue };
-            let (turn, _) = split(&saved[node]);
-            let from_joint = saved[node].matrix3 * bind.transform_point3(place);
-            vertices.push((joint, figure.rest[joint].0 * (turn.inverse() * from_joint)));
+            let Some(Some((joint, bind, stretch, back))) = frames.get(of_skin) else { continue };
+            let from_joint = *stretch * bind.transform_point3(place);
+            moved[*joint].push(figure.rest[*joint].0 * (*back * from_joint));
         }
     }
-    let Some((&first, rest)) = joints.first().zip(figure.rest.first()) else { return Vec::new() };
     // the bind pose may have other axes than the world
     let up = axis(rest.0 * split(&saved[first]).0.inverse() * Vec3::Y);
-    let height = |&(joint, from): &(usize, Vec3)| up.dot(figure.rest[joint].1 + from);
-    let (low, high) = vertices.iter().map(height).fold((f64::MAX, f64::MIN), |(a, b), y| (a.min(y), b.max(y)));
+    let height = |joint: usize, from: &Vec3| up.dot(figure.rest[joint].1 + *from);
+    let heights = moved.iter().enumerate().flat_map(|(joint, own)| own.iter().map(move |from| (joint, from)));
+    let heights = heights.map(|(joint, from)| height(joint, from));
+    let (low, high) = heights.fold((f64::MAX, f64::MIN), |(a, b), y| (a.min(y), b.max(y)));
     let near = |share: f64, y: f64| y + share * (high - low);
     let mut ends = Vec::new();
-    for parent in 0..joints.len() {
-        let own: Vec<Vec3> = vertices.iter().filter(|v| v.0 == parent).map(|v| v.1).collect();
+    for (parent, own) in moved.iter().enumerate() {
         let Some(lowest) = own.iter().copied().min_by(|a, b| up.dot(*a).total_cmp(&up.dot(*b))) else { continue };
-        if height(&(parent, lowest)) > near(SOLE, low) {
+        if height(parent, &lowest) > near(SOLE, low) {
             continue;
         }
         let reach = |p: &Vec3| p.reject_from_normalized(up).length();
@@ -58,17 +64,6 @@ pub fn soles(document: &Document, tree: &Tree, (figure, joints): (&Figure, &[usi
 fn axis(direction: Vec3) -> Vec3 {
     let largest = (0..3).max_by(|&a, &b| direction[a].abs().total_cmp(&direction[b].abs())).unwrap_or(1);
     Vec3::AXES[largest] * direction[largest].signum()
-}
-
-/// The inverse bind matrices of a skin's joints; the identity where it states none (section 5.28).
-fn bind_matrices(document: &Document, accessor: Option<usize>, joints: usize) -> Option<Vec<DAffine3>> {
-    let Some(accessor) = accessor else { return Some(vec![DAffine3::IDENTITY; joints]) };
-    let numbers = document.numbers(accessor, 16).ok()?;
-    let affine = |m: &[f64]| {
-        let column = |c: usize| Vec3::new(m[4 * c], m[4 * c + 1], m[4 * c + 2]);
-        DAffine3::from_cols(column(0), column(1), column(2), column(3))
-    };
-    Some(numbers.chunks_exact(16).map(affine).collect())
 }
 
 /// The vertices of a part of a mesh: each with the joint of its skin that moves it most, and its place.

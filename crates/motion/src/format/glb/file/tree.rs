@@ -1,6 +1,6 @@
 //! The nodes of a document as a forest: which are a figure's, and where they stand.
 
-use super::document::Document;
+use super::document::{Document, Skin};
 use super::take::Take;
 use super::track::quat;
 use crate::format::figure::{Chosen, Nodes};
@@ -146,6 +146,17 @@ impl<'a> Tree<'a> {
         Ok(joints)
     }
 
+    /// The inverse bind matrices of a skin; `None` where it states none.
+    pub fn inverse_binds(&self, skin: &Skin) -> Result<Option<Vec<DAffine3>>> {
+        let Some(matrices) = skin.inverse_bind_matrices else { return Ok(None) };
+        let numbers = self.document.numbers(matrices, 16).map_err(of_bind)?;
+        let affine = |m: &[f64]| {
+            let column = |c: usize| Vec3::new(m[4 * c], m[4 * c + 1], m[4 * c + 2]);
+            DAffine3::from_cols(column(0), column(1), column(2), column(3))
+        };
+        Ok(Some(numbers.chunks_exact(16).map(affine).collect()))
+    }
+
     /// The figure in its bind pose, if every joint has one, else as its nodes stand.
     pub fn at_rest(&self, joints: &[usize]) -> Result<Figure> {
         let mut names: Vec<String> = Vec::with_capacity(joints.len());
@@ -158,12 +169,8 @@ impl<'a> Tree<'a> {
         let stand: Vec<Placed> = joints.iter().map(|&node| split(&world[node])).collect();
         let mut bound: Vec<Option<Placed>> = vec![None; joints.len()];
         for skin in &self.document.json.skins {
-            let Some(matrices) = skin.inverse_bind_matrices else { continue };
-            let numbers = self.document.numbers(matrices, 16).map_err(of_bind)?;
-            for (&node, m) in skin.joints.iter().zip(numbers.chunks_exact(16)) {
+            for (&node, inverse) in skin.joints.iter().zip(self.inverse_binds(skin)?.into_iter().flatten()) {
                 let Some(j) = place(node).filter(|&j| bound[j].is_none()) else { continue };
-                let column = |c: usize| Vec3::new(m[4 * c], m[4 * c + 1], m[4 * c + 2]);
-                let inverse = DAffine3::from_cols(column(0), column(1), column(2), column(3));
                 // a singular matrix has no bind pose to give
                 if inverse.matrix3.determinant().abs() > 1e-12 {
                     bound[j] = Some(split(&inverse.inverse()));
@@ -190,8 +197,8 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// Of the nodes above these joints and them, one whose frame in the world is scaled unevenly or sheared while a joint hangs from
-    /// it, as the file was saved; and its scale.
+    /// Of what these joints hang from, a node whose frame in the world is scaled unevenly or sheared, as the file was saved; and
+    /// its scale.
     pub fn uneven(&self, joints: &[usize]) -> Option<(String, Vec3)> {
         let world = self.world(None);
         let above: BTreeSet<usize> = joints.iter().flat_map(|&joint| self.upwards(joint).skip(1)).collect();

@@ -40,17 +40,22 @@ const SHEAR: f64 = 1e-4;
 /// skeleton that is scaled unevenly.
 pub(super) fn check(source: &GlbSource, name: &str) -> Result<()> {
     let chunks = Chunks::parse(&source.path, &source.bytes)?;
-    checked(source, &Document::of(&source.path, &chunks)?, name).map(drop)
+    let document = Document::of(&source.path, &chunks)?;
+    checked(source, (&document, &Tree::new(&document)?), name).map(drop)
 }
 
 /// The name of an animation that is added, and the number of the one that it replaces.
-fn checked<'a>(source: &'a GlbSource, document: &Document, name: &'a str) -> Result<(&'a str, Option<usize>)> {
+fn checked<'a>(
+    source: &'a GlbSource,
+    (document, tree): (&Document, &Tree),
+    name: &'a str,
+) -> Result<(&'a str, Option<usize>)> {
     let path = &source.path;
     if document.json.buffers.first().is_some_and(|buffer| buffer.uri.is_some()) {
         let why = "its buffer isn't its binary chunk; export it as a GLB with one";
         return Err(Error::unsupported(path.display().to_string(), why));
     }
-    if let Some((node, scale)) = Tree::new(document)?.uneven(&source.nodes) {
+    if let Some((node, scale)) = tree.uneven(&source.nodes) {
         let why = format!(
             "its scale is uneven or sheared ({scale}), which rotations of the joints below it would distort; apply it in the \
              program that made the file"
@@ -72,7 +77,8 @@ pub(super) fn onto(source: &GlbSource, name: &str, clip: &Clip, changed: Option<
     let damaged = |e: &dyn std::fmt::Display| document.fault(e.to_string(), "a glTF document");
     let text = std::str::from_utf8(chunks.json).map_err(|e| damaged(&e))?;
     let members: Members = serde_json::from_str(text).map_err(|e| damaged(&e))?;
-    let (name, replaced) = checked(source, &document, name)?;
+    let tree = Tree::new(&document)?;
+    let (name, replaced) = checked(source, (&document, &tree), name)?;
     if clip.frames() == 0 {
         return Err(Error::unsupported(name.to_owned(), "0 frames; a GLB needs one"));
     }
@@ -82,7 +88,6 @@ pub(super) fn onto(source: &GlbSource, name: &str, clip: &Clip, changed: Option<
         return Err(Error::invalid("what is new of the clip", "other flags", expected));
     }
     let clip = source.axes.restored(clip)?;
-    let tree = Tree::new(&document)?;
     let character = Character { source, document: &document, local: Local::of(source, &tree), tree: &tree };
     let binary = chunks.binary.unwrap_or_default();
     let begin = binary.len().next_multiple_of(4);

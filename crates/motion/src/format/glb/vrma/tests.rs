@@ -1,6 +1,6 @@
 use super::*;
 use crate::format::{Format, ReadOptions, glb, parse, to_bytes as bytes_of};
-use crate::rig::{FoundBy, Humanoid};
+use crate::rig::FoundBy;
 use crate::{Skeleton, smpl, synth};
 use std::sync::Arc;
 

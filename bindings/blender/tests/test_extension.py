@@ -132,14 +132,17 @@ class Extension(unittest.TestCase):
             with self.subTest(kind):
                 self.setUp()
                 obj = rigs.rigify() if kind == "rigify" else rigs.person(kind, **options)
-                obj.location, obj.rotation_euler = (2, -1, 0), (0, 0, 0.7)
+                obj.location, obj.rotation_euler = (2, -1, 0.5), (0, 0, 0.7)
                 bpy.context.view_layer.update()
                 rig = armature.Rig(obj)
+                # as high as the lowest joint stands at rest
+                stands = min((obj.matrix_world @ obj.data.bones[bone].head_local).z for bone in rig.bones)
+                self.assertGreater(stands, 0.51)
                 made = jobs.Job(jobs.dance(obj, 11, 4.0, {"genre": "salsa"}, seed=3)).run()
                 self.assertEqual([made[0]], [obj.animation_data.action])
                 clip = kinelm.Model.ready().generate(rig.rest_clip(), rig="prompt", seconds=4.0, labels={"genre": "salsa"}, seed=3)
                 self.assertEqual(made[0].curve_frame_range[:], (11, 10 + len(clip)))
-                want, got = clip.positions(), heads(obj, range(11, 11 + len(clip)), rig.bones)
+                want, got = clip.positions() + [0, stands, 0], heads(obj, range(11, 11 + len(clip)), rig.bones)
                 got = got - got[0, 0] * [1, 0, 1] + want[0, 0] * [1, 0, 1]
                 far = np.abs(got - want).max()
                 print(f"  {kind}: {far * 1000:.4f} mm at most, root {rig.bones[0]}, {len(rig.bones)} bones")

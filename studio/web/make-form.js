@@ -5,6 +5,7 @@ import { find, h, icon, iconButton } from './dom.js';
 import { capital, joints as said, rate } from './format.js';
 import { PARTS } from './groups.js';
 import { keptDances, motionClips, nameOf, on, store, tell, ui } from './store.js';
+import { drawn, openPen, pathField, pathRows, takePath } from './pen.js';
 import { attempt } from './toast.js';
 import { clipIdOf } from './cast.js';
 
@@ -102,7 +103,9 @@ export function request() {
   if (kind === 'free') make.clip = theRig() ?? undefined;
   if (kind === 'free' || kind === 'given') make.fps = number('fps');
   if (kind === 'given') make.joints = [...choice.joints].join(',');
-  if (kind === 'free') make.seconds = number('seconds') ?? 8;
+  // along a path it is as long as that
+  if (kind === 'free') make.path = pathRows();
+  if (kind === 'free' && !make.path) make.seconds = number('seconds') ?? 8;
   if (kind === 'loop') Object.assign(make, { loop: choice.loop, loop_over: number('loop_over') });
   const labels = Object.entries(choice.labels).filter(([, value]) => value);
   if (labels.length && kind !== 'timeline') make.labels = Object.fromEntries(labels);
@@ -129,6 +132,7 @@ export async function makeNow() {
 /** @param {string} id of its clip @param {Record<string, string>} labels */
 export function makeOn(id, labels) {
   Object.assign(choice, { kind: 'free', rig: id, labels });
+  takePath(undefined);
   chosenByHand = true;
   draw();
   return makeNow();
@@ -145,6 +149,7 @@ export function takeOver(make) {
   if (make.kind === 'free') choice.rig = make.clip ?? SMPL;
   else if (make.clip) choice.clip = make.clip;
   if (make.joints) choice.joints = new Set(make.joints.split(','));
+  takePath(make.path);
   choice.variations = make.variations;
   choice.labels = { ...make.labels };
   choice.loop = make.loop ?? 'back';
@@ -248,7 +253,9 @@ function fields() {
       draw();
     });
     control.id = 'field-rig';
-    parts.push(field('rig', 'Rig', control), numberField('seconds', 'Seconds', { min: 1, max: 600, step: 1 }));
+    parts.push(field('rig', 'Rig', control));
+    if (!drawn.points.length) parts.push(numberField('seconds', 'Seconds', { min: 1, max: 600, step: 1 }));
+    if (store.state.model.paths) parts.push(pathField());
   }
   if (kind === 'loop') {
     const back = /** @type {[string, string][]} */ ([
@@ -402,6 +409,7 @@ export function openForm() {
     e.preventDefault();
     makeNow();
   });
+  openPen(draw);
   let had = false;
   on(['timeline'], () => {
     // painting something free is a wish to have it made

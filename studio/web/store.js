@@ -6,7 +6,7 @@
 const NOTHING = {
   version: '',
   project: '',
-  model: { name: '', fps: 20, new_fps: 0, labels: {}, joints: [], groups: [] },
+  model: { name: '', fps: 20, new_fps: 0, labels: {}, joints: [], groups: [], paths: false },
   clips: [],
   dances: [],
   jobs: [],

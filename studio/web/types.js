@@ -14,14 +14,14 @@
  *   score?: number, verdict?: string, rank?: number[] }} Dance
  * @typedef {'free' | 'given' | 'edit' | 'loop' | 'timeline'} Kind
  * @typedef {{ kind: Kind, clip?: string, joints?: string, free?: string[], seconds?: number, fps?: number,
- *   labels?: Record<string, string>, seed?: number, temperature?: number, top_p?: number, guidance?: number, feet?: 'lock' | 'off', variations: number,
+ *   labels?: Record<string, string>, seed?: number, temperature?: number, top_p?: number, guidance?: number, feet?: 'lock' | 'off', path?: number[][], variations: number,
  *   best?: number, loop?: 'back' | 'pose', loop_over?: number }} Make
  * @typedef {{ id: string, kind: Kind, make: Make, dances: string[], text: string | null, opening: boolean, started: number,
  *   state: 'waiting' | 'running' | 'done' | 'failed' | 'cancelled', frames: number, of: number,
  *   since: number | null }} Job since: the last event before its first frames
  * @typedef {{ name: string, smpl: number, label: string, group: string }} ModelJoint
  * @typedef {{ name: string, fps: number, new_fps: number, labels: Record<string, string[]>, joints: ModelJoint[],
- *   groups: string[] }} Model new_fps: of a dance without a clip
+ *   groups: string[], paths: boolean }} Model new_fps: of a dance without a clip; paths: whether it can be led along one
  * @typedef {{ undo: number, redo: number, undo_name: string | null, redo_name: string | null }} Undo
  * @typedef {{ clip: string, from_s: number }} Music
  * @typedef {{ version: string, project: string, model: Model, clips: Clip[], dances: Dance[], jobs: Job[],

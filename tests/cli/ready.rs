@@ -57,8 +57,8 @@ fn it_dances_along_a_path() {
     call(dir.path(), "again a.bvh.kinelm.json --out b.bvh").assert().success();
     assert_eq!(fs::read(dir.path().join("a.bvh")).unwrap(), fs::read(dir.path().join("b.bvh")).unwrap());
     // what a path doesn't give, and a part of the root for a time
-    let more = call(dir.path(), "generate --prompt walk.csv --joints root --out c.bvh").assert().failure();
-    more.stderr(contains("all that it gives is --path"));
+    let more = call(dir.path(), "generate --path walk.csv --prompt a.bvh --joints root --out c.bvh").assert().failure();
+    more.stderr(contains("leave it to the path"));
     let for_a_time = call(dir.path(), "generate --prompt a.bvh --given path@0s:1s --out c.bvh").assert().failure();
     for_a_time.stderr(contains("path, height and tilt are given throughout"));
 }

@@ -38,6 +38,9 @@ class Dance(Reading, total=False):
     """All of the prompt is given but this, such as ["left_arm@4s:8s"]."""
     loop: bool
     """The end leads to the beginning."""
+    path: Path | Sequence[Sequence[float]] | NDArray[np.float64]
+    """Places on the floor that the dance goes along: rows of seconds, x and z in metres and perhaps a heading in degrees, or a
+    .csv of them."""
     seconds: float
     """Above 0."""
     frames: int

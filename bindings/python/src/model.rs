@@ -9,7 +9,9 @@ use crate::options::{Reading, choice, named, parsed};
 use crate::pool::detach;
 use kinelm::generate::make::{Making, Preview};
 use kinelm::generate::open::OpenRequest;
-use kinelm::generate::request::{Edit, FootMode, Length, Loop, MusicRequest, PromptRequest, Request, Rig, Span};
+use kinelm::generate::request::{
+    Edit, FloorPath, FootMode, Length, Loop, MusicRequest, PromptRequest, Request, Rig, Span,
+};
 use kinelm::generate::sampler::{NextToken, Sampler};
 use kinelm::generate::sampling::Sampling;
 use kinelm::model::{CheckpointChoice, Compute, load_run};
@@ -39,6 +41,7 @@ struct DanceOptions {
     from_frame: Option<usize>,
     free: Vec<String>,
     r#loop: bool,
+    path: Option<DrawnPath>,
     seconds: Option<f64>,
     frames: Option<usize>,
     fps: Option<f64>,
@@ -60,6 +63,24 @@ struct DanceOptions {
     root: Option<String>,
     take: Option<String>,
     mirror_axis: Option<String>,
+}
+
+/// A path over the floor: a file of it, or its places.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum DrawnPath {
+    File(PathBuf),
+    Places(Vec<Vec<f64>>),
+}
+
+impl DrawnPath {
+    fn get(self) -> PyResult<FloorPath> {
+        let path = match self {
+            DrawnPath::File(file) => FloorPath::read(&file),
+            DrawnPath::Places(rows) => FloorPath::of(&rows),
+        };
+        path.map_err(library)
+    }
 }
 
 impl Model {
@@ -92,6 +113,7 @@ impl Model {
         let prompt = prompt.map(|prompt| prompt.request(read)).transpose()?;
         Ok(Request {
             prompt: prompt.map(|prompt| PromptRequest { joints, from_frame, edit, ..prompt }),
+            path: options.path.map(DrawnPath::get).transpose()?,
             labels: options.labels,
             guidance: options.guidance,
             look_ahead: options.look_ahead,
@@ -135,7 +157,8 @@ impl Model {
 
     /// A dance. Of `prompt`, a motion file or a clip, `joints` are given throughout, all joints before `from_frame`, or all but
     /// `free` (a list such as ["left_arm@4s:8s"]); `loop` makes its end lead to its beginning. With `rig` "prompt" alone it lends its
-    /// rig and its rate. `seconds` or `frames` (of the model) say how long the dance is, `fps` its rate: by default the prompt's,
+    /// rig and its rate. `path`, places on the floor as rows of seconds, x and z (and heading, degrees), or a .csv of them, is danced
+    /// along. `seconds` or `frames` (of the model) say how long the dance is, `fps` its rate: by default the prompt's,
     /// else 30. `labels`, `guidance`, `look_ahead`, `music`, `seed`, `temperature`, `top_p`, `rig` ("model" or "prompt") and `lock_feet` as the
     /// program's flags; `fps_source`, `skip`, `up`, `unit`, `map`, `root`, `take` and `mirror_axis` as in
     /// `Clip.read`. `callback` gets a dictionary, `frames` sampled `of` all, after each word, and may return False to stop.

@@ -56,7 +56,7 @@ pub fn choice(checkpoint: Option<Bound<'_, PyAny>>) -> PyResult<CheckpointChoice
     text.parse().map_err(|expected| wrong(format!("checkpoint is {text:?}; {expected}")))
 }
 
-/// Keyword arguments as a struct, by way of JSON; paths and numpy's numbers may stand among them.
+/// Keyword arguments as a struct, by way of JSON; paths, numpy's numbers and arrays may stand among them.
 ///
 /// # Errors
 /// TypeError for a name that `T` doesn't have, or a value of another type.
@@ -65,9 +65,9 @@ pub fn parsed<T: Default + DeserializeOwned>(kwargs: Option<&Bound<'_, PyDict>>)
     let py = kwargs.py();
     let plain = |args: &Bound<'_, PyTuple>, _: Option<&Bound<'_, PyDict>>| -> PyResult<Py<PyAny>> {
         let value = args.get_item(0)?;
-        // numpy's numbers have `item`; `fspath` takes paths, and raises for all else
-        let plain = match value.hasattr("item")? {
-            true => value.call_method0("item")?,
+        // numpy's numbers and arrays have `tolist`; `fspath` takes paths, and raises for all else
+        let plain = match value.hasattr("tolist")? {
+            true => value.call_method0("tolist")?,
             false => value.py().import("os")?.call_method1("fspath", (value,))?,
         };
         Ok(plain.unbind())

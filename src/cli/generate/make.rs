@@ -11,16 +11,17 @@ use kinelm_store::sidecar;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-/// Makes the dances of a request and writes them to `outs`; `timeline` is the file and the layout of its timeline.
+/// Makes the dances of a request and writes them to `outs`; `read`: a file that is in the request, which names it nowhere;
+/// `layout`: of its timeline.
 pub fn make(
     args: &DanceArgs,
     request: Request,
     outs: &[PathBuf],
-    timeline: Option<(&Path, TimelineLayout)>,
+    read: Option<&Path>,
+    layout: Option<TimelineLayout>,
     say: Say,
 ) -> Result<()> {
-    let (file, layout) = timeline.map(|(file, layout)| (file.to_owned(), layout)).unzip();
-    let outputs = args.force.outputs(request.files().chain(file));
+    let outputs = args.force.outputs(request.files().chain(read.map(Path::to_owned)));
     // all names, before the first frame
     outputs.check(outs.iter().map(PathBuf::as_path))?;
     for out in outs {

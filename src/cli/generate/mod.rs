@@ -8,7 +8,7 @@ pub mod make;
 use super::read::ReadArgs;
 use super::values::length_in_frames;
 use super::{Say, extension, print, wrong_call};
-use crate::generate::request::{PromptRequest, Timeline};
+use crate::generate::request::{FloorPath, PromptRequest, Request, Timeline};
 use crate::generate::timeline::chart;
 use crate::model::run::TOKENIZER;
 use crate::train::run::RunFile;
@@ -35,7 +35,7 @@ pub struct Args {
     onto: Option<PathBuf>,
     /// A path over the floor that is danced along: a .csv of seconds, x and z in metres, or of x, z and speed, and heading in
     /// degrees if it isn't that of the way
-    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["prompt", "onto", "joints", "from_frame", "given", "free", "loop"])]
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["from_frame", "given", "free", "loop"])]
     path: Option<PathBuf>,
     /// The animation of a character, by name, whose place the dance takes in the .glb that is written
     #[arg(long, value_name = "NAME")]
@@ -82,10 +82,6 @@ pub fn run(mut args: Args, say: Say) -> Result<()> {
         Some(Command::Timeline(args)) => return timeline(args, say),
         None => {}
     }
-    if let Some(path) = args.path.take() {
-        args.prompt = Some(path);
-        args.joints = Some("path".into());
-    }
     if let Some(character) = args.onto.take() {
         args.prompt = Some(character);
         args.dance.put_on_own_rig();
@@ -99,7 +95,9 @@ pub fn run(mut args: Args, say: Say) -> Result<()> {
         );
     }
     let prompt = args.prompt.as_ref().map(|path| prompt(&args, path, say)).transpose()?;
-    make::make(&args.dance, args.dance.request(prompt, Vec::new())?, &outs, None, say)
+    let path = args.path.as_deref().map(FloorPath::read).transpose()?;
+    let request = Request { path, ..args.dance.request(prompt, Vec::new())? };
+    make::make(&args.dance, request, &outs, args.path.as_deref(), None, say)
 }
 
 fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
@@ -111,7 +109,7 @@ fn timeline(args: &TimelineArgs, say: Say) -> Result<()> {
     let outs = args.dance.outs(true, None, false)?;
     let (prompt, layout) = edit::of_timeline(&args.timeline, &args.dance, say)?;
     let request = args.dance.request(Some(prompt), layout.labels.clone())?;
-    make::make(&args.dance, request, &outs, Some((&args.timeline, layout)), say)
+    make::make(&args.dance, request, &outs, Some(&args.timeline), Some(layout), say)
 }
 
 /// The prompt, and what is taken from it.

@@ -5,6 +5,7 @@ use kinelm_generate::open::FPS;
 use kinelm_model::{CheckpointChoice, ModelKind, load_run};
 use kinelm_motion::joints::{self, GROUPS};
 use kinelm_motion::smpl;
+use kinelm_tokenizer::root_path::RootPath;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,6 +23,8 @@ pub struct Model {
     pub fps: f64,
     /// Whether it dances word by word, so that it can look ahead.
     pub is_causal: bool,
+    /// Whether it can be led along a path.
+    pub paths: bool,
     labels: BTreeMap<String, Vec<String>>,
     coded: Vec<usize>,
 }
@@ -49,7 +52,8 @@ impl Model {
         };
         let coded = tokenizer.channels().joints().to_vec();
         let is_causal = loaded.config.kind == ModelKind::Causal;
-        Ok(Model { run: path, checkpoint, name, fps: tokenizer.fps(), is_causal, labels, coded })
+        let paths = is_causal && RootPath::of(&tokenizer).is_ok();
+        Ok(Model { run: path, checkpoint, name, fps: tokenizer.fps(), is_causal, paths, labels, coded })
     }
 
     /// As a page has it.
@@ -57,6 +61,7 @@ impl Model {
         let joint = |id: &usize| json!({ "name": joints::list_of(&[*id]), "smpl": id, "label": smpl::NAMES[*id], "group": joints::part_of(*id) });
         json!({
             "name": self.name, "fps": self.fps, "new_fps": FPS, "labels": self.labels,
+            "paths": self.paths,
             "joints": self.coded.iter().map(joint).collect::<Vec<_>>(),
             "groups": GROUPS.iter().map(|(name, _)| name).collect::<Vec<_>>(),
         })

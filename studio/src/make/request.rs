@@ -5,7 +5,7 @@ use crate::library::{Library, Source};
 use crate::timeline::{Laid, Timelines};
 use crate::{Error, Result};
 use kinelm_generate::request::{
-    Computing, Edit, FootMode, Length, Loop, LoopKind, MusicRequest, PromptRequest, Request, Rig, Span,
+    Computing, Edit, FloorPath, FootMode, Length, Loop, LoopKind, MusicRequest, PromptRequest, Request, Rig, Span,
 };
 use kinelm_generate::sampling::Sampling;
 use kinelm_generate::timeline::TimelineLayout;
@@ -88,6 +88,9 @@ pub struct Make {
     /// Dances among which they are chosen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub best: Option<usize>,
+    /// A path over the floor that a new dance goes along.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<FloorPath>,
     /// What comes back in a loop.
     #[serde(default, rename = "loop", skip_serializing_if = "Option::is_none")]
     pub looping: Option<LoopKind>,
@@ -172,6 +175,7 @@ impl Make {
             seed: self.seed.map(u64::from),
             sampling: self.sampling(),
             feet: self.feet,
+            path: self.path.clone(),
             // shown while they are sampled: twice the speed, at a cost in bits that is hardly measurable
             computing: Some(Computing { weights: WeightKind::Int8, ..Computing::default() }),
             checkpoint: model.checkpoint,
@@ -186,8 +190,8 @@ impl Make {
                 // the same work whatever the number of dances
                 let dances = self.best.unwrap_or(self.variations);
                 request.look_ahead = model.is_causal.then_some((LOOK_AHEAD / dances).max(1));
-                // with music the dance is as long as the music
-                if request.music.is_none() {
+                // with music the dance is as long as the music, along a path as long as that
+                if request.music.is_none() && request.path.is_none() {
                     request.length = request.length.or(Some(Length::Seconds(FREE_S)));
                 }
                 if let Some(clip) = &self.clip {
@@ -289,6 +293,7 @@ mod tests {
             (r#"{"kind": "free", "temperature": 0}"#, "a number above 0"),
             (r#"{"kind": "free", "top_p": 2}"#, "up to 1"),
             (r#"{"kind": "edit", "free": ["@1:2"]}"#, "names no joints"),
+            (r#"{"kind": "free", "path": [[0, 0, 0]]}"#, "fewer than 2 places"),
             (r#"{"kind": "dance"}"#, "unknown variant"),
         ] {
             let said = parsed(text).unwrap_err();

@@ -117,13 +117,11 @@ pub(super) fn decide(request: Request, inputs: &Inputs) -> Result<(Resolved, Opt
     let is_leg = |joint: &usize| LEGS.iter().flatten().any(|leg| leg == joint);
     let has_leg = prompt.and_then(|prompt| prompt.selection.as_ref()).is_some_and(|s| s.joints.iter().any(is_leg));
     let look_ahead = look_ahead(&request, is_masked || is_edited || sampling.greedy || has_leg)?;
-    // a drawn path has no rate of its own
-    let lender = prompt.filter(|prompt| prompt.way.is_none());
     let resolved = Resolved {
         guidance,
         goal_guidance,
         frames: inputs.frames,
-        fps: request.fps.or(lender.map(|prompt| prompt.clip.motion.clip.fps())).unwrap_or(FPS),
+        fps: request.fps.or(prompt.map(|prompt| prompt.clip.motion.clip.fps())).unwrap_or(FPS),
         lead_in: if is_unprompted { lead_in::words(&inputs.tokenizer) * inputs.tokenizer.frames_per_word() } else { 0 },
         lead_in_from,
         first_frames,
@@ -144,6 +142,7 @@ pub(super) fn decide(request: Request, inputs: &Inputs) -> Result<(Resolved, Opt
         computing: request.computing.unwrap_or_default(),
         run: request.run,
         prompt: request.prompt,
+        path: request.path,
         labels: request.labels,
         timed_labels: request.timed_labels,
         music: request.music,

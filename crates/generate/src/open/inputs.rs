@@ -2,7 +2,7 @@
 
 use super::conditions::add_tempo;
 use super::labels::fronts;
-use super::{MOST_CANDIDATES, OpenMusic, PreparedPrompt};
+use super::{MOST_CANDIDATES, OpenMusic, OpenWay, PreparedPrompt};
 use crate::edit::PreparedEdit;
 use crate::request::{Length, Request, Resolved, Rig};
 use crate::sampler::check_frames;
@@ -53,6 +53,7 @@ pub(super) struct Inputs {
     pub tokenizer: Tokenizer,
     pub conditions: Conditions,
     pub prompt: Option<PreparedPrompt>,
+    pub way: Option<OpenWay>,
     pub music: Option<OpenMusic>,
     /// F, frames of the dance at the model's rate.
     pub frames: usize,
@@ -79,8 +80,12 @@ impl Inputs {
         let from = request.prompt.as_ref().and_then(|prompt| prompt.from_frame);
         let prompt = request.prompt.as_mut();
         let prompt = prompt.map(|prompt| PreparedPrompt::load(prompt, layout, requested, &tokenizer)).transpose()?;
-        let frames = requested.or_else(|| frames_of(prompt.as_ref(), music.as_ref(), fps));
-        let help = "give a number of seconds or frames (`seconds`, `frames`), or a prompt or music that has a length";
+        let way =
+            request.path.as_ref().map(|path| OpenWay::open(path, request, prompt.as_ref(), &tokenizer)).transpose()?;
+        let of_way = way.as_ref().map(|way| way.clip.frames());
+        let frames = requested.or(of_way).or_else(|| frames_of(prompt.as_ref(), music.as_ref(), fps));
+        let help =
+            "give a number of seconds or frames (`seconds`, `frames`), or a prompt, a path or music that has a length";
         let frames = frames.ok_or_else(|| Error::missing("length of the dance", help))?;
         check_frames(frames)?;
         let seconds = frames as f64 / fps;
@@ -95,7 +100,7 @@ impl Inputs {
             return Err(Error::invalid_parameter("from_frame", from, expected));
         }
         music.as_ref().map_or(Ok(()), |music| music.check(seconds))?;
-        Ok(Inputs { run, tokenizer, conditions, prompt, music, frames, fronts })
+        Ok(Inputs { run, tokenizer, conditions, prompt, way, music, frames, fronts })
     }
 }
 
@@ -118,7 +123,7 @@ pub(super) fn check_candidates(request: &Resolved) -> Result<()> {
 /// is a single pose, which lends its rig alone.
 fn frames_of(prompt: Option<&PreparedPrompt>, music: Option<&OpenMusic>, fps: f64) -> Option<usize> {
     let of_prompt = |p: &PreparedPrompt| p.edit.as_ref().map_or(p.clip.frames(), PreparedEdit::known);
-    let is_given = |p: &&PreparedPrompt| p.edit.is_some() || p.way.is_some() || !p.given.is_empty();
+    let is_given = |p: &&PreparedPrompt| p.edit.is_some() || !p.given.is_empty();
     // 1e-6: seconds that are whole frames may come out just below one
     let of_music = music.map(|music| (music.seconds() * fps + 1e-6).floor().max(1.0) as usize);
     let moves = |p: &&PreparedPrompt| p.clip.motion.clip.frames() > 1;

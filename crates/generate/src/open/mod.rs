@@ -11,6 +11,7 @@ mod music;
 mod prompt;
 mod sample;
 mod seeding;
+mod way;
 
 pub use conditions::{check_goal_guidance, check_passes};
 pub use defaults::{
@@ -19,6 +20,7 @@ pub use defaults::{
 pub use look_ahead::MOST_CANDIDATES;
 pub use music::OpenMusic;
 pub use prompt::PreparedPrompt;
+pub use way::OpenWay;
 
 use crate::edit::PreparedEdit;
 use crate::request::{PromptRequest, Request, Resolved, Rig};
@@ -44,6 +46,8 @@ pub struct OpenRequest {
     pub tokenizer: Tokenizer,
     /// The prompt.
     pub prompt: Option<PreparedPrompt>,
+    /// The path that the dance is led along.
+    pub way: Option<OpenWay>,
     /// The music.
     pub music: Option<OpenMusic>,
     /// F, frames of the dance at the model's rate.
@@ -115,13 +119,13 @@ impl OpenRequest {
     }
 
     fn of(resolved: Resolved, inputs: Inputs, lead_ins: Option<LeadIns>) -> Result<OpenRequest> {
-        let Inputs { mut run, tokenizer, conditions, prompt, music, frames, fronts } = inputs;
+        let Inputs { mut run, tokenizer, conditions, prompt, way, music, frames, fronts } = inputs;
         check_goal_guidance(resolved.goal_guidance, &run)?;
         check_passes(resolved.passes, &run)?;
         if run.config.kind == ModelKind::Masked && resolved.passes.is_none() {
             return Err(Error::missing("`passes`", "the model is masked: say how many times it reads a window"));
         }
-        if run.config.kind == ModelKind::Masked && prompt.as_ref().is_some_and(|prompt| prompt.way.is_some()) {
+        if run.config.kind == ModelKind::Masked && way.is_some() {
             let why = "a masked model fills whole windows and can't be led step by step; give a clip's path (`joints`)";
             return Err(Error::unsupported("a drawn path", why));
         }
@@ -139,6 +143,7 @@ impl OpenRequest {
             run,
             tokenizer,
             prompt,
+            way,
             music,
             frames,
             conditions,
@@ -176,11 +181,6 @@ impl OpenRequest {
     pub(crate) fn edit(&self) -> Option<(&PreparedPrompt, &PreparedEdit)> {
         let prompt = self.prompt.as_ref()?;
         Some((prompt, prompt.edit.as_ref()?))
-    }
-
-    /// The drawn path along which the dance is led.
-    pub(crate) fn led(&self) -> Option<&PreparedPrompt> {
-        self.prompt.as_ref().filter(|prompt| prompt.way.is_some())
     }
 
     /// The prompt on whose own rig the dance is written.

@@ -1,17 +1,17 @@
 //! A prompt prepared for sampling: read, converted and coded once.
 
 use crate::edit::{PreparedEdit, lengthen};
-use crate::prompt::{PromptClip, given_characters, path};
+use crate::prompt::{PromptClip, given_characters};
 use crate::request::PromptRequest;
-use crate::sampler::{Way, has_given_after_free};
+use crate::sampler::has_given_after_free;
 use crate::timeline::TimelineLayout;
 use crate::{Error, Result};
 use kinelm_motion::Source;
-use kinelm_motion::format::{Format, RestFrame};
+use kinelm_motion::format::Format;
 use kinelm_motion::joints::{self, Selection};
 use kinelm_motion::rig::Humanoid;
 use kinelm_store::Subject;
-use kinelm_store::{hash, input};
+use kinelm_store::input;
 use kinelm_tokenizer::Tokenizer;
 use std::sync::Arc;
 
@@ -27,8 +27,6 @@ pub struct PreparedPrompt {
     pub beginning: Vec<u32>,
     /// Frames of which something is given: all if joints are, those of the first words if they are, else none.
     pub frames: usize,
-    /// The way that is danced along, if the prompt is one.
-    pub way: Option<Arc<Way>>,
     /// The given and the generated parts, if the clip is edited.
     pub edit: Option<PreparedEdit>,
 }
@@ -76,9 +74,6 @@ impl PreparedPrompt {
         frames: Option<usize>,
         tokenizer: &Tokenizer,
     ) -> Result<PreparedPrompt> {
-        if path::is_path(&request.path) && request.timeline.is_none() {
-            return drawn(request, tokenizer);
-        }
         let text = bytes(request, layout)?;
         let mut clip = PromptClip::parse(&request.path, &text, &request.read, tokenizer)?;
         // map, floor and up axis are settled here, so that they aren't estimated again, least of all from the dance
@@ -121,30 +116,8 @@ impl PreparedPrompt {
             _ if request.lends() => 0,
             _ => clip.frames(),
         };
-        Ok(PreparedPrompt { clip, selection, given, beginning, frames, way: None, edit: prepared })
+        Ok(PreparedPrompt { clip, selection, given, beginning, frames, edit: prepared })
     }
-}
-
-/// A drawn path, along which all is generated.
-fn drawn(request: &mut PromptRequest, tokenizer: &Tokenizer) -> Result<PreparedPrompt> {
-    let wrong = |found: &str, why: String| Error::unsupported(Subject::of_parameter("joints").with(found), why);
-    if request.joints.as_deref() != Some("path") || request.edit.is_some() {
-        let why = "a .csv is a path over the floor: all that it gives is `path`";
-        return Err(wrong(request.joints.as_deref().unwrap_or("none"), why.into()));
-    }
-    let own = input::bytes(&request.path).map_err(Error::io(&request.path))?;
-    let text = path::to_json(&request.path, &own, tokenizer.fps())?;
-    // all of it is in a rest pose, whose feet slide along the way
-    request.read.rest = RestFrame::Keep;
-    request.read.floor = Some(0.0);
-    let clip = PromptClip::parse(&path::name(&request.path), &text, &request.read, tokenizer)?;
-    let way = Way::of(&clip.words, tokenizer).map_err(|e| {
-        wrong("path", format!("the model's tokenizer codes no steps over the floor that can be led: {e}"))
-    })?;
-    let way = Some(Arc::new(way));
-    let clip = PromptClip { sha256: hash::of(&own), ..clip };
-    let selection = Some(joints::parse("path")?);
-    Ok(PreparedPrompt { clip, selection, given: Vec::new(), beginning: Vec::new(), frames: 0, way, edit: None })
 }
 
 /// The bytes of the prompt's file, or of the clip that a timeline is composed into.

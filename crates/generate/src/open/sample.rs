@@ -100,8 +100,8 @@ impl OpenRequest {
             }
             plan.beginnings = Some(prompt.beginning.clone()).into_iter().filter(|ids| !ids.is_empty()).collect();
             plan.given.clone_from(&prompt.given);
-            plan.way.clone_from(&prompt.way);
         }
+        plan.way = self.way.as_ref().map(|open| open.way.clone());
         if let Some((prompt, edit)) = edit {
             (plan.given, plan.lookahead) = edit.given(prompt.clip.words.len());
             plan.goals = self.goals(&plan.prompt, &plan.given, lead_in)?.map(Arc::new);

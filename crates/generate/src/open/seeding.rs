@@ -15,13 +15,14 @@ impl OpenRequest {
         if request.seeding == Seeding::Seed {
             return 0;
         }
-        let given = self.prompt.as_ref().filter(|prompt| !prompt.lends() || prompt.way.is_some());
+        let given = self.prompt.as_ref().filter(|prompt| !prompt.lends());
         let prompt = given.map(|prompt| format!("prompt {}", prompt.clip.sha256));
+        let path = self.way.as_ref().map(|way| format!("path {}", way.sha256));
         let from_s = request.music.as_ref().map_or(0.0, |music| music.from_s);
         let music = self.music.as_ref().map(|music| format!("music {} from {from_s}", music.sha256));
         let labels = request.labels.iter().map(|(field, value)| format!("label {field}={value}"));
         let timed = request.timed_labels.iter().map(|label| format!("label {label}"));
-        hash(&prompt.into_iter().chain(music).chain(labels).chain(timed).collect::<Vec<_>>())
+        hash(&prompt.into_iter().chain(path).chain(music).chain(labels).chain(timed).collect::<Vec<_>>())
     }
 }
 

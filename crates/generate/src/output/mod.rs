@@ -17,7 +17,7 @@ use crate::feet::{fixed, lock_feet};
 use crate::open::{OpenRequest, PreparedPrompt};
 use crate::prompt::uncoded;
 use crate::request::{FootMode, Placement, Rig, UncodedJoints};
-use kinelm_motion::feet::FootLock;
+use kinelm_motion::feet::{FixedParts, FootLock};
 use kinelm_motion::format::{self, Changed, ReadOptions, RestFrame};
 use kinelm_motion::resample::{Method, resample_held};
 use kinelm_motion::{Clip, Motion};
@@ -79,7 +79,10 @@ impl OpenRequest {
         let at_rate = |last: usize| (last as f64 * motion.clip.fps() / self.tokenizer.fps()) as usize + 1;
         let continued = continued.checked_sub(1).map_or(0, at_rate);
         let selection = self.prompt.as_ref().and_then(|prompt| prompt.selection.as_ref());
-        let (motion, locked) = lock_feet(motion, floor_m, fixed(selection, continued))?;
+        let fixed = fixed(selection, continued);
+        // a body on a path stays on it: legs alone are bent
+        let fixed = FixedParts { root: fixed.root || self.way.is_some(), ..fixed };
+        let (motion, locked) = lock_feet(motion, floor_m, fixed)?;
         Ok(generated(motion, vec![locked]))
     }
 
@@ -130,8 +133,8 @@ impl OpenRequest {
     fn placed(&self, clip: Clip) -> Result<Clip> {
         let clip = self.without_lead_in(&clip)?;
         let clip = clip.slice(0..self.frames.min(clip.frames()));
-        if let Some(prompt) = self.led() {
-            return placement::along(&clip, &prompt.clip.clip);
+        if let Some(open) = &self.way {
+            return placement::along(&clip, &open.clip);
         }
         match (&self.prompt, self.resolved.placement) {
             (Some(prompt), Some(placement)) => {

@@ -6,9 +6,10 @@ use super::placement::off_way;
 use crate::Result;
 use crate::edit::gap::ClosingError;
 use crate::edit::loop_seam::roughness;
-use crate::open::OpenRequest;
+use crate::open::{OpenRequest, OpenWay};
 use crate::prompt;
 use kinelm_motion::resample::{Method, resample_held};
+use kinelm_motion::retarget::to_smpl;
 use kinelm_store::counted;
 use kinelm_tokenizer::Words;
 use std::path::Path;
@@ -32,18 +33,22 @@ impl Generated {
                 "{warning}the seam of the loop jerks by {seam:.0} m/s³; 99 of 100 given frames by less than {usual:.0}"
             ));
         }
-        if let Some(prompt) = open.led() {
-            let way = resample_held(&prompt.clip.clip, self.motion.clip.fps(), Method::Smooth).ok();
-            if let Some([mean_m, most_m, mean, most]) = way.and_then(|way| off_way(&self.motion.clip, &way)) {
-                notes.push(format!(
-                    "off its path by {:.1} cm on average, {:.1} at most, and by {mean:.1} degrees, {most:.1} at most",
-                    100.0 * mean_m,
-                    100.0 * most_m
-                ));
-            }
-        }
+        notes.extend(open.way.as_ref().and_then(|open| self.off_way_note(open)));
         notes.extend(self.locked.iter().flat_map(|locked| locked.notes(self.locked_fps)));
         notes
+    }
+
+    /// How far the dance is from the path that it was led along; nothing on a rig that can't be read as a body.
+    fn off_way_note(&self, open: &OpenWay) -> Option<String> {
+        let way = resample_held(&open.clip, self.motion.clip.fps(), Method::Smooth).ok()?;
+        // the pelvis isn't the root of each rig
+        let body = to_smpl(&self.motion).ok()?;
+        let [mean_m, most_m, mean, most] = off_way(&body, &way)?;
+        Some(format!(
+            "off its path by {:.1} cm on average, {:.1} at most, and by {mean:.1} degrees, {most:.1} at most",
+            100.0 * mean_m / open.scale,
+            100.0 * most_m / open.scale
+        ))
     }
 
     fn closing_notes(&self) -> Vec<String> {

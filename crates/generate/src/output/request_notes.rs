@@ -22,6 +22,12 @@ impl OpenRequest {
         if let Some((prompt, request)) = self.prompt.as_ref().zip(self.resolved.prompt.as_ref()) {
             self.note_prompt(prompt, request, &mut notes)?;
         }
+        if let Some(way) = self.way.as_ref().filter(|way| way.clipped > 0) {
+            let n = way.clipped;
+            notes.push(format!(
+                "{n} steps or turns of the path are longer than the model codes; the dance catches up later"
+            ));
+        }
         if let Some((music, request)) = self.music.as_ref().zip(self.resolved.music.as_ref()) {
             let seconds = self.frames as f64 / self.tokenizer.fps();
             let (path, bpm) = (request.path.display(), music.bpm(seconds).unwrap_or_default());

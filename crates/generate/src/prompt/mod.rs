@@ -1,6 +1,5 @@
 //! A prompt clip as the model sees it, and the way back to the user's rig.
 
-pub(crate) mod path;
 pub mod uncoded;
 
 use crate::request::{PromptRequest, Resolved, Rig};

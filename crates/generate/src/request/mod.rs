@@ -3,6 +3,7 @@
 
 mod computing;
 mod edit;
+mod floor_path;
 mod labels;
 mod options;
 mod prompt;
@@ -12,6 +13,7 @@ pub(crate) mod timeline;
 
 pub use computing::Computing;
 pub use edit::{Edit, Loop, LoopKind};
+pub use floor_path::FloorPath;
 pub use labels::TimedLabel;
 pub use options::{FootMode, LeadInKind, Length, Placement, Rig, Seeding, UncodedJoints};
 pub use prompt::{MusicRequest, PromptRequest};
@@ -40,6 +42,9 @@ pub struct Request {
     pub checkpoint: CheckpointChoice,
     /// A clip of which something is given, or which lends its rig and its rate.
     pub prompt: Option<PromptRequest>,
+    /// A path over the floor, along which the dance is led. A prompt beside it may lend its rig or give joints other than the
+    /// root.
+    pub path: Option<FloorPath>,
     /// Values of label fields for the whole dance. Fields that are left out are unknown to the model.
     pub labels: BTreeMap<String, String>,
     /// Values of label fields for a part of the dance.

@@ -1,7 +1,7 @@
 //! A request in which every option is decided.
 
 use super::{
-    Computing, FootMode, Length, MusicRequest, Placement, PromptRequest, Request, Rig, Seeding, TimedLabel,
+    Computing, FloorPath, FootMode, Length, MusicRequest, Placement, PromptRequest, Request, Rig, Seeding, TimedLabel,
     UncodedJoints,
 };
 use crate::sampling::Sampling;
@@ -21,6 +21,9 @@ pub struct Resolved {
     pub run: PathBuf,
     /// A clip of which something is given, or which lends its rig and its rate.
     pub prompt: Option<PromptRequest>,
+    /// A path over the floor, along which the dance is led.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<FloorPath>,
     /// Values of label fields for the whole dance. Fields that are left out are unknown to the model.
     pub labels: BTreeMap<String, String>,
     /// Values of label fields for a part of the dance.
@@ -79,6 +82,7 @@ impl Resolved {
         Request {
             run: self.run.clone(),
             prompt: self.prompt.clone(),
+            path: self.path.clone(),
             labels: self.labels.clone(),
             timed_labels: self.timed_labels.clone(),
             music: self.music.clone(),

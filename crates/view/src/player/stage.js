@@ -34,6 +34,7 @@ export class Stage {
     this.whole = 0;
     this.oneWorld = false;
     this.hold_s = HOLD_S;
+    this.held = false;                               // the camera stays where it is, whatever the dancers do
     this.growing = false;                            // frames still come: at the end it waits for them
     /** @type {Sound | null} */
     this.sound = null;
@@ -208,6 +209,7 @@ export class Stage {
   /** @param {number} width @param {number} height */
   camera(width, height) {
     const { state, unit, margin, target, seen } = this, aspect = width / height, tan = Math.tan(FOV / 2);
+    if (this.held) return seen;
     const high = this.size('high'), onto = ease(state.overlaid), following = ease(state.following);
     const fitHigh = (0.5 * high + margin.high * unit) / tan, fitWide = (this.size('wide') + 0.12 * unit) / (tan * aspect);
     const distance = (Math.max(fitHigh, fitWide) + Math.min(this.size('deep'), 2 * unit)) * state.zoom;

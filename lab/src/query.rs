@@ -2,9 +2,15 @@
 
 use crate::{How, Rates, Row, Say, Unit, rounded, seconds};
 use anyhow::Result;
-use kinelm::spectral::query::synthetic::synthetic;
+use kinelm::corpus::load::{ClipSpec, ModelClip};
+use kinelm::motion::Clip;
+use kinelm::spectral::WindowSpec;
+use kinelm::spectral::query::synthetic::{repeated, synthetic};
 use kinelm::spectral::query::{Distance, FeatureKind, SearchOptions};
 use serde_json::json;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -14,6 +20,12 @@ pub struct Args {
     /// Windows of the index; 100,000 of an STFT take 5 GB of memory
     #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u32).range(10..))]
     windows: u32,
+    /// Motion files whose windows are repeated with small turns, instead of made-up dances
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    of: Vec<PathBuf>,
+    /// Write the features (N, D) as f32 too, for other programs to search
+    #[arg(long, value_name = "FILE")]
+    save: Option<PathBuf>,
     #[command(flatten)]
     how: How,
 }
@@ -32,8 +44,18 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         TransformArg::Stft => (FeatureKind::stft(), "stft, 9720 numbers"),
     };
     let count = args.windows as usize;
-    let database = synthetic(&kind, count)?;
+    let database = match args.of.is_empty() {
+        true => synthetic(&kind, count)?,
+        false => repeated(&kind, &clips(&args.of)?, count)?,
+    };
     say.line(format_args!("{count} windows of {} numbers", database.numbers()));
+    if let Some(file) = &args.save {
+        let mut out = BufWriter::new(File::create(file)?);
+        for window in 0..count {
+            database.feature(window)?.iter().try_for_each(|x| out.write_all(&x.to_le_bytes()))?;
+        }
+        out.flush()?;
+    }
     for distance in [Distance::Cosine, Distance::Euclid] {
         let (mut query, mut wrong, mut measured) = (0, 0, Vec::new());
         let timed = seconds(2, args.how.repeats.unwrap_or(15), || {
@@ -56,4 +78,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
         Row { what: "query", config, unit: Unit::Windows, rates, threads, more }.print(&args.how)?;
     }
     Ok(())
+}
+
+/// Files as windows are cut from them.
+fn clips(files: &[PathBuf]) -> Result<Vec<Clip>> {
+    let spec = ClipSpec::in_world(WindowSpec::default().fps);
+    files.iter().map(|file| Ok(ModelClip::load(file, &Default::default(), spec)?.clip)).collect()
 }

@@ -83,7 +83,10 @@ fn an_index_a_question_and_a_page() {
         }
     }
     assert_eq!(names(&index), ["index.json", "part-0001"]);
-    assert_eq!(names(&index.join("part-0001")), ["bytes.i8", "clips.jsonl", "features.f32", "scales.f32", "sizes.f64"]);
+    assert_eq!(
+        names(&index.join("part-0001")),
+        ["clips.jsonl", "features.f32", "heads.i8", "order.u32", "rests.i8", "scales.f32", "sizes.f64",]
+    );
 
     // the same again adds nothing; threads change nothing
     let before = fs::read(index.join("index.json")).unwrap();
@@ -250,8 +253,8 @@ fn what_is_wrong_is_said_and_nothing_is_left() {
         .stderr(contains("hop 64 frames").and(contains("hop 32 frames, as requested")));
     let path = data.at("index/index.json");
     let text = fs::read_to_string(&path).unwrap();
-    fs::write(&path, text.replace("\"version\": 4", "\"version\": 9")).unwrap();
-    let says = contains("found version 9").and(contains("expected version 4; build the index again"));
+    fs::write(&path, text.replace("\"version\": 5", "\"version\": 9")).unwrap();
+    let says = contains("found version 9").and(contains("expected version 5; build the index again"));
     data.find("data/d0.bvh", "index").assert().code(1).stderr(says);
     assert_eq!(names(&data.at("index")), ["index.json", "part-0001"]);
 }

@@ -28,6 +28,11 @@ impl<'a> Candidates<'a> {
         Candidates { database, wanted, kept: Vec::new(), least, room: room(wanted.k) }
     }
 
+    /// The same, of windows that can't be among the nearest unless they reach this rank.
+    pub fn above(self, least: f64) -> Candidates<'a> {
+        Candidates { least: self.least.max(least), ..self }
+    }
+
     /// Whether a window of at most this rank may still be among the nearest.
     #[inline]
     pub fn may(&self, greatest: f64) -> bool {
@@ -53,6 +58,12 @@ impl<'a> Candidates<'a> {
         self.kept.extend(later.kept);
         self.room = self.room.max(later.room);
         self
+    }
+
+    /// The rank that k of them surely reach.
+    pub fn mark(mut self) -> f64 {
+        self.prune();
+        self.least
     }
 
     /// The windows that are left.

@@ -1,7 +1,7 @@
 //! The folder that searches read.
 //!
-//! `index.json` names the parts; a part is a folder of the windows that were added in one go (`features.f32`, `bytes.i8`,
-//! `scales.f32`, `sizes.f64`, `clips.jsonl`) and never changes. A part is written under a temporary name, synced and renamed, and only then
+//! `index.json` names the parts; a part is a folder of the windows that were added in one go (`features.f32`,
+//! `heads.i8`, `rests.i8`, `order.u32`, `scales.f32`, `sizes.f64`, `clips.jsonl`) and never changes. A part is written under a temporary name, synced and renamed, and only then
 //! named in `index.json`, which is replaced whole: a build that is cut off leaves the index as it was.
 
 use super::database::Database;

@@ -1,11 +1,10 @@
 //! Features of some windows: made here, or those of a part of an index.
 
-use super::quantize::{Ranges, Scales, Size};
+use super::quantize::{Ranges, Scales, Size, widths};
 use super::record::{ClipEntry, FileChecksum, PartRecord};
 use crate::{Error, Result};
 pub use kinelm_corpus::array_file::ArrayFile;
 use kinelm_engine::arena::Floats;
-use kinelm_engine::op::dots;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -13,11 +12,13 @@ use std::path::Path;
 
 /// (N, D) features, f32.
 pub const FEATURES: &str = "features.f32";
-/// (N, D padded) features over their lengths on the part's scales, signed bytes.
-pub const BYTES: &str = "bytes.i8";
+/// (N, [`widths`]) features over their lengths on the part's scales, signed bytes: the numbers that vary most, and the rest.
+pub const BYTES: [&str; 2] = ["heads.i8", "rests.i8"];
 /// (D, 2) centre and step of each coefficient, f32: [`Scales`].
 pub const SCALES: &str = "scales.f32";
-/// (N, 4) f64: [`Size`].
+/// (D) the coefficient at each place of a row of bytes, u32.
+pub const ORDER: &str = "order.u32";
+/// (N, 5) f64: [`Size`].
 pub const SIZES: &str = "sizes.f64";
 /// A [`ClipEntry`] a line.
 pub const CLIPS: &str = "clips.jsonl";
@@ -51,7 +52,9 @@ impl<T: bytemuck::Pod + Send + Sync> Numbers<T> {
 /// N windows of D numbers.
 pub struct Part {
     features: Numbers<f32>,
-    bytes: Numbers<i8>,
+    bytes: [Numbers<i8>; 2],
+    /// Bytes of a head, and of a rest.
+    pub widths: [usize; 2],
     /// Of the bytes.
     pub scales: Scales,
     /// (N).
@@ -69,8 +72,8 @@ impl Part {
     pub fn held(features: Vec<f32>, numbers: usize) -> Part {
         assert!(features.len().is_multiple_of(numbers.max(1)), "features of {numbers}");
         let sizes = features.par_chunks_exact(numbers.max(1)).map(Size::of).collect();
-        let scales = Scales(Vec::new());
-        Part { features: Numbers::Held(features), bytes: Numbers::Held(Vec::new()), scales, sizes }
+        let bytes = [(); 2].map(|()| Numbers::Held(Vec::new()));
+        Part { features: Numbers::Held(features), bytes, widths: widths(numbers), scales: Scales::default(), sizes }
     }
 
     /// The same with bytes, as a part on disk has them.
@@ -78,8 +81,7 @@ impl Part {
     /// # Errors
     /// Features of a file that can't be read any more.
     pub fn with_bytes(mut self, numbers: usize) -> Result<Part> {
-        let padded = numbers.next_multiple_of(dots::PAD);
-        let mut bytes = Floats::new(self.sizes.len() * padded / size_of::<f32>());
+        let mut bytes = self.widths.map(|width| Floats::new(self.sizes.len() * width / size_of::<f32>()));
         let features = self.features.get(0..self.features.len())?;
         let of = |(features, sizes): (&[f32], &[Size])| {
             // least and greatest don't depend on the order, so threads may take any blocks
@@ -89,12 +91,16 @@ impl Part {
         };
         let blocks = features.par_chunks(ROWS * numbers).zip(self.sizes.par_chunks(ROWS)).map(of);
         let scales = blocks.reduce(|| Ranges::new(numbers), Ranges::merge).scales();
-        let rows = bytemuck::cast_slice_mut(&mut bytes).par_chunks_mut(padded);
+        let [heads, rests] = &mut bytes;
+        let [head, rest] = self.widths;
+        let rows = bytemuck::cast_slice_mut(heads)
+            .par_chunks_mut(head)
+            .zip(bytemuck::cast_slice_mut(rests).par_chunks_mut(rest));
         let all = rows.zip(features.par_chunks(numbers)).zip(&mut self.sizes);
-        all.for_each(|((row, feature), size)| *size = scales.quantize(feature, size.norm, row));
+        all.for_each(|(((head, rest), feature), size)| *size = scales.quantize(feature, size.norm, [head, rest]));
         // a borrow of the part, whose fields are set below
         drop(features);
-        (self.bytes, self.scales) = (Numbers::Paged(bytes), scales);
+        (self.bytes, self.scales) = (bytes.map(Numbers::Paged), scales);
         Ok(self)
     }
 
@@ -114,15 +120,16 @@ impl Part {
         self.features.get(range)
     }
 
-    /// Some of the bytes (N, D padded).
+    /// The bytes of the heads (0) or the rests (1) of some rows.
     ///
     /// # Errors
     /// As [`Part::features`].
     ///
     /// # Panics
     /// When the range leaves them, or there are none.
-    pub fn bytes(&self, range: Range<usize>) -> Result<Cow<'_, [i8]>> {
-        self.bytes.get(range)
+    pub fn bytes(&self, half: usize, rows: Range<usize>) -> Result<Cow<'_, [i8]>> {
+        let width = self.widths[half];
+        self.bytes[half].get(rows.start * width..rows.end * width)
     }
 
     /// Opens the files of a part after checking them.
@@ -132,9 +139,24 @@ impl Part {
     pub fn open(folder: &Path, record: &PartRecord, numbers: usize) -> Result<(Part, Vec<ClipEntry>)> {
         let windows = record.windows;
         let features = stored(&folder.join(FEATURES), &record.features, windows * numbers)?;
-        let bytes = stored(&folder.join(BYTES), &record.bytes, windows * numbers.next_multiple_of(dots::PAD))?;
+        let widths = widths(numbers);
+        let half =
+            |i: usize| stored(&folder.join(BYTES[i]), &record.bytes[i], windows * widths[i]).map(Numbers::Stored);
+        let bytes = [half(0)?, half(1)?];
         let scales: ArrayFile<[f32; 2]> = stored(&folder.join(SCALES), &record.scales, numbers)?;
-        let scales = Scales(scales.read(0..numbers)?.into_owned());
+        let order: ArrayFile<u32> = stored(&folder.join(ORDER), &record.order, numbers)?;
+        let (scales, order) = (scales.read(0..numbers)?.into_owned(), order.read(0..numbers)?.into_owned());
+        // a place outside the feature would be read there
+        if let Some(far) = order.iter().find(|i| **i as usize >= numbers) {
+            let help = "put back the files of this index";
+            return Err(Error::file(
+                folder.join(ORDER),
+                format!("coefficient {far}"),
+                format!("below {numbers}"),
+                help,
+            ));
+        }
+        let scales = Scales { scales, order };
         let sizes: ArrayFile<Size> = stored(&folder.join(SIZES), &record.sizes, windows)?;
         let sizes = sizes.read(0..windows)?.into_owned();
         let clips = ClipEntry::load(&folder.join(CLIPS), &record.clips)?;
@@ -143,7 +165,7 @@ impl Part {
             let (found, expected) = (format!("{windows} windows"), format!("{}", record.windows));
             return Err(Error::file(folder.join(CLIPS), found, expected, "put back the files of this index"));
         }
-        Ok((Part { features: Numbers::Stored(features), bytes: Numbers::Stored(bytes), scales, sizes }, clips))
+        Ok((Part { features: Numbers::Stored(features), bytes, widths, scales, sizes }, clips))
     }
 }
 

@@ -13,7 +13,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The version of the folder's layout that this program writes and reads.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 pub(super) const DAMAGED: &str = "the file was cut or changed after it was written: build the index again";
 
@@ -45,12 +45,15 @@ pub struct PartRecord {
     pub windows: usize,
     /// (N, D) f32.
     pub features: FileChecksum,
-    /// (N, D rounded up to 64) signed bytes of the features over their lengths, on the part's scales.
-    pub bytes: FileChecksum,
+    /// (N, 128 at most) and (N, the rest), both rounded up to 64: signed bytes of the features over their lengths, on the
+    /// part's scales.
+    pub bytes: [FileChecksum; 2],
+    /// (D) u32: the coefficient at each place of a row.
+    pub order: FileChecksum,
     /// (D, 2) f32: centre and step of each coefficient.
     pub scales: FileChecksum,
-    /// (N, 4) f64: length, the bytes' error, the square of the length of what they stand for from the centre, and
-    /// their own length.
+    /// (N, 5) f64: length, the bytes' error, the squares of the lengths of what head and rest stand for from the centre, and
+    /// the bytes' own length.
     pub sizes: FileChecksum,
     /// A clip a line.
     pub clips: FileRecord,

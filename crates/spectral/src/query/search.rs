@@ -4,18 +4,24 @@
 //! of matrices (many queries), each with a bound on how far it is off. Whatever may then be among the k nearest is measured
 //! again from the features themselves, in f64. The answer is that of measuring everything, whatever the number of threads.
 //!
-//! Nothing is skipped: a query reads the bytes of all windows, and its time grows with their number.
+//! Of bytes a query reads the heads of all windows, a ninth where features have 1,152 numbers, and the rests of those alone
+//! that may still be among the k nearest. A mark that k windows surely reach is known after a few blocks, those whose heads
+//! promise most.
 
 use super::candidates::Candidates;
 use super::database::Database;
 use super::distance::{SearchOptions, Side};
-use super::quantize::Size;
+use super::part::Part;
+use super::quantize::{Query, Size, cosine};
 use crate::{Error, Result};
 use kinelm_engine::op::matmul::{self, Left, Panels, Store};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Windows that a thread reads at a time.
 const ROWS: usize = 256;
+/// Blocks of windows whose heads promise most, which the first mark is found in.
+const PROMISING: usize = 32;
 
 /// A window that was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +38,72 @@ pub struct Cosines<'a> {
     pub near: &'a [f32],
     /// By the product they come from, as a share of both lengths.
     pub error: f64,
+}
+
+/// Some windows of a part, and what they are compared with.
+struct Block<'a> {
+    part: &'a Part,
+    query: &'a Query,
+    /// The number of the part's first window.
+    first: usize,
+    /// In the part.
+    rows: Range<usize>,
+    wanted: SearchOptions,
+    /// The length of the query.
+    norm: f64,
+}
+
+/// What the heads of a block promise.
+struct Promise {
+    /// The greatest rank that each window may have, rounded up.
+    ranks: Vec<f32>,
+    /// The greatest of them.
+    most: f32,
+}
+
+impl Block<'_> {
+    /// The ranks that windows may have by their heads.
+    fn promise(&self) -> Result<Promise> {
+        let mut products = [0; ROWS];
+        let products = &mut products[..self.rows.len()];
+        self.query.heads(products, &self.part.bytes(0, self.rows.clone())?);
+        let sizes = &self.part.sizes[self.rows.clone()];
+        // up, so that no window is dropped by rounding
+        let rank =
+            |(&product, size)| (self.rank(self.query.by_head(product, size), size, Side::Greatest) as f32).next_up();
+        let ranks: Vec<f32> = products.iter().zip(sizes).map(rank).collect();
+        let most = ranks.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        Ok(Promise { ranks, most })
+    }
+
+    /// Offers the windows that may be among the nearest by their heads, by all of their bytes.
+    fn offer(
+        &self,
+        promise: &Promise,
+        allowed: &(dyn Fn(usize) -> bool + Sync),
+        found: &mut Candidates<'_>,
+    ) -> Result<()> {
+        for (row, &promised) in self.rows.clone().zip(&promise.ranks) {
+            let promised = f64::from(promised);
+            // the bound first: it is cheaper than looking up whether a window is allowed
+            if !found.may(promised) || !allowed(self.first + row) {
+                continue;
+            }
+            let size = &self.part.sizes[row];
+            let mut head = [0];
+            self.query.heads(&mut head, &self.part.bytes(0, row..row + 1)?);
+            let squares = self.query.by_all([head[0], self.query.rest(&self.part.bytes(1, row..row + 1)?)], size);
+            let [least, greatest] = [Side::Least, Side::Greatest].map(|side| self.rank(squares, size, side));
+            // both bound it: so it doesn't depend on threads which windows are left
+            found.offer(self.first + row, [least, greatest.min(promised)]);
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn rank(&self, squares: [f64; 2], size: &Size, side: Side) -> f64 {
+        self.wanted.rank(|side| cosine(squares, size, side), side, self.norm, size.norm)
+    }
 }
 
 impl Database {
@@ -71,22 +143,23 @@ impl Database {
         let parts: Vec<_> = self.parts().iter().map(|part| (part, part.scales.query(feature, norm))).collect();
         let blocks = parts.iter().zip(self.firsts()).flat_map(|((part, query), &first)| {
             let rows = part.sizes.len();
-            (0..rows).step_by(ROWS).map(move |row| (part, query, first, row..(row + ROWS).min(rows)))
+            let rows = (0..rows).step_by(ROWS).map(move |row| row..(row + ROWS).min(rows));
+            rows.map(move |rows| Block { part, query, first, rows, wanted, norm })
         });
         let blocks: Vec<_> = blocks.collect();
-        let none = || Candidates::new(self, wanted);
-        let found = blocks.par_iter().try_fold(none, |mut found, (part, query, first, rows)| {
-            let mut products = [0; ROWS];
-            let (products, padded) = (&mut products[..rows.len()], query.padded());
-            query.dots(products, &part.bytes(rows.start * padded..rows.end * padded)?);
-            for ((row, &product), size) in rows.clone().zip(&*products).zip(&part.sizes[rows.clone()]) {
-                let rank = |side| wanted.rank(|side| query.cosine(product, size, side), side, norm, size.norm);
-                let greatest = rank(Side::Greatest);
-                // the bound first: it is cheaper than looking up whether a window is allowed
-                if found.may(greatest) && allowed(first + row) {
-                    found.offer(first + row, [rank(Side::Least), greatest]);
-                }
-            }
+        let promised: Vec<Promise> = blocks.par_iter().map(Block::promise).collect::<Result<_>>()?;
+        let mut order: Vec<usize> = (0..blocks.len()).collect();
+        order.sort_unstable_by(|&a, &b| promised[b].most.total_cmp(&promised[a].most).then(a.cmp(&b)));
+        order.truncate(PROMISING);
+        // in the order of the windows, as those of a clip are to follow each other
+        order.sort_unstable();
+        let mut first = Candidates::new(self, wanted);
+        order.iter().try_for_each(|&block| blocks[block].offer(&promised[block], allowed, &mut first))?;
+        let mark = first.mark();
+        let none = || Candidates::new(self, wanted).above(mark);
+        let all = blocks.par_iter().zip(&promised).filter(|(_, promise)| f64::from(promise.most) >= mark);
+        let found = all.try_fold(none, |mut found, (block, promise)| {
+            block.offer(promise, allowed, &mut found)?;
             Ok::<_, Error>(found)
         });
         Ok(found.try_reduce(none, |a, b| Ok(a.merge(b)))?.finish())

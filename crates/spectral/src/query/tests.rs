@@ -229,11 +229,11 @@ fn other_versions_and_damage_are_refused() {
     let error = || Index::open(&data.at("index")).err().unwrap().to_string();
     let path = data.at("index/index.json");
     let text = fs::read_to_string(&path).unwrap();
-    fs::write(&path, text.replace("\"version\": 4", "\"version\": 2")).unwrap();
+    fs::write(&path, text.replace("\"version\": 5", "\"version\": 2")).unwrap();
     let e = error();
-    assert!(e.contains("found version 2, written by kinelm") && e.contains("expected version 4; build"), "{e}");
+    assert!(e.contains("found version 2, written by kinelm") && e.contains("expected version 5; build"), "{e}");
     fs::write(&path, &text).unwrap();
-    for name in ["features.f32", "bytes.i8", "scales.f32", "sizes.f64", "clips.jsonl"] {
+    for name in ["features.f32", "heads.i8", "rests.i8", "order.u32", "scales.f32", "sizes.f64", "clips.jsonl"] {
         let path = data.at("index/part-0001").join(name);
         let whole = fs::read(&path).unwrap();
         let mut bent = whole.clone();

@@ -1,10 +1,9 @@
 //! Writes the files of a part, as a stream: memory doesn't grow with the number of windows.
 
-use super::part::{BYTES, CLIPS, FEATURES, SCALES, SIZES};
-use super::quantize::{Ranges, Size};
+use super::part::{BYTES, CLIPS, FEATURES, ORDER, SCALES, SIZES};
+use super::quantize::{Ranges, Size, widths};
 use super::record::{ClipEntry, FileChecksum, PartRecord};
 use crate::{Error, Result};
-use kinelm_engine::op::dots;
 use kinelm_store::FileRecord;
 use kinelm_store::files::PendingFolder;
 use rayon::prelude::*;
@@ -87,30 +86,40 @@ impl PartWriter {
         let scales = self.ranges.scales();
         let features = self.features.finish()?;
         let stream = |name: &str| Stream::create(self.folder.path().join(name));
-        let [mut bytes, mut sizes, mut scale] = [stream(BYTES)?, stream(SIZES)?, stream(SCALES)?];
-        scale.write(bytemuck::cast_slice(&scales.0))?;
+        let [mut heads, mut rests] = [stream(BYTES[0])?, stream(BYTES[1])?];
+        let [mut sizes, mut scale, mut order] = [stream(SIZES)?, stream(SCALES)?, stream(ORDER)?];
+        scale.write(bytemuck::cast_slice(&scales.scales))?;
+        order.write(bytemuck::cast_slice(&scales.order))?;
         // read back: the scales are only known once all features have been seen
         let path = self.folder.path().join(FEATURES);
         let mut file = File::open(&path).map_err(Error::io(&path))?;
-        let padded = self.numbers.next_multiple_of(dots::PAD);
+        let [head, rest] = widths(self.numbers);
         let rows = (BLOCK / size_of::<f32>() / self.numbers.max(1)).clamp(1, self.windows.max(1));
         let mut block = vec![0.0f32; rows * self.numbers];
-        let (mut quantized, mut stated) = (vec![0i8; rows * padded], vec![Size::default(); rows]);
+        let (mut quantized, mut stated) =
+            ([head, rest].map(|width| vec![0i8; rows * width]), vec![Size::default(); rows]);
         for first in (0..self.windows).step_by(rows) {
             let rows = rows.min(self.windows - first);
             let block = &mut block[..rows * self.numbers];
             file.read_exact(bytemuck::cast_slice_mut(block)).map_err(Error::io(&path))?;
-            let (quantized, stated) = (&mut quantized[..rows * padded], &mut stated[..rows]);
-            let all = quantized.par_chunks_mut(padded).zip(block.par_chunks(self.numbers)).zip(&mut *stated);
-            all.for_each(|((row, feature), size)| *size = scales.quantize(feature, Size::of(feature).norm, row));
-            bytes.write(bytemuck::cast_slice(quantized))?;
+            let [all_heads, all_rests] = &mut quantized;
+            let (all_heads, all_rests) = (&mut all_heads[..rows * head], &mut all_rests[..rows * rest]);
+            let stated = &mut stated[..rows];
+            let halves = all_heads.par_chunks_mut(head).zip(all_rests.par_chunks_mut(rest));
+            let all = halves.zip(block.par_chunks(self.numbers)).zip(&mut *stated);
+            all.for_each(|(((head, rest), feature), size)| {
+                *size = scales.quantize(feature, Size::of(feature).norm, [head, rest]);
+            });
+            heads.write(bytemuck::cast_slice(all_heads))?;
+            rests.write(bytemuck::cast_slice(all_rests))?;
             sizes.write(bytemuck::cast_slice(stated))?;
         }
         let record = PartRecord {
             name: self.name,
             windows: self.windows,
             features,
-            bytes: bytes.finish()?,
+            bytes: [heads.finish()?, rests.finish()?],
+            order: order.finish()?,
             scales: scale.finish()?,
             sizes: sizes.finish()?,
             clips: FileRecord::of(&self.clips),

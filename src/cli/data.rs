@@ -35,7 +35,7 @@ impl DataArgs {
 
     /// The files that are read: the motion and its labels.
     pub fn files(&self, dataset: &Dataset) -> impl Iterator<Item = PathBuf> {
-        let motion = dataset.items.iter().map(|item| item.path.clone());
+        let motion = dataset.items.iter().map(|item| item.file().to_owned());
         motion.chain(self.labels.iter().map(PathBuf::from)).chain(self.data.clone().into_iter().filter(|p| p.is_file()))
     }
 }

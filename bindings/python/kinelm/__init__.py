@@ -18,6 +18,7 @@ from ._kinelm import (
     evaluate,
     finetune,
     pretrain,
+    read_many,
     resume,
 )
 
@@ -34,6 +35,7 @@ __all__ = [
     "evaluate",
     "finetune",
     "pretrain",
+    "read_many",
     "resume",
 ]
 

@@ -1,6 +1,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, TypedDict, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,8 +103,11 @@ class Clip:
         """Feet locked where they are in contact with the floor, and the body on it."""
     def humanoid(self) -> dict[str, str]:
         """The joints that SMPL's correspond to, by SMPL's names."""
-    def positions(self) -> NDArray[np.float64]:
+    @overload
+    def positions(self, *, dtype: Literal["float64"] = "float64") -> NDArray[np.float64]:
         """(F, J, 3) in the world, metres."""
+    @overload
+    def positions(self, *, dtype: Literal["float32"]) -> NDArray[np.float32]: ...
     def page(self) -> str:
         """The page on which the clip plays, as HTML."""
     @property
@@ -167,10 +170,18 @@ class Corpus:
         *,
         tokenizer: Tokenizer,
         labels: Sequence[str] | None = None,
+        shard: tuple[int, int] | None = None,
         force: bool = False,
         **reading: Unpack[Reading],
     ) -> Corpus:
-        """Tokenizes files and folders. `labels` are CSV files or patterns of file names, "{genre}_{dancer}_*"."""
+        """Tokenizes files, folders and tar archives. `labels` are CSV files or patterns of file names, "{genre}_{dancer}_*". With
+        `shard` (i, n) every n-th file from the i-th on."""
+    @staticmethod
+    def merge(shards: Sequence[Path], out: Path, *, force: bool = False) -> Corpus:
+        """Puts shards together, in any order: the same bytes as a build without them."""
+    @property
+    def failed(self) -> list[dict[str, Any]]:
+        """Key, name and why of each file that is not in it."""
     @property
     def path(self) -> str: ...
     @property
@@ -298,6 +309,9 @@ def evaluate(
     dances: Path | Sequence[Path], real: Corpus, *, copying: bool = False, **reading: Unpack[Reading]
 ) -> dict[str, Any]:
     """Measures dances against the real ones of a corpus."""
+
+def read_many(paths: Sequence[Path], **reading: Unpack[Reading]) -> list[Clip]:
+    """Reads files on all threads; the first that can't be read raises its error."""
 
 def compare(teacher: Clip, student: Clip, *, joints: str = "24", band: float = 1.0) -> dict[str, Any]:
     """Compares a student's clip with a teacher's: distance in cm, lag, tempo, mirror image, joints and moments."""

@@ -2,6 +2,7 @@
 
 use crate::error::{library, motion, wrong};
 use crate::options::{Reading, free};
+use crate::pool::detach;
 use kinelm::generate::request::PromptRequest;
 use kinelm::motion::convert::{ConvertOptions, TargetRig, convert};
 use kinelm::motion::feet::{FixedParts, lock};
@@ -13,6 +14,8 @@ use kinelm::view::{Figure, page};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use rayon::prelude::*;
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -87,7 +90,9 @@ impl Clip {
         rig_map: Option<String>,
     ) -> PyResult<Clip> {
         let rig = match rig.extract::<Clip>() {
-            Ok(clip) => mapped(clip.0, rig_map.as_deref()).and_then(TargetRig::of_motion),
+            Ok(clip) => {
+                mapped(&clip.0, rig_map.as_deref()).and_then(|motion| TargetRig::of_motion(motion.into_owned()))
+            }
             Err(_) => {
                 let name: PathBuf = rig.extract()?;
                 TargetRig::load(&name.to_string_lossy(), &ReadOptions { map: rig_map, ..ReadOptions::default() })
@@ -95,7 +100,7 @@ impl Clip {
         }
         .map_err(motion)?;
         let options = ConvertOptions { rig: Some(rig), ..ConvertOptions::default() };
-        py.detach(|| convert(mapped(self.0.clone(), map.as_deref())?, &options)).map(Clip).map_err(motion)
+        py.detach(|| convert(mapped(&self.0, map.as_deref())?.into_owned(), &options)).map(Clip).map_err(motion)
     }
 
     /// The clip at another rate, interpolated smoothly and low-passed where it gets slower.
@@ -187,9 +192,17 @@ impl Clip {
         self.0.clip.rotations_view().to_pyarray(py)
     }
 
-    /// (F, J, 3) positions of the joints in the world, metres.
-    fn positions<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
-        positions(py, &self.0.clip)
+    /// (F, J, 3) positions of the joints in the world, metres, as f64 or, on request, f32.
+    #[pyo3(signature = (*, dtype="float64"))]
+    fn positions<'py>(&self, py: Python<'py>, dtype: &str) -> PyResult<Bound<'py, PyAny>> {
+        match dtype {
+            "float64" => Ok(positions(py, &self.0.clip).into_any()),
+            "float32" => {
+                let narrow = py.detach(|| self.0.clip.positions_array().mapv(|x| x as f32));
+                Ok(narrow.into_pyarray(py).into_any())
+            }
+            _ => Err(wrong(format!("dtype is {dtype:?}; expected \"float64\" or \"float32\""))),
+        }
     }
 
     /// The page on which the clip plays, as HTML.
@@ -213,6 +226,18 @@ impl Clip {
         let clip = &self.0.clip;
         format!("<kinelm.Clip: {} frames of {} joints at {} fps>", clip.frames(), clip.joints(), clip.fps())
     }
+}
+
+/// Reads motion files on all threads, as `Clip.read` does each; the clips are in the order of the paths. The first path that
+/// can't be read raises its error.
+#[pyfunction]
+#[pyo3(signature = (paths, **reading))]
+pub fn read_many(py: Python<'_>, paths: Vec<PathBuf>, reading: Option<&Bound<'_, PyDict>>) -> PyResult<Vec<Clip>> {
+    let options = Reading::of(reading, RestFrame::Keep)?;
+    detach(py, || {
+        let all: Vec<_> = paths.par_iter().map(|path| format::read(path, &options)).collect();
+        all.into_iter().map(|read| read.map(Clip).map_err(motion)).collect()
+    })
 }
 
 /// A prompt: a motion file, or a clip in memory.
@@ -241,8 +266,8 @@ impl Prompt {
 }
 
 /// A motion with its skeleton map, if one is given.
-pub fn mapped(motion: Motion, map: Option<&str>) -> kinelm::motion::Result<Motion> {
-    map.map_or(Ok(motion.clone()), |map| motion.with_map(map))
+pub fn mapped<'a>(motion: &'a Motion, map: Option<&str>) -> kinelm::motion::Result<Cow<'a, Motion>> {
+    map.map_or(Ok(Cow::Borrowed(motion)), |map| motion.clone().with_map(map).map(Cow::Owned))
 }
 
 /// (F, J, 3) positions of a clip's joints.

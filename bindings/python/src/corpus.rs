@@ -8,7 +8,7 @@ use crate::pool::detach;
 use crate::tokenizer::Tokenizer;
 use kinelm::corpus::conditions::in_order;
 use kinelm::corpus::windows::{EvalWindow, each_eval_window, fill_sequence};
-use kinelm::corpus::{BuildOptions, Conditions, Dataset, Split, tokenize};
+use kinelm::corpus::{BuildOptions, Conditions, Dataset, Shard, Split, tokenize};
 use kinelm::motion::format::RestFrame;
 use kinelm::store::memory;
 use kinelm::tokenizer::Special;
@@ -36,20 +36,26 @@ impl Corpus {
     }
 
     /// Tokenizes files and folders into a corpus folder at `out`. `labels` are CSV files or patterns of file names, such as
-    /// "{genre}_{dancer}_*".
+    /// "{genre}_{dancer}_*". With `shard` (i, n) every n-th file from the i-th on, for `merge`. Bad files are `failed`.
     #[staticmethod]
-    #[pyo3(signature = (data, out, *, tokenizer, labels=None, force=false, **reading))]
+    #[pyo3(signature = (data, out, *, tokenizer, labels=None, shard=None, force=false, **reading))]
+    #[allow(clippy::too_many_arguments, reason = "keyword arguments")]
     fn build(
         py: Python<'_>,
         data: Paths,
         out: PathBuf,
         tokenizer: &Tokenizer,
         labels: Option<Vec<String>>,
+        shard: Option<(usize, usize)>,
         force: bool,
         reading: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Corpus> {
         let read = Reading::of(reading, RestFrame::Drop)?;
-        let options = BuildOptions { read, force, ..BuildOptions::default() };
+        let shard = shard.map(|(index, of)| match index < of {
+            true => Ok(Shard { index, of }),
+            false => Err(wrong(format!("shard is ({index}, {of}); expected i of n, from 0 to n - 1"))),
+        });
+        let options = BuildOptions { read, shard: shard.transpose()?, force, ..BuildOptions::default() };
         let data: Vec<PathBuf> = data.into();
         detach(py, || {
             let dataset = Dataset::find(&data, &labels.unwrap_or_default()).map_err(library)?;
@@ -58,6 +64,22 @@ impl Corpus {
             interrupt.result(built)?;
             kinelm::corpus::Corpus::open(&out).map(|corpus| Corpus(Arc::new(corpus))).map_err(library)
         })
+    }
+
+    /// Puts the shards of a corpus together, in any order: the same bytes as a build without shards.
+    #[staticmethod]
+    #[pyo3(signature = (shards, out, *, force=false))]
+    fn merge(py: Python<'_>, shards: Vec<PathBuf>, out: PathBuf, force: bool) -> PyResult<Corpus> {
+        detach(py, || {
+            kinelm::corpus::merge(&shards, &out, force).map_err(library)?;
+            kinelm::corpus::Corpus::open(&out).map(|corpus| Corpus(Arc::new(corpus))).map_err(library)
+        })
+    }
+
+    /// The files that are not in it: dictionaries with key, name and why.
+    #[getter]
+    fn failed<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        python(py, &self.0.manifest().failed)
     }
 
     /// The folder.

@@ -1,7 +1,7 @@
 //! The extension module of the `kinelm` package for Python: the library as Python objects, and the program.
 //!
 //! Long work runs without the interpreter's lock; what may use the pool of threads goes through `pool::detach`. Arrays go in
-//! and out as numpy's, f64, as copies.
+//! as numpy's of f64, as copies; what is computed for a call comes out as an array without one.
 
 mod classifier;
 mod clip;
@@ -20,6 +20,9 @@ mod training;
 
 use pyo3::prelude::*;
 use std::ffi::OsString;
+
+#[global_allocator]
+static MEMORY: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Runs the program with these arguments, its name in front, and gives the exit code.
 #[pyfunction]
@@ -42,6 +45,7 @@ fn _kinelm(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(training::pretrain, module)?)?;
     module.add_function(wrap_pyfunction!(training::finetune, module)?)?;
     module.add_function(wrap_pyfunction!(training::resume, module)?)?;
+    module.add_function(wrap_pyfunction!(clip::read_many, module)?)?;
     module.add_function(wrap_pyfunction!(compare::compare, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)

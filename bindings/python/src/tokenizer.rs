@@ -3,7 +3,7 @@
 use crate::clip::{Clip, mapped};
 use crate::error::library;
 use crate::options::free;
-use kinelm::corpus::load::ModelClip;
+use kinelm::corpus::load::model_clip;
 use kinelm::motion::format::ReadOptions;
 use kinelm::motion::{Motion, joints};
 use kinelm::tokenizer::TokenizerConfig;
@@ -17,14 +17,13 @@ pub struct Tokenizer(pub kinelm::tokenizer::Tokenizer);
 
 /// A clip as this tokenizer takes it: on SMPL-24, at its rate, above its floor.
 fn taken(
-    motion: Motion,
+    motion: &Motion,
     config: &TokenizerConfig,
     map: Option<String>,
     floor: Option<f64>,
 ) -> PyResult<kinelm::motion::Clip> {
     let motion = mapped(motion, map.as_deref()).map_err(crate::error::motion)?;
-    let options = ReadOptions { floor, ..ReadOptions::default() };
-    ModelClip::of(motion, &options, config.into()).map(|clip| clip.lowered()).map_err(library)
+    model_clip(&motion, &ReadOptions { floor, ..ReadOptions::default() }, config.into()).map_err(library)
 }
 
 #[pymethods]
@@ -44,10 +43,8 @@ impl Tokenizer {
         let selection = joints::parse(joints).map_err(crate::error::motion)?;
         let config = TokenizerConfig::uniform(&selection.joints, fps, bins);
         py.detach(|| {
-            let clips = clips
-                .into_iter()
-                .map(|clip| taken(clip.0, &config, map.clone(), floor))
-                .collect::<PyResult<Vec<_>>>()?;
+            let clips =
+                clips.iter().map(|clip| taken(&clip.0, &config, map.clone(), floor)).collect::<PyResult<Vec<_>>>()?;
             kinelm::tokenizer::Tokenizer::fit(&clips, config).map(Tokenizer).map_err(library)
         })
     }
@@ -75,7 +72,7 @@ impl Tokenizer {
         floor: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let ids = py.detach(|| {
-            let clip = taken(clip.0.clone(), self.0.config(), map, floor)?;
+            let clip = taken(&clip.0, self.0.config(), map, floor)?;
             let encoded = self.0.encode(&clip).map_err(library)?;
             self.0.ids_of_words(&encoded.words).map_err(library)
         })?;

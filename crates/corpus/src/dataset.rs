@@ -1,5 +1,6 @@
 //! The motion files of a dataset, with what is known of each.
 
+use super::archive::{self, Member, is_archive};
 use super::artifacts;
 use super::clip_info::ClipInfo;
 use super::item::Item;
@@ -38,6 +39,7 @@ pub struct Dataset {
 
 struct MotionFile {
     path: PathBuf,
+    member: Option<Member>,
     /// The path below its source.
     relative: String,
     source: usize,
@@ -50,7 +52,8 @@ impl Dataset {
     /// them. `labels` has a source of labels ([`Labels::parse`]) for each of `data`, or one for all, or none: then the names
     /// of known data sets are tried.
     ///
-    /// Files are taken by their extensions ([`Format::extensions`]); hidden files and folders are skipped. An
+    /// Files are taken by their extensions ([`Format::extensions`]), those of tar archives too; hidden files and folders are
+    /// skipped. An
     /// `ignore_list.txt`, as AIST++ has one, leaves out the names that it lists from its folder and all folders below; one
     /// beside a folder of `data` counts too.
     ///
@@ -71,10 +74,10 @@ impl Dataset {
         for (source, place) in data.iter().enumerate() {
             let mut walk = Walk { dataset: &mut dataset, files: Vec::new(), folders: HashSet::new() };
             let is_source = !walk.start(place)?;
-            for (path, relative) in walk.files {
+            for Found { path, relative, member } in walk.files {
                 // a broken link is reported where it is read
                 if seen.insert(fs::canonicalize(&path).unwrap_or(path.clone())) {
-                    found.push(MotionFile { path, relative, source, is_source });
+                    found.push(MotionFile { path, member, relative, source, is_source });
                 } else {
                     twice += 1;
                 }
@@ -132,6 +135,7 @@ impl Dataset {
             self.items.push(Item {
                 take: info.take.unwrap_or_else(|| name.clone()),
                 path: file.path,
+                member: file.member,
                 name,
                 labels: info.labels,
                 timed: info.timed,
@@ -192,7 +196,7 @@ impl Dataset {
     /// Reads how dances with a sidecar are read, and notes it.
     fn read_sidecars(&mut self) {
         let mut described = Vec::new();
-        for item in &mut self.items {
+        for item in self.items.iter_mut().filter(|item| item.member.is_none()) {
             match sidecar::read_options(&item.path) {
                 Ok(None) => continue,
                 Ok(options) => item.sidecar = options,
@@ -212,7 +216,7 @@ impl Dataset {
 pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut walk = Walk { dataset: &mut Dataset::default(), files: Vec::new(), folders: HashSet::new() };
     walk.start(folder)?;
-    Ok(walk.files.into_iter().map(|(path, _)| path).collect())
+    Ok(walk.files.into_iter().filter(|file| file.member.is_none()).map(|file| file.path).collect())
 }
 
 /// The labels of a file. A file that was given itself is also looked up by the folders above it, longest path first,
@@ -267,18 +271,28 @@ fn slashed(path: &Path) -> String {
     path.to_string_lossy().replace(std::path::MAIN_SEPARATOR, "/")
 }
 
+/// Bytes of a JSON file within which a clip says that it is one.
+const HEAD: u64 = 4096;
 /// Folders inside each other that are searched at most.
 const MAX_DEPTH: usize = 64;
 
+/// A motion file.
+struct Found {
+    path: PathBuf,
+    /// Below the source.
+    relative: String,
+    member: Option<Member>,
+}
+
 struct Walk<'a> {
     dataset: &'a mut Dataset,
-    files: Vec<(PathBuf, String)>,
+    files: Vec<Found>,
     /// Folders searched so far: a link may lead back up.
     folders: HashSet<PathBuf>,
 }
 
 impl Walk<'_> {
-    /// Adds a file, or all files of a folder; returns whether it was a folder.
+    /// Adds a file, or all files of a folder or an archive; returns whether it was one of these.
     fn start(&mut self, place: &Path) -> Result<bool> {
         let kind = fs::metadata(place).map_err(Error::io(place))?;
         if kind.is_dir() {
@@ -287,9 +301,13 @@ impl Walk<'_> {
             self.folder(place, "", &ignore)?;
             return Ok(true);
         }
-        let name = place.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        if is_archive(place) {
+            self.archive(place, "", &HashSet::new())?;
+            return Ok(true);
+        }
+        let relative = place.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         Format::of(place)?;
-        self.files.push((place.to_owned(), name));
+        self.files.push(Found { path: place.to_owned(), relative, member: None });
         Ok(false)
     }
 
@@ -322,13 +340,31 @@ impl Walk<'_> {
             // a broken link counts as a file, and is reported where it is read
             match path.is_dir() {
                 true => self.folder(&path, &relative, &ignore)?,
-                false => self.file(path, relative, &ignore),
+                false if is_archive(&path) => {
+                    let below = relative.rsplit_once('.').map_or(&*relative, |(name, _)| name);
+                    self.archive(&path, below, &ignore)?;
+                }
+                false => self.file(path, relative, &ignore, None),
             }
         }
         Ok(())
     }
 
-    fn file(&mut self, path: PathBuf, relative: String, ignore: &HashSet<String>) {
+    /// Adds the files of an archive, in its order: so it is read from front to back.
+    fn archive(&mut self, archive: &Path, relative: &str, ignore: &HashSet<String>) -> Result<()> {
+        let members = archive::members(archive).map_err(Error::io(archive))?;
+        for (name, member) in members.files {
+            let below = if relative.is_empty() { name.clone() } else { format!("{relative}/{name}") };
+            if Format::of_name(Path::new(&name)).is_some() {
+                self.file(archive.join(&name), below, ignore, Some(member));
+            }
+        }
+        let path = archive.display();
+        self.dataset.notes.extend(members.fault.map(|why| format!("{path}: the archive ends early: {why}")));
+        Ok(())
+    }
+
+    fn file(&mut self, path: PathBuf, relative: String, ignore: &HashSet<String>, member: Option<Member>) {
         let stem = without_extension(&relative);
         if stem == relative {
             return;
@@ -336,24 +372,28 @@ impl Walk<'_> {
         let name = stem.rsplit('/').next().unwrap_or(stem);
         if ignore.contains(name) {
             self.dataset.ignored += 1;
-        } else if has_no_motion(&path, name) {
+        } else if has_no_motion(&path, name, member.as_ref()) {
             self.dataset.no_motion += 1;
         } else {
-            self.files.push((path, relative));
+            self.files.push(Found { path, relative, member });
         }
     }
 }
 
 /// Whether a file in a folder is known to have no motion: body shapes and first stages of AMASS, sidecars of dances
 /// (`NAME.kinelm.json`), and JSON without the first key of a clip.
-fn has_no_motion(path: &Path, stem: &str) -> bool {
+fn has_no_motion(path: &Path, stem: &str, member: Option<&Member>) -> bool {
     match path.extension().map(|e| e.to_ascii_lowercase()) {
         Some(e) if e == "npz" => stem == "shape" || stem.ends_with("_stagei"),
         Some(e) if e == "json" && stem.ends_with(".kinelm") => true,
         Some(e) if e == "json" => {
-            let mut head = Vec::new();
-            let read = input::peek(path).and_then(|file| file.take(4096).read_to_end(&mut head));
-            read.is_ok() && !String::from_utf8_lossy(&head).contains("\"schema\"")
+            let of_file = || {
+                let mut head = Vec::new();
+                input::peek(path)?.take(HEAD).read_to_end(&mut head)?;
+                Ok(head)
+            };
+            let head = member.map_or_else(of_file, |member| member.first(HEAD));
+            head.is_ok_and(|head| !String::from_utf8_lossy(&head).contains("\"schema\""))
         }
         _ => false,
     }

@@ -1,16 +1,21 @@
 //! A motion file of a dataset, or a part of one, and what is known of it.
 
+use super::archive::Member;
 use super::record::Split;
 use super::sidecar;
-use kinelm_motion::format::ReadOptions;
+use crate::{Error, Result};
+use kinelm_motion::format::{Format, ReadOptions};
+use kinelm_store::input;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A motion file, or a segment of one, and what is known of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Item {
-    /// The file.
+    /// The file; of one inside an archive its path there, below the archive's.
     pub path: PathBuf,
+    /// Where it lies in an archive, if it does.
+    pub member: Option<Member>,
     /// The path below its source without extension, `/` between parts; unique in the dataset.
     pub name: String,
     /// Values by field.
@@ -59,6 +64,21 @@ impl Item {
         }
     }
 
+    /// The bytes of the file.
+    ///
+    /// # Errors
+    /// A name of no known format, which is refused before it is read; [`kinelm_store::Error::Io`].
+    pub fn bytes(&self) -> Result<Vec<u8>> {
+        Format::of(&self.path)?;
+        let bytes = self.member.as_ref().map_or_else(|| input::bytes(&self.path), Member::bytes);
+        bytes.map_err(Error::io(&self.path))
+    }
+
+    /// The file on disk that is read.
+    pub fn file(&self) -> &Path {
+        self.member.as_ref().map_or(&self.path, |member| &member.archive)
+    }
+
     /// How the file is read: as its labels state, else its sidecar, else `options`.
     pub fn read_options(&self, options: &ReadOptions) -> ReadOptions {
         let options = match &self.sidecar {
@@ -78,6 +98,7 @@ impl Default for Item {
     fn default() -> Self {
         Item {
             path: PathBuf::new(),
+            member: None,
             name: String::new(),
             labels: BTreeMap::new(),
             timed: Vec::new(),

@@ -12,6 +12,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub mod archive;
 pub mod array_file;
 pub mod artifacts;
 pub mod build;

@@ -92,8 +92,9 @@ impl ModelClip {
     /// Those of retargeting and resampling.
     pub fn of(motion: Motion, options: &ReadOptions, spec: ClipSpec) -> Result<ModelClip> {
         let at_own = ModelClip::at_own_rate(motion, options, spec.above_floor)?;
-        let clip = resample(&at_own.clip, spec.fps, Method::Auto)?;
-        Ok(ModelClip { own: spec.keep_own.then_some(at_own.clip), clip, ..at_own })
+        let own = spec.keep_own.then(|| at_own.clip.clone());
+        let clip = at_rate(at_own.clip, spec.fps)?;
+        Ok(ModelClip { own, clip, ..at_own })
     }
 
     /// [`ModelClip::of`] a motion at the rate that it has.
@@ -101,15 +102,8 @@ impl ModelClip {
     /// # Errors
     /// Those of retargeting.
     pub fn at_own_rate(mut motion: Motion, options: &ReadOptions, above_floor: bool) -> Result<ModelClip> {
-        let way = OntoNeutral::of(&motion)?;
-        let clip = way.clip(&motion.clip)?;
-        let (mut floor_m, mut clip_floor_m) = (None, 0.0);
-        if let Some(first) = clip.root().first().filter(|_| above_floor) {
-            let floor = resolve_floor(&mut motion, options)?;
-            // retargeting scales heights about its own floor: the difference gives this floor's height under the clip
-            let lowered = way.when_lowered(floor).clip(&motion.clip.slice(0..1).raised(-floor))?;
-            (floor_m, clip_floor_m) = (Some(floor), first.y - lowered.root()[0].y);
-        }
+        let OnModel { clip, floor_m, clip_floor_m, doubts } = OnModel::of(&motion, options, above_floor)?;
+        motion.warnings.extend(doubts);
         Ok(ModelClip { motion, clip, own: None, floor_m, clip_floor_m, sha256: String::new() })
     }
 
@@ -117,6 +111,43 @@ impl ModelClip {
     pub fn lowered(&self) -> Clip {
         self.clip.clone().raised(-self.clip_floor_m)
     }
+}
+
+/// A motion as a tokenizer takes it: [`ModelClip::of`] it, [lowered](ModelClip::lowered), without the rest.
+///
+/// # Errors
+/// As [`ModelClip::of`].
+pub fn model_clip(motion: &Motion, options: &ReadOptions, spec: ClipSpec) -> Result<Clip> {
+    let OnModel { clip, clip_floor_m, .. } = OnModel::of(motion, options, spec.above_floor)?;
+    Ok(at_rate(clip, spec.fps)?.raised(-clip_floor_m))
+}
+
+/// A motion's clip on the model's body at its own rate.
+struct OnModel {
+    clip: Clip,
+    floor_m: Option<f64>,
+    clip_floor_m: f64,
+    doubts: Vec<Warning>,
+}
+
+impl OnModel {
+    fn of(motion: &Motion, options: &ReadOptions, above_floor: bool) -> Result<OnModel> {
+        let way = OntoNeutral::of(motion)?;
+        let clip = way.clip(&motion.clip)?;
+        let Some(first) = clip.root().first().filter(|_| above_floor) else {
+            return Ok(OnModel { clip, floor_m: None, clip_floor_m: 0.0, doubts: Vec::new() });
+        };
+        let (floor, doubts) = resolve_floor(motion, options)?;
+        // retargeting scales heights about its own floor: the difference gives this floor's height under the clip
+        let lowered = way.when_lowered(floor).clip(&motion.clip.slice(0..1).raised(-floor))?;
+        let clip_floor_m = first.y - lowered.root()[0].y;
+        Ok(OnModel { clip, floor_m: Some(floor), clip_floor_m, doubts })
+    }
+}
+
+/// A clip at another rate, without a copy at its own.
+fn at_rate(clip: Clip, fps: f64) -> Result<Clip> {
+    if clip.fps() == fps { Ok(clip) } else { Ok(resample(&clip, fps, Method::Auto)?) }
 }
 
 /// The clip of an item, whole or the item's segment, as the tokenizer takes it.
@@ -156,7 +187,7 @@ impl ItemClip {
     /// Loads the whole file of an item, whatever segment of it the item is.
     pub(super) fn load_file(item: &Item, options: &ReadOptions, spec: ClipSpec) -> Result<ItemClip> {
         let options = item.read_options(options);
-        let loaded = ModelClip::load(&item.path, &options, spec)?;
+        let loaded = ModelClip::parse(&item.path, &item.bytes()?, &options, spec)?;
         let (clip, rate) = (loaded.lowered(), FileRate::of(&loaded.motion, &options));
         let ModelClip { motion, own, floor_m, sha256, .. } = loaded;
         Ok(ItemClip { clip, own: own.map(Arc::new), floor_m, sha256, warnings: motion.warnings, rate })
@@ -178,7 +209,7 @@ impl ItemClip {
 /// The errors of reading and retargeting.
 pub fn load_at_own_rate(item: &Item, options: &ReadOptions, above_floor: bool) -> Result<(Clip, FileRate)> {
     let options = item.read_options(options);
-    let motion = format::read(&item.path, &options)?;
+    let motion = format::parse(&item.path, &item.bytes()?, &options)?;
     let rate = FileRate::of(&motion, &options);
     Ok((ModelClip::at_own_rate(motion, &options, above_floor)?.lowered(), rate))
 }

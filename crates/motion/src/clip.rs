@@ -115,6 +115,16 @@ impl Clip {
         }
     }
 
+    /// Leaves these frames alone, in place.
+    ///
+    /// # Panics
+    /// If the range leaves the clip.
+    pub(crate) fn keep(&mut self, frames: Range<usize>) {
+        let j = self.joints();
+        keep(&mut self.root, frames.clone(), 1);
+        keep(&mut self.rotations, frames, j);
+    }
+
     /// The same motion with the root raised by `by_m` metres.
     pub fn raised(mut self, by_m: f64) -> Self {
         self.root.iter_mut().for_each(|p| p.y += by_m);
@@ -155,6 +165,16 @@ impl Clip {
     pub fn with_skeleton(self, skeleton: Arc<Skeleton>) -> Result<Self> {
         Clip::new(skeleton, self.fps, self.root, self.rotations)
     }
+}
+
+/// Leaves these rows of `width` alone.
+///
+/// # Panics
+/// If the range leaves the rows.
+pub(crate) fn keep<T>(all: &mut Vec<T>, rows: Range<usize>, width: usize) {
+    assert!(rows.end * width <= all.len(), "{rows:?} of {} rows", all.len() / width.max(1));
+    all.truncate(rows.end * width);
+    all.drain(..rows.start * width);
 }
 
 #[cfg(test)]

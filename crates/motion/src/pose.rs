@@ -33,13 +33,13 @@ impl GlobalPose {
         tests::COMPUTED.with(|n| n.set(n.get() + 1));
         self.positions.clear();
         self.rotations.clear();
-        for (j, &l) in local.iter().enumerate() {
-            let (p, g) = match skeleton.parents()[j] {
+        for ((&l, parent), &offset) in local.iter().zip(skeleton.parents()).zip(skeleton.offsets()) {
+            let (p, g) = match *parent {
                 // the root's own offset plays no part: `root` is its position in the world
                 None => (root, l),
                 Some(parent) => {
                     let g = self.rotations[parent];
-                    (self.positions[parent] + g * skeleton.offsets()[j], g * l)
+                    (self.positions[parent] + g * offset, g * l)
                 }
             };
             self.positions.push(p);

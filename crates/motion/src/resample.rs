@@ -247,6 +247,8 @@ fn filtered(clip: &Clip, cutoff: f64, times: impl Iterator<Item = f64>) -> (Vec<
     let reach = 3.0 / (2.0 * cutoff);
     let (mut root, mut rotations) = (Vec::new(), Vec::new());
     let mut taps: Vec<(usize, f64)> = Vec::new();
+    let zero = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
+    let mut sums = vec![zero; j];
     for t in times {
         taps.clear();
         for k in (t - reach).ceil() as i64..=(t + reach).floor() as i64 {
@@ -256,13 +258,16 @@ fn filtered(clip: &Clip, cutoff: f64, times: impl Iterator<Item = f64>) -> (Vec<
         // a sampled Lanczos kernel doesn't sum to 1, which would scale the path with the phase of the frame
         taps.iter_mut().for_each(|(_, w)| *w /= sum);
         root.push(taps.iter().fold(Vec3::ZERO, |p, &(k, w)| p + clip.root()[k] * w));
-        for joint in 0..j {
-            let zero = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
-            let q = taps.iter().fold(zero, |q, &(k, w)| q + smooth[k * j + joint] * w);
-            // rotations of more than half a turn within the kernel cancel out: take the middle frame
-            let middle = smooth[reflect(t.round() as i64, f) * j + joint];
-            rotations.push(if q.length_squared() > 1e-6 { q.normalize() } else { middle });
+        // frame by frame, as they lie in memory
+        sums.fill(zero);
+        for &(k, w) in &taps {
+            sums.iter_mut().zip(&smooth[k * j..][..j]).for_each(|(sum, &q)| *sum = *sum + q * w);
         }
+        let middle = &smooth[reflect(t.round() as i64, f) * j..][..j];
+        rotations.extend(sums.iter().zip(middle).map(|(sum, &middle)| {
+            // rotations of more than half a turn within the kernel cancel out: take the middle frame
+            if sum.length_squared() > 1e-6 { sum.normalize() } else { middle }
+        }));
     }
     (root, rotations)
 }

@@ -283,7 +283,7 @@ mod tests {
         let make = parsed(r#"{"kind": "edit", "clip": "c1", "free": ["left_arm@4s:8s"], "variations": 4}"#).unwrap();
         assert_eq!((make.free[0].joints.as_str(), make.variations, make.best), ("left_arm", 4, None));
         for (text, expected) in [
-            (r#"{"kind": "edit", "path": "/etc/passwd"}"#, "unknown field `path`"),
+            (r#"{"kind": "edit", "file": "/etc/passwd"}"#, "unknown field `file`"),
             (r#"{"kind": "free", "variations": 9}"#, "1 to 8"),
             (r#"{"kind": "free", "variations": 0}"#, "1 to 8"),
             (r#"{"kind": "free", "variations": 4, "best": 3}"#, "4 to 16"),

@@ -132,3 +132,30 @@ fn the_shared_lists_cover_the_shared_data() {
     let g = Dataset::find(&[dir], &[]).unwrap();
     assert!(notes(&g, "43 clips have labels by {genre}/{take}.bvh: genre"), "{:?}", g.notes);
 }
+
+#[test]
+fn an_archive_is_a_folder_that_is_read_where_it_lies() {
+    let dir = tree(&["salsa/02.bvh", "salsa/01.bvh", "salsa/notes.txt", "a.npz"]);
+    std::fs::write(dir.path().join("salsa/01.bvh"), "one").unwrap();
+    let mut tar = tar::Builder::new(Vec::new());
+    tar.append_dir_all(".", dir.path()).unwrap();
+    let bytes = tar.into_inner().unwrap();
+    let shards = tempfile::tempdir().unwrap();
+    fs::write(shards.path().join("shard-0.tar"), &bytes).unwrap();
+    let csv = shards.path().join("l.csv");
+    fs::write(&csv, "clip,genre\nsalsa/01,salsa\n").unwrap();
+    let alone = Dataset::find(&[shards.path().join("shard-0.tar")], &[csv.display().to_string()]).unwrap();
+    let mut found = names(&alone);
+    found.sort_unstable();
+    assert_eq!(found, ["a", "salsa/01", "salsa/02"]);
+    let one = alone.items.iter().find(|item| item.name == "salsa/01").unwrap();
+    assert_eq!((one.bytes().unwrap().as_slice(), one.labels["genre"].as_str()), (&b"one"[..], "salsa"));
+    assert_eq!(one.file(), shards.path().join("shard-0.tar"));
+    let among = Dataset::find(&[shards.path().into()], &[]).unwrap();
+    assert!(names(&among).contains(&"shard-0/salsa/01"), "{:?}", names(&among));
+    assert!(motion_files(shards.path()).unwrap().is_empty(), "who reads by path finds none");
+    // what is cut costs a note or its own line, not the rest
+    fs::write(shards.path().join("shard-0.tar"), &bytes[..bytes.len() - 2048]).unwrap();
+    let cut = Dataset::find(&[shards.path().into()], &[]).unwrap();
+    assert!(!cut.items.is_empty());
+}

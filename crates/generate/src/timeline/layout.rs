@@ -124,7 +124,8 @@ impl TimelineLayout {
             return Err(Fault::Clip(timeline.rig.clone(), format!("{}", own.file.display()), expected.into()));
         };
         let source = (**source).clone();
-        let floor_m = resolve_floor(&mut motion, &own.options()).map_err(|e| unread(&timeline.rig, &e))?;
+        let (floor_m, doubts) = resolve_floor(&motion, &own.options()).map_err(|e| unread(&timeline.rig, &e))?;
+        motion.warnings.extend(doubts);
         let rig = TimelineRig { name: timeline.rig.clone(), own: own.clone(), motion, source, floor_m };
         let mut file = Some(file);
         let mut clips = BTreeMap::new();
@@ -242,13 +243,13 @@ impl ClipFile {
             && source.is_alike(other)
             && motion.clip.fps() == fps
         {
-            let above_m = if clip == own { 0.0 } else { resolve_floor(&mut motion, &options)? - floor_m };
+            let above_m = if clip == own { 0.0 } else { resolve_floor(&motion, &options)?.0 - floor_m };
             let exact = Some(((**other).clone(), self.bytes));
             return Ok(ReadClip { clip: motion.clip, exact, left_out, scale, above_m, headings });
         }
         let retarget = Retarget::new(rig.humanoid()?, smpl::neutral())?.with_floor(format::floor_height(rig)?);
-        let mut on_rig = rig.clone().with_clip(retarget.to_rig_over(&on_smpl, None)?);
-        let above_m = resolve_floor(&mut on_rig, &own.options())? - floor_m;
+        let on_rig = rig.clone().with_clip(retarget.to_rig_over(&on_smpl, None)?);
+        let above_m = resolve_floor(&on_rig, &own.options())?.0 - floor_m;
         Ok(ReadClip { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })
     }
 }

@@ -1,22 +1,19 @@
 //! The floor of a motion as it was read: given by the caller or the source, else detected from the feet.
 
 use super::{Motion, ReadOptions, Source};
-use crate::{Error, Result};
+use crate::{Error, Result, Warning};
 
-/// Resolves the floor of a motion, metres: the one in `options`, else the one detected from the feet. Doubts are added to
-/// the motion's warnings.
+/// The floor of a motion, metres: the one in `options`, else the one detected from the feet, with the doubts of that.
 ///
 /// # Errors
 /// Those of [`Motion::floor`]; [`Invalid`](kinelm_store::Error::Invalid) for a given floor that isn't finite.
-pub fn resolve_floor(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
+pub fn resolve_floor(motion: &Motion, options: &ReadOptions) -> Result<(f64, Vec<Warning>)> {
     if let Some(given) = options.floor {
         let fault = || Error::invalid_parameter("floor", given, "a height in metres");
-        return if given.is_finite() { Ok(given) } else { Err(fault()) };
+        return if given.is_finite() { Ok((given, Vec::new())) } else { Err(fault()) };
     }
     let floor = motion.floor()?;
-    let (height_m, doubts) = (floor.height_m, floor.doubts.clone());
-    motion.warnings.extend(doubts);
-    Ok(height_m)
+    Ok((floor.height_m, floor.doubts.clone()))
 }
 
 /// The floor of a motion, metres: detected from the feet on the file's own rig ([`mod@crate::rig::floor`]), or known from

@@ -31,7 +31,8 @@ pub(crate) fn handle_rest_frame(mut motion: Motion, options: &ReadOptions) -> Mo
     if options.rest == RestFrame::Drop {
         // a reference pose made from the clip is made again, without the dropped frame
         let found = motion.found().cloned();
-        motion = motion.slice(1..motion.clip.frames()).with_found(found);
+        let frames = motion.clip.frames();
+        motion = motion.slice(1..frames).with_found(found);
     }
     motion.warnings.push(Warning { kind: "rest_frame", what });
     motion
@@ -79,8 +80,10 @@ pub fn has_rest_frame(motion: &Motion) -> bool {
 /// The largest rotation of a joint from each frame to the next, `most` of them.
 fn steps(clip: &Clip, most: usize) -> Vec<f64> {
     let step = |f: usize| {
-        let turned = clip.pose(f).iter().zip(clip.pose(f + 1)).map(|(a, b)| angle_between(*a, *b));
-        turned.fold(0.0, f64::max)
+        // the cosine of half the angle is the least of that joint, and of one joint alone the angle itself is needed
+        let turned = clip.pose(f).iter().zip(clip.pose(f + 1)).map(|(a, b)| (a.dot(*b).abs(), a, b));
+        let most = turned.reduce(|most, other| if other.0 < most.0 { other } else { most });
+        most.map_or(0.0, |(_, a, b)| angle_between(*a, *b))
     };
     (1..clip.frames()).take(most).map(|f| step(f - 1)).collect()
 }

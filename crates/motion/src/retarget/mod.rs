@@ -167,10 +167,20 @@ impl Retarget {
         let pelvis = self.joint(0).unwrap_or(0);
         let mut root = Vec::with_capacity(clip.frames());
         let mut rotations = Vec::with_capacity(clip.frames() * 24);
-        let mut pose = GlobalPose::default();
+        let turning = self.turning();
+        // from below the root down to the pelvis, each with its parent
+        let mut chain: Vec<(usize, usize)> = std::iter::successors(Some(pelvis), |&j| self.rig.parents()[j])
+            .filter_map(|j| Some((j, self.rig.parents()[j]?)))
+            .collect();
+        chain.reverse();
+        let mut world = vec![Quat::IDENTITY; self.rig.joints()];
         for f in 0..clip.frames() {
-            pose.set(&self.rig, clip.root()[f], clip.pose(f));
-            root.push(self.smpl_root(pose.positions[pelvis]));
+            let local = clip.pose(f);
+            for &(j, parent) in &turning {
+                world[j] = parent.map_or(local[j], |parent: usize| world[parent] * local[j]);
+            }
+            let place = |place: Vec3, &(j, parent): &(usize, usize)| place + world[parent] * self.rig.offsets()[j];
+            root.push(self.smpl_root(chain.iter().fold(clip.root()[f], place)));
             let mut global = [Quat::IDENTITY; 24];
             for id in 0..24 {
                 let parent = smpl::PARENTS[id];
@@ -181,7 +191,7 @@ impl Retarget {
                     rotations.push(Quat::IDENTITY);
                     continue;
                 };
-                global[id] = pose.rotations[link.joint] * link.turn_now(&self.rig, clip.pose(f));
+                global[id] = world[link.joint] * link.turn_now(&self.rig, local);
                 rotations.push((above.conjugate() * global[id]).normalize());
             }
         }
@@ -226,6 +236,20 @@ impl Retarget {
             root.push(self.rig_root(self.rig_pelvis(clip.root()[f]), &rotations[from..]));
         }
         Clip::new(self.rig.clone(), clip.fps(), root, rotations)
+    }
+
+    /// The joints that SMPL's turn with, and all above them, from the root downwards, each with its parent: not fingers and
+    /// twist bones.
+    fn turning(&self) -> Vec<(usize, Option<usize>)> {
+        let mut turns = vec![false; self.rig.joints()];
+        let parents = self.rig.parents();
+        self.links.iter().flatten().for_each(|link| turns[link.joint] = true);
+        for j in (0..turns.len()).rev().filter(|j| *j > 0) {
+            if let Some(parent) = parents[j] {
+                turns[parent] |= turns[j];
+            }
+        }
+        (0..turns.len()).filter(|j| turns[*j]).map(|j| (j, parents[j])).collect()
     }
 
     /// The SMPL id of each joint of the rig.

@@ -26,7 +26,7 @@ impl BvhSource {
     /// None for a finite clip.
     pub(super) fn for_clip(&self, clip: &Clip) -> Result<BvhSource> {
         let lack = self.lack(clip)?;
-        let mut rig = BvhSource { numbers: Vec::new(), frames: 0, ..self.slice(0..0) };
+        let mut rig = self.without_rows();
         if lack.offsets.is_empty() && lack.channels.is_empty() {
             return Ok(rig);
         }

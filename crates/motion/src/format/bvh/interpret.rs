@@ -57,6 +57,13 @@ impl Frames<'_> {
         turns.fold(first, |q, t| q * t)
     }
 
+    /// Whether a node's channels have the same bits in both rows.
+    fn is_same(&self, node: usize, a: &[f64], b: &[f64]) -> bool {
+        let n = &self.nodes[node];
+        let columns = n.column..n.column + n.channels.len();
+        a[columns.clone()].iter().zip(&b[columns]).all(|(a, b)| a.to_bits() == b.to_bits())
+    }
+
     /// Position, in the file's unit, and rotation of the last node of a chain from a ROOT down, in the file's world.
     pub fn along(&self, chain: &[usize], row: &[f64]) -> (Vec3, Quat) {
         let here = |&node: &usize| (self.place(node, row), self.turn(node, row));
@@ -240,7 +247,12 @@ pub(crate) fn clip(rig: &BvhRig, skeleton: Arc<Skeleton>, frames: &Frames, fps: 
         let (p, q) = frames.along(&rig.chain, row);
         root.push(p * rig.unit_m);
         rotations.push(q);
-        rotations.extend(rig.joints[1..].iter().map(|&n| frames.turn(n, row)));
+        let before = f.checked_sub(1).map(|f| frames.row(f));
+        for &n in &rig.joints[1..] {
+            // many joints of a body rest, fingers for whole clips: what doesn't change isn't computed again
+            let rests = before.is_some_and(|before| frames.is_same(n, before, row));
+            rotations.push(if rests { rotations[rotations.len() - rig.joints.len()] } else { frames.turn(n, row) });
+        }
     }
     Clip::new(skeleton, fps, root, rotations)
 }

@@ -19,7 +19,8 @@ use std::path::Path;
 pub fn positions(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Positions> {
     let mut motion = super::read(path, bytes, options)?;
     if drops_rest_frame(options) && has_rest_frame(&motion) {
-        motion = motion.slice(1..motion.clip.frames());
+        let frames = motion.clip.frames();
+        motion = motion.slice(1..frames);
     }
     let fps = motion.clip.fps();
     let Source::Bvh(source) = motion.source else { return Ok(Positions::from_clip(&motion.clip)) };

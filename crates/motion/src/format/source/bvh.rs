@@ -1,5 +1,6 @@
 //! The content of a BVH beyond its clip: header, numbers, and how they are interpreted.
 
+use crate::clip::keep;
 use crate::format::{Axes, BvhPosition};
 use crate::rotation::Axis;
 use crate::{Skeleton, Warning};
@@ -24,20 +25,20 @@ pub struct BvhSource {
 }
 
 impl BvhSource {
-    /// The rows of a range of frames. The interpretation stays.
+    /// Leaves the rows of these frames alone, in place. The interpretation stays.
     ///
     /// # Panics
     /// If the range leaves the frames.
-    pub fn slice(&self, frames: Range<usize>) -> Self {
-        let c = self.head.width;
-        BvhSource {
-            head: self.head.clone(),
-            numbers: self.numbers[frames.start * c..frames.end * c].to_vec(),
-            frames: frames.len(),
-            read_fps: self.read_fps,
-            rig: self.rig.clone(),
-            floor_m: self.floor_m,
-        }
+    pub(crate) fn keep(&mut self, frames: Range<usize>) {
+        self.frames = frames.len();
+        keep(&mut self.numbers, frames, self.head.width);
+    }
+
+    /// The same without rows.
+    pub(crate) fn without_rows(&self) -> BvhSource {
+        let BvhSource { head, numbers: _, frames: _, read_fps, rig, floor_m } = self;
+        let (head, rig) = (head.clone(), rig.clone());
+        BvhSource { head, numbers: Vec::new(), frames: 0, read_fps: *read_fps, rig, floor_m: *floor_m }
     }
 
     /// The nodes from the clip's root down to the last of its tips; those of its joints and end sites.

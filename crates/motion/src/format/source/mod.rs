@@ -170,19 +170,19 @@ impl Motion {
         }
     }
 
-    /// The frames of a range, of clip and source.
+    /// The frames of a range alone, of clip and source, without a copy of them.
     ///
     /// # Panics
     /// If the range leaves the clip.
-    pub fn slice(&self, frames: Range<usize>) -> Motion {
-        let source = match &self.source {
+    pub fn slice(mut self, frames: Range<usize>) -> Motion {
+        if let Source::Bvh(source) = &mut self.source {
             // rows correspond to frames only until the clip was resampled or cut
-            Source::Bvh(s) if s.frames == self.clip.frames() => Source::Bvh(Box::new(s.slice(frames.clone()))),
-            other => other.clone(),
-        };
-        let (path, warnings) = (self.path.clone(), self.warnings.clone());
-        let (clip, humanoid) = (self.clip.slice(frames), self.humanoid.clone());
-        Motion { path, clip, source, warnings, humanoid, floor: OnceLock::new() }
+            if source.frames == self.clip.frames() {
+                source.keep(frames.clone());
+            }
+        }
+        self.clip.keep(frames);
+        Motion { floor: OnceLock::new(), ..self }
     }
 }
 

@@ -261,7 +261,7 @@ fn filtered(clip: &Clip, cutoff: f64, times: impl Iterator<Item = f64>) -> (Vec<
         // frame by frame, as they lie in memory
         sums.fill(zero);
         for &(k, w) in &taps {
-            sums.iter_mut().zip(&smooth[k * j..][..j]).for_each(|(sum, &q)| *sum = *sum + q * w);
+            sums.iter_mut().zip(&smooth[k * j..][..j]).for_each(|(sum, &q)| *sum += q * w);
         }
         let middle = &smooth[reflect(t.round() as i64, f) * j..][..j];
         rotations.extend(sums.iter().zip(middle).map(|(sum, &middle)| {

@@ -227,7 +227,7 @@ impl ClipFile {
         let TimelineRig { own, motion: rig, source, floor_m, .. } = rig;
         let (options, fps) = (clip.options(), rig.clip.fps());
         let all = self.whole(clip)?;
-        let mut motion = self.motion;
+        let motion = self.motion;
         notes.extend(motion.warnings.iter().map(|warning| format!("{}: {}", clip.file.display(), warning.what)));
         let left_out = all.clip.frames() - motion.clip.frames();
         let scale = Timebase { frames: motion.clip.frames(), fps: motion.clip.fps(), left_out, model_fps: None };

@@ -126,13 +126,14 @@ impl Scales {
     /// When they have other lengths than [`widths`].
     pub fn quantize(&self, feature: &[f32], norm: f64, [head, rest]: [&mut [i8]; 2]) -> Size {
         assert_eq!([head.len(), rest.len()], widths(feature.len()), "a row of another width");
-        (head.fill(0), rest.fill(0));
+        head.fill(0);
+        rest.fill(0);
         let mut size = Size { norm, ..Size::default() };
         if norm == 0.0 {
             return size;
         }
         let in_head = feature.len().min(HEAD);
-        for (place, (from_centre, step)) in self.from_centres(feature, norm).enumerate() {
+        for (place, (from_centre, step)) in self.centred(feature, norm).enumerate() {
             let (byte, square) = match place.checked_sub(in_head) {
                 None => (&mut head[place], &mut size.head),
                 Some(place) => (&mut rest[place], &mut size.rest),
@@ -155,7 +156,7 @@ impl Scales {
     pub fn query(&self, feature: &[f32], norm: f64) -> Query {
         let in_head = feature.len().min(HEAD);
         let half = |from: usize, count: usize| {
-            let all = || self.from_centres(feature, norm).skip(from).take(count);
+            let all = || self.centred(feature, norm).skip(from).take(count);
             // of no numbers a row is zeros, and so is its product
             let weights: Vec<f64> = all().map(|(x, step)| x * step).chain((count == 0).then_some(0.0)).collect();
             Half { square: all().map(|(x, _)| x * x).sum(), dots: dots::Query::new(&weights) }
@@ -167,7 +168,7 @@ impl Scales {
     }
 
     /// How far the coefficients of a feature over its length are from their centres, with their steps, in the order of a row.
-    fn from_centres(&self, feature: &[f32], norm: f64) -> impl Iterator<Item = (f64, f64)> {
+    fn centred(&self, feature: &[f32], norm: f64) -> impl Iterator<Item = (f64, f64)> {
         let over = over(norm);
         self.order.iter().zip(&self.scales).map(move |(&i, scale)| {
             let [centre, step] = scale.map(f64::from);

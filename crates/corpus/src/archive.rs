@@ -6,6 +6,8 @@ use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Component, Path, PathBuf};
 use tar::Archive;
 
+/// Bytes of a header, and of what files are filled up to.
+const BLOCK: u64 = 512;
 /// The extension of an archive.
 const EXTENSION: &str = "tar";
 
@@ -26,7 +28,7 @@ pub struct Members {
     /// Each with its path in the archive, `/` between parts; in the archive's order. Of equal paths the last, as unpacking
     /// leaves it.
     pub files: Vec<(String, Member)>,
-    /// Why the archive ends early, if it does.
+    /// Why what follows these can't be read, if so.
     pub fault: Option<String>,
 }
 
@@ -42,7 +44,9 @@ pub fn is_archive(path: &Path) -> bool {
 pub fn members(archive: &Path) -> io::Result<Members> {
     let mut all = Members::default();
     let mut places: HashMap<String, usize> = HashMap::new();
-    let mut tar = Archive::new(input::open(archive)?);
+    let file = input::open(archive)?;
+    let (whole, mut end) = (file.metadata()?.len(), 0);
+    let mut tar = Archive::new(file);
     for entry in tar.entries_with_seek()? {
         let found = entry.and_then(|entry| {
             let path = entry.path()?.into_owned();
@@ -56,6 +60,7 @@ pub fn members(archive: &Path) -> io::Result<Members> {
                 break;
             }
         };
+        end = at.saturating_add(length).next_multiple_of(BLOCK);
         let parts: Vec<String> = path
             .components()
             .filter_map(|part| match part {
@@ -74,6 +79,10 @@ pub fn members(archive: &Path) -> io::Result<Members> {
                 all.files.push(member);
             }
         }
+    }
+    // blocks of zeros end an archive; one that is cut before a header has none
+    if all.fault.is_none() && end >= whole {
+        all.fault = Some("it has no end, as one that is cut".into());
     }
     Ok(all)
 }
@@ -151,5 +160,8 @@ mod tests {
         assert!(cut.fault.is_some() || e.is_err_and(|e| e.contains("ends before")));
         std::fs::write(&path, &bytes[..700]).unwrap();
         assert!(members(&path).unwrap().fault.is_some());
+        // cut before a header: that of the folder, which has no bytes, is whole
+        std::fs::write(&path, &bytes[..512]).unwrap();
+        assert!(members(&path).unwrap().fault.unwrap().contains("no end"));
     }
 }

@@ -353,6 +353,10 @@ impl Walk<'_> {
     /// Adds the files of an archive, in its order: so it is read from front to back.
     fn archive(&mut self, archive: &Path, relative: &str, ignore: &HashSet<String>) -> Result<()> {
         let members = archive::members(archive).map_err(Error::io(archive))?;
+        if let Some(why) = members.fault.as_ref().filter(|_| members.files.is_empty()) {
+            let help = "copy it again; unpack it, if it is compressed";
+            return Err(Error::file(archive, why, "a tar archive", help));
+        }
         for (name, member) in members.files {
             let below = if relative.is_empty() { name.clone() } else { format!("{relative}/{name}") };
             if Format::of_name(Path::new(&name)).is_some() {
@@ -360,7 +364,9 @@ impl Walk<'_> {
             }
         }
         let path = archive.display();
-        self.dataset.notes.extend(members.fault.map(|why| format!("{path}: the archive ends early: {why}")));
+        self.dataset.notes.extend(
+            members.fault.map(|why| format!("{path}: {why}: what follows in the archive is left out; copy it again")),
+        );
         Ok(())
     }
 

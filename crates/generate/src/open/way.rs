@@ -25,6 +25,12 @@ pub struct OpenWay {
 }
 
 impl OpenWay {
+    /// The greatest speed, metres a second on the rig that the dance is written on.
+    pub(crate) fn fastest(&self) -> f64 {
+        let steps = self.clip.root().windows(2).map(|two| two[0].distance(two[1]));
+        steps.fold(0.0, f64::max) * self.clip.fps() / self.scale
+    }
+
     /// Codes the path of a request.
     ///
     /// # Errors

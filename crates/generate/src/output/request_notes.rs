@@ -23,9 +23,10 @@ impl OpenRequest {
             self.note_prompt(prompt, request, &mut notes)?;
         }
         if let Some(way) = self.way.as_ref().filter(|way| way.clipped > 0) {
-            let n = way.clipped;
+            let (n, fastest) = (way.clipped, way.fastest());
             notes.push(format!(
-                "{n} steps or turns of the path are longer than the model codes; the dance catches up later"
+                "{n} steps or turns of the path, up to {fastest:.1} m/s, are longer than the model codes: the dance falls behind; \
+                 make the path slower, or its bends wider"
             ));
         }
         if let Some((music, request)) = self.music.as_ref().zip(self.resolved.music.as_ref()) {

@@ -103,7 +103,7 @@ impl FloorPath {
             return Err(fault(format!("{} places", places.len()), "20000 at most"));
         }
         if long > LONGEST_S {
-            return Err(fault(format!("{long} s"), "an hour at most"));
+            return Err(fault(format!("a way of {} s", compact(long)), "an hour at most"));
         }
         places.iter_mut().for_each(|place| place.time_s -= begin);
         Ok(FloorPath(places))
@@ -171,7 +171,9 @@ impl FloorPath {
             let cell = |column: usize| cells.get(column).copied().unwrap_or_default();
             let number = |column: usize| -> Result<f64> {
                 let number = cell(column).parse::<f64>().ok().filter(|x| x.is_finite() && x.abs() < FARTHEST_M);
-                number.ok_or_else(|| fault(n + 1, format!("{:?} as {}", cell(column), names[column]), "a number"))
+                number.ok_or_else(|| {
+                    fault(n + 1, format!("{:?} as {}", cell(column), names[column]), "a number below a million")
+                })
             };
             let (at, heading) = ([number(x)?, number(z)?], heading.map(number).transpose()?);
             let time_s = match (seconds, places.last()) {
@@ -186,12 +188,13 @@ impl FloorPath {
                     return Err(fault(n + 1, format!("a speed of {pace}"), "metres a second above 0"));
                 }
             }
-            if places.last().is_some_and(|last| time_s <= last.time_s) {
-                return Err(fault(
-                    n + 1,
-                    format!("{time_s} s after as many or more"),
-                    "a later time, at another place",
-                ));
+            if let Some(last) = places.last().filter(|last| time_s <= last.time_s) {
+                return Err(match speed {
+                    Some(_) => {
+                        fault(n + 1, "the place of the row before".into(), "another one; who stands needs `seconds`")
+                    }
+                    None => fault(n + 1, format!("{time_s} s after {} s", last.time_s), "a later time"),
+                });
             }
             places.push(Place { time_s, at, heading });
         }
@@ -212,6 +215,11 @@ impl From<FloorPath> for Vec<Vec<f64>> {
         let row = |place: &Place| [place.time_s, place.at[0], place.at[1]].into_iter().chain(place.heading).collect();
         path.0.iter().map(row).collect()
     }
+}
+
+/// A number as a message has it.
+fn compact(number: f64) -> String {
+    if number < 1e6 { format!("{number:.1}") } else { format!("{number:.1e}") }
 }
 
 /// The segment around a time, and how far it is along it.
@@ -280,7 +288,9 @@ mod tests {
             ("x,z\n0,0\n1,1\n", "seconds, or else speed"),
             ("seconds,x,y\n", "the column \"y\""),
             ("seconds,x,z\n0,0,0\n1,a,0\n", "line 3: \"a\" as x"),
-            ("seconds,x,z\n0,0,0\n0,1,0\n", "line 3: 0 s after"),
+            ("seconds,x,z\n0,0,0\n0,1,0\n", "line 3: 0 s after 0 s"),
+            ("x,z,speed\n0,0,1\n0,0,1\n", "who stands needs"),
+            ("x,z,speed\n0,0,1e-300\n1,0,1\n", "1.0e300 s"),
             ("seconds,x,z\n0,0,0\n", "fewer than 2"),
             ("seconds,x,z\n", "no places"),
             ("x,z,speed\n0,0\n1,0\n", "line 2: \"\" as speed"),

@@ -7,7 +7,7 @@
 //! - [`maps`]: skeleton maps of the project.
 //! - [`stated`]: the readings of clips in the timeline's text.
 //! - [`figure`]: the figure of a clip for the stage.
-//! - [`derive`]: files that are made of clips and dances.
+//! - [`mod@derive`]: files that are made of clips and dances.
 //! - [`search`]: clips that move alike.
 //!
 //! Files are read one after the other by a thread of their own; of each only a few facts stay in memory.

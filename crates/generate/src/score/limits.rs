@@ -86,7 +86,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Of windows of train clips, see [`Scorer::windows`], each with the weight of its corpus; without one they are
+    /// Of windows of train clips, see [`super::Scorer::windows`], each with the weight of its corpus; without one they are
     /// [`Limits::default`].
     pub fn of(windows: &[(Measures, f64)]) -> Limits {
         let mut soft: [Vec<(f64, f64)>; SOFT] = Default::default();

@@ -79,7 +79,7 @@ def read(args):
 
 def encode(args):
     import kinelm
-    sys.argv = [sys.argv[0]]
+
     sys.path.insert(0, str(HERE))
     from tokenize_rate import FRAMES, JOINTS, Uniform, clip as quaternions_of_seed
 

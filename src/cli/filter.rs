@@ -79,11 +79,7 @@ fn one(
     (outputs, odd, say): (&Outputs, &Odd, Say),
 ) -> Result<()> {
     let mut motion = format::read(path, options)?;
-    let floor = if args.feet { Some(resolve_floor(&motion, options)?) } else { None };
-    let floor_m = floor.map(|(floor_m, doubts)| {
-        motion.warnings.extend(doubts);
-        floor_m
-    });
+    let floor_m = if args.feet { Some(resolve_floor(&mut motion, options)?) } else { None };
     odd.warn(&motion, options);
     let before = jitter(&motion.clip);
     let mut flips = Vec::new();

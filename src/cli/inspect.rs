@@ -32,10 +32,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     each_file(&files, say, |i, file| {
         let mut motion = reported(read(file, &options[i]).map_err(Error::from), file, args.json)?;
         // without a map for the rig there are no feet to find the floor by; the report names the rig as unknown
-        let floor = resolve_floor(&motion, &options[i]).ok().map(|(floor_m, doubts)| {
-            motion.warnings.extend(doubts);
-            floor_m
-        });
+        let floor = resolve_floor(&mut motion, &options[i]).ok();
         if let Some(out) = &args.map_out {
             outputs.write(out, motion.humanoid()?.map().to_toml().as_bytes())?;
             say.line(format_args!("{}: skeleton map written", out.display()));

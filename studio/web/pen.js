@@ -142,14 +142,14 @@ function show() {
     path.style.setProperty('stroke', colour);
     return path;
   };
-  const danced = dancersOnStage().flatMap(dancer => {
+  const danced = (isOn ? [] : dancersOnStage()).flatMap(dancer => {
     const job = store.state.dances.find(dance => dance.id === dancer.id)?.job;
     const rows = store.state.jobs.find(one => one.id === job)?.make.path;
     const moved = rows?.map(([, x, z]) => /** @type {Point} */ ([x + dancer.shift[0], z + dancer.shift[1]]));
     return moved ? [line(moved, `var(${dancer.paint})`)] : [];
   });
-  const own = drawn.points.length && (isOn || !danced.length) ? [line(drawn.points, 'var(--select)')] : [];
-  sheet.replaceChildren(...(isOn ? own : [...danced, ...own]));
+  const own = drawn.points.length && !danced.length ? [line(drawn.points, 'var(--select)')] : [];
+  sheet.replaceChildren(...danced, ...own);
 }
 
 // The field of the form.

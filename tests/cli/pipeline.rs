@@ -38,8 +38,8 @@ impl Way {
     /// The words of the prompt.
     fn prompted(&self) -> Vec<Vec<char>> {
         let options = format::ReadOptions { rest: format::RestFrame::Drop, ..Default::default() };
-        let prompt = format::read(&self.prompt(), &options).unwrap();
-        self.words_above(&self.prompt(), resolve_floor(&prompt, &options).unwrap().0)
+        let mut prompt = format::read(&self.prompt(), &options).unwrap();
+        self.words_above(&self.prompt(), resolve_floor(&mut prompt, &options).unwrap())
     }
 
     /// The words of a dance.

@@ -51,11 +51,8 @@ impl Corpus {
         reading: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Corpus> {
         let read = Reading::of(reading, RestFrame::Drop)?;
-        let shard = shard.map(|(index, of)| match index < of {
-            true => Ok(Shard { index, of }),
-            false => Err(wrong(format!("shard is ({index}, {of}); expected i of n, from 0 to n - 1"))),
-        });
-        let options = BuildOptions { read, shard: shard.transpose()?, force, ..BuildOptions::default() };
+        let shard = shard.map(|(index, of)| Shard::new(index, of)).transpose().map_err(library)?;
+        let options = BuildOptions { read, shard, force, ..BuildOptions::default() };
         let data: Vec<PathBuf> = data.into();
         detach(py, || {
             let dataset = Dataset::find(&data, &labels.unwrap_or_default()).map_err(library)?;

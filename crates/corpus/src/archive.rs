@@ -2,7 +2,8 @@
 
 use kinelm_store::input;
 use std::collections::HashMap;
-use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
+use std::fs;
+use std::io::{self, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 use tar::Archive;
 
@@ -101,19 +102,13 @@ impl Member {
     /// # Errors
     /// As [`Member::bytes`].
     pub fn first(&self, most: u64) -> io::Result<Vec<u8>> {
-        let mut file = input::open(&self.archive)?;
-        let wanted = self.length.min(most);
-        if file.metadata()?.len().saturating_sub(self.at) < wanted {
-            let (has, path) = (file.metadata()?.len(), self.archive.display());
+        let (wanted, has) = (self.length.min(most), fs::metadata(&self.archive)?.len());
+        if has.saturating_sub(self.at) < wanted {
+            let path = self.archive.display();
             let what = format!("{path} has {has} bytes and ends before this file does: copy it again");
             return Err(io::Error::new(ErrorKind::UnexpectedEof, what));
         }
-        // a length that no memory has is an error here, not an abort in the allocator
-        let mut bytes = Vec::new();
-        bytes.try_reserve_exact(usize::try_from(wanted).map_err(|_| ErrorKind::OutOfMemory)?)?;
-        file.seek(SeekFrom::Start(self.at))?;
-        file.take(wanted).read_to_end(&mut bytes)?;
-        Ok(bytes)
+        input::part(&self.archive, self.at, wanted)
     }
 }
 

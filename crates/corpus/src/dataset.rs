@@ -39,6 +39,7 @@ pub struct Dataset {
 
 struct MotionFile {
     path: PathBuf,
+    /// Where it lies in an archive, if it does.
     member: Option<Member>,
     /// The path below its source.
     relative: String,
@@ -53,9 +54,8 @@ impl Dataset {
     /// of known data sets are tried.
     ///
     /// Files are taken by their extensions ([`Format::extensions`]), those of tar archives too; hidden files and folders are
-    /// skipped. An
-    /// `ignore_list.txt`, as AIST++ has one, leaves out the names that it lists from its folder and all folders below; one
-    /// beside a folder of `data` counts too.
+    /// skipped. An `ignore_list.txt`, as AIST++ has one, leaves out the names that it lists from its folder and all folders
+    /// below; one beside a folder of `data` counts too.
     ///
     /// # Errors
     /// [`kinelm_store::Error::Io`] for a path that can't be read; [`kinelm_store::Error::Missing`] if there is no motion;
@@ -72,12 +72,12 @@ impl Dataset {
         let (mut found, mut seen) = (Vec::new(), HashSet::new());
         let mut twice = 0;
         for (source, place) in data.iter().enumerate() {
-            let mut walk = Walk { dataset: &mut dataset, files: Vec::new(), folders: HashSet::new() };
-            let is_source = !walk.start(place)?;
-            for Found { path, relative, member } in walk.files {
+            let mut walk = Walk::new(&mut dataset, source, true);
+            walk.start(place)?;
+            for file in walk.files {
                 // a broken link is reported where it is read
-                if seen.insert(fs::canonicalize(&path).unwrap_or(path.clone())) {
-                    found.push(MotionFile { path, member, relative, source, is_source });
+                if seen.insert(fs::canonicalize(&file.path).unwrap_or(file.path.clone())) {
+                    found.push(file);
                 } else {
                     twice += 1;
                 }
@@ -209,14 +209,15 @@ impl Dataset {
     }
 }
 
-/// The motion files below a folder, by path, as [`Dataset::find`] finds them.
+/// The motion files below a folder, by path, as [`Dataset::find`] finds them; none of those in archives, which have no path.
 ///
 /// # Errors
 /// [`kinelm_store::Error::Io`] for paths that can't be read.
 pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>> {
-    let mut walk = Walk { dataset: &mut Dataset::default(), files: Vec::new(), folders: HashSet::new() };
+    let mut dataset = Dataset::default();
+    let mut walk = Walk::new(&mut dataset, 0, false);
     walk.start(folder)?;
-    Ok(walk.files.into_iter().filter(|file| file.member.is_none()).map(|file| file.path).collect())
+    Ok(walk.files.into_iter().map(|file| file.path).collect())
 }
 
 /// The labels of a file. A file that was given itself is also looked up by the folders above it, longest path first,
@@ -276,39 +277,44 @@ const HEAD: u64 = 4096;
 /// Folders inside each other that are searched at most.
 const MAX_DEPTH: usize = 64;
 
-/// A motion file.
-struct Found {
-    path: PathBuf,
-    /// Below the source.
-    relative: String,
-    member: Option<Member>,
-}
-
 struct Walk<'a> {
     dataset: &'a mut Dataset,
-    files: Vec<Found>,
+    /// The number of what is searched.
+    source: usize,
+    /// Whether archives are searched.
+    archives: bool,
+    files: Vec<MotionFile>,
     /// Folders searched so far: a link may lead back up.
     folders: HashSet<PathBuf>,
 }
 
-impl Walk<'_> {
-    /// Adds a file, or all files of a folder or an archive; returns whether it was one of these.
-    fn start(&mut self, place: &Path) -> Result<bool> {
+impl<'a> Walk<'a> {
+    fn new(dataset: &'a mut Dataset, source: usize, archives: bool) -> Walk<'a> {
+        Walk { dataset, source, archives, files: Vec::new(), folders: HashSet::new() }
+    }
+
+    /// Adds a file, or all files of a folder or an archive.
+    fn start(&mut self, place: &Path) -> Result<()> {
         let kind = fs::metadata(place).map_err(Error::io(place))?;
         if kind.is_dir() {
             let beside = place.parent().filter(|_| place.file_name().is_some());
             let ignore = beside.map(ignore_list).transpose()?.unwrap_or_default();
-            self.folder(place, "", &ignore)?;
-            return Ok(true);
+            return self.folder(place, "", &ignore);
         }
-        if is_archive(place) {
-            self.archive(place, "", &HashSet::new())?;
-            return Ok(true);
+        if self.archives && is_archive(place) {
+            return match self.archive(place, "", &HashSet::new())? {
+                Some(why) if self.files.is_empty() => {
+                    let help = "copy it again; unpack it, if it is compressed";
+                    Err(Error::file(place, why, "a tar archive", help))
+                }
+                _ => Ok(()),
+            };
         }
         let relative = place.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         Format::of(place)?;
-        self.files.push(Found { path: place.to_owned(), relative, member: None });
-        Ok(false)
+        let (path, source) = (place.to_owned(), self.source);
+        self.files.push(MotionFile { path, member: None, relative, source, is_source: true });
+        Ok(())
     }
 
     fn folder(&mut self, folder: &Path, relative: &str, ignore: &HashSet<String>) -> Result<()> {
@@ -340,7 +346,7 @@ impl Walk<'_> {
             // a broken link counts as a file, and is reported where it is read
             match path.is_dir() {
                 true => self.folder(&path, &relative, &ignore)?,
-                false if is_archive(&path) => {
+                false if self.archives && is_archive(&path) => {
                     let below = relative.rsplit_once('.').map_or(&*relative, |(name, _)| name);
                     self.archive(&path, below, &ignore)?;
                 }
@@ -350,13 +356,10 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Adds the files of an archive, in its order: so it is read from front to back.
-    fn archive(&mut self, archive: &Path, relative: &str, ignore: &HashSet<String>) -> Result<()> {
+    /// Adds the files of an archive, in its order: so it is read from front to back. Returns why it can't be read to its end,
+    /// which is noted, if so.
+    fn archive(&mut self, archive: &Path, relative: &str, ignore: &HashSet<String>) -> Result<Option<String>> {
         let members = archive::members(archive).map_err(Error::io(archive))?;
-        if let Some(why) = members.fault.as_ref().filter(|_| members.files.is_empty()) {
-            let help = "copy it again; unpack it, if it is compressed";
-            return Err(Error::file(archive, why, "a tar archive", help));
-        }
         for (name, member) in members.files {
             let below = if relative.is_empty() { name.clone() } else { format!("{relative}/{name}") };
             if Format::of_name(Path::new(&name)).is_some() {
@@ -364,10 +367,9 @@ impl Walk<'_> {
             }
         }
         let path = archive.display();
-        self.dataset.notes.extend(
-            members.fault.map(|why| format!("{path}: {why}: what follows in the archive is left out; copy it again")),
-        );
-        Ok(())
+        let note = |why| format!("{path}: {why}: what follows in the archive is left out; copy it again");
+        self.dataset.notes.extend(members.fault.as_ref().map(note));
+        Ok(members.fault)
     }
 
     fn file(&mut self, path: PathBuf, relative: String, ignore: &HashSet<String>, member: Option<Member>) {
@@ -381,7 +383,7 @@ impl Walk<'_> {
         } else if has_no_motion(&path, name, member.as_ref()) {
             self.dataset.no_motion += 1;
         } else {
-            self.files.push(Found { path, relative, member });
+            self.files.push(MotionFile { path, member, relative, source: self.source, is_source: false });
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::item::Item;
 use super::segments::{past_end_warning, segment_of};
 use crate::{Error, Result};
-use kinelm_motion::format::{self, FileRate, ReadOptions, resolve_floor};
+use kinelm_motion::format::{self, FileRate, ReadOptions, floor_and_doubts};
 use kinelm_motion::resample::{Method, resample};
 use kinelm_motion::retarget::OntoNeutral;
 use kinelm_motion::{Clip, Motion, Warning};
@@ -137,7 +137,7 @@ impl OnModel {
         let Some(first) = clip.root().first().filter(|_| above_floor) else {
             return Ok(OnModel { clip, floor_m: None, clip_floor_m: 0.0, doubts: Vec::new() });
         };
-        let (floor, doubts) = resolve_floor(motion, options)?;
+        let (floor, doubts) = floor_and_doubts(motion, options)?;
         // retargeting scales heights about its own floor: the difference gives this floor's height under the clip
         let lowered = way.when_lowered(floor).clip(&motion.clip.slice(0..1).raised(-floor))?;
         let clip_floor_m = first.y - lowered.root()[0].y;

@@ -114,6 +114,15 @@ pub struct Shard {
 }
 
 impl Shard {
+    /// The shard of this number among `of`.
+    ///
+    /// # Errors
+    /// [`kinelm_store::Error::Invalid`] for a number that isn't among them.
+    pub fn new(index: usize, of: usize) -> Result<Shard> {
+        let shard = Shard { index, of };
+        if index < of { Ok(shard) } else { Err(no_shard(&shard.to_string())) }
+    }
+
     /// Whether the item with this key belongs to the shard. Keys are dealt in turn, so that shards are of similar size.
     pub(crate) fn holds(&self, key: usize) -> bool {
         key % self.of == self.index
@@ -133,10 +142,14 @@ impl FromStr for Shard {
     fn from_str(text: &str) -> Result<Self> {
         let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
         match parsed {
-            Some((index, of)) if index < of => Ok(Shard { index, of }),
-            _ => Err(Error::invalid("the shard", format!("`{text}`"), "I/N with I from 0 to N - 1, such as 0/4")),
+            Some((index, of)) => Shard::new(index, of),
+            None => Err(no_shard(text)),
         }
     }
+}
+
+fn no_shard(text: &str) -> Error {
+    Error::invalid("the shard", format!("`{text}`"), "I/N with I from 0 to N - 1, such as 0/4")
 }
 
 /// Clips and frames.

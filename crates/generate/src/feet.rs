@@ -5,11 +5,12 @@ use kinelm_motion::Motion;
 use kinelm_motion::feet::{FixedParts, FootLock, lock};
 use kinelm_motion::joints::{LEGS, Selection};
 
-/// The parts that foot locking must not move: the first `frames` frames, and the given joints.
-pub(crate) fn fixed(given: Option<&Selection>, frames: usize) -> FixedParts {
+/// The parts that foot locking must not move: the first `frames` frames, the given joints, and the root of a dance that is led
+/// along a path.
+pub(crate) fn fixed(given: Option<&Selection>, is_led: bool, frames: usize) -> FixedParts {
     let has = |joints: &[usize]| given.is_some_and(|given| given.joints.iter().any(|j| joints.contains(j)));
     // a body on a given path isn't lowered either: feet that stood elsewhere would draw it to the floor
-    let root = given.is_some_and(|given| given.path || given.height || given.joints.contains(&0));
+    let root = is_led || given.is_some_and(|given| given.path || given.height || given.joints.contains(&0));
     FixedParts { root, path: false, legs: LEGS.map(|leg| has(&leg)), frames }
 }
 

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::{Error, ErrorKind, Read, Result};
+use std::io::{Error, ErrorKind, Read, Result, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -113,14 +113,29 @@ pub fn peek_bytes(path: &Path) -> Result<Vec<u8>> {
     all(peek(path)?)
 }
 
-fn all(mut file: File) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
+/// Some of the bytes of an input: as many as are there.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn part(path: &Path, at: u64, length: u64) -> Result<Vec<u8>> {
+    let mut file = open(path)?;
+    file.seek(SeekFrom::Start(at))?;
+    to_end(file.take(length), length)
+}
+
+fn all(file: File) -> Result<Vec<u8>> {
     let length = file.metadata()?.len();
+    to_end(file, length)
+}
+
+/// What is left of an input that is of about this length.
+fn to_end(mut input: impl Read, length: u64) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
     // a length that no memory has is an error here, not an abort in the allocator
     let length = usize::try_from(length).map_err(|_| ErrorKind::OutOfMemory)?;
     // one more, so that the end is found without growing the buffer
     bytes.try_reserve_exact(length.saturating_add(1))?;
-    file.read_to_end(&mut bytes)?;
+    input.read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 

@@ -24,7 +24,7 @@ pub struct Model {
     /// Whether it dances word by word, so that it can look ahead.
     pub is_causal: bool,
     /// Whether it can be led along a path.
-    pub paths: bool,
+    paths: bool,
     labels: BTreeMap<String, Vec<String>>,
     coded: Vec<usize>,
 }

@@ -70,7 +70,7 @@ impl OpenRequest {
             scorer: Scorer::new(self.tokenizer.channels().joints())?,
             rest: self.rest()?,
             // the frames that a dance continues are before its blocks
-            fixed: (self.resolved.feet == FootMode::Lock).then(|| fixed(given, 0)),
+            fixed: (self.resolved.feet == FootMode::Lock).then(|| fixed(given, self.way.is_some(), 0)),
             tokenizer: self.tokenizer.clone(),
             limits,
         };

@@ -50,8 +50,8 @@ impl OpenWay {
             );
             return Err(wrong(what));
         }
-        let has_root = |selection: &Selection| selection.path || selection.joints.contains(&0);
-        if prompt.and_then(|prompt| prompt.selection.as_ref()).is_some_and(|s| has_root(s) || s.has_part_of_root()) {
+        let has_root = |selection: &Selection| selection.joints.contains(&0) || selection.has_part_of_root();
+        if prompt.and_then(|prompt| prompt.selection.as_ref()).is_some_and(has_root) {
             return Err(wrong(
                 "`joints` gives the root or a part of it from the prompt too; leave it to the path".into(),
             ));

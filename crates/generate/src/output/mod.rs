@@ -17,7 +17,7 @@ use crate::feet::{fixed, lock_feet};
 use crate::open::{OpenRequest, PreparedPrompt};
 use crate::prompt::uncoded;
 use crate::request::{FootMode, Placement, Rig, UncodedJoints};
-use kinelm_motion::feet::{FixedParts, FootLock};
+use kinelm_motion::feet::FootLock;
 use kinelm_motion::format::{self, Changed, ReadOptions, RestFrame};
 use kinelm_motion::resample::{Method, resample_held};
 use kinelm_motion::{Clip, Motion};
@@ -79,9 +79,7 @@ impl OpenRequest {
         let at_rate = |last: usize| (last as f64 * motion.clip.fps() / self.tokenizer.fps()) as usize + 1;
         let continued = continued.checked_sub(1).map_or(0, at_rate);
         let selection = self.prompt.as_ref().and_then(|prompt| prompt.selection.as_ref());
-        let fixed = fixed(selection, continued);
-        // a body on a path stays on it: legs alone are bent
-        let fixed = FixedParts { root: fixed.root || self.way.is_some(), ..fixed };
+        let fixed = fixed(selection, self.way.is_some(), continued);
         let (motion, locked) = lock_feet(motion, floor_m, fixed)?;
         Ok(generated(motion, vec![locked]))
     }

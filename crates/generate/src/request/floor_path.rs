@@ -77,7 +77,7 @@ impl FloorPath {
                     return Err(fault(n, format!("{} numbers", row.len()), expected));
                 }
             };
-            if let Some(wrong) = row.iter().find(|x| !(x.is_finite() && x.abs() < FARTHEST_M)) {
+            if let Some(wrong) = row.iter().find(|x| !is_near(**x)) {
                 return Err(fault(n, wrong.to_string(), "a number below a million"));
             }
             if places.last().is_some_and(|last| time_s <= last.time_s) {
@@ -92,15 +92,13 @@ impl FloorPath {
 
     /// A path of places in their order, its time from 0.
     fn whole(mut places: Vec<Place>, fault: impl Fn(String, &str) -> Error) -> Result<FloorPath> {
-        let [Some(first), Some(last)] = [places.first(), places.last()] else {
-            return Err(fault("no places".into(), "a way from one place to another"));
+        let [first, .., last] = &places[..] else {
+            let found = if places.is_empty() { "no places" } else { "fewer than 2 places" };
+            return Err(fault(found.into(), "a way from one place to another"));
         };
         let (begin, long) = (first.time_s, last.time_s - first.time_s);
-        if places.len() < 2 {
-            return Err(fault("fewer than 2 places".into(), "a way from one place to another"));
-        }
         if places.len() > MOST {
-            return Err(fault(format!("{} places", places.len()), "20000 at most"));
+            return Err(fault(format!("{} places", places.len()), &format!("{MOST} at most")));
         }
         if long > LONGEST_S {
             return Err(fault(format!("a way of {} s", compact(long)), "an hour at most"));
@@ -170,7 +168,7 @@ impl FloorPath {
             let cells: Vec<&str> = line.split(',').map(str::trim).collect();
             let cell = |column: usize| cells.get(column).copied().unwrap_or_default();
             let number = |column: usize| -> Result<f64> {
-                let number = cell(column).parse::<f64>().ok().filter(|x| x.is_finite() && x.abs() < FARTHEST_M);
+                let number = cell(column).parse::<f64>().ok().filter(|x| is_near(*x));
                 number.ok_or_else(|| {
                     fault(n + 1, format!("{:?} as {}", cell(column), names[column]), "a number below a million")
                 })
@@ -215,6 +213,12 @@ impl From<FloorPath> for Vec<Vec<f64>> {
         let row = |place: &Place| [place.time_s, place.at[0], place.at[1]].into_iter().chain(place.heading).collect();
         path.0.iter().map(row).collect()
     }
+}
+
+/// Whether a number of a path is one, and not too far out.
+fn is_near(number: f64) -> bool {
+    // false of NaN and infinities, too
+    number.abs() < FARTHEST_M
 }
 
 /// A number as a message has it.

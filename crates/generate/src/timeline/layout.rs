@@ -124,8 +124,7 @@ impl TimelineLayout {
             return Err(Fault::Clip(timeline.rig.clone(), format!("{}", own.file.display()), expected.into()));
         };
         let source = (**source).clone();
-        let (floor_m, doubts) = resolve_floor(&motion, &own.options()).map_err(|e| unread(&timeline.rig, &e))?;
-        motion.warnings.extend(doubts);
+        let floor_m = resolve_floor(&mut motion, &own.options()).map_err(|e| unread(&timeline.rig, &e))?;
         let rig = TimelineRig { name: timeline.rig.clone(), own: own.clone(), motion, source, floor_m };
         let mut file = Some(file);
         let mut clips = BTreeMap::new();
@@ -227,7 +226,7 @@ impl ClipFile {
         let TimelineRig { own, motion: rig, source, floor_m, .. } = rig;
         let (options, fps) = (clip.options(), rig.clip.fps());
         let all = self.whole(clip)?;
-        let motion = self.motion;
+        let mut motion = self.motion;
         notes.extend(motion.warnings.iter().map(|warning| format!("{}: {}", clip.file.display(), warning.what)));
         let left_out = all.clip.frames() - motion.clip.frames();
         let scale = Timebase { frames: motion.clip.frames(), fps: motion.clip.fps(), left_out, model_fps: None };
@@ -243,13 +242,13 @@ impl ClipFile {
             && source.is_alike(other)
             && motion.clip.fps() == fps
         {
-            let above_m = if clip == own { 0.0 } else { resolve_floor(&motion, &options)?.0 - floor_m };
+            let above_m = if clip == own { 0.0 } else { resolve_floor(&mut motion, &options)? - floor_m };
             let exact = Some(((**other).clone(), self.bytes));
             return Ok(ReadClip { clip: motion.clip, exact, left_out, scale, above_m, headings });
         }
         let retarget = Retarget::new(rig.humanoid()?, smpl::neutral())?.with_floor(format::floor_height(rig)?);
-        let on_rig = rig.clone().with_clip(retarget.to_rig_over(&on_smpl, None)?);
-        let above_m = resolve_floor(&on_rig, &own.options())?.0 - floor_m;
+        let mut on_rig = rig.clone().with_clip(retarget.to_rig_over(&on_smpl, None)?);
+        let above_m = resolve_floor(&mut on_rig, &own.options())? - floor_m;
         Ok(ReadClip { clip: on_rig.clip, exact: None, left_out: 0, scale, above_m, headings })
     }
 }

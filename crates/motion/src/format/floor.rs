@@ -3,11 +3,22 @@
 use super::{Motion, ReadOptions, Source};
 use crate::{Error, Result, Warning};
 
-/// The floor of a motion, metres: the one in `options`, else the one detected from the feet, with the doubts of that.
+/// Resolves the floor of a motion, metres: the one in `options`, else the one detected from the feet. Doubts are added to
+/// the motion's warnings.
 ///
 /// # Errors
 /// Those of [`Motion::floor`]; [`Invalid`](kinelm_store::Error::Invalid) for a given floor that isn't finite.
-pub fn resolve_floor(motion: &Motion, options: &ReadOptions) -> Result<(f64, Vec<Warning>)> {
+pub fn resolve_floor(motion: &mut Motion, options: &ReadOptions) -> Result<f64> {
+    let (height_m, doubts) = floor_and_doubts(motion, options)?;
+    motion.warnings.extend(doubts);
+    Ok(height_m)
+}
+
+/// [`resolve_floor`] of a motion that stays as it is, with the doubts beside it.
+///
+/// # Errors
+/// Those of [`resolve_floor`].
+pub fn floor_and_doubts(motion: &Motion, options: &ReadOptions) -> Result<(f64, Vec<Warning>)> {
     if let Some(given) = options.floor {
         let fault = || Error::invalid_parameter("floor", given, "a height in metres");
         return if given.is_finite() { Ok((given, Vec::new())) } else { Err(fault()) };

@@ -45,7 +45,7 @@ mod stand;
 mod up;
 
 pub(crate) use floor::known_floor;
-pub use floor::{floor_height, resolve_floor};
+pub use floor::{floor_and_doubts, floor_height, resolve_floor};
 pub use formats::{FORMATS, Format, FormatInfo};
 pub use importer::Importer;
 pub use options::{BvhPosition, ReadOptions, RestFrame, Unit};

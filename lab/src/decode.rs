@@ -144,7 +144,12 @@ impl Bench<'_> {
     /// Bytes of keys and values that a token after `seen` others reads.
     fn kv_bytes(&self, seen: usize) -> usize {
         let ModelConfig { layers, width, .. } = self.model.file.model;
-        2 * layers * width * seen * if self.reading.kv == KvKind::F16 { 2 } else { 4 }
+        let number = match self.reading.kv {
+            KvKind::F32 => 4,
+            KvKind::F16 => 2,
+            KvKind::Int8 => 1,
+        };
+        2 * layers * width * seen * number
     }
 
     /// A whole context in one block, one sequence.

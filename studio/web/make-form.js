@@ -35,7 +35,7 @@ const HELP = {
   loop: 'Whether the dancer comes back to the same spot, or goes on across the floor as in a walk.',
   loop_over: 'How many seconds at the end are made anew. More time, a softer way back.',
   variations: 'How many dances are made side by side, to choose from.',
-  seed: 'The number that decides: the same seed gives the same dance, on the same kind of processor. Empty: another one each time.',
+  seed: 'The number that decides: the same seed gives the same dance. Empty: another one each time.',
   temperature: 'How daring the choices are. 1 is as learned; lower is calmer, higher is wilder.',
   top_p: 'Leaves out what is unlikely. 0.8 is safe, 1 leaves nothing out.',
   guidance: 'How strongly labels count. Left empty it is 2; 1 is as learned, in half the time.',

@@ -112,6 +112,22 @@ fn it_dances_after_a_prompt_and_again() {
 }
 
 #[test]
+fn every_processor_dances_the_same() {
+    let place = place();
+    let dance = |kernels: &str, more: &str| {
+        let call =
+            format!("generate --run run --prompt data/03.bvh --joints root {more} --seed 5 --force --out same.bvh");
+        place.call(&call).env("KINELM_KERNELS", kernels).assert().success();
+        fs::read(place.at("same.bvh")).unwrap()
+    };
+    // what a processor lacks isn't used: there the names mean the same kernels
+    for more in ["--variations 1", "--weights int8 --kv int8", "--weights int8 --kv f16 --look-ahead 2"] {
+        let narrow = dance("avx2", more);
+        assert!(narrow == dance("avx512", more) && narrow == dance("auto", more), "{more}");
+    }
+}
+
+#[test]
 fn the_best_of_several_is_kept_and_made_again() {
     let place = place();
     let told = |name: &str| -> serde_json::Value {

@@ -47,7 +47,9 @@ fn a_row_allocates_nothing() {
         down: linear(4 * width, width),
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
-    for (kind, kv) in [(WeightKind::F32, KvKind::F32), (WeightKind::Int8, KvKind::F16)] {
+    for (kind, kv) in
+        [(WeightKind::F32, KvKind::F32), (WeightKind::Int8, KvKind::F16), (WeightKind::Int8, KvKind::Int8)]
+    {
         let angles = Angles::new(PLACES, width / STACK.heads);
         let weights = StackWeights::new(&[block, block], STACK, kind, Some(angles));
         let head = Matrix::transposed(&numbers[..VOCABULARY * width], VOCABULARY, width, kind);

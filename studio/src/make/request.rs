@@ -9,7 +9,7 @@ use kinelm_generate::request::{
 };
 use kinelm_generate::sampling::Sampling;
 use kinelm_generate::timeline::TimelineLayout;
-use kinelm_model::WeightKind;
+use kinelm_model::{KvKind, WeightKind};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -177,7 +177,7 @@ impl Make {
             feet: self.feet,
             path: self.path.clone(),
             // shown while they are sampled: twice the speed, at a cost in bits that is hardly measurable
-            computing: Some(Computing { weights: WeightKind::Int8, ..Computing::default() }),
+            computing: Some(Computing { weights: WeightKind::Int8, kv: KvKind::Int8, ..Computing::default() }),
             checkpoint: model.checkpoint,
             ..Request::of(&model.run)
         };

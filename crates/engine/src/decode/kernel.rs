@@ -170,7 +170,7 @@ impl<E: Element> Product<'_, E> {
 /// `sums` plus the products of the numbers of `left` with the rows of `right`; `fetch`: these panels aren't in the
 /// cache yet.
 #[inline(always)]
-fn run<S: Simd, E: Element, const M: usize, const P: usize>(
+pub(super) fn run<S: Simd, E: Element, const M: usize, const P: usize>(
     simd: S,
     mut sums: [[[S::f32s; 2]; P]; M],
     mut left: [&[f32]; M],

@@ -1,10 +1,9 @@
 //! Weights as they are streamed: packed once, in f32 or in bytes.
 
-use super::bytes::{self, Rows};
+use super::bytes::{self, Rows, Way};
 use super::kernel::{self, Left};
 use crate::arena::Floats;
 use crate::dispatch;
-use crate::element::Element;
 use crate::op::matmul::panel;
 
 /// The format of weights.
@@ -14,8 +13,8 @@ pub enum WeightKind {
     /// As they are.
     #[default]
     F32,
-    /// As signed bytes with a scale a column: a quarter of the memory to read for every token. Where the processor
-    /// multiplies bytes (AVX512-VNNI), rows are rounded to bytes too, with a scale a row.
+    /// As signed bytes with a scale a column: a quarter of the memory to read for every token. Rows are rounded to bytes
+    /// too, with a scale a row.
     Int8,
 }
 
@@ -24,8 +23,9 @@ pub(super) const PIECE: usize = 64;
 
 /// A (k, n) matrix with its bias, packed for streaming.
 pub struct Matrix {
-    kind: WeightKind,
-    /// Panels, [n / panel][k][panel], of f32 or of bytes; of bytes that meet bytes, four of k side by side.
+    /// How its bytes are multiplied; `None`: it is in f32.
+    way: Option<Way>,
+    /// Panels, [n / panel][k][panel], of f32 or of bytes, which have the numbers of a word of k side by side.
     numbers: Floats,
     k: usize,
     /// n, whole panels.
@@ -34,7 +34,7 @@ pub struct Matrix {
     piece: usize,
     /// (columns), or nothing.
     scale: Vec<f32>,
-    /// (columns), or nothing: of bytes that meet bytes, [`bytes::excess`].
+    /// (columns), or nothing: [`Way::excess`].
     excess: Vec<i32>,
     /// (columns), or nothing.
     bias: Vec<f32>,
@@ -53,38 +53,34 @@ impl Matrix {
         let panel = panel();
         let columns = n.next_multiple_of(panel);
         let whole = |f: &dyn Fn(usize) -> f32| (0..columns).map(|j| if j < n { f(j) } else { 0.0 }).collect();
-        let meets_bytes = kind == WeightKind::Int8 && bytes::are_there();
+        let way = (kind == WeightKind::Int8).then(Way::here);
+        let word = way.map_or(1, Way::word);
         // k in whole words; the zeros of Floats fill the last one
-        let high = if meets_bytes { bytes::words(k) * bytes::WORD } else { k };
-        let bytes = columns * high * if kind == WeightKind::Int8 { 1 } else { 4 };
+        let high = k.next_multiple_of(word);
+        let bytes = columns * high * if way.is_some() { 1 } else { size_of::<f32>() };
         let mut matrix = Matrix {
-            kind,
-            numbers: Floats::new(bytes.div_ceil(4)),
+            way,
+            numbers: Floats::new(bytes.div_ceil(size_of::<f32>())),
             k,
             columns,
             piece: piece.next_multiple_of(panel),
             scale: Vec::new(),
-            excess: vec![0; if meets_bytes { columns } else { 0 }],
+            excess: vec![0; if way.is_some() { columns } else { 0 }],
             bias: whole(&bias),
         };
-        let group = if meets_bytes { bytes::WORD } else { 1 };
-        let place =
-            |i: usize, j: usize| ((j / panel * (high / group) + i / group) * panel + j % panel) * group + i % group;
-        match kind {
-            WeightKind::F32 => (0..n).for_each(|j| (0..k).for_each(|i| matrix.numbers[place(i, j)] = at(i, j))),
-            WeightKind::Int8 => {
-                let scale = |j: usize| (0..k).map(|i| at(i, j).abs()).fold(0.0, f32::max) / 127.0;
-                matrix.scale = whole(&scale);
-                let bytes: &mut [i8] = bytemuck::cast_slice_mut(&mut matrix.numbers);
-                // a column of zeros has scale 0 and stays zeros; 0 / 0 would be NaN
-                for j in (0..n).filter(|&j| matrix.scale[j] > 0.0) {
-                    let scale = matrix.scale[j];
-                    (0..k).for_each(|i| bytes[place(i, j)] = (at(i, j) / scale).round() as i8);
-                    if meets_bytes {
-                        matrix.excess[j] = bytes::excess((0..k).map(|i| bytes[place(i, j)]));
-                    }
-                }
-            }
+        let place = |i: usize, j: usize| ((j / panel * (high / word) + i / word) * panel + j % panel) * word + i % word;
+        let Some(way) = way else {
+            (0..n).for_each(|j| (0..k).for_each(|i| matrix.numbers[place(i, j)] = at(i, j)));
+            return matrix;
+        };
+        let scale = |j: usize| (0..k).map(|i| at(i, j).abs()).fold(0.0, f32::max) / 127.0;
+        matrix.scale = whole(&scale);
+        let bytes: &mut [i8] = bytemuck::cast_slice_mut(&mut matrix.numbers);
+        // a column of zeros has scale 0 and stays zeros; 0 / 0 would be NaN
+        for j in (0..n).filter(|&j| matrix.scale[j] > 0.0) {
+            let scale = matrix.scale[j];
+            (0..k).for_each(|i| bytes[place(i, j)] = (at(i, j) / scale).round() as i8);
+            matrix.excess[j] = way.excess((0..k).map(|i| bytes[place(i, j)]));
         }
         matrix
     }
@@ -106,13 +102,17 @@ impl Matrix {
 
     /// Multiply-adds of a row with one piece, in the time that those of f32 take.
     pub(super) fn work(&self) -> usize {
-        // vpdpbusd does four multiply-adds where a float instruction does one
-        self.k * self.piece / if self.meets_bytes() { bytes::WORD } else { 1 }
+        self.k * self.piece / self.word()
     }
 
-    /// Whether its left operands must be rounded to bytes.
-    pub(super) fn meets_bytes(&self) -> bool {
-        !self.excess.is_empty()
+    /// How its left operands must be rounded to bytes, if they must.
+    pub(super) fn way(&self) -> Option<Way> {
+        self.way
+    }
+
+    /// Multiply-adds in the time of one of f32, about: numbers that are multiplied at a time.
+    pub(super) fn word(&self) -> usize {
+        self.way.map_or(1, Way::word)
     }
 
     /// k.
@@ -128,42 +128,34 @@ impl Matrix {
     /// Writes a piece of the product of `left` (m, k), bias added, to `c` (m, piece). `rounded`: the rows of `left` as bytes,
     /// where the matrix meets bytes.
     pub(super) fn product(&self, c: &mut [f32], piece: usize, left: Left, rounded: &Rows) {
-        match self.kind {
-            WeightKind::Int8 if self.meets_bytes() => {
-                let (first, high) = (piece * self.piece, bytes::words(self.k) * bytes::WORD);
-                let columns = first..self.columns.min(first + self.piece);
-                let panels: &[i8] = bytemuck::cast_slice(&self.numbers);
-                let product = bytes::Product {
-                    c,
-                    ldc: self.piece,
-                    rows: rounded,
-                    m: left.rows,
-                    k: self.k,
-                    panels: &panels[first * high..],
-                    scale: &self.scale[columns.clone()],
-                    excess: &self.excess[columns.clone()],
-                    bias: &self.bias[columns],
-                };
-                product.run();
-            }
-            WeightKind::F32 => self.typed::<f32>(c, piece, left, &self.numbers),
-            WeightKind::Int8 => self.typed::<i8>(c, piece, left, bytemuck::cast_slice(&self.numbers)),
+        let (panel, first) = (panel(), piece * self.piece);
+        let columns = first..self.columns.min(first + self.piece);
+        if let Some(way) = self.way {
+            let panels: &[i8] = bytemuck::cast_slice(&self.numbers);
+            let product = bytes::Product {
+                c,
+                ldc: self.piece,
+                rows: rounded,
+                m: left.rows,
+                k: self.k,
+                panels: &panels[first * way.words(self.k) * way.word()..],
+                panel,
+                scale: &self.scale[columns.clone()],
+                excess: &self.excess[columns.clone()],
+                bias: &self.bias[columns],
+            };
+            return product.run(way);
         }
-    }
-
-    fn typed<E: Element>(&self, c: &mut [f32], piece: usize, left: Left, numbers: &[E]) {
-        let (k, first, panel) = (self.k, piece * self.piece, panel());
-        let columns = self.piece.min(self.columns - first);
         dispatch::run(kernel::Product {
             c,
             ldc: self.piece,
             left,
-            k,
-            panels: &numbers[first * k..][..columns * k],
-            panel_stride: panel * k,
-            count: columns / panel,
-            scale: self.scale.get(first..first + columns).unwrap_or_default(),
-            bias: &self.bias[first..][..columns],
+            k: self.k,
+            panels: &self.numbers[first * self.k..][..columns.len() * self.k],
+            panel_stride: panel * self.k,
+            count: columns.len() / panel,
+            scale: &[],
+            bias: &self.bias[columns],
         });
     }
 }

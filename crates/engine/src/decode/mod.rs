@@ -43,6 +43,7 @@
 //! assert_eq!(pass(&[3]), pass(&[1, 1, 1]));
 //! ```
 
+mod apart;
 mod attention;
 mod bytes;
 mod cache;
@@ -53,7 +54,7 @@ mod stack;
 mod tests;
 mod weights;
 
-pub use cache::KvKind;
+pub use cache::{KvKind, Run};
 pub use matrix::{Matrix, Product, WeightKind};
-pub use stack::{Run, StackDecoder, in_pool};
+pub use stack::{StackDecoder, in_pool};
 pub use weights::{BlockParts, Norm, Pair, Stack, StackWeights};

@@ -1,8 +1,8 @@
 //! A stack of blocks with its keys and values: rows in, rows out.
 
-use super::attention::{self, Queries, SCORE_ROWS};
+use super::attention::{self, SCORE_ROWS};
 use super::bytes;
-use super::cache::{KvCache, KvKind, Stored, Unit};
+use super::cache::{KvCache, KvKind, Run, Stored, Unit};
 use super::kernel::Left;
 use super::matrix::{Matrix, PIECE, Product};
 use super::weights::{Block, Norm, Stack, StackWeights};
@@ -20,17 +20,6 @@ const WORTH: usize = 1 << 17;
 
 /// Reads of fewer multiply-adds aren't worth entering a pool from outside.
 const ALONE: usize = 1 << 21;
-
-/// Consecutive rows of one stream.
-#[derive(Debug, Clone, Copy)]
-pub struct Run {
-    /// The stream.
-    pub stream: usize,
-    /// Place of the first row in its stream; keys and values from there on are overwritten.
-    pub place: usize,
-    /// How many rows.
-    pub rows: usize,
-}
 
 /// Streams of rows through a stack of blocks: the keys and values of earlier rows, and the rows of the next pass. Each
 /// row attends to the last rows at all earlier places of its stream; the caller knows how far a stream has come.
@@ -161,6 +150,7 @@ impl StackDecoder {
         match self.cache.kind() {
             KvKind::F32 => self.typed::<f32>(weights),
             KvKind::F16 => self.typed::<u16>(weights),
+            KvKind::Int8 => self.typed::<i8>(weights),
         }
     }
 
@@ -236,15 +226,8 @@ impl Scratch {
             .with_min_len(worth(work))
             .for_each(|((((qkv, out), scores), cache), weights)| {
                 weights.product(qkv, 0, left, rounded);
-                let mut first = 0;
-                for run in runs {
-                    let qkv = &mut qkv[first * stride..][..run.rows * stride];
-                    let out = &mut out[first * unit.padded..][..run.rows * unit.padded];
-                    let cache = &mut cache[run.stream * unit.len()..][..unit.len()];
-                    let rotary = angles.map(|angles| (angles, &positions[first..][..run.rows]));
-                    attention::attend(out, Queries { qkv, stride, place: run.place, rotary }, cache, unit, scores);
-                    first += run.rows;
-                }
+                let rotary = angles.map(|angles| (angles, &positions[..rows]));
+                attention::Head { qkv, stride, out, runs, rotary, scores }.attend(cache, unit);
             });
         let left = Left { data: &self.heads, rows, width: unit.d, stride: unit.padded };
         products(&block.out, 0..block.out.pieces(), &mut self.pieces, left, &mut self.rounded);
@@ -314,8 +297,8 @@ fn products(matrix: &Matrix, range: Range<usize>, pieces: &mut [f32], left: Left
 
 /// Rounds the rows of `left` where a matrix meets bytes.
 fn round(rounded: &mut bytes::Rows, matrix: &Matrix, left: Left) {
-    if matrix.meets_bytes() {
-        rounded.round(left, matrix.rows());
+    if let Some(way) = matrix.way() {
+        rounded.round(left, matrix.rows(), way);
     }
 }
 

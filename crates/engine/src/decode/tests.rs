@@ -159,6 +159,7 @@ fn logits_are_those_of_plain_loops() {
         for (weights, kv, bound) in [
             (WeightKind::F32, KvKind::F32, 1e-5),
             (WeightKind::F32, KvKind::F16, 2e-3),
+            (WeightKind::F32, KvKind::Int8, 2e-2),
             (WeightKind::Int8, KvKind::F32, 5e-2),
         ] {
             let found = model.decoder(1, weights, kv).read(&[(0, &rows)]);
@@ -172,9 +173,12 @@ fn logits_are_those_of_plain_loops() {
 #[test]
 fn cuts_streams_and_threads_change_no_bit() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    for (i, rotary) in [false, true].into_iter().enumerate() {
+    for (rotary, weights, kv) in [
+        (false, WeightKind::F32, KvKind::F32),
+        (true, WeightKind::Int8, KvKind::F16),
+        (true, WeightKind::Int8, KvKind::Int8),
+    ] {
         let model = Model::new(Stack { layers: 2, heads: 3, width: 48 }, 300, rotary, 2);
-        let (weights, kv) = if i == 0 { (WeightKind::F32, KvKind::F32) } else { (WeightKind::Int8, KvKind::F16) };
         let sequences: Vec<Vec<f32>> =
             [300, 211, 1, 280].iter().map(|&n| model.rows(n as u64)[..n * 48].to_vec()).collect();
         let alone: Vec<Vec<f32>> = sequences.iter().map(|s| model.decoder(1, weights, kv).read(&[(0, s)])).collect();

@@ -1,6 +1,5 @@
 //! The weights of a stack of blocks, packed for decoding.
 
-use super::bytes;
 use super::matrix::{Matrix, PIECE, WeightKind};
 use crate::op::rope::Angles;
 
@@ -84,8 +83,7 @@ impl StackWeights {
 
     /// Multiply-adds of a row, in the time that those of f32 take, about.
     pub fn work(&self) -> usize {
-        let meets_bytes = self.blocks.first().is_some_and(|block| block.up.meets_bytes());
-        self.stack.multiply_adds() / if meets_bytes { bytes::WORD } else { 1 }
+        self.stack.multiply_adds() / self.blocks.first().map_or(1, |block| block.up.word())
     }
 
     /// Bytes that are read for a row.

@@ -16,6 +16,16 @@ pub(crate) enum Lanes {
 impl Lanes {
     pub(crate) const ALL: [Lanes; 4] = [Lanes::Dispatched, Lanes::One, Lanes::Four, Lanes::Sixteen];
 
+    /// Those that multiply and add in one step, as all processors' vectors do; plain floats don't.
+    pub(crate) fn fused() -> impl Iterator<Item = Lanes> {
+        let is_fused = |lanes: &Lanes| match lanes {
+            Lanes::Dispatched => dispatch::name() != "portable",
+            Lanes::One => false,
+            Lanes::Four | Lanes::Sixteen => true,
+        };
+        Lanes::ALL.into_iter().filter(is_fused)
+    }
+
     pub(crate) fn run<Op: WithSimd>(self, op: Op) -> Op::Output {
         match self {
             Lanes::Dispatched => dispatch::run(op),

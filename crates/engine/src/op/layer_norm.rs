@@ -3,7 +3,7 @@
 //! The backward pass needs two sums of each row, which `stats` stores: mean and 1/sd. The gradient of x
 //! is (g - mean(g) - y mean(g y))/sd where g = dy weight.
 
-use super::math::{lanes_below, sum};
+use super::math::{LaneSums, SUM_LANES, sum};
 use super::rows;
 use crate::dispatch;
 use pulp::{Simd, WithSimd};
@@ -135,23 +135,29 @@ fn moments<S: Simd>(simd: S, row: &[f32]) -> [f32; 2] {
 #[inline(always)]
 fn deviations<S: Simd, const SQUARE: bool>(simd: S, row: &[f32], mean: f32) -> f32 {
     let means = simd.splat_f32s(mean);
-    let (vectors, tail) = S::as_simd_f32s(row);
-    let (fours, rest) = vectors.as_chunks::<4>();
-    let mut sums = [simd.splat_f32s(0.0); 4];
+    let mut sums = [LaneSums::new(simd); 4];
+    let add = |sums: &mut LaneSums<S>, x: &[f32; SUM_LANES]| {
+        let (vectors, _) = S::as_simd_f32s(x);
+        sums.update(vectors, |sum, x| plus_deviation::<S, SQUARE>(simd, sum, simd.sub_f32s(x, means)));
+    };
+    let (sixteens, tail) = row.as_chunks();
+    let (fours, rest) = sixteens.as_chunks::<4>();
     for four in fours {
-        for (s, x) in sums.iter_mut().zip(four) {
-            *s = plus_deviation::<S, SQUARE>(simd, *s, simd.sub_f32s(*x, means));
+        for (sums, x) in sums.iter_mut().zip(four) {
+            add(sums, x);
         }
     }
     for x in rest {
-        sums[0] = plus_deviation::<S, SQUARE>(simd, sums[0], simd.sub_f32s(*x, means));
+        add(&mut sums[0], x);
     }
     if !tail.is_empty() {
-        // lanes after the tail hold 0, and their "mean" is 0 too
-        let means = simd.select_f32s(lanes_below(simd, tail.len()), means, simd.splat_f32s(0.0));
-        sums[1] = plus_deviation::<S, SQUARE>(simd, sums[1], simd.sub_f32s(simd.partial_load_f32s(tail), means));
+        // what fills the lanes deviates by 0
+        let mut filled = [mean; SUM_LANES];
+        filled[..tail.len()].copy_from_slice(tail);
+        add(&mut sums[1], &filled);
     }
-    sum(simd, simd.add_f32s(simd.add_f32s(sums[0], sums[1]), simd.add_f32s(sums[2], sums[3])))
+    let [a, b, c, d] = sums;
+    a.plus(simd, b).plus(simd, c.plus(simd, d)).total(simd)
 }
 
 #[inline(always)]
@@ -284,6 +290,20 @@ mod tests {
 
     fn shapes() -> impl Iterator<Item = (usize, usize)> {
         (1..=67).map(|width| (3, width)).chain([(0, 5), (1, 1000), (40, 128), (7, 512)])
+    }
+
+    #[test]
+    fn forward_has_the_same_bits_on_all_vectors() {
+        for width in [1, 5, 16, 40, 64, 71, 130, 256] {
+            let (x, weight, bias) = (numbers(1, 3 * width, 2.0), numbers(2, width, 2.0), numbers(3, width, 1.0));
+            let all = Lanes::fused().map(|lanes| {
+                let (mut out, mut stats) = (vec![0.0; x.len()], vec![0.0; 6]);
+                lanes.run(Forward { out: &mut out, stats: &mut stats, x: &x, weight: &weight, bias: &bias });
+                (out, stats)
+            });
+            let all: Vec<_> = all.collect();
+            assert!(all.iter().all(|one| one == &all[0]), "width {width}");
+        }
     }
 
     #[test]

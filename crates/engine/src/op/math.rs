@@ -46,6 +46,52 @@ pub(crate) fn sum<S: Simd>(simd: S, x: S::f32s) -> f32 {
     simd.reduce_sum_f32s(x)
 }
 
+/// The lanes of [`LaneSums`]: those of the widest vector.
+pub(crate) const SUM_LANES: usize = 16;
+
+/// LaneSums in 16 lanes, however wide the vectors are: the order of the additions, and so every bit, is that of all processors
+/// that multiply and add in one step.
+#[derive(Clone, Copy)]
+pub(crate) struct LaneSums<S: Simd>([S::f32s; SUM_LANES]);
+
+impl<S: Simd> LaneSums<S> {
+    /// Vectors that they take.
+    pub const VECTORS: usize = SUM_LANES / S::F32_LANES;
+
+    #[inline(always)]
+    pub fn new(simd: S) -> LaneSums<S> {
+        LaneSums([simd.splat_f32s(0.0); SUM_LANES])
+    }
+
+    /// Each sum by `next`, from itself and the number in its lane; there may be fewer vectors.
+    #[inline(always)]
+    pub fn update(&mut self, vectors: &[S::f32s], next: impl Fn(S::f32s, S::f32s) -> S::f32s) {
+        for (sum, x) in self.0[..Self::VECTORS].iter_mut().zip(vectors) {
+            *sum = next(*sum, *x);
+        }
+    }
+
+    #[inline(always)]
+    pub fn plus(mut self, simd: S, other: LaneSums<S>) -> LaneSums<S> {
+        self.update(&other.0, |sum, x| simd.add_f32s(sum, x));
+        self
+    }
+
+    /// The sum of all lanes, added in pairs.
+    #[inline(always)]
+    pub fn total(mut self, simd: S) -> f32 {
+        let mut left = Self::VECTORS;
+        while left > 1 {
+            left /= 2;
+            // as the lanes of one vector are halved
+            for i in 0..left {
+                self.0[i] = simd.add_f32s(self.0[i], self.0[i + left]);
+            }
+        }
+        sum(simd, self.0[0])
+    }
+}
+
 /// The numbers of the lanes.
 static LANES: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 

@@ -11,6 +11,7 @@ pub mod cross_entropy;
 pub mod dots;
 pub mod dropout;
 pub mod embedding;
+pub mod exp64;
 pub mod gelu;
 pub mod layer_norm;
 pub(crate) mod math;

@@ -38,6 +38,7 @@ enum WeightName {
 enum KvName {
     F32,
     F16,
+    Int8,
 }
 
 impl Default for Computing {

@@ -6,8 +6,13 @@ use super::Candidate;
 /// Keeps the ids whose probability is at least `p` times that of the most likely.
 pub(crate) fn apply(left: &mut Vec<Candidate>, p: f64) {
     let top = left.iter().fold(f64::NEG_INFINITY, |top, c| top.max(c.logit));
-    // the top has exp(0) = 1 and stays at any p up to 1
-    left.retain(|c| (c.logit - top).exp() >= p);
+    let least = top + least(p);
+    left.retain(|c| c.logit >= least);
+}
+
+/// The least logit that stays where the most likely has 0, which stays at any p up to 1.
+pub(crate) fn least(p: f64) -> f64 {
+    p.ln()
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@ mod top_k;
 mod top_p;
 
 use crate::{Error, Result};
+use kinelm_engine::op::exp64;
 use kinelm_model::ModelConfig;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -180,10 +181,17 @@ impl Sampling {
 /// The `allowed` ids at least `min_p` times as likely as the likeliest of them, by the `logits` (V) of all ids, ascending.
 /// `None` if a logit is missing, NaN or plus infinity, or if none is finite.
 pub(crate) fn likely(logits: &[f32], allowed: &[Range<u32>], min_p: f64) -> Option<Vec<Range<u32>>> {
-    let mut left = candidates(logits, allowed)?;
-    centre(&mut left);
-    min_p::apply(&mut left, min_p);
-    Some(left.iter().map(|candidate| candidate.id..candidate.id + 1).collect())
+    let all = allowed.iter().map(|ids| Some((ids.start, logits.get(ids.start as usize..ids.end as usize)?)));
+    let all: Vec<(u32, &[f32])> = all.collect::<Option<_>>()?;
+    let each = || all.iter().flat_map(|(first, logits)| (*first..).zip(*logits));
+    let (mut top, mut is_whole) = (f32::NEG_INFINITY, true);
+    each().for_each(|(_, &logit)| {
+        is_whole &= logit < f32::INFINITY;
+        top = top.max(logit);
+    });
+    let least = f64::from(top) + min_p::least(min_p);
+    let likely = each().filter(|(_, logit)| f64::from(**logit) >= least);
+    (is_whole && top.is_finite()).then(|| likely.map(|(id, _)| id..id + 1).collect())
 }
 
 /// ln p of an id among the `allowed` ones, by the `logits` (V) of all ids; minus infinity where it is impossible.
@@ -192,7 +200,7 @@ pub(crate) fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -
     centre(&mut all);
     // centred, so that no exponential overflows and at least one is 1
     let own = all.iter().find(|candidate| candidate.id == id).map_or(f64::NEG_INFINITY, |own| own.logit);
-    own - all.iter().map(|candidate| candidate.logit.exp()).sum::<f64>().ln()
+    own - weights(&all).iter().sum::<f64>().ln()
 }
 
 /// The allowed ids of probability above 0, ascending.
@@ -215,6 +223,13 @@ fn candidates(logits: &[f32], allowed: &[Range<u32>]) -> Option<Vec<Candidate>> 
 fn centre(left: &mut [Candidate]) {
     let top = left.iter().fold(f64::NEG_INFINITY, |top, c| top.max(c.logit));
     left.iter_mut().for_each(|c| c.logit -= top);
+}
+
+/// Probabilities, but for a common factor: the largest logit is 0.
+fn weights(left: &[Candidate]) -> Vec<f64> {
+    let mut weights: Vec<f64> = left.iter().map(|candidate| candidate.logit).collect();
+    exp64::exp(&mut weights);
+    weights
 }
 
 /// The most likely first, of equals the one with the smaller id.

@@ -1,14 +1,14 @@
 //! Top-p, nucleus sampling: the fewest most likely ids that have probability p together. Source: Holtzman et al., "The
 //! Curious Case of Neural Text Degeneration" (2020).
 
-use super::{Candidate, by_likelihood, keep_up_to};
+use super::{Candidate, by_likelihood, keep_up_to, weights};
 
 /// Keeps the fewest most likely whose probabilities reach `p` together, at least one; of equals the first.
 pub(crate) fn apply(left: &mut Vec<Candidate>, p: f64) {
     if p >= 1.0 {
         return;
     }
-    let weights: Vec<f64> = left.iter().map(|c| c.logit.exp()).collect();
+    let weights = weights(left);
     let total: f64 = weights.iter().sum();
     // all below it together have half of 1 - p at most, so none of them is needed: few are left to be sorted
     let least = 0.5 * (1.0 - p) * total / weights.len() as f64;

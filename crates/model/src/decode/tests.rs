@@ -214,7 +214,9 @@ fn bytes_and_half_floats_cost_less_than_half_a_percent() {
         out.iter().sum::<f32>()
     };
     let plain = nats(WeightKind::F32, KvKind::F32);
-    for (weights, kv) in [(WeightKind::Int8, KvKind::F32), (WeightKind::F32, KvKind::F16)] {
+    for (weights, kv) in
+        [(WeightKind::Int8, KvKind::F32), (WeightKind::F32, KvKind::F16), (WeightKind::F32, KvKind::Int8)]
+    {
         let other = nats(weights, kv);
         assert!(other != plain && (other / plain - 1.0).abs() < 5e-3, "{weights:?} {kv:?}: {other}, {plain}");
     }

@@ -21,6 +21,8 @@ pub struct Track {
     /// (C): what is known of a frame before its first slot, and which frame it is.
     before: Vec<Before>,
     frame: Option<usize>,
+    /// *all* and *own* for the next slot, and their weights, where they were asked for.
+    upcoming: Option<([i64; 2], [i64; 2])>,
 }
 
 /// What is known of a slot before its frame begins.
@@ -45,6 +47,7 @@ impl Track {
             forecasts: Vec::with_capacity(all),
             before: vec![Before::default(); slots],
             frame: None,
+            upcoming: None,
         }
     }
 
@@ -65,6 +68,9 @@ impl Track {
 
     /// Forgets all but the first `slots` slots.
     pub fn truncate(&mut self, slots: usize) {
+        if slots < self.known_slots() {
+            self.upcoming = None;
+        }
         self.bins.truncate(slots);
         self.steps.truncate(slots);
         self.errors.truncate(slots);
@@ -76,6 +82,7 @@ impl Track {
     /// The forecast of the next slot.
     pub fn next(&mut self, forecast: &Forecast) -> i32 {
         let (both, weights) = self.both(forecast);
+        self.upcoming = Some((both, weights));
         mean(both, weights)
     }
 
@@ -91,6 +98,7 @@ impl Track {
     /// Adds the next slot's bin.
     pub fn push(&mut self, forecast: &Forecast, bin: Option<usize>) {
         let (both, weights) = self.both(forecast);
+        self.upcoming = None;
         let slot = self.bins.len() % self.slots;
         let place = forecast.places[slot];
         let from = self.bins.len().checked_sub(self.slots).and_then(|before| self.bins[before]);
@@ -106,6 +114,9 @@ impl Track {
 
     /// *all* and *own* for the next slot, and their weights.
     fn both(&mut self, forecast: &Forecast) -> ([i64; 2], [i64; 2]) {
+        if let Some(upcoming) = self.upcoming {
+            return upcoming;
+        }
         let (c, frame, slot) = (self.slots, self.bins.len() / self.slots, self.bins.len() % self.slots);
         let Some(known) = frame.checked_sub(1).map(|before| before.min(LAGS)) else { return ([0; 2], [1; 2]) };
         if self.frame != Some(frame) {

@@ -206,17 +206,15 @@ pub(crate) fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -
 /// The allowed ids of probability above 0, ascending.
 fn candidates(logits: &[f32], allowed: &[Range<u32>]) -> Option<Vec<Candidate>> {
     let mut found = Vec::with_capacity(allowed.iter().map(ExactSizeIterator::len).sum());
+    let mut is_whole = true;
     for ids in allowed {
-        for (id, &logit) in ids.clone().zip(logits.get(ids.start as usize..ids.end as usize)?) {
-            if logit.is_nan() || logit == f32::INFINITY {
-                return None;
-            }
-            if logit != f32::NEG_INFINITY {
-                found.push(Candidate { id, logit: logit.into() });
-            }
-        }
+        let logits = logits.get(ids.start as usize..ids.end as usize)?;
+        // below infinity: neither that nor NaN
+        is_whole &= logits.iter().all(|logit| *logit < f32::INFINITY);
+        let possible = ids.clone().zip(logits).filter(|(_, logit)| **logit != f32::NEG_INFINITY);
+        found.extend(possible.map(|(id, &logit)| Candidate { id, logit: logit.into() }));
     }
-    (!found.is_empty()).then_some(found)
+    (is_whole && !found.is_empty()).then_some(found)
 }
 
 /// Shifts all logits so that the largest is 0.

@@ -16,9 +16,6 @@ use pulp::Arch;
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::V3;
 
-/// Rows that are packed together.
-const TILE: usize = 8;
-
 /// How bytes are multiplied; all ways give the same bits.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Way {

@@ -3,7 +3,7 @@
 //! The instruction multiplies whole numbers of 16 bits, to which bytes are widened in registers, and adds them two by two: no
 //! sum can overflow. (`vpmaddubsw`, which takes bytes, saturates.)
 
-use super::{Product, TILE};
+use super::Product;
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::V3;
 
@@ -32,22 +32,16 @@ const MOST: usize = 32;
 /// The same in plain loops.
 pub(super) fn plain(product: &mut Product, words: usize) {
     let Product { m, panel, rows, panels, .. } = *product;
-    for first in (0..m).step_by(TILE) {
-        let left = rows.numbers[first * words..].as_chunks::<TILE>().0;
+    for (row, left) in rows.numbers.chunks_exact(words.max(1)).enumerate().take(m) {
         for column in (0..product.scale.len()).step_by(panel) {
-            let mut sums = [[0; MOST]; TILE];
-            let right = panels[column * words * WORD..].chunks_exact(panel * WORD);
-            for (left, right) in left.iter().zip(right).take(words) {
-                for (word, sums) in left.iter().zip(&mut sums) {
-                    let [a, b] = unpacked(*word);
-                    for (sum, [x, y]) in sums.iter_mut().zip(right.as_chunks().0) {
-                        *sum += a * i32::from(*x) + b * i32::from(*y);
-                    }
+            let mut sums = [0; MOST];
+            for (word, right) in left.iter().zip(panels[column * words * WORD..].chunks_exact(panel * WORD)) {
+                let [a, b] = unpacked(*word);
+                for (sum, [x, y]) in sums.iter_mut().zip(right.as_chunks().0) {
+                    *sum += a * i32::from(*x) + b * i32::from(*y);
                 }
             }
-            for (row, sums) in (first..m).zip(&sums) {
-                product.write(row, column, &sums[..panel]);
-            }
+            product.write(row, column, &sums[..panel]);
         }
     }
 }
@@ -68,7 +62,7 @@ impl Product<'_> {
 
 #[cfg(target_arch = "x86_64")]
 mod avx2 {
-    use super::{Product, TILE, WORD};
+    use super::{Product, WORD};
     use bytemuck::cast;
     use pulp::NullaryFnOnce;
     use pulp::x86::V3;
@@ -106,21 +100,23 @@ mod avx2 {
         #[inline(always)]
         fn tile<const M: usize>(&mut self, first: usize) -> usize {
             let Rows { simd, ref mut product, words } = *self;
-            let (place, panel) = (first % TILE, product.panel);
-            assert!(place + M <= TILE && panel.is_multiple_of(COLUMNS), "{M} rows from {first} on, panels of {panel}");
-            let (rows, panels) = (product.rows, product.panels);
-            let left = &rows.numbers[(first - place) * words..].as_chunks::<TILE>().0[..words];
+            let (rows, panels, panel) = (product.rows, product.panels, product.panel);
+            assert!(panel.is_multiple_of(COLUMNS), "panels of {panel}");
+            let mut left = [&rows.numbers[..0]; M];
+            for (i, left) in left.iter_mut().enumerate() {
+                *left = &rows.numbers[(first + i) * words..][..words];
+            }
             for column in (0..product.scale.len()).step_by(COLUMNS) {
                 let start = column / panel * panel * words * WORD + column % panel * WORD;
                 let right = panels[start..].chunks(panel * WORD);
                 let mut sums = [[cast::<[i32; 8], __m256i>([0; 8]); 2]; M];
-                for (left, right) in left.iter().zip(right) {
+                for (word, right) in (0..words).zip(right) {
                     let [low, high] = [0, COLUMNS].map(|at| {
                         let bytes = *right[at..].first_chunk::<COLUMNS>().expect("a panel of whole vectors");
                         simd.avx2._mm256_cvtepi8_epi16(cast(bytes))
                     });
                     for (i, [x, y]) in sums.iter_mut().enumerate() {
-                        let two = simd.avx._mm256_set1_epi32(left[place + i].cast_signed());
+                        let two = simd.avx._mm256_set1_epi32(left[i][word].cast_signed());
                         *x = simd.avx2._mm256_add_epi32(*x, simd.avx2._mm256_madd_epi16(two, low));
                         *y = simd.avx2._mm256_add_epi32(*y, simd.avx2._mm256_madd_epi16(two, high));
                     }

@@ -6,14 +6,15 @@
 #![allow(unsafe_code)]
 
 use super::Product;
-#[cfg(target_arch = "x86_64")]
-use super::TILE;
 use crate::dispatch;
 
 /// Numbers of k in a word.
 pub(super) const WORD: usize = 4;
 /// Columns of a panel: two vectors of sums.
 const PANEL: usize = 32;
+/// Rows whose sums stay in registers.
+#[cfg(target_arch = "x86_64")]
+const TILE: usize = 8;
 /// The byte of a row that means 0.
 const ZERO: i32 = 128;
 
@@ -67,7 +68,7 @@ pub(super) fn run(product: &mut Product, words: usize) {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{PANEL, Product, TILE};
+    use super::{PANEL, Product};
     use std::arch::x86_64::{
         __m512i, _mm512_add_ps, _mm512_cvtepi32_ps, _mm512_dpbusd_epi32, _mm512_loadu_ps, _mm512_loadu_si512,
         _mm512_mul_ps, _mm512_set1_epi32, _mm512_set1_ps, _mm512_setzero_si512, _mm512_storeu_ps, _mm512_sub_epi32,
@@ -75,7 +76,7 @@ mod x86 {
 
     const LANES: usize = PANEL / 2;
 
-    /// Rows `first..first + M`, which one tile has, of all panels.
+    /// Rows `first..first + M` of all panels.
     ///
     /// # Safety
     /// A processor with AVX512-VNNI; slices as [`Product::run`] asserts.
@@ -122,7 +123,7 @@ mod x86 {
         }
     }
 
-    /// The first row of a tile, its first panel, and words of both.
+    /// Where the first row and the first panel begin, and their words.
     type Words = (*const u32, *const __m512i, usize);
 
     /// A panel of M rows; returns 1.
@@ -144,7 +145,7 @@ mod x86 {
                 let at = right.add(2 * word);
                 let halves = [_mm512_loadu_si512(at), _mm512_loadu_si512(at.add(1))];
                 for (i, sums) in sums.iter_mut().enumerate() {
-                    let four = _mm512_set1_epi32(*rows.add(word * TILE + i) as i32);
+                    let four = _mm512_set1_epi32(*rows.add(i * words + word) as i32);
                     sums[0] = _mm512_dpbusd_epi32(sums[0], four, halves[0]);
                     sums[1] = _mm512_dpbusd_epi32(sums[1], four, halves[1]);
                 }
@@ -172,7 +173,7 @@ mod x86 {
         // SAFETY: the caller's promise.
         unsafe {
             for word in 0..words {
-                let four = _mm512_set1_epi32(*rows.add(word * TILE) as i32);
+                let four = _mm512_set1_epi32(*rows.add(word) as i32);
                 for (p, sums) in sums.iter_mut().enumerate() {
                     let at = right.add(2 * (p * words + word));
                     sums[0] = _mm512_dpbusd_epi32(sums[0], four, _mm512_loadu_si512(at));

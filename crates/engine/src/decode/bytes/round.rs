@@ -1,6 +1,6 @@
 //! Numbers rounded to bytes.
 
-use super::{TILE, Way, pairs, quads};
+use super::{Way, pairs, quads};
 use crate::decode::kernel::Left;
 use crate::dispatch;
 use pulp::{Simd, WithSimd};
@@ -14,7 +14,7 @@ const WHOLE: f32 = 12_582_912.0;
 /// Rows rounded to bytes.
 #[derive(Debug, Default)]
 pub(in crate::decode) struct Rows {
-    /// [tile][word][row of the tile].
+    /// (m, words).
     pub(super) numbers: Vec<u32>,
     /// (m): the factor of a row's bytes.
     pub(super) scales: Vec<f32>,
@@ -33,9 +33,8 @@ impl Rows {
     /// # Panics
     /// If there aren't as many rows of as many words of this way.
     pub(super) fn check(&self, m: usize, words: usize, way: Way) {
-        let tiles = m.div_ceil(TILE);
         assert!(m == 0 || self.word == way.word(), "words of {} numbers", self.word);
-        assert!(self.numbers.len() >= tiles * words * TILE && self.scales.len() >= m, "{m} rows of {words} words");
+        assert!(self.numbers.len() >= m * words && self.scales.len() >= m, "{m} rows of {words} words");
     }
 }
 
@@ -52,11 +51,11 @@ impl WithSimd for Round<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Round { left: Left { data, rows, width, stride }, k, way, to: Rows { numbers, scales, word, line } } = self;
-        let (words, tiles) = (way.words(k), rows.div_ceil(TILE));
+        let words = way.words(k);
         *word = way.word();
-        numbers.resize(numbers.len().max(tiles * words * TILE), 0);
+        numbers.resize(numbers.len().max(rows * words), 0);
         scales.resize(scales.len().max(rows), 0.0);
-        line.resize(line.len().max(k.next_multiple_of(quads::WORD)), 0);
+        line.resize(line.len().max(words * way.word()), 0);
         // padding of the last word: the panels have zeros there, so any byte would do
         line[k..].fill(0);
         for (row, scale) in scales.iter_mut().take(rows).enumerate() {
@@ -70,15 +69,17 @@ impl WithSimd for Round<'_> {
                 let part = &data[(at / width * rows + row) * stride..][..width.min(k - at)];
                 *scale = round(simd, &mut line[at..], part, size);
             }
-            let tile = &mut numbers[row / TILE * words * TILE..][..words * TILE];
-            let places = tile.iter_mut().skip(row % TILE).step_by(TILE);
-            if matches!(way, Way::Quads) {
-                for (to, four) in places.zip(line.as_chunks().0) {
-                    *to = quads::packed(*four);
+            let to = &mut numbers[row * words..][..words];
+            match way {
+                Way::Quads => {
+                    for (to, four) in to.iter_mut().zip(line.as_chunks().0) {
+                        *to = quads::packed(*four);
+                    }
                 }
-            } else {
-                for (to, two) in places.zip(line.as_chunks().0) {
-                    *to = pairs::packed(*two);
+                _ => {
+                    for (to, two) in to.iter_mut().zip(line.as_chunks().0) {
+                        *to = pairs::packed(*two);
+                    }
                 }
             }
         }

@@ -2,7 +2,7 @@
 """Where the time of a sampled frame goes: python3 scripts/bench/frame_time.py PROGRAM [--streams N] [--threads N]
 
 Samples dances of a two-level model with random weights (`kinelm-lab decode --config two-level`) under `perf record`, once
-with f32 and once with int8 weights, and prints a table in Markdown: percent of the time by part, and frames a second as
+with f32 and once with int8 weights and caches, and prints a table in Markdown: percent of the time by part, and frames a second as
 measured under perf.
 
 Needs Python 3.9 or newer and perf (Debian: apt-get install linux-perf).
@@ -20,7 +20,7 @@ import tempfile
 PARTS = [
     ("sampling::", "sampling rules"),
     ("random::stream", "random numbers"),
-    ("attention::attend", "attention"),
+    ("decode::attention::", "attention"),
     ("Head::logits", "head"),
     ("decode::matrix::", "products"),
     ("decode::bytes::", "products"),
@@ -43,7 +43,7 @@ def measure(program, weights, args):
     """Percent by part, and frames a second."""
     with tempfile.TemporaryDirectory() as folder:
         data = pathlib.Path(folder) / "perf.data"
-        bench = [f"{program}-lab", "decode", "--config", "two-level", "--weights", weights, "--frames", str(args.frames)]
+        bench = [f"{program}-lab", "decode", "--config", "two-level", "--weights", weights, "--kv", weights, "--frames", str(args.frames)]
         bench += ["--repeats", "3", "--streams", str(args.streams), "--threads", str(args.threads), "--json"]
         record = ["perf", "record", "--quiet", "--freq", "199", "--call-graph", "dwarf,8192", "--output", data, "--"]
         done = subprocess.run([*record, *bench], capture_output=True, text=True)

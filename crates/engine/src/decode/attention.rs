@@ -37,12 +37,12 @@ impl Head<'_> {
             let (now, later) = runs.split_at(singles.max(1));
             let rows = if singles > 1 { singles } else { run.rows };
             for (row, (stream, place)) in (first..).zip(places(now)) {
-                self.store(row, &mut cache[stream * unit.len::<E>()..][..unit.len::<E>()], unit, place);
+                self.store(row, &mut cache[unit.of::<E>(stream)], unit, place);
             }
             if singles > 1 {
                 self.apart(first, now, cache, unit);
             } else {
-                self.together(first, *run, &cache[run.stream * unit.len::<E>()..][..unit.len::<E>()], unit);
+                self.together(first, *run, &cache[unit.of::<E>(run.stream)], unit);
             }
             (first, runs) = (first + rows, later);
         }
@@ -112,7 +112,7 @@ impl Head<'_> {
     /// A row each of some streams, from `first` on.
     fn apart<E: Stored>(&mut self, first: usize, runs: &[Run], cache: &[E], unit: Unit) {
         let Unit { tokens, d, padded, panel } = unit;
-        let units = || runs.iter().map(|run| unit.split(&cache[run.stream * unit.len::<E>()..][..unit.len::<E>()]));
+        let units = || runs.iter().map(|run| unit.split(&cache[unit.of::<E>(run.stream)]));
         let columns = |run: &Run| (run.place + 1).next_multiple_of(panel);
         let mut rows = [const { None }; APART];
         let queries = self.qkv[first * self.stride..].chunks(self.stride);

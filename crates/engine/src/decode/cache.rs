@@ -11,6 +11,7 @@ use crate::op::matmul::panel;
 use half::f16;
 use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 use pulp::{Simd, WithSimd};
+use std::ops::Range;
 
 /// The format of keys and values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -106,8 +107,24 @@ impl Unit {
     }
 
     /// Numbers of a unit.
-    pub fn len<E: Stored>(&self) -> usize {
+    fn len<E: Stored>(&self) -> usize {
         self.tokens * (self.d + self.padded + E::SCALES)
+    }
+
+    /// Whole floats that it takes.
+    fn floats(&self, kind: KvKind) -> usize {
+        let bytes = match kind {
+            KvKind::F32 => self.len::<f32>() * size_of::<f32>(),
+            KvKind::F16 => self.len::<u16>() * size_of::<u16>(),
+            KvKind::Int8 => self.len::<i8>(),
+        };
+        bytes / size_of::<f32>()
+    }
+
+    /// Where the unit of a stream lies among those of a head.
+    pub fn of<E: Stored>(&self, stream: usize) -> Range<usize> {
+        let len = self.len::<E>();
+        stream * len..(stream + 1) * len
     }
 
     /// Its keys, its values, and the scales of both (T), empty where they have none.
@@ -174,7 +191,7 @@ pub(super) struct KvCache {
 impl KvCache {
     pub fn new(kind: KvKind, layers: usize, heads: usize, streams: usize, unit: Unit) -> KvCache {
         let units = heads * streams;
-        KvCache { kind, unit, streams, units, numbers: Floats::new(layers * units * unit_floats(kind, unit)) }
+        KvCache { kind, unit, streams, units, numbers: Floats::new(layers * units * unit.floats(kind)) }
     }
 
     pub fn kind(&self) -> KvKind {
@@ -188,35 +205,21 @@ impl KvCache {
     /// The keys and values of a stream, unit after unit.
     pub fn save(&self, stream: usize) -> Vec<f32> {
         assert!(stream < self.streams, "stream {stream} of {}", self.streams);
-        let units = self.numbers.chunks_exact(self.unit_floats());
+        let units = self.numbers.chunks_exact(self.unit.floats(self.kind));
         units.skip(stream).step_by(self.streams).flatten().copied().collect()
     }
 
     /// Gives a stream the keys and values that [`KvCache::save`] returned.
     pub fn restore(&mut self, stream: usize, saved: &[f32]) {
         assert!(stream < self.streams, "stream {stream} of {}", self.streams);
-        let floats = self.unit_floats();
+        let floats = self.unit.floats(self.kind);
         let units = self.numbers.chunks_exact_mut(floats).skip(stream).step_by(self.streams);
         units.zip(saved.chunks_exact(floats)).for_each(|(unit, saved)| unit.copy_from_slice(saved));
     }
 
-    fn unit_floats(&self) -> usize {
-        unit_floats(self.kind, self.unit)
-    }
-
     /// [head][stream] of a layer.
     pub fn layer<E: Stored>(&mut self, layer: usize) -> &mut [E] {
-        let floats = self.units * self.unit_floats();
+        let floats = self.units * self.unit.floats(self.kind);
         bytemuck::cast_slice_mut(&mut self.numbers[layer * floats..][..floats])
     }
-}
-
-/// Whole floats that a unit takes.
-fn unit_floats(kind: KvKind, unit: Unit) -> usize {
-    let bytes = match kind {
-        KvKind::F32 => unit.len::<f32>() * size_of::<f32>(),
-        KvKind::F16 => unit.len::<u16>() * size_of::<u16>(),
-        KvKind::Int8 => unit.len::<i8>(),
-    };
-    bytes / size_of::<f32>()
 }

@@ -181,17 +181,12 @@ impl Sampling {
 /// The `allowed` ids at least `min_p` times as likely as the likeliest of them, by the `logits` (V) of all ids, ascending.
 /// `None` if a logit is missing, NaN or plus infinity, or if none is finite.
 pub(crate) fn likely(logits: &[f32], allowed: &[Range<u32>], min_p: f64) -> Option<Vec<Range<u32>>> {
-    let all = allowed.iter().map(|ids| Some((ids.start, logits.get(ids.start as usize..ids.end as usize)?)));
-    let all: Vec<(u32, &[f32])> = all.collect::<Option<_>>()?;
+    let all = of_allowed(logits, allowed)?;
     let each = || all.iter().flat_map(|(first, logits)| (*first..).zip(*logits));
-    let (mut top, mut is_whole) = (f32::NEG_INFINITY, true);
-    each().for_each(|(_, &logit)| {
-        is_whole &= logit < f32::INFINITY;
-        top = top.max(logit);
-    });
+    let top = each().fold(f32::NEG_INFINITY, |top, (_, logit)| top.max(*logit));
     let least = f64::from(top) + min_p::least(min_p);
     let likely = each().filter(|(_, logit)| f64::from(**logit) >= least);
-    (is_whole && top.is_finite()).then(|| likely.map(|(id, _)| id..id + 1).collect())
+    top.is_finite().then(|| likely.map(|(id, _)| id..id + 1).collect())
 }
 
 /// ln p of an id among the `allowed` ones, by the `logits` (V) of all ids; minus infinity where it is impossible.
@@ -206,15 +201,21 @@ pub(crate) fn log_probability(logits: &[f32], allowed: &[Range<u32>], id: u32) -
 /// The allowed ids of probability above 0, ascending.
 fn candidates(logits: &[f32], allowed: &[Range<u32>]) -> Option<Vec<Candidate>> {
     let mut found = Vec::with_capacity(allowed.iter().map(ExactSizeIterator::len).sum());
-    let mut is_whole = true;
-    for ids in allowed {
-        let logits = logits.get(ids.start as usize..ids.end as usize)?;
-        // below infinity: neither that nor NaN
-        is_whole &= logits.iter().all(|logit| *logit < f32::INFINITY);
-        let possible = ids.clone().zip(logits).filter(|(_, logit)| **logit != f32::NEG_INFINITY);
+    for (first, logits) in of_allowed(logits, allowed)? {
+        let possible = (first..).zip(logits).filter(|(_, logit)| **logit != f32::NEG_INFINITY);
         found.extend(possible.map(|(id, &logit)| Candidate { id, logit: logit.into() }));
     }
-    (is_whole && !found.is_empty()).then_some(found)
+    (!found.is_empty()).then_some(found)
+}
+
+/// The first id and the logits of each range of allowed ids; `None` if one is missing, NaN or plus infinity.
+fn of_allowed<'a>(logits: &'a [f32], allowed: &[Range<u32>]) -> Option<Vec<(u32, &'a [f32])>> {
+    let of = |ids: &Range<u32>| {
+        let logits = logits.get(ids.start as usize..ids.end as usize)?;
+        // below infinity: neither that nor NaN
+        logits.iter().all(|logit| *logit < f32::INFINITY).then_some((ids.start, logits))
+    };
+    allowed.iter().map(of).collect()
 }
 
 /// Shifts all logits so that the largest is 0.

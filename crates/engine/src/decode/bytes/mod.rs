@@ -32,8 +32,7 @@ impl Way {
     /// The fastest one that the kernels may use here.
     pub fn here() -> Way {
         match dispatch::arch() {
-            #[cfg(target_arch = "x86_64")]
-            Arch::V4(_) if quads::are_there() => Way::Quads,
+            _ if quads::are_there() => Way::Quads,
             #[cfg(target_arch = "x86_64")]
             Arch::V4(simd) => Way::Pairs(*simd),
             #[cfg(target_arch = "x86_64")]

@@ -51,14 +51,14 @@ pub(super) fn run(product: &mut Product, words: usize) {
         // the slices.
         unsafe {
             match product.m - first {
-                1 => x86::tile::<1>(product, first, words),
-                2 => x86::tile::<2>(product, first, words),
-                3 => x86::tile::<3>(product, first, words),
-                4 => x86::tile::<4>(product, first, words),
-                5 => x86::tile::<5>(product, first, words),
-                6 => x86::tile::<6>(product, first, words),
-                7 => x86::tile::<7>(product, first, words),
-                _ => x86::tile::<TILE>(product, first, words),
+                1 => x86::rows::<1>(product, first, words),
+                2 => x86::rows::<2>(product, first, words),
+                3 => x86::rows::<3>(product, first, words),
+                4 => x86::rows::<4>(product, first, words),
+                5 => x86::rows::<5>(product, first, words),
+                6 => x86::rows::<6>(product, first, words),
+                7 => x86::rows::<7>(product, first, words),
+                _ => x86::rows::<TILE>(product, first, words),
             }
         }
     }
@@ -81,29 +81,64 @@ mod x86 {
     /// # Safety
     /// A processor with AVX512-VNNI; slices as [`Product::run`] asserts.
     #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
-    pub unsafe fn tile<const M: usize>(product: &mut Product, first: usize, words: usize) {
-        let rows = product.rows.numbers[first * words..].as_ptr();
+    pub unsafe fn rows<const M: usize>(product: &mut Product, first: usize, words: usize) {
         let panels = product.scale.len() / PANEL;
         let mut panel = 0;
         while panel < panels {
             // SAFETY: the caller's promise.
             unsafe {
-                let right = product.panels.as_ptr().cast::<__m512i>().add(2 * panel * words);
                 // a sum waits for its last product, and one stream doesn't keep memory busy: one row reads four panels
                 panel += match (M, panels - panel) {
-                    (1, 4..) => side_by_side::<4>(product, first, panel, (rows, right, words)),
-                    (1, 3) => side_by_side::<3>(product, first, panel, (rows, right, words)),
-                    (1, 2) => side_by_side::<2>(product, first, panel, (rows, right, words)),
-                    _ => one_by_one::<M>(product, first, panel, (rows, right, words)),
+                    (1, 4..) => tile::<M, 4>(product, first, panel, words),
+                    (1, 3) => tile::<M, 3>(product, first, panel, words),
+                    (1, 2) => tile::<M, 2>(product, first, panel, words),
+                    _ => tile::<M, 1>(product, first, panel, words),
                 };
             }
         }
     }
 
+    /// M rows from `first` on of P panels from `panel` on; returns P.
+    ///
+    /// # Safety
+    /// As [`rows`].
+    #[inline]
+    #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
+    unsafe fn tile<const M: usize, const P: usize>(
+        product: &mut Product,
+        first: usize,
+        panel: usize,
+        words: usize,
+    ) -> usize {
+        let left = product.rows.numbers[first * words..].as_ptr();
+        let mut sums = [[[_mm512_setzero_si512(); 2]; P]; M];
+        // SAFETY: the caller's promise.
+        unsafe {
+            let right = product.panels.as_ptr().cast::<__m512i>().add(2 * panel * words);
+            for word in 0..words {
+                for p in 0..P {
+                    let at = right.add(2 * (p * words + word));
+                    let halves = [_mm512_loadu_si512(at), _mm512_loadu_si512(at.add(1))];
+                    for (i, sums) in sums.iter_mut().enumerate() {
+                        let four = _mm512_set1_epi32(*left.add(i * words + word) as i32);
+                        sums[p][0] = _mm512_dpbusd_epi32(sums[p][0], four, halves[0]);
+                        sums[p][1] = _mm512_dpbusd_epi32(sums[p][1], four, halves[1]);
+                    }
+                }
+            }
+            for (i, sums) in sums.iter().enumerate() {
+                for (p, sums) in sums.iter().enumerate() {
+                    write(product, first + i, panel + p, sums);
+                }
+            }
+        }
+        P
+    }
+
     /// Writes a panel's columns of a row.
     ///
     /// # Safety
-    /// As [`tile`].
+    /// As [`rows`].
     #[inline]
     #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
     unsafe fn write(product: &mut Product, row: usize, panel: usize, sums: &[__m512i; 2]) {
@@ -121,69 +156,5 @@ mod x86 {
                 _mm512_storeu_ps(to, _mm512_add_ps(found, bias));
             }
         }
-    }
-
-    /// Where the first row and the first panel begin, and their words.
-    type Words = (*const u32, *const __m512i, usize);
-
-    /// A panel of M rows; returns 1.
-    ///
-    /// # Safety
-    /// As [`tile`].
-    #[inline]
-    #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
-    unsafe fn one_by_one<const M: usize>(
-        product: &mut Product,
-        first: usize,
-        panel: usize,
-        (rows, right, words): Words,
-    ) -> usize {
-        let mut sums = [[_mm512_setzero_si512(); 2]; M];
-        // SAFETY: the caller's promise.
-        unsafe {
-            for word in 0..words {
-                let at = right.add(2 * word);
-                let halves = [_mm512_loadu_si512(at), _mm512_loadu_si512(at.add(1))];
-                for (i, sums) in sums.iter_mut().enumerate() {
-                    let four = _mm512_set1_epi32(*rows.add(i * words + word) as i32);
-                    sums[0] = _mm512_dpbusd_epi32(sums[0], four, halves[0]);
-                    sums[1] = _mm512_dpbusd_epi32(sums[1], four, halves[1]);
-                }
-            }
-            for (i, sums) in sums.iter().enumerate() {
-                write(product, first + i, panel, sums);
-            }
-        }
-        1
-    }
-
-    /// P panels of one row; returns P.
-    ///
-    /// # Safety
-    /// As [`tile`].
-    #[inline]
-    #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
-    unsafe fn side_by_side<const P: usize>(
-        product: &mut Product,
-        first: usize,
-        panel: usize,
-        (rows, right, words): Words,
-    ) -> usize {
-        let mut sums = [[_mm512_setzero_si512(); 2]; P];
-        // SAFETY: the caller's promise.
-        unsafe {
-            for word in 0..words {
-                let four = _mm512_set1_epi32(*rows.add(word) as i32);
-                for (p, sums) in sums.iter_mut().enumerate() {
-                    let at = right.add(2 * (p * words + word));
-                    sums[0] = _mm512_dpbusd_epi32(sums[0], four, _mm512_loadu_si512(at));
-                    sums[1] = _mm512_dpbusd_epi32(sums[1], four, _mm512_loadu_si512(at.add(1)));
-                }
-            }
-            for (p, sums) in sums.iter().enumerate() {
-                write(product, first, panel + p, sums);
-            }
-        }
-        P
     }
 }

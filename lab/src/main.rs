@@ -13,6 +13,7 @@ use anyhow::Result;
 use clap::Parser;
 use serde_json::{Map, Value, json};
 use std::fmt::Display;
+use std::io::Write;
 use std::time::Instant;
 
 /// How fast this machine does what kinelm does.
@@ -76,14 +77,23 @@ fn main() -> Result<()> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).stack_size(8 << 20).build_global()?;
     let say = Say { quiet: call.quiet };
     // on a thread of the pool, as the program does: from outside, every parallel step would wake its threads anew
-    rayon::scope(|_| match call.bench {
+    let done = rayon::scope(|_| match call.bench {
         Bench::Read(args) => read::run(args, say),
         Bench::Tokenize(args) => tokenize::run(args, say),
         Bench::Train(args) => train::run(args, say),
         Bench::Decode(args) => decode::run(args, say),
         Bench::Lstm(args) => lstm::run(args, say),
         Bench::Query(args) => query::run(args, say),
-    })
+    });
+    match done {
+        // as after `| head`: who closes the output has read enough
+        Err(e) if is_broken_pipe(&e) => Ok(()),
+        done => done,
+    }
+}
+
+fn is_broken_pipe(e: &anyhow::Error) -> bool {
+    e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
 /// What a rate counts.
@@ -172,8 +182,7 @@ impl Row<'_> {
             line.insert("peak_rss_mb".into(), json!(peak));
             line.insert("threads".into(), json!(self.threads));
             line.extend(self.more.as_object().cloned().unwrap_or_default());
-            println!("{}", Value::Object(line));
-            return Ok(());
+            return Ok(writeln!(std::io::stdout(), "{}", Value::Object(line))?);
         }
         let (what, config, threads) = (self.what, self.config, self.threads);
         let mut text =
@@ -184,8 +193,7 @@ impl Row<'_> {
         for (key, value) in self.more.as_object().into_iter().flatten() {
             text += &format!(", {} {}", key.replace('_', " "), value.to_string().trim_matches('"'));
         }
-        println!("{text}");
-        Ok(())
+        Ok(writeln!(std::io::stdout(), "{text}")?)
     }
 }
 

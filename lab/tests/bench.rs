@@ -65,3 +65,16 @@ fn a_model_that_is_not_there_is_told_with_what_is() {
     bench(&["train", "--config", "huge"]).assert().code(1).stderr(contains("huge").and(contains("thesis-26m")));
     bench(&["train", "--vocabulary", "3"]).assert().code(2);
 }
+
+#[cfg(unix)]
+#[test]
+fn a_reader_that_has_seen_enough_is_no_error() {
+    use std::process::{Command, Stdio};
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kinelm-lab"));
+    let call = command.args(["train", "--config", "tiny", "--repeats", "1", "--batch", "1", "--quiet"]);
+    let mut child = call.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // nobody reads when the row is written
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+}

@@ -107,15 +107,19 @@ fn pack_width(width: usize, panels: &mut [f32], b: &[f32], ldb: usize, k: usize,
     }
 }
 
-/// Short rows are copied in eights: a call for each costs more than the copy.
+/// Copies a row. Panels and heads have rows of these lengths, and an array of a length that the compiler knows is a few
+/// moves; a call costs more than those.
+#[inline(always)]
 pub(crate) fn copy(to: &mut [f32], from: &[f32]) {
-    let (eights, rest) = pulp::as_arrays_mut::<8, _>(to);
-    let (from, last) = pulp::as_arrays::<8, _>(from);
-    for (to, from) in eights.iter_mut().zip(from) {
-        *to = *from;
+    fn array<const N: usize>(to: &mut [f32], from: &[f32]) {
+        let to: &mut [f32; N] = to.try_into().expect("a row of N numbers");
+        *to = from.try_into().expect("a row as long");
     }
-    for (to, from) in rest.iter_mut().zip(last) {
-        *to = *from;
+    match to.len() {
+        16 => array::<16>(to, from),
+        32 => array::<32>(to, from),
+        64 => array::<64>(to, from),
+        _ => to.copy_from_slice(from),
     }
 }
 

@@ -19,8 +19,6 @@ pub mod matmul;
 pub mod products;
 pub mod rope;
 pub mod smoothing;
-#[cfg(test)]
-mod speed;
 
 /// How many rows of `width` numbers `len` numbers are.
 ///

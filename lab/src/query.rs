@@ -23,6 +23,9 @@ pub struct Args {
     /// Motion files whose windows are repeated with small turns, instead of made-up dances
     #[arg(long, value_name = "FILE", num_args = 1..)]
     of: Vec<PathBuf>,
+    /// Queries that are searched together
+    #[arg(long, value_name = "Q", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    together: u32,
     /// Write the features (N, D) as f32 too, for other programs to search
     #[arg(long, value_name = "FILE")]
     save: Option<PathBuf>,
@@ -58,22 +61,25 @@ pub fn run(args: Args, say: Say) -> Result<()> {
     }
     for distance in [Distance::Cosine, Distance::Euclid] {
         let (mut query, mut wrong, mut measured) = (0, 0, Vec::new());
+        let search = SearchOptions { k: 10, distance, one_per_clip: false, farthest: false };
         let timed = seconds(2, args.how.repeats.unwrap_or(15), || {
-            // a window by a prime step, so that none comes soon again; it is its own nearest neighbour
-            query = (query + 7919) % count;
-            let search = SearchOptions { k: 10, distance, one_per_clip: false, farthest: false };
-            let feature = database.feature(query)?;
-            let candidates = database.scan(&feature, search, &|_| true)?;
-            let hits = database.measure(&feature, &candidates, search)?;
-            measured.push(candidates.len());
-            wrong += usize::from(hits.len() != 10 || hits[0].window != query);
+            // windows by a prime step, so that none comes soon again; each is its own nearest neighbour
+            let queries: Vec<usize> = (1..=args.together as usize).map(|i| (query + i * 7919) % count).collect();
+            query = queries[queries.len() - 1];
+            let features: Vec<_> = queries.iter().map(|&q| Ok(database.feature(q)?)).collect::<Result<_>>()?;
+            let features: Vec<&[f32]> = features.iter().map(|feature| &**feature).collect();
+            let found = database.nearest_to_each(&features, search, &|_, _| true)?;
+            for (query, found) in queries.iter().zip(found) {
+                measured.push(found.measured);
+                wrong += usize::from(found.hits.len() != 10 || found.hits[0].window != *query);
+            }
             Ok(())
         })?;
         anyhow::ensure!(wrong == 0, "a window is its own nearest neighbour");
         let rates = Rates::of(count as f64, &timed);
         measured.sort_unstable();
         let ms = rounded(1e3 * count as f64 / rates.median, 2);
-        let more = json!({"ms": ms, "distance": distance.name(), "measured": measured[measured.len() / 2]});
+        let more = json!({"ms": ms, "distance": distance.name(), "together": args.together, "measured": measured[measured.len() / 2]});
         let threads = rayon::current_num_threads();
         Row { what: "query", config, unit: Unit::Windows, rates, threads, more }.print(&args.how)?;
     }

@@ -81,7 +81,7 @@ fn copy(
     };
     let wanted = SearchOptions { k: 1, distance: Distance::Euclid, one_per_clip: false, farthest: false };
     let feature = database.feature(window)?;
-    let Some(hit) = database.nearest(&feature, wanted, &allowed)?.first().copied() else { return Ok(None) };
+    let Some(hit) = database.nearest(&feature, wanted, &allowed)?.hits.first().copied() else { return Ok(None) };
     let there = database.window(hit.window);
     let here = one.clip.slice(start..start + frames);
     let apart = mean_angle_deg(&here, &held[there.clip].clip.slice(there.start..there.start + frames), MAX_SHIFT);
@@ -116,6 +116,5 @@ fn mean_angle_deg(a: &Clip, b: &Clip, shift: f64) -> f64 {
 /// The windows of all clips, at every frame.
 fn database(held: &[LoadedClip], options: &IndexOptions) -> Result<Database> {
     let entry = |one: &LoadedClip| ClipEntry::in_memory(&one.name, one.clip.frames(), &options.windows);
-    Database::of_clips(options, held.iter().map(|one| (&one.clip, entry(one))).collect(), Models::default())?
-        .with_bytes()
+    Database::of_clips(options, held.iter().map(|one| (&one.clip, entry(one))).collect(), Models::default())
 }

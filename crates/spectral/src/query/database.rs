@@ -1,7 +1,6 @@
 //! Windows that can be searched.
 
 use super::part::Part;
-use super::quantize::Size;
 use super::record::ClipEntry;
 use crate::Result;
 use std::borrow::Cow;
@@ -47,16 +46,6 @@ impl Database {
         all
     }
 
-    /// The same with bytes, which [`Database::nearest`] scans; an index on disk has them.
-    ///
-    /// # Errors
-    /// An index whose files were cut while it was in use.
-    pub(crate) fn with_bytes(mut self) -> Result<Database> {
-        let numbers = self.numbers;
-        self.parts = self.parts.into_iter().map(|part| part.with_bytes(numbers)).collect::<Result<_>>()?;
-        Ok(self)
-    }
-
     /// D.
     pub fn numbers(&self) -> usize {
         self.numbers
@@ -90,11 +79,6 @@ impl Database {
     pub fn feature(&self, number: usize) -> Result<Cow<'_, [f32]>> {
         let (part, inside) = self.place(number);
         part.features(inside * self.numbers..(inside + 1) * self.numbers)
-    }
-
-    pub(super) fn size(&self, number: usize) -> Size {
-        let (part, inside) = self.place(number);
-        part.sizes[inside]
     }
 
     /// The number of the first window of each part.

@@ -8,7 +8,7 @@ use super::embedding::Models;
 use super::exclude::{Exclude, Exclusion, Origin};
 use super::options::{FeatureKind, IndexOptions};
 use super::record::ClipEntry;
-use super::search::Cosines;
+use super::search::Found;
 use super::vote::{Tally, vote};
 use crate::{Error, Result, WindowSpec};
 pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
@@ -317,28 +317,18 @@ impl Judge<'_> {
         let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];
         let windows: Vec<usize> = (0..self.database.windows()).collect();
         for block in windows.chunks(QUERIES) {
-            let (near, error) = self.database.cosines(block)?;
-            let rows = near.par_chunks(self.database.windows()).zip(block);
-            let found: Vec<Vec<Vec<_>>> = rows
-                .map(|(near, &query)| {
-                    let answer = |&(distance, exclude): &(Option<Distance>, Exclude)| {
-                        let distance = distance.unwrap_or(Distance::Cosine);
-                        let wanted =
-                            SearchOptions { k: self.options.k, distance, one_per_clip: false, farthest: false };
-                        let filter = self.filter(query, exclude);
-                        let hits = self.database.select(
-                            &self.database.feature(query)?,
-                            Cosines { near, error },
-                            wanted,
-                            &|window| filter.allows(window),
-                        )?;
-                        Ok(hits.into_iter().map(|h| (h.window, h.score)).collect::<Vec<_>>())
-                    };
-                    ways.iter().map(answer).collect::<Result<_>>()
-                })
-                .collect::<Result<_>>()?;
-            for (&query, found) in block.iter().zip(&found) {
-                self.count(query, found, &mut tallies);
+            let features: Vec<_> = block.iter().map(|&w| self.database.feature(w)).collect::<Result<_>>()?;
+            let features: Vec<&[f32]> = features.iter().map(|feature| &**feature).collect();
+            let answers = |&(distance, exclude): &(Option<Distance>, Exclude)| {
+                let distance = distance.unwrap_or(Distance::Cosine);
+                let wanted = SearchOptions { k: self.options.k, distance, one_per_clip: false, farthest: false };
+                let filters: Vec<Exclusion> = block.iter().map(|&query| self.filter(query, exclude)).collect();
+                self.database.nearest_to_each(&features, wanted, &|query, window| filters[query].allows(window))
+            };
+            let found: Vec<Vec<Found>> = ways.iter().map(answers).collect::<Result<_>>()?;
+            for (i, &query) in block.iter().enumerate() {
+                let neighbours = |found: &Vec<Found>| found[i].hits.iter().map(|h| (h.window, h.score)).collect();
+                self.count(query, &found.iter().map(neighbours).collect::<Vec<_>>(), &mut tallies);
             }
         }
         Ok(self.rows(kind.name(), &ways, &tallies))

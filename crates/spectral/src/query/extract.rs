@@ -95,8 +95,7 @@ const BLOCK: usize = 64;
 
 impl Database {
     /// The windows of clips in memory, which are on the 24 SMPL joints at the options' rate. A basis is fitted to them where the
-    /// transform needs one. [`Database::cosines`] can be computed at once, [`Database::nearest`] needs
-    /// [`Database::with_bytes`].
+    /// transform needs one.
     ///
     /// # Errors
     /// Those of [`FeatureExtractor`] and of fitting a basis.

@@ -129,8 +129,8 @@ impl Index {
             if options.k == 0 {
                 return Ok((Vec::new(), 0));
             }
-            let candidates = database.scan(&feature, options, allowed)?;
-            Ok((database.measure(&feature, &candidates, options)?, candidates.len()))
+            let found = database.nearest(&feature, options, allowed)?;
+            Ok((found.hits, found.measured))
         };
         let options = SearchOptions { k, distance, one_per_clip, farthest: false };
         let (hits, measured) = search(options, &|window| exclusion.allows(window))?;

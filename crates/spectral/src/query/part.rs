@@ -1,5 +1,6 @@
 //! Features of some windows: made here, or those of a part of an index.
 
+use super::promise::{BESIDE, Extent};
 use super::quantize::{Ranges, Scales, Size, widths};
 use super::record::{ClipEntry, FileChecksum, PartRecord};
 use crate::{Error, Result};
@@ -59,49 +60,55 @@ pub struct Part {
     pub scales: Scales,
     /// (N).
     pub sizes: Vec<Size>,
+    /// (N) [`Size::beside`].
+    pub beside: Vec<[f32; BESIDE]>,
+    /// Of every [`BLOCK`] windows.
+    pub extents: Vec<Extent>,
 }
 
+/// Windows that a search reads at a time.
+pub const BLOCK: usize = 256;
 /// Windows whose ranges a thread finds at a time.
 const ROWS: usize = 1024;
 
 impl Part {
-    /// Features (N, D) in memory, without bytes.
+    /// Features (N, D) in memory, with bytes as a part on disk has them.
     ///
     /// # Panics
     /// When they are no whole features of `numbers`.
     pub fn held(features: Vec<f32>, numbers: usize) -> Part {
         assert!(features.len().is_multiple_of(numbers.max(1)), "features of {numbers}");
-        let sizes = features.par_chunks_exact(numbers.max(1)).map(Size::of).collect();
-        let bytes = [(); 2].map(|()| Numbers::Held(Vec::new()));
-        Part { features: Numbers::Held(features), bytes, widths: widths(numbers), scales: Scales::default(), sizes }
-    }
-
-    /// The same with bytes, as a part on disk has them.
-    ///
-    /// # Errors
-    /// Features of a file that can't be read any more.
-    pub fn with_bytes(mut self, numbers: usize) -> Result<Part> {
-        let mut bytes = self.widths.map(|width| Floats::new(self.sizes.len() * width / size_of::<f32>()));
-        let features = self.features.get(0..self.features.len())?;
+        let mut sizes: Vec<Size> = features.par_chunks_exact(numbers.max(1)).map(Size::of).collect();
+        let widths = widths(numbers);
+        let mut bytes = widths.map(|width| Floats::new(sizes.len() * width / size_of::<f32>()));
         let of = |(features, sizes): (&[f32], &[Size])| {
             // least and greatest don't depend on the order, so threads may take any blocks
             let mut ranges = Ranges::new(numbers);
             features.chunks_exact(numbers).zip(sizes).for_each(|(feature, size)| ranges.add(feature, size.norm));
             ranges
         };
-        let blocks = features.par_chunks(ROWS * numbers).zip(self.sizes.par_chunks(ROWS)).map(of);
+        let blocks = features.par_chunks(ROWS * numbers.max(1)).zip(sizes.par_chunks(ROWS)).map(of);
         let scales = blocks.reduce(|| Ranges::new(numbers), Ranges::merge).scales();
         let [heads, rests] = &mut bytes;
-        let [head, rest] = self.widths;
+        let [head, rest] = widths;
         let rows = bytemuck::cast_slice_mut(heads)
             .par_chunks_mut(head)
             .zip(bytemuck::cast_slice_mut(rests).par_chunks_mut(rest));
-        let all = rows.zip(features.par_chunks(numbers)).zip(&mut self.sizes);
+        let all = rows.zip(features.par_chunks(numbers.max(1))).zip(&mut sizes);
         all.for_each(|(((head, rest), feature), size)| *size = scales.quantize(feature, size.norm, [head, rest]));
-        // a borrow of the part, whose fields are set below
-        drop(features);
-        (self.bytes, self.scales) = (bytes.map(Numbers::Paged), scales);
-        Ok(self)
+        Part::new(Numbers::Held(features), bytes.map(Numbers::Paged), widths, scales, sizes)
+    }
+
+    fn new(
+        features: Numbers<f32>,
+        bytes: [Numbers<i8>; 2],
+        widths: [usize; 2],
+        scales: Scales,
+        sizes: Vec<Size>,
+    ) -> Part {
+        let beside = sizes.par_iter().map(Size::beside).collect();
+        let extents = sizes.par_chunks(BLOCK).map(Extent::of).collect();
+        Part { features, bytes, widths, scales, sizes, beside, extents }
     }
 
     /// Numbers of all features, N D.
@@ -126,7 +133,7 @@ impl Part {
     /// As [`Part::features`].
     ///
     /// # Panics
-    /// When the range leaves them, or there are none.
+    /// When the range leaves them.
     pub fn bytes(&self, half: usize, rows: Range<usize>) -> Result<Cow<'_, [i8]>> {
         let width = self.widths[half];
         self.bytes[half].get(rows.start * width..rows.end * width)
@@ -165,7 +172,7 @@ impl Part {
             let (found, expected) = (format!("{windows} windows"), format!("{}", record.windows));
             return Err(Error::file(folder.join(CLIPS), found, expected, "put back the files of this index"));
         }
-        Ok((Part { features: Numbers::Stored(features), bytes, widths, scales, sizes }, clips))
+        Ok((Part::new(Numbers::Stored(features), bytes, widths, scales, sizes), clips))
     }
 }
 

@@ -164,7 +164,9 @@ impl Scales {
         let [head, rest] = [half(0, in_head), half(in_head, feature.len() - in_head)];
         // a rounding per term of the sums, and some for what surrounds them
         let slack = (feature.len() + 16) as f64 * f64::EPSILON;
-        Query { rest_length: rest.square.sqrt(), head, rest, slack }
+        let weights: Vec<f32> = self.centred(feature, norm).take(in_head).map(|(x, step)| (x * step) as f32).collect();
+        let weights = weights.into_iter().chain(std::iter::repeat(0.0)).take(widths(feature.len())[0]).collect();
+        Query { rest_length: rest.square.sqrt(), head, rest, slack, weights, norm }
     }
 
     /// How far the coefficients of a feature over its length are from their centres, with their steps, in the order of a row.
@@ -190,21 +192,25 @@ fn over(norm: f64) -> f64 {
 /// A unit vector v that bytes are compared with.
 #[derive(Debug, Clone)]
 pub struct Query {
-    head: Half,
-    rest: Half,
+    pub(super) head: Half,
+    pub(super) rest: Half,
     /// The length of v - c in the rest.
-    rest_length: f64,
+    pub(super) rest_length: f64,
     /// A bound of the relative error of sums in f64.
-    slack: f64,
+    pub(super) slack: f64,
+    /// s (v - c) in the head, and zeros to a row's width.
+    pub(super) weights: Vec<f32>,
+    /// The length of the feature.
+    pub(super) norm: f64,
 }
 
 /// The head or the rest of one.
 #[derive(Debug, Clone)]
-struct Half {
+pub(super) struct Half {
     /// The square of the length of v - c.
-    square: f64,
+    pub square: f64,
     /// Of s (v - c).
-    dots: dots::Query,
+    pub dots: dots::Query,
 }
 
 impl Query {
@@ -250,13 +256,13 @@ impl Query {
 }
 
 /// The least or the greatest that the cosine of v and a row's feature may be, by the least and greatest squared distance of v
-/// from what its bytes stand for.
+/// from what its bytes stand for, and how far the feature is from that at most.
 #[inline]
-pub(super) fn cosine([near, far]: [f64; 2], size: &Size, side: Side) -> f64 {
-    // the triangle inequality: the feature is at most `error` from what its bytes stand for
+pub(super) fn cosine([near, far]: [f64; 2], error: f64, side: Side) -> f64 {
+    // the triangle inequality
     let distance = match side {
-        Side::Least => far.sqrt() + size.error,
-        Side::Greatest => (near.sqrt() - size.error).max(0.0),
+        Side::Least => far.sqrt() + error,
+        Side::Greatest => (near.sqrt() - error).max(0.0),
     };
     // of unit vectors |v - u|^2 = 2 - 2 cos
     1.0 - distance * distance / 2.0
@@ -303,7 +309,7 @@ mod tests {
                     let exact = dot(u, v) / (size.norm * Size::of(v).norm);
                     let all = query.by_all([head[0], query.rest(&row[1])], &size);
                     let [by_all, by_head] = [all, query.by_head(head[0], &size)]
-                        .map(|squares| [Side::Least, Side::Greatest].map(|side| cosine(squares, &size, side)));
+                        .map(|squares| [Side::Least, Side::Greatest].map(|side| cosine(squares, size.error, side)));
                     for [least, greatest] in [by_all, by_head] {
                         assert!(least - 1e-12 <= exact && exact <= greatest + 1e-12, "{least} {exact} {greatest}");
                     }

@@ -1,27 +1,26 @@
-//! The nearest windows, or the farthest, exactly.
+//! The nearest windows to each of some features, or the farthest, exactly.
 //!
-//! Cosines with all windows come first from signed bytes (one query: reading memory is all it waits for) or from a product
-//! of matrices (many queries), each with a bound on how far it is off. Whatever may then be among the k nearest is measured
-//! again from the features themselves, in f64. The answer is that of measuring everything, whatever the number of threads.
-//!
-//! Of bytes a query reads the heads of all windows, a ninth where features have 1,152 numbers, and the rests of those alone
-//! that may still be among the k nearest. A mark that k windows surely reach is known after a few blocks, those whose heads
-//! promise most.
+//! First every block of windows promises, by heads alone, how near one of its windows may be: for one query by its products
+//! with signed bytes, where reading memory is all it waits for, for many by one product of matrices. The blocks that promise
+//! most give a mark that k windows surely reach, after which few blocks are read by window, and of few windows the rests.
+//! Whatever may then be among the k nearest is measured again from the features themselves, in f64. The answer is that of
+//! measuring everything, whatever the number of threads and whatever is searched beside it.
 
 use super::candidates::Candidates;
 use super::database::Database;
 use super::distance::{SearchOptions, Side};
-use super::part::Part;
+use super::part::{BLOCK, Part};
+use super::promise::{BESIDE, Extent};
 use super::quantize::{Query, Size, cosine};
 use crate::{Error, Result};
 use kinelm_engine::op::matmul::{self, Left, Panels, Store};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::ops::Range;
 
-/// Windows that a thread reads at a time.
-const ROWS: usize = 256;
-/// Blocks of windows whose heads promise most, which the first mark is found in.
+/// Blocks of windows whose heads promise most, which the first mark is found in, at most; and as a share of all.
 const PROMISING: usize = 32;
+const SHARE: usize = 8;
 
 /// A window that was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,215 +31,236 @@ pub struct Hit {
     pub score: f64,
 }
 
-/// Cosines of one query with all windows, and how far each may be off.
-pub struct Cosines<'a> {
-    /// (N).
-    pub near: &'a [f32],
-    /// By the product they come from, as a share of both lengths.
-    pub error: f64,
+/// What a search found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// Nearest or farthest first, of equal ones the first in the database first.
+    pub hits: Vec<Hit>,
+    /// Windows whose features were measured.
+    pub measured: usize,
 }
 
-/// Some windows of a part, and what they are compared with.
+/// Decides for a query, by its number, and a window whether it may be found.
+pub type Allowed<'a> = &'a (dyn Fn(usize, usize) -> bool + Sync);
+
+/// Some windows of a part.
 struct Block<'a> {
     part: &'a Part,
-    query: &'a Query,
-    /// The number of the part's first window.
+    /// The number of the part, and that of its first window.
+    number: usize,
     first: usize,
     /// In the part.
     rows: Range<usize>,
-    wanted: SearchOptions,
-    /// The length of the query.
-    norm: f64,
+    extent: &'a Extent,
 }
 
-/// What the heads of a block promise.
-struct Promise {
-    /// The greatest rank that each window may have, rounded up.
-    ranks: Vec<f32>,
-    /// The greatest of them.
-    most: f32,
+/// A feature that windows are compared with.
+struct Asked {
+    /// To be compared with the bytes of each part.
+    by_part: Vec<Query>,
+    norm: f64,
+    wanted: SearchOptions,
 }
 
 impl Block<'_> {
-    /// The ranks that windows may have by their heads.
-    fn promise(&self) -> Result<Promise> {
-        let mut products = [0; ROWS];
-        let products = &mut products[..self.rows.len()];
-        self.query.heads(products, &self.part.bytes(0, self.rows.clone())?);
-        let sizes = &self.part.sizes[self.rows.clone()];
-        // up, so that no window is dropped by rounding
-        let rank =
-            |(&product, size)| (self.rank(self.query.by_head(product, size), size, Side::Greatest) as f32).next_up();
-        let ranks: Vec<f32> = products.iter().zip(sizes).map(rank).collect();
-        let most = ranks.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        Ok(Promise { ranks, most })
+    fn bytes(&self, half: usize) -> Result<Cow<'_, [i8]>> {
+        self.part.bytes(half, self.rows.clone())
+    }
+
+    /// Products of the rows' heads with one query.
+    fn heads(&self, query: &Query, products: &mut [i64; BLOCK]) -> Result<()> {
+        query.heads(&mut products[..self.rows.len()], &self.bytes(0)?);
+        Ok(())
+    }
+
+    /// The greatest promise of the rows to one query.
+    fn promise(&self, query: &Query, farthest: bool) -> Result<f32> {
+        let mut products = [0; BLOCK];
+        self.heads(query, &mut products)?;
+        let promise = |(&product, &beside)| query.promise(product, beside, farthest);
+        let all = products.iter().zip(&self.part.beside[self.rows.clone()]).map(promise);
+        Ok(all.fold(f32::NEG_INFINITY, f32::max))
+    }
+
+    /// The same to Q queries, whose promising vectors are in `panels`.
+    fn promises(&self, panels: &[f32], most: &mut [f32], scratch: &mut Scratch) -> Result<()> {
+        let width = self.part.widths[0];
+        let (k, queries, rows) = (width + BESIDE, most.len(), self.rows.len());
+        let Scratch { left, products } = scratch;
+        left.resize(BLOCK * k, 0.0);
+        products.resize(BLOCK * queries, 0.0);
+        let heads = self.bytes(0)?;
+        let beside = &self.part.beside[self.rows.clone()];
+        for ((row, head), beside) in left.chunks_exact_mut(k).zip(heads.chunks_exact(width)).zip(beside) {
+            row[..width].iter_mut().zip(head).for_each(|(x, &byte)| *x = f32::from(byte));
+            row[width..].copy_from_slice(beside);
+        }
+        let (left, panels) = (Left::Rows { a: left, lda: k }, Panels { numbers: panels, block: k });
+        matmul::product(products, queries, (rows, k, queries), left, panels, Store::Set);
+        most.fill(f32::NEG_INFINITY);
+        for row in products.chunks_exact(queries).take(rows) {
+            most.iter_mut().zip(row).for_each(|(most, &x)| *most = if x > *most { x } else { *most });
+        }
+        Ok(())
     }
 
     /// Offers the windows that may be among the nearest by their heads, by all of their bytes.
-    fn offer(
-        &self,
-        promise: &Promise,
-        allowed: &(dyn Fn(usize) -> bool + Sync),
-        found: &mut Candidates<'_>,
-    ) -> Result<()> {
-        for (row, &promised) in self.rows.clone().zip(&promise.ranks) {
-            let promised = f64::from(promised);
+    fn offer(&self, asked: &Asked, allowed: impl Fn(usize) -> bool, found: &mut Candidates<'_>) -> Result<()> {
+        let query = &asked.by_part[self.number];
+        let rank = |squares, size: &Size, side| {
+            asked.wanted.rank(|side| cosine(squares, size.error, side), side, asked.norm, size.norm)
+        };
+        let mut products = [0; BLOCK];
+        self.heads(query, &mut products)?;
+        for (row, &head) in self.rows.clone().zip(&products) {
+            let size = &self.part.sizes[row];
+            let promised = rank(query.by_head(head, size), size, Side::Greatest);
             // the bound first: it is cheaper than looking up whether a window is allowed
             if !found.may(promised) || !allowed(self.first + row) {
                 continue;
             }
-            let size = &self.part.sizes[row];
-            let mut head = [0];
-            self.query.heads(&mut head, &self.part.bytes(0, row..row + 1)?);
-            let squares = self.query.by_all([head[0], self.query.rest(&self.part.bytes(1, row..row + 1)?)], size);
-            let [least, greatest] = [Side::Least, Side::Greatest].map(|side| self.rank(squares, size, side));
+            let squares = query.by_all([head, query.rest(&self.part.bytes(1, row..row + 1)?)], size);
+            let [least, greatest] = [Side::Least, Side::Greatest].map(|side| rank(squares, size, side));
             // both bound it: so it doesn't depend on threads which windows are left
             found.offer(self.first + row, [least, greatest.min(promised)]);
         }
         Ok(())
     }
+}
 
-    #[inline]
-    fn rank(&self, squares: [f64; 2], size: &Size, side: Side) -> f64 {
-        self.wanted.rank(|side| cosine(squares, size, side), side, self.norm, size.norm)
-    }
+/// What a thread needs for products of matrices.
+#[derive(Default)]
+struct Scratch {
+    left: Vec<f32>,
+    products: Vec<f32>,
 }
 
 impl Database {
-    /// The k windows nearest to `feature` (D), or farthest from it, of those that are `allowed`: nearest or farthest
-    /// first, of equal ones the first in the database first. Fewer where fewer are allowed.
+    /// The k windows nearest to `feature` (D), or farthest from it, of those that are `allowed`; fewer where fewer are.
     ///
     /// # Errors
     /// An index whose files were cut while it was in use.
     ///
     /// # Panics
-    /// When the feature has another length, or the database was made without bytes.
+    /// When the feature has another length.
     pub fn nearest(
         &self,
         feature: &[f32],
         wanted: SearchOptions,
         allowed: &(dyn Fn(usize) -> bool + Sync),
-    ) -> Result<Vec<Hit>> {
-        self.measure(feature, &self.scan(feature, wanted, allowed)?, wanted)
+    ) -> Result<Found> {
+        Ok(self.nearest_to_each(&[feature], wanted, &|_, window| allowed(window))?.remove(0))
     }
 
-    /// The windows that may be among the k nearest by the bounds of their bytes, in order: what [`Database::nearest`]
-    /// measures.
+    /// The same for each of some features, at once.
     ///
     /// # Errors
     /// As [`Database::nearest`].
     ///
     /// # Panics
     /// As [`Database::nearest`].
-    pub fn scan(
+    pub fn nearest_to_each(
         &self,
-        feature: &[f32],
+        features: &[&[f32]],
         wanted: SearchOptions,
+        allowed: Allowed<'_>,
+    ) -> Result<Vec<Found>> {
+        let near = self.scan(features, wanted, allowed)?;
+        let found = features
+            .par_iter()
+            .zip(&near)
+            .map(|(feature, near)| Ok(Found { hits: self.measure(feature, near, wanted)?, measured: near.len() }));
+        found.collect()
+    }
+
+    /// The windows that may be among the k nearest to each of some features by the bounds of their bytes, in order.
+    pub(super) fn scan(
+        &self,
+        features: &[&[f32]],
+        wanted: SearchOptions,
+        allowed: Allowed<'_>,
+    ) -> Result<Vec<Vec<usize>>> {
+        let ask = |feature: &&[f32]| {
+            assert_eq!(feature.len(), self.numbers(), "a feature of another length");
+            let norm = Size::of(feature).norm;
+            let by_part = self.parts().iter().map(|part| part.scales.query(feature, norm)).collect();
+            Asked { by_part, norm, wanted }
+        };
+        let asked: Vec<Asked> = features.par_iter().map(ask).collect();
+        let parts = self.parts().iter().zip(self.firsts()).enumerate();
+        let blocks = parts.flat_map(|(number, (part, &first))| {
+            let all = part.sizes.len();
+            part.extents.iter().zip((0..).step_by(BLOCK)).map(move |(extent, begin)| {
+                let rows = begin..(begin + BLOCK).min(all);
+                Block { part, number, first, rows, extent }
+            })
+        });
+        let blocks: Vec<Block> = blocks.collect();
+        let most = self.promised(&blocks, &asked, wanted)?;
+        let one = |(query, asked): (usize, &Asked)| {
+            let allowed = |window| allowed(query, window);
+            self.among(&blocks, asked, &|block| most[block * features.len() + query], &allowed)
+        };
+        asked.par_iter().enumerate().map(one).collect()
+    }
+
+    /// (blocks, Q) the greatest rank that a window of each block may have for each query, rounded up.
+    fn promised(&self, blocks: &[Block], asked: &[Asked], wanted: SearchOptions) -> Result<Vec<f32>> {
+        let queries = asked.len();
+        let mut most = vec![0.0; blocks.len() * queries];
+        if queries == 0 {
+            return Ok(most);
+        }
+        let panels: Vec<Vec<f32>> = match queries {
+            1 => vec![],
+            _ => self.parts().iter().enumerate().map(|(part, _)| panels(asked, part, wanted.farthest)).collect(),
+        };
+        let rows = most.par_chunks_mut(queries).zip(blocks);
+        rows.try_for_each_init(Scratch::default, |scratch, (most, block)| {
+            match asked {
+                [one] => most[0] = block.promise(&one.by_part[block.number], wanted.farthest)?,
+                _ => block.promises(&panels[block.number], most, scratch)?,
+            }
+            for (most, asked) in most.iter_mut().zip(asked) {
+                // up, so that no window is dropped by rounding
+                *most = (asked.by_part[block.number].most(*most, block.extent, wanted) as f32).next_up();
+            }
+            Ok::<_, Error>(())
+        })?;
+        Ok(most)
+    }
+
+    /// The windows that may be among the k nearest to one feature, by the `most` that each block promises.
+    fn among(
+        &self,
+        blocks: &[Block],
+        asked: &Asked,
+        most: &(dyn Fn(usize) -> f32 + Sync),
         allowed: &(dyn Fn(usize) -> bool + Sync),
     ) -> Result<Vec<usize>> {
-        assert_eq!(feature.len(), self.numbers(), "a feature of another length");
-        let norm = Size::of(feature).norm;
-        let parts: Vec<_> = self.parts().iter().map(|part| (part, part.scales.query(feature, norm))).collect();
-        let blocks = parts.iter().zip(self.firsts()).flat_map(|((part, query), &first)| {
-            let rows = part.sizes.len();
-            let rows = (0..rows).step_by(ROWS).map(move |row| row..(row + ROWS).min(rows));
-            rows.map(move |rows| Block { part, query, first, rows, wanted, norm })
-        });
-        let blocks: Vec<_> = blocks.collect();
-        let promised: Vec<Promise> = blocks.par_iter().map(Block::promise).collect::<Result<_>>()?;
         let mut order: Vec<usize> = (0..blocks.len()).collect();
-        order.sort_unstable_by(|&a, &b| promised[b].most.total_cmp(&promised[a].most).then(a.cmp(&b)));
-        order.truncate(PROMISING);
+        let by_most = |&a: &usize, &b: &usize| most(b).total_cmp(&most(a)).then(a.cmp(&b));
+        let promising = (order.len() / SHARE).clamp(1, PROMISING);
+        if order.len() > promising {
+            order.select_nth_unstable_by(promising, by_most);
+            order.truncate(promising);
+        }
         // in the order of the windows, as those of a clip are to follow each other
         order.sort_unstable();
-        let mut first = Candidates::new(self, wanted);
-        order.iter().try_for_each(|&block| blocks[block].offer(&promised[block], allowed, &mut first))?;
+        let mut first = Candidates::new(self, asked.wanted);
+        order.iter().try_for_each(|&block| blocks[block].offer(asked, allowed, &mut first))?;
         let mark = first.mark();
-        let none = || Candidates::new(self, wanted).above(mark);
-        let all = blocks.par_iter().zip(&promised).filter(|(_, promise)| f64::from(promise.most) >= mark);
-        let found = all.try_fold(none, |mut found, (block, promise)| {
-            block.offer(promise, allowed, &mut found)?;
+        let none = || Candidates::new(self, asked.wanted).above(mark);
+        let all = blocks.par_iter().enumerate().filter(|&(block, _)| f64::from(most(block)) >= mark);
+        let found = all.try_fold(none, |mut found, (_, block)| {
+            block.offer(asked, allowed, &mut found)?;
             Ok::<_, Error>(found)
         });
         Ok(found.try_reduce(none, |a, b| Ok(a.merge(b)))?.finish())
     }
 
-    /// Cosines (Q, N) of windows of the database with all its windows, by a product of matrices, and how far they may be
-    /// off.
-    ///
-    /// # Errors
-    /// As [`Database::nearest`].
-    pub(crate) fn cosines(&self, windows: &[usize]) -> Result<(Vec<f32>, f64)> {
-        let (k, count) = (self.numbers(), windows.len());
-        let mut queries: Vec<f32> = Vec::with_capacity(k * count);
-        for &window in windows {
-            queries.extend_from_slice(&self.feature(window)?);
-        }
-        let mut packed = vec![0.0; matmul::panels_len(k, count)];
-        matmul::pack_transposed(&mut packed, &queries, k, k, count);
-        let panels = Panels { numbers: &packed, block: k };
-        let norms: Vec<f64> = windows.iter().map(|&w| self.size(w).norm).collect();
-        let mut turned = vec![0.0f32; self.windows() * count];
-        let mut first = 0;
-        for part in self.parts() {
-            let here = &mut turned[first * count..][..part.sizes.len() * count];
-            first += part.sizes.len();
-            let blocks = here.par_chunks_mut(ROWS * count).zip(part.sizes.par_chunks(ROWS)).enumerate();
-            blocks.try_for_each(|(block, (out, sizes))| {
-                let first = block * ROWS;
-                let rows = part.features(first * k..(first + sizes.len()) * k)?;
-                let left = Left::Rows { a: &rows, lda: k };
-                matmul::product(out, count, (sizes.len(), k, count), left, panels, Store::Set);
-                for (row, size) in out.chunks_exact_mut(count).zip(sizes) {
-                    row.iter_mut().zip(&norms).for_each(|(x, norm)| *x = over(f64::from(*x), norm * size.norm) as f32);
-                }
-                Ok::<_, Error>(())
-            })?;
-        }
-        let mut near = vec![0.0; turned.len()];
-        near.par_chunks_mut(self.windows().max(1)).enumerate().for_each(|(query, row)| {
-            row.iter_mut().zip(turned.chunks_exact(count)).for_each(|(x, all)| *x = all[query]);
-        });
-        // k products and sums and a few more, each off by at most half a unit of f32
-        let roundings = (k + 4) as f64 * 0.5f64.powi(24);
-        // Higham's gamma: (1 + u)^n - 1 is at most n u / (1 - n u)
-        Ok((near, roundings / (1.0 - roundings)))
-    }
-
-    /// The k nearest by cosines that are nearly right.
-    ///
-    /// # Errors
-    /// As [`Database::nearest`].
-    pub(super) fn select(
-        &self,
-        feature: &[f32],
-        cosines: Cosines<'_>,
-        wanted: SearchOptions,
-        allowed: &(dyn Fn(usize) -> bool + Sync),
-    ) -> Result<Vec<Hit>> {
-        let norm = Size::of(feature).norm;
-        let none = || Candidates::new(self, wanted);
-        let found = (0..self.windows()).into_par_iter().with_min_len(ROWS).fold(none, |mut found, window| {
-            let near = f64::from(cosines.near[window]);
-            let cosine = |side| match side {
-                Side::Least => near - cosines.error,
-                Side::Greatest => near + cosines.error,
-            };
-            let rank = |side| wanted.rank(cosine, side, norm, self.size(window).norm);
-            let greatest = rank(Side::Greatest);
-            if found.may(greatest) && allowed(window) {
-                found.offer(window, [rank(Side::Least), greatest]);
-            }
-            found
-        });
-        self.measure(feature, &found.reduce(none, Candidates::merge).finish(), wanted)
-    }
-
     /// The k nearest of some windows, by their features.
-    ///
-    /// # Errors
-    /// As [`Database::nearest`].
-    pub fn measure(&self, feature: &[f32], windows: &[usize], wanted: SearchOptions) -> Result<Vec<Hit>> {
+    fn measure(&self, feature: &[f32], windows: &[usize], wanted: SearchOptions) -> Result<Vec<Hit>> {
         let exact = |&window: &usize| Ok(Hit { window, score: wanted.distance.score(feature, &self.feature(window)?) });
         let mut hits: Vec<Hit> = windows.par_iter().with_min_len(32).map(exact).collect::<Result<_>>()?;
         // ties by place, whatever thread measured first
@@ -257,6 +277,11 @@ impl Database {
     }
 }
 
-fn over(x: f64, size: f64) -> f64 {
-    if size > 0.0 { x / size } else { 0.0 }
+/// The promising vectors of all queries for a part, as the right factor of a product.
+fn panels(asked: &[Asked], part: usize, farthest: bool) -> Vec<f32> {
+    let columns: Vec<f32> = asked.iter().flat_map(|asked| asked.by_part[part].promising(farthest)).collect();
+    let k = columns.len() / asked.len();
+    let mut panels = vec![0.0; matmul::panels_len(k, asked.len())];
+    matmul::pack_transposed(&mut panels, &columns, k, k, asked.len());
+    panels
 }

@@ -41,7 +41,7 @@ pub fn synthetic(kind: &FeatureKind, windows: usize) -> Result<Database> {
             *to = (f64::from(x) * (1.0 + SCATTER * (2.0 * random::unit(&mut rng) - 1.0))) as f32;
         }
     });
-    of_features(&options, numbers, features)
+    Ok(of_features(&options, numbers, features))
 }
 
 /// `windows` windows of these clips, which are on the 24 SMPL joints at the windows' rate, again and again: each time turned by
@@ -80,7 +80,7 @@ pub fn repeated(kind: &FeatureKind, clips: &[Clip], windows: usize) -> Result<Da
         }
     }
     features.truncate(windows * numbers);
-    of_features(&options, numbers, features)
+    Ok(of_features(&options, numbers, features))
 }
 
 /// How windows are cut, and what makes features of them that need no fitting.
@@ -94,8 +94,8 @@ fn extractor(kind: &FeatureKind) -> Result<(IndexOptions, FeatureExtractor)> {
 }
 
 /// Features (N, D) as an index holds them, all of one clip.
-fn of_features(options: &IndexOptions, numbers: usize, features: Vec<f32>) -> Result<Database> {
+fn of_features(options: &IndexOptions, numbers: usize, features: Vec<f32>) -> Database {
     let windows = features.len() / numbers.max(1);
     let entry = ClipEntry::in_memory("made-up", (windows + 1) * options.windows.hop, &options.windows);
-    Database::new(numbers, vec![(Part::held(features, numbers), vec![entry])]).with_bytes()
+    Database::new(numbers, vec![(Part::held(features, numbers), vec![entry])])
 }

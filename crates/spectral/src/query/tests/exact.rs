@@ -61,19 +61,20 @@ fn found_is_what_measuring_everything_finds() {
     let written = on_disk(dir.path(), &features, &clips, numbers);
     let held = Database::new(numbers, vec![(Part::held(features, numbers), clips)]);
     let queries = [0, 1, 5, 8, 333, 699];
-    let (near, error) = held.cosines(&queries).unwrap();
-    for (i, &query) in queries.iter().enumerate() {
-        for distance in [Distance::Cosine, Distance::Euclid] {
-            let sizes = [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)];
-            for ((k, one_per_clip), farthest) in sizes.into_iter().flat_map(|size| [(size, false), (size, true)]) {
-                let wanted = SearchOptions { k, distance, one_per_clip, farthest };
-                let allowed = |w: usize| w.abs_diff(query) > 2 || w.is_multiple_of(5);
-                let expected = by_hand(&held, &held.feature(query).unwrap(), wanted, &allowed);
-                let found = written.nearest(&held.feature(query).unwrap(), wanted, &allowed).unwrap();
-                assert_eq!(found, expected, "{query} {wanted:?} by bytes");
-                let cosines = search::Cosines { near: &near[i * windows..(i + 1) * windows], error };
-                let found = held.select(&held.feature(query).unwrap(), cosines, wanted, &allowed).unwrap();
-                assert_eq!(found, expected, "{query} {wanted:?} by a product");
+    let features = queries.map(|query| held.feature(query).unwrap());
+    for distance in [Distance::Cosine, Distance::Euclid] {
+        let sizes = [(0, false), (1, false), (10, false), (10, true), (1000, false), (1000, true)];
+        for ((k, one_per_clip), farthest) in sizes.into_iter().flat_map(|size| [(size, false), (size, true)]) {
+            let wanted = SearchOptions { k, distance, one_per_clip, farthest };
+            let allowed = |query: usize, w: usize| w.abs_diff(queries[query]) > 2 || w.is_multiple_of(5);
+            let together = written.nearest_to_each(&features.each_ref().map(|f| &**f), wanted, &allowed).unwrap();
+            for (i, (feature, together)) in features.iter().zip(together).enumerate() {
+                let expected = by_hand(&held, feature, wanted, &|w| allowed(i, w));
+                for database in [&held, &written] {
+                    let alone = database.nearest(feature, wanted, &|w| allowed(i, w)).unwrap();
+                    assert_eq!(alone.hits, expected, "{i} {wanted:?}");
+                }
+                assert_eq!(together.hits, expected, "{i} {wanted:?} beside others");
             }
         }
     }
@@ -111,21 +112,26 @@ fn no_features_are_too_bad_for_the_bounds() {
         let dir = tempfile::tempdir().unwrap();
         let (_, clips) = noisy(windows, 1);
         let written = on_disk(dir.path(), &features, &clips, numbers);
-        let whole = Database::new(numbers, vec![(Part::held(features, numbers), clips)]).with_bytes().unwrap();
-        for query in [0, 1, 7, 300, 639] {
-            let feature = whole.feature(query).unwrap().into_owned();
-            for distance in [Distance::Cosine, Distance::Euclid] {
-                let sizes = [(1, false), (10, false), (10, true), (700, false), (159, true)];
-                for ((k, one_per_clip), farthest) in sizes.into_iter().flat_map(|size| [(size, false), (size, true)]) {
-                    let wanted = SearchOptions { k, distance, one_per_clip, farthest };
-                    let allowed = |w: usize| w.abs_diff(query) > 1;
-                    let expected = by_hand(&whole, &feature, wanted, &allowed);
-                    for database in [&whole, &written] {
-                        let found = database.nearest(&feature, wanted, &allowed).unwrap();
-                        assert_eq!(found, expected, "{what}: {query} {wanted:?}");
-                        let alone = one_thread.install(|| database.scan(&feature, wanted, &allowed).unwrap());
-                        assert_eq!(database.scan(&feature, wanted, &allowed).unwrap(), alone, "{what}: {query}");
+        let whole = Database::new(numbers, vec![(Part::held(features, numbers), clips)]);
+        let queries = [0, 1, 7, 300, 639];
+        let features = queries.map(|query| whole.feature(query).unwrap());
+        let features = features.each_ref().map(|f| &**f);
+        for distance in [Distance::Cosine, Distance::Euclid] {
+            let sizes = [(1, false), (10, false), (10, true), (700, false), (159, true)];
+            for ((k, one_per_clip), farthest) in sizes.into_iter().flat_map(|size| [(size, false), (size, true)]) {
+                let wanted = SearchOptions { k, distance, one_per_clip, farthest };
+                let allowed = |query: usize, w: usize| w.abs_diff(queries[query]) > 1;
+                let expected: Vec<_> =
+                    (0..5).map(|i| by_hand(&whole, features[i], wanted, &|w| allowed(i, w))).collect();
+                for database in [&whole, &written] {
+                    let together = database.nearest_to_each(&features, wanted, &allowed).unwrap();
+                    for (i, (together, expected)) in together.iter().zip(&expected).enumerate() {
+                        let alone = database.nearest(features[i], wanted, &|w| allowed(i, w)).unwrap();
+                        assert_eq!(&alone.hits, expected, "{what}: {i} {wanted:?}");
+                        assert_eq!(&together.hits, expected, "{what}: {i} {wanted:?} beside others");
                     }
+                    let on_one = one_thread.install(|| database.scan(&features, wanted, &allowed).unwrap());
+                    assert_eq!(database.scan(&features, wanted, &allowed).unwrap(), on_one, "{what}: {wanted:?}");
                 }
             }
         }
@@ -156,7 +162,7 @@ fn written_in_blocks_as_in_memory() {
     let record = writer.finish().unwrap();
     assert_eq!(record.bytes.map(|half| half.bytes), [2400 * 128, 2400 * 896]);
     let (written, _) = Part::open(&dir.path().join("part"), &record, numbers).unwrap();
-    let held = Part::held(features, numbers).with_bytes(numbers).unwrap();
+    let held = Part::held(features, numbers);
     for half in [0, 1] {
         assert!(written.bytes(half, 0..2400).unwrap() == held.bytes(half, 0..2400).unwrap());
     }

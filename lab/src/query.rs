@@ -6,7 +6,7 @@ use kinelm::corpus::load::{ClipSpec, ModelClip};
 use kinelm::motion::Clip;
 use kinelm::spectral::WindowSpec;
 use kinelm::spectral::query::synthetic::{repeated, synthetic};
-use kinelm::spectral::query::{Distance, FeatureKind, SearchOptions};
+use kinelm::spectral::query::{Distance, FeatureKind, Search, SearchOptions};
 use serde_json::json;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -68,7 +68,7 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             query = queries[queries.len() - 1];
             let features: Vec<_> = queries.iter().map(|&q| Ok(database.feature(q)?)).collect::<Result<_>>()?;
             let features: Vec<&[f32]> = features.iter().map(|feature| &**feature).collect();
-            let found = database.nearest_to_each(&features, search, &|_, _| true)?;
+            let found = Search::new(&database, &features, search)?.nearest(&|_, _| true)?;
             for (query, found) in queries.iter().zip(found) {
                 measured.push(found.measured);
                 wrong += usize::from(found.hits.len() != 10 || found.hits[0].window != *query);
@@ -76,9 +76,10 @@ pub fn run(args: Args, say: Say) -> Result<()> {
             Ok(())
         })?;
         anyhow::ensure!(wrong == 0, "a window is its own nearest neighbour");
-        let rates = Rates::of(count as f64, &timed);
+        let compared = count as f64 * f64::from(args.together);
+        let rates = Rates::of(compared, &timed);
         measured.sort_unstable();
-        let ms = rounded(1e3 * count as f64 / rates.median, 2);
+        let ms = rounded(1e3 * compared / rates.median, 2);
         let more = json!({"ms": ms, "distance": distance.name(), "together": args.together, "measured": measured[measured.len() / 2]});
         let threads = rayon::current_num_threads();
         Row { what: "query", config, unit: Unit::Windows, rates, threads, more }.print(&args.how)?;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A bound of the relative error of f64 sums of a feature's numbers: far below what their order changes.
+/// A bound of the relative error of f64 sums of a feature's numbers: far above what their order changes.
 const SLACK: f64 = 1e-11;
 
 /// The measure of nearness.

@@ -8,7 +8,7 @@ use super::embedding::Models;
 use super::exclude::{Exclude, Exclusion, Origin};
 use super::options::{FeatureKind, IndexOptions};
 use super::record::ClipEntry;
-use super::search::Found;
+use super::search::{Found, Search};
 use super::vote::{Tally, vote};
 use crate::{Error, Result, WindowSpec};
 pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
@@ -313,19 +313,22 @@ struct Judge<'a> {
 impl Judge<'_> {
     /// Queries every window by every distance and exclusion.
     fn ask(&self, kind: &FeatureKind) -> Result<Vec<Row>> {
-        let ways: Vec<(Option<Distance>, Exclude)> = self.ways(&self.options.distances);
+        let distances = self.options.distances.iter();
+        let ways: Vec<_> = distances.flat_map(|&d| self.excludes.iter().map(move |&e| (Some(d), e))).collect();
         let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];
         let windows: Vec<usize> = (0..self.database.windows()).collect();
         for block in windows.chunks(QUERIES) {
             let features: Vec<_> = block.iter().map(|&w| self.database.feature(w)).collect::<Result<_>>()?;
             let features: Vec<&[f32]> = features.iter().map(|feature| &**feature).collect();
-            let answers = |&(distance, exclude): &(Option<Distance>, Exclude)| {
-                let distance = distance.unwrap_or(Distance::Cosine);
+            let mut found: Vec<Vec<Found>> = Vec::new();
+            for &distance in &self.options.distances {
                 let wanted = SearchOptions { k: self.options.k, distance, one_per_clip: false, farthest: false };
-                let filters: Vec<Exclusion> = block.iter().map(|&query| self.filter(query, exclude)).collect();
-                self.database.nearest_to_each(&features, wanted, &|query, window| filters[query].allows(window))
-            };
-            let found: Vec<Vec<Found>> = ways.iter().map(answers).collect::<Result<_>>()?;
+                let search = Search::new(self.database, &features, wanted)?;
+                for &exclude in self.excludes {
+                    let filters: Vec<Exclusion> = block.iter().map(|&query| self.filter(query, exclude)).collect();
+                    found.push(search.nearest(&|query, window| filters[query].allows(window))?);
+                }
+            }
             for (i, &query) in block.iter().enumerate() {
                 let neighbours = |found: &Vec<Found>| found[i].hits.iter().map(|h| (h.window, h.score)).collect();
                 self.count(query, &found.iter().map(neighbours).collect::<Vec<_>>(), &mut tallies);
@@ -355,10 +358,6 @@ impl Judge<'_> {
         let found: Vec<_> = (0..self.database.windows()).into_par_iter().map(draw).collect();
         found.iter().enumerate().for_each(|(query, found)| self.count(query, found, &mut tallies));
         self.rows("chance", &ways, &tallies)
-    }
-
-    fn ways(&self, distances: &[Distance]) -> Vec<(Option<Distance>, Exclude)> {
-        distances.iter().flat_map(|&d| self.excludes.iter().map(move |&e| (Some(d), e))).collect()
     }
 
     fn filter(&self, query: usize, exclude: Exclude) -> Exclusion<'_> {

@@ -6,6 +6,7 @@
 //!
 //! **Letters**: N windows, D numbers of a feature, Q queries, k neighbours.
 
+mod block;
 pub mod build;
 mod candidates;
 mod database;
@@ -38,4 +39,4 @@ pub use exclude::Exclude;
 pub use find::{Match, Query, SearchResult};
 pub use index::Index;
 pub use options::{FeatureKind, IndexOptions, joint_names};
-pub use search::{Allowed, Found, Hit};
+pub use search::{Allowed, Found, Hit, Search};

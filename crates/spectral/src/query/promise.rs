@@ -17,14 +17,13 @@ impl Size {
     }
 }
 
-/// What the sizes of some rows are at most.
+/// What the sizes of some rows are within: of [`Size::norm`] the least and the greatest, else the greatest.
 #[derive(Debug, Clone, Copy)]
 pub struct Extent {
-    /// The least and the greatest [`Size::norm`].
     norms: [f64; 2],
     error: f64,
     length: f64,
-    /// Of the whole of s b.
+    /// The square of the length of all of s b.
     square: f64,
 }
 
@@ -42,8 +41,9 @@ impl Extent {
 }
 
 impl Query {
-    /// The vector whose product with a row's head and [`Size::beside`] is the row's promise: half of what the squared distance
-    /// is at most nearer, or where the farthest are searched farther, than what is the query's alone.
+    /// The vector whose product with a row's head and [`Size::beside`] is the row's promise. The squared distance is at least
+    /// what is the query's alone less twice the promise; where the farthest are searched it is at most that, and twice the
+    /// promise more.
     pub fn promising(&self, farthest: bool) -> impl Iterator<Item = f32> + '_ {
         let sign = if farthest { -1.0 } else { 1.0 };
         let beside: [f32; BESIDE] = [self.rest_length as f32, -sign];
@@ -61,13 +61,14 @@ impl Query {
     /// The greatest rank that any of some rows may have, by the greatest of their promises.
     pub fn most(&self, promise: f32, extent: &Extent, wanted: SearchOptions) -> f64 {
         let own = self.head.square + self.rest.square;
-        // Higham's gamma for the sum of a head and a few roundings more; the terms' sizes are at most half of the squares
+        // Higham's gamma for the sum of a head and a few roundings more: the sizes of the terms add up to at most half of the
+        // query's square and the row's, and the distance has them twice
         let roundings = (self.weights.len() + 8) as f64 * 0.5f64.powi(24);
         let rounded = (roundings / (1.0 - roundings) + 4.0 * self.slack) * (own + 2.0 * extent.square);
         let off = 2.0 * self.head.dots.error() * extent.length + rounded + f64::from(f32::MIN_POSITIVE);
         let square = match wanted.farthest {
             false => (own - 2.0 * f64::from(promise) - off).max(0.0),
-            true => own + 2.0 * f64::from(promise) + off,
+            true => (own + 2.0 * f64::from(promise) + off).max(0.0),
         };
         let cosine = |side| cosine([square; 2], extent.error, side);
         // a rank is greatest at an end of the lengths, or at the foot of the perpendicular on their direction

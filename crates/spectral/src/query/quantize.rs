@@ -111,7 +111,7 @@ impl Ranges {
 }
 
 /// How the coefficients of unit vectors are rounded to bytes.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Scales {
     /// (D, 2) the centre and the step of each coefficient, in the order of a row.
     pub scales: Vec<[f32; 2]>,

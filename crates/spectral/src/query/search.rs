@@ -1,26 +1,25 @@
 //! The nearest windows to each of some features, or the farthest, exactly.
 //!
-//! First every block of windows promises, by heads alone, how near one of its windows may be: for one query by its products
-//! with signed bytes, where reading memory is all it waits for, for many by one product of matrices. The blocks that promise
-//! most give a mark that k windows surely reach, after which few blocks are read by window, and of few windows the rests.
-//! Whatever may then be among the k nearest is measured again from the features themselves, in f64. The answer is that of
-//! measuring everything, whatever the number of threads and whatever is searched beside it.
+//! First every block of windows promises, by heads and what is beside them, how near one of its windows may be: to one query
+//! by products with signed bytes, where reading memory is all it waits for, to many by one product of matrices. The blocks
+//! that promise most give a mark that k windows surely reach, after which few blocks are read by window, and of few windows
+//! the rests. Whatever may then be among the k nearest is measured again from the features themselves, in f64. The answer is
+//! that of measuring everything, whatever the number of threads and whatever is searched beside it.
 
+use super::block::{Block, Scratch};
 use super::candidates::Candidates;
 use super::database::Database;
-use super::distance::{SearchOptions, Side};
-use super::part::{BLOCK, Part};
-use super::promise::{BESIDE, Extent};
-use super::quantize::{Query, Size, cosine};
+use super::distance::SearchOptions;
+use super::quantize::{Query, Size};
 use crate::{Error, Result};
-use kinelm_engine::op::matmul::{self, Left, Panels, Store};
+use kinelm_engine::op::matmul;
 use rayon::prelude::*;
-use std::borrow::Cow;
-use std::ops::Range;
 
-/// Blocks of windows whose heads promise most, which the first mark is found in, at most; and as a share of all.
-const PROMISING: usize = 32;
+/// A mark is found in the blocks that promise most: a share of all, at most so many.
 const SHARE: usize = 8;
+const PROMISING: usize = 32;
+/// How many more blocks are read where those have no mark, as too few of their windows are allowed.
+const MORE: usize = 4;
 
 /// A window that was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,96 +42,16 @@ pub struct Found {
 /// Decides for a query, by its number, and a window whether it may be found.
 pub type Allowed<'a> = &'a (dyn Fn(usize, usize) -> bool + Sync);
 
-/// Some windows of a part.
-struct Block<'a> {
-    part: &'a Part,
-    /// The number of the part, and that of its first window.
-    number: usize,
-    first: usize,
-    /// In the part.
-    rows: Range<usize>,
-    extent: &'a Extent,
-}
-
-/// A feature that windows are compared with.
-struct Asked {
-    /// To be compared with the bytes of each part.
-    by_part: Vec<Query>,
-    norm: f64,
+/// A search for the windows nearest to each of Q features, before it is known which are allowed.
+pub struct Search<'a> {
+    database: &'a Database,
     wanted: SearchOptions,
-}
-
-impl Block<'_> {
-    fn bytes(&self, half: usize) -> Result<Cow<'_, [i8]>> {
-        self.part.bytes(half, self.rows.clone())
-    }
-
-    /// Products of the rows' heads with one query.
-    fn heads(&self, query: &Query, products: &mut [i64; BLOCK]) -> Result<()> {
-        query.heads(&mut products[..self.rows.len()], &self.bytes(0)?);
-        Ok(())
-    }
-
-    /// The greatest promise of the rows to one query.
-    fn promise(&self, query: &Query, farthest: bool) -> Result<f32> {
-        let mut products = [0; BLOCK];
-        self.heads(query, &mut products)?;
-        let promise = |(&product, &beside)| query.promise(product, beside, farthest);
-        let all = products.iter().zip(&self.part.beside[self.rows.clone()]).map(promise);
-        Ok(all.fold(f32::NEG_INFINITY, f32::max))
-    }
-
-    /// The same to Q queries, whose promising vectors are in `panels`.
-    fn promises(&self, panels: &[f32], most: &mut [f32], scratch: &mut Scratch) -> Result<()> {
-        let width = self.part.widths[0];
-        let (k, queries, rows) = (width + BESIDE, most.len(), self.rows.len());
-        let Scratch { left, products } = scratch;
-        left.resize(BLOCK * k, 0.0);
-        products.resize(BLOCK * queries, 0.0);
-        let heads = self.bytes(0)?;
-        let beside = &self.part.beside[self.rows.clone()];
-        for ((row, head), beside) in left.chunks_exact_mut(k).zip(heads.chunks_exact(width)).zip(beside) {
-            row[..width].iter_mut().zip(head).for_each(|(x, &byte)| *x = f32::from(byte));
-            row[width..].copy_from_slice(beside);
-        }
-        let (left, panels) = (Left::Rows { a: left, lda: k }, Panels { numbers: panels, block: k });
-        matmul::product(products, queries, (rows, k, queries), left, panels, Store::Set);
-        most.fill(f32::NEG_INFINITY);
-        for row in products.chunks_exact(queries).take(rows) {
-            most.iter_mut().zip(row).for_each(|(most, &x)| *most = if x > *most { x } else { *most });
-        }
-        Ok(())
-    }
-
-    /// Offers the windows that may be among the nearest by their heads, by all of their bytes.
-    fn offer(&self, asked: &Asked, allowed: impl Fn(usize) -> bool, found: &mut Candidates<'_>) -> Result<()> {
-        let query = &asked.by_part[self.number];
-        let rank = |squares, size: &Size, side| {
-            asked.wanted.rank(|side| cosine(squares, size.error, side), side, asked.norm, size.norm)
-        };
-        let mut products = [0; BLOCK];
-        self.heads(query, &mut products)?;
-        for (row, &head) in self.rows.clone().zip(&products) {
-            let size = &self.part.sizes[row];
-            let promised = rank(query.by_head(head, size), size, Side::Greatest);
-            // the bound first: it is cheaper than looking up whether a window is allowed
-            if !found.may(promised) || !allowed(self.first + row) {
-                continue;
-            }
-            let squares = query.by_all([head, query.rest(&self.part.bytes(1, row..row + 1)?)], size);
-            let [least, greatest] = [Side::Least, Side::Greatest].map(|side| rank(squares, size, side));
-            // both bound it: so it doesn't depend on threads which windows are left
-            found.offer(self.first + row, [least, greatest.min(promised)]);
-        }
-        Ok(())
-    }
-}
-
-/// What a thread needs for products of matrices.
-#[derive(Default)]
-struct Scratch {
-    left: Vec<f32>,
-    products: Vec<f32>,
+    features: &'a [&'a [f32]],
+    /// (Q, parts) to be compared with the bytes of each part.
+    queries: Vec<Vec<Query>>,
+    blocks: Vec<Block<'a>>,
+    /// (blocks, Q) the greatest rank that a window of each block may have.
+    most: Vec<f64>,
 }
 
 impl Database {
@@ -149,139 +68,143 @@ impl Database {
         wanted: SearchOptions,
         allowed: &(dyn Fn(usize) -> bool + Sync),
     ) -> Result<Found> {
-        Ok(self.nearest_to_each(&[feature], wanted, &|_, window| allowed(window))?.remove(0))
+        let found = Search::new(self, &[feature], wanted)?.nearest(&|_, window| allowed(window));
+        found.map(|mut found| found.remove(0))
     }
+}
 
-    /// The same for each of some features, at once.
+impl<'a> Search<'a> {
+    /// A search for each of some features (D), at once.
     ///
     /// # Errors
     /// As [`Database::nearest`].
     ///
     /// # Panics
     /// As [`Database::nearest`].
-    pub fn nearest_to_each(
-        &self,
-        features: &[&[f32]],
-        wanted: SearchOptions,
-        allowed: Allowed<'_>,
-    ) -> Result<Vec<Found>> {
-        let near = self.scan(features, wanted, allowed)?;
-        let found = features
-            .par_iter()
-            .zip(&near)
-            .map(|(feature, near)| Ok(Found { hits: self.measure(feature, near, wanted)?, measured: near.len() }));
-        found.collect()
-    }
-
-    /// The windows that may be among the k nearest to each of some features by the bounds of their bytes, in order.
-    pub(super) fn scan(
-        &self,
-        features: &[&[f32]],
-        wanted: SearchOptions,
-        allowed: Allowed<'_>,
-    ) -> Result<Vec<Vec<usize>>> {
-        let ask = |feature: &&[f32]| {
-            assert_eq!(feature.len(), self.numbers(), "a feature of another length");
+    pub fn new(database: &'a Database, features: &'a [&'a [f32]], wanted: SearchOptions) -> Result<Search<'a>> {
+        let query = |feature: &&[f32]| {
+            assert_eq!(feature.len(), database.numbers(), "a feature of another length");
             let norm = Size::of(feature).norm;
-            let by_part = self.parts().iter().map(|part| part.scales.query(feature, norm)).collect();
-            Asked { by_part, norm, wanted }
+            database.parts().iter().map(|part| part.scales.query(feature, norm)).collect()
         };
-        let asked: Vec<Asked> = features.par_iter().map(ask).collect();
-        let parts = self.parts().iter().zip(self.firsts()).enumerate();
-        let blocks = parts.flat_map(|(number, (part, &first))| {
-            let all = part.sizes.len();
-            part.extents.iter().zip((0..).step_by(BLOCK)).map(move |(extent, begin)| {
-                let rows = begin..(begin + BLOCK).min(all);
-                Block { part, number, first, rows, extent }
-            })
-        });
-        let blocks: Vec<Block> = blocks.collect();
-        let most = self.promised(&blocks, &asked, wanted)?;
-        let one = |(query, asked): (usize, &Asked)| {
-            let allowed = |window| allowed(query, window);
-            self.among(&blocks, asked, &|block| most[block * features.len() + query], &allowed)
-        };
-        asked.par_iter().enumerate().map(one).collect()
+        let queries = features.par_iter().map(query).collect();
+        let parts = database.parts().iter().zip(database.firsts()).enumerate();
+        let blocks = parts.flat_map(|(number, (part, &first))| Block::of(part, number, first)).collect();
+        let mut search = Search { database, wanted, features, queries, blocks, most: Vec::new() };
+        search.most = search.promises()?;
+        Ok(search)
     }
 
-    /// (blocks, Q) the greatest rank that a window of each block may have for each query, rounded up.
-    fn promised(&self, blocks: &[Block], asked: &[Asked], wanted: SearchOptions) -> Result<Vec<f32>> {
-        let queries = asked.len();
-        let mut most = vec![0.0; blocks.len() * queries];
-        if queries == 0 {
-            return Ok(most);
-        }
-        let panels: Vec<Vec<f32>> = match queries {
-            1 => vec![],
-            _ => self.parts().iter().enumerate().map(|(part, _)| panels(asked, part, wanted.farthest)).collect(),
-        };
-        let rows = most.par_chunks_mut(queries).zip(blocks);
+    fn promises(&self) -> Result<Vec<f64>> {
+        let (queries, farthest) = (self.queries.len(), self.wanted.farthest);
+        let mut most = vec![0.0; self.blocks.len() * queries];
+        // one query has no use for a matrix
+        let panels = |part| if queries > 1 { panels(&self.queries, part, farthest) } else { Vec::new() };
+        let panels: Vec<Vec<f32>> = (0..self.database.parts().len()).map(panels).collect();
+        let rows = most.par_chunks_mut(queries.max(1)).zip(&self.blocks);
         rows.try_for_each_init(Scratch::default, |scratch, (most, block)| {
-            match asked {
-                [one] => most[0] = block.promise(&one.by_part[block.number], wanted.farthest)?,
-                _ => block.promises(&panels[block.number], most, scratch)?,
-            }
-            for (most, asked) in most.iter_mut().zip(asked) {
-                // up, so that no window is dropped by rounding
-                *most = (asked.by_part[block.number].most(*most, block.extent, wanted) as f32).next_up();
+            let of_part = self.queries.iter().map(|query| &query[block.number]);
+            let one;
+            let promises = match &self.queries[..] {
+                [query] => {
+                    one = [block.promise(&query[block.number], farthest)?];
+                    &one[..]
+                }
+                _ => block.promises(&panels[block.number], queries, scratch)?,
+            };
+            for ((most, query), &promise) in most.iter_mut().zip(of_part).zip(promises) {
+                *most = query.most(promise, block.extent, self.wanted);
             }
             Ok::<_, Error>(())
         })?;
         Ok(most)
     }
 
-    /// The windows that may be among the k nearest to one feature, by the `most` that each block promises.
-    fn among(
+    /// What is found for each of the features among the windows that are allowed.
+    ///
+    /// # Errors
+    /// As [`Database::nearest`].
+    pub fn nearest(&self, allowed: Allowed<'_>) -> Result<Vec<Found>> {
+        let found = |query: usize| {
+            let candidates = self.candidates(query, allowed)?;
+            Ok(Found { hits: self.measure(query, &candidates)?, measured: candidates.len() })
+        };
+        (0..self.features.len()).into_par_iter().map(found).collect()
+    }
+
+    /// The windows that may be among the k nearest by the bounds of their bytes, in order.
+    pub(super) fn candidates(&self, query: usize, allowed: Allowed<'_>) -> Result<Vec<usize>> {
+        let allowed = |window| allowed(query, window);
+        let most = |block: usize| self.most[block * self.queries.len() + query];
+        let offer = |block: usize, found: &mut Candidates<'_>| {
+            let block = &self.blocks[block];
+            block.offer(&self.queries[query][block.number], self.wanted, &allowed, found)
+        };
+        let none = || Candidates::new(self.database, self.wanted);
+        let mark = self.mark(&most, &offer)?;
+        let all = (0..self.blocks.len()).into_par_iter().filter(|&block| most(block) >= mark);
+        let found = all.try_fold(
+            || none().above(mark),
+            |mut found, block| {
+                offer(block, &mut found)?;
+                Ok::<_, Error>(found)
+            },
+        );
+        Ok(found.try_reduce(|| none().above(mark), |a, b| Ok(a.merge(b)))?.finish())
+    }
+
+    /// A rank that k allowed windows surely reach, by those of the blocks that promise most.
+    fn mark(
         &self,
-        blocks: &[Block],
-        asked: &Asked,
-        most: &(dyn Fn(usize) -> f32 + Sync),
-        allowed: &(dyn Fn(usize) -> bool + Sync),
-    ) -> Result<Vec<usize>> {
-        let mut order: Vec<usize> = (0..blocks.len()).collect();
+        most: &dyn Fn(usize) -> f64,
+        offer: &dyn Fn(usize, &mut Candidates<'_>) -> Result<()>,
+    ) -> Result<f64> {
+        let all = self.blocks.len();
         let by_most = |&a: &usize, &b: &usize| most(b).total_cmp(&most(a)).then(a.cmp(&b));
-        let promising = (order.len() / SHARE).clamp(1, PROMISING);
-        if order.len() > promising {
-            order.select_nth_unstable_by(promising, by_most);
-            order.truncate(promising);
+        let mut promising = (all / SHARE).clamp(1, PROMISING).min(all);
+        loop {
+            let mut order: Vec<usize> = (0..all).collect();
+            if promising < all {
+                order.select_nth_unstable_by(promising, by_most);
+                order.truncate(promising);
+            }
+            // in the order of the windows, as those of a clip are to follow each other
+            order.sort_unstable();
+            let mut found = Candidates::new(self.database, self.wanted);
+            order.iter().try_for_each(|&block| offer(block, &mut found))?;
+            let mark = found.mark();
+            if mark > f64::NEG_INFINITY || promising == all {
+                return Ok(mark);
+            }
+            promising = (MORE * promising).min(all);
         }
-        // in the order of the windows, as those of a clip are to follow each other
-        order.sort_unstable();
-        let mut first = Candidates::new(self, asked.wanted);
-        order.iter().try_for_each(|&block| blocks[block].offer(asked, allowed, &mut first))?;
-        let mark = first.mark();
-        let none = || Candidates::new(self, asked.wanted).above(mark);
-        let all = blocks.par_iter().enumerate().filter(|&(block, _)| f64::from(most(block)) >= mark);
-        let found = all.try_fold(none, |mut found, (_, block)| {
-            block.offer(asked, allowed, &mut found)?;
-            Ok::<_, Error>(found)
-        });
-        Ok(found.try_reduce(none, |a, b| Ok(a.merge(b)))?.finish())
     }
 
     /// The k nearest of some windows, by their features.
-    fn measure(&self, feature: &[f32], windows: &[usize], wanted: SearchOptions) -> Result<Vec<Hit>> {
-        let exact = |&window: &usize| Ok(Hit { window, score: wanted.distance.score(feature, &self.feature(window)?) });
+    fn measure(&self, query: usize, windows: &[usize]) -> Result<Vec<Hit>> {
+        let SearchOptions { k, distance, one_per_clip, farthest } = self.wanted;
+        let (database, feature) = (self.database, self.features[query]);
+        let exact = |&window: &usize| Ok(Hit { window, score: distance.score(feature, &database.feature(window)?) });
         let mut hits: Vec<Hit> = windows.par_iter().with_min_len(32).map(exact).collect::<Result<_>>()?;
         // ties by place, whatever thread measured first
         hits.sort_by(|a, b| {
-            let (first, second) = if wanted.farthest { (a, b) } else { (b, a) };
+            let (first, second) = if farthest { (a, b) } else { (b, a) };
             first.score.total_cmp(&second.score).then(a.window.cmp(&b.window))
         });
-        if wanted.one_per_clip {
-            let mut seen = vec![false; self.clips().len()];
-            hits.retain(|h| !std::mem::replace(&mut seen[self.window(h.window).clip], true));
+        if one_per_clip {
+            let mut seen = vec![false; database.clips().len()];
+            hits.retain(|h| !std::mem::replace(&mut seen[database.window(h.window).clip], true));
         }
-        hits.truncate(wanted.k);
+        hits.truncate(k);
         Ok(hits)
     }
 }
 
 /// The promising vectors of all queries for a part, as the right factor of a product.
-fn panels(asked: &[Asked], part: usize, farthest: bool) -> Vec<f32> {
-    let columns: Vec<f32> = asked.iter().flat_map(|asked| asked.by_part[part].promising(farthest)).collect();
-    let k = columns.len() / asked.len();
-    let mut panels = vec![0.0; matmul::panels_len(k, asked.len())];
-    matmul::pack_transposed(&mut panels, &columns, k, k, asked.len());
+fn panels(queries: &[Vec<Query>], part: usize, farthest: bool) -> Vec<f32> {
+    let columns: Vec<f32> = queries.iter().flat_map(|query| query[part].promising(farthest)).collect();
+    let k = columns.len() / queries.len();
+    let mut panels = vec![0.0; matmul::panels_len(k, queries.len())];
+    matmul::pack_transposed(&mut panels, &columns, k, k, queries.len());
     panels
 }

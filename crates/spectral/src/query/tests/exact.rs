@@ -99,7 +99,7 @@ fn of_many_blocks_few_are_read() {
         let wanted = SearchOptions { k: 7, distance, one_per_clip: false, farthest };
         let search = Search::new(&database, &features, wanted).unwrap();
         for least in [0, 300, 4000] {
-            let allowed = |query: usize, w: usize| w.abs_diff(queries[query]) >= least && w % 3 > 0;
+            let allowed = |query: usize, w: usize| w.abs_diff(queries[query]) >= least && !w.is_multiple_of(3);
             for (i, found) in search.nearest(&allowed).unwrap().into_iter().enumerate() {
                 let expected = by_hand(&database, features[i], wanted, &|w| allowed(i, w));
                 assert_eq!(found.hits, expected, "{i} {wanted:?} from {least}");

@@ -9,6 +9,18 @@ const SINGLE: f64 = 1e-7;
 /// Rates of film and television whose true rate is 1000/1001 of these.
 const FILM_FPS: [f64; 5] = [24.0, 30.0, 48.0, 60.0, 120.0];
 
+/// The times of the keys of some tracks, once where tracks that follow each other have the same: a baked take has a key a frame
+/// on hundreds of tracks, and [`rate`] sorts them.
+pub(super) fn times(tracks: impl Iterator<Item = impl AsRef<[f64]>>) -> Vec<f64> {
+    let mut all = Vec::new();
+    for track in tracks {
+        if !all.ends_with(track.as_ref()) {
+            all.extend_from_slice(track.as_ref());
+        }
+    }
+    all
+}
+
 /// The rate of keys at these times, seconds, if nearly all steps are multiples of the shortest: of the rates that the
 /// times allow as they are rounded, a usual one, else one of film, a whole one, one of up to three decimals. `None` for
 /// keys that are not evenly spaced, and for fewer than two.

@@ -25,8 +25,10 @@ pub(super) fn rate(take: &AnimStack, moving: &BTreeSet<u32>, stated: f64) -> f64
 
 /// The times of all keys that a take has for a figure.
 fn times(take: &AnimStack, moving: &BTreeSet<u32>) -> Vec<f64> {
-    let keys = curves(take, moving).flat_map(|curve| curve.keyframes.iter());
-    keys.map(|key| key.time).filter(|time| time.is_finite()).collect()
+    let times = |curve: &AnimCurve| -> Vec<f64> {
+        curve.keyframes.iter().map(|key| key.time).filter(|time| time.is_finite()).collect()
+    };
+    keys::times(curves(take, moving).map(times))
 }
 
 /// The curves that a take has for the elements `moving`.

@@ -18,8 +18,8 @@ impl Frames {
     /// The frames of a take: one at each key where keys are even, at their rate or the one that replaces it; where they
     /// are not, samples at the rate that is given, since their seconds are all that the file states of them.
     pub fn of(take: &Take, options: &ReadOptions, warnings: &mut Vec<Warning>) -> Frames {
-        let times = take.tracks.values().flatten().flatten().flat_map(|track| track.times.iter().copied());
-        let (step_fps, fps) = match (keys::rate(times.collect()), options.fps_source) {
+        let times = keys::times(take.tracks.values().flatten().flatten().map(|track| &track.times));
+        let (step_fps, fps) = match (keys::rate(times), options.fps_source) {
             (Some(keys), given) => (keys, given.unwrap_or(keys)),
             (None, Some(given)) => (given, given),
             (None, None) => {

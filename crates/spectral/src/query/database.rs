@@ -77,8 +77,9 @@ impl Database {
     /// # Panics
     /// When there is no such window.
     pub fn feature(&self, number: usize) -> Result<Cow<'_, [f32]>> {
-        let (part, inside) = self.place(number);
-        part.features(inside * self.numbers..(inside + 1) * self.numbers)
+        let part = self.firsts.partition_point(|&first| first <= number) - 1;
+        let inside = number - self.firsts[part];
+        self.parts[part].features(inside * self.numbers..(inside + 1) * self.numbers)
     }
 
     /// The number of the first window of each part.
@@ -88,10 +89,5 @@ impl Database {
 
     pub(super) fn parts(&self) -> &[Part] {
         &self.parts
-    }
-
-    fn place(&self, number: usize) -> (&Part, usize) {
-        let part = self.firsts.partition_point(|&first| first <= number) - 1;
-        (&self.parts[part], number - self.firsts[part])
     }
 }

@@ -8,7 +8,7 @@ use super::embedding::Models;
 use super::exclude::{Exclude, Exclusion, Origin};
 use super::options::{FeatureKind, IndexOptions};
 use super::record::ClipEntry;
-use super::search::{Found, Search};
+use super::search::{Found, Hit, Search};
 use super::vote::{Tally, vote};
 use crate::{Error, Result, WindowSpec};
 pub use kinelm_corpus::build::{BuildOptions, BuildProgress, Summary, for_each_clip};
@@ -320,18 +320,18 @@ impl Judge<'_> {
         for block in windows.chunks(QUERIES) {
             let features: Vec<_> = block.iter().map(|&w| self.database.feature(w)).collect::<Result<_>>()?;
             let features: Vec<&[f32]> = features.iter().map(|feature| &**feature).collect();
+            let filters = |&exclude: &Exclude| block.iter().map(|&query| self.filter(query, exclude)).collect();
+            let filters: Vec<Vec<Exclusion>> = self.excludes.iter().map(filters).collect();
             let mut found: Vec<Vec<Found>> = Vec::new();
             for &distance in &self.options.distances {
                 let wanted = SearchOptions { k: self.options.k, distance, one_per_clip: false, farthest: false };
                 let search = Search::new(self.database, &features, wanted)?;
-                for &exclude in self.excludes {
-                    let filters: Vec<Exclusion> = block.iter().map(|&query| self.filter(query, exclude)).collect();
+                for filters in &filters {
                     found.push(search.nearest(&|query, window| filters[query].allows(window))?);
                 }
             }
             for (i, &query) in block.iter().enumerate() {
-                let neighbours = |found: &Vec<Found>| found[i].hits.iter().map(|h| (h.window, h.score)).collect();
-                self.count(query, &found.iter().map(neighbours).collect::<Vec<_>>(), &mut tallies);
+                self.count(query, found.iter().map(|way| &way[i].hits[..]), &mut tallies);
             }
         }
         Ok(self.rows(kind.name(), &ways, &tallies))
@@ -341,7 +341,7 @@ impl Judge<'_> {
     fn chance(&self) -> Vec<Row> {
         let ways: Vec<(Option<Distance>, Exclude)> = self.excludes.iter().map(|&e| (None, e)).collect();
         let mut tallies = vec![Tally::default(); ways.len() * self.labels.len()];
-        let draw = |query: usize| -> Vec<Vec<(usize, f64)>> {
+        let draw = |query: usize| -> Vec<Vec<Hit>> {
             let mut rng = random::stream(0, "query chance", self.phase as u64, query as u64);
             let mut some = |&(_, exclude): &(Option<Distance>, Exclude)| {
                 let filter = self.filter(query, exclude);
@@ -351,12 +351,14 @@ impl Judge<'_> {
                     let other = i + (random::unit(&mut rng) * (allowed.len() - i) as f64) as usize;
                     allowed.swap(i, other);
                 }
-                allowed[..k].iter().map(|&w| (w, 0.0)).collect()
+                allowed[..k].iter().map(|&window| Hit { window, score: 0.0 }).collect()
             };
             ways.iter().map(&mut some).collect()
         };
         let found: Vec<_> = (0..self.database.windows()).into_par_iter().map(draw).collect();
-        found.iter().enumerate().for_each(|(query, found)| self.count(query, found, &mut tallies));
+        for (query, found) in found.iter().enumerate() {
+            self.count(query, found.iter().map(Vec::as_slice), &mut tallies);
+        }
         self.rows("chance", &ways, &tallies)
     }
 
@@ -366,13 +368,13 @@ impl Judge<'_> {
     }
 
     /// Counts the votes of one query's neighbours, way by way.
-    fn count(&self, query: usize, found: &[Vec<(usize, f64)>], tallies: &mut [Tally]) {
+    fn count<'h>(&self, query: usize, found: impl Iterator<Item = &'h [Hit]>, tallies: &mut [Tally]) {
         let clip = self.database.window(query).clip;
         let take = self.database.clips()[clip].take.as_str();
         let group = self.takes.partition_point(|&t| t < take);
-        for (found, tallies) in found.iter().zip(tallies.chunks_mut(self.labels.len())) {
+        for (found, tallies) in found.zip(tallies.chunks_mut(self.labels.len())) {
             for (labels, tally) in self.labels.iter().zip(tallies) {
-                let values = found.iter().map(|&(w, score)| (labels.of_clip[self.database.window(w).clip], score));
+                let values = found.iter().map(|hit| (labels.of_clip[self.database.window(hit.window).clip], hit.score));
                 if let Some(vote) = vote(values, labels.values.len()) {
                     tally.add(group, vote.winner == labels.of_clip[clip], vote.entropy);
                 }

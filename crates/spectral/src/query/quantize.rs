@@ -159,13 +159,13 @@ impl Scales {
             let all = || self.centred(feature, norm).skip(from).take(count);
             // of no numbers a row is zeros, and so is its product
             let weights: Vec<f64> = all().map(|(x, step)| x * step).chain((count == 0).then_some(0.0)).collect();
-            Half { square: all().map(|(x, _)| x * x).sum(), dots: dots::Query::new(&weights) }
+            (Half { square: all().map(|(x, _)| x * x).sum(), dots: dots::Query::new(&weights) }, weights)
         };
-        let [head, rest] = [half(0, in_head), half(in_head, feature.len() - in_head)];
+        let [(head, weights), (rest, _)] = [half(0, in_head), half(in_head, feature.len() - in_head)];
+        let mut weights: Vec<f32> = weights.into_iter().map(|x| x as f32).collect();
+        weights.resize(widths(feature.len())[0], 0.0);
         // a rounding per term of the sums, and some for what surrounds them
         let slack = (feature.len() + 16) as f64 * f64::EPSILON;
-        let weights: Vec<f32> = self.centred(feature, norm).take(in_head).map(|(x, step)| (x * step) as f32).collect();
-        let weights = weights.into_iter().chain(std::iter::repeat(0.0)).take(widths(feature.len())[0]).collect();
         Query { rest_length: rest.square.sqrt(), head, rest, slack, weights, norm }
     }
 

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 /// A mark is found in the blocks that promise most: a share of all, at most so many.
 const SHARE: usize = 8;
 const PROMISING: usize = 32;
-/// How many more blocks are read where those have no mark, as too few of their windows are allowed.
+/// So many times as many are read where those give none, as too few of their windows are allowed.
 const MORE: usize = 4;
 
 /// A window that was found.
